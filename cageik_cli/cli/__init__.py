@@ -1,0 +1,24 @@
+"""The `cageik` command: parse, one call, show. Heavy modules are imported when a command runs."""
+
+import click
+
+from cageik_cli import __version__
+from cageik_cli.cli.extract import extract_command
+from cageik_cli.cli.failures import CageikGroup
+from cageik_cli.cli.info import info_command
+from cageik_cli.cli.report import report_command
+
+
+@click.group(
+    cls=CageikGroup,
+    commands=[extract_command, report_command, info_command],
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+@click.version_option(__version__, prog_name="cageik")
+def main() -> None:
+    r"""Turn a mesh animation into a cage animation.
+
+    \b
+    cageik extract frames/*.obj --cage rest.obj
+    cageik report
+    """

@@ -1,0 +1,16 @@
+"""`cageik info`: what a file holds."""
+
+import click
+
+from cageik_cli.cli.options import common
+
+
+@click.command("info")
+@click.argument("files", nargs=-1, required=True)
+@common
+def info_command(files: tuple[str, ...], quiet: bool) -> None:
+    """Say what FILES hold: a result, a clip (files, folder, glob) or one mesh, such as a cage."""
+    from cageik_cli.describing import describe
+
+    if not quiet:
+        click.echo(describe(list(files)))

@@ -1,0 +1,227 @@
+"""Harmonic coordinates (Joshi et al. 2007) by boundary elements on the cage.
+
+The weight w_k of cage vertex k is the harmonic function inside the cage that on the cage equals the
+piecewise linear hat φ_k. Green's representation gives it from φ_k and its outward normal derivative
+q_k on the cage,
+
+    4π w_k(x) = Σ_panels ∫ q_k / r dA + D_k(x),     D_k = Σ_faces ∫ φ_k h/r³ dA,
+
+and, for x inside a face, 2π φ_k(x) in place of 4π w_k(x) makes an integral equation for q_k. It is
+solved by collocation, with q_k linear on each panel (discontinuous between panels: at the cage's
+edges it is). Boundary values and integrals are exact, so that the weights sum to one and reproduce
+affine maps to rounding however coarse the panels are.
+"""
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from scipy import sparse
+from threadpoolctl import threadpool_limits
+
+from cageik_cli.coordinates.panels import (
+    Panels,
+    double_layer,
+    single_layer_moments,
+)
+from cageik_cli.coordinates.surface import nearest_on_surface
+from cageik_cli.errors import InputError
+from cageik_cli.mesh import Floats, TriMesh
+
+PANEL_GOAL = 1200
+"""Faces are divided in four while the panels stay below this many."""
+
+PANEL_LIMIT = 5000
+"""Most panels: the boundary matrix has nine float64 times its square, 1.8 GB here."""
+
+BLOCK = 64
+"""Points evaluated together; the panels' arrays of a block stay in the processor's cache."""
+
+ON_SURFACE = 1e-12
+"""A point this near the cage, in diagonals, is on it and has its barycentric weights."""
+
+# Density nodes lie at barycentric (2/3, 1/6, 1/6); this gives a linear function's corner values
+# from its values at the three nodes: the inverse of ½ I + ⅙ J.
+_CORNERS_FROM_NODES = 2 * np.eye(3) - 1 / 3
+_NODES = np.eye(3) / 2 + 1 / 6
+
+
+def no_progress(done: int, total: int) -> None:
+    """Tell nobody."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundarySolution:
+    """The normal derivatives of all harmonic coordinates of one cage.
+
+    Attributes
+    ----------
+    cage : Panels
+        The cage's faces, moved to the origin and scaled to a diagonal of one.
+    panels : Panels
+        The faces divided into panels.
+    densities : (n, 3p) float64
+        q_k of each weight on each panel as coefficients of (1, u, v), ordered [term, panel].
+    origin : (3,) float64
+    scale : float
+        The diagonal of the cage, file units.
+    """
+
+    cage: Panels
+    panels: Panels
+    densities: Floats
+    origin: Floats
+    scale: float
+
+
+def harmonic_weights(
+    cage: TriMesh,
+    points: Floats,
+    jobs: int | None = None,
+    progress: Callable[[int, int], None] = no_progress,
+) -> Floats:
+    """Harmonic coordinates of points inside or on a cage.
+
+    Parameters
+    ----------
+    cage : TriMesh
+        Closed, manifold, outward, of one component (`enclosure.check_cage`).
+    points : (m, 3)
+        Inside or on the cage, file units. A point on it gets barycentric weights.
+    jobs : int, optional
+        Threads; the number of processors by default. The result does not depend on it.
+    progress : callable
+        Told (points done, points) after every block.
+
+    Returns
+    -------
+    (m, n) float64; rows sum to 1 and `weights @ cage.vertices` are the points.
+
+    Raises
+    ------
+    InputError
+        When the cage has more faces than `PANEL_LIMIT`.
+    """
+    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(_workers(jobs)) as pool:
+        boundary = solve_boundary(cage, pool)
+        weights = np.empty((len(points), len(cage.vertices)))
+        starts = range(0, len(points), BLOCK)
+        blocks = [points[start : start + BLOCK] for start in starts]
+        evaluated = pool.map(lambda block: _weights_inside(boundary, block), blocks)
+        for start, block in zip(starts, evaluated, strict=True):
+            weights[start : start + BLOCK] = block
+            progress(min(start + BLOCK, len(points)), len(points))
+    nearest = nearest_on_surface(cage, points)
+    touching = nearest.distance <= ON_SURFACE * cage.diagonal
+    weights[touching] = nearest.weights(touching)
+    return weights
+
+
+def solve_boundary(cage: TriMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
+    """Solve the boundary integral equation of `cage` for all its hats at once."""
+    if len(cage.faces) > PANEL_LIMIT:
+        raise InputError(
+            f"the cage has {len(cage.faces)} faces, at most {PANEL_LIMIT} fit in memory; "
+            "use a coarser cage"
+        )
+    origin, scale = cage.vertices.mean(axis=0), cage.diagonal
+    mesh = TriMesh((cage.vertices - origin) / scale, cage.faces)
+    faces = Panels(mesh.vertices, mesh.faces)
+    fine, hats = divided(mesh)
+    panels = Panels(fine.vertices, fine.faces)
+    nodes, values = _collocation(panels, hats)
+    basis = _node_basis(panels)
+
+    def columns(block: Floats) -> tuple[Floats, Floats]:
+        moments = single_layer_moments(panels, block).reshape(len(nodes), -1)
+        return basis @ moments, _double_layer_sums(faces, block)
+
+    # Filled by columns of its transpose, the matrix is in the order that LAPACK factors in place.
+    transposed = np.empty((len(nodes), len(nodes)))
+    right = 2 * np.pi * values
+    starts = range(0, len(nodes), BLOCK)
+    blocks: Iterable[tuple[Floats, Floats]] = pool.map(
+        columns, [nodes[start : start + BLOCK] for start in starts]
+    )
+    for start, (single, double) in zip(starts, blocks, strict=True):
+        transposed[:, start : start + BLOCK] = single
+        right[start : start + BLOCK] -= double.T
+    with threadpool_limits(limits=None, user_api="blas"):
+        factor = scipy.linalg.lu_factor(transposed.T, overwrite_a=True, check_finite=False)
+        at_nodes = scipy.linalg.lu_solve(factor, right, overwrite_b=True, check_finite=False)
+    return BoundarySolution(faces, panels, (basis.T @ at_nodes).T.copy(), origin, scale)
+
+
+def divided(mesh: TriMesh) -> tuple[TriMesh, sparse.csr_array]:
+    """Divide every face in four as often as `PANEL_GOAL` allows.
+
+    Returns
+    -------
+    TriMesh
+        The divided mesh, children of a face in a row.
+    (v, n) sparse
+        The hat of each vertex of `mesh` at each vertex of the divided one.
+    """
+    hats = sparse.eye_array(len(mesh.vertices), format="csr")
+    while 4 * len(mesh.faces) <= PANEL_GOAL:
+        ends, count = mesh.edges.ends, len(mesh.vertices)
+        a, b, c = mesh.faces.T
+        opposite_a, opposite_b, opposite_c = (mesh.edges.of_side + count).T
+        children = np.stack(
+            [
+                np.stack([a, opposite_c, opposite_b], axis=1),
+                np.stack([b, opposite_a, opposite_c], axis=1),
+                np.stack([c, opposite_b, opposite_a], axis=1),
+                np.stack([opposite_a, opposite_b, opposite_c], axis=1),
+            ],
+            axis=1,
+        )
+        middles = mesh.vertices[ends].mean(axis=1)
+        hats = sparse.vstack([hats, (hats[ends[:, 0]] + hats[ends[:, 1]]) / 2], format="csr")
+        mesh = TriMesh(np.concatenate([mesh.vertices, middles]), children.reshape(-1, 3))
+    return mesh, sparse.csr_array(hats)
+
+
+def _collocation(panels: Panels, hats: sparse.csr_array) -> tuple[Floats, Floats]:
+    """The nodes (3p, 3), ordered [node, panel] like the densities, and the hats there, (3p, n)."""
+    corner = panels.vertices[panels.corners]
+    nodes = np.einsum("jk,pkx->jpx", _NODES, corner).reshape(-1, 3)
+    corner_hats = [hats[panels.corners[:, k]] for k in range(3)]
+    at_nodes = [sum(row[k] * corner_hats[k] for k in range(3)) for row in _NODES]
+    return nodes, np.concatenate([block.toarray() for block in at_nodes])
+
+
+def _node_basis(panels: Panels) -> sparse.csr_array:
+    """Densities that are 1 at one node and 0 at its panel's others, as coefficients of (1, u, v).
+
+    (3p, 3p), row [node, panel], column [term, panel].
+    """
+    coefficients = np.einsum("ij,itp->jtp", _CORNERS_FROM_NODES, panels.hats)
+    own = np.arange(3 * len(panels.corners)).reshape(3, -1)
+    rows, columns = np.broadcast_arrays(own[:, None], own[None])
+    return sparse.csr_array((coefficients.ravel(), (rows.ravel(), columns.ravel())))
+
+
+def _double_layer_sums(faces: Panels, points: Floats) -> Floats:
+    """D_k of every cage vertex at every point, (n, q)."""
+    corners = faces.corners.T.ravel()
+    gather = sparse.csr_array(
+        (np.ones(len(corners)), (corners, np.arange(len(corners)))),
+        shape=(len(faces.vertices), len(corners)),
+    )
+    return np.asarray(gather @ double_layer(faces, points).reshape(len(corners), -1))
+
+
+def _weights_inside(boundary: BoundarySolution, points: Floats) -> Floats:
+    local = (points - boundary.origin) / boundary.scale
+    moments = single_layer_moments(boundary.panels, local)
+    weights = boundary.densities @ moments.reshape(-1, len(points))
+    weights += _double_layer_sums(boundary.cage, local)
+    return weights.T / (4 * np.pi)
+
+
+def _workers(jobs: int | None) -> int:
+    return jobs or len(os.sched_getaffinity(0))

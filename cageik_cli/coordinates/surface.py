@@ -1,0 +1,49 @@
+"""Points against a cage's surface: the nearest one, and its barycentric weights."""
+
+from dataclasses import dataclass
+
+import igl
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.mesh import Floats, Integers, TriMesh
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearestOnSurface:
+    """The surface point nearest to each of m points.
+
+    Attributes
+    ----------
+    mesh : TriMesh
+    distance : (m,) float64
+        File units, never negative.
+    face : (m,) int64
+    position : (m, 3) float64
+    """
+
+    mesh: TriMesh
+    distance: Floats
+    face: Integers
+    position: Floats
+
+    def weights(self, chosen: NDArray[np.bool_]) -> Floats:
+        """Barycentric weights of the `chosen` nearest points among all vertices, (count, n)."""
+        corners = self.mesh.faces[self.face[chosen]]
+        weights = np.zeros((len(corners), len(self.mesh.vertices)))
+        if len(corners):
+            a, b, c = (self.mesh.vertices[corners[:, k]] for k in range(3))
+            barycentric = igl.barycentric_coordinates(self.position[chosen], a, b, c)
+            np.put_along_axis(weights, corners, barycentric, axis=1)
+        return weights
+
+
+def nearest_on_surface(mesh: TriMesh, points: Floats) -> NearestOnSurface:
+    """Find the point of `mesh` nearest to each of `points`, (m, 3)."""
+    squares, face, position = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)
+    return NearestOnSurface(mesh, np.sqrt(squares), face.astype(np.int64), position)
+
+
+def winding_numbers(mesh: TriMesh, points: Floats) -> Floats:
+    """How often the surface winds around each point, (m,): 1 inside an outward cage, 0 outside."""
+    return np.asarray(igl.winding_number(mesh.vertices, mesh.faces, points), np.float64).ravel()

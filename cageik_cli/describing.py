@@ -1,0 +1,80 @@
+"""What a file holds, in a few lines: a result, a clip, or a mesh and whether it is a sound cage."""
+
+from pathlib import Path
+
+import numpy as np
+
+from cageik_cli.enclosure import checked_cage
+from cageik_cli.errors import InputError
+from cageik_cli.mesh import TriMesh
+from cageik_cli.sequence import MeshSequence, load_mesh, open_sequence
+from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
+from cageik_cli.store import Result, is_result, read_result
+
+
+def describe(arguments: list[str]) -> str:
+    """Describe one result or mesh, or the clip that several files, a folder or a glob name.
+
+    Raises
+    ------
+    InputError
+        Naming the file that cannot be read.
+    """
+    path = Path(arguments[0])
+    if len(arguments) == 1 and path.is_file():
+        if path.suffix.lower() in (".h5", ".hdf5") and is_result(path):
+            return _lines(str(path), _result_rows(read_result(path)))
+        if path.suffix.lower() in MESH_SUFFIXES:
+            loaded = load_mesh(path)
+            rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
+            return _lines(str(path), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
+    return _lines(", ".join(arguments[:3]), _clip_rows(open_sequence(arguments, allow_gaps=True)))
+
+
+def _result_rows(result: Result) -> list[tuple[str, str]]:
+    return [
+        ("holds", f"a result of cageik extract {result.version}"),
+        ("frames", f"{len(result.frames)}, {result.frames[0]} to {result.frames[-1]}"),
+        ("model", f"{len(result.rest.vertices)} vertices, {len(result.rest.faces)} triangles"),
+        ("cage", f"{len(result.cage.vertices)} vertices, {len(result.cage.faces)} triangles"),
+        ("fps", f"{result.fps:g}"),
+        ("settings", ", ".join(f"{key} {value}" for key, value in result.settings.items())),
+        *((f"from {key}", str(source.get("name"))) for key, source in result.sources.items()),
+        *(("note", note) for note in result.notes),
+    ]
+
+
+def _clip_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
+    return [
+        ("holds", "a clip"),
+        ("frames", f"{len(sequence)}, {sequence.names[0]} to {sequence.names[-1]}"),
+        *_mesh_rows(sequence.first),
+    ]
+
+
+def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    volume = f"closed, volume {mesh.volume:.6g}" if mesh.is_closed else "open"
+    components = int(mesh.components.max()) + 1
+    return [
+        ("vertices", str(len(mesh.vertices))),
+        ("triangles", str(len(mesh.faces))),
+        ("surface", f"{volume}, {components} component{'s' * (components > 1)}"),
+        ("bounds", f"{_point(low)} to {_point(high)}, diagonal {mesh.diagonal:.6g}"),
+    ]
+
+
+def _cage_row(mesh: TriMesh) -> tuple[str, str]:
+    try:
+        _, notes = checked_cage(mesh)
+    except InputError as error:
+        return "as a cage", f"unfit: {error}"
+    return "as a cage", "; ".join(("sound", *notes))
+
+
+def _point(position: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value:.6g}" for value in position) + ")"
+
+
+def _lines(headline: str, rows: list[tuple[str, str]]) -> str:
+    return "\n".join([headline, *(f"  {label:<14} {value}" for label, value in rows)])

@@ -1,0 +1,176 @@
+"""The prefactored normal matrix: blocks of frames in, blocks of cages out.
+
+The cage of a frame v minimises
+
+    (α/n) Σ_i |(L c)_i − δ_i|²  +  (β/m) Σ_j w_j |v_j − Σ_k H_jk c_k|²,      δ = L c_rest
+
+(Savoye and Franco 2010, eq. 6, in means instead of sums, so that α and β mean the same on every
+mesh; w has mean one). In displacements d = c − c_rest this is, for every frame, one right-hand side
+of one system,
+
+    [(α/n) LᵀL + (β/m) HᵀW H] d = (β/m) HᵀW (v − H c_rest),
+
+in which nothing large cancels and the rest pose gives the rest cage exactly.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from cageik_cli.alignment import best_rigid_motions, no_motions
+from cageik_cli.binding import Binding
+from cageik_cli.errors import InputError, NumericalError
+from cageik_cli.mesh import Floats, uniform_laplacian
+
+WORST_CONDITION = 1e12
+"""Normal matrices of a larger condition number are refused."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolveSettings:
+    """What is minimised.
+
+    Attributes
+    ----------
+    alpha, beta : float
+        Weights of the Laplacian and of the vertices; finite, not negative, not both zero.
+    align : bool
+        Move every frame rigidly onto the rest pose, solve there, and move the cage back.
+    vertex_weights : (m,) float64, optional
+        Not negative. A vertex of weight 0 is missing data.
+    """
+
+    alpha: float = 1e-3
+    beta: float = 1.0
+    align: bool = True
+    vertex_weights: Floats | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in (("alpha", self.alpha), ("beta", self.beta)):
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"{name} is {value}, expected a finite number, zero or above")
+        if self.alpha == self.beta == 0:
+            raise InputError("alpha and beta are both 0, expected at least one above")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """The cages of k frames.
+
+    Attributes
+    ----------
+    cages : (k, n, 3) float64
+    reconstructions : (k, m, 3) float64
+        `weights @ cage` of each frame.
+    """
+
+    cages: Floats
+    reconstructions: Floats
+
+
+class DualLaplacianSolver:
+    """Cages of any number of frames from one factorisation.
+
+    Parameters
+    ----------
+    binding : Binding
+    settings : SolveSettings
+
+    Attributes
+    ----------
+    binding : Binding
+    condition_number : float
+        Of the normal matrix, in the 2-norm.
+    counted : (c,) int64 or a slice of all
+        The vertices that are data: all but those of weight 0.
+
+    Raises
+    ------
+    InputError
+        When there are not as many vertex weights as vertices, or one is negative or not finite.
+    NumericalError
+        When the normal matrix is singular to working precision.
+    """
+
+    def __init__(self, binding: Binding, settings: SolveSettings) -> None:
+        m, n = binding.weights.shape
+        self.binding = binding
+        self._align = settings.align
+        self._vertex_weights = normalised_weights(settings.vertex_weights, m)
+        missing = (self._vertex_weights == 0).any()
+        self.counted = np.flatnonzero(self._vertex_weights) if missing else slice(None)
+        self._origin = self._vertex_weights @ binding.rest.vertices / m
+        self._rest = binding.rest.vertices - self._origin
+        self._rest_cage = binding.cage.vertices - self._origin
+        self._weights = binding.weights
+        self._data_rows = (settings.beta / m) * (binding.weights * self._vertex_weights[:, None]).T
+        laplacian = uniform_laplacian(binding.cage)
+        self._smoothness = (settings.alpha / n) * laplacian.T @ laplacian
+        normal = self._smoothness + self._data_rows @ binding.weights
+        self.condition_number = _checked_condition(normal, binding)
+        self._factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
+
+    def solve(self, frames: Floats) -> Solution:
+        """The cages of `frames`, (k, m, 3)."""
+        k, m = len(frames), len(self._rest)
+        motions = no_motions(k)
+        if self._align:
+            motions = best_rigid_motions(frames, self._rest, self._vertex_weights)
+        shift = 0.0 if self._align else self._origin
+        moved = motions.to_rest(frames) - shift - self._rest
+        target = moved.transpose(1, 0, 2).reshape(m, 3 * k)
+        displaced = self._minimiser(target)
+        rebuilt = self._weights @ displaced
+
+        def in_frames(columns: Floats, rest: Floats) -> Floats:
+            points = columns.reshape(len(rest), k, 3).transpose(1, 0, 2) + (rest + shift)
+            return motions.from_rest(points)
+
+        return Solution(in_frames(displaced, self._rest_cage), in_frames(rebuilt, self._rest))
+
+    def _minimiser(self, target: Floats) -> Floats:
+        """Cage displacements (n, 3k) that best give vertex displacements (m, 3k).
+
+        One step of refinement, with the residual taken over the vertices, gives back the digits
+        that forming the normal equations loses (Björck 1987).
+        """
+        displaced = self._back_substituted(self._data_rows @ target)
+        residual = self._data_rows @ (target - self._weights @ displaced)
+        return displaced + self._back_substituted(residual - self._smoothness @ displaced)
+
+    def _back_substituted(self, right: Floats) -> Floats:
+        return np.asarray(scipy.linalg.cho_solve(self._factor, right, check_finite=False))
+
+
+def normalised_weights(weights: Floats | None, count: int) -> Floats:
+    """Vertex weights of mean one; ones when there are none."""
+    if weights is None:
+        return np.ones(count)
+    if weights.shape != (count,):
+        raise InputError(
+            f"vertex weights have shape {weights.shape}, the model has {count} vertices; "
+            "expected one number a vertex"
+        )
+    wrong = np.flatnonzero(~(np.isfinite(weights) & (weights >= 0)))
+    if len(wrong):
+        raise InputError(
+            f"the weight of vertex {wrong[0]} is {weights[wrong[0]]}, expected a finite number, "
+            "zero or above"
+        )
+    if not weights.any():
+        raise InputError("all vertex weights are zero; expected at least one above")
+    return np.asarray(weights * (count / weights.sum()))
+
+
+def _checked_condition(normal: Floats, binding: Binding) -> float:
+    smallest, *_, largest = scipy.linalg.eigvalsh(normal, check_finite=False)
+    condition = float(largest / smallest) if smallest > 0 else float("inf")
+    if condition > WORST_CONDITION:
+        weakest = int(np.argmin(np.abs(binding.weights).max(axis=0)))
+        raise NumericalError(
+            f"the system is singular: its condition number is {condition:.1e}, more than "
+            f"{WORST_CONDITION:.0e} (cage vertex {weakest} moves the model least); "
+            "raise --alpha, whose default is 1e-3, or remove cage vertices far from the model"
+        )
+    return condition

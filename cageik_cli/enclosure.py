@@ -1,0 +1,160 @@
+"""Is this cage fit to hold this model? Every check, with vertex or face numbers (from 0)."""
+
+from dataclasses import dataclass
+
+import igl
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.coordinates.surface import nearest_on_surface, winding_numbers
+from cageik_cli.errors import InputError, first_few
+from cageik_cli.mesh import Floats, TriMesh
+
+THINNEST = 1e-9
+"""Smallest altitude of a cage face over its longest side; below it the face has no plane."""
+
+TOUCHING = 1e-8
+"""A vertex outside by no more than this, in diagonals, is on the cage but for rounding."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A cage that holds a model.
+
+    Attributes
+    ----------
+    cage : TriMesh
+        Closed, manifold, of one component, outward.
+    points : (m, 3) float64
+        The model's vertices, those outside by rounding moved onto the cage.
+    notes : tuple of str
+        What was changed, one sentence each.
+    """
+
+    cage: TriMesh
+    points: Floats
+    notes: tuple[str, ...]
+
+
+def fit(cage: TriMesh, rest: TriMesh) -> Fit:
+    """Check the cage, turn it outward, and check that it holds every vertex of the rest pose.
+
+    Raises
+    ------
+    InputError
+        With what is wrong, where, and whether cage and model look swapped.
+    """
+    try:
+        outward, notes = checked_cage(cage)
+        return Fit(outward, _held(outward, rest), notes)
+    except InputError as error:
+        if len(cage.vertices) <= len(rest.vertices):
+            raise
+        raise InputError(
+            f"{error}; the cage has {len(cage.vertices)} vertices and the model "
+            f"{len(rest.vertices)}: are they swapped?"
+        ) from error
+
+
+def checked_cage(cage: TriMesh) -> tuple[TriMesh, tuple[str, ...]]:
+    """The cage with its faces turned outward, and notes on what was changed.
+
+    Raises
+    ------
+    InputError
+        Unless the cage is a closed, manifold, consistently oriented surface of one component,
+        without degenerate or repeated faces and unreferenced vertices.
+    """
+    _refuse_bad_faces(cage)
+    _refuse_bad_vertices(cage)
+    _refuse_bad_edges(cage)
+    if not bool(np.all(igl.is_vertex_manifold(cage.faces))):
+        pinched = np.flatnonzero(~np.asarray(igl.is_vertex_manifold(cage.faces)))
+        raise InputError(
+            f"the cage is not manifold: it only touches itself at {_listed('vertex', pinched)}; "
+            "separate the parts there"
+        )
+    count = int(cage.components.max()) + 1
+    if count > 1:
+        sizes = ", ".join(map(str, np.bincount(cage.components)))
+        raise InputError(
+            f"the cage has {count} components (of {sizes} vertices), expected one connected "
+            "surface; join them or delete the loose ones"
+        )
+    if cage.volume < 0:
+        return cage.flipped(), ("the cage's faces turn inward; it is used turned outward",)
+    return cage, ()
+
+
+def _held(cage: TriMesh, rest: TriMesh) -> Floats:
+    """The rest vertices, those outside by rounding moved onto the cage; none may be further."""
+    nearest = nearest_on_surface(cage, rest.vertices)
+    outside = winding_numbers(cage, rest.vertices) < 0.5
+    distance = np.where(outside, nearest.distance, 0.0)
+    far = np.flatnonzero(distance > TOUCHING * rest.diagonal)
+    if len(far):
+        worst = 100 * distance.max() / rest.diagonal
+        raise InputError(
+            f"{len(far)} of {len(rest.vertices)} vertices of the rest pose are outside the cage, "
+            f"the worst by {worst:.3g} % of the diagonal: {_listed('vertex', far)}; "
+            "enlarge the cage there, or give the rest pose it was made for with --rest"
+        )
+    return np.where(outside[:, None], nearest.position, rest.vertices)
+
+
+def _refuse_bad_faces(cage: TriMesh) -> None:
+    faces = np.sort(cage.faces, axis=1)
+    repeated = (faces[:, 1:] == faces[:, :-1]).any(axis=1)
+    if repeated.any():
+        raise InputError(
+            f"{_listed('face', np.flatnonzero(repeated))} of the cage has a vertex twice; delete it"
+        )
+    corner = cage.vertices[cage.faces]
+    sides = corner - np.roll(corner, 1, axis=1)
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    twice_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    flat = np.flatnonzero(~(twice_area > THINNEST * longest**2))
+    if len(flat):
+        raise InputError(
+            f"{_listed('face', flat)} of the cage is degenerate (its corners lie on a line); "
+            "move or merge its vertices"
+        )
+    _, first, count = np.unique(faces, axis=0, return_index=True, return_counts=True)
+    if (count > 1).any():
+        again = np.setdiff1d(np.arange(len(faces)), first)
+        raise InputError(
+            f"{_listed('face', again)} of the cage repeats another face; delete one of each pair"
+        )
+
+
+def _refuse_bad_vertices(cage: TriMesh) -> None:
+    lone = np.setdiff1d(np.arange(len(cage.vertices)), cage.faces)
+    if len(lone):
+        raise InputError(
+            f"{_listed('vertex', lone)} of the cage belongs to no face, so it can move nothing; "
+            "delete it"
+        )
+
+
+def _refuse_bad_edges(cage: TriMesh) -> None:
+    edges = cage.edges
+    for bad, what, remedy in (
+        (edges.uses > 2, "is not manifold: more than two faces share", "remove the inner faces"),
+        (edges.uses < 2, "is open: only one face has", "close the hole"),
+        (~edges.is_balanced, "turns inconsistently: both faces pass the same way along",
+         "recalculate its normals"),
+    ):  # fmt: skip
+        if bad.any():
+            pairs = [f"{a}-{b}" for a, b in edges.ends[bad]]
+            raise InputError(
+                f"the cage {what} {_counted(len(pairs), 'edge')} {first_few(pairs)}; {remedy}"
+            )
+
+
+def _listed(noun: str, numbers: NDArray[np.int64]) -> str:
+    return f"{_counted(len(numbers), noun)} {first_few(numbers)}"
+
+
+def _counted(count: int, noun: str) -> str:
+    plural = {"vertex": "vertices"}.get(noun, noun + "s")
+    return noun if count == 1 else f"{count} {plural}"

@@ -1,0 +1,31 @@
+"""What a user can act on: what was found and where, what was expected, what to do."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class CageikError(Exception):
+    """An error the user can act on; its text is one sentence, ready to be shown."""
+
+
+class InputError(CageikError):
+    """A file or folder does not hold what it should."""
+
+
+class NumericalError(CageikError):
+    """The numbers cannot be trusted, although the files are sound."""
+
+
+@contextmanager
+def located(place: object) -> Iterator[None]:
+    """Put `place` (a file, a member of a file) in front of the message of errors raised inside."""
+    try:
+        yield
+    except CageikError as error:
+        raise type(error)(f"{place}: {error}") from error
+
+
+def first_few(numbers: object, limit: int = 10) -> str:
+    """List the first `limit` numbers, with a mark when there are more."""
+    listed = [str(number) for number in numbers]  # type: ignore[attr-defined]
+    return ", ".join(listed[:limit]) + (", ..." if len(listed) > limit else "")

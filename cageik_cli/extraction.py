@@ -1,0 +1,199 @@
+"""The run: blocks of frames through the solver, measured, into the result file."""
+
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cageik_cli import store
+from cageik_cli.binding import Binding, bind
+from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings
+from cageik_cli.errors import InputError, located
+from cageik_cli.mesh import TriMesh
+from cageik_cli.metrics import measure
+from cageik_cli.sequence import (
+    LoadedMesh,
+    MeshSequence,
+    load_mesh,
+    load_vertex_weights,
+    open_sequence,
+    refuse_other_faces,
+)
+
+LARGEST_BLOCK = 32
+"""Frames solved together at most; the product gains nothing from more right-hand sides."""
+
+ARRAYS_PER_FRAME = 12
+"""Arrays (m, 3) that a frame has at once: read ahead, moved, target, rebuilt, measured."""
+
+
+class Observer:
+    """Told what a run does; this one keeps quiet."""
+
+    def stage(self, name: str) -> AbstractContextManager[object]:
+        """Entered while the stage `name` runs."""
+        return nullcontext()
+
+    def advance(self, done: int, total: int) -> None:
+        """Called as the work of the current stage, or the frames of the run, go on."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExtractSettings:
+    """What to extract, from what, to where.
+
+    Attributes
+    ----------
+    frames : tuple of str
+        Files, folders and globs, or one file that holds a clip.
+    cage : Path
+    output : Path
+    rest : Path, optional
+        The rest pose; a frame of the clip if absent.
+    rest_frame : int
+        Which frame then, from 0.
+    vertex_weights : Path, optional
+        One number a vertex of the model.
+    solve : SolveSettings
+        Its vertex weights come from that file.
+    allow_gaps, overwrite, keep_weights : bool
+    fps : float
+    memory : int
+        Bytes that blocks of frames may take.
+    jobs : int
+        Threads.
+    """
+
+    frames: tuple[str, ...]
+    cage: Path
+    output: Path
+    rest: Path | None = None
+    rest_frame: int = 0
+    vertex_weights: Path | None = None
+    solve: SolveSettings = field(default_factory=SolveSettings)
+    allow_gaps: bool = False
+    overwrite: bool = False
+    keep_weights: bool = True
+    fps: float = 24.0
+    memory: int = 1 << 30
+    jobs: int = 1
+
+
+def extract(settings: ExtractSettings, observer: Observer | None = None) -> store.Result:
+    """Extract the cage of every frame and write the result file.
+
+    Raises
+    ------
+    InputError
+        Naming the file at fault and what to do.
+    NumericalError
+        When the system is singular or the weights cannot be trusted.
+    """
+    watch = observer or Observer()
+    store.prepare(settings.output, settings.overwrite)
+    with watch.stage("open"):
+        sequence = open_sequence(list(settings.frames), settings.allow_gaps)
+        rest = rest_pose(sequence, settings)
+        cage = load_mesh(settings.cage)
+        solve, sources = settings.solve, {"cage": cage.source}
+        if settings.vertex_weights is not None:
+            weights, sources["vertex_weights"] = load_vertex_weights(settings.vertex_weights)
+            solve = replace(solve, vertex_weights=weights)
+    with watch.stage("bind"), located(settings.cage):
+        binding = bind(rest.mesh, cage.mesh, settings.jobs, watch.advance)
+    with watch.stage("factor"):
+        solver = DualLaplacianSolver(binding, solve)
+    header = store.Header(
+        binding=binding,
+        condition_number=solver.condition_number,
+        frames=sequence.names,
+        fps=settings.fps,
+        settings=_recorded(settings),
+        notes=_notes(cage, rest, binding),
+        keep_weights=settings.keep_weights,
+    )
+    with store.create(settings.output, header) as result:
+        _solve_all(sequence, solver, result, settings, watch)
+        frames = sequence.source()
+        result.complete(sources | {"frames": frames, "rest": rest.source or frames})
+    return store.read_result(settings.output)
+
+
+def rest_pose(sequence: MeshSequence, settings: ExtractSettings) -> LoadedMesh:
+    """The rest pose that was asked for, of the sequence's connectivity."""
+    if settings.rest is not None:
+        rest = load_mesh(settings.rest)
+        with located(settings.rest):
+            if len(rest.mesh.vertices) != len(sequence.first.vertices):
+                raise InputError(
+                    f"{len(rest.mesh.vertices)} vertices, the frames have "
+                    f"{len(sequence.first.vertices)}; rest pose and frames must share one "
+                    "connectivity"
+                )
+            refuse_other_faces(rest.mesh.faces, sequence.first.faces)
+        return rest
+    if not 0 <= settings.rest_frame < len(sequence):
+        raise InputError(
+            f"--rest-frame {settings.rest_frame}: the clip has {len(sequence)} frames, expected "
+            f"0 to {len(sequence) - 1}"
+        )
+    frame = sequence.frame(settings.rest_frame)
+    return LoadedMesh(TriMesh(frame, sequence.first.faces), {})
+
+
+def block_size(memory: int, vertices: int) -> int:
+    """Frames to a block, such that blocks take no more than `memory` bytes."""
+    return int(np.clip(memory // (ARRAYS_PER_FRAME * 24 * vertices), 1, LARGEST_BLOCK))
+
+
+def _solve_all(
+    sequence: MeshSequence,
+    solver: DualLaplacianSolver,
+    result: store.ResultWriter,
+    settings: ExtractSettings,
+    watch: Observer,
+) -> None:
+    counted = solver.counted
+    rest = solver.binding.rest
+    blocks = sequence.blocks(block_size(settings.memory, len(rest.vertices)), settings.jobs)
+    done = 0
+    while True:
+        with watch.stage("read"):
+            block = next(blocks, None)
+        if block is None:
+            return
+        with watch.stage("solve"):
+            solution = solver.solve(block.vertices)
+        with watch.stage("measure"):
+            figures = measure(rest, block.vertices, solution.reconstructions, counted)
+        with watch.stage("write"):
+            result.append(solution.cages, figures)
+        done += len(block.names)
+        watch.advance(done, len(sequence))
+
+
+def _recorded(settings: ExtractSettings) -> dict[str, Any]:
+    """The settings on which the numbers depend."""
+    solve = settings.solve
+    return {
+        "alpha": solve.alpha,
+        "beta": solve.beta,
+        "align": solve.align,
+        "coordinates": "harmonic",
+        "rest_frame": settings.rest_frame if settings.rest is None else None,
+        "vertex_weights": settings.vertex_weights is not None,
+    }
+
+
+def _notes(cage: LoadedMesh, rest: LoadedMesh, binding: Binding) -> tuple[str, ...]:
+    name = cage.source["name"]
+    notes = [f"{name}: {note}" for note in cage.notes + binding.notes]
+    if not rest.mesh.is_closed:
+        holes = np.count_nonzero(~rest.mesh.edges.is_balanced)
+        notes.append(
+            f"the model is open ({holes} edges without a counterpart), so its volume is not "
+            "defined and volume figures are left out"
+        )
+    return tuple(notes)

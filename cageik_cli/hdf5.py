@@ -1,0 +1,72 @@
+"""HDF5 files from strangers: opened and looked into with every claim checked before it is used."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from cageik_cli.errors import InputError, located
+
+LARGEST_RATIO = 1100
+"""Most that HDF5's filters compress; a dataset that claims more than it can hold is damaged."""
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """Open a file for reading; whatever fails inside is an InputError that names it."""
+    with located(path):
+        if not path.is_file():
+            raise InputError("is a folder, expected a file" if path.is_dir() else "no such file")
+        try:
+            with h5py.File(path, "r") as file:
+                yield file
+        except (OSError, RuntimeError, KeyError, ValueError, MemoryError) as error:
+            raise InputError(
+                f"is not a sound HDF5 file ({error}); it may be cut short, write it again"
+            ) from error
+
+
+def dataset(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> h5py.Dataset:
+    """A dataset of the expected type and shape.
+
+    Parameters
+    ----------
+    file : h5py.File
+    name : str
+        Path within the file.
+    kinds : str
+        Numpy's kind letters that are taken, such as "f" or "iu"; "O" for text.
+    shape : tuple
+        Expected lengths; None takes any above zero.
+
+    Raises
+    ------
+    InputError
+        When it is missing, leads out of the file, or is of another type, shape or size.
+    """
+    parent = ""
+    for part in name.split("/"):
+        parent = f"{parent}/{part}"
+        if not isinstance(file.get(parent, getlink=True), h5py.HardLink):
+            raise InputError(f"has no dataset `{name}`")
+    found = file[name]
+    if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
+        raise InputError(f"`{name}` is not a dataset held in this file")
+    if found.dtype.kind not in kinds:
+        raise InputError(f"`{name}` holds {found.dtype} values, expected kind {kinds}")
+    fits = found.shape is not None and len(found.shape) == len(shape)
+    if not fits or any(
+        n == 0 or e not in (None, n) for n, e in zip(found.shape, shape, strict=True)
+    ):
+        wanted = " x ".join("any" if length is None else str(length) for length in shape)
+        raise InputError(f"`{name}` has shape {found.shape}, expected {wanted}")
+    if found.nbytes > LARGEST_RATIO * max(found.id.get_storage_size(), 1):
+        raise InputError(f"`{name}` claims {found.nbytes} bytes and holds next to none of them")
+    return found
+
+
+def numbers(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> np.ndarray:
+    """All of a small dataset, checked as by `dataset`."""
+    return np.asarray(dataset(file, name, kinds, shape)[()])

@@ -1,0 +1,194 @@
+"""A triangle mesh and what it says of itself: edges, components, volume, Laplacian."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from cageik_cli.errors import InputError
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Number = TypeVar("Number", bound=np.generic)
+
+
+@dataclass(frozen=True, eq=False)
+class TriMesh:
+    """A triangle mesh whose faces turn counter-clockwise seen from outside.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64
+        Positions, in the units of the file they came from. Finite, read-only.
+    faces : (f, 3) int64
+        Indices into `vertices`, counted from 0. Read-only.
+
+    Raises
+    ------
+    InputError
+        When an array has another shape, a position is not finite, or a face names a vertex that
+        does not exist.
+    """
+
+    vertices: Floats
+    faces: Integers
+
+    def __post_init__(self) -> None:
+        vertices = _read_only(checked_positions(self.vertices))
+        faces = _read_only(_checked_faces(self.faces, len(vertices)))
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces)
+
+    @cached_property
+    def diagonal(self) -> float:
+        """Length of the bounding box's diagonal, file units."""
+        return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+
+    @cached_property
+    def edges(self) -> "Edges":
+        """The undirected edges of the faces."""
+        return Edges.of(self.faces)
+
+    @cached_property
+    def is_closed(self) -> bool:
+        """Whether every edge is passed once in each direction, so that the mesh bounds a volume."""
+        return bool(self.edges.is_balanced.all())
+
+    @cached_property
+    def components(self) -> Integers:
+        """Number of the connected component of each vertex, (n,); a lone vertex is its own."""
+        ends = self.edges.ends
+        graph = sparse.coo_array(
+            (np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(self.vertices),) * 2
+        )
+        return np.asarray(csgraph.connected_components(graph, directed=False)[1], np.int64)
+
+    @cached_property
+    def volume(self) -> float:
+        """Signed volume, cubed file units; positive when the faces turn outward. Closed meshes."""
+        return float(signed_volumes(self.vertices[None], self.faces)[0])
+
+    def flipped(self) -> "TriMesh":
+        """The same surface seen from its other side."""
+        return TriMesh(self.vertices, self.faces[:, ::-1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edges:
+    """Undirected edges of triangles.
+
+    Attributes
+    ----------
+    ends : (e, 2) int64
+        Vertex numbers, the smaller first. Edges are in the order in which the faces first have
+        them, so that what is summed over edges cancels panel by panel and rounds little.
+    of_side : (f, 3) int64
+        The edge of each face's side; side k lies opposite corner k.
+    uses : (e,) int64
+        How many faces have the edge.
+    is_balanced : (e,) bool
+        Whether as many faces pass the edge from the smaller to the larger number as back.
+    """
+
+    ends: Integers
+    of_side: Integers
+    uses: Integers
+    is_balanced: NDArray[np.bool_]
+
+    @staticmethod
+    def of(faces: Integers) -> "Edges":
+        """Collect the edges of `faces`, (f, 3)."""
+        starts, stops = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()
+        low, high = np.minimum(starts, stops), np.maximum(starts, stops)
+        base = int(faces.max(initial=0)) + 1
+        keys, first, edge = np.unique(low * base + high, return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        keys, edge = keys[order], np.argsort(order)[edge]
+        turns = np.bincount(edge, weights=np.where(starts < stops, 1.0, -1.0))
+        return Edges(
+            np.stack([keys // base, keys % base], axis=1),
+            edge.reshape(faces.shape),
+            np.bincount(edge),
+            turns == 0,
+        )
+
+
+def checked_positions(positions: ArrayLike) -> Floats:
+    """`positions` as (n, 3) float64; an InputError names the first vertex that is not finite."""
+    array = np.asarray(positions, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
+        raise InputError(f"vertices have shape {array.shape}, expected (count, 3)")
+    finite = np.isfinite(array).all(axis=1)
+    if not finite.all():
+        vertex = int(np.argmin(finite))
+        x, y, z = array[vertex]
+        raise InputError(
+            f"vertex {vertex} is ({x:g}, {y:g}, {z:g}) and {np.count_nonzero(~finite)} of "
+            f"{len(array)} vertices are not finite; expected finite numbers, export the file again"
+        )
+    return array
+
+
+def signed_volumes(frames: Floats, faces: Integers) -> Floats:
+    """Signed volume of each frame of a closed mesh by the divergence theorem.
+
+    Parameters
+    ----------
+    frames : (k, m, 3)
+        Positions of k frames, file units.
+    faces : (t, 3)
+        Outward, counter-clockwise.
+
+    Returns
+    -------
+    (k,), cubed file units, positive for outward faces. For an open mesh the value would depend on
+    the origin: do not ask.
+    """
+    volumes = np.empty(len(frames))
+    for k, frame in enumerate(frames):
+        # Measured from the centroid, a model far from the origin loses no digits.
+        x, y, z = np.ascontiguousarray((frame - frame.mean(axis=0)).T)
+        (ax, bx, cx), (ay, by, cy), (az, bz, cz) = (axis[faces.T] for axis in (x, y, z))
+        triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+        volumes[k] = triple.sum() / 6
+    return volumes
+
+
+def uniform_laplacian(mesh: TriMesh) -> Floats:
+    """L = I − D⁻¹A of the mesh's edges, dense (n, n): position less the neighbours' mean.
+
+    Rows sum to zero; `L @ vertices` are the differential coordinates δ (Savoye and Franco 2010,
+    section 3; uniform weights do not change when the cage is posed).
+    """
+    ends, n = mesh.edges.ends, len(mesh.vertices)
+    adjacency = np.zeros((n, n))
+    adjacency[ends[:, 0], ends[:, 1]] = adjacency[ends[:, 1], ends[:, 0]] = 1.0
+    return np.asarray(np.eye(n) - adjacency / adjacency.sum(axis=1, keepdims=True))
+
+
+def _checked_faces(faces: ArrayLike, count: int) -> Integers:
+    array = np.asarray(faces)
+    if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
+        raise InputError(f"faces have shape {array.shape}, expected (count, 3) triangles")
+    if not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"faces are {array.dtype} numbers, expected integers")
+    array = array.astype(np.int64)
+    wrong = (array < 0) | (array >= count)
+    if wrong.any():
+        face = int(np.argmax(wrong.any(axis=1)))
+        raise InputError(
+            f"face {face} names vertices {', '.join(map(str, array[face]))} (counted from 0), "
+            f"but there are {count}; export the mesh again"
+        )
+    return array
+
+
+def _read_only(array: NDArray[Number]) -> NDArray[Number]:
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
+    return array

@@ -1,0 +1,64 @@
+"""How near a reconstruction is to its frame: RMS, deviation and volume."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli.mesh import Floats, Integers, TriMesh, signed_volumes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameFigures:
+    """Figures of k frames, each an array (k,); lengths in file units.
+
+    Attributes
+    ----------
+    rms : float64
+        sqrt(mean_i |v̂_i − v_i|²).
+    max_deviation : float64
+        max_i |v̂_i − v_i|.
+    worst_vertex : int64
+        Where it is.
+    volume, volume_reconstructed : float64
+        Signed volumes of v and v̂; nan for an open model.
+    spread : float64
+        sqrt(mean_i |v_i − centroid|²), what `rms` is divided by in Karni and Gotsman's error.
+    """
+
+    rms: Floats
+    max_deviation: Floats
+    worst_vertex: Integers
+    volume: Floats
+    volume_reconstructed: Floats
+    spread: Floats
+
+
+def measure(
+    rest: TriMesh, frames: Floats, rebuilt: Floats, counted: slice | Integers
+) -> FrameFigures:
+    """Compare reconstructions with their frames.
+
+    Parameters
+    ----------
+    rest : TriMesh
+        For the faces, and whether they enclose a volume.
+    frames, rebuilt : (k, m, 3)
+    counted : slice or (c,) int64
+        The vertices that are data; all but those of vertex weight 0.
+    """
+    squares = ((rebuilt - frames) ** 2).sum(axis=2)[:, counted]
+    worst = squares.argmax(axis=1)
+    numbers = np.arange(frames.shape[1])[counted]
+    centred = frames[:, counted] - frames[:, counted].mean(axis=1, keepdims=True)
+    if rest.is_closed:
+        volume, volume_rebuilt = (signed_volumes(v, rest.faces) for v in (frames, rebuilt))
+    else:
+        volume = volume_rebuilt = np.full(len(frames), np.nan)
+    return FrameFigures(
+        rms=np.sqrt(squares.mean(axis=1)),
+        max_deviation=np.sqrt(np.take_along_axis(squares, worst[:, None], axis=1)[:, 0]),
+        worst_vertex=numbers[worst].astype(np.int64),
+        volume=volume,
+        volume_reconstructed=volume_rebuilt,
+        spread=np.sqrt((centred**2).sum(axis=2).mean(axis=1)),
+    )

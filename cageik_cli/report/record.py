@@ -1,0 +1,181 @@
+"""The record that every view of a result shows; views compute nothing.
+
+Error definitions, for F frames of m vertices, D the rest bounding box's diagonal:
+
+- rms of a frame: sqrt(mean_i |v̂_i − v_i|²); of the clip: the root of the mean square over frames.
+- e_rms = 2000/√3 · rms/D = 1154.70 · rms/D (Kavan, Sloan and O'Sullivan 2010, eq. 8).
+- kg_error = 100 |V − V̂|_F / |V − E(V)|_F, E(V) each frame's centroid (Karni and Gotsman 2004).
+- volume_change = 100 (V̂ − V)/V and volume_drift = 100 (V − V_rest)/V_rest, percent; signed.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cageik_cli.mesh import Floats
+from cageik_cli.store import Result
+
+SCHEMA = 1
+E_RMS = 2000 / np.sqrt(3)
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """What was extracted: counts, the diagonal in file units, and whether the model is closed."""
+
+    frames: int
+    vertices: int
+    cage_vertices: int
+    diagonal: float
+    closed: bool
+    fps: float
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Figures of one frame: lengths in file units and percent of the diagonal, changes in percent.
+
+    What depends on a volume is None for an open model.
+    """
+
+    index: int
+    name: str
+    rms: float
+    rms_percent: float
+    max_deviation: float
+    max_deviation_percent: float
+    worst_vertex: int
+    volume: float | None
+    volume_reconstructed: float | None
+    volume_change: float | None
+    volume_drift: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Figures of the clip.
+
+    `volume_change_percent_max` is the change of largest size, with its sign.
+    `fixed_floats` counts the weights, `floats_per_frame` the coordinates of a cage.
+    """
+
+    rms: float
+    rms_percent: float
+    worst_frame: str
+    worst_frame_index: int
+    worst_frame_rms_percent: float
+    max_deviation: float
+    max_deviation_percent: float
+    max_deviation_frame: str
+    max_deviation_vertex: int
+    volume_change_percent_max: float | None
+    volume_change_frame: str | None
+    volume_drift_percent_max: float | None
+    e_rms: float
+    kg_error: float | None
+    floats_per_frame: int
+    fixed_floats: int
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """One result's report; `report.json` is this record."""
+
+    schema: int
+    tool: dict[str, str]
+    result: str
+    sources: dict[str, Any]
+    settings: dict[str, Any]
+    notes: tuple[str, ...]
+    clip: Clip
+    binding: dict[str, Any]
+    summary: Summary
+    frames: tuple[Frame, ...]
+    gates: tuple[dict[str, Any], ...] = ()
+
+
+def report_of(result: Result) -> Report:
+    """Compute the report of a result."""
+    rest, figures = result.rest, result.figures
+    percent = 100 / rest.diagonal
+    change = _percent_change(figures.volume_reconstructed, figures.volume)
+    rest_volume = rest.volume if rest.is_closed else np.nan
+    drift = _percent_change(figures.volume, np.full(len(figures.volume), rest_volume))
+    frames = tuple(
+        Frame(
+            index=k,
+            name=name,
+            rms=float(figures.rms[k]),
+            rms_percent=float(percent * figures.rms[k]),
+            max_deviation=float(figures.max_deviation[k]),
+            max_deviation_percent=float(percent * figures.max_deviation[k]),
+            worst_vertex=int(figures.worst_vertex[k]),
+            volume=_finite(figures.volume[k]),
+            volume_reconstructed=_finite(figures.volume_reconstructed[k]),
+            volume_change=_finite(change[k]),
+            volume_drift=_finite(drift[k]),
+        )
+        for k, name in enumerate(result.frames)
+    )
+    return Report(
+        schema=SCHEMA,
+        tool={"name": "cageik", "version": result.version},
+        result=result.path.name,
+        sources=result.sources,
+        settings=result.settings,
+        notes=result.notes,
+        clip=Clip(
+            frames=len(frames),
+            vertices=len(rest.vertices),
+            cage_vertices=len(result.cage.vertices),
+            diagonal=rest.diagonal,
+            closed=rest.is_closed,
+            fps=result.fps,
+        ),
+        binding=result.quality,
+        summary=_summary(result, frames),
+        frames=frames,
+    )
+
+
+def _summary(result: Result, frames: tuple[Frame, ...]) -> Summary:
+    figures, diagonal = result.figures, result.rest.diagonal
+    rms = float(np.sqrt(np.mean(figures.rms**2)))
+    spread = float(np.sqrt(np.mean(figures.spread**2)))
+    worst = frames[int(figures.rms.argmax())]
+    furthest = frames[int(figures.max_deviation.argmax())]
+    changed = max(
+        (frame for frame in frames if frame.volume_change is not None),
+        key=lambda frame: abs(frame.volume_change or 0.0),
+        default=None,
+    )
+    drifts = [frame.volume_drift for frame in frames if frame.volume_drift is not None]
+    return Summary(
+        rms=rms,
+        rms_percent=100 * rms / diagonal,
+        worst_frame=worst.name,
+        worst_frame_index=worst.index,
+        worst_frame_rms_percent=worst.rms_percent,
+        max_deviation=furthest.max_deviation,
+        max_deviation_percent=furthest.max_deviation_percent,
+        max_deviation_frame=furthest.name,
+        max_deviation_vertex=furthest.worst_vertex,
+        volume_change_percent_max=changed.volume_change if changed else None,
+        volume_change_frame=changed.name if changed else None,
+        volume_drift_percent_max=max(drifts, key=abs, default=None),
+        e_rms=float(E_RMS * rms / diagonal),
+        kg_error=100 * rms / spread if spread > 0 else None,
+        floats_per_frame=3 * len(result.cage.vertices),
+        fixed_floats=len(result.rest.vertices) * len(result.cage.vertices),
+    )
+
+
+def _percent_change(new: Floats, old: Floats) -> Floats:
+    """100 (new − old)/old; nan where old is zero or nan."""
+    usable = np.where(old == 0, np.nan, old)
+    return np.asarray(100 * (new - old) / usable)
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,56 @@
+"""The report as a page of text."""
+
+from cageik_cli.report.record import Report
+
+
+def as_text(report: Report) -> str:
+    """A dozen lines: the headline first, then where it is worst, then how far to trust it."""
+    clip, summary, binding = report.clip, report.summary, report.binding
+    rows = [
+        ("error", f"{summary.rms_percent:.4f} % of the diagonal (rms {summary.rms:.6g})"),
+        ("worst frame", f"{summary.worst_frame_rms_percent:.4f} % at {summary.worst_frame}"),
+        (
+            "max deviation",
+            f"{summary.max_deviation_percent:.4f} % ({summary.max_deviation:.6g}) at vertex "
+            f"{summary.max_deviation_vertex} of {summary.max_deviation_frame}",
+        ),
+        ("volume change", _volume(report)),
+        ("literature", f"E_RMS {summary.e_rms:.4g}, KG error {_number(summary.kg_error)}"),
+        (
+            "size",
+            f"{summary.floats_per_frame} numbers a frame instead of {3 * clip.vertices}, "
+            f"and {summary.fixed_floats} weights once",
+        ),
+        (
+            "weights",
+            f"rows sum to 1 within {_number(binding.get('partition_of_unity'), '.1e')}, rest pose "
+            f"rebuilt within {_number(binding.get('linear_precision'), '.1e')}, "
+            f"smallest {_number(binding.get('min_weight'), '.1e')}",
+        ),
+        (
+            "system",
+            f"condition number {_number(binding.get('condition_number'))}, "
+            f"alpha {_number(report.settings.get('alpha'))}, "
+            f"beta {_number(report.settings.get('beta'))}",
+        ),
+    ]
+    headline = (
+        f"{report.result}: {clip.frames} frames of {clip.vertices} vertices in a cage of "
+        f"{clip.cage_vertices}, diagonal {clip.diagonal:.6g}"
+    )
+    lines = [headline, *(f"  {label:<14} {value}" for label, value in rows)]
+    return "\n".join(lines + [f"  note           {note}" for note in report.notes])
+
+
+def _volume(report: Report) -> str:
+    summary = report.summary
+    if summary.volume_change_percent_max is None:
+        return "not defined, the model is open"
+    return (
+        f"{summary.volume_change_percent_max:+.4f} % at most, at {summary.volume_change_frame} "
+        f"(the input's own drift from rest: {_number(summary.volume_drift_percent_max, '+.4f')} %)"
+    )
+
+
+def _number(value: object, form: str = ".4g") -> str:
+    return format(value, form) if isinstance(value, (int, float)) else "unknown"

@@ -1,0 +1,81 @@
+"""One mesh out of one file: OBJ by our own reader, PLY and OFF by trimesh."""
+
+import hashlib
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cageik_cli.errors import InputError, located
+from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.sequence.obj import parse_obj
+
+MESH_SUFFIXES = (".obj", ".ply", ".off")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedMesh:
+    """A mesh and where it came from.
+
+    Attributes
+    ----------
+    mesh : TriMesh
+    source : dict
+        `name` and `sha256` of the file.
+    notes : tuple of str
+        What was changed, one sentence each.
+    """
+
+    mesh: TriMesh
+    source: dict[str, str]
+    notes: tuple[str, ...] = ()
+
+
+def load_mesh(path: Path) -> LoadedMesh:
+    """Read one mesh; polygons are triangulated, and said so.
+
+    Raises
+    ------
+    InputError
+        Naming the file, when it is missing, not a mesh, or not of a kind we read.
+    """
+    with located(path):
+        if path.suffix.lower() not in MESH_SUFFIXES:
+            raise InputError(
+                f"`{path.suffix}` is not a kind of mesh read here, expected "
+                f"{', '.join(MESH_SUFFIXES)}"
+            )
+        data = read_bytes(path)
+        vertices, faces, polygons = geometry(data, path.suffix.lower())
+        notes = (f"{polygons} polygons cut into triangles",) if polygons else ()
+        digest = hashlib.sha256(data).hexdigest()
+        return LoadedMesh(TriMesh(vertices, faces), {"name": path.name, "sha256": digest}, notes)
+
+
+def read_bytes(path: Path) -> bytes:
+    """The whole file, or a sentence on why it cannot be read."""
+    if path.is_dir():
+        raise InputError("is a folder, expected a file")
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}") from error
+
+
+def geometry(data: bytes, suffix: str) -> tuple[Floats, Integers, int]:
+    """Vertices, triangles and how many polygons were cut, of a mesh file's bytes."""
+    if suffix == ".obj":
+        obj = parse_obj(data)
+        return obj.vertices, obj.faces, obj.polygons
+    if not data:
+        raise InputError("the file is empty, expected a mesh; export it again")
+    import trimesh
+
+    try:
+        mesh = trimesh.load_mesh(
+            io.BytesIO(data), file_type=suffix[1:], process=False, maintain_order=True
+        )
+        return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), 0
+    except Exception as error:  # whatever a damaged file makes trimesh raise
+        raise InputError(f"is not a {suffix[1:].upper()} mesh: {error}") from error

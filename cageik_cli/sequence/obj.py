@@ -1,0 +1,172 @@
+"""Wavefront OBJ: positions and faces, in the file's order; nothing merged, split or reordered."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pyarrow
+import pyarrow.csv
+
+from cageik_cli.errors import InputError
+from cageik_cli.mesh import Floats, Integers
+
+_PREAMBLE = (b"#", b"o", b"g", b"s", b"mtllib", b"usemtl")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjGeometry:
+    """What an OBJ file holds.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64
+        Each value is `float(text)` to the bit; may not be finite.
+    faces : (f, 3) int64
+        From 0; polygons are cut into fans at their first corner.
+    polygons : int
+        How many faces had more than three corners.
+    """
+
+    vertices: Floats
+    faces: Integers
+    polygons: int
+
+
+class FrameParser:
+    """Reads OBJ frames whose face block is, byte for byte, that of a first frame.
+
+    Only the vertices of such a file need parsing, by a CSV engine; anything else is left to
+    `parse_obj`.
+
+    Parameters
+    ----------
+    first : bytes
+        The frame whose faces are known.
+    """
+
+    def __init__(self, first: bytes) -> None:
+        _, self._tail = _split(first)
+        if _has_vertices(self._tail):
+            self._tail = b""
+
+    def positions(self, data: bytes) -> Floats | None:
+        """Vertices (m, 3) if the file is plain and its faces are the first frame's, else None."""
+        head, tail = _split(data)
+        return plain_vertices(head) if tail and tail == self._tail else None
+
+
+def parse_obj(data: bytes) -> ObjGeometry:
+    """Read any OBJ file.
+
+    Raises
+    ------
+    InputError
+        Naming the line, what it says, and what was expected.
+    """
+    if not data.strip():
+        raise InputError("the file is empty, expected an OBJ mesh; export it again")
+    if b"\0" in data:
+        raise InputError("the file is binary, expected OBJ text; export it again")
+    vertices: list[tuple[float, ...]] = []
+    faces: list[tuple[int, int, int]] = []
+    polygons = 0
+    for number, line in enumerate(data.replace(b"\\\n", b" ").splitlines(), start=1):
+        words = line.split()
+        if not words or words[0] not in (b"v", b"f"):
+            continue
+        try:
+            if words[0] == b"v":
+                vertices.append(_position(words[1:]))
+            else:
+                corners = [_corner(word, len(vertices)) for word in words[1:]]
+                faces.extend(_fan(corners))
+                polygons += len(corners) > 3
+        except InputError as error:
+            raise InputError(f"line {number}: `{_shown(line)}` {error}; export it again") from error
+    if not vertices or not faces:
+        raise InputError(
+            f"{len(vertices)} vertices and {len(faces)} faces found, expected a mesh in OBJ text"
+        )
+    return ObjGeometry(np.array(vertices), np.array(faces, np.int64), polygons)
+
+
+def plain_vertices(head: bytes) -> Floats | None:
+    """Vertices of a block of nothing but `v x y z` lines after comments and names, else None."""
+    start = 0 if head.startswith(b"v ") else head.find(b"\nv ") + 1
+    block = head[start:]
+    if not block.startswith(b"v ") or not _is_preamble(head[:start]):
+        return None
+    columns = ["v", "x", "y", "z"]
+    numbers = columns[1:]
+    try:
+        table = pyarrow.csv.read_csv(
+            pyarrow.py_buffer(block),
+            read_options=pyarrow.csv.ReadOptions(
+                use_threads=False, block_size=len(block) + 1, column_names=columns
+            ),
+            parse_options=pyarrow.csv.ParseOptions(delimiter=" ", quote_char=False),
+            convert_options=pyarrow.csv.ConvertOptions(
+                include_columns=numbers,
+                column_types=dict.fromkeys(numbers, pyarrow.float64()),
+                null_values=[],
+            ),
+        )
+    except pyarrow.ArrowInvalid:
+        return None
+    if block.count(b"\nv ") + 1 != len(table):
+        return None
+    return np.stack([column.to_numpy() for column in table.columns], axis=1)
+
+
+def _split(data: bytes) -> tuple[bytes, bytes]:
+    """What stands before the first face, and from it on."""
+    cut = data.find(b"\nf ") + 1
+    return (data[:cut], data[cut:]) if cut else (data, b"")
+
+
+def _has_vertices(tail: bytes) -> bool:
+    return any(line.split(maxsplit=1)[:1] == [b"v"] for line in tail.splitlines())
+
+
+def _is_preamble(text: bytes) -> bool:
+    words = (line.split(maxsplit=1)[0] for line in text.splitlines() if line.strip())
+    return all(word in _PREAMBLE or word.startswith(b"#") for word in words)
+
+
+def _position(words: list[bytes]) -> tuple[float, ...]:
+    if len(words) < 3:
+        raise InputError(f"has {len(words)} coordinates, expected 3")
+    try:
+        x, y, z = (_number(word) for word in words[:3])
+    except ValueError as error:
+        raise InputError("holds something else than numbers") from error
+    return x, y, z
+
+
+def _number(word: bytes) -> float:
+    if b"_" in word:
+        raise ValueError("Python's digit separator is not a number in a file")
+    return float(word)
+
+
+def _corner(word: bytes, count: int) -> int:
+    """The vertex, from 0, that `v`, `v/vt`, `v/vt/vn` or `v//vn` names; negative counts back."""
+    try:
+        index = int(word.split(b"/", 1)[0])
+    except ValueError as error:
+        raise InputError("names a corner that is not a number") from error
+    vertex = index - 1 if index > 0 else count + index
+    if index == 0 or vertex < 0:
+        raise InputError(f"names vertex {index}, but vertices are counted from 1")
+    return vertex
+
+
+def _fan(corners: list[int]) -> list[tuple[int, int, int]]:
+    if len(corners) < 3:
+        raise InputError(f"has {len(corners)} corners, expected 3 or more")
+    return [(corners[0], b, c) for b, c in pairwise(corners[1:])]
+
+
+def _shown(line: bytes) -> str:
+    text = line.decode("ascii", errors="replace").strip()
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,68 @@
+"""From what the user typed to a clip: files, folders and globs, in natural order."""
+
+import glob
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+
+from natsort import natsort_keygen, ns
+
+from cageik_cli.errors import InputError
+from cageik_cli.sequence import readers
+from cageik_cli.sequence.clip import MeshSequence
+
+_NATURAL = natsort_keygen(key=str, alg=ns.PATH)
+
+
+def open_sequence(arguments: list[str], allow_gaps: bool = False) -> MeshSequence:
+    """Open the clip that `arguments` (files, folders, globs, or one file that holds a clip) name.
+
+    Raises
+    ------
+    InputError
+        When nothing matches, kinds are mixed, or the first frame cannot be read.
+    """
+    by_suffix = {suffix: reader for reader in _readers() for suffix in reader.suffixes}
+    paths = frame_paths(arguments, tuple(by_suffix))
+    for path in paths:
+        if path.suffix.lower() not in by_suffix:
+            raise InputError(
+                f"{path}: `{path.suffix}` is not a kind of clip read here, expected "
+                f"{', '.join(by_suffix)}"
+            )
+    kinds = sorted({path.suffix.lower() for path in paths})
+    if len(kinds) > 1:
+        raise InputError(
+            f"{arguments[0]}: files of kinds {', '.join(kinds)} are mixed; "
+            "name one kind, for instance with a quoted glob"
+        )
+    return by_suffix[kinds[0]].open(paths, allow_gaps)
+
+
+def frame_paths(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:
+    """Every file that the arguments name, once, in natural order of their paths."""
+    found = {path for argument in arguments for path in _named_by(argument, suffixes)}
+    return sorted(found, key=_NATURAL)
+
+
+def _named_by(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
+    path = Path(argument)
+    if path.is_dir() and path.suffix.lower() not in suffixes:
+        inside = [p for p in path.iterdir() if not p.name.startswith(".")]
+        found = [p for p in inside if p.suffix.lower() in suffixes]
+    elif path.exists():
+        return [path]
+    elif glob.has_magic(argument):
+        found = [Path(name) for name in glob.glob(argument, recursive=True)]
+    else:
+        raise InputError(f"{argument}: no such file or folder; check the path")
+    if not found:
+        raise InputError(
+            f"{argument}: no frame found, expected files of kinds {', '.join(suffixes)}"
+        )
+    return found
+
+
+def _readers() -> list[type[MeshSequence]]:
+    names = sorted(module.name for module in iter_modules(readers.__path__))
+    return [import_module(f"{readers.__name__}.{name}").Reader for name in names]

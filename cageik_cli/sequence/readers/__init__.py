@@ -1,0 +1,1 @@
+"""One reader a kind of file: each module holds a `Reader`, a MeshSequence made from paths."""

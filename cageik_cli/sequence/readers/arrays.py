@@ -1,0 +1,98 @@
+"""A clip in a numpy `.npz`: an array of positions and one of faces, by their usual names."""
+
+import hashlib
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cageik_cli.errors import InputError, located
+from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.sequence.clip import MeshSequence, only
+from cageik_cli.sequence.mesh_file import read_bytes
+
+VERTEX_NAMES = ("vertices", "verts", "V", "v")
+FACE_NAMES = ("faces", "tris", "F", "f")
+
+
+class Reader(MeshSequence):
+    """Frames of one `.npz`; the array of positions is in memory, for it is compressed as one."""
+
+    suffixes = (".npz",)
+
+    @classmethod
+    def open(cls, paths: list[Path], allow_gaps: bool) -> "Reader":
+        """Open the one file; there are no gaps in it."""
+        return cls(only(paths))
+
+    def __init__(self, path: Path) -> None:
+        with located(path):
+            self._digest = hashlib.sha256(read_bytes(path)).hexdigest()
+            arrays = _members(path)
+            faces = _faces(arrays)
+            self._frames = _frames_first(_named(arrays, VERTEX_NAMES, "f"), int(faces.max()))
+            self._path = path
+            self.names = tuple(f"{path.name}[{k}]" for k in range(len(self._frames)))
+            self.first = TriMesh(self.positions(0), faces)
+
+    def positions(self, index: int) -> Floats:
+        """Vertices of one frame."""
+        return np.asarray(self._frames[index], np.float64)
+
+    def source(self) -> dict[str, Any]:
+        """Name and digest of the file."""
+        return {"name": self._path.name, "files": 1, "sha256": self._digest}
+
+
+def _members(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            wanted = [name for name in file.files if name in VERTEX_NAMES + FACE_NAMES]
+            if {"poses", "betas", "trans"} <= set(file.files) and not wanted:
+                raise InputError(
+                    "holds body parameters (AMASS), not vertices; evaluate the body model first"
+                )
+            return {name: file[name] for name in wanted}
+    except (OSError, ValueError, EOFError, KeyError, MemoryError, zlib.error,
+            zipfile.BadZipFile) as error:  # fmt: skip
+        raise InputError(f"is not a sound .npz of plain arrays ({error})") from error
+
+
+def _named(arrays: dict[str, np.ndarray], names: tuple[str, ...], kinds: str) -> np.ndarray:
+    found = [name for name in names if name in arrays]
+    if len(found) != 1:
+        held = ", ".join(found) or "none"
+        raise InputError(f"holds {held} of the arrays {', '.join(names)}; expected just one")
+    array = arrays[found[0]]
+    if array.dtype.kind not in kinds or array.size == 0:
+        raise InputError(f"`{found[0]}` is {array.dtype} of shape {array.shape}")
+    return array
+
+
+def _faces(arrays: dict[str, np.ndarray]) -> np.ndarray:
+    faces = _named(arrays, FACE_NAMES, "iu")
+    if faces.ndim != 2 or faces.shape[1] != 3:
+        raise InputError(f"faces have shape {faces.shape}, expected (count, 3)")
+    return faces
+
+
+def _frames_first(array: np.ndarray, last_vertex: int) -> np.ndarray:
+    """Positions as (F, m, 3), whichever of (F, m, 3) and (m, 3, F) they came in.
+
+    The axis of length 3 decides; when two are, the faces do: they must find their vertices.
+    """
+    layouts = []
+    if array.ndim == 3 and array.shape[2] == 3 and array.shape[1] > last_vertex:
+        layouts.append(array)
+    if array.ndim == 3 and array.shape[1] == 3 and array.shape[0] > last_vertex:
+        layouts.append(array.transpose(2, 0, 1))
+    if len(layouts) != 1:
+        found = "could be either" if layouts else "is neither"
+        raise InputError(
+            f"positions of shape {array.shape} {found} of (frames, vertices, 3) and "
+            f"(vertices, 3, frames) for faces that name vertex {last_vertex} (from 0; faces "
+            "counted from 1 must have 1 taken off)"
+        )
+    return layouts[0]

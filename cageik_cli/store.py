@@ -1,0 +1,285 @@
+"""Our HDF5 result files: written beside their name, renamed when whole, read with every check."""
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from cageik_cli import __version__
+from cageik_cli.binding import Binding
+from cageik_cli.errors import InputError
+from cageik_cli.hdf5 import dataset, numbers, opened
+from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.metrics import FrameFigures
+
+FORMAT = "cageik.result"
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Result:
+    """What a result file says, all but the cages and the weights.
+
+    Attributes
+    ----------
+    path : Path
+    version : str
+        Of the program that wrote it.
+    fps : float
+    settings, sources, quality : dict
+        What was asked; name and digest of what was read; the binding's figures.
+    notes : tuple of str
+        What was changed or left out, one sentence each.
+    frames : tuple of str
+        Where each of the F frames came from.
+    rest, cage : TriMesh
+        The rest pose, m vertices, and its cage, n vertices.
+    figures : FrameFigures
+    """
+
+    path: Path
+    version: str
+    fps: float
+    settings: dict[str, Any]
+    sources: dict[str, Any]
+    quality: dict[str, Any]
+    notes: tuple[str, ...]
+    frames: tuple[str, ...]
+    rest: TriMesh
+    cage: TriMesh
+    figures: FrameFigures
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Header:
+    """What is known of a result before its first frame is solved.
+
+    Attributes
+    ----------
+    binding : Binding
+    condition_number : float
+    frames : tuple of str
+    fps : float
+    settings : dict
+    notes : tuple of str
+    keep_weights : bool
+    """
+
+    binding: Binding
+    condition_number: float
+    frames: tuple[str, ...]
+    fps: float
+    settings: dict[str, Any]
+    notes: tuple[str, ...]
+    keep_weights: bool
+
+
+class ResultWriter:
+    """Appends blocks of cages and figures to an open file, in order."""
+
+    def __init__(self, file: h5py.File, header: Header) -> None:
+        self._file = file
+        self._done = 0
+        self._count = len(header.frames)
+        binding = header.binding
+        cage, rest = binding.cage, binding.rest
+        file.create_dataset("verts", (self._count, *cage.vertices.shape), "f8")
+        file["tris"] = cage.faces.astype(np.int32)
+        file["cage/verts"], file["rest/verts"] = cage.vertices, rest.vertices
+        file["rest/tris"] = rest.faces.astype(np.int32)
+        if header.keep_weights:
+            file.create_dataset(
+                "weights",
+                data=binding.weights,
+                shuffle=True,
+                compression="gzip",
+                compression_opts=1,
+            )
+        file.create_dataset("frames/name", data=header.frames, dtype=h5py.string_dtype())
+        for field in fields(FrameFigures):
+            kind = "i8" if field.name == "worst_vertex" else "f8"
+            file.create_dataset(f"metrics/{field.name}", (self._count,), kind)
+        file.attrs.update(format=FORMAT, schema=SCHEMA, version=__version__, fps=header.fps)
+        file.attrs["settings"] = _json(header.settings)
+        file.attrs["notes"] = _json(header.notes)
+        file.attrs["quality"] = _json(quality_figures(binding, header.condition_number))
+        file.attrs["complete"] = False
+
+    def append(self, cages: Floats, figures: FrameFigures) -> None:
+        """Write the next k frames: cages (k, n, 3) and their figures."""
+        done = slice(self._done, self._done + len(cages))
+        self._file["verts"][done] = cages
+        for field in fields(FrameFigures):
+            self._file[f"metrics/{field.name}"][done] = getattr(figures, field.name)
+        self._done = done.stop
+
+    def complete(self, sources: dict[str, Any]) -> None:
+        """Say what was read, and that every frame is there."""
+        if self._done != self._count:
+            raise ValueError(f"{self._done} of {self._count} frames were appended")
+        self._file.attrs["sources"] = _json(sources)
+        self._file.attrs["complete"] = True
+
+
+def quality_figures(binding: Binding, condition_number: float) -> dict[str, float]:
+    """The figures of weights and system that a report shows."""
+    return {
+        "partition_of_unity": binding.partition_of_unity,
+        "linear_precision": binding.linear_precision,
+        "min_weight": binding.min_weight,
+        "condition_number": condition_number,
+    }
+
+
+def prepare(path: Path, overwrite: bool) -> None:
+    """Refuse, before any work, an output that exists or cannot be written.
+
+    Raises
+    ------
+    InputError
+        Naming the output and what to do.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder, expected the name of a file to write")
+    if path.exists() and not overwrite:
+        raise InputError(
+            f"{path}: exists already; choose another name with -o, or replace it with --overwrite"
+        )
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
+    try:
+        _partial(path).touch()
+        _partial(path).unlink()
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror}); choose another folder with -o"
+        ) from error
+
+
+@contextmanager
+def create(path: Path, header: Header) -> Iterator[ResultWriter]:
+    """Write a result beside its name; it takes the name when the block ends without an error."""
+    partial = _partial(path)
+    try:
+        # Neither times nor addresses go into the file: same input, same bytes.
+        with h5py.File(partial, "w", libver=("earliest", "v110")) as file:
+            yield ResultWriter(file, header)
+        with partial.open("rb") as written:
+            os.fsync(written.fileno())
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def is_result(path: Path) -> bool:
+    """Whether an HDF5 file calls itself one of our results."""
+    with opened(path) as file:
+        return bool(file.attrs.get("format") == FORMAT)
+
+
+def read_result(path: Path) -> Result:
+    """Read and check a result file.
+
+    Raises
+    ------
+    InputError
+        When it is not HDF5, not a result, of another schema, not complete, or damaged.
+    """
+    with opened(path) as file:
+        _refuse_other_files(file)
+        frames, cage_vertices, _ = dataset(file, "verts", "f", (None, None, 3)).shape
+        rest = TriMesh(
+            numbers(file, "rest/verts", "f", (None, 3)),
+            numbers(file, "rest/tris", "iu", (None, 3)),
+        )
+        cage = TriMesh(
+            numbers(file, "cage/verts", "f", (cage_vertices, 3)),
+            numbers(file, "tris", "iu", (None, 3)),
+        )
+        columns = {
+            field.name: numbers(
+                file,
+                f"metrics/{field.name}",
+                "iu" if field.name == "worst_vertex" else "f",
+                (frames,),
+            )
+            for field in fields(FrameFigures)
+        }
+        names = dataset(file, "frames/name", "O", (frames,)).asstr()[:]
+        return Result(
+            path=path,
+            version=str(file.attrs.get("version", "unknown")),
+            fps=_positive(file, "fps"),
+            settings=_parsed(file, "settings", dict),
+            sources=_parsed(file, "sources", dict),
+            quality=_parsed(file, "quality", dict),
+            notes=tuple(map(str, _parsed(file, "notes", list))),
+            frames=tuple(names),
+            rest=rest,
+            cage=cage,
+            figures=FrameFigures(**columns),
+        )
+
+
+def _refuse_other_files(file: h5py.File) -> None:
+    if file.attrs.get("format") != FORMAT:
+        raise InputError("is not a result of cageik extract")
+    schema = file.attrs.get("schema")
+    if schema != SCHEMA:
+        raise InputError(
+            f"is of schema {schema}, this program reads schema {SCHEMA}; extract it again"
+        )
+    if not file.attrs.get("complete", False):
+        raise InputError("is not complete: the run that wrote it was interrupted; extract it again")
+
+
+def _positive(file: h5py.File, name: str) -> float:
+    value = file.attrs.get(name)
+    if not isinstance(value, (float, int, np.number)) or not 0 < value < np.inf:
+        raise InputError(f"attribute `{name}` is {value!r}, expected a number above zero")
+    return float(value)
+
+
+def _parsed(file: h5py.File, name: str, kind: type) -> Any:
+    text = file.attrs.get(name)
+    try:
+        value = json.loads(text) if isinstance(text, str) else None
+    except ValueError:
+        value = None
+    if not isinstance(value, kind):
+        raise InputError(f"attribute `{name}` is not a JSON {kind.__name__}; extract it again")
+    return value
+
+
+def _partial(path: Path) -> Path:
+    return path.with_name(path.name + ".partial")
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, sort_keys=True)
+
+
+def write_text(path: Path, text: str, overwrite: bool) -> None:
+    """Write a text file beside its name and rename it when whole.
+
+    Raises
+    ------
+    InputError
+        When it exists and may not be replaced, or cannot be written.
+    """
+    prepare(path, overwrite)
+    try:
+        _partial(path).write_text(text, encoding="utf-8", newline="\n")
+        _partial(path).replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
+    finally:
+        _partial(path).unlink(missing_ok=True)
