@@ -1,0 +1,327 @@
+"""Inputs with one thing wrong (or odd) each, and the list of what to expect of them."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import h5py
+import numpy as np
+from meshes import (
+    Mesh,
+    Points,
+    box,
+    box_quads,
+    exact,
+    face_lines,
+    midpoint_subdivided,
+    octahedron,
+    volume,
+    write_lines,
+)
+
+LOW, HIGH = (-2.0, -2.0, -2.0), (2.0, 2.0, 2.0)
+FRAME_2 = "frames/frame_2.obj"
+
+
+@dataclass
+class Case:
+    """One input folder and what the command should say about it.
+
+    Attributes
+    ----------
+    name : str
+        The folder.
+    says : list of str
+        Lower-case fragments of the message.
+    files : dict
+        Bytes by path inside the folder.
+    arguments : list of str
+        The command's arguments, relative to the folder.
+    code : int
+        The exit code: 1 for an error, 0 for an input that only gets a note.
+    """
+
+    name: str
+    says: list[str]
+    files: dict[str, bytes]
+    arguments: list[str] = field(
+        default_factory=lambda: ["extract", "frames", "--cage", "cage.obj"]
+    )
+    code: int = 1
+
+    def entry(self) -> dict[str, object]:
+        """Return the case as it stands in the list."""
+        return {
+            "name": self.name,
+            "arguments": self.arguments,
+            "exit": self.code,
+            "says": self.says,
+        }
+
+
+def text(lines: list[str]) -> bytes:
+    """Return lines as a file's bytes."""
+    return ("\n".join(lines) + "\n").encode()
+
+
+def obj(mesh: Mesh) -> bytes:
+    """Return a mesh as the bytes of an OBJ file."""
+    return text([*exact(mesh.verts), *face_lines(mesh.faces)])
+
+
+def model() -> Mesh:
+    """Return the little model: an octahedron subdivided once, 18 vertices and 32 faces."""
+    return midpoint_subdivided(octahedron(1.0))
+
+
+def animation(mesh: Mesh) -> list[Mesh]:
+    """Return three frames: the rest and two slight bends."""
+    x, y, _ = mesh.verts.T
+    bend = np.stack([y * y, np.zeros_like(x), x * y], axis=1) / 8
+    return [mesh, mesh.moved(mesh.verts + bend), mesh.moved(mesh.verts + 2 * bend)]
+
+
+def good(mesh: Mesh | None = None, cage: Mesh | None = None) -> dict[str, bytes]:
+    """Return the files of a working input: three frames and a cage."""
+    frames = animation(model() if mesh is None else mesh)
+    files = {f"frames/frame_{i}.obj": obj(frame) for i, frame in enumerate(frames, start=1)}
+    return files | {"cage.obj": obj(box(LOW, HIGH) if cage is None else cage)}
+
+
+def with_line(data: bytes, number: int, line: str) -> bytes:
+    """Return a file's bytes with one line (counted from 0) replaced."""
+    lines = data.decode().splitlines()
+    return text([*lines[:number], line, *lines[number + 1 :]])
+
+
+# --- frames ----------------------------------------------------------------------------------
+
+
+def truncated(data: bytes) -> bytes:
+    """Return an OBJ file cut inside its eighth vertex line, after the second number."""
+    lines = data.decode().splitlines()
+    return "\n".join([*lines[:7], " ".join(lines[7].split()[:3])]).encode()
+
+
+def other_faces(mesh: Mesh) -> Mesh:
+    """Return a mesh with two faces that name other vertices."""
+    faces = mesh.faces.copy()
+    faces[[3, 4]] = mesh.faces[[4, 3]][:, [1, 0, 2]]
+    faces[3, 0] = (faces[3, 0] + 7) % len(mesh.verts)
+    return mesh.with_faces(faces)
+
+
+def swapped_frame(replacement: bytes) -> dict[str, bytes]:
+    """Return a working input with its second frame replaced."""
+    return good() | {FRAME_2: replacement}
+
+
+def frame_cases() -> list[Case]:
+    """Return the cases with a bad frame or a bad folder of frames."""
+    files, name = good(), "frame_2.obj"
+    cage = {"cage.obj": files["cage.obj"]}
+    second = files[FRAME_2]
+    more = model().moved(np.concatenate([model().verts, [[0.5, 0.5, 0.5]]]))
+    noise = bytes((i * i * 7 + i // 3) % 256 if i % 5 else 0 for i in range(512))
+    note = b"Frames go here.\n"
+    missing = {p: d for p, d in files.items() if p != "frames/frame_3.obj"}
+    missing["frames/frame_4.obj"] = files["frames/frame_3.obj"]
+    folder = {path: data for path, data in files.items() if path != FRAME_2}
+    faces = {path: with_line(data, 20, "f 1 99 3") for path, data in good().items()}
+    return [
+        Case("no_frame", ["frames"], cage | {"frames/notes.txt": note}),
+        Case("missing_frame", ["frame_3"], missing),
+        Case("empty_frame", [name], swapped_frame(b"")),
+        Case("truncated_frame", [name], swapped_frame(truncated(second))),
+        Case("binary_frame", [name], swapped_frame(noise)),
+        Case("other_counts", [name, "vert"], swapped_frame(obj(more))),
+        Case("other_faces", [name, "face"], swapped_frame(obj(other_faces(model())))),
+        Case("nan_frame", [name], swapped_frame(with_line(second, 4, "v 0 nan 1"))),
+        Case("infinite_frame", [name], swapped_frame(with_line(second, 4, "v inf 0 1"))),
+        Case("folder_frame", [name], folder | {f"{FRAME_2}/notes.txt": note}),
+        Case("face_index", ["frame_1.obj", "99"], faces | cage),
+    ]
+
+
+# --- cages -----------------------------------------------------------------------------------
+
+
+def joined(first: Mesh, second: Mesh) -> Mesh:
+    """Return two meshes as one, with vertices at the same place shared."""
+    number = {tuple(point): i for i, point in enumerate(first.verts.tolist())}
+    fresh = [point for point in second.verts.tolist() if tuple(point) not in number]
+    number |= {tuple(point): len(first.verts) + i for i, point in enumerate(fresh)}
+    renamed = np.array([number[tuple(point)] for point in second.verts.tolist()], np.int32)
+    verts = np.concatenate([first.verts, np.array(fresh)])
+    return Mesh(verts, np.concatenate([first.faces, renamed[second.faces]]))
+
+
+def with_sliver(cage: Mesh) -> Mesh:
+    """Return a closed cage with one more face, whose three vertices lie on one edge."""
+    a, b, c = cage.faces[0].tolist()
+    middle = len(cage.verts)
+    verts = np.concatenate([cage.verts, cage.verts[[a, b]].sum(axis=0, keepdims=True) / 2])
+    split = [[a, middle, c], [middle, b, c], [a, b, middle]]
+    return Mesh(verts, np.concatenate([np.array(split, np.int32), cage.faces[1:]]))
+
+
+def flipped(cage: Mesh, count: int) -> Mesh:
+    """Return a cage with its first faces turned over."""
+    faces = cage.faces.copy()
+    faces[:count] = faces[:count, ::-1]
+    return cage.with_faces(faces)
+
+
+def with_face(cage: Mesh, face: list[int]) -> Mesh:
+    """Return a cage with one more face."""
+    return cage.with_faces([*cage.faces.tolist(), face])
+
+
+def cage_cases() -> list[Case]:
+    """Return the cases with a bad or odd cage."""
+    cage = box(LOW, HIGH)
+    far = box((3.0, -2.0, -2.0), (5.0, 2.0, 2.0))
+    touching = box((2.0, 2.0, -2.0), (4.0, 4.0, 2.0))
+    small = cage.moved(np.clip(cage.verts, -2.0, 0.75))
+    loose = cage.moved(np.concatenate([cage.verts, [[0.0, 3.0, 0.0]]]))
+    cages = {
+        "open": cage.with_faces(cage.faces[:-1]),
+        "non_manifold": joined(cage, touching),
+        "two_components": joined(cage, far),
+        "degenerate_face": with_face(cage, [0, 1, 1]),
+        "zero_area": with_sliver(cage),
+        "duplicate_faces": with_face(cage, cage.faces[0].tolist()),
+        "mixed_orientation": flipped(cage, 3),
+        "too_small": small,
+        "unreferenced_vertex": loose,
+    }
+    bad = [Case(f"cage_{name}", ["cage.obj"], good(cage=mesh)) for name, mesh in cages.items()]
+    odd = {"inside_out": flipped(cage, len(cage.faces)), "quads": box_quads(LOW, HIGH)}
+    return bad + [
+        Case(f"cage_{name}", ["cage.obj"], good(cage=mesh), code=0) for name, mesh in odd.items()
+    ]
+
+
+def pair_cases() -> list[Case]:
+    """Return the cases whose files are fine by themselves but do not go together."""
+    extract = ["extract", "frames", "--cage", "cage.obj"]
+    cage = obj(box(LOW, HIGH))
+    swapped = {"frames/frame_1.obj": cage, "cage.obj": obj(model())}
+    rest = {"rest.obj": obj(other_faces(model()))}
+    tiny = Mesh(
+        np.array([[0.0, 0, 0], [0.5, 0, 0], [0, 0.5, 0], [0, 0, 0.5]]),
+        np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32),
+    )
+    return [
+        Case("swapped", ["cage.obj"], swapped),
+        Case(
+            "rest_other_connectivity",
+            ["rest.obj"],
+            good() | rest,
+            [*extract, "--rest", "rest.obj"],
+        ),
+        Case("singular", ["alpha"], good(mesh=tiny), [*extract, "--alpha", "0"]),
+    ]
+
+
+# --- results ---------------------------------------------------------------------------------
+
+
+def trilinear(points: Points) -> Points:
+    """Return the (m, 8) trilinear weights of points in the box from `LOW` to `HIGH`."""
+    high = (points - np.array(LOW)) / (np.array(HIGH) - np.array(LOW))
+    sides = np.stack([1 - high, high], axis=2)
+    x, y, z = (sides[:, axis] for axis in range(3))
+    corners: Points = x[:, :, None, None] * y[:, None, :, None] * z[:, None, None, :]
+    return corners.reshape(-1, 8)
+
+
+def solved(weights: Points, frames: list[Mesh]) -> Points:
+    """Return (F, 8, 3) cages that follow the frames; exactness does not matter here."""
+    cage = box(LOW, HIGH)
+    shift = [weights.T @ (frame.verts - frames[0].verts) / 4 for frame in frames]
+    return np.round(cage.verts + np.array(shift), 6)
+
+
+def volumes(meshes: list[Mesh]) -> Points:
+    """Return the volume inside every mesh."""
+    return np.array([round(volume(mesh), 9) for mesh in meshes])
+
+
+def result_data() -> dict[str, np.ndarray]:
+    """Return the datasets of a small result by name."""
+    frames, cage = animation(model()), box(LOW, HIGH)
+    weights = trilinear(frames[0].verts)
+    cages = solved(weights, frames)
+    fits = [(weights[:, :, None] * verts).sum(axis=1) for verts in cages]
+    apart = np.array([fit - frame.verts for fit, frame in zip(fits, frames, strict=True)])
+    away = np.round(np.sqrt((apart**2).sum(axis=2)), 9)
+    return {
+        "verts": cages,
+        "tris": cage.faces,
+        "cage/verts": cage.verts,
+        "rest/verts": frames[0].verts,
+        "rest/tris": frames[0].faces,
+        "weights": weights,
+        "metrics/rms": np.round(np.sqrt((away**2).mean(axis=1)), 9),
+        "metrics/max_deviation": away.max(axis=1),
+        "metrics/worst_vertex": away.argmax(axis=1),
+        "metrics/volume": volumes(frames),
+        "metrics/volume_reconstructed": volumes([frames[0].moved(fit) for fit in fits]),
+        "metrics/spread": np.array([float(np.ptp(verts)) for verts in cages]),
+    }
+
+
+def result_file(schema: int = 1, complete: bool = True) -> bytes:
+    """Return the bytes of a small HDF5 result."""
+    attributes = {"format": "cageik.result", "schema": schema, "version": "0.1.0", "fps": 24.0}
+    attributes |= {"settings": "{}", "sources": "{}", "complete": complete}
+    names = [f"frame_{i}.obj" for i in (1, 2, 3)]
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w", libver=("v110", "v110")) as file:
+        for name, data in result_data().items():
+            file.create_dataset(name, data=data, track_times=False)
+        kind = h5py.string_dtype("utf-8")
+        file.create_dataset("frames/name", data=names, dtype=kind, track_times=False)
+        for name, value in attributes.items():
+            file.attrs[name] = value
+    return buffer.getvalue()
+
+
+def result_cases() -> list[Case]:
+    """Return the cases with a bad result file."""
+    whole = result_file()
+    results = {
+        "other_schema": result_file(schema=99),
+        "truncated": whole[: len(whole) * 6 // 10],
+        "not_complete": result_file(complete=False),
+        "not_hdf5": b"This is no HDF5 file.\n",
+    }
+    return [
+        Case(f"result_{name}", ["result.h5"], {"result.h5": data}, ["report", "result.h5"])
+        for name, data in results.items()
+    ]
+
+
+CASES: tuple[Callable[[], list[Case]], ...] = (frame_cases, cage_cases, pair_cases, result_cases)
+
+
+def write_broken(folder: Path) -> None:
+    """Write every case's folder and ``cases.json``."""
+    cases = [case for make in CASES for case in make()]
+    for case in cases:
+        for path, data in case.files.items():
+            target = folder / case.name / path
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
+    entries = [json.dumps(case.entry()) for case in cases]
+    write_lines(folder / "cases.json", ["[", *_commas(entries), "]"])
+
+
+def _commas(entries: list[str]) -> list[str]:
+    """Put a comma behind all lines but the last."""
+    return [f"  {entry}," for entry in entries[:-1]] + [f"  {entries[-1]}"]
