@@ -26,6 +26,9 @@ from cageik_cli.mesh import Floats, uniform_laplacian
 WORST_CONDITION = 1e12
 """Normal matrices of a larger condition number are refused."""
 
+REFINED_CONDITION = 1e6
+"""Above it, forming the normal matrix has lost digits that a step of refinement gives back."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolveSettings:
@@ -104,12 +107,15 @@ class DualLaplacianSolver:
         self._rest = binding.rest.vertices - self._origin
         self._rest_cage = binding.cage.vertices - self._origin
         self._weights = binding.weights
-        self._data_rows = (settings.beta / m) * (binding.weights * self._vertex_weights[:, None]).T
+        data_rows = (settings.beta / m) * (binding.weights * self._vertex_weights[:, None]).T
         laplacian = uniform_laplacian(binding.cage)
-        self._smoothness = (settings.alpha / n) * laplacian.T @ laplacian
-        normal = self._smoothness + self._data_rows @ binding.weights
+        smoothness = (settings.alpha / n) * laplacian.T @ laplacian
+        normal = smoothness + data_rows @ binding.weights
         self.condition_number = _checked_condition(normal, binding)
-        self._factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
+        factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
+        # Back substitution of every vertex at once leaves one product to do for each frame.
+        self._response = scipy.linalg.cho_solve(factor, data_rows, check_finite=False)
+        self._stiffness = scipy.linalg.cho_solve(factor, smoothness, check_finite=False)
 
     def solve(self, frames: Floats) -> Solution:
         """The cages of `frames`, (k, m, 3)."""
@@ -118,7 +124,8 @@ class DualLaplacianSolver:
         if self._align:
             motions = best_rigid_motions(frames, self._rest, self._vertex_weights)
         shift = 0.0 if self._align else self._origin
-        moved = motions.to_rest(frames) - shift - self._rest
+        moved = motions.to_rest(frames)
+        moved -= self._rest + shift
         target = moved.transpose(1, 0, 2).reshape(m, 3 * k)
         displaced = self._minimiser(target)
         rebuilt = self._weights @ displaced
@@ -132,15 +139,14 @@ class DualLaplacianSolver:
     def _minimiser(self, target: Floats) -> Floats:
         """Cage displacements (n, 3k) that best give vertex displacements (m, 3k).
 
-        One step of refinement, with the residual taken over the vertices, gives back the digits
-        that forming the normal equations loses (Björck 1987).
+        Refinement takes its residual over the vertices, where no squares were formed (Björck 1987,
+        the corrected seminormal equations).
         """
-        displaced = self._back_substituted(self._data_rows @ target)
-        residual = self._data_rows @ (target - self._weights @ displaced)
-        return displaced + self._back_substituted(residual - self._smoothness @ displaced)
-
-    def _back_substituted(self, right: Floats) -> Floats:
-        return np.asarray(scipy.linalg.cho_solve(self._factor, right, check_finite=False))
+        displaced = np.asarray(self._response @ target)
+        if self.condition_number > REFINED_CONDITION:
+            residual = target - self._weights @ displaced
+            displaced += self._response @ residual - self._stiffness @ displaced
+        return displaced
 
 
 def normalised_weights(weights: Floats | None, count: int) -> Floats:

@@ -22,7 +22,7 @@ from cageik_cli.sequence import (
     refuse_other_faces,
 )
 
-LARGEST_BLOCK = 32
+LARGEST_BLOCK = 16
 """Frames solved together at most; the product gains nothing from more right-hand sides."""
 
 ARRAYS_PER_FRAME = 12
@@ -117,7 +117,8 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> stor
     with store.create(settings.output, header) as result:
         _solve_all(sequence, solver, result, settings, watch)
         frames = sequence.source()
-        result.complete(sources | {"frames": frames, "rest": rest.source or frames})
+        with watch.stage("write"):
+            result.complete(sources | {"frames": frames, "rest": rest.source or frames})
     return store.read_result(settings.output)
 
 

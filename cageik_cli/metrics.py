@@ -46,10 +46,12 @@ def measure(
     counted : slice or (c,) int64
         The vertices that are data; all but those of vertex weight 0.
     """
-    squares = ((rebuilt - frames) ** 2).sum(axis=2)[:, counted]
+    misses = rebuilt - frames
+    squares = np.einsum("kjx,kjx->kj", misses, misses)[:, counted]
     worst = squares.argmax(axis=1)
     numbers = np.arange(frames.shape[1])[counted]
-    centred = frames[:, counted] - frames[:, counted].mean(axis=1, keepdims=True)
+    data = frames[:, counted]
+    centred = data - np.einsum("kjx->kx", data)[:, None] / len(numbers)
     if rest.is_closed:
         volume, volume_rebuilt = (signed_volumes(v, rest.faces) for v in (frames, rebuilt))
     else:
@@ -60,5 +62,5 @@ def measure(
         worst_vertex=numbers[worst].astype(np.int64),
         volume=volume,
         volume_reconstructed=volume_rebuilt,
-        spread=np.sqrt((centred**2).sum(axis=2).mean(axis=1)),
+        spread=np.sqrt(np.einsum("kjx,kjx->k", centred, centred) / len(numbers)),
     )

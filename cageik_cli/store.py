@@ -87,20 +87,13 @@ class ResultWriter:
         self._file = file
         self._done = 0
         self._count = len(header.frames)
+        self._weights = header.binding.weights if header.keep_weights else None
         binding = header.binding
         cage, rest = binding.cage, binding.rest
         file.create_dataset("verts", (self._count, *cage.vertices.shape), "f8")
         file["tris"] = cage.faces.astype(np.int32)
         file["cage/verts"], file["rest/verts"] = cage.vertices, rest.vertices
         file["rest/tris"] = rest.faces.astype(np.int32)
-        if header.keep_weights:
-            file.create_dataset(
-                "weights",
-                data=binding.weights,
-                shuffle=True,
-                compression="gzip",
-                compression_opts=1,
-            )
         file.create_dataset("frames/name", data=header.frames, dtype=h5py.string_dtype())
         for field in fields(FrameFigures):
             kind = "i8" if field.name == "worst_vertex" else "f8"
@@ -120,9 +113,13 @@ class ResultWriter:
         self._done = done.stop
 
     def complete(self, sources: dict[str, Any]) -> None:
-        """Say what was read, and that every frame is there."""
+        """Write the weights, say what was read, and that every frame is there."""
         if self._done != self._count:
             raise ValueError(f"{self._done} of {self._count} frames were appended")
+        if self._weights is not None:
+            self._file.create_dataset(
+                "weights", data=self._weights, shuffle=True, compression="gzip", compression_opts=1
+            )
         self._file.attrs["sources"] = _json(sources)
         self._file.attrs["complete"] = True
 

@@ -13,6 +13,7 @@ affine maps to rounding however coarse the panels are.
 """
 
 import os
+import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from threadpoolctl import threadpool_limits
 
 from cageik_cli.coordinates.panels import (
     Panels,
+    Scratch,
     double_layer,
     single_layer_moments,
 )
@@ -37,8 +39,8 @@ PANEL_GOAL = 1200
 PANEL_LIMIT = 5000
 """Most panels: the boundary matrix has nine float64 times its square, 1.8 GB here."""
 
-BLOCK = 64
-"""Points evaluated together; the panels' arrays of a block stay in the processor's cache."""
+BLOCK = 128
+"""Points evaluated together: few enough for the processor's cache, enough to keep threads apart."""
 
 ON_SURFACE = 1e-12
 """A point this near the cage, in diagonals, is on it and has its barycentric weights."""
@@ -47,6 +49,16 @@ ON_SURFACE = 1e-12
 # from its values at the three nodes: the inverse of ½ I + ⅙ J.
 _CORNERS_FROM_NODES = 2 * np.eye(3) - 1 / 3
 _NODES = np.eye(3) / 2 + 1 / 6
+
+
+class _ThreadScratch(threading.local):
+    """Scratch of the running thread, dropped with it."""
+
+    def __init__(self) -> None:
+        self.own = Scratch()
+
+
+_SCRATCH = _ThreadScratch()
 
 
 def no_progress(done: int, total: int) -> None:
@@ -136,7 +148,7 @@ def solve_boundary(cage: TriMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
     basis = _node_basis(panels)
 
     def columns(block: Floats) -> tuple[Floats, Floats]:
-        moments = single_layer_moments(panels, block).reshape(len(nodes), -1)
+        moments = single_layer_moments(panels, block, _SCRATCH.own).reshape(len(nodes), -1)
         return basis @ moments, _double_layer_sums(faces, block)
 
     # Filled by columns of its transpose, the matrix is in the order that LAPACK factors in place.
@@ -212,12 +224,12 @@ def _double_layer_sums(faces: Panels, points: Floats) -> Floats:
         (np.ones(len(corners)), (corners, np.arange(len(corners)))),
         shape=(len(faces.vertices), len(corners)),
     )
-    return np.asarray(gather @ double_layer(faces, points).reshape(len(corners), -1))
+    return np.asarray(gather @ double_layer(faces, points, _SCRATCH.own).reshape(len(corners), -1))
 
 
 def _weights_inside(boundary: BoundarySolution, points: Floats) -> Floats:
     local = (points - boundary.origin) / boundary.scale
-    moments = single_layer_moments(boundary.panels, local)
+    moments = single_layer_moments(boundary.panels, local, _SCRATCH.own)
     weights = boundary.densities @ moments.reshape(-1, len(points))
     weights += _double_layer_sums(boundary.cage, local)
     return weights.T / (4 * np.pi)

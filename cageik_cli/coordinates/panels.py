@@ -25,11 +25,11 @@ Arrays have panels along the first axis and points along the last, so that gathe
 whole rows.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from cageik_cli.mesh import Edges, Floats, Integers
 
@@ -111,16 +111,9 @@ class Panels:
         return np.concatenate([third, self.gradients], axis=1)
 
     @cached_property
-    def edge_spread(self) -> sparse.csr_array:
-        """½ m_k along the two axes, (2p, e): from B of the edges to ∫ (y − p) / r dA."""
-        count = len(self.corners)
-        along = np.einsum("apx,kpx->akp", self.axes, self.side_normals) / 2
-        rows = np.arange(2 * count).reshape(2, 1, count)
-        rows, columns = np.broadcast_arrays(rows, self.edges.of_side.T)
-        return sparse.csr_array(
-            (along.ravel(), (rows.ravel(), columns.ravel())),
-            shape=(2 * count, len(self.edge_lengths)),
-        )
+    def half_normals(self) -> Floats:
+        """½ m_k along the two axes, (2, 3, p): from B of the edges to ∫ (y − p) / r dA."""
+        return np.asarray(np.einsum("apx,kpx->akp", self.axes, self.side_normals) / 2)
 
     @cached_property
     def forms(self) -> Floats:
@@ -153,9 +146,34 @@ class Panels:
         return np.cross(self._sides[0], self._sides[1])
 
 
+class Scratch:
+    """Arrays that are used again block after block, so that memory is asked for once.
+
+    Fresh arrays of a block's size cost more in page faults than in arithmetic. One thread's own.
+    """
+
+    def __init__(self) -> None:
+        self._arrays: dict[str, Floats] = {}
+
+    def array(self, name: str, *shape: int) -> Floats:
+        """The array of that name, of that shape, with anything in it."""
+        size = math.prod(shape)
+        held = self._arrays.get(name)
+        if held is None or held.size < size:
+            held = self._arrays[name] = np.empty(size)
+        return held[:size].reshape(shape)
+
+    def rows(self, name: str, source: Floats, chosen: Integers) -> Floats:
+        """`source[chosen]` in the array of that name."""
+        out = self.array(name, len(chosen), source.shape[1])
+        return np.take(source, chosen, axis=0, out=out, mode="clip")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """What the integrals need of panels seen from points: see the module's formulas.
+    """What the integrals need of p panels with e edges seen from q points (module formulas).
+
+    The arrays are scratch: good until the next view with the same scratch.
 
     Attributes
     ----------
@@ -166,7 +184,8 @@ class View:
     foot : (2, p, q)
         Coordinates u, v of the foot p along the panel's axes, from its centroid.
     solid_angle : (p, q)
-        Ω, steradians in [−2π, 2π].
+        Ω, steradians in [−2π, 2π]: positive when the point lies behind the outward normal, so that
+        a closed surface's sum to 4π inside and to 0 outside.
     edge_log, edge_moment : (e, q)
         f and B of each edge.
     """
@@ -179,64 +198,122 @@ class View:
     edge_moment: Floats
 
 
-def view(panels: Panels, points: Floats) -> View:
+def view(panels: Panels, points: Floats, scratch: Scratch) -> View:
     """Look at `panels` from `points`, (q, 3), none of them on an edge."""
-    p, edges = len(panels.corners), panels.edges
-    forms = panels.forms @ np.vstack([points.T, np.ones(len(points))])
+    p, q = len(panels.corners), len(points)
+    forms = scratch.array("forms", len(panels.forms), q)
+    np.matmul(panels.forms, np.vstack([points.T, np.ones(q)]), out=forms)
     height, along = forms[:p], forms[6 * p :]
-    side, foot = forms[p : 4 * p].reshape(3, p, -1), forms[4 * p : 6 * p].reshape(2, p, -1)
-    squares = np.zeros((len(panels.vertices), len(points)))
-    for k in range(3):
-        squares += (panels.vertices[:, k, None] - points[:, k]) ** 2
-    square_a, square_b = squares[edges.ends[:, 0]], squares[edges.ends[:, 1]]
-    distance = np.sqrt(squares)
-    r_a, r_b = distance[edges.ends[:, 0]], distance[edges.ends[:, 1]]
-    length = panels.edge_lengths[:, None]
-    around = r_a + r_b
-    gap = np.maximum(around - length, NEAREST * length)
-    edge_log = np.log((around + length) / gap)
-    edge_moment = (square_a - along * along) * edge_log + along * (r_b - r_a) + length * r_b
-    products = (square_a + square_b - length * length) / 2
-    angle = _solid_angle(panels, height, distance, products)
+    side, foot = forms[p : 4 * p].reshape(3, p, q), forms[4 * p : 6 * p].reshape(2, p, q)
+    distance = _distances(panels, points, scratch)
+    edge_log, edge_moment, products = _edge_terms(panels, distance, along, scratch)
+    angle = _solid_angle(panels, height, distance, products, scratch)
     return View(height, side, foot, angle, edge_log, edge_moment)
 
 
-def _solid_angle(panels: Panels, height: Floats, distance: Floats, products: Floats) -> Floats:
+def _distances(panels: Panels, points: Floats, scratch: Scratch) -> Floats:
+    """From every vertex to every point, (v, q)."""
+    distance = scratch.array("distance", len(panels.vertices), len(points))
+    offset = scratch.array("offset", *distance.shape)
+    distance[:] = 0
+    for k in range(3):
+        np.subtract(panels.vertices[:, k, None], points[:, k], out=offset)
+        offset *= offset
+        distance += offset
+    return np.sqrt(distance, out=distance)
+
+
+def _edge_terms(
+    panels: Panels, distance: Floats, along: Floats, scratch: Scratch
+) -> tuple[Floats, Floats, Floats]:
+    """f, B and (a − x) · (b − x) of every edge ab, (e, q) each; `along` is s of a."""
+    length = panels.edge_lengths[:, None]
+    r_a = scratch.rows("r_a", distance, panels.edges.ends[:, 0])
+    r_b = scratch.rows("r_b", distance, panels.edges.ends[:, 1])
+    log = np.add(r_a, r_b, out=scratch.array("log", *along.shape))
+    gap = np.subtract(log, length, out=scratch.array("gap", *along.shape))
+    np.maximum(gap, NEAREST * length, out=gap)
+    log += length
+    log /= gap
+    np.log(log, out=log)
+    square_a = np.multiply(r_a, r_a, out=gap)
+    products = np.multiply(r_b, r_b, out=scratch.array("products", *along.shape))
+    products += square_a
+    products -= length * length
+    products *= 0.5
+    # B = (r_a² − s²) f + s (r_b − r_a) + L r_b, for s of b is s + L.
+    moment = np.multiply(along, along, out=scratch.array("moment", *along.shape))
+    np.subtract(square_a, moment, out=moment)
+    moment *= log
+    np.subtract(r_b, r_a, out=r_a)
+    r_a *= along
+    moment += r_a
+    r_b *= length
+    moment += r_b
+    return log, moment, products
+
+
+def _solid_angle(
+    panels: Panels, height: Floats, distance: Floats, products: Floats, scratch: Scratch
+) -> Floats:
     """Ω by Van Oosterom and Strackee, given a · b of each edge's ends seen from the points."""
-    r_0, r_1, r_2 = (distance[panels.corners[:, k]] for k in range(3))
-    denominator = r_0 * r_1 * r_2
-    for k, r in enumerate((r_0, r_1, r_2)):
-        denominator += products[panels.edges.of_side[:, k]] * r
-    angle = 2 * np.arctan2(2 * panels.areas[:, None] * height, denominator)
-    angle[np.abs(height) < EDGE_ON] = 0.0
+    corner = [scratch.rows(f"r_{k}", distance, panels.corners[:, k]) for k in range(3)]
+    denominator = scratch.array("denominator", *height.shape)
+    np.multiply(corner[0], corner[1], out=denominator)
+    denominator *= corner[2]
+    for k in range(3):
+        corner[k] *= scratch.rows("gathered", products, panels.edges.of_side[:, k])
+        denominator += corner[k]
+    angle = np.multiply(height, 2 * panels.areas[:, None], out=scratch.array("angle", *height.shape))
+    np.arctan2(angle, denominator, out=angle)
+    angle *= 2
+    angle[np.abs(height, out=denominator) < EDGE_ON] = 0.0
     return angle
 
 
-def single_layer_moments(panels: Panels, points: Floats) -> Floats:
-    """∫ (1, u, v) / r dA of every panel, (3, p, q) indexed [moment, panel, point].
+def single_layer_moments(panels: Panels, points: Floats, scratch: Scratch) -> Floats:
+    """∫ (1, u, v) / r dA of every panel, (3, p, q) indexed [moment, panel, point]; scratch.
 
     u and v run along `axes` from the panel's centroid, so that the moments of a far panel are as
     small as its share of an integral, and sums over panels do not cancel.
     """
-    seen = view(panels, points)
-    moments = np.empty((3, *seen.height.shape))
-    np.multiply(-seen.height, seen.solid_angle, out=moments[0])
+    seen = view(panels, points, scratch)
+    shape = seen.height.shape
+    moments = scratch.array("moments", 3, *shape)
+    product = scratch.array("product", *shape)
+    np.multiply(seen.height, seen.solid_angle, out=moments[0])
+    np.negative(moments[0], out=moments[0])
     for k in range(3):
-        moments[0] += seen.side[k] * seen.edge_log[panels.edges.of_side[:, k]]
+        moments[0] += np.multiply(
+            seen.side[k],
+            scratch.rows("gathered", seen.edge_log, panels.edges.of_side[:, k]),
+            out=product,
+        )
     np.multiply(seen.foot, moments[0], out=moments[1:])
-    moments[1:] += (panels.edge_spread @ seen.edge_moment).reshape(2, *seen.height.shape)
+    for k in range(3):
+        edge = scratch.rows("gathered", seen.edge_moment, panels.edges.of_side[:, k])
+        for axis in range(2):
+            moments[1 + axis] += np.multiply(
+                edge, panels.half_normals[axis, k][:, None], out=product
+            )
     return moments
 
 
-def double_layer(panels: Panels, points: Floats) -> Floats:
-    """∫ φ_i h/r³ dA of every panel and corner, (3, p, q) indexed [corner, panel, point].
+def double_layer(panels: Panels, points: Floats, scratch: Scratch) -> Floats:
+    """∫ φ_i h/r³ dA of every panel and corner, (3, p, q) indexed [corner, panel, point]; scratch.
 
     The principal value, which is zero, for a point in the panel's own plane.
     """
-    seen = view(panels, points)
-    integrals = np.asarray(seen.side * (seen.solid_angle / panels.altitudes[:, :, None]))
+    seen = view(panels, points, scratch)
+    shape = seen.height.shape
+    integrals = scratch.array("integrals", 3, *shape)
+    product = scratch.array("product", *shape)
+    for i in range(3):
+        np.multiply(seen.side[i], seen.solid_angle, out=integrals[i])
+        integrals[i] /= panels.altitudes[i][:, None]
     for k in range(3):
-        scaled = seen.height * seen.edge_log[panels.edges.of_side[:, k]]
+        scaled = scratch.rows("gathered", seen.edge_log, panels.edges.of_side[:, k])
+        scaled *= seen.height
         for i in range(3):
-            integrals[i] -= panels.slopes[i, k][:, None] * scaled
+            integrals[i] -= np.multiply(scaled, panels.slopes[i, k][:, None], out=product)
     return integrals
