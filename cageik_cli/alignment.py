@@ -45,7 +45,7 @@ def best_rigid_motions(frames: Floats, rest: Floats, weights: Floats) -> RigidMo
     ----------
     Kabsch 1976; Umeyama 1991 for the sign that keeps reflections out.
     """
-    centres = np.einsum("j,kjx->kx", weights, frames) / weights.sum()
+    centres = weights @ frames / weights.sum()
     centred = frames - centres[:, None]
     covariances = (rest * weights[:, None]).T @ centred
     left, _, right = np.linalg.svd(covariances)

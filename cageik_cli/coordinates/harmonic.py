@@ -14,7 +14,7 @@ affine maps to rounding however coarse the panels are.
 
 import os
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -117,15 +117,16 @@ def harmonic_weights(
     InputError
         When the cage has more faces than `PANEL_LIMIT`.
     """
+    weights = np.empty((len(points), len(cage.vertices)))
     with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(_workers(jobs)) as pool:
         boundary = solve_boundary(cage, pool)
-        weights = np.empty((len(points), len(cage.vertices)))
-        starts = range(0, len(points), BLOCK)
-        blocks = [points[start : start + BLOCK] for start in starts]
-        evaluated = pool.map(lambda block: _weights_inside(boundary, block), blocks)
-        for start, block in zip(starts, evaluated, strict=True):
-            weights[start : start + BLOCK] = block
-            progress(min(start + BLOCK, len(points)), len(points))
+
+        def fill(rows: slice) -> int:
+            weights[rows] = _weights_inside(boundary, points[rows])
+            return min(rows.stop, len(points))
+
+        for done in pool.map(fill, _blocks(len(points))):
+            progress(done, len(points))
     nearest = nearest_on_surface(cage, points)
     touching = nearest.distance <= ON_SURFACE * cage.diagonal
     weights[touching] = nearest.weights(touching)
@@ -147,23 +148,22 @@ def solve_boundary(cage: TriMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
     nodes, values = _collocation(panels, hats)
     basis = _node_basis(panels)
 
-    def columns(block: Floats) -> tuple[Floats, Floats]:
-        moments = single_layer_moments(panels, block, _SCRATCH.own).reshape(len(nodes), -1)
-        return basis @ moments, _double_layer_sums(faces, block)
-
-    # Filled by columns of its transpose, the matrix is in the order that LAPACK factors in place.
-    transposed = np.empty((len(nodes), len(nodes)))
+    matrix = np.empty((len(nodes), len(nodes)))
     right = 2 * np.pi * values
-    starts = range(0, len(nodes), BLOCK)
-    blocks: Iterable[tuple[Floats, Floats]] = pool.map(
-        columns, [nodes[start : start + BLOCK] for start in starts]
-    )
-    for start, (single, double) in zip(starts, blocks, strict=True):
-        transposed[:, start : start + BLOCK] = single
-        right[start : start + BLOCK] -= double.T
+
+    def fill(rows: slice) -> None:
+        moments = single_layer_moments(panels, nodes[rows], _SCRATCH.own)
+        matrix[rows] = (basis @ moments.reshape(len(nodes), -1)).T
+        right[rows] -= _double_layer_sums(faces, nodes[rows]).T
+
+    for _ in pool.map(fill, _blocks(len(nodes))):
+        pass
     with threadpool_limits(limits=None, user_api="blas"):
-        factor = scipy.linalg.lu_factor(transposed.T, overwrite_a=True, check_finite=False)
-        at_nodes = scipy.linalg.lu_solve(factor, right, overwrite_b=True, check_finite=False)
+        # LAPACK wants columns: the transpose is factored where it stands, and solved transposed.
+        factor = scipy.linalg.lu_factor(matrix.T, overwrite_a=True, check_finite=False)
+        at_nodes = scipy.linalg.lu_solve(
+            factor, right, trans=1, overwrite_b=True, check_finite=False
+        )
     return BoundarySolution(faces, panels, (basis.T @ at_nodes).T.copy(), origin, scale)
 
 
@@ -233,6 +233,10 @@ def _weights_inside(boundary: BoundarySolution, points: Floats) -> Floats:
     weights = boundary.densities @ moments.reshape(-1, len(points))
     weights += _double_layer_sums(boundary.cage, local)
     return weights.T / (4 * np.pi)
+
+
+def _blocks(count: int) -> list[slice]:
+    return [slice(start, start + BLOCK) for start in range(0, count, BLOCK)]
 
 
 def _workers(jobs: int | None) -> int:

@@ -264,7 +264,9 @@ def _solid_angle(
     for k in range(3):
         corner[k] *= scratch.rows("gathered", products, panels.edges.of_side[:, k])
         denominator += corner[k]
-    angle = np.multiply(height, 2 * panels.areas[:, None], out=scratch.array("angle", *height.shape))
+    angle = np.multiply(
+        height, 2 * panels.areas[:, None], out=scratch.array("angle", *height.shape)
+    )
     np.arctan2(angle, denominator, out=angle)
     angle *= 2
     angle[np.abs(height, out=denominator) < EDGE_ON] = 0.0

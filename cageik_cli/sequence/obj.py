@@ -115,7 +115,9 @@ def plain_vertices(head: bytes) -> Floats | None:
         return None
     if block.count(b"\nv ") + 1 != len(table):
         return None
-    return np.stack([column.to_numpy() for column in table.columns], axis=1)
+    # Out of the buffers, for pyarrow's own conversion imports pandas where it is installed.
+    numbers_of = [np.frombuffer(column.chunk(0).buffers()[1]) for column in table.columns]
+    return np.stack(numbers_of, axis=1)
 
 
 def _split(data: bytes) -> tuple[bytes, bytes]:
