@@ -1,4 +1,4 @@
-"""Is this cage fit to hold this model? Every check, with vertex or face numbers (from 0)."""
+"""Is this cage fit to hold this model? Every check, with numbers that count from 0."""
 
 from dataclasses import dataclass
 
@@ -96,7 +96,7 @@ def _held(cage: TriMesh, rest: TriMesh) -> Floats:
         worst = 100 * distance.max() / rest.diagonal
         raise InputError(
             f"{len(far)} of {len(rest.vertices)} vertices of the rest pose are outside the cage, "
-            f"the worst by {worst:.3g} % of the diagonal: {_listed('vertex', far)}; "
+            f"the worst by {worst:.3g} % of the diagonal: numbers {first_few(far)} (from 0); "
             "enlarge the cage there, or give the rest pose it was made for with --rest"
         )
     return np.where(outside[:, None], nearest.position, rest.vertices)

@@ -21,6 +21,7 @@ from cageik_cli.sequence import (
     open_sequence,
     refuse_other_faces,
 )
+from cageik_cli.threads import blas_threads
 
 LARGEST_BLOCK = 16
 """Frames solved together at most; the product gains nothing from more right-hand sides."""
@@ -114,7 +115,8 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> stor
         notes=_notes(cage, rest, binding),
         keep_weights=settings.keep_weights,
     )
-    with store.create(settings.output, header) as result:
+    # One thread for the products: the others read ahead, which is most of the work.
+    with store.create(settings.output, header) as result, blas_threads(1):
         _solve_all(sequence, solver, result, settings, watch)
         frames = sequence.source()
         with watch.stage("write"):
@@ -129,11 +131,11 @@ def rest_pose(sequence: MeshSequence, settings: ExtractSettings) -> LoadedMesh:
         with located(settings.rest):
             if len(rest.mesh.vertices) != len(sequence.first.vertices):
                 raise InputError(
-                    f"{len(rest.mesh.vertices)} vertices, the frames have "
+                    f"{len(rest.mesh.vertices)} vertices, the first frame has "
                     f"{len(sequence.first.vertices)}; rest pose and frames must share one "
                     "connectivity"
                 )
-            refuse_other_faces(rest.mesh.faces, sequence.first.faces)
+            refuse_other_faces(rest.mesh.faces, sequence.first.faces, "the first frame")
         return rest
     if not 0 <= settings.rest_frame < len(sequence):
         raise InputError(

@@ -1,6 +1,5 @@
 """Options that several commands share, and the types of their values."""
 
-import os
 import re
 import tomllib
 from collections.abc import Callable
@@ -8,6 +7,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+
+from cageik_cli.threads import processors
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -58,7 +59,7 @@ def jobs(command: Command) -> Command:
     return click.option(
         "--jobs",
         type=click.IntRange(min=1),
-        default=lambda: len(os.sched_getaffinity(0)),
+        default=processors,
         show_default="processors",
         help="Threads.",
     )(command)

@@ -12,7 +12,6 @@ edges it is). Boundary values and integrals are exact, so that the weights sum t
 affine maps to rounding however coarse the panels are.
 """
 
-import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -21,7 +20,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 from scipy import sparse
-from threadpoolctl import threadpool_limits
 
 from cageik_cli.coordinates.panels import (
     Panels,
@@ -32,6 +30,7 @@ from cageik_cli.coordinates.panels import (
 from cageik_cli.coordinates.surface import nearest_on_surface
 from cageik_cli.errors import InputError
 from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.threads import blas_threads, processors
 
 PANEL_GOAL = 1200
 """Faces are divided in four while the panels stay below this many."""
@@ -118,12 +117,14 @@ def harmonic_weights(
         When the cage has more faces than `PANEL_LIMIT`.
     """
     weights = np.empty((len(points), len(cage.vertices)))
-    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(_workers(jobs)) as pool:
-        boundary = solve_boundary(cage, pool)
+    jobs = jobs or processors()
+    with blas_threads(1), ThreadPoolExecutor(jobs) as pool:
+        boundary = solve_boundary(cage, pool, jobs)
 
         def fill(rows: slice) -> int:
-            weights[rows] = _weights_inside(boundary, points[rows])
-            return min(rows.stop, len(points))
+            inside = _weights_inside(boundary, points[rows])
+            weights[rows] = inside
+            return int(rows.start) + len(inside)
 
         for done in pool.map(fill, _blocks(len(points))):
             progress(done, len(points))
@@ -133,8 +134,8 @@ def harmonic_weights(
     return weights
 
 
-def solve_boundary(cage: TriMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
-    """Solve the boundary integral equation of `cage` for all its hats at once."""
+def solve_boundary(cage: TriMesh, pool: ThreadPoolExecutor, jobs: int) -> BoundarySolution:
+    """Solve the boundary integral equation of `cage` for all its hats, in `jobs` threads."""
     if len(cage.faces) > PANEL_LIMIT:
         raise InputError(
             f"the cage has {len(cage.faces)} faces, at most {PANEL_LIMIT} fit in memory; "
@@ -158,7 +159,7 @@ def solve_boundary(cage: TriMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
 
     for _ in pool.map(fill, _blocks(len(nodes))):
         pass
-    with threadpool_limits(limits=None, user_api="blas"):
+    with blas_threads(jobs):
         # LAPACK wants columns: the transpose is factored where it stands, and solved transposed.
         factor = scipy.linalg.lu_factor(matrix.T, overwrite_a=True, check_finite=False)
         at_nodes = scipy.linalg.lu_solve(
@@ -237,7 +238,3 @@ def _weights_inside(boundary: BoundarySolution, points: Floats) -> Floats:
 
 def _blocks(count: int) -> list[slice]:
     return [slice(start, start + BLOCK) for start in range(0, count, BLOCK)]
-
-
-def _workers(jobs: int | None) -> int:
-    return jobs or len(os.sched_getaffinity(0))

@@ -65,6 +65,10 @@ class MeshSequence(ABC):
     def __len__(self) -> int:
         return len(self.names)
 
+    def place(self, index: int) -> str:
+        """Where a frame is, for messages."""
+        return self.names[index]
+
     def frame(self, index: int) -> Floats:
         """Vertices of one frame, (m, 3), as many as the rest pose has and all finite.
 
@@ -75,7 +79,7 @@ class MeshSequence(ABC):
         """
         positions = self.positions(index)
         expected = self.first.vertices.shape
-        with located(self.names[index]):
+        with located(self.place(index)):
             if positions.shape != expected:
                 raise InputError(
                     f"{len(positions)} vertices, the rest pose has {expected[0]}; "
@@ -114,19 +118,19 @@ def only(paths: list[Path]) -> Path:
     return paths[0]
 
 
-def refuse_other_faces(faces: Integers, expected: Integers) -> None:
-    """Refuse connectivity that is not the rest pose's, saying where it first differs."""
+def refuse_other_faces(faces: Integers, expected: Integers, whose: str = "the rest pose") -> None:
+    """Refuse connectivity that is not `expected`, that of `whose`, saying where it first differs."""
     if len(faces) != len(expected):
         raise InputError(
-            f"{len(faces)} triangles, the rest pose has {len(expected)}; "
+            f"{len(faces)} triangles, {whose} has {len(expected)}; "
             "frames must share one connectivity"
         )
     differs = np.flatnonzero((faces != expected).any(axis=1))
     if len(differs):
         k = differs[0]
         raise InputError(
-            f"face {k} joins vertices {_joined(faces[k])}, in the rest pose {_joined(expected[k])} "
-            f"(counted from 0; {len(differs)} faces differ); frames must share one connectivity"
+            f"triangle {k} joins vertices {_joined(faces[k])}, in {whose} {_joined(expected[k])} "
+            f"(counted from 0; {len(differs)} triangles differ); frames must share one connectivity"
         )
 
 

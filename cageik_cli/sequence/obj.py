@@ -87,6 +87,12 @@ def parse_obj(data: bytes) -> ObjGeometry:
         raise InputError(
             f"{len(vertices)} vertices and {len(faces)} faces found, expected a mesh in OBJ text"
         )
+    last = max(map(max, faces)) + 1
+    if last > len(vertices):
+        raise InputError(
+            f"a face names vertex {last}, the file has {len(vertices)} (counted from 1); "
+            "export it again"
+        )
     return ObjGeometry(np.array(vertices), np.array(faces, np.int64), polygons)
 
 

@@ -41,7 +41,7 @@ class Reader(MeshSequence):
 
     def positions(self, index: int) -> Floats:
         """Vertices of one file, its faces compared with the first frame's."""
-        with located(self.names[index]):
+        with located(self._paths[index]):
             data = read_bytes(self._paths[index])
             self._digests[index] = hashlib.sha256(data).digest()
             plain = self._plain.positions(data) if self._plain else None
@@ -51,6 +51,10 @@ class Reader(MeshSequence):
             if len(vertices) == len(self.first.vertices):
                 refuse_other_faces(faces, self.first.faces)
             return vertices
+
+    def place(self, index: int) -> str:
+        """The frame's path."""
+        return str(self._paths[index])
 
     def source(self) -> dict[str, Any]:
         """Names of the first and last file, their count, and a digest over all in order."""
@@ -80,5 +84,5 @@ def refuse_gaps(paths: list[Path]) -> None:
         raise InputError(
             f"{paths[gaps[0]].parent / lost}: missing between {paths[gaps[0]].name} and "
             f"{paths[gaps[0] + 1].name}, where frames are numbered in steps of {usual} "
-            f"({len(gaps)} gaps in all); restore it, or take the clip as it is with --allow-gaps"
+            f"({len(gaps)} such gaps); restore it, or take the clip as it is with --allow-gaps"
         )
