@@ -33,7 +33,7 @@ from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.threads import blas_threads, processors
 
 PANEL_GOAL = 1200
-"""Faces are divided in four while the panels stay below this many."""
+"""Faces are divided in four while the panels are not more than this."""
 
 PANEL_LIMIT = 5000
 """Most panels: the boundary matrix has nine float64 times its square, 1.8 GB here."""
@@ -144,7 +144,7 @@ def solve_boundary(cage: TriMesh, pool: ThreadPoolExecutor, jobs: int) -> Bounda
     origin, scale = cage.vertices.mean(axis=0), cage.diagonal
     mesh = TriMesh((cage.vertices - origin) / scale, cage.faces)
     faces = Panels(mesh.vertices, mesh.faces)
-    fine, hats = divided(mesh)
+    fine, hats = divided(mesh, PANEL_GOAL)
     panels = Panels(fine.vertices, fine.faces)
     nodes, values = _collocation(panels, hats)
     basis = _node_basis(panels)
@@ -168,8 +168,8 @@ def solve_boundary(cage: TriMesh, pool: ThreadPoolExecutor, jobs: int) -> Bounda
     return BoundarySolution(faces, panels, (basis.T @ at_nodes).T.copy(), origin, scale)
 
 
-def divided(mesh: TriMesh) -> tuple[TriMesh, sparse.csr_array]:
-    """Divide every face in four as often as `PANEL_GOAL` allows.
+def divided(mesh: TriMesh, most: int) -> tuple[TriMesh, sparse.csr_array]:
+    """Divide every face in four, again and again, to at most `most` faces.
 
     Returns
     -------
@@ -179,7 +179,7 @@ def divided(mesh: TriMesh) -> tuple[TriMesh, sparse.csr_array]:
         The hat of each vertex of `mesh` at each vertex of the divided one.
     """
     hats = sparse.eye_array(len(mesh.vertices), format="csr")
-    while 4 * len(mesh.faces) <= PANEL_GOAL:
+    while 4 * len(mesh.faces) <= most:
         ends, count = mesh.edges.ends, len(mesh.vertices)
         a, b, c = mesh.faces.T
         opposite_a, opposite_b, opposite_c = (mesh.edges.of_side + count).T

@@ -119,7 +119,7 @@ def only(paths: list[Path]) -> Path:
 
 
 def refuse_other_faces(faces: Integers, expected: Integers, whose: str = "the rest pose") -> None:
-    """Refuse connectivity that is not `expected`, that of `whose`, saying where it first differs."""
+    """Refuse connectivity other than `expected`, that of `whose`, saying where it differs."""
     if len(faces) != len(expected):
         raise InputError(
             f"{len(faces)} triangles, {whose} has {len(expected)}; "

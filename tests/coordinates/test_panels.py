@@ -1,0 +1,109 @@
+import numpy as np
+import pytest
+from numpy.polynomial.legendre import leggauss
+
+from cageik_cli.coordinates.panels import (
+    Panels,
+    Scratch,
+    double_layer,
+    single_layer_moments,
+    view,
+)
+from tests.shapes import ball, box, concave, inside
+
+
+def panels_of(mesh):
+    return Panels(mesh.vertices, mesh.faces)
+
+
+def quadrature(order):
+    """Points (barycentric) and weights of a product rule on a triangle of area one."""
+    x, w = leggauss(order)
+    x, w = (x + 1) / 2, w / 2
+    u, v = np.meshgrid(x, x, indexing="ij")
+    b, c = u * (1 - v), u * v
+    return np.stack([1 - b - c, b, c], -1).reshape(-1, 3), (2 * np.outer(w, w) * u).ravel()
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """A surface, points off it, and what plain quadrature makes of every integral."""
+    panels = panels_of(concave())
+    points = np.concatenate(
+        [inside(concave(), 5, margin=0.15), [[3.0, 3, 3], [-1, 0.2, 0.4], [0.5, 0.5, 9]]]
+    )
+    barycentric, weights = quadrature(60)
+    corner = panels.vertices[panels.corners]
+    places = np.einsum("gk,pkx->pgx", barycentric, corner)
+    offset = places[:, None] - points[None, :, None]
+    r = np.linalg.norm(offset, axis=-1)
+    height = np.einsum("pqgx,px->pqg", offset, panels.normals)
+    area = panels.areas[:, None, None] * weights
+    return panels, points, places, barycentric, area / r, area * height / r**3
+
+
+def test_moments_are_those_of_quadrature(seen):
+    panels, points, places, _, single, _ = seen
+    moments = single_layer_moments(panels, points, Scratch())
+    local = places - panels.vertices[panels.corners].mean(axis=1)[:, None]
+    along = np.einsum("apx,pgx->apg", panels.axes, local)
+    expected = [single.sum(-1), *(np.einsum("pqg,pg->pq", single, a) for a in along)]
+    np.testing.assert_allclose(moments, expected, rtol=1e-9, atol=1e-10)
+
+
+def test_double_layer_is_that_of_quadrature(seen):
+    panels, points, _, barycentric, _, double = seen
+    integrals = double_layer(panels, points, Scratch())
+    expected = np.einsum("pqg,gk->kpq", double, barycentric)
+    np.testing.assert_allclose(integrals, expected, rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize("mesh", [box(), concave(), ball(2)], ids=["box", "concave", "ball"])
+def test_solid_angles_sum_to_4_pi_inside_and_0_outside(mesh):
+    panels, points = panels_of(mesh), inside(mesh, 50)
+    angles = view(panels, points, Scratch()).solid_angle.sum(axis=0)
+    np.testing.assert_allclose(angles, 4 * np.pi, rtol=1e-13)
+    beyond = points + 3 * mesh.diagonal
+    angles = view(panels, beyond, Scratch()).solid_angle.sum(axis=0)
+    np.testing.assert_allclose(angles, 0, atol=1e-13)
+
+
+def test_solid_angle_is_positive_behind_the_outward_normal():
+    panels = Panels(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    behind, before = np.array([[0.2, 0.2, -0.1]]), np.array([[0.2, 0.2, 0.1]])
+    seen_from_behind = view(panels, behind, Scratch()).solid_angle
+    assert 0 < seen_from_behind[0, 0] < 2 * np.pi
+    np.testing.assert_array_equal(view(panels, before, Scratch()).solid_angle, -seen_from_behind)
+
+
+def test_a_plane_is_seen_edge_on_from_within():
+    panels = panels_of(box())
+    points = np.array([[1.0, 0.3, 0.1], [1.0, 3.0, 0.1]])
+    in_plane = np.isclose(panels.normals[:, 0], 1)
+    assert in_plane.sum() == 2
+    assert (double_layer(panels, points, Scratch())[:, in_plane] == 0).all()
+
+
+def test_hats_are_one_at_their_corner():
+    panels = panels_of(concave())
+    corner = panels.vertices[panels.corners]
+    local = corner - corner.mean(axis=1, keepdims=True)
+    uv = np.einsum("apx,pkx->kap", panels.axes, local)
+    values = panels.hats[:, None, 0] + np.einsum("iap,kap->ikp", panels.hats[:, 1:], uv)
+    np.testing.assert_allclose(values, np.eye(3)[:, :, None] * np.ones(len(corner)), atol=1e-14)
+
+
+def test_scratch_is_asked_for_once():
+    scratch = Scratch()
+    first = scratch.array("a", 4, 5)
+    assert scratch.array("a", 2, 5).base is first.base
+    assert scratch.array("a", 5, 5).base is not first.base
+
+
+def test_results_do_not_depend_on_what_scratch_held():
+    panels, points = panels_of(concave()), inside(concave(), 6)
+    scratch = Scratch()
+    fresh = single_layer_moments(panels, points, scratch).copy()
+    for array in scratch._arrays.values():
+        array[:] = np.nan
+    np.testing.assert_array_equal(single_layer_moments(panels, points, scratch), fresh)

@@ -1,0 +1,77 @@
+"""Meshes for tests: made from formulas, small, clean."""
+
+import numpy as np
+
+from cageik_cli.coordinates.harmonic import divided
+from cageik_cli.mesh import TriMesh
+
+TETRAHEDRON = TriMesh(
+    np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+    np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+)
+
+
+def box(size: float = 1.0) -> TriMesh:
+    """A cube around the origin, 8 vertices and 12 triangles."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    faces = [f for a, b, c, d in quads for f in ([a, b, c], [a, c, d])]
+    return TriMesh(corners, np.array(faces))
+
+
+def octahedron(size: float = 0.5) -> TriMesh:
+    """6 vertices and 8 faces, outward."""
+    vertices = size * np.array(
+        [[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
+    )
+    faces = [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]
+    return TriMesh(vertices, np.array(faces))
+
+
+def ball(levels: int = 2, size: float = 0.5) -> TriMesh:
+    """An octahedron divided and blown up to a sphere."""
+    mesh = finer(octahedron(1.0), levels)
+    return TriMesh(
+        size * mesh.vertices / np.linalg.norm(mesh.vertices, axis=1)[:, None], mesh.faces
+    )
+
+
+def finer(mesh: TriMesh, levels: int) -> TriMesh:
+    """Every face divided in four, `levels` times."""
+    for _ in range(levels):
+        mesh = divided(mesh, 4 * len(mesh.faces))[0]
+    return mesh
+
+
+def concave() -> TriMesh:
+    """An L of three cubes (16 vertices), with an edge that points inward."""
+    outline = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]], float)
+    low = np.column_stack([outline, np.zeros(6)])
+    vertices = np.concatenate([low, low + np.array([0, 0, 1])])
+    walls = [f for k in range(6) for f in _wall(k, (k + 1) % 6)]
+    cap = np.array([[0, 1, 3], [1, 2, 3], [0, 3, 5], [3, 4, 5]])
+    faces = np.concatenate([cap[:, ::-1], cap + 6, walls])
+    return TriMesh(vertices, faces)
+
+
+def inside(mesh: TriMesh, count: int, seed: int = 0, margin: float = 0.02) -> np.ndarray:
+    """Random points inside `mesh`, at least `margin` diagonals from it."""
+    from cageik_cli.coordinates.surface import nearest_on_surface, winding_numbers
+
+    generator = np.random.default_rng(seed)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    points = generator.uniform(low, high, (40 * count, 3))
+    kept = winding_numbers(mesh, points) > 0.5
+    kept &= nearest_on_surface(mesh, points).distance > margin * mesh.diagonal
+    return points[kept][:count]
+
+
+def rotation(seed: int) -> np.ndarray:
+    """A random proper rotation, (3, 3)."""
+    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    q *= np.sign(np.diag(r))
+    return q * np.linalg.det(q)
+
+
+def _wall(a: int, b: int) -> list[list[int]]:
+    return [[a, b, b + 6], [a, b + 6, a + 6]]

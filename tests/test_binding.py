@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from cageik_cli import binding as module
+from cageik_cli.binding import Binding, bind
+from cageik_cli.errors import InputError, NumericalError
+from cageik_cli.mesh import TriMesh
+from tests.shapes import ball, box, concave, octahedron
+
+
+def test_a_binding_rebuilds_the_rest_pose_and_says_how_well():
+    bound = bind(ball(2), box())
+    assert bound.weights.shape == (66, 8)
+    assert bound.partition_of_unity < 1e-13
+    assert bound.linear_precision < 1e-13
+    assert bound.min_weight > 0
+    assert bound.notes == ()
+
+
+def test_figures_are_those_of_their_definitions():
+    weights = np.full((6, 8), 1 / 8)
+    weights[2, 1] += 0.25
+    weights[4, 0] = -0.5
+    bound = Binding(octahedron(), box(), weights)
+    rest = octahedron().vertices
+    expected = np.linalg.norm(weights @ box().vertices - rest, axis=1).max() / octahedron().diagonal
+    assert bound.partition_of_unity == pytest.approx(0.625)
+    assert bound.min_weight == -0.5
+    assert bound.linear_precision == pytest.approx(expected, rel=1e-12)
+
+
+def test_an_inward_cage_is_bound_outward():
+    bound = bind(ball(1), box().flipped())
+    assert bound.cage.volume > 0
+    assert len(bound.notes) == 1
+
+
+def test_a_point_is_not_a_model():
+    with pytest.raises(InputError, match="the rest pose is one point"):
+        bind(TriMesh(np.zeros((3, 3)), [[0, 1, 2]]), box())
+
+
+def test_weights_that_miss_the_rest_pose_are_refused(monkeypatch):
+    def wrong(cage, points, jobs, progress):
+        return np.full((len(points), len(cage.vertices)), 1 / len(cage.vertices))
+
+    monkeypatch.setattr(module, "harmonic_weights", wrong)
+    with pytest.raises(NumericalError, match=r"miss the rest pose by .* of the diagonal"):
+        bind(ball(1), box())
+
+
+def test_a_model_that_is_the_cage_gets_unit_weights():
+    np.testing.assert_allclose(bind(concave(), concave()).weights, np.eye(12), atol=1e-14)

@@ -1,0 +1,229 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cageik_cli import dual_laplacian
+from cageik_cli.alignment import best_rigid_motions
+from cageik_cli.binding import Binding, bind
+from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings, normalised_weights
+from cageik_cli.errors import InputError, NumericalError
+from cageik_cli.mesh import TriMesh, uniform_laplacian
+from tests.shapes import ball, concave, finer, inside, octahedron, rotation
+
+CAGE = finer(concave(), 1)
+
+
+@pytest.fixture(scope="module")
+def binding():
+    """A cloud of 200 points in an L-shaped cage of 42 vertices; its faces do not matter here."""
+    points = inside(concave(), 200, margin=0.01)
+    faces = np.arange(198).reshape(-1, 3)
+    return bind(TriMesh(points, faces), CAGE)
+
+
+def bent(points, amount):
+    """A smooth motion that no cage reproduces exactly."""
+    x, y, z = points.T
+    return np.column_stack([x + amount * y * z, y + amount * np.sin(2 * x), z * (1 + amount * x)])
+
+
+def clip(binding, count=5):
+    rest = binding.rest.vertices
+    return np.stack([bent(rest, 0.1 * k) @ rotation(k).T + [k, 0, -k] for k in range(count)])
+
+
+@pytest.mark.parametrize("align", [True, False])
+@pytest.mark.parametrize("alpha", [1e-3, 1.0])
+def test_every_cage_is_the_least_squares_solution_of_the_stacked_system(binding, align, alpha):
+    """Oracle: numpy's lstsq on the rows of both terms, frame by frame."""
+    weights, (m, n) = binding.weights, binding.weights.shape
+    beta, counts = 0.7, np.linspace(0.5, 1.5, m)
+    settings_ = SolveSettings(alpha, beta, align, vertex_weights=counts)
+    frames = clip(binding)
+    solution = DualLaplacianSolver(binding, settings_).solve(frames)
+    origin = counts @ binding.rest.vertices / m
+    motions = best_rigid_motions(frames, binding.rest.vertices - origin, counts)
+    laplacian = np.sqrt(alpha / n) * uniform_laplacian(binding.cage)
+    scale = np.sqrt(beta / m * counts)[:, None]
+    for k, frame in enumerate(frames):
+        at_rest = motions.to_rest(frames)[k] + origin if align else frame
+        rows = np.vstack([laplacian, scale * weights])
+        right = np.vstack([laplacian @ binding.cage.vertices, scale * at_rest])
+        cage = np.linalg.lstsq(rows, right, rcond=None)[0]
+        if align:
+            cage = motions.from_rest(np.tile(cage - origin, (len(frames), 1, 1)))[k]
+        np.testing.assert_allclose(solution.cages[k], cage, atol=1e-10)
+        np.testing.assert_allclose(solution.reconstructions[k], weights @ cage, atol=1e-10)
+
+
+@pytest.mark.parametrize("align", [True, False])
+def test_frames_made_from_known_cages_give_them_back(binding, align):
+    generator = np.random.default_rng(7)
+    cages = CAGE.vertices + 0.2 * generator.normal(size=(4, *CAGE.vertices.shape))
+    solver = DualLaplacianSolver(binding, SolveSettings(alpha=0, align=align))
+    found = solver.solve(binding.weights @ cages).cages
+    np.testing.assert_allclose(found, cages, atol=1e-10 * binding.rest.diagonal)
+
+
+def test_the_rest_pose_gives_the_rest_cage(binding):
+    solver = DualLaplacianSolver(binding, SolveSettings())
+    found = solver.solve(binding.rest.vertices[None]).cages[0]
+    np.testing.assert_allclose(found, binding.cage.vertices, atol=1e-13)
+
+
+def test_frames_moved_rigidly_give_cages_moved_rigidly(binding):
+    solver, frames = DualLaplacianSolver(binding, SolveSettings()), clip(binding)
+    cages = solver.solve(frames).cages
+    for k, frame in enumerate(frames):
+        turn, shift = rotation(50 + k), np.array([100.0, -k, 7])
+        moved = solver.solve((frame @ turn.T + shift)[None]).cages[0]
+        np.testing.assert_allclose(moved, cages[k] @ turn.T + shift, atol=1e-11)
+
+
+def test_without_alignment_a_turn_is_punished(binding):
+    """The check above must be able to fail: without alignment it does."""
+    solver = DualLaplacianSolver(binding, SolveSettings(alpha=0.1, align=False))
+    rest, turn = binding.rest.vertices, rotation(3)
+    moved = solver.solve((rest @ turn.T)[None]).cages[0]
+    assert np.abs(moved - binding.cage.vertices @ turn.T).max() > 1e-3
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(1e-3, 1e4))
+def test_scaled_input_gives_scaled_cages(binding, scale):
+    scaled = Binding(
+        TriMesh(scale * binding.rest.vertices, binding.rest.faces),
+        TriMesh(scale * CAGE.vertices, CAGE.faces),
+        binding.weights,
+    )
+    frames = clip(binding)
+    cages = DualLaplacianSolver(binding, SolveSettings()).solve(frames).cages
+    found = DualLaplacianSolver(scaled, SolveSettings()).solve(scale * frames).cages
+    np.testing.assert_allclose(found / scale, cages, atol=1e-11)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000))
+def test_permuted_vertices_give_the_same_cages(binding, seed):
+    order = np.random.default_rng(seed).permutation(len(binding.rest.vertices))
+    permuted = Binding(
+        TriMesh(binding.rest.vertices[order], binding.rest.faces), CAGE, binding.weights[order]
+    )
+    frames = clip(binding, 2)
+    expected = DualLaplacianSolver(binding, SolveSettings()).solve(frames).cages
+    found = DualLaplacianSolver(permuted, SolveSettings()).solve(frames[:, order]).cages
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_blocks_do_not_matter(binding):
+    solver, frames = DualLaplacianSolver(binding, SolveSettings()), clip(binding)
+    one_by_one = [solver.solve(frame[None]).cages[0] for frame in frames]
+    np.testing.assert_allclose(solver.solve(frames).cages, one_by_one, atol=1e-13)
+
+
+def test_alpha_trades_fit_for_smoothness(binding):
+    """More α: the cage's Laplacian nearer that of rest, the vertices further from the frame."""
+    frames, rows = clip(binding)[4:], uniform_laplacian(binding.cage)
+    rough, far = [], []
+    for alpha in (1e-4, 1e-2, 1.0):
+        solution = DualLaplacianSolver(binding, SolveSettings(alpha, align=False)).solve(frames)
+        rough.append(np.linalg.norm(rows @ (solution.cages[0] - CAGE.vertices)))
+        far.append(np.linalg.norm(solution.reconstructions - frames))
+    assert rough[0] > rough[1] > rough[2]
+    assert far[0] < far[1] < far[2]
+
+
+def test_condition_number_is_that_of_the_normal_matrix(binding):
+    solver = DualLaplacianSolver(binding, SolveSettings(alpha=0.5, beta=2))
+    (m, n), rows = binding.weights.shape, uniform_laplacian(CAGE)
+    normal = 0.5 / n * rows.T @ rows + 2 / m * binding.weights.T @ binding.weights
+    assert solver.condition_number == pytest.approx(np.linalg.cond(normal), rel=1e-8)
+
+
+def nearly_singular(spread):
+    """A binding whose first two cage vertices the model tells apart by no more than `spread`."""
+    generator = np.random.default_rng(0)
+    weights = generator.dirichlet(np.ones(6), 300)
+    together, apart = weights[:, :2].sum(axis=1), generator.uniform(-1, 1, 300)
+    weights[:, 0], weights[:, 1] = together / 2 + spread * apart, together / 2 - spread * apart
+    cage = octahedron()
+    return Binding(TriMesh(weights @ cage.vertices, [[0, 1, 2]]), cage, weights)
+
+
+def test_refinement_gives_back_the_digits_that_squaring_loses(monkeypatch):
+    binding = nearly_singular(1e-5)
+    cages = octahedron().vertices + np.random.default_rng(1).normal(size=(3, 6, 3))
+    frames = binding.weights @ cages
+
+    def error(refined_above):
+        monkeypatch.setattr(dual_laplacian, "REFINED_CONDITION", refined_above)
+        solver = DualLaplacianSolver(binding, SolveSettings(alpha=0, align=False))
+        assert 1e8 < solver.condition_number < 1e12
+        return np.abs(solver.solve(frames).cages - cages).max()
+
+    refined, plain = error(1e6), error(np.inf)
+    assert refined < 1e-10
+    assert plain > 100 * refined
+
+
+@pytest.mark.parametrize("spread", [1e-7, 0.0])
+def test_a_singular_system_is_refused_with_the_remedy(spread):
+    binding = nearly_singular(spread)
+    with pytest.raises(NumericalError, match=r"condition number is .* raise --alpha"):
+        DualLaplacianSolver(binding, SolveSettings(alpha=0))
+    assert DualLaplacianSolver(binding, SolveSettings()).condition_number < 1e6
+
+
+def test_a_vertex_of_weight_zero_is_missing_data(binding):
+    counts = np.ones(len(binding.rest.vertices))
+    counts[[3, 17]] = 0
+    solver = DualLaplacianSolver(binding, SolveSettings(vertex_weights=counts))
+    frames, spoilt = clip(binding), clip(binding)
+    spoilt[:, [3, 17]] = 1e3
+    np.testing.assert_allclose(solver.solve(spoilt).cages, solver.solve(frames).cages, atol=1e-12)
+    assert 3 not in solver.counted
+    assert len(solver.counted) == len(counts) - 2
+
+
+def test_vertex_weights_have_mean_one():
+    np.testing.assert_allclose(normalised_weights(np.array([1.0, 3.0]), 2), [0.5, 1.5])
+    np.testing.assert_array_equal(normalised_weights(None, 3), np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("weights", "says"),
+    [
+        ([1.0, 2.0], "the model has 3 vertices"),
+        ([1.0, -1.0, 2.0], "weight of vertex 1 is -1.0"),
+        ([1.0, 1.0, np.nan], "weight of vertex 2 is nan"),
+        ([0.0, 0.0, 0.0], "all vertex weights are zero"),
+    ],
+)
+def test_bad_vertex_weights_are_refused(weights, says):
+    with pytest.raises(InputError, match=says):
+        normalised_weights(np.array(weights), 3)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "beta", "says"),
+    [
+        (-1.0, 1.0, "alpha is -1.0"),
+        (np.nan, 1.0, "alpha is nan"),
+        (1.0, np.inf, "beta is inf"),
+        (0.0, 0.0, "alpha and beta are both 0"),
+    ],
+)
+def test_settings_that_mean_nothing_are_refused(alpha, beta, says):
+    with pytest.raises(InputError, match=says):
+        SolveSettings(alpha, beta)
+
+
+def test_without_vertices_translation_is_free():
+    binding = bind(ball(1), concave_around_ball())
+    with pytest.raises(NumericalError, match="singular"):
+        DualLaplacianSolver(binding, SolveSettings(alpha=1, beta=0))
+
+
+def concave_around_ball():
+    return TriMesh(2 * (concave().vertices - [0.5, 0.5, 0.5]), concave().faces)

@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cageik_cli.errors import InputError
+from cageik_cli.mesh import TriMesh, signed_volumes, uniform_laplacian
+from tests.shapes import TETRAHEDRON, ball, box, concave, octahedron
+
+
+def test_volume_is_that_of_the_formula_and_of_trimesh():
+    assert TETRAHEDRON.volume == pytest.approx(1 / 6, rel=1e-14)
+    assert box().volume == pytest.approx(8, rel=1e-14)
+    assert concave().volume == pytest.approx(3, rel=1e-14)
+    mesh = ball(3)
+    other = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    assert mesh.volume == pytest.approx(other.volume, rel=1e-12)
+
+
+def test_volume_changes_sign_when_flipped():
+    assert box().flipped().volume == pytest.approx(-8, rel=1e-14)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-1e4, 1e4), st.floats(1e-3, 1e3))
+def test_volume_does_not_depend_on_the_origin_and_scales_cubed(shift, scale):
+    mesh = ball(1)
+    frames = scale * (mesh.vertices + shift)[None]
+    tolerance = 1e-13 * max(1, abs(shift))
+    assert signed_volumes(frames, mesh.faces)[0] == pytest.approx(
+        scale**3 * mesh.volume, rel=tolerance
+    )
+
+
+def test_closedness_and_components():
+    mesh = box()
+    assert mesh.is_closed
+    assert not TriMesh(mesh.vertices, mesh.faces[1:]).is_closed
+    turned = mesh.faces.copy()
+    turned[0] = turned[0, ::-1]
+    assert not TriMesh(mesh.vertices, turned).is_closed
+    two = TriMesh(
+        np.concatenate([mesh.vertices, mesh.vertices + 5]),
+        np.concatenate([mesh.faces, mesh.faces + 8]),
+    )
+    assert two.is_closed
+    assert np.bincount(two.components).tolist() == [8, 8]
+    assert len(set(mesh.components)) == 1
+
+
+def test_edges_follow_euler_and_their_sides():
+    mesh = concave()
+    edges = mesh.edges
+    assert len(mesh.vertices) - len(edges.ends) + len(mesh.faces) == 2
+    assert (edges.uses == 2).all()
+    for face, sides in zip(mesh.faces, edges.of_side, strict=True):
+        for corner, side in enumerate(sides):
+            assert set(edges.ends[side]) == set(np.delete(face, corner))
+
+
+def test_laplacian_kills_constants_and_is_the_mean_of_neighbours():
+    mesh = octahedron()
+    laplacian = uniform_laplacian(mesh)
+    np.testing.assert_allclose(laplacian.sum(axis=1), 0, atol=1e-15)
+    # Every vertex of an octahedron neighbours all but its opposite; their mean is the origin.
+    np.testing.assert_allclose(laplacian @ mesh.vertices, mesh.vertices, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "says"),
+    [
+        (np.zeros((4, 2)), [[0, 1, 2]], "vertices have shape"),
+        (np.zeros((0, 3)), [[0, 1, 2]], "vertices have shape"),
+        ([[0, 0, 0], [0, np.nan, 0], [0, 0, np.inf]], [[0, 1, 2]], "vertex 1 is .* and 2 of 3"),
+        (np.zeros((3, 3)), [[0, 1, 3]], "face 0 names vertices 0, 1, 3"),
+        (np.zeros((3, 3)), [[0, 1, -1]], "face 0 names vertices"),
+        (np.zeros((3, 3)), [[0, 1, 2, 0]], "faces have shape"),
+        (np.zeros((3, 3)), np.zeros((0, 3), int), "faces have shape"),
+        (np.zeros((3, 3)), [[0.0, 1.0, 2.0]], "expected integers"),
+    ],
+)
+def test_what_is_not_a_mesh_is_refused(vertices, faces, says):
+    with pytest.raises(InputError, match=says):
+        TriMesh(np.array(vertices, float), np.array(faces))
+
+
+def test_arrays_are_copied_once_and_read_only():
+    vertices = box().vertices.copy()
+    mesh = TriMesh(vertices, box().faces)
+    vertices[0] = 7
+    assert mesh.vertices[0, 0] == -1
+    with pytest.raises(ValueError, match="read-only"):
+        mesh.vertices[0] = 7
+    assert TriMesh(mesh.vertices, mesh.faces).vertices is mesh.vertices

@@ -1,0 +1,68 @@
+import numpy as np
+import pytest
+import trimesh
+
+from cageik_cli.mesh import TriMesh
+from cageik_cli.metrics import measure
+from tests.shapes import ball, rotation
+
+REST = ball(1)
+ALL = slice(None)
+
+
+def clip():
+    generator = np.random.default_rng(0)
+    frames = np.stack([REST.vertices * (1 + 0.1 * k) + k for k in range(3)])
+    return frames, frames + 0.01 * generator.normal(size=frames.shape)
+
+
+def test_figures_are_those_of_their_definitions():
+    frames, rebuilt = clip()
+    figures = measure(REST, frames, rebuilt, ALL)
+    for k in range(3):
+        misses = np.linalg.norm(rebuilt[k] - frames[k], axis=1)
+        assert figures.rms[k] == pytest.approx(np.sqrt((misses**2).mean()), rel=1e-12)
+        assert figures.max_deviation[k] == pytest.approx(misses.max(), rel=1e-12)
+        assert figures.worst_vertex[k] == misses.argmax()
+        assert figures.spread[k] == pytest.approx(
+            np.sqrt(((frames[k] - frames[k].mean(axis=0)) ** 2).sum(axis=1).mean()), rel=1e-12
+        )
+        for found, vertices in ((figures.volume, frames), (figures.volume_reconstructed, rebuilt)):
+            other = trimesh.Trimesh(vertices[k], REST.faces, process=False).volume
+            assert found[k] == pytest.approx(other, rel=1e-11)
+
+
+def test_an_exact_reconstruction_has_no_error():
+    frames, _ = clip()
+    figures = measure(REST, frames, frames.copy(), ALL)
+    assert (figures.rms == 0).all()
+    assert (figures.max_deviation == 0).all()
+    np.testing.assert_array_equal(figures.volume, figures.volume_reconstructed)
+
+
+def test_volumes_of_an_open_model_are_not_numbers():
+    frames, rebuilt = clip()
+    figures = measure(TriMesh(REST.vertices, REST.faces[1:]), frames, rebuilt, ALL)
+    assert np.isnan(figures.volume).all()
+    assert np.isnan(figures.volume_reconstructed).all()
+    np.testing.assert_allclose(figures.rms, measure(REST, frames, rebuilt, ALL).rms)
+
+
+def test_only_counted_vertices_count():
+    frames, rebuilt = clip()
+    counted = np.array([0, 4, 9])
+    rebuilt[:, 5] += 100
+    figures = measure(REST, frames, rebuilt, counted)
+    expected = np.sqrt(((rebuilt - frames)[:, counted] ** 2).sum(axis=2).mean(axis=1))
+    np.testing.assert_allclose(figures.rms, expected, rtol=1e-12)
+    assert set(figures.worst_vertex) <= {0, 4, 9}
+
+
+def test_figures_do_not_change_with_a_rigid_motion():
+    frames, rebuilt = clip()
+    turn = rotation(1)
+    moved = measure(REST, frames @ turn.T + 50, rebuilt @ turn.T + 50, ALL)
+    still = measure(REST, frames, rebuilt, ALL)
+    np.testing.assert_allclose(moved.rms, still.rms, rtol=1e-10)
+    np.testing.assert_allclose(moved.volume, still.volume, rtol=1e-10)
+    np.testing.assert_array_equal(moved.worst_vertex, still.worst_vertex)
