@@ -1,0 +1,115 @@
+"""Speed as ratios against yardsticks in the same run: `make bench`. Not part of the tests."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from cageik_cli.binding import Binding, bind
+from cageik_cli.coordinates.harmonic import PANEL_GOAL, divided, harmonic_weights
+from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings
+from cageik_cli.extraction import LARGEST_BLOCK, ExtractSettings, extract
+from cageik_cli.mesh import TriMesh
+from cageik_cli.sequence import load_mesh, open_sequence
+from cageik_cli.threads import blas_threads, processors
+from tests.shapes import ball, inside
+
+pytestmark = pytest.mark.bench
+WALKER = Path(__file__).parents[2] / "data_fixtures/walker"
+
+
+def best_of(runs, work):
+    """Shortest of several runs, seconds."""
+    seconds = []
+    for _ in range(runs):
+        start = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - start)
+    return min(seconds)
+
+
+def show(what, ours, yardstick, name):
+    print(f"\n{what}: {ours:.4f} s, {yardstick / ours:.2f} times as fast as {name}", end="")
+    return yardstick / ours
+
+
+def test_reading_against_trimesh():
+    paths = sorted((WALKER / "frames").iterdir())
+    sequence = open_sequence([str(WALKER / "frames")])
+    ours = best_of(3, lambda: list(sequence.blocks(LARGEST_BLOCK, processors())))
+    theirs = best_of(2, lambda: [trimesh.load(p, process=False) for p in paths])
+    assert show("reading 48 OBJ frames", ours, theirs, "a trimesh.load loop") > 1
+
+
+def test_solving_against_a_plain_product_and_lstsq():
+    """The products of the solve stage, and the whole of it, for samba's shape."""
+    m, n, k = 9971, 120, LARGEST_BLOCK
+    generator = np.random.default_rng(0)
+    weights = generator.dirichlet(np.ones(n), m)
+    cage = TriMesh(generator.normal(size=(n, 3)), [[i, (i + 1) % n, (i + 7) % n] for i in range(n)])
+    rest = TriMesh(weights @ cage.vertices, [[0, 1, 2]])
+    solver = DualLaplacianSolver(Binding(rest, cage, weights), SolveSettings())
+    frames = rest.vertices + 0.01 * generator.normal(size=(k, m, 3))
+    columns = np.ascontiguousarray(frames.transpose(1, 0, 2).reshape(m, 3 * k))
+    rows = np.ascontiguousarray(weights.T)
+    with blas_threads(1):
+        plain = best_of(9, lambda: weights @ (rows @ columns))
+        products = best_of(9, lambda: solver._weights @ solver._minimiser(columns))
+        whole = best_of(9, lambda: solver.solve(frames))
+    flops = 4 * m * n * 3 * k
+    print(
+        f"\nsolving {k} frames: products {flops / products / 1e9:.1f} GFLOP/s, plain numpy "
+        f"{flops / plain / 1e9:.1f}; with alignment and copies {flops / whole / 1e9:.1f}",
+        end="",
+    )
+    theirs = best_of(1, lambda: [np.linalg.lstsq(weights, f, rcond=None) for f in frames[:2]])
+    assert show(f"solving {k} frames", whole, theirs * k / 2, "lstsq frame by frame") > 10
+
+
+def test_binding_against_its_transcendental_functions_and_product():
+    """The floor: one logarithm an edge, one arctangent a panel, one product of all moments."""
+    cage = ball(2, 1.0)
+    points = inside(cage, 4000)
+    panels = len(divided(cage, PANEL_GOAL)[0].faces)
+    ours = best_of(3, lambda: harmonic_weights(cage, points, jobs=1))
+    block = np.random.default_rng(0).uniform(1, 2, (3 * panels, 100))
+    densities = np.ones((len(cage.vertices), 3 * panels))
+
+    def floor():
+        for _ in range(len(points) // 100):
+            np.log(block[: panels * 3 // 2])
+            np.arctan2(block[:panels], block[panels : 2 * panels])
+            densities @ block
+
+    with blas_threads(1):
+        least = best_of(3, floor)
+    print(
+        f"\nbinding {len(points)} points to {panels} panels, one thread: {ours:.3f} s; the "
+        f"functions and products alone {least:.3f} s",
+        end="",
+    )
+    assert ours > least
+
+
+def test_extracting_against_the_obvious_script(tmp_path):
+    """trimesh.load and lstsq for every frame, with our own weights given for nothing."""
+    paths = sorted((WALKER / "frames").iterdir())
+    cage = load_mesh(WALKER / "cage.obj").mesh
+    weights = bind(open_sequence([str(WALKER / "frames")]).first, cage).weights
+    settings = ExtractSettings(
+        frames=(str(WALKER / "frames"),),
+        cage=WALKER / "cage.obj",
+        output=tmp_path / "cages.h5",
+        overwrite=True,
+        jobs=processors(),
+    )
+
+    def obvious():
+        for path in paths:
+            frame = np.asarray(trimesh.load(path, process=False).vertices)
+            np.linalg.lstsq(weights, frame, rcond=None)
+
+    ours, theirs = best_of(3, lambda: extract(settings)), best_of(2, obvious)
+    assert show("extracting the walker, bind and all", ours, theirs, "reading and lstsq alone") > 0
