@@ -116,21 +116,22 @@ def harmonic_weights(
     InputError
         When the cage has more faces than `PANEL_LIMIT`.
     """
+    nearest = nearest_on_surface(cage, points)
+    touching = nearest.distance <= ON_SURFACE * cage.diagonal
+    within = np.flatnonzero(~touching)
     weights = np.empty((len(points), len(cage.vertices)))
+    weights[touching] = nearest.weights(touching)
     jobs = jobs or processors()
     with blas_threads(1), ThreadPoolExecutor(jobs) as pool:
         boundary = solve_boundary(cage, pool, jobs)
 
-        def fill(rows: slice) -> int:
-            inside = _weights_inside(boundary, points[rows])
-            weights[rows] = inside
-            return int(rows.start) + len(inside)
+        def fill(block: slice) -> int:
+            chosen = within[block]
+            weights[chosen] = _weights_inside(boundary, points[chosen])
+            return int(block.stop)
 
-        for done in pool.map(fill, _blocks(len(points))):
-            progress(done, len(points))
-    nearest = nearest_on_surface(cage, points)
-    touching = nearest.distance <= ON_SURFACE * cage.diagonal
-    weights[touching] = nearest.weights(touching)
+        for done in pool.map(fill, _blocks(len(within))):
+            progress(done, len(within))
     return weights
 
 
@@ -237,4 +238,4 @@ def _weights_inside(boundary: BoundarySolution, points: Floats) -> Floats:
 
 
 def _blocks(count: int) -> list[slice]:
-    return [slice(start, start + BLOCK) for start in range(0, count, BLOCK)]
+    return [slice(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK)]

@@ -40,6 +40,10 @@ NEAREST = 1e-15
 """Smallest (r_a + r_b − L) / L; below it f is rounding, and so is the distance it multiplies."""
 
 
+SMALL_TANGENT = 0.03
+"""Tangents z below which z − z³/3 + z⁵/5 − z⁷/7 + z⁹/9 is arctan z to the last bit."""
+
+
 @dataclass(frozen=True, eq=False)
 class Panels:
     """Flat triangles that share vertices and edges, with what the integrals need of each.
@@ -226,7 +230,7 @@ def _distances(panels: Panels, points: Floats, scratch: Scratch) -> Floats:
 def _edge_terms(
     panels: Panels, distance: Floats, along: Floats, scratch: Scratch
 ) -> tuple[Floats, Floats, Floats]:
-    """f, B and (a − x) · (b − x) of every edge ab, (e, q) each; `along` is s of a."""
+    """f, B and 2 (a − x) · (b − x) of every edge ab, (e, q) each; `along` is s of a."""
     length = panels.edge_lengths[:, None]
     r_a = scratch.rows("r_a", distance, panels.edges.ends[:, 0])
     r_b = scratch.rows("r_b", distance, panels.edges.ends[:, 1])
@@ -240,7 +244,6 @@ def _edge_terms(
     products = np.multiply(r_b, r_b, out=scratch.array("products", *along.shape))
     products += square_a
     products -= length * length
-    products *= 0.5
     # B = (r_a² − s²) f + s (r_b − r_a) + L r_b, for s of b is s + L.
     moment = np.multiply(along, along, out=scratch.array("moment", *along.shape))
     np.subtract(square_a, moment, out=moment)
@@ -256,20 +259,39 @@ def _edge_terms(
 def _solid_angle(
     panels: Panels, height: Floats, distance: Floats, products: Floats, scratch: Scratch
 ) -> Floats:
-    """Ω by Van Oosterom and Strackee, given a · b of each edge's ends seen from the points."""
+    """Ω by Van Oosterom and Strackee, given 2 a · b of each edge's ends seen from the points."""
     corner = [scratch.rows(f"r_{k}", distance, panels.corners[:, k]) for k in range(3)]
     denominator = scratch.array("denominator", *height.shape)
     np.multiply(corner[0], corner[1], out=denominator)
     denominator *= corner[2]
+    denominator *= 2
     for k in range(3):
         corner[k] *= scratch.rows("gathered", products, panels.edges.of_side[:, k])
         denominator += corner[k]
-    angle = np.multiply(
-        height, 2 * panels.areas[:, None], out=scratch.array("angle", *height.shape)
-    )
-    np.arctan2(angle, denominator, out=angle)
+    numerator = scratch.array("numerator", *height.shape)
+    np.multiply(height, 4 * panels.areas[:, None], out=numerator)
+    angle = _arctan2(numerator, denominator, scratch)
     angle *= 2
-    angle[np.abs(height, out=denominator) < EDGE_ON] = 0.0
+    return angle
+
+
+def _arctan2(y: Floats, x: Floats, scratch: Scratch) -> Floats:
+    """arctan2 for angles of which nearly all are small, as those of far panels are.
+
+    Those are summed as a series, several times faster than the library's function where that is
+    not vectorised.
+    """
+    with np.errstate(all="ignore"):  # a quotient that is not finite is not small
+        tangent = np.divide(y, x, out=scratch.array("tangent", *x.shape))
+        square = np.multiply(tangent, tangent, out=scratch.array("square", *x.shape))
+        angle = np.multiply(square, 1 / 9, out=scratch.array("angle", *x.shape))
+        for term in (-1 / 7, 1 / 5, -1 / 3):
+            angle += term
+            angle *= square
+        angle += 1
+        angle *= tangent
+    large = np.flatnonzero(~((square < SMALL_TANGENT**2) & (x > 0)))
+    angle.reshape(-1)[large] = np.arctan2(y.reshape(-1)[large], x.reshape(-1)[large])
     return angle
 
 
@@ -310,6 +332,7 @@ def double_layer(panels: Panels, points: Floats, scratch: Scratch) -> Floats:
     shape = seen.height.shape
     integrals = scratch.array("integrals", 3, *shape)
     product = scratch.array("product", *shape)
+    seen.solid_angle[np.abs(seen.height, out=product) < EDGE_ON] = 0.0
     for i in range(3):
         np.multiply(seen.side[i], seen.solid_angle, out=integrals[i])
         integrals[i] /= panels.altitudes[i][:, None]

@@ -3,8 +3,10 @@ import pytest
 from numpy.polynomial.legendre import leggauss
 
 from cageik_cli.coordinates.panels import (
+    SMALL_TANGENT,
     Panels,
     Scratch,
+    _arctan2,
     double_layer,
     single_layer_moments,
     view,
@@ -107,3 +109,12 @@ def test_results_do_not_depend_on_what_scratch_held():
     for array in scratch._arrays.values():
         array[:] = np.nan
     np.testing.assert_array_equal(single_layer_moments(panels, points, scratch), fresh)
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-9, SMALL_TANGENT, 1.0, 1e9, 1e300])
+def test_the_short_arctangent_is_the_library_s(size):
+    y = size * np.linspace(-1.001, 1.001, 51)[None]
+    y[0, 25] = 0.0
+    for x in (np.ones_like(y), -np.ones_like(y), np.zeros_like(y)):
+        found = _arctan2(y, x, Scratch())
+        np.testing.assert_allclose(found, np.arctan2(y, x), rtol=4e-16, atol=0)
