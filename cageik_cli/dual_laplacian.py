@@ -40,14 +40,11 @@ class SolveSettings:
         Weights of the Laplacian and of the vertices; finite, not negative, not both zero.
     align : bool
         Move every frame rigidly onto the rest pose, solve there, and move the cage back.
-    vertex_weights : (m,) float64, optional
-        Not negative. A vertex of weight 0 is missing data.
     """
 
     alpha: float = 1e-3
     beta: float = 1.0
     align: bool = True
-    vertex_weights: Floats | None = None
 
     def __post_init__(self) -> None:
         for name, value in (("alpha", self.alpha), ("beta", self.beta)):
@@ -79,6 +76,8 @@ class DualLaplacianSolver:
     ----------
     binding : Binding
     settings : SolveSettings
+    vertex_weights : (m,) float64, optional
+        Not negative; only their ratios matter. A vertex of weight 0 is missing data.
 
     Attributes
     ----------
@@ -96,11 +95,13 @@ class DualLaplacianSolver:
         When the normal matrix is singular to working precision.
     """
 
-    def __init__(self, binding: Binding, settings: SolveSettings) -> None:
+    def __init__(
+        self, binding: Binding, settings: SolveSettings, vertex_weights: Floats | None = None
+    ) -> None:
         m, n = binding.weights.shape
         self.binding = binding
         self._align = settings.align
-        self._vertex_weights = normalised_weights(settings.vertex_weights, m)
+        self._vertex_weights = normalised_weights(vertex_weights, m)
         missing = (self._vertex_weights == 0).any()
         self.counted = np.flatnonzero(self._vertex_weights) if missing else slice(None)
         self._origin = self._vertex_weights @ binding.rest.vertices / m

@@ -1,7 +1,7 @@
 """The run: blocks of frames through the solver, measured, into the result file."""
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from cageik_cli import store
 from cageik_cli.binding import Binding, bind
-from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings
+from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings, normalised_weights
 from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import TriMesh
 from cageik_cli.metrics import measure
@@ -58,7 +58,6 @@ class ExtractSettings:
     vertex_weights : Path, optional
         One number a vertex of the model.
     solve : SolveSettings
-        Its vertex weights come from that file.
     allow_gaps, overwrite, keep_weights : bool
     fps : float
     memory : int
@@ -98,14 +97,15 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> stor
         sequence = open_sequence(list(settings.frames), settings.allow_gaps)
         rest = rest_pose(sequence, settings)
         cage = load_mesh(settings.cage)
-        solve, sources = settings.solve, {"cage": cage.source}
+        vertex_weights, sources = None, {"cage": cage.source}
         if settings.vertex_weights is not None:
-            weights, sources["vertex_weights"] = load_vertex_weights(settings.vertex_weights)
-            solve = replace(solve, vertex_weights=weights)
+            with located(settings.vertex_weights):
+                loaded, sources["vertex_weights"] = load_vertex_weights(settings.vertex_weights)
+                vertex_weights = normalised_weights(loaded, len(rest.mesh.vertices))
     with watch.stage("bind"), located(settings.cage):
         binding = bind(rest.mesh, cage.mesh, settings.jobs, watch.advance)
     with watch.stage("factor"):
-        solver = DualLaplacianSolver(binding, solve)
+        solver = DualLaplacianSolver(binding, settings.solve, vertex_weights)
     header = store.Header(
         binding=binding,
         condition_number=solver.condition_number,
@@ -116,7 +116,7 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> stor
         keep_weights=settings.keep_weights,
     )
     # One thread for the products: the others read ahead, which is most of the work.
-    with store.create(settings.output, header) as result, blas_threads(1):
+    with store.create(settings.output, header, settings.overwrite) as result, blas_threads(1):
         _solve_all(sequence, solver, result, settings, watch)
         frames = sequence.source()
         with watch.stage("write"):

@@ -146,7 +146,7 @@ def prepare(path: Path, overwrite: bool) -> None:
         raise InputError(f"{path}: is a folder, expected the name of a file to write")
     if path.exists() and not overwrite:
         raise InputError(
-            f"{path}: exists already; choose another name with -o, or replace it with --overwrite"
+            f"{path}: exists already; choose another name, or replace it with --overwrite"
         )
     if not path.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
@@ -155,12 +155,12 @@ def prepare(path: Path, overwrite: bool) -> None:
         _partial(path).unlink()
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be written ({error.strerror}); choose another folder with -o"
+            f"{path}: cannot be written ({error.strerror}); choose another folder"
         ) from error
 
 
 @contextmanager
-def create(path: Path, header: Header) -> Iterator[ResultWriter]:
+def create(path: Path, header: Header, overwrite: bool) -> Iterator[ResultWriter]:
     """Write a result beside its name; it takes the name when the block ends without an error."""
     partial = _partial(path)
     try:
@@ -169,7 +169,7 @@ def create(path: Path, header: Header) -> Iterator[ResultWriter]:
             yield ResultWriter(file, header)
         with partial.open("rb") as written:
             os.fsync(written.fileno())
-        partial.replace(path)
+        _take_name(partial, path, overwrite)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
     finally:
@@ -257,7 +257,15 @@ def _parsed(file: h5py.File, name: str, kind: type) -> Any:
 
 
 def _partial(path: Path) -> Path:
-    return path.with_name(path.name + ".partial")
+    """Where this process writes what will be `path`; no other process writes there."""
+    return path.with_name(f"{path.name}.{os.getpid()}.partial")
+
+
+def _take_name(partial: Path, path: Path, overwrite: bool) -> None:
+    """Rename what is whole, unless another file has come to have the name meanwhile."""
+    if path.exists() and not overwrite:
+        raise InputError(f"{path}: was written by somebody else meanwhile; choose another name")
+    partial.replace(path)
 
 
 def _json(value: Any) -> str:
@@ -275,7 +283,7 @@ def write_text(path: Path, text: str, overwrite: bool) -> None:
     prepare(path, overwrite)
     try:
         _partial(path).write_text(text, encoding="utf-8", newline="\n")
-        _partial(path).replace(path)
+        _take_name(_partial(path), path, overwrite)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from error
     finally:

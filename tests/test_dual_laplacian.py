@@ -39,9 +39,9 @@ def test_every_cage_is_the_least_squares_solution_of_the_stacked_system(binding,
     """Oracle: numpy's lstsq on the rows of both terms, frame by frame."""
     weights, (m, n) = binding.weights, binding.weights.shape
     beta, counts = 0.7, np.linspace(0.5, 1.5, m)
-    settings_ = SolveSettings(alpha, beta, align, vertex_weights=counts)
+    settings_ = SolveSettings(alpha, beta, align)
     frames = clip(binding)
-    solution = DualLaplacianSolver(binding, settings_).solve(frames)
+    solution = DualLaplacianSolver(binding, settings_, counts).solve(frames)
     origin = counts @ binding.rest.vertices / m
     motions = best_rigid_motions(frames, binding.rest.vertices - origin, counts)
     laplacian = np.sqrt(alpha / n) * uniform_laplacian(binding.cage)
@@ -178,7 +178,7 @@ def test_a_singular_system_is_refused_with_the_remedy(spread):
 def test_a_vertex_of_weight_zero_is_missing_data(binding):
     counts = np.ones(len(binding.rest.vertices))
     counts[[3, 17]] = 0
-    solver = DualLaplacianSolver(binding, SolveSettings(vertex_weights=counts))
+    solver = DualLaplacianSolver(binding, SolveSettings(), counts)
     frames, spoilt = clip(binding), clip(binding)
     spoilt[:, [3, 17]] = 1e3
     np.testing.assert_allclose(solver.solve(spoilt).cages, solver.solve(frames).cages, atol=1e-12)

@@ -56,15 +56,17 @@ def extract_command(**options: Any) -> None:
     from cageik_cli.cli.watching import Watch
     from cageik_cli.extraction import extract
     from cageik_cli.report import as_text, report_of
-    from cageik_cli.store import write_text
+    from cageik_cli.store import prepare, write_text
 
+    if timings is not None:
+        prepare(timings, settings.overwrite)
     watch = Watch(draw=not quiet)
     try:
         result = extract(settings, watch)
     finally:
         seconds = watch.close()
     if timings is not None:
-        write_text(timings, json.dumps(seconds, indent=1) + "\n", overwrite=True)
+        write_text(timings, json.dumps(seconds, indent=1) + "\n", settings.overwrite)
     if not quiet:
         click.echo(as_text(report_of(result)), err=True)
         stages = ", ".join(f"{name} {value:.2f}" for name, value in seconds.items())

@@ -17,6 +17,8 @@ class CageikGroup(click.Group):
             return super().invoke(ctx)
         except CageikError as error:
             _fail(str(error))
+        except BrokenPipeError:
+            raise  # the reader of our output has gone; click ends without a word
         except KeyboardInterrupt:
             _fail("interrupted; nothing was written")
         except OSError as error:

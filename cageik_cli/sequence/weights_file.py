@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.errors import InputError, located
+from cageik_cli.errors import InputError
 from cageik_cli.mesh import Floats
 from cageik_cli.sequence.mesh_file import read_bytes
 
@@ -17,18 +17,17 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
     Raises
     ------
     InputError
-        Naming the file, when it does not hold a list of numbers.
+        When the file cannot be read, or is not a list of numbers.
     """
-    with located(path):
-        data = read_bytes(path)
-        try:
-            if path.suffix.lower() == ".npy":
-                weights = np.load(io.BytesIO(data), allow_pickle=False)
-            else:
-                weights = np.array(data.decode().split(), dtype=np.float64)
-            weights = np.asarray(weights, dtype=np.float64)
-        except (ValueError, TypeError, EOFError, MemoryError) as error:
-            raise InputError(
-                f"is not a list of numbers ({error}); expected one a line, or a .npy array"
-            ) from error
-        return weights, {"name": path.name, "sha256": hashlib.sha256(data).hexdigest()}
+    data = read_bytes(path)
+    try:
+        if path.suffix.lower() == ".npy":
+            weights = np.load(io.BytesIO(data), allow_pickle=False)
+        else:
+            weights = np.array(data.decode().split())
+        weights = np.asarray(weights, dtype=np.float64)
+    except (ValueError, TypeError, EOFError, MemoryError) as error:
+        raise InputError(
+            f"is not a list of numbers ({error}); expected one a line, or a .npy array"
+        ) from error
+    return weights, {"name": path.name, "sha256": hashlib.sha256(data).hexdigest()}
