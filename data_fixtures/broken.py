@@ -98,9 +98,6 @@ def with_line(data: bytes, number: int, line: str) -> bytes:
     return text([*lines[:number], line, *lines[number + 1 :]])
 
 
-# --- frames ----------------------------------------------------------------------------------
-
-
 def truncated(data: bytes) -> bytes:
     """Return an OBJ file cut inside its eighth vertex line, after the second number."""
     lines = data.decode().splitlines()
@@ -133,21 +130,32 @@ def frame_cases() -> list[Case]:
     folder = {path: data for path, data in files.items() if path != FRAME_2}
     faces = {path: with_line(data, 20, "f 1 99 3") for path, data in good().items()}
     return [
-        Case("no_frame", ["frames"], cage | {"frames/notes.txt": note}),
-        Case("missing_frame", ["frame_3"], missing),
-        Case("empty_frame", [name], swapped_frame(b"")),
-        Case("truncated_frame", [name], swapped_frame(truncated(second))),
-        Case("binary_frame", [name], swapped_frame(noise)),
-        Case("other_counts", [name, "vert"], swapped_frame(obj(more))),
-        Case("other_faces", [name, "face"], swapped_frame(obj(other_faces(model())))),
-        Case("nan_frame", [name], swapped_frame(with_line(second, 4, "v 0 nan 1"))),
-        Case("infinite_frame", [name], swapped_frame(with_line(second, 4, "v inf 0 1"))),
-        Case("folder_frame", [name], folder | {f"{FRAME_2}/notes.txt": note}),
-        Case("face_index", ["frame_1.obj", "99"], faces | cage),
+        Case("no_frame", ["frames: no frame found"], cage | {"frames/notes.txt": note}),
+        Case(
+            "missing_frame", ["frame_3.obj: missing between frame_2.obj and frame_4.obj"], missing
+        ),
+        Case("empty_frame", [name, "the file is empty"], swapped_frame(b"")),
+        Case(
+            "truncated_frame",
+            [name, "line 8", "has 2 coordinates"],
+            swapped_frame(truncated(second)),
+        ),
+        Case("binary_frame", [name, "the file is binary"], swapped_frame(noise)),
+        Case("other_counts", [name, "19 vertices, the rest pose has 18"], swapped_frame(obj(more))),
+        Case("other_faces", [name, "triangle 3 joins"], swapped_frame(obj(other_faces(model())))),
+        Case(
+            "nan_frame",
+            [name, "vertex 4 is (0, nan, 1)"],
+            swapped_frame(with_line(second, 4, "v 0 nan 1")),
+        ),
+        Case(
+            "infinite_frame",
+            [name, "vertex 4 is (inf, 0, 1)"],
+            swapped_frame(with_line(second, 4, "v inf 0 1")),
+        ),
+        Case("folder_frame", [name, "is a folder"], folder | {f"{FRAME_2}/notes.txt": note}),
+        Case("face_index", ["frame_1.obj", "vertex 99", "has 18"], faces | cage),
     ]
-
-
-# --- cages -----------------------------------------------------------------------------------
 
 
 def joined(first: Mesh, second: Mesh) -> Mesh:
@@ -188,21 +196,25 @@ def cage_cases() -> list[Case]:
     touching = box((2.0, 2.0, -2.0), (4.0, 4.0, 2.0))
     small = cage.moved(np.clip(cage.verts, -2.0, 0.75))
     loose = cage.moved(np.concatenate([cage.verts, [[0.0, 3.0, 0.0]]]))
-    cages = {
-        "open": cage.with_faces(cage.faces[:-1]),
-        "non_manifold": joined(cage, touching),
-        "two_components": joined(cage, far),
-        "degenerate_face": with_face(cage, [0, 1, 1]),
-        "zero_area": with_sliver(cage),
-        "duplicate_faces": with_face(cage, cage.faces[0].tolist()),
-        "mixed_orientation": flipped(cage, 3),
-        "too_small": small,
-        "unreferenced_vertex": loose,
-    }
-    bad = [Case(f"cage_{name}", ["cage.obj"], good(cage=mesh)) for name, mesh in cages.items()]
-    odd = {"inside_out": flipped(cage, len(cage.faces)), "quads": box_quads(LOW, HIGH)}
-    return bad + [
-        Case(f"cage_{name}", ["cage.obj"], good(cage=mesh), code=0) for name, mesh in odd.items()
+    bad = [
+        ("open", "is open: only one face has 3 edges", cage.with_faces(cage.faces[:-1])),
+        ("non_manifold", "more than two faces share edge", joined(cage, touching)),
+        ("two_components", "has 2 components", joined(cage, far)),
+        ("degenerate_face", "face 12 of the cage has a vertex twice", with_face(cage, [0, 1, 1])),
+        ("zero_area", "face 2 of the cage is degenerate", with_sliver(cage)),
+        ("duplicate_faces", "face 12 of the cage repeats", with_face(cage, cage.faces[0].tolist())),
+        ("mixed_orientation", "turns inconsistently", flipped(cage, 3)),
+        ("too_small", "3 of 18 vertices of the rest pose are outside the cage", small),
+        ("unreferenced_vertex", "vertex 8 of the cage belongs to no face", loose),
+    ]
+    odd = [
+        ("inside_out", "it is used turned outward", flipped(cage, len(cage.faces))),
+        ("quads", "6 polygons cut into triangles", box_quads(LOW, HIGH)),
+    ]
+    return [
+        Case(f"cage_{name}", ["cage.obj", says], good(cage=mesh), code=code)
+        for code, cases in ((1, bad), (0, odd))
+        for name, says, mesh in cases
     ]
 
 
@@ -217,18 +229,20 @@ def pair_cases() -> list[Case]:
         np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], np.int32),
     )
     return [
-        Case("swapped", ["cage.obj"], swapped),
+        Case("swapped", ["cage.obj", "are they swapped"], swapped),
         Case(
             "rest_other_connectivity",
-            ["rest.obj"],
+            ["rest.obj", "triangle 3 joins", "in the first frame"],
             good() | rest,
             [*extract, "--rest", "rest.obj"],
         ),
-        Case("singular", ["alpha"], good(mesh=tiny), [*extract, "--alpha", "0"]),
+        Case(
+            "singular",
+            ["the system is singular", "raise --alpha"],
+            good(mesh=tiny),
+            [*extract, "--alpha", "0"],
+        ),
     ]
-
-
-# --- results ---------------------------------------------------------------------------------
 
 
 def trilinear(points: Points) -> Points:
@@ -295,15 +309,15 @@ def result_file(schema: int = 1, complete: bool = True) -> bytes:
 def result_cases() -> list[Case]:
     """Return the cases with a bad result file."""
     whole = result_file()
-    results = {
-        "other_schema": result_file(schema=99),
-        "truncated": whole[: len(whole) * 6 // 10],
-        "not_complete": result_file(complete=False),
-        "not_hdf5": b"This is no HDF5 file.\n",
-    }
+    results = [
+        ("other_schema", "is of schema 99", result_file(schema=99)),
+        ("truncated", "is not a sound hdf5 file", whole[: len(whole) * 6 // 10]),
+        ("not_complete", "is not complete", result_file(complete=False)),
+        ("not_hdf5", "is not a sound hdf5 file", b"This is no HDF5 file.\n"),
+    ]
     return [
-        Case(f"result_{name}", ["result.h5"], {"result.h5": data}, ["report", "result.h5"])
-        for name, data in results.items()
+        Case(f"result_{name}", ["result.h5", says], {"result.h5": data}, ["report", "result.h5"])
+        for name, says, data in results
     ]
 
 
