@@ -190,6 +190,8 @@ def read_result(path: Path) -> Result:
     InputError
         When it is not HDF5, not a result, of another schema, not complete, or damaged.
     """
+    if not path.exists():
+        raise InputError(f"{path}: no such result; make it with cageik extract, or name another")
     with opened(path) as file:
         _refuse_other_files(file)
         frames, cage_vertices, _ = dataset(file, "verts", "f", (None, None, 3)).shape
