@@ -1,0 +1,195 @@
+"""`cageik extract`: works as typed, says what it did, and never takes an old result away."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+TYPED = ("extract", "frames", "--cage", "cage.obj")
+
+
+def test_the_two_commands_work_as_typed(folder):
+    """With the shell's own glob, and nothing else given."""
+    line = "-m cageik_cli extract frames/*.obj --cage cage.obj && {0} -m cageik_cli report"
+    shell = f"'{sys.executable}' {line.format(repr(sys.executable))}"
+    done = subprocess.run(shell, shell=True, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("cages.h5: 5 frames of 18 vertices in a cage of 8")
+    assert "wrote cages.h5; next: cageik report cages.h5" in done.stderr
+    assert sorted(item.name for item in folder.iterdir()) == ["cage.obj", "cages.h5", "frames"]
+
+
+def test_the_installed_command_is_this_one(run_process):
+    command = Path(sys.executable).with_name("cageik")
+    if not command.exists():
+        pytest.skip("not installed beside this Python")
+    from cageik_cli import __version__
+
+    done = subprocess.run([command, "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"cageik, version {__version__}\n"
+
+
+def test_the_summary_goes_to_stderr_and_ends_with_what_to_do_next(run, folder):
+    outcome = run(*TYPED, "-o", "other.h5")
+    assert (outcome.code, outcome.out) == (0, "")
+    lines = outcome.err.splitlines()
+    assert lines[0].startswith("other.h5: 5 frames of 18 vertices")
+    assert lines[-2].startswith("  seconds        open ")
+    assert lines[-1] == "wrote other.h5; next: cageik report other.h5"
+
+
+def test_options_reach_the_result(run, folder, animation, write_obj):
+    Path("weights.txt").write_text("1 " * 17 + "0")
+    write_obj(Path("rest.obj"), animation.frames[0], animation.rest.faces)
+    outcome = run(
+        *TYPED, "--alpha", "0.5", "--beta", "2", "--no-align", "--fps", "30", "--no-weights",
+        "--vertex-weights", "weights.txt", "--rest", "rest.obj", "--jobs", "1", "--memory", "1MiB",
+    )  # fmt: skip
+    assert outcome.code == 0, outcome.err
+    with h5py.File("cages.h5") as file:
+        assert "weights" not in file
+        assert file.attrs["fps"] == 30
+        assert json.loads(file.attrs["settings"]) == {
+            "alpha": 0.5, "beta": 2.0, "align": False, "coordinates": "harmonic",
+            "rest_frame": None, "vertex_weights": True,
+        }  # fmt: skip
+        assert set(json.loads(file.attrs["sources"])) == {
+            "frames", "cage", "rest", "vertex_weights"
+        }  # fmt: skip
+
+
+def test_gaps_are_taken_when_allowed(run, folder):
+    Path("frames/frame_3.obj").unlink()
+    assert run(*TYPED).code == 1
+    assert run(*TYPED, "--allow-gaps").code == 0
+    assert run("report").out.startswith("cages.h5: 4 frames")
+
+
+def test_an_old_result_stays_unless_it_may_be_replaced(run, folder):
+    Path("cages.h5").write_text("old")
+    outcome = run(*TYPED)
+    assert outcome.code == 1
+    assert "cages.h5: exists already" in outcome.err
+    assert "--overwrite" in outcome.err
+    assert Path("cages.h5").read_text() == "old"
+    assert run(*TYPED, "--overwrite").code == 0
+    assert run("report").code == 0
+
+
+@pytest.mark.parametrize(
+    ("output", "says"),
+    [
+        ("nowhere/cages.h5", "the folder nowhere does not exist; create it first"),
+        ("cage.obj/cages.h5", "the folder cage.obj does not exist"),
+        ("frames", "frames: is a folder"),
+        pytest.param(
+            "/proc/cages.h5",
+            "/proc/cages.h5: cannot be written (",
+            marks=pytest.mark.skipif(not Path("/proc/self").exists(), reason="no such folder"),
+        ),
+    ],
+)
+def test_an_output_that_cannot_be_written_is_refused_at_once(run, folder, output, says):
+    outcome = run("extract", "nothing", "--cage", "nothing", "-o", output)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert says in outcome.err
+    assert sorted(item.name for item in folder.iterdir()) == ["cage.obj", "frames"]
+
+
+def test_two_names_of_one_run_hold_the_same_bytes(run, folder):
+    for name in ("one.h5", "other.h5"):
+        assert run(*TYPED, "-o", name).code == 0
+    assert Path("one.h5").read_bytes() == Path("other.h5").read_bytes()
+
+
+def test_timings_are_seconds_by_stage(run, folder):
+    assert run(*TYPED, "--timings", "seconds.json").code == 0
+    seconds = json.loads(Path("seconds.json").read_text())
+    stages = {"open", "bind", "factor", "read", "solve", "measure", "write"}
+    assert set(seconds) == stages | {"total"}
+    assert all(value >= 0 for value in seconds.values())
+    assert sum(seconds[stage] for stage in stages) <= seconds["total"]
+
+
+def test_timings_that_cannot_be_written_are_refused_before_the_run(run, folder):
+    outcome = run(*TYPED, "--timings", "nowhere/seconds.json")
+    assert outcome.code == 1
+    assert "nowhere/seconds.json: the folder nowhere does not exist" in outcome.err
+    assert not Path("cages.h5").exists()
+
+
+def test_quiet_says_nothing(run, folder):
+    outcome = run(*TYPED, "-q")
+    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+    outcome = run(*TYPED, "-q")
+    assert outcome.code == 1
+    assert len(outcome.err.splitlines()) == 1
+
+
+def test_verbose_says_what_was_read_and_asked(run, folder):
+    lines = run(*TYPED, "-v").err.splitlines()
+    said = {line.split(": ")[0]: line.split(": ", 1)[1] for line in lines[-2:]}
+    assert json.loads(said["settings"])["alpha"] == 1e-3
+    assert json.loads(said["sources"])["cage"]["name"] == "cage.obj"
+
+
+def on_a_terminal(*words):
+    """Run the command with a terminal as its stderr, and give what it drew there."""
+    pty, termios = pytest.importorskip("pty"), pytest.importorskip("termios")
+    reader, terminal = pty.openpty()
+    termios.tcsetwinsize(terminal, (24, 100))
+    drawn = []
+
+    def read():
+        try:
+            while data := os.read(reader, 4096):
+                drawn.append(data)
+        except OSError:  # how Linux says that the other end is closed
+            pass
+
+    listener = threading.Thread(target=read)
+    listener.start()
+    try:
+        process = [sys.executable, "-m", "cageik_cli", *words]
+        done = subprocess.run(process, stdout=subprocess.PIPE, stderr=terminal, timeout=120)
+    finally:
+        os.close(terminal)
+        listener.join()
+        os.close(reader)
+    assert done.stdout == b""
+    return done.returncode, b"".join(drawn).decode()
+
+
+def test_a_terminal_sees_a_bar_for_each_stage(folder):
+    code, drawn = on_a_terminal(*TYPED)
+    assert code == 0
+    assert "bind: " in drawn
+    assert "frames: " in drawn
+    assert "18/18" in drawn
+    assert "5/5" in drawn
+
+
+def test_a_quiet_terminal_sees_none(folder):
+    assert on_a_terminal(*TYPED, "-q") == (0, "")
+
+
+def test_no_terminal_sees_none(run_process, folder):
+    outcome = run_process("-m", "cageik_cli", *TYPED)
+    assert outcome.code == 0
+    assert "%|" not in outcome.err
+    assert "\r" not in outcome.err
+
+
+def test_a_clip_of_one_file_is_taken(run, folder, animation):
+    np.savez("clip.npz", vertices=animation.frames, faces=animation.rest.faces)
+    assert run("extract", "clip.npz", "--cage", "cage.obj", "-o", "npz.h5", "-q").code == 0
+    assert run(*TYPED, "-q").code == 0
+    with h5py.File("npz.h5") as one, h5py.File("cages.h5") as other:
+        np.testing.assert_array_equal(one["verts"], other["verts"])
+        assert list(one["frames/name"].asstr()) == [f"clip.npz[{k}]" for k in range(5)]

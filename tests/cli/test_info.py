@@ -1,0 +1,110 @@
+"""`cageik info`: what a result, a clip or a mesh holds."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+
+def rows_of(outcome):
+    assert outcome.code == 0, outcome.err
+    lines = outcome.out.splitlines()
+    return lines[0], {line[2:16].strip(): line[17:] for line in lines[1:]}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["frames"], ["frames/*.obj"], [f"frames/frame_{k}.obj" for k in range(1, 6)]],
+)
+def test_frames_are_a_clip(run, folder, words):
+    headline, rows = rows_of(run("info", *words))
+    assert headline == ", ".join(words[:3])
+    assert rows["holds"] == "a clip"
+    assert rows["frames"] == "5, frame_1.obj to frame_5.obj"
+    assert (rows["vertices"], rows["triangles"]) == ("18", "32")
+    assert rows["surface"].startswith("closed, volume 2.94")
+    assert rows["bounds"] == "(-1, -1, -1) to (1, 1, 1), diagonal 3.4641"
+
+
+def test_a_clip_with_gaps_is_described(run, folder):
+    Path("frames/frame_3.obj").unlink()
+    assert rows_of(run("info", "frames"))[1]["frames"] == "4, frame_1.obj to frame_5.obj"
+
+
+def test_arrays_are_a_clip(run, folder, animation):
+    np.savez("clip.npz", verts=animation.frames, faces=animation.rest.faces[1:])
+    headline, rows = rows_of(run("info", "clip.npz"))
+    assert headline == "clip.npz"
+    assert rows["frames"] == "5, clip.npz[0] to clip.npz[4]"
+    assert rows["surface"] == "open, 1 component"
+
+
+def test_a_result_tells_what_it_was_made_of(run, folder):
+    assert run("extract", "frames", "--cage", "cage.obj", "-q").code == 0
+    headline, rows = rows_of(run("info", "cages.h5"))
+    assert headline == "cages.h5"
+    assert rows["holds"].startswith("a result of cageik extract ")
+    assert rows["frames"] == "5, frame_1.obj to frame_5.obj"
+    assert rows["model"] == "18 vertices, 32 triangles"
+    assert rows["cage"] == "8 vertices, 12 triangles"
+    assert rows["from cage"] == "cage.obj"
+    assert "alpha 0.001" in rows["settings"]
+
+
+def test_another_hdf5_file_is_a_clip(run, folder, animation):
+    import h5py
+
+    with h5py.File("clip.h5", "w") as file:
+        file["verts"], file["tris"] = animation.frames, animation.rest.faces
+    assert rows_of(run("info", "clip.h5"))[1]["holds"] == "a clip"
+
+
+def test_a_sound_cage_is_said_to_be_one(run, folder):
+    _, rows = rows_of(run("info", "cage.obj"))
+    assert rows["holds"] == "a mesh"
+    assert rows["surface"] == "closed, volume 64, 1 component"
+    assert rows["as a cage"] == "sound"
+
+
+@pytest.mark.parametrize(
+    ("case", "says"),
+    [
+        ("cage_open", "unfit: the cage is open: only one face has 3 edges"),
+        ("cage_non_manifold", "unfit: the cage is not manifold"),
+        ("cage_two_components", "unfit: the cage has 2 components"),
+        ("cage_inside_out", "sound; the cage's faces turn inward"),
+    ],
+)
+def test_another_mesh_is_told_why_it_is_no_cage(run, fixtures_folder, case, says):
+    _, rows = rows_of(run("info", fixtures_folder / "broken" / case / "cage.obj"))
+    assert rows["as a cage"].startswith(says)
+
+
+def test_polygons_are_noted(run, fixtures_folder):
+    _, rows = rows_of(run("info", fixtures_folder / "broken" / "cage_quads" / "cage.obj"))
+    assert rows["note"] == "6 polygons cut into triangles"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["nowhere"], "nowhere: no such file or folder"),
+        (["notes.txt"], "`.txt` is not a kind of clip"),
+        (["empty.obj"], "empty.obj: the file is empty"),
+        (["bad.h5"], "bad.h5: is not a sound HDF5 file"),
+    ],
+)
+def test_what_cannot_be_described_is_refused(run, folder, words, says):
+    for name in ("notes.txt", "empty.obj", "bad.h5"):
+        Path(name).touch()
+    outcome = run("info", *words)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert says in outcome.err
+    assert len(outcome.err.splitlines()) == 1
+
+
+@pytest.mark.xfail(strict=True, reason="it does not even look")
+def test_quiet_only_checks(run, folder):
+    outcome = run("info", "cage.obj", "-q")
+    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+    assert run("info", "nowhere", "-q").code == 1

@@ -1,0 +1,106 @@
+"""What several tests share: the fixtures, a little animation, and ways to run the command."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from cageik_cli.cli import main
+from cageik_cli.mesh import TriMesh
+from tests.shapes import ball, box
+
+
+@dataclass(frozen=True, eq=False)
+class Animation:
+    """Frames (F, m, 3) of a little closed model, and a box around its rest pose, frame 0."""
+
+    rest: TriMesh
+    cage: TriMesh
+    frames: np.ndarray
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run of the command left: its exit code, stdout and stderr."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture(scope="session")
+def fixtures_folder() -> Path:
+    return Path(__file__).resolve().parent.parent / "data_fixtures"
+
+
+@pytest.fixture(scope="session")
+def animation() -> Animation:
+    rest, cage = ball(levels=1, size=1.0), box(2.0)
+    x, y, z = rest.vertices.T
+    bend = np.stack([0.2 * x * y, -0.1 * x * x, 0.3 * y * z], axis=1)
+    step = np.array([0.0, 0.5, 0.25]) + np.random.default_rng(3).normal(0, 0.02, bend.shape)
+    frames = np.array([rest.vertices + k * (bend + step) for k in range(5)])
+    return Animation(rest, cage, frames)
+
+
+@pytest.fixture(scope="session")
+def write_obj() -> Callable[[Path, np.ndarray, np.ndarray], Path]:
+    """Write an OBJ file with every digit of its numbers."""
+
+    def write(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
+        lines = ["v {!r} {!r} {!r}".format(*vertex) for vertex in np.asarray(vertices).tolist()]
+        lines += ["f " + " ".join(map(str, face)) for face in (np.asarray(faces) + 1).tolist()]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def coarse_panels(monkeypatch) -> None:
+    """Cut cages into few panels: quick, and exact still on affine maps and on the cage."""
+    monkeypatch.setattr("cageik_cli.coordinates.harmonic.PANEL_GOAL", 60)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, animation, write_obj, coarse_panels) -> Path:
+    """The current folder, with `frames/frame_1.obj` to `frame_5.obj` and `cage.obj`."""
+    for k, vertices in enumerate(animation.frames, start=1):
+        write_obj(tmp_path / "frames" / f"frame_{k}.obj", vertices, animation.rest.faces)
+    write_obj(tmp_path / "cage.obj", animation.cage.vertices, animation.cage.faces)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def run() -> Callable[..., Outcome]:
+    """Run the command in this process."""
+
+    def invoke(*arguments: object) -> Outcome:
+        words = [str(argument) for argument in arguments]
+        result = CliRunner().invoke(main, words, catch_exceptions=False)
+        return Outcome(result.exit_code, result.stdout, result.stderr)
+
+    return invoke
+
+
+@pytest.fixture
+def run_process() -> Callable[..., Outcome]:
+    """Run Python, or with words after `-m cageik_cli` the command, in a process of its own."""
+
+    def start(*arguments: object, **options: object) -> Outcome:
+        words = [sys.executable, *map(str, arguments)]
+        environment = os.environ | {"PYTHONWARNINGS": "error"}
+        done = subprocess.run(
+            words, capture_output=True, text=True, timeout=120, env=environment, **options
+        )
+        return Outcome(done.returncode, done.stdout, done.stderr)
+
+    return start

@@ -1,0 +1,125 @@
+"""One mesh file a frame: gaps in the numbers, and one connectivity."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from cageik_cli.errors import InputError
+from cageik_cli.sequence import open_sequence
+from cageik_cli.sequence.readers.frame_files import refuse_gaps
+
+
+def frames_of(sequence, size=2, jobs=2):
+    return np.concatenate([block.vertices for block in sequence.blocks(size, jobs)])
+
+
+@pytest.mark.parametrize(
+    ("names", "missing"),
+    [
+        ("f1 f2 f4", "f3"),
+        ("f8 f9 f10 f12", "f11"),
+        ("f_001 f_002 f_004 f_005", "f_003"),
+        ("f10 f20 f40 f50", "f30"),
+        ("walk2_f1.low walk2_f2.low walk2_f4.low", "walk2_f3.low"),
+        ("1 2 3 7", "4"),
+    ],
+)
+def test_a_gap_names_the_first_file_that_is_missing(names, missing):
+    with pytest.raises(InputError) as caught:
+        refuse_gaps([Path("clip") / f"{name}.obj" for name in names.split()])
+    assert str(caught.value).startswith(f"{Path('clip') / missing}.obj: missing between")
+    assert "--allow-gaps" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "f1",
+        "f1 f2 f3",
+        "f10 f20 f30",
+        "f7 f12",
+        "f1 f01 f2",
+        "walk run jump9",
+        "a1 a2 b7 b8",
+        "a/f1 a/f2 b/f9",
+        "f1_low f2_low f3_high",
+    ],
+)
+def test_numbers_without_a_gap_and_other_names_pass(names):
+    refuse_gaps([Path(f"{name}.obj") for name in names.split()])
+
+
+def test_gaps_are_taken_when_allowed(folder, animation):
+    (folder / "frames/frame_3.obj").unlink()
+    with pytest.raises(InputError, match=r"frame_3\.obj: missing"):
+        open_sequence(["frames"])
+    found = frames_of(open_sequence(["frames"], allow_gaps=True))
+    np.testing.assert_array_equal(found, animation.frames[[0, 1, 3, 4]])
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "off"])
+def test_every_kind_gives_the_frames(tmp_path, animation, write_obj, kind):
+    for k, vertices in enumerate(animation.frames):
+        path = tmp_path / f"f{k}.{kind}"
+        if kind == "obj":
+            write_obj(path, vertices, animation.rest.faces)
+        else:
+            mesh = trimesh.Trimesh(vertices, animation.rest.faces, process=False)
+            mesh.export(path, **({"digits": 17} if kind == "off" else {}))
+    sequence = open_sequence([str(tmp_path)])
+    np.testing.assert_array_equal(sequence.first.faces, animation.rest.faces)
+    # PLY as trimesh writes it is in single precision.
+    tolerance = {"obj": 0, "off": 1e-14, "ply": 1e-6}[kind]
+    np.testing.assert_allclose(frames_of(sequence), animation.frames, rtol=0, atol=tolerance)
+
+
+def test_a_frame_in_another_dialect_is_the_same_frame(folder, animation):
+    path = folder / "frames/frame_2.obj"
+    plain = frames_of(open_sequence(["frames"]))
+    path.write_bytes(path.read_bytes().replace(b"\n", b" # behind\r\n").replace(b"\nf", b"\n f"))
+    with pytest.raises(InputError, match=r"frame_2\.obj: line 19: `f .* # behind`"):
+        frames_of(open_sequence(["frames"]))
+    path.write_bytes(path.read_bytes().replace(b" # behind", b""))
+    np.testing.assert_array_equal(frames_of(open_sequence(["frames"])), plain)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda v, f: (v, f[:, [1, 0, 2]]), "frame_4.obj: triangle 0 joins vertices"),
+        (lambda v, f: (v, f[:-1]), "frame_4.obj: 31 triangles, the rest pose has 32"),
+        (lambda v, f: (v[[*range(18), 0]], f), "frame_4.obj: 19 vertices, the rest pose has 18"),
+        (lambda v, f: (v * [[1, 1, np.inf]], f), "frame_4.obj: vertex 0 is"),
+        (lambda v, f: (v, np.where(f == 17, 18, f)), "frame_4.obj: a face names vertex 19"),
+    ],
+)
+def test_another_connectivity_is_refused_with_the_path(folder, animation, write_obj, change, says):
+    vertices, faces = change(animation.frames[3] + 1, animation.rest.faces)
+    write_obj(folder / "frames/frame_4.obj", vertices, faces)
+    with pytest.raises(InputError) as caught:
+        frames_of(open_sequence(["frames"]))
+    assert str(caught.value).startswith(str(Path("frames", says)))
+
+
+def test_a_frame_that_went_away_is_refused(folder):
+    sequence = open_sequence(["frames"])
+    (folder / "frames/frame_5.obj").unlink()
+    with pytest.raises(InputError, match=r"frame_5\.obj: cannot be read: No such file"):
+        frames_of(sequence)
+
+
+def test_the_source_tells_contents_and_order(folder, animation, write_obj):
+    def digest():
+        sequence = open_sequence(["frames"])
+        frames_of(sequence)
+        return sequence.source()
+
+    before = digest()
+    assert before["name"] == "frame_1.obj ... frame_5.obj"
+    assert before["files"] == 5
+    assert digest() == before
+    write_obj(folder / "frames/frame_2.obj", animation.frames[2], animation.rest.faces)
+    write_obj(folder / "frames/frame_3.obj", animation.frames[1], animation.rest.faces)
+    assert digest()["sha256"] != before["sha256"]

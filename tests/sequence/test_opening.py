@@ -1,0 +1,105 @@
+"""What the user types becomes frames: every file once, in natural order, of one kind."""
+
+from pathlib import Path
+
+import pytest
+
+from cageik_cli.errors import InputError
+from cageik_cli.sequence import open_sequence
+from cageik_cli.sequence.opening import frame_paths
+
+NUMBERS = ["frame_1.obj", "frame_2.obj", "frame_10.obj", "frame_11.obj"]
+
+
+@pytest.fixture
+def frames(tmp_path, monkeypatch, animation, write_obj):
+    """The current folder, with four frames in `frames`."""
+    for name in NUMBERS:
+        write_obj(tmp_path / "frames" / name, animation.rest.vertices, animation.rest.faces)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "frames"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["frames"],
+        ["frames/"],
+        ["./frames"],
+        ["frames/*.obj"],
+        ["frames/frame_?.obj", "frames/frame_??.obj"],
+        ["**/*.obj"],
+        [f"frames/{name}" for name in reversed(NUMBERS)],
+        ["frames/frame_10.obj", "frames", "./frames/*.obj", "frames/frame_1.obj"],
+        pytest.param(
+            ["{here}/frames", "frames/*.obj"],
+            marks=pytest.mark.xfail(
+                strict=True, reason="a file named by two paths is taken as two frames"
+            ),
+        ),
+    ],
+)
+def test_files_folders_and_globs_name_each_frame_once_in_natural_order(frames, arguments):
+    typed = [argument.replace("{here}", str(frames.parent)) for argument in arguments]
+    sequence = open_sequence(typed, allow_gaps=True)
+    assert sequence.names == tuple(NUMBERS)
+
+
+def test_natural_order_goes_by_folder_then_number(tmp_path):
+    names = ["b/f1.obj", "a10/f2.obj", "a2/f10.obj", "a2/f9.obj", "a2/F-9.obj"]
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    found = frame_paths([str(tmp_path / "**" / "*.obj")], (".obj",))
+    shown = [str(path.relative_to(tmp_path).as_posix()) for path in found]
+    expected = ["a2/F-9.obj", "a2/f9.obj", "a2/f10.obj", "a10/f2.obj", "b/f1.obj"]
+    assert shown == expected
+
+
+def test_hidden_files_folders_and_other_kinds_in_a_folder_are_passed_by(frames):
+    for name in (".hidden.obj", "._frame_1.obj", "notes.txt", "thumbs.db"):
+        (frames / name).write_text("not a mesh")
+    (frames / "more").mkdir()
+    assert open_sequence(["frames"], allow_gaps=True).names == tuple(NUMBERS)
+    assert open_sequence(["frames/*.obj"], allow_gaps=True).names == tuple(NUMBERS)
+
+
+def test_the_suffix_may_be_in_capitals(frames):
+    (frames / "frame_2.obj").rename(frames / "frame_2.OBJ")
+    assert len(open_sequence(["frames"], allow_gaps=True)) == 4
+
+
+def test_a_file_whose_name_looks_like_a_glob_is_itself(frames):
+    (frames / "frame_1.obj").rename(frames / "frame_[1].obj")
+    assert open_sequence(["frames/frame_[1].obj"]).names == ("frame_[1].obj",)
+
+
+def test_a_glob_may_name_folders_as_the_shell_would(frames):
+    assert open_sequence(["fram*"], allow_gaps=True).names == tuple(NUMBERS)
+
+
+test_a_glob_may_name_folders_as_the_shell_would = pytest.mark.xfail(
+    strict=True, reason="a quoted glob that matches a folder is refused as a clip of kind ``"
+)(test_a_glob_may_name_folders_as_the_shell_would)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["nowhere"], "nowhere: no such file or folder"),
+        (["frames", "nowhere.obj"], "nowhere.obj: no such file or folder"),
+        (["frames/*.ply"], "frames/*.ply: no frame found"),
+        (["empty"], "empty: no frame found, expected files of kinds .npz, .obj"),
+        (["frames/notes.txt"], "frames/notes.txt: `.txt` is not a kind of clip read here"),
+        (["frames", "clip.npz"], "files of kinds .npz, .obj are mixed"),
+        (["clip.npz", "clop.npz"], "clip.npz: 2 files that each hold a clip were named"),
+        (["frames"], "frame_3.obj: missing between frame_2.obj and frame_10.obj"),
+    ],
+)
+def test_what_cannot_be_a_clip_is_refused_with_the_argument(frames, arguments, says):
+    Path("empty").mkdir()
+    for name in ("frames/notes.txt", "clip.npz", "clop.npz"):
+        Path(name).touch()
+    with pytest.raises(InputError) as caught:
+        open_sequence(arguments)
+    assert says in str(caught.value)

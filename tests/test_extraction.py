@@ -1,0 +1,287 @@
+"""The run, end to end: known cages come back, and what must not matter does not."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli.dual_laplacian import SolveSettings
+from cageik_cli.errors import InputError, NumericalError
+from cageik_cli.extraction import LARGEST_BLOCK, ExtractSettings, Observer, block_size, extract
+from tests.shapes import rotation
+
+TRUTH = SolveSettings(alpha=0.0)
+
+
+def cages_of(settings):
+    result = extract(settings)
+    with h5py.File(result.path) as file:
+        return file["verts"][:]
+
+
+@pytest.fixture
+def posed(fixtures_folder, tmp_path):
+    """Settings for frames that are exactly weights times known cages."""
+
+    def settings(case, **options):
+        folder = fixtures_folder / "posed" / case
+        options = {"frames": (str(folder / "frames"),), "solve": TRUTH} | options
+        return ExtractSettings(
+            cage=folder / "cage.obj", output=tmp_path / "cages.h5", overwrite=True, **options
+        )
+
+    return settings
+
+
+@pytest.fixture
+def plain(folder):
+    """Settings for the little animation."""
+    return ExtractSettings(
+        frames=("frames",), cage=Path("cage.obj"), output=Path("cages.h5"), overwrite=True
+    )
+
+
+@pytest.fixture(scope="session")
+def walker(fixtures_folder, tmp_path_factory):
+    """Settings for every eighth frame of the walking figure, and their result."""
+    frames = fixtures_folder / "walker" / "frames"
+    settings = ExtractSettings(
+        frames=tuple(str(frames / f"walker_{k}.obj") for k in range(1, 49, 8)),
+        cage=fixtures_folder / "walker" / "cage.obj",
+        output=tmp_path_factory.mktemp("walker") / "cages.h5",
+    )
+    return settings, extract(settings)
+
+
+def positions_of(folder, names):
+    return np.array(
+        [
+            [
+                line.split()[1:]
+                for line in (folder / name).read_text().splitlines()
+                if line[0] == "v"
+            ]
+            for name in names
+        ],
+        float,
+    )
+
+
+@pytest.mark.parametrize(("case", "atol"), [("surface", 1e-10), ("tetrahedron", 1e-9)])
+@pytest.mark.parametrize("align", [True, False])
+def test_known_cages_come_back(posed, case, atol, align):
+    settings = posed(case, solve=SolveSettings(alpha=0.0, align=align))
+    known = np.load(settings.cage.parent / "cages.npz")["verts"]
+    misses = np.linalg.norm(cages_of(settings) - known, axis=2)
+    diagonal = np.linalg.norm(np.ptp(positions_of(settings.cage.parent, ["frames/frame_1.obj"]), 1))
+    assert misses.max() <= atol * diagonal
+
+
+def test_the_figures_of_the_walker_are_those_of_weights_times_cages(walker, fixtures_folder):
+    settings, result = walker
+    frames = positions_of(fixtures_folder / "walker" / "frames", result.frames)
+    with h5py.File(settings.output) as file:
+        rebuilt = file["weights"][:] @ file["verts"][:]
+    misses = np.linalg.norm(rebuilt - frames, axis=2)
+    rms = np.sqrt((misses**2).mean(axis=1))
+    np.testing.assert_allclose(result.figures.rms, rms, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        result.figures.max_deviation, misses.max(axis=1), rtol=1e-9, atol=1e-12
+    )
+    # The first frame is the rest pose, whose misses are rounding.
+    np.testing.assert_array_equal(result.figures.worst_vertex[1:], misses.argmax(axis=1)[1:])
+    assert 0 < rms.max() < 0.005 * result.rest.diagonal
+    assert result.frames == tuple(f"walker_{k}.obj" for k in (1, 9, 17, 25, 33, 41))
+
+
+def test_memory_and_threads_do_not_change_the_cages(walker, tmp_path):
+    settings, result = walker
+    with h5py.File(settings.output) as file:
+        expected = file["verts"][:]
+    found = cages_of(replace(settings, output=tmp_path / "other.h5", memory=1, jobs=3))
+    assert np.abs(found - expected).max() <= 1e-12 * result.rest.diagonal
+
+
+@pytest.mark.parametrize(
+    ("memory", "vertices", "frames"),
+    [(1, 10_000, 1), (10 * 12 * 24 * 100, 100, 10), (1 << 40, 10, LARGEST_BLOCK)],
+)
+def test_blocks_fit_the_memory(memory, vertices, frames):
+    assert block_size(memory, vertices) == frames
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_the_same_run_gives_the_same_bytes(walker, tmp_path, jobs):
+    one, other = (
+        extract(replace(walker[0], output=tmp_path / name, jobs=jobs)).path.read_bytes()
+        for name in ("one.h5", "another name.h5")
+    )
+    assert one == other
+
+
+def test_the_rest_pose_is_the_first_frame_another_or_a_mesh(plain, folder, animation, write_obj):
+    first = cages_of(plain)
+    mesh = write_obj(folder / "rest.obj", animation.frames[0], animation.rest.faces)
+    np.testing.assert_array_equal(cages_of(replace(plain, rest=mesh)), first)
+    # Frame 3 in a cage moved along with it is another rest pose.
+    moved = replace(plain, rest_frame=3, cage=folder / "moved.obj")
+    write_obj(moved.cage, animation.cage.vertices + np.array([0, 1.5, 0.75]), animation.cage.faces)
+    result = extract(moved)
+    np.testing.assert_array_equal(result.rest.vertices, animation.frames[3])
+    assert result.figures.rms.argmin() == 3
+    assert result.figures.rms[3] <= 1e-14 * result.rest.diagonal
+    assert result.settings["rest_frame"] == 3
+
+
+@pytest.mark.parametrize("index", [-1, 5])
+def test_a_rest_frame_that_is_not_there_is_refused(plain, index):
+    with pytest.raises(InputError, match=f"--rest-frame {index}: the clip has 5 frames.* 0 to 4"):
+        extract(replace(plain, rest_frame=index))
+
+
+def test_a_rest_pose_of_another_connectivity_is_refused(plain, folder, animation, write_obj):
+    rest = animation.rest
+    path = write_obj(folder / "rest.obj", rest.vertices[:-1], rest.faces[(rest.faces < 17).all(1)])
+    with pytest.raises(InputError, match=r"rest\.obj: 17 vertices, the first frame has 18"):
+        extract(replace(plain, rest=path))
+    write_obj(path, rest.vertices, rest.faces[:, [1, 2, 0]])
+    with pytest.raises(InputError, match=r"rest\.obj: triangle 0 joins .* in the first frame"):
+        extract(replace(plain, rest=path))
+
+
+def test_vertices_of_weight_zero_are_missing_data(plain, folder, animation, write_obj):
+    weights = np.linspace(1, 2, 18)
+    weights[[4, 11]] = 0
+    np.save("weights.npy", weights)
+    rest = write_obj(folder / "rest.obj", animation.frames[0], animation.rest.faces)
+    settings = replace(plain, vertex_weights=Path("weights.npy"), rest=rest)
+    clean = extract(settings)
+    with h5py.File(clean.path) as file:
+        expected = file["verts"][:]
+    for k, vertices in enumerate(animation.frames, start=1):
+        wild = vertices.copy()
+        wild[[4, 11]] = 1000.0 * k
+        write_obj(folder / "frames" / f"frame_{k}.obj", wild, animation.rest.faces)
+    assert np.abs(cages_of(settings) - expected).max() <= 1e-12
+    again = extract(settings)
+    for name in ("rms", "max_deviation", "worst_vertex", "spread"):
+        found, known = (getattr(result.figures, name) for result in (again, clean))
+        np.testing.assert_allclose(found, known, rtol=1e-9, atol=1e-12)
+    assert "weights.npy" in again.sources["vertex_weights"]["name"]
+
+
+@pytest.mark.parametrize(
+    ("weights", "says"),
+    [
+        (np.ones(17), "vertex weights have shape (17,), the model has 18 vertices"),
+        (np.eye(18)[3] - 1, "the weight of vertex 0 is -1"),
+        (np.full(18, np.nan), "the weight of vertex 0 is nan"),
+        (np.zeros(18), "all vertex weights are zero"),
+    ],
+)
+def test_weights_of_no_use_are_refused_with_their_file(plain, weights, says):
+    np.save("weights.npy", weights)
+    with pytest.raises(InputError) as caught:
+        extract(replace(plain, vertex_weights=Path("weights.npy")))
+    assert str(caught.value).startswith(f"weights.npy: {says}")
+
+
+def test_cages_move_with_rigidly_moved_frames(plain, animation):
+    def clip(name, frames):
+        np.savez(name, verts=frames, faces=animation.rest.faces)
+        return cages_of(replace(plain, frames=(name,), rest=Path("frames/frame_1.obj")))
+
+    still = clip("still.npz", animation.frames)
+    turns = np.array([rotation(seed) for seed in range(5)])
+    shifts = np.random.default_rng(7).normal(size=(5, 1, 3)) * 100
+    moved = clip("moved.npz", animation.frames @ turns + shifts)
+    assert np.abs(moved - (still @ turns + shifts)).max() <= 1e-9 * animation.rest.diagonal
+
+
+def test_cages_scale_with_the_scene(plain, folder, animation, write_obj):
+    still = cages_of(plain)
+    cage = write_obj(folder / "big.obj", 1000 * animation.cage.vertices, animation.cage.faces)
+    np.savez("big.npz", verts=1000 * animation.frames, faces=animation.rest.faces)
+    big = cages_of(replace(plain, frames=("big.npz",), cage=cage))
+    assert np.abs(big / 1000 - still).max() <= 1e-9 * animation.rest.diagonal
+
+
+def test_a_result_is_a_clip_of_cages_and_a_new_run_takes_it(plain, folder, animation, write_obj):
+    first = extract(plain)
+    around = write_obj(folder / "around.obj", 3 * animation.cage.vertices, animation.cage.faces)
+    again = extract(
+        replace(plain, frames=("cages.h5",), cage=around, output=Path("cages of cages.h5"))
+    )
+    np.testing.assert_allclose(again.rest.vertices, first.cage.vertices, rtol=0, atol=1e-12)
+
+
+def test_the_system_must_not_be_singular(posed, folder, fixtures_folder):
+    case = fixtures_folder / "broken" / "singular"
+    settings = posed("surface", frames=(str(case / "frames"),))
+    with pytest.raises(NumericalError, match="raise --alpha"):
+        extract(replace(settings, cage=case / "cage.obj"))
+
+
+def test_an_open_model_gets_a_note_and_no_volumes(plain, animation):
+    np.savez("open.npz", verts=animation.frames, faces=animation.rest.faces[1:])
+    result = extract(replace(plain, frames=("open.npz",)))
+    assert np.isnan(result.figures.volume).all()
+    assert np.isnan(result.figures.volume_reconstructed).all()
+    (note,) = result.notes
+    assert note.startswith("the model is open (3 edges without a counterpart)")
+
+
+def test_what_was_read_is_recorded(plain, folder):
+    result = extract(plain)
+    assert result.frames == tuple(f"frame_{k}.obj" for k in range(1, 6))
+    assert result.sources["cage"]["name"] == "cage.obj"
+    assert result.sources["rest"] == result.sources["frames"]
+    assert result.sources["frames"]["files"] == 5
+    assert result.settings == {
+        "alpha": 1e-3, "beta": 1.0, "align": True, "coordinates": "harmonic", "rest_frame": 0,
+        "vertex_weights": False,
+    }  # fmt: skip
+
+
+class Listener(Observer):
+    """Remembers what it was told."""
+
+    def __init__(self):
+        self.stages, self.counts = [], []
+
+    def stage(self, name):
+        self.stages.append(name)
+        return super().stage(name)
+
+    def advance(self, done, total):
+        self.counts.append((self.stages[-1] == "bind", done, total))
+
+
+def test_an_observer_is_told_stages_and_progress(plain):
+    listener = Listener()
+    extract(replace(plain, memory=1), listener)
+    in_order = list(dict.fromkeys(listener.stages))
+    assert in_order == ["open", "bind", "factor", "read", "solve", "measure", "write"]
+    frames = [(done, total) for binding, done, total in listener.counts if not binding]
+    assert frames == [(k, 5) for k in range(1, 6)]
+    bound = [(done, total) for binding, done, total in listener.counts if binding]
+    assert bound[-1] == (18, 18)
+
+
+@pytest.mark.parametrize("fault", ["frame", "interrupt"])
+def test_a_run_that_stops_leaves_the_old_result(plain, folder, animation, write_obj, fault):
+    Path("cages.h5").write_text("old")
+
+    class Impatient(Observer):
+        def advance(self, done, total):
+            if fault == "interrupt" and total == 5:
+                raise KeyboardInterrupt
+
+    if fault == "frame":
+        write_obj(folder / "frames/frame_5.obj", animation.frames[0] * np.nan, animation.rest.faces)
+    with pytest.raises(InputError if fault == "frame" else KeyboardInterrupt):
+        extract(replace(plain, memory=1), Impatient())
+    assert Path("cages.h5").read_text() == "old"
+    assert not list(folder.glob("*.partial"))

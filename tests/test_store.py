@@ -1,0 +1,365 @@
+"""Result files: the schema, one run the same bytes as the next, and nothing half written."""
+
+import json
+from dataclasses import fields
+from itertools import pairwise
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli import __version__, store
+from cageik_cli.binding import Binding
+from cageik_cli.errors import InputError
+from cageik_cli.metrics import FrameFigures
+from cageik_cli.sequence import open_sequence
+from tests.shapes import TETRAHEDRON, ball
+
+FRAMES, SETTINGS, SOURCES = 5, {"alpha": 0.5, "align": True}, {"cage": {"name": "é", "sha256": ""}}
+NAMES = tuple(f"frame_{k}_é.obj" for k in range(FRAMES))
+GENERATOR = np.random.default_rng(1)
+CAGES = GENERATOR.normal(size=(FRAMES, 4, 3))
+
+
+def _binding():
+    shares = np.abs(ball(1).vertices) + 0.1
+    weights = np.column_stack([shares, np.ones(len(shares))])
+    weights /= weights.sum(axis=1, keepdims=True)
+    rest = type(TETRAHEDRON)(weights @ TETRAHEDRON.vertices, ball(1).faces)
+    return Binding(rest, TETRAHEDRON, weights)
+
+
+BINDING = _binding()
+FIGURES = FrameFigures(
+    *(
+        np.arange(FRAMES) if field.name == "worst_vertex" else GENERATOR.uniform(1, 2, FRAMES)
+        for field in fields(FrameFigures)
+    )
+)
+
+
+def part(rows):
+    return FrameFigures(*(getattr(FIGURES, field.name)[rows] for field in fields(FrameFigures)))
+
+
+def header(keep_weights=True):
+    return store.Header(BINDING, 123.0, NAMES, 30.0, SETTINGS, ("a note",), keep_weights)
+
+
+def written(path, cuts=(0, 2, 5), overwrite=False, **options):
+    with store.create(path, header(**options), overwrite) as result:
+        for first, last in pairwise(cuts):
+            result.append(CAGES[first:last], part(slice(first, last)))
+        result.complete(SOURCES)
+    return path
+
+
+@pytest.fixture
+def path(tmp_path):
+    return written(tmp_path / "cages.h5")
+
+
+def test_the_schema(path):
+    rest, cage = BINDING.rest, BINDING.cage
+    expected = {
+        "verts": ("f8", CAGES),
+        "tris": ("i4", cage.faces),
+        "cage/verts": ("f8", cage.vertices),
+        "rest/verts": ("f8", rest.vertices),
+        "rest/tris": ("i4", rest.faces),
+        "weights": ("f8", BINDING.weights),
+        "frames/name": ("O", np.array(NAMES, object)),
+        "metrics/worst_vertex": ("i8", FIGURES.worst_vertex),
+    } | {
+        f"metrics/{name}": ("f8", getattr(FIGURES, name))
+        for name in ("rms", "max_deviation", "volume", "volume_reconstructed", "spread")
+    }
+    with h5py.File(path) as file:
+        held = []
+        file.visititems(lambda name, item: held.append(name) if hasattr(item, "shape") else None)
+        assert sorted(held) == sorted(expected)
+        for name, (kind, values) in expected.items():
+            assert file[name].dtype == np.dtype(kind), name
+            found = file[name].asstr()[:] if kind == "O" else file[name][:]
+            np.testing.assert_array_equal(found, values)
+        assert file["weights"].compression == "gzip"
+        attributes = dict(file.attrs)
+    assert attributes["format"] == "cageik.result"
+    assert attributes["schema"] == 1
+    assert attributes["version"] == __version__
+    assert attributes["fps"] == 30.0
+    assert attributes["complete"]
+    assert json.loads(attributes["settings"]) == SETTINGS
+    assert json.loads(attributes["sources"]) == SOURCES
+    assert json.loads(attributes["notes"]) == ["a note"]
+    assert json.loads(attributes["quality"])["condition_number"] == 123.0
+    assert set(attributes) == {
+        "format", "schema", "version", "fps", "settings", "sources", "notes", "quality", "complete"
+    }  # fmt: skip
+
+
+def test_what_is_written_is_read(path):
+    result = store.read_result(path)
+    assert (result.path, result.version, result.fps) == (path, __version__, 30.0)
+    assert (result.settings, result.sources) == (SETTINGS, SOURCES)
+    assert (result.notes, result.frames) == (("a note",), NAMES)
+    for read, mesh in ((result.rest, BINDING.rest), (result.cage, BINDING.cage)):
+        np.testing.assert_array_equal(read.vertices, mesh.vertices)
+        np.testing.assert_array_equal(read.faces, mesh.faces)
+    for field in fields(FrameFigures):
+        found, put = (getattr(figures, field.name) for figures in (result.figures, FIGURES))
+        np.testing.assert_array_equal(found, put)
+    assert store.is_result(path)
+
+
+def test_the_cages_are_a_clip_of_the_splocs_layout(path):
+    sequence = open_sequence([str(path)])
+    block = next(sequence.blocks(FRAMES, 1))
+    np.testing.assert_array_equal(block.vertices, CAGES)
+    np.testing.assert_array_equal(sequence.first.faces, BINDING.cage.faces)
+
+
+@pytest.mark.parametrize("cuts", [(0, 5), (0, 1, 2, 3, 4, 5), (0, 3, 5)])
+def test_the_same_run_gives_the_same_bytes_under_any_name(tmp_path, path, cuts):
+    other = written(tmp_path / "another name.h5", cuts)
+    assert other.read_bytes() == path.read_bytes()
+
+
+def test_weights_can_be_left_out(tmp_path, path):
+    smaller = written(tmp_path / "small.h5", keep_weights=False)
+    with h5py.File(smaller) as file:
+        assert "weights" not in file
+    assert smaller.stat().st_size < path.stat().st_size
+    np.testing.assert_array_equal(store.read_result(smaller).figures.rms, FIGURES.rms)
+
+
+def test_an_old_result_is_replaced_only_when_the_new_one_is_whole(tmp_path):
+    path = tmp_path / "cages.h5"
+    path.write_text("old")
+    with store.create(path, header(), overwrite=True) as result:
+        result.append(CAGES, FIGURES)
+        result.complete(SOURCES)
+        assert path.read_text() == "old"
+    assert store.read_result(path).frames == NAMES
+    assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
+
+
+def test_a_result_that_came_meanwhile_is_not_replaced(tmp_path):
+    path = tmp_path / "cages.h5"
+
+    def race():
+        with store.create(path, header(), overwrite=False) as result:
+            result.append(CAGES, FIGURES)
+            result.complete(SOURCES)
+            path.write_text("somebody else's")
+
+    with pytest.raises(InputError, match=r"cages\.h5: was written by somebody else meanwhile"):
+        race()
+    assert path.read_text() == "somebody else's"
+    assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
+
+
+@pytest.mark.parametrize("kind", [InputError, ValueError, KeyboardInterrupt, MemoryError])
+def test_whatever_goes_wrong_leaves_the_old_result_and_nothing_else(tmp_path, kind):
+    path = tmp_path / "cages.h5"
+    path.write_text("old")
+
+    def fail_in_the_middle():
+        with store.create(path, header(), overwrite=True) as result:
+            result.append(CAGES[:2], part(slice(2)))
+            raise kind("in the middle")
+
+    with pytest.raises(kind):
+        fail_in_the_middle()
+    assert path.read_text() == "old"
+    assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
+
+
+def test_what_the_system_refuses_is_a_sentence(tmp_path):
+    path = tmp_path / "cages.h5"
+    with pytest.raises(InputError, match=r"cages\.h5: cannot be written \(No space left"):  # noqa: SIM117
+        with store.create(path, header(), overwrite=True):
+            raise OSError(28, "No space left on device")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_result_that_lacks_frames_is_never_complete(tmp_path):
+    with pytest.raises(ValueError, match="2 of 5 frames"):
+        written(tmp_path / "cages.h5", cuts=(0, 2))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("there.h5", "there.h5: exists already; choose another name, or replace it"),
+        ("folder", "folder: is a folder, expected the name of a file"),
+        ("nowhere/cages.h5", "nowhere/cages.h5: the folder nowhere does not exist"),
+        ("there.h5/cages.h5", "there.h5/cages.h5: the folder there.h5 does not exist"),
+        pytest.param(
+            "/proc/cages.h5",
+            "/proc/cages.h5: cannot be written (",
+            marks=pytest.mark.skipif(not Path("/proc/self").exists(), reason="no such folder"),
+        ),
+    ],
+)
+def test_an_output_that_cannot_be_is_refused_before_any_work(tmp_path, monkeypatch, name, says):
+    monkeypatch.chdir(tmp_path)
+    Path("there.h5").write_text("old")
+    Path("folder").mkdir()
+    with pytest.raises(InputError) as caught:
+        store.prepare(Path(name), overwrite=False)
+    assert str(caught.value).startswith(says)
+    assert Path("there.h5").read_text() == "old"
+
+
+def test_an_output_that_can_be_leaves_no_trace(tmp_path):
+    store.prepare(tmp_path / "new.h5", overwrite=False)
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "old.h5").write_text("old")
+    store.prepare(tmp_path / "old.h5", overwrite=True)
+    assert (tmp_path / "old.h5").read_text() == "old"
+
+
+def test_text_is_written_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "report.json"
+    store.write_text(path, "ä\n", overwrite=False)
+    assert path.read_bytes() == "ä\n".encode()
+    with pytest.raises(InputError, match="exists already"):
+        store.write_text(path, "b", overwrite=False)
+    with pytest.raises(UnicodeEncodeError):
+        store.write_text(path, "\ud800", overwrite=True)
+    assert path.read_bytes() == "ä\n".encode()
+    store.write_text(path, "c", overwrite=True)
+    assert path.read_text() == "c"
+    assert [item.name for item in tmp_path.iterdir()] == ["report.json"]
+
+
+def attribute(name, value):
+    return lambda file: file.attrs.__setitem__(name, value)
+
+
+def without_attribute(name):
+    return lambda file: file.attrs.__delitem__(name)
+
+
+def replaced(name, *values, **how):
+    def change(file):
+        del file[name]
+        if values:
+            file.create_dataset(name, data=values[0], **how)
+
+    return change
+
+
+def value(name, place, number):
+    return lambda file: file[name].__setitem__(place, number)
+
+
+SEQUENCES = h5py.vlen_dtype(np.dtype("i4"))
+unchecked = pytest.mark.xfail(strict=True, reason="not checked where a result is read")
+
+DAMAGES = [
+    (attribute("format", "other"), "is not a result of cageik extract"),
+    (without_attribute("format"), "is not a result of cageik extract"),
+    (attribute("schema", 2), "is of schema 2, this program reads schema 1; extract it again"),
+    (without_attribute("schema"), "is of schema None"),
+    (attribute("complete", False), "is not complete: the run that wrote it was interrupted"),
+    (without_attribute("complete"), "is not complete"),
+    *[
+        (attribute("fps", bad), "attribute `fps` is")
+        for bad in (0.0, -1.0, np.nan, np.inf, "24", [24.0, 24.0])
+    ],
+    (without_attribute("fps"), "attribute `fps` is None, expected a number above zero"),
+    *[
+        (change, f"attribute `{name}` is not a JSON {kind}; extract it again")
+        for name, kind in {
+            "settings": "dict",
+            "sources": "dict",
+            "quality": "dict",
+            "notes": "list",
+        }.items()
+        for change in (
+            without_attribute(name),
+            attribute(name, "{"),
+            attribute(name, "3"),
+            attribute(name, 3),
+        )
+    ],
+    *[
+        (replaced(name), f"has no dataset `{name}`")
+        for name in (
+            "verts",
+            "tris",
+            "cage/verts",
+            "rest/verts",
+            "rest/tris",
+            "frames/name",
+            "metrics/rms",
+            "metrics/worst_vertex",
+            "metrics/spread",
+        )
+    ],
+    (replaced("verts", CAGES[0]), "`verts` has shape (4, 3), expected any x any x 3"),
+    (replaced("verts", CAGES.astype(int)), "`verts` holds int64 values"),
+    (replaced("verts", CAGES[:3]), "expected 3"),
+    (replaced("verts", CAGES[:, :3]), "`cage/verts` has shape (4, 3), expected 3 x 3"),
+    (replaced("tris", BINDING.cage.faces.astype(float)), "`tris` holds float64 values"),
+    (value("tris", (0, 0), 4), "face 0 names vertices 4,"),
+    (value("rest/tris", (0, 0), -1), "face 0 names vertices -1,"),
+    (value("rest/verts", (2, 1), np.nan), "vertex 2 is ("),
+    (value("cage/verts", (3, 0), np.inf), "vertex 3 is (inf, "),
+    (replaced("metrics/rms", FIGURES.rms[:4]), "`metrics/rms` has shape (4,), expected 5"),
+    (replaced("metrics/worst_vertex", FIGURES.rms), "`metrics/worst_vertex` holds float64 values"),
+    (replaced("frames/name", NAMES[:4]), "`frames/name` has shape (4,), expected 5"),
+    (replaced("frames/name", np.arange(5)), "`frames/name` holds int64 values"),
+    pytest.param(
+        replaced("frames/name", [np.arange(2)] * 5, dtype=SEQUENCES), "frames/name", marks=unchecked
+    ),
+    *[
+        pytest.param(value(f"metrics/{name}", 3, bad), f"metrics/{name}", marks=unchecked)
+        for name, bad in (
+            ("rms", np.nan),
+            ("rms", -1.0),
+            ("max_deviation", np.inf),
+            ("spread", np.nan),
+            ("worst_vertex", 18),
+            ("worst_vertex", -1),
+        )
+    ],
+    pytest.param(attribute("settings", '{"alpha": NaN}'), "settings", marks=unchecked),
+    pytest.param(attribute("quality", '{"min_weight": 1e999}'), "quality", marks=unchecked),
+    pytest.param(attribute("sources", '{"cage": "cage.obj"}'), "sources", marks=unchecked),
+    pytest.param(value("rest/verts", ..., 0.0), "rest", marks=unchecked),
+]
+
+
+@pytest.mark.parametrize(("damage", "says"), DAMAGES)
+def test_a_damaged_result_is_refused_by_name(path, damage, says):
+    with h5py.File(path, "r+") as file:
+        damage(file)
+    with pytest.raises(InputError) as caught:
+        store.read_result(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_a_result_cut_short_is_refused(path, share):
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(InputError, match="is not a sound HDF5 file"):
+        store.read_result(path)
+
+
+def test_an_interrupted_write_is_not_taken_for_a_result(tmp_path):
+    path = tmp_path / "cages.h5"
+    with store.create(path, header(), overwrite=True) as result:
+        result.append(CAGES, FIGURES)
+        result._file.flush()
+        (partial,) = tmp_path.glob("*.partial")
+        (tmp_path / "copy.h5").write_bytes(partial.read_bytes())
+        result.complete(SOURCES)
+    with pytest.raises(InputError, match=r"copy\.h5: is not"):
+        store.read_result(tmp_path / "copy.h5")
