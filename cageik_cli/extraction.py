@@ -13,6 +13,7 @@ from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings, normal
 from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import TriMesh
 from cageik_cli.metrics import measure
+from cageik_cli.outputs import prepare
 from cageik_cli.sequence import (
     LoadedMesh,
     MeshSequence,
@@ -92,7 +93,7 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> stor
         When the system is singular or the weights cannot be trusted.
     """
     watch = observer or Observer()
-    store.prepare(settings.output, settings.overwrite)
+    prepare(settings.output, settings.overwrite)
     with watch.stage("open"):
         sequence = open_sequence(list(settings.frames), settings.allow_gaps)
         rest = rest_pose(sequence, settings)

@@ -1,7 +1,6 @@
 """Our HDF5 result files: written beside their name, renamed when whole, read with every check."""
 
 import json
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
@@ -17,6 +16,7 @@ from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import dataset, numbers, opened
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.metrics import FrameFigures
+from cageik_cli.outputs import PatientFile, whole_file
 
 FORMAT = "cageik.result"
 SCHEMA = 1
@@ -83,8 +83,8 @@ class Header:
 class ResultWriter:
     """Appends blocks of cages and figures to an open file, in order."""
 
-    def __init__(self, file: h5py.File, header: Header) -> None:
-        self._file = file
+    def __init__(self, file: h5py.File, sink: PatientFile, header: Header) -> None:
+        self._file, self._sink = file, sink
         self._done = 0
         self._count = len(header.frames)
         self._weights = header.binding.weights if header.keep_weights else None
@@ -110,6 +110,7 @@ class ResultWriter:
         self._file["verts"][done] = cages
         for field in fields(FrameFigures):
             self._file[f"metrics/{field.name}"][done] = getattr(figures, field.name)
+        self._sink.check()
         self._done = done.stop
 
     def complete(self, sources: dict[str, Any]) -> None:
@@ -134,46 +135,15 @@ def quality_figures(binding: Binding, condition_number: float) -> dict[str, floa
     }
 
 
-def prepare(path: Path, overwrite: bool) -> None:
-    """Refuse, before any work, an output that exists or cannot be written.
-
-    Raises
-    ------
-    InputError
-        Naming the output and what to do.
-    """
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder, expected the name of a file to write")
-    if path.exists() and not overwrite:
-        raise InputError(
-            f"{path}: exists already; choose another name, or replace it with --overwrite"
-        )
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
-    try:
-        _partial(path).touch()
-        _partial(path).unlink()
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror}); choose another folder"
-        ) from error
-
-
 @contextmanager
 def create(path: Path, header: Header, overwrite: bool) -> Iterator[ResultWriter]:
     """Write a result beside its name; it takes the name when the block ends without an error."""
-    partial = _partial(path)
-    try:
-        # Neither times nor addresses go into the file: same input, same bytes.
-        with h5py.File(partial, "w", libver=("earliest", "v110")) as file:
-            yield ResultWriter(file, header)
-        with partial.open("rb") as written:
-            os.fsync(written.fileno())
-        _take_name(partial, path, overwrite)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
-    finally:
-        partial.unlink(missing_ok=True)
+    # Neither times nor addresses go into the file: same input, same bytes.
+    with (
+        whole_file(path, overwrite) as sink,
+        h5py.File(sink, "w", libver=("earliest", "v110")) as file,
+    ):
+        yield ResultWriter(file, sink, header)
 
 
 def is_result(path: Path) -> bool:
@@ -212,19 +182,22 @@ def read_result(path: Path) -> Result:
             )
             for field in fields(FrameFigures)
         }
-        names = dataset(file, "frames/name", "O", (frames,)).asstr()[:]
+        figures = FrameFigures(**columns)
+        _refuse_wild_figures(figures, len(rest.vertices))
+        if rest.diagonal == 0:
+            raise InputError("`rest/verts` are all one point; extract it again")
         return Result(
             path=path,
             version=str(file.attrs.get("version", "unknown")),
             fps=_positive(file, "fps"),
             settings=_parsed(file, "settings", dict),
-            sources=_parsed(file, "sources", dict),
+            sources=_sources(file),
             quality=_parsed(file, "quality", dict),
             notes=tuple(map(str, _parsed(file, "notes", list))),
-            frames=tuple(names),
+            frames=_frame_names(file, frames),
             rest=rest,
             cage=cage,
-            figures=FrameFigures(**columns),
+            figures=figures,
         )
 
 
@@ -250,7 +223,11 @@ def _positive(file: h5py.File, name: str) -> float:
 def _parsed(file: h5py.File, name: str, kind: type) -> Any:
     text = file.attrs.get(name)
     try:
-        value = json.loads(text) if isinstance(text, str) else None
+        value = (
+            json.loads(text, parse_float=_finite, parse_constant=_finite)
+            if isinstance(text, str)
+            else None
+        )
     except ValueError:
         value = None
     if not isinstance(value, kind):
@@ -258,35 +235,37 @@ def _parsed(file: h5py.File, name: str, kind: type) -> Any:
     return value
 
 
-def _partial(path: Path) -> Path:
-    """Where this process writes what will be `path`; no other process writes there."""
-    return path.with_name(f"{path.name}.{os.getpid()}.partial")
+def _sources(file: h5py.File) -> dict[str, Any]:
+    sources: dict[str, Any] = _parsed(file, "sources", dict)
+    if not all(isinstance(source, dict) for source in sources.values()):
+        raise InputError("attribute `sources` does not name files; extract it again")
+    return sources
 
 
-def _take_name(partial: Path, path: Path, overwrite: bool) -> None:
-    """Rename what is whole, unless another file has come to have the name meanwhile."""
-    if path.exists() and not overwrite:
-        raise InputError(f"{path}: was written by somebody else meanwhile; choose another name")
-    partial.replace(path)
+def _frame_names(file: h5py.File, count: int) -> tuple[str, ...]:
+    names = dataset(file, "frames/name", "O", (count,))
+    if h5py.check_string_dtype(names.dtype) is None:
+        raise InputError("`frames/name` does not hold text; extract it again")
+    return tuple(names.asstr(errors="replace")[:])
+
+
+def _refuse_wild_figures(figures: FrameFigures, vertices: int) -> None:
+    for name in ("rms", "max_deviation", "spread"):
+        column = getattr(figures, name)
+        if not (np.isfinite(column) & (column >= 0)).all():
+            raise InputError(f"`metrics/{name}` holds what is no length; extract it again")
+    if np.isinf(figures.volume).any() or np.isinf(figures.volume_reconstructed).any():
+        raise InputError("`metrics/volume` is not finite; extract it again")
+    if not ((figures.worst_vertex >= 0) & (figures.worst_vertex < vertices)).all():
+        raise InputError(f"`metrics/worst_vertex` names more than {vertices} vertices")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not np.isfinite(value):
+        raise ValueError(f"{text} is not a finite number")
+    return value
 
 
 def _json(value: Any) -> str:
     return json.dumps(value, sort_keys=True)
-
-
-def write_text(path: Path, text: str, overwrite: bool) -> None:
-    """Write a text file beside its name and rename it when whole.
-
-    Raises
-    ------
-    InputError
-        When it exists and may not be replaced, or cannot be written.
-    """
-    prepare(path, overwrite)
-    try:
-        _partial(path).write_text(text, encoding="utf-8", newline="\n")
-        _take_name(_partial(path), path, overwrite)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror})") from error
-    finally:
-        _partial(path).unlink(missing_ok=True)

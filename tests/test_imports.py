@@ -14,7 +14,7 @@ PACKAGE = Path(cageik_cli.__file__).parent
 ORDER = (
     "errors", "threads", "mesh", "coordinates.panels", "coordinates.surface",
     "coordinates.harmonic", "enclosure", "binding", "alignment", "dual_laplacian", "metrics",
-    "hdf5", "sequence", "store", "extraction", "report", "describing", "cli", "__main__",
+    "outputs", "hdf5", "sequence", "store", "extraction", "report", "describing", "cli", "__main__",
 )  # fmt: skip
 """Each imports only from those before it; a folder named here keeps its own order."""
 

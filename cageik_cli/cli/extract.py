@@ -55,8 +55,8 @@ def extract_command(**options: Any) -> None:
 
     from cageik_cli.cli.watching import Watch
     from cageik_cli.extraction import extract
+    from cageik_cli.outputs import prepare, write_text
     from cageik_cli.report import as_text, report_of
-    from cageik_cli.store import prepare, write_text
 
     if timings is not None:
         prepare(timings, settings.overwrite)

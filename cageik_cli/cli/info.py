@@ -12,5 +12,6 @@ def info_command(files: tuple[str, ...], quiet: bool) -> None:
     """Say what FILES hold: a result, a clip (files, folder, glob) or one mesh, such as a cage."""
     from cageik_cli.describing import describe
 
+    text = describe(list(files))
     if not quiet:
-        click.echo(describe(list(files)))
+        click.echo(text)

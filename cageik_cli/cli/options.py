@@ -1,13 +1,13 @@
 """Options that several commands share, and the types of their values."""
 
 import re
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
+from cageik_cli.cli.config import read_config
 from cageik_cli.threads import processors
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -16,7 +16,7 @@ PATH = click.Path(path_type=Path)
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
-class Size(click.ParamType[int]):
+class Size(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.3
     """Bytes, such as 512MiB, 2GiB or 1000000."""
 
     name = "size"
@@ -37,7 +37,7 @@ def common(command: Command) -> Command:
             type=PATH,
             is_eager=True,
             expose_value=False,
-            callback=_read_config,
+            callback=read_config,
             help="A TOML file with options under [COMMAND]; the command line wins.",
         ),
         click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
@@ -72,7 +72,7 @@ def verbosity() -> int:
 
 def write_or_print(text: str, target: Path, overwrite: bool) -> None:
     """Write to a file, or to stdout for the name `-`."""
-    from cageik_cli.store import write_text
+    from cageik_cli.outputs import write_text
 
     if str(target) == "-":
         click.echo(text, nl=False)
@@ -82,24 +82,3 @@ def write_or_print(text: str, target: Path, overwrite: bool) -> None:
 
 def _remember_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:
     ctx.find_root().meta["verbosity"] = value
-
-
-def _read_config(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
-    if value is None:
-        return
-    try:
-        tables = tomllib.loads(value.read_text())
-    except (OSError, ValueError) as error:
-        raise click.BadParameter(f"{value}: cannot be read as TOML: {error}") from error
-    table = tables.get(str(ctx.info_name), {})
-    if not isinstance(table, dict):
-        raise click.BadParameter(f"{value}: `{ctx.info_name}` is not a table of options")
-    known = {p.name for p in ctx.command.params if isinstance(p, click.Option)} - {"config"}
-    chosen = {key.replace("-", "_"): entry for key, entry in table.items()}
-    unknown = sorted(set(chosen) - known)
-    if unknown:
-        raise click.BadParameter(
-            f"{value}: [{ctx.info_name}] has no option {', '.join(unknown)}; "
-            f"expected some of {', '.join(sorted(str(name) for name in known))}"
-        )
-    ctx.default_map = {**(ctx.default_map or {}), **chosen}

@@ -24,11 +24,15 @@ def report_command(
 
     The text goes to stdout, or to stderr when JSON or CSV goes there.
     """
+    from cageik_cli.outputs import prepare
     from cageik_cli.report import as_csv, as_json, as_text, report_of
     from cageik_cli.store import read_result
 
     if str(json_path) == str(csv_path) == "-":
         raise click.UsageError("--json and --csv both go to stdout; name a file for one")
+    for path in (json_path, csv_path):
+        if path is not None and str(path) != "-":
+            prepare(path, overwrite)
     reports = [report_of(read_result(path)) for path in results or (Path("cages.h5"),)]
     for path, view in ((json_path, as_json), (csv_path, as_csv)):
         if path is not None:

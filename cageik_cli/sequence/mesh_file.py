@@ -2,6 +2,8 @@
 
 import hashlib
 import io
+import logging
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +14,12 @@ from cageik_cli.mesh import Floats, Integers, TriMesh
 from cageik_cli.sequence.obj import parse_obj
 
 MESH_SUFFIXES = (".obj", ".ply", ".off")
+
+# Where the headers announce how many vertices and faces follow.
+_DECLARED = {
+    ".ply": re.compile(rb"(?ms)^element vertex (\d+)\s.*?^element face (\d+)\s"),
+    ".off": re.compile(rb"(?m)^[ \t]*(?:OFF[ \t]+)?(\d+)[ \t]+(\d+)[ \t]+\d+\s"),
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,12 +78,27 @@ def geometry(data: bytes, suffix: str) -> tuple[Floats, Integers, int]:
         return obj.vertices, obj.faces, obj.polygons
     if not data:
         raise InputError("the file is empty, expected a mesh; export it again")
+    vertices, faces = _by_trimesh(data, suffix[1:])
+    declared = _DECLARED[suffix].search(data)
+    count, polygons = map(int, declared.groups()) if declared else (len(vertices), len(faces))
+    if len(vertices) != count or len(faces) < polygons:
+        raise InputError(
+            f"announces {count} vertices and {polygons} faces, holds {len(vertices)} and "
+            f"{len(faces)}; it is cut short, export it again"
+        )
+    return vertices, faces, len(faces) - polygons
+
+
+def _by_trimesh(data: bytes, kind: str) -> tuple[Floats, Integers]:
     import trimesh
 
+    # Its loaders log a traceback of their own before they raise.
+    trimesh.util.log.setLevel(logging.CRITICAL)
+    options = {"fix_texture": False} if kind == "ply" else {}
     try:
         mesh = trimesh.load_mesh(
-            io.BytesIO(data), file_type=suffix[1:], process=False, maintain_order=True
+            io.BytesIO(data), file_type=kind, process=False, maintain_order=True, **options
         )
-        return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), 0
+        return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
     except Exception as error:  # whatever a damaged file makes trimesh raise
-        raise InputError(f"is not a {suffix[1:].upper()} mesh: {error}") from error
+        raise InputError(f"no {kind.upper()} mesh can be read from it: {error}") from error

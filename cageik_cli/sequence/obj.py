@@ -1,5 +1,6 @@
 """Wavefront OBJ: positions and faces, in the file's order; nothing merged, split or reordered."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -70,7 +71,7 @@ def parse_obj(data: bytes) -> ObjGeometry:
     vertices: list[tuple[float, ...]] = []
     faces: list[tuple[int, int, int]] = []
     polygons = 0
-    for number, line in enumerate(data.replace(b"\\\n", b" ").splitlines(), start=1):
+    for number, line in _logical_lines(data):
         words = line.split()
         if not words or words[0] not in (b"v", b"f"):
             continue
@@ -132,11 +133,22 @@ def _split(data: bytes) -> tuple[bytes, bytes]:
     return (data[:cut], data[cut:]) if cut else (data, b"")
 
 
+def _logical_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Lines and their numbers from 1; one that ends in a backslash goes on in the next."""
+    lines = iter(enumerate(data.splitlines(), start=1))
+    for number, line in lines:
+        while line.endswith(b"\\") and not line.lstrip().startswith(b"#"):
+            line = line[:-1] + b" " + next(lines, (0, b""))[1]
+        yield number, line
+
+
 def _has_vertices(tail: bytes) -> bool:
     return any(line.split(maxsplit=1)[:1] == [b"v"] for line in tail.splitlines())
 
 
 def _is_preamble(text: bytes) -> bool:
+    if b"\\" in text or b"\0" in text:
+        return False
     words = (line.split(maxsplit=1)[0] for line in text.splitlines() if line.strip())
     return all(word in _PREAMBLE or word.startswith(b"#") for word in words)
 

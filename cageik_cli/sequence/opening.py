@@ -1,6 +1,7 @@
 """From what the user typed to a clip: files, folders and globs, in natural order."""
 
 import glob
+import os
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -41,8 +42,10 @@ def open_sequence(arguments: list[str], allow_gaps: bool = False) -> MeshSequenc
 
 def frame_paths(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:
     """Every file that the arguments name, once, in natural order of their paths."""
-    found = {path for argument in arguments for path in _named_by(argument, suffixes)}
-    return sorted(found, key=_NATURAL)
+    named = [path for argument in arguments for path in _named_by(argument, suffixes)]
+    # A link to a frame is a frame of its own (a hold); another spelling of its path is not.
+    once = {os.path.abspath(path): path for path in named}
+    return sorted(once.values(), key=_NATURAL)
 
 
 def _named_by(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
@@ -53,7 +56,8 @@ def _named_by(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
     elif path.exists():
         return [path]
     elif glob.has_magic(argument):
-        found = [Path(name) for name in glob.glob(argument, recursive=True)]
+        matches = glob.glob(argument, recursive=True)
+        found = [path for match in matches for path in _named_by(match, suffixes)]
     else:
         raise InputError(f"{argument}: no such file or folder; check the path")
     if not found:

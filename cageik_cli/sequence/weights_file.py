@@ -24,7 +24,9 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
         if path.suffix.lower() == ".npy":
             weights = np.load(io.BytesIO(data), allow_pickle=False)
         else:
-            weights = np.array(data.decode().split())
+            weights = np.array([float(word) for word in data.decode().replace("_", "?").split()])
+        if weights.dtype.kind not in "fiub":
+            raise ValueError(f"it holds {weights.dtype} values")
         weights = np.asarray(weights, dtype=np.float64)
     except (ValueError, TypeError, EOFError, MemoryError) as error:
         raise InputError(

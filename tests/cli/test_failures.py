@@ -118,7 +118,6 @@ def test_an_input_error_is_traced_too(run, folder):
     )
 
 
-@pytest.mark.xfail(strict=True, reason="HDF5 fails in its own clean-up, aloud, and then crashes")
 @pytest.mark.parametrize("room", [2_000, 20_000])
 def test_a_full_disk_leaves_the_old_result(run_process, fixtures_folder, tmp_path, room):
     """A limit on the size of a file stands for the end of the disk."""

@@ -103,7 +103,6 @@ def test_what_cannot_be_described_is_refused(run, folder, words, says):
     assert len(outcome.err.splitlines()) == 1
 
 
-@pytest.mark.xfail(strict=True, reason="it does not even look")
 def test_quiet_only_checks(run, folder):
     outcome = run("info", "cage.obj", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")

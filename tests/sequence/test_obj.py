@@ -52,13 +52,11 @@ def test_every_dialect_gives_the_same_mesh(data):
     assert fast is None or fast.tobytes() == mesh.vertices.tobytes()
 
 
-@pytest.mark.xfail(strict=True, reason="a continued line is not joined in a CRLF file")
 def test_a_line_may_continue_in_a_file_of_crlf_lines():
     data = DIALECTS["line continuation"].replace(b"\n", b"\r\n")
     np.testing.assert_array_equal(parse_obj(data).vertices, VERTICES)
 
 
-@pytest.mark.xfail(strict=True, reason="a comment's last backslash swallows the next vertex")
 def test_a_comment_that_ends_in_a_backslash_swallows_no_line():
     data = PLAIN.replace(b"o thing", b"# C:\\models\\")
     np.testing.assert_array_equal(parse_obj(data).vertices, VERTICES)
@@ -119,7 +117,6 @@ EDITS = st.lists(
 )
 
 
-@pytest.mark.xfail(strict=True, reason="the fast path does not see NUL and `\\` in the preamble")
 @given(EDITS)
 @example([(2, 0, b"\0")])
 @example([(len(b"# a comment\no thing"), 0, b"\\")])

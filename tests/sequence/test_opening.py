@@ -31,12 +31,7 @@ def frames(tmp_path, monkeypatch, animation, write_obj):
         ["**/*.obj"],
         [f"frames/{name}" for name in reversed(NUMBERS)],
         ["frames/frame_10.obj", "frames", "./frames/*.obj", "frames/frame_1.obj"],
-        pytest.param(
-            ["{here}/frames", "frames/*.obj"],
-            marks=pytest.mark.xfail(
-                strict=True, reason="a file named by two paths is taken as two frames"
-            ),
-        ),
+        ["{here}/frames", "frames/*.obj"],
     ],
 )
 def test_files_folders_and_globs_name_each_frame_once_in_natural_order(frames, arguments):
@@ -76,11 +71,6 @@ def test_a_file_whose_name_looks_like_a_glob_is_itself(frames):
 
 def test_a_glob_may_name_folders_as_the_shell_would(frames):
     assert open_sequence(["fram*"], allow_gaps=True).names == tuple(NUMBERS)
-
-
-test_a_glob_may_name_folders_as_the_shell_would = pytest.mark.xfail(
-    strict=True, reason="a quoted glob that matches a folder is refused as a clip of kind ``"
-)(test_a_glob_may_name_folders_as_the_shell_would)
 
 
 @pytest.mark.parametrize(

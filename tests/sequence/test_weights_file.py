@@ -63,7 +63,6 @@ def test_what_is_no_list_of_numbers_is_refused(tmp_path, name, make, says):
     assert str(caught.value).startswith(says)
 
 
-@pytest.mark.xfail(strict=True, reason="the imaginary part is dropped with a warning")
 def test_complex_numbers_are_refused(tmp_path):
     np.save(tmp_path / "weights.npy", np.array([1 + 1j]))
     with pytest.raises(InputError):

@@ -1,10 +1,12 @@
 """A clip in a numpy `.npz`: an array of positions and one of faces, by their usual names."""
 
 import hashlib
+import io
 import zipfile
 import zlib
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -12,6 +14,9 @@ from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.sequence.clip import MeshSequence, only
 from cageik_cli.sequence.mesh_file import read_bytes
+
+# What numpy and zipfile raise for archives that are cut, encrypted or not of arrays.
+_DAMAGES = (OSError, ValueError, EOFError, MemoryError, RuntimeError, zlib.error, BadZipFile)
 
 VERTEX_NAMES = ("vertices", "verts", "V", "v")
 FACE_NAMES = ("faces", "tris", "F", "f")
@@ -29,8 +34,9 @@ class Reader(MeshSequence):
 
     def __init__(self, path: Path) -> None:
         with located(path):
-            self._digest = hashlib.sha256(read_bytes(path)).hexdigest()
-            arrays = _members(path)
+            data = read_bytes(path)
+            self._digest = hashlib.sha256(data).hexdigest()
+            arrays = _members(data)
             faces = _faces(arrays)
             self._frames = _frames_first(_named(arrays, VERTEX_NAMES, "f"), int(faces.max()))
             self._path = path
@@ -46,17 +52,18 @@ class Reader(MeshSequence):
         return {"name": self._path.name, "files": 1, "sha256": self._digest}
 
 
-def _members(path: Path) -> dict[str, np.ndarray]:
+def _members(data: bytes) -> dict[str, np.ndarray]:
+    if not zipfile.is_zipfile(io.BytesIO(data)):
+        raise InputError("is not a .npz archive of arrays; write it with numpy.savez")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
             wanted = [name for name in file.files if name in VERTEX_NAMES + FACE_NAMES]
             if {"poses", "betas", "trans"} <= set(file.files) and not wanted:
                 raise InputError(
                     "holds body parameters (AMASS), not vertices; evaluate the body model first"
                 )
-            return {name: file[name] for name in wanted}
-    except (OSError, ValueError, EOFError, KeyError, MemoryError, zlib.error,
-            zipfile.BadZipFile) as error:  # fmt: skip
+            return {name: np.asarray(file[name]) for name in wanted}
+    except _DAMAGES as error:
         raise InputError(f"is not a sound .npz of plain arrays ({error})") from error
 
 

@@ -1,0 +1,60 @@
+"""Options from a TOML file: a table a command, an entry an option; the command line wins."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+def read_config(ctx: click.Context, param: click.Parameter, path: Path | None) -> None:
+    """Make the entries of the file's table for this command its defaults.
+
+    Raises
+    ------
+    click.BadParameter
+        Naming the file, when it is not TOML, or an entry is not an option or not a value of it.
+    """
+    if path is None:
+        return
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise click.BadParameter(f"{path}: cannot be read as TOML: {error}") from error
+    _refuse_other_tables(ctx, path, tables)
+    options = {option.name: option for option in ctx.command.params if option.name != "config"}
+    chosen = {}
+    for key, value in tables.get(str(ctx.info_name), {}).items():
+        option = options.get(key.replace("-", "_"))
+        if not isinstance(option, click.Option):
+            known = sorted(name for name, p in options.items() if isinstance(p, click.Option))
+            raise click.BadParameter(
+                f"{path}: [{ctx.info_name}] has no option {key}; expected some of "
+                f"{', '.join(map(str, known))}"
+            )
+        if not _is_value_of(option, value):
+            raise click.BadParameter(f"{path}: {key} = {value!r} is not a value of --{key}")
+        chosen[option.name] = value
+    ctx.default_map = {**(ctx.default_map or {}), **chosen}
+
+
+def _refuse_other_tables(ctx: click.Context, path: Path, tables: dict[str, Any]) -> None:
+    group = ctx.parent.command if ctx.parent else None
+    commands = group.commands if isinstance(group, click.Group) else {str(ctx.info_name): None}
+    for name, table in tables.items():
+        if name not in commands:
+            raise click.BadParameter(
+                f"{path}: {name} is not a command; expected tables of options, "
+                f"{', '.join(f'[{command}]' for command in commands)}"
+            )
+        if not isinstance(table, dict):
+            raise click.BadParameter(f"{path}: `{name}` is not a table of options")
+
+
+def _is_value_of(option: click.Option, value: object) -> bool:
+    """Whether a TOML value can be what would be typed for the option; click parses it then."""
+    if isinstance(option.type, click.Path):
+        return isinstance(value, str)
+    if isinstance(option.type, click.types.IntParamType):
+        return isinstance(value, int | str) and not isinstance(value, bool)
+    return isinstance(value, int | float | str)

@@ -1,0 +1,113 @@
+"""Outputs are written beside their names and take them when whole; nothing else is touched."""
+
+import io
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cageik_cli.errors import InputError
+
+
+def prepare(path: Path, overwrite: bool) -> None:
+    """Refuse, before any work, an output that exists or cannot be written.
+
+    Raises
+    ------
+    InputError
+        Naming the output and what to do.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder, expected the name of a file to write")
+    if path.exists() and not overwrite:
+        raise InputError(
+            f"{path}: exists already; choose another name, or replace it with --overwrite"
+        )
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
+    try:
+        _partial(path).touch()
+        _partial(path).unlink()
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror}); choose another folder"
+        ) from error
+
+
+class PatientFile(io.FileIO):
+    """A binary file that keeps the first failure to itself until it is asked for.
+
+    HDF5 does not survive a write that fails: it fails again while it cleans up, aloud, and may
+    crash. Here every write seems to succeed; `check` raises what did not.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "w+")
+        self._failure: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all of `data`."""
+        view = memoryview(data).cast("B")
+        done = 0
+        try:
+            while done < len(view) and self._failure is None:
+                done += super().write(view[done:]) or 0
+        except OSError as error:
+            self._failure = error
+        return len(view)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the size."""
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self._failure = self._failure or error
+            return size or 0
+
+    def check(self) -> None:
+        """Raise the OSError that a write met, if one did."""
+        if self._failure is not None:
+            raise self._failure
+
+
+@contextmanager
+def whole_file(path: Path, overwrite: bool) -> Iterator[PatientFile]:
+    """A file beside `path` that takes its name if the block ends without an error.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written, or another file has come to have the name meanwhile.
+    """
+    partial = _partial(path)
+    try:
+        with PatientFile(partial) as file:
+            yield file
+            file.check()
+            os.fsync(file.fileno())
+        if path.exists() and not overwrite:
+            raise InputError(f"{path}: another run has written it meanwhile; choose another name")
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str, overwrite: bool) -> None:
+    """Write a text file, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        When it exists and may not be replaced, or cannot be written.
+    """
+    prepare(path, overwrite)
+    with whole_file(path, overwrite) as file:
+        file.write(text.encode())
+
+
+def _partial(path: Path) -> Path:
+    """Where this process writes what will be `path`; no other process writes there."""
+    return path.with_name(f"{path.name}.{os.getpid()}.partial")

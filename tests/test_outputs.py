@@ -1,0 +1,111 @@
+"""Outputs: written whole or not at all, whatever the disk does."""
+
+import errno
+import io
+from pathlib import Path
+
+import pytest
+
+from cageik_cli import outputs
+from cageik_cli.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("there.h5", "there.h5: exists already; choose another name, or replace it"),
+        ("folder", "folder: is a folder, expected the name of a file"),
+        ("nowhere/cages.h5", "nowhere/cages.h5: the folder nowhere does not exist"),
+        ("there.h5/cages.h5", "there.h5/cages.h5: the folder there.h5 does not exist"),
+        pytest.param(
+            "/proc/cages.h5",
+            "/proc/cages.h5: cannot be written (",
+            marks=pytest.mark.skipif(not Path("/proc/self").exists(), reason="no such folder"),
+        ),
+    ],
+)
+def test_an_output_that_cannot_be_is_refused_before_any_work(tmp_path, monkeypatch, name, says):
+    monkeypatch.chdir(tmp_path)
+    Path("there.h5").write_text("old")
+    Path("folder").mkdir()
+    with pytest.raises(InputError) as caught:
+        outputs.prepare(Path(name), overwrite=False)
+    assert str(caught.value).startswith(says)
+    assert Path("there.h5").read_text() == "old"
+
+
+def test_an_output_that_can_be_leaves_no_trace(tmp_path):
+    outputs.prepare(tmp_path / "new.h5", overwrite=False)
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "old.h5").write_text("old")
+    outputs.prepare(tmp_path / "old.h5", overwrite=True)
+    assert (tmp_path / "old.h5").read_text() == "old"
+
+
+def test_text_is_written_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "report.json"
+    outputs.write_text(path, "ä\n", overwrite=False)
+    assert path.read_bytes() == "ä\n".encode()
+    with pytest.raises(InputError, match="exists already"):
+        outputs.write_text(path, "b", overwrite=False)
+    with pytest.raises(UnicodeEncodeError):
+        outputs.write_text(path, "\ud800", overwrite=True)
+    assert path.read_bytes() == "ä\n".encode()
+    outputs.write_text(path, "c", overwrite=True)
+    assert path.read_text() == "c"
+    assert [item.name for item in tmp_path.iterdir()] == ["report.json"]
+
+
+class FullAfter(io.FileIO):
+    """A disk with room for so many bytes, that takes a write in two parts."""
+
+    room = 10
+
+    def write(self, data):
+        if self.tell() + len(data) > self.room:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().write(data[: max(1, len(data) // 2)])
+
+    def truncate(self, size=None):
+        if (size or 0) > self.room:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().truncate(size)
+
+
+@pytest.fixture
+def full_disk():
+    outputs.PatientFile.__bases__ = (FullAfter,)
+    yield
+    outputs.PatientFile.__bases__ = (io.FileIO,)
+
+
+@pytest.mark.usefixtures("full_disk")
+def test_a_failed_write_is_kept_until_it_is_asked_for(tmp_path):
+    with outputs.PatientFile(tmp_path / "a") as file:
+        assert file.write(b"12345") == 5
+        file.check()
+        assert file.write(b"6789012") == 7
+        assert file.write(b"3") == 1
+        with pytest.raises(OSError, match="No space"):
+            file.check()
+    assert (tmp_path / "a").read_bytes() == b"12345"
+
+
+@pytest.mark.usefixtures("full_disk")
+def test_a_failed_truncation_is_kept_too(tmp_path):
+    with outputs.PatientFile(tmp_path / "a") as file:
+        assert file.truncate(5) == 5
+        file.check()
+        assert file.truncate(50) == 50
+        with pytest.raises(OSError, match="No space"):
+            file.check()
+
+
+@pytest.mark.usefixtures("full_disk")
+def test_a_text_that_does_not_fit_leaves_the_old_one(tmp_path):
+    path = tmp_path / "a"
+    path.write_text("old")
+    with pytest.raises(InputError, match=r"a: cannot be written \(No space left on device\)"):
+        outputs.write_text(path, "longer than the disk", overwrite=True)
+    assert path.read_text() == "old"
+    assert [item.name for item in tmp_path.iterdir()] == ["a"]
