@@ -112,7 +112,7 @@ class DualLaplacianSolver:
         laplacian = uniform_laplacian(binding.cage)
         smoothness = (settings.alpha / n) * laplacian.T @ laplacian
         normal = smoothness + data_rows @ binding.weights
-        self.condition_number = _checked_condition(normal, binding)
+        self.condition_number = _checked_condition(normal, binding, settings.beta)
         factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
         # Back substitution of every vertex at once leaves one product to do for each frame.
         self._response = scipy.linalg.cho_solve(factor, data_rows, check_finite=False)
@@ -170,14 +170,16 @@ def normalised_weights(weights: Floats | None, count: int) -> Floats:
     return np.asarray(weights * (count / weights.sum()))
 
 
-def _checked_condition(normal: Floats, binding: Binding) -> float:
+def _checked_condition(normal: Floats, binding: Binding, beta: float) -> float:
     smallest, *_, largest = scipy.linalg.eigvalsh(normal, check_finite=False)
     condition = float(largest / smallest) if smallest > 0 else float("inf")
     if condition > WORST_CONDITION:
+        remedy = "raise --alpha, whose default is 1e-3, or remove cage vertices far from the model"
+        if beta == 0:
+            remedy = "raise --beta above 0, for without vertices the cage may be anywhere"
         weakest = int(np.argmin(np.abs(binding.weights).max(axis=0)))
         raise NumericalError(
             f"the system is singular: its condition number is {condition:.1e}, more than "
-            f"{WORST_CONDITION:.0e} (cage vertex {weakest} moves the model least); "
-            "raise --alpha, whose default is 1e-3, or remove cage vertices far from the model"
+            f"{WORST_CONDITION:.0e} (cage vertex {weakest} moves the model least); {remedy}"
         )
     return condition

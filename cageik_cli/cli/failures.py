@@ -20,7 +20,7 @@ class CageikGroup(click.Group):
         except BrokenPipeError:
             raise  # the reader of our output has gone; click ends without a word
         except KeyboardInterrupt:
-            _fail("interrupted; nothing was written")
+            _fail("interrupted")
         except OSError as error:
             _fail(f"{error.filename or 'the system'}: {error.strerror or error}")
         except MemoryError:

@@ -99,11 +99,11 @@ def harmonic_weights(
     Parameters
     ----------
     cage : TriMesh
-        Closed, manifold, outward, of one component (`enclosure.check_cage`).
+        Closed, manifold, outward, of one component (`enclosure.checked_cage`).
     points : (m, 3)
         Inside or on the cage, file units. A point on it gets barycentric weights.
     jobs : int, optional
-        Threads; the number of processors by default. The result does not depend on it.
+        Threads; the number of processors by default. They change the result by rounding alone.
     progress : callable
         Told (points done, points) after every block.
 

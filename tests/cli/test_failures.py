@@ -70,7 +70,7 @@ def failing(monkeypatch):
 
 
 FAILURES = {
-    "interrupted": (KeyboardInterrupt(), "interrupted; nothing was written"),
+    "interrupted": (KeyboardInterrupt(), "interrupted"),
     "disk full": (
         OSError(errno.ENOSPC, "No space left on device", "cages.h5"),
         "cages.h5: No space left on device",
