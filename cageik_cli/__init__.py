@@ -1,4 +1,4 @@
-"""Turn a mesh animation into a cage animation, and pose meshes with cages.
+"""Turn a mesh animation into a cage animation.
 
 The method is that of Savoye and Franco, *CageIK: Dual-Laplacian Cage-Based
 Inverse Kinematics*, AMDO 2010. The command-line tool is `cageik`; the modules

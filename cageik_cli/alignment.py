@@ -53,6 +53,6 @@ def best_rigid_motions(frames: Floats, rest: Floats, weights: Floats) -> RigidMo
     return RigidMotions(left @ right, centres)
 
 
-def no_motions(count: int) -> RigidMotions:
-    """Motions that leave `count` frames where they are."""
-    return RigidMotions(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)))
+def no_motions(count: int, centre: Floats) -> RigidMotions:
+    """Motions that turn none of `count` frames, but for the rest pose's own `centre`, (3,)."""
+    return RigidMotions(np.tile(np.eye(3), (count, 1, 1)), np.tile(centre, (count, 1)))

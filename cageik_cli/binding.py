@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.coordinates.harmonic import harmonic_weights, no_progress
-from cageik_cli.enclosure import fit
+from cageik_cli.enclosure import check_enclosure
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.mesh import Floats, TriMesh
 
@@ -71,9 +71,9 @@ def bind(
     """
     if rest.diagonal == 0:
         raise InputError("the rest pose is one point, expected a surface; export it again")
-    fitted = fit(cage, rest)
-    weights = harmonic_weights(fitted.cage, fitted.points, jobs, progress)
-    binding = Binding(rest, fitted.cage, weights, fitted.notes)
+    held = check_enclosure(cage, rest)
+    weights = harmonic_weights(held.cage, held.points, jobs, progress)
+    binding = Binding(rest, held.cage, weights, held.notes)
     if not binding.linear_precision <= WORST_PRECISION:
         raise NumericalError(
             f"the weights miss the rest pose by {binding.linear_precision:.1e} of the diagonal, "

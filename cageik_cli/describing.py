@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.enclosure import checked_cage
-from cageik_cli.errors import InputError
+from cageik_cli.errors import InputError, first_few
+from cageik_cli.layout import page
 from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence import MeshSequence, load_mesh, open_sequence
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
@@ -13,22 +14,24 @@ from cageik_cli.store import Result, is_result, read_result
 
 
 def describe(arguments: list[str]) -> str:
-    """Describe one result or mesh, or the clip that several files, a folder or a glob name.
+    """Describe results or one mesh, or the clip that several files, a folder or a glob name.
 
     Raises
     ------
     InputError
         Naming the file that cannot be read.
     """
-    path = Path(arguments[0])
-    if len(arguments) == 1 and path.is_file():
-        if path.suffix.lower() in (".h5", ".hdf5") and is_result(path):
-            return _lines(str(path), _result_rows(read_result(path)))
-        if path.suffix.lower() in MESH_SUFFIXES:
-            loaded = load_mesh(path)
-            rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
-            return _lines(str(path), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
-    return _lines(", ".join(arguments[:3]), _clip_rows(open_sequence(arguments, allow_gaps=True)))
+    paths = [Path(argument) for argument in arguments]
+    if all(path.is_file() and path.suffix.lower() in (".h5", ".hdf5") for path in paths):
+        results = [path for path in paths if is_result(path)]
+        if len(results) == len(paths):
+            return "\n\n".join(page(str(path), _result_rows(read_result(path))) for path in paths)
+    if len(paths) == 1 and paths[0].is_file() and paths[0].suffix.lower() in MESH_SUFFIXES:
+        loaded = load_mesh(paths[0])
+        rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
+        return page(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
+    sequence = open_sequence(arguments, allow_gaps=True)
+    return page(first_few(arguments, 3), _clip_rows(sequence))
 
 
 def _result_rows(result: Result) -> list[tuple[str, str]]:
@@ -74,7 +77,3 @@ def _cage_row(mesh: TriMesh) -> tuple[str, str]:
 
 def _point(position: np.ndarray) -> str:
     return "(" + ", ".join(f"{value:.6g}" for value in position) + ")"
-
-
-def _lines(headline: str, rows: list[tuple[str, str]]) -> str:
-    return "\n".join([headline, *(f"  {label:<14} {value}" for label, value in rows)])

@@ -54,6 +54,24 @@ class SolveSettings:
             raise InputError("alpha and beta are both 0, expected at least one above")
 
 
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How far weights and system can be trusted.
+
+    Attributes
+    ----------
+    partition_of_unity, linear_precision, min_weight : float
+        Of the binding, see there.
+    condition_number : float
+        Of the normal matrix, in the 2-norm.
+    """
+
+    partition_of_unity: float
+    linear_precision: float
+    min_weight: float
+    condition_number: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
     """The cages of k frames.
@@ -77,20 +95,17 @@ class DualLaplacianSolver:
     binding : Binding
     settings : SolveSettings
     vertex_weights : (m,) float64, optional
-        Not negative; only their ratios matter. A vertex of weight 0 is missing data.
+        As `normalised_weights` gives them; ones by default. A vertex of weight 0 is missing data.
 
     Attributes
     ----------
     binding : Binding
-    condition_number : float
-        Of the normal matrix, in the 2-norm.
+    quality : Quality
     counted : (c,) int64 or a slice of all
         The vertices that are data: all but those of weight 0.
 
     Raises
     ------
-    InputError
-        When there are not as many vertex weights as vertices, or one is negative or not finite.
     NumericalError
         When the normal matrix is singular to working precision.
     """
@@ -101,7 +116,7 @@ class DualLaplacianSolver:
         m, n = binding.weights.shape
         self.binding = binding
         self._align = settings.align
-        self._vertex_weights = normalised_weights(vertex_weights, m)
+        self._vertex_weights = np.ones(m) if vertex_weights is None else vertex_weights
         missing = (self._vertex_weights == 0).any()
         self.counted = np.flatnonzero(self._vertex_weights) if missing else slice(None)
         self._origin = self._vertex_weights @ binding.rest.vertices / m
@@ -112,7 +127,12 @@ class DualLaplacianSolver:
         laplacian = uniform_laplacian(binding.cage)
         smoothness = (settings.alpha / n) * laplacian.T @ laplacian
         normal = smoothness + data_rows @ binding.weights
-        self.condition_number = _checked_condition(normal, binding, settings.beta)
+        self.quality = Quality(
+            binding.partition_of_unity,
+            binding.linear_precision,
+            binding.min_weight,
+            _checked_condition(normal, binding, settings.beta),
+        )
         factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
         # Back substitution of every vertex at once leaves one product to do for each frame.
         self._response = scipy.linalg.cho_solve(factor, data_rows, check_finite=False)
@@ -121,19 +141,17 @@ class DualLaplacianSolver:
     def solve(self, frames: Floats) -> Solution:
         """The cages of `frames`, (k, m, 3)."""
         k, m = len(frames), len(self._rest)
-        motions = no_motions(k)
+        motions = no_motions(k, self._origin)
         if self._align:
             motions = best_rigid_motions(frames, self._rest, self._vertex_weights)
-        shift = 0.0 if self._align else self._origin
         moved = motions.to_rest(frames)
-        moved -= self._rest + shift
+        moved -= self._rest
         target = moved.transpose(1, 0, 2).reshape(m, 3 * k)
         displaced = self._minimiser(target)
         rebuilt = self._weights @ displaced
 
         def in_frames(columns: Floats, rest: Floats) -> Floats:
-            points = columns.reshape(len(rest), k, 3).transpose(1, 0, 2) + (rest + shift)
-            return motions.from_rest(points)
+            return motions.from_rest(rest + columns.reshape(len(rest), k, 3).transpose(1, 0, 2))
 
         return Solution(in_frames(displaced, self._rest_cage), in_frames(rebuilt, self._rest))
 
@@ -144,16 +162,20 @@ class DualLaplacianSolver:
         the corrected seminormal equations).
         """
         displaced = np.asarray(self._response @ target)
-        if self.condition_number > REFINED_CONDITION:
+        if self.quality.condition_number > REFINED_CONDITION:
             residual = target - self._weights @ displaced
             displaced += self._response @ residual - self._stiffness @ displaced
         return displaced
 
 
-def normalised_weights(weights: Floats | None, count: int) -> Floats:
-    """Vertex weights of mean one; ones when there are none."""
-    if weights is None:
-        return np.ones(count)
+def normalised_weights(weights: Floats, count: int) -> Floats:
+    """Weights of `count` vertices, scaled to a mean of one.
+
+    Raises
+    ------
+    InputError
+        Unless there is one a vertex, finite, zero or above, and not all zero.
+    """
     if weights.shape != (count,):
         raise InputError(
             f"vertex weights have shape {weights.shape}, the model has {count} vertices; "

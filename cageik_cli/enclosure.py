@@ -1,5 +1,6 @@
 """Is this cage fit to hold this model? Every check, with numbers that count from 0."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import igl
@@ -18,7 +19,7 @@ TOUCHING = 1e-8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class Enclosure:
     """A cage that holds a model.
 
     Attributes
@@ -36,7 +37,7 @@ class Fit:
     notes: tuple[str, ...]
 
 
-def fit(cage: TriMesh, rest: TriMesh) -> Fit:
+def check_enclosure(cage: TriMesh, rest: TriMesh) -> Enclosure:
     """Check the cage, turn it outward, and check that it holds every vertex of the rest pose.
 
     Raises
@@ -46,7 +47,7 @@ def fit(cage: TriMesh, rest: TriMesh) -> Fit:
     """
     try:
         outward, notes = checked_cage(cage)
-        return Fit(outward, _held(outward, rest), notes)
+        return Enclosure(outward, _held(outward, rest), notes)
     except InputError as error:
         if len(cage.vertices) <= len(rest.vertices):
             raise
@@ -68,11 +69,11 @@ def checked_cage(cage: TriMesh) -> tuple[TriMesh, tuple[str, ...]]:
     _refuse_bad_faces(cage)
     _refuse_bad_vertices(cage)
     _refuse_bad_edges(cage)
-    if not bool(np.all(igl.is_vertex_manifold(cage.faces))):
-        pinched = np.flatnonzero(~np.asarray(igl.is_vertex_manifold(cage.faces)))
+    pinched = np.flatnonzero(~np.asarray(igl.is_vertex_manifold(cage.faces)))
+    if len(pinched):
         raise InputError(
-            f"the cage is not manifold: it only touches itself at {_listed('vertex', pinched)}; "
-            "separate the parts there"
+            "the cage is not manifold: its parts touch in a point at "
+            f"{_listed('vertex', pinched)}; separate them there"
         )
     count = int(cage.components.max()) + 1
     if count > 1:
@@ -107,7 +108,8 @@ def _refuse_bad_faces(cage: TriMesh) -> None:
     repeated = (faces[:, 1:] == faces[:, :-1]).any(axis=1)
     if repeated.any():
         raise InputError(
-            f"{_listed('face', np.flatnonzero(repeated))} of the cage has a vertex twice; delete it"
+            "the cage has a vertex twice in a face: delete "
+            f"{_listed('face', np.flatnonzero(repeated))}"
         )
     corner = cage.vertices[cage.faces]
     sides = corner - np.roll(corner, 1, axis=1)
@@ -116,45 +118,39 @@ def _refuse_bad_faces(cage: TriMesh) -> None:
     flat = np.flatnonzero(~(twice_area > THINNEST * longest**2))
     if len(flat):
         raise InputError(
-            f"{_listed('face', flat)} of the cage is degenerate (its corners lie on a line); "
-            "move or merge its vertices"
+            f"the cage is degenerate, corners on a line, at {_listed('face', flat)}; "
+            "move or merge vertices there"
         )
     _, first, count = np.unique(faces, axis=0, return_index=True, return_counts=True)
     if (count > 1).any():
         again = np.setdiff1d(np.arange(len(faces)), first)
-        raise InputError(
-            f"{_listed('face', again)} of the cage repeats another face; delete one of each pair"
-        )
+        raise InputError(f"the cage has faces that repeat others: delete {_listed('face', again)}")
 
 
 def _refuse_bad_vertices(cage: TriMesh) -> None:
     lone = np.setdiff1d(np.arange(len(cage.vertices)), cage.faces)
     if len(lone):
         raise InputError(
-            f"{_listed('vertex', lone)} of the cage belongs to no face, so it can move nothing; "
-            "delete it"
+            "the cage has vertices in no face, which can move nothing: delete "
+            f"{_listed('vertex', lone)}"
         )
 
 
 def _refuse_bad_edges(cage: TriMesh) -> None:
     edges = cage.edges
     for bad, what, remedy in (
-        (edges.uses > 2, "is not manifold: more than two faces share", "remove the inner faces"),
-        (edges.uses < 2, "is open: only one face has", "close the hole"),
-        (~edges.is_balanced, "turns inconsistently: both faces pass the same way along",
-         "recalculate its normals"),
-    ):  # fmt: skip
+        (edges.uses > 2, "is not manifold: more than two faces meet", "remove the inner faces"),
+        (edges.uses < 2, "is open: no second face", "close the hole"),
+        (~edges.is_balanced, "has neighbours facing opposite ways", "recalculate its normals"),
+    ):
         if bad.any():
             pairs = [f"{a}-{b}" for a, b in edges.ends[bad]]
-            raise InputError(
-                f"the cage {what} {_counted(len(pairs), 'edge')} {first_few(pairs)}; {remedy}"
-            )
+            raise InputError(f"the cage {what} at {_listed('edge', pairs)}; {remedy}")
 
 
-def _listed(noun: str, numbers: NDArray[np.int64]) -> str:
-    return f"{_counted(len(numbers), noun)} {first_few(numbers)}"
-
-
-def _counted(count: int, noun: str) -> str:
+def _listed(noun: str, things: Sequence[object] | NDArray[np.int64]) -> str:
+    """Such as `face 12` or `3 edges (1-3, 3-7, 1-7)`."""
+    if len(things) == 1:
+        return f"{noun} {things[0]}"
     plural = {"vertex": "vertices"}.get(noun, noun + "s")
-    return noun if count == 1 else f"{count} {plural}"
+    return f"{len(things)} {plural} ({first_few(things)})"

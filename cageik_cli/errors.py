@@ -1,6 +1,6 @@
 """What a user can act on: what was found and where, what was expected, what to do."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 
@@ -25,7 +25,7 @@ def located(place: object) -> Iterator[None]:
         raise type(error)(f"{place}: {error}") from error
 
 
-def first_few(numbers: object, limit: int = 10) -> str:
-    """List the first `limit` numbers, with a mark when there are more."""
-    listed = [str(number) for number in numbers]  # type: ignore[attr-defined]
+def first_few(things: Iterable[object], limit: int = 10) -> str:
+    """List the first `limit` of them, with a mark when there are more."""
+    listed = [str(thing) for thing in things]
     return ", ".join(listed[:limit]) + (", ..." if len(listed) > limit else "")

@@ -20,7 +20,7 @@ from cageik_cli.sequence import (
     load_mesh,
     load_vertex_weights,
     open_sequence,
-    refuse_other_faces,
+    refuse_other_connectivity,
 )
 from cageik_cli.threads import blas_threads
 
@@ -96,12 +96,12 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> stor
     prepare(settings.output, settings.overwrite)
     with watch.stage("open"):
         sequence = open_sequence(list(settings.frames), settings.allow_gaps)
-        rest = rest_pose(sequence, settings)
-        cage = load_mesh(settings.cage)
-        vertex_weights, sources = None, {"cage": cage.source}
+        rest, cage = rest_pose(sequence, settings), load_mesh(settings.cage)
+        sources = {"cage": cage.source, "rest": rest.source}
+        vertex_weights = None
         if settings.vertex_weights is not None:
+            loaded, sources["vertex_weights"] = load_vertex_weights(settings.vertex_weights)
             with located(settings.vertex_weights):
-                loaded, sources["vertex_weights"] = load_vertex_weights(settings.vertex_weights)
                 vertex_weights = normalised_weights(loaded, len(rest.mesh.vertices))
     with watch.stage("bind"), located(settings.cage):
         binding = bind(rest.mesh, cage.mesh, settings.jobs, watch.advance)
@@ -109,19 +109,18 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> stor
         solver = DualLaplacianSolver(binding, settings.solve, vertex_weights)
     header = store.Header(
         binding=binding,
-        condition_number=solver.condition_number,
+        quality=solver.quality,
         frames=sequence.names,
         fps=settings.fps,
         settings=_recorded(settings),
-        notes=_notes(cage, rest, binding),
+        notes=_notes(sequence, rest, cage, binding),
         keep_weights=settings.keep_weights,
     )
     # One thread for the products: the others read ahead, which is most of the work.
     with store.create(settings.output, header, settings.overwrite) as result, blas_threads(1):
         _solve_all(sequence, solver, result, settings, watch)
-        frames = sequence.source()
         with watch.stage("write"):
-            result.complete(sources | {"frames": frames, "rest": rest.source or frames})
+            result.complete(sources | {"frames": sequence.source()})
     return store.read_result(settings.output)
 
 
@@ -130,21 +129,16 @@ def rest_pose(sequence: MeshSequence, settings: ExtractSettings) -> LoadedMesh:
     if settings.rest is not None:
         rest = load_mesh(settings.rest)
         with located(settings.rest):
-            if len(rest.mesh.vertices) != len(sequence.first.vertices):
-                raise InputError(
-                    f"{len(rest.mesh.vertices)} vertices, the first frame has "
-                    f"{len(sequence.first.vertices)}; rest pose and frames must share one "
-                    "connectivity"
-                )
-            refuse_other_faces(rest.mesh.faces, sequence.first.faces, "the first frame")
+            count, faces = len(rest.mesh.vertices), rest.mesh.faces
+            refuse_other_connectivity(count, faces, sequence.first, "the first frame")
         return rest
     if not 0 <= settings.rest_frame < len(sequence):
         raise InputError(
             f"--rest-frame {settings.rest_frame}: the clip has {len(sequence)} frames, expected "
             f"0 to {len(sequence) - 1}"
         )
-    frame = sequence.frame(settings.rest_frame)
-    return LoadedMesh(TriMesh(frame, sequence.first.faces), {})
+    frame = TriMesh(sequence.frame(settings.rest_frame), sequence.first.faces)
+    return LoadedMesh(frame, {"name": sequence.names[settings.rest_frame]})
 
 
 def block_size(memory: int, vertices: int) -> int:
@@ -169,12 +163,12 @@ def _solve_all(
         if block is None:
             return
         with watch.stage("solve"):
-            solution = solver.solve(block.vertices)
+            solution = solver.solve(block)
         with watch.stage("measure"):
-            figures = measure(rest, block.vertices, solution.reconstructions, counted)
+            figures = measure(rest, block, solution.reconstructions, counted)
         with watch.stage("write"):
             result.append(solution.cages, figures)
-        done += len(block.names)
+        done += len(block)
         watch.advance(done, len(sequence))
 
 
@@ -191,9 +185,14 @@ def _recorded(settings: ExtractSettings) -> dict[str, Any]:
     }
 
 
-def _notes(cage: LoadedMesh, rest: LoadedMesh, binding: Binding) -> tuple[str, ...]:
-    name = cage.source["name"]
-    notes = [f"{name}: {note}" for note in cage.notes + binding.notes]
+def _notes(
+    sequence: MeshSequence, rest: LoadedMesh, cage: LoadedMesh, binding: Binding
+) -> tuple[str, ...]:
+    notes = [
+        *(f"{cage.source['name']}: {note}" for note in cage.notes + binding.notes),
+        *(f"{rest.source['name']}: {note}" for note in rest.notes),
+        *sequence.notes,
+    ]
     if not rest.mesh.is_closed:
         holes = np.count_nonzero(~rest.mesh.edges.is_balanced)
         notes.append(

@@ -13,6 +13,9 @@ LARGEST_RATIO = 1100
 """Most that HDF5's filters compress; a dataset that claims more than it can hold is damaged."""
 
 
+_KINDS = {"f": "floating-point numbers", "iu": "integers", "O": "text"}
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
     """Open a file for reading; whatever fails inside is an InputError that names it."""
@@ -37,7 +40,7 @@ def dataset(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...
     name : str
         Path within the file.
     kinds : str
-        Numpy's kind letters that are taken, such as "f" or "iu"; "O" for text.
+        Numpy's kind letters that are taken: "f", "iu", or "O" for text.
     shape : tuple
         Expected lengths; None takes any above zero.
 
@@ -55,7 +58,7 @@ def dataset(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...
     if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
         raise InputError(f"`{name}` is not a dataset held in this file")
     if found.dtype.kind not in kinds:
-        raise InputError(f"`{name}` holds {found.dtype} values, expected kind {kinds}")
+        raise InputError(f"`{name}` holds {found.dtype} values, expected {_KINDS[kinds]}")
     fits = found.shape is not None and len(found.shape) == len(shape)
     if not fits or any(
         n == 0 or e not in (None, n) for n, e in zip(found.shape, shape, strict=True)

@@ -55,7 +55,7 @@ class TriMesh:
 
     @cached_property
     def is_closed(self) -> bool:
-        """Whether every edge is passed once in each direction, so that the mesh bounds a volume."""
+        """Whether faces pass every edge as often forth as back: the mesh then bounds a volume."""
         return bool(self.edges.is_balanced.all())
 
     @cached_property

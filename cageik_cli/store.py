@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.binding import Binding
+from cageik_cli.dual_laplacian import Quality
 from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import dataset, numbers, opened
 from cageik_cli.mesh import Floats, TriMesh
@@ -20,6 +21,8 @@ from cageik_cli.outputs import PatientFile, whole_file
 
 FORMAT = "cageik.result"
 SCHEMA = 1
+FIGURES = tuple(field.name for field in fields(FrameFigures))
+WHOLE_FIGURES = ("worst_vertex",)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,8 +35,9 @@ class Result:
     version : str
         Of the program that wrote it.
     fps : float
-    settings, sources, quality : dict
-        What was asked; name and digest of what was read; the binding's figures.
+    settings, sources : dict
+        What was asked; name and digest of what was read.
+    quality : Quality
     notes : tuple of str
         What was changed or left out, one sentence each.
     frames : tuple of str
@@ -48,7 +52,7 @@ class Result:
     fps: float
     settings: dict[str, Any]
     sources: dict[str, Any]
-    quality: dict[str, Any]
+    quality: Quality
     notes: tuple[str, ...]
     frames: tuple[str, ...]
     rest: TriMesh
@@ -63,7 +67,7 @@ class Header:
     Attributes
     ----------
     binding : Binding
-    condition_number : float
+    quality : Quality
     frames : tuple of str
     fps : float
     settings : dict
@@ -72,7 +76,7 @@ class Header:
     """
 
     binding: Binding
-    condition_number: float
+    quality: Quality
     frames: tuple[str, ...]
     fps: float
     settings: dict[str, Any]
@@ -95,21 +99,21 @@ class ResultWriter:
         file["cage/verts"], file["rest/verts"] = cage.vertices, rest.vertices
         file["rest/tris"] = rest.faces.astype(np.int32)
         file.create_dataset("frames/name", data=header.frames, dtype=h5py.string_dtype())
-        for field in fields(FrameFigures):
-            kind = "i8" if field.name == "worst_vertex" else "f8"
-            file.create_dataset(f"metrics/{field.name}", (self._count,), kind)
+        for name in FIGURES:
+            kind = "i8" if name in WHOLE_FIGURES else "f8"
+            file.create_dataset(f"metrics/{name}", (self._count,), kind)
         file.attrs.update(format=FORMAT, schema=SCHEMA, version=__version__, fps=header.fps)
         file.attrs["settings"] = _json(header.settings)
         file.attrs["notes"] = _json(header.notes)
-        file.attrs["quality"] = _json(quality_figures(binding, header.condition_number))
+        file.attrs["quality"] = _json(asdict(header.quality))
         file.attrs["complete"] = False
 
     def append(self, cages: Floats, figures: FrameFigures) -> None:
         """Write the next k frames: cages (k, n, 3) and their figures."""
         done = slice(self._done, self._done + len(cages))
         self._file["verts"][done] = cages
-        for field in fields(FrameFigures):
-            self._file[f"metrics/{field.name}"][done] = getattr(figures, field.name)
+        for name in FIGURES:
+            self._file[f"metrics/{name}"][done] = getattr(figures, name)
         self._sink.check()
         self._done = done.stop
 
@@ -123,16 +127,6 @@ class ResultWriter:
             )
         self._file.attrs["sources"] = _json(sources)
         self._file.attrs["complete"] = True
-
-
-def quality_figures(binding: Binding, condition_number: float) -> dict[str, float]:
-    """The figures of weights and system that a report shows."""
-    return {
-        "partition_of_unity": binding.partition_of_unity,
-        "linear_precision": binding.linear_precision,
-        "min_weight": binding.min_weight,
-        "condition_number": condition_number,
-    }
 
 
 @contextmanager
@@ -173,17 +167,6 @@ def read_result(path: Path) -> Result:
             numbers(file, "cage/verts", "f", (cage_vertices, 3)),
             numbers(file, "tris", "iu", (None, 3)),
         )
-        columns = {
-            field.name: numbers(
-                file,
-                f"metrics/{field.name}",
-                "iu" if field.name == "worst_vertex" else "f",
-                (frames,),
-            )
-            for field in fields(FrameFigures)
-        }
-        figures = FrameFigures(**columns)
-        _refuse_wild_figures(figures, len(rest.vertices))
         if rest.diagonal == 0:
             raise InputError("`rest/verts` are all one point; extract it again")
         return Result(
@@ -192,12 +175,12 @@ def read_result(path: Path) -> Result:
             fps=_positive(file, "fps"),
             settings=_parsed(file, "settings", dict),
             sources=_sources(file),
-            quality=_parsed(file, "quality", dict),
+            quality=_quality(file),
             notes=tuple(map(str, _parsed(file, "notes", list))),
             frames=_frame_names(file, frames),
             rest=rest,
             cage=cage,
-            figures=figures,
+            figures=_figures(file, frames, len(rest.vertices)),
         )
 
 
@@ -249,7 +232,24 @@ def _frame_names(file: h5py.File, count: int) -> tuple[str, ...]:
     return tuple(names.asstr(errors="replace")[:])
 
 
-def _refuse_wild_figures(figures: FrameFigures, vertices: int) -> None:
+def _quality(file: h5py.File) -> Quality:
+    figures = _parsed(file, "quality", dict)
+    expected = {field.name for field in fields(Quality)}
+    numbers_only = all(isinstance(value, int | float) for value in figures.values())
+    if set(figures) != expected or not numbers_only:
+        raise InputError(f"attribute `quality` is not {', '.join(sorted(expected))}")
+    return Quality(**figures)
+
+
+def _figures(file: h5py.File, frames: int, vertices: int) -> FrameFigures:
+    figures = FrameFigures(
+        **{
+            name: numbers(
+                file, f"metrics/{name}", "iu" if name in WHOLE_FIGURES else "f", (frames,)
+            )
+            for name in FIGURES
+        }
+    )
     for name in ("rms", "max_deviation", "spread"):
         column = getattr(figures, name)
         if not (np.isfinite(column) & (column >= 0)).all():
@@ -258,6 +258,7 @@ def _refuse_wild_figures(figures: FrameFigures, vertices: int) -> None:
         raise InputError("`metrics/volume` is not finite; extract it again")
     if not ((figures.worst_vertex >= 0) & (figures.worst_vertex < vertices)).all():
         raise InputError(f"`metrics/worst_vertex` names more than {vertices} vertices")
+    return figures
 
 
 def _finite(text: str) -> float:

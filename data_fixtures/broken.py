@@ -12,14 +12,12 @@ import h5py
 import numpy as np
 from meshes import (
     Mesh,
-    Points,
     box,
     box_quads,
     exact,
     face_lines,
     midpoint_subdivided,
     octahedron,
-    volume,
     write_lines,
 )
 
@@ -197,15 +195,23 @@ def cage_cases() -> list[Case]:
     small = cage.moved(np.clip(cage.verts, -2.0, 0.75))
     loose = cage.moved(np.concatenate([cage.verts, [[0.0, 3.0, 0.0]]]))
     bad = [
-        ("open", "is open: only one face has 3 edges", cage.with_faces(cage.faces[:-1])),
-        ("non_manifold", "more than two faces share edge", joined(cage, touching)),
+        ("open", "is open: no second face at 3 edges", cage.with_faces(cage.faces[:-1])),
+        ("non_manifold", "more than two faces meet at edge", joined(cage, touching)),
         ("two_components", "has 2 components", joined(cage, far)),
-        ("degenerate_face", "face 12 of the cage has a vertex twice", with_face(cage, [0, 1, 1])),
-        ("zero_area", "face 2 of the cage is degenerate", with_sliver(cage)),
-        ("duplicate_faces", "face 12 of the cage repeats", with_face(cage, cage.faces[0].tolist())),
-        ("mixed_orientation", "turns inconsistently", flipped(cage, 3)),
+        ("degenerate_face", "a vertex twice in a face: delete face 12", with_face(cage, [0, 1, 1])),
+        ("zero_area", "degenerate, corners on a line, at face 2", with_sliver(cage)),
+        (
+            "duplicate_faces",
+            "delete face 12",
+            with_face(cage, cage.faces[0].tolist()),
+        ),
+        ("mixed_orientation", "has neighbours facing opposite ways at 7 edges", flipped(cage, 3)),
         ("too_small", "3 of 18 vertices of the rest pose are outside the cage", small),
-        ("unreferenced_vertex", "vertex 8 of the cage belongs to no face", loose),
+        (
+            "unreferenced_vertex",
+            "which can move nothing: delete vertex 8",
+            loose,
+        ),
     ]
     odd = [
         ("inside_out", "it is used turned outward", flipped(cage, len(cage.faces))),
@@ -245,64 +251,12 @@ def pair_cases() -> list[Case]:
     ]
 
 
-def trilinear(points: Points) -> Points:
-    """Return the (m, 8) trilinear weights of points in the box from `LOW` to `HIGH`."""
-    high = (points - np.array(LOW)) / (np.array(HIGH) - np.array(LOW))
-    sides = np.stack([1 - high, high], axis=2)
-    x, y, z = (sides[:, axis] for axis in range(3))
-    corners: Points = x[:, :, None, None] * y[:, None, :, None] * z[:, None, None, :]
-    return corners.reshape(-1, 8)
-
-
-def solved(weights: Points, frames: list[Mesh]) -> Points:
-    """Return (F, 8, 3) cages that follow the frames; exactness does not matter here."""
-    cage = box(LOW, HIGH)
-    shift = [weights.T @ (frame.verts - frames[0].verts) / 4 for frame in frames]
-    return np.round(cage.verts + np.array(shift), 6)
-
-
-def volumes(meshes: list[Mesh]) -> Points:
-    """Return the volume inside every mesh."""
-    return np.array([round(volume(mesh), 9) for mesh in meshes])
-
-
-def result_data() -> dict[str, np.ndarray]:
-    """Return the datasets of a small result by name."""
-    frames, cage = animation(model()), box(LOW, HIGH)
-    weights = trilinear(frames[0].verts)
-    cages = solved(weights, frames)
-    fits = [(weights[:, :, None] * verts).sum(axis=1) for verts in cages]
-    apart = np.array([fit - frame.verts for fit, frame in zip(fits, frames, strict=True)])
-    away = np.round(np.sqrt((apart**2).sum(axis=2)), 9)
-    return {
-        "verts": cages,
-        "tris": cage.faces,
-        "cage/verts": cage.verts,
-        "rest/verts": frames[0].verts,
-        "rest/tris": frames[0].faces,
-        "weights": weights,
-        "metrics/rms": np.round(np.sqrt((away**2).mean(axis=1)), 9),
-        "metrics/max_deviation": away.max(axis=1),
-        "metrics/worst_vertex": away.argmax(axis=1),
-        "metrics/volume": volumes(frames),
-        "metrics/volume_reconstructed": volumes([frames[0].moved(fit) for fit in fits]),
-        "metrics/spread": np.array([float(np.ptp(verts)) for verts in cages]),
-    }
-
-
 def result_file(schema: int = 1, complete: bool = True) -> bytes:
-    """Return the bytes of a small HDF5 result."""
-    attributes = {"format": "cageik.result", "schema": schema, "version": "0.1.0", "fps": 24.0}
-    attributes |= {"settings": "{}", "sources": "{}", "complete": complete}
-    names = [f"frame_{i}.obj" for i in (1, 2, 3)]
+    """Return the bytes of an HDF5 file that begins like a result."""
     buffer = io.BytesIO()
-    with h5py.File(buffer, "w", libver=("v110", "v110")) as file:
-        for name, data in result_data().items():
-            file.create_dataset(name, data=data, track_times=False)
-        kind = h5py.string_dtype("utf-8")
-        file.create_dataset("frames/name", data=names, dtype=kind, track_times=False)
-        for name, value in attributes.items():
-            file.attrs[name] = value
+    with h5py.File(buffer, "w") as file:
+        file.create_dataset("verts", data=np.zeros((3, 8, 3)), track_times=False)
+        file.attrs.update(format="cageik.result", schema=schema, complete=complete)
     return buffer.getvalue()
 
 

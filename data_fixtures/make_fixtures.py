@@ -1,7 +1,8 @@
 """Make every fixture from nothing, byte for byte.
 
 Usage: ``python data_fixtures/make_fixtures.py [OUT_FOLDER]``; without a folder the fixtures go
-beside this file. Nothing here depends on chance, on the clock or on the machine.
+beside this file. Nothing here depends on chance, on the clock or on the machine; the bytes
+of the three broken HDF5 results alone depend on the version of h5py.
 """
 
 from __future__ import annotations

@@ -117,9 +117,3 @@ def triangulated(mesh: Mesh) -> Mesh:
 def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
     """Return a box of eight vertices and twelve triangles."""
     return triangulated(box_quads(low, high))
-
-
-def volume(mesh: Mesh) -> float:
-    """Return the signed volume inside a closed triangle mesh."""
-    a, b, c = mesh.verts[mesh.faces].transpose(1, 0, 2)
-    return float((np.cross(a, b) * c).sum() / 6)

@@ -60,6 +60,7 @@ def test_a_vertex_of_weight_zero_does_not_count(rest):
 
 
 def test_no_motion_moves_nothing(rest):
-    motions = no_motions(2)
-    np.testing.assert_array_equal(motions.to_rest(np.stack([rest, rest]))[1], rest)
-    np.testing.assert_array_equal(motions.from_rest(np.stack([rest, rest]))[0], rest)
+    centre = np.array([1.0, 2, 3])
+    motions = no_motions(2, centre)
+    np.testing.assert_array_equal(motions.to_rest(np.stack([rest, rest]))[1], rest - centre)
+    np.testing.assert_array_equal(motions.from_rest(np.stack([rest, rest]))[0], rest + centre)

@@ -138,7 +138,7 @@ def test_condition_number_is_that_of_the_normal_matrix(binding):
     solver = DualLaplacianSolver(binding, SolveSettings(alpha=0.5, beta=2))
     (m, n), rows = binding.weights.shape, uniform_laplacian(CAGE)
     normal = 0.5 / n * rows.T @ rows + 2 / m * binding.weights.T @ binding.weights
-    assert solver.condition_number == pytest.approx(np.linalg.cond(normal), rel=1e-8)
+    assert solver.quality.condition_number == pytest.approx(np.linalg.cond(normal), rel=1e-8)
 
 
 def nearly_singular(spread):
@@ -159,7 +159,7 @@ def test_refinement_gives_back_the_digits_that_squaring_loses(monkeypatch):
     def error(refined_above):
         monkeypatch.setattr(dual_laplacian, "REFINED_CONDITION", refined_above)
         solver = DualLaplacianSolver(binding, SolveSettings(alpha=0, align=False))
-        assert 1e8 < solver.condition_number < 1e12
+        assert 1e8 < solver.quality.condition_number < 1e12
         return np.abs(solver.solve(frames).cages - cages).max()
 
     refined, plain = error(1e6), error(np.inf)
@@ -172,7 +172,7 @@ def test_a_singular_system_is_refused_with_the_remedy(spread):
     binding = nearly_singular(spread)
     with pytest.raises(NumericalError, match=r"condition number is .* raise --alpha"):
         DualLaplacianSolver(binding, SolveSettings(alpha=0))
-    assert DualLaplacianSolver(binding, SolveSettings()).condition_number < 1e6
+    assert DualLaplacianSolver(binding, SolveSettings()).quality.condition_number < 1e6
 
 
 def test_a_vertex_of_weight_zero_is_missing_data(binding):
@@ -188,7 +188,6 @@ def test_a_vertex_of_weight_zero_is_missing_data(binding):
 
 def test_vertex_weights_have_mean_one():
     np.testing.assert_allclose(normalised_weights(np.array([1.0, 3.0]), 2), [0.5, 1.5])
-    np.testing.assert_array_equal(normalised_weights(None, 3), np.ones(3))
 
 
 @pytest.mark.parametrize(
@@ -221,7 +220,7 @@ def test_settings_that_mean_nothing_are_refused(alpha, beta, says):
 
 def test_without_vertices_translation_is_free():
     binding = bind(ball(1), concave_around_ball())
-    with pytest.raises(NumericalError, match="singular.*raise --beta above 0"):
+    with pytest.raises(NumericalError, match=r"singular.*raise --beta above 0"):
         DualLaplacianSolver(binding, SolveSettings(alpha=1, beta=0))
 
 

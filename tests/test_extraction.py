@@ -237,7 +237,7 @@ def test_what_was_read_is_recorded(plain, folder):
     result = extract(plain)
     assert result.frames == tuple(f"frame_{k}.obj" for k in range(1, 6))
     assert result.sources["cage"]["name"] == "cage.obj"
-    assert result.sources["rest"] == result.sources["frames"]
+    assert result.sources["rest"] == {"name": "frame_1.obj"}
     assert result.sources["frames"]["files"] == 5
     assert result.settings == {
         "alpha": 1e-3, "beta": 1.0, "align": True, "coordinates": "harmonic", "rest_frame": 0,

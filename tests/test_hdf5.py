@@ -55,7 +55,7 @@ def test_what_is_as_expected_is_given(path, name, kinds, shape):
         ("soft_group/values", "f", (None, 3), "has no dataset `soft_group/values`"),
         ("out", "f", (None, 3), "has no dataset `out`"),
         ("group", "f", (None, 3), "`group` is not a dataset held in this file"),
-        ("values", "iu", (None, 3), "`values` holds float64 values, expected kind iu"),
+        ("values", "iu", (None, 3), "`values` holds float64 values, expected integers"),
         ("values", "f", (5, 3), "`values` has shape (4, 3), expected 5 x 3"),
         ("values", "f", (None,), "`values` has shape (4, 3), expected any"),
         ("scalar", "f", (None,), "`scalar` has shape (), expected any"),

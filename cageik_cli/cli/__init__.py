@@ -16,9 +16,9 @@ from cageik_cli.cli.report import report_command
 )
 @click.version_option(__version__, prog_name="cageik")
 def main() -> None:
-    r"""Turn a mesh animation into a cage animation.
+    """Turn a mesh animation into a cage animation.
 
     \b
     cageik extract frames/*.obj --cage rest.obj
     cageik report
-    """
+    """  # noqa: D301

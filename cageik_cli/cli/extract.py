@@ -19,7 +19,11 @@ from cageik_cli.errors import CageikError
 @click.option("--rest", type=PATH, help="The rest pose.  [default: the first frame]")
 @click.option("--rest-frame", type=int, help="The frame that is the rest pose, from 0.")
 @click.option(
-    "--alpha", type=float, default=1e-3, show_default=True, help="Weight of the cage's Laplacian."
+    "--alpha",
+    type=float,
+    default=1e-3,
+    show_default=True,
+    help="Weight of the cage's Laplacian: more is smoother and less exact.",
 )
 @click.option("--beta", type=float, default=1.0, show_default=True, help="Weight of the vertices.")
 @click.option(
@@ -31,14 +35,24 @@ from cageik_cli.errors import CageikError
 @click.option(
     "--vertex-weights", type=PATH, help="One number a vertex (text or .npy); 0 is missing data."
 )
-@click.option("--fps", type=float, default=24.0, show_default=True, help="Frames a second.")
+@click.option(
+    "--fps",
+    type=float,
+    default=24.0,
+    show_default=True,
+    help="Frames a second; recorded, nothing depends on it.",
+)
 @click.option(
     "--no-weights", is_flag=True, help="Leave the weights out of the result (a smaller file)."
 )
 @click.option("--allow-gaps", is_flag=True, help="Take frames although a number is missing.")
 @click.option("--overwrite", is_flag=True, help="Replace an existing result.")
 @click.option(
-    "--memory", type=Size(), default="1GiB", show_default=True, help="For blocks of frames."
+    "--memory",
+    type=Size(),
+    default="1GiB",
+    show_default=True,
+    help="Most for blocks of frames.",
 )
 @click.option("--timings", type=PATH, help="Write the seconds of each stage to this JSON file.")
 @jobs
@@ -47,7 +61,7 @@ def extract_command(**options: Any) -> None:
     """Extract the cage of every frame of an animation.
 
     FRAMES are meshes of one connectivity: files, folders and globs, in natural order of their
-    names, or one file that holds a clip (.h5, .npz). The result is written to cages.h5.
+    names, or one file that holds a clip (.h5, .npz).
     """
     timings: Path | None = options.pop("timings")
     quiet: bool = options.pop("quiet")
@@ -55,6 +69,7 @@ def extract_command(**options: Any) -> None:
 
     from cageik_cli.cli.watching import Watch
     from cageik_cli.extraction import extract
+    from cageik_cli.layout import row
     from cageik_cli.outputs import prepare, write_text
     from cageik_cli.report import as_text, report_of
 
@@ -70,7 +85,7 @@ def extract_command(**options: Any) -> None:
     if not quiet:
         click.echo(as_text(report_of(result)), err=True)
         stages = ", ".join(f"{name} {value:.2f}" for name, value in seconds.items())
-        click.echo(f"  {'seconds':<14} {stages}", err=True)
+        click.echo(row(("seconds", stages)), err=True)
         click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
     if verbosity():
         click.echo(f"settings: {json.dumps(result.settings)}", err=True)

@@ -5,6 +5,7 @@ from typing import Any, NoReturn
 
 import click
 
+from cageik_cli.cli.options import verbosity
 from cageik_cli.errors import CageikError
 
 
@@ -35,7 +36,6 @@ class CageikGroup(click.Group):
 
 
 def _fail(message: str) -> NoReturn:
-    context = click.get_current_context()
-    if context.find_root().meta.get("verbosity", 0) > 1:
+    if verbosity() > 1:
         click.echo(traceback.format_exc(), err=True)
     raise click.ClickException(" ".join(message.split()))  # its exit code is 1

@@ -16,7 +16,7 @@ PATH = click.Path(path_type=Path)
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
-class Size(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.3
+class Size(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
     """Bytes, such as 512MiB, 2GiB or 1000000."""
 
     name = "size"

@@ -9,14 +9,14 @@ from cageik_cli.cli.options import PATH, common, write_or_print
 
 @click.command("report")
 @click.argument("results", nargs=-1, type=PATH)
-@click.option("--json", "json_path", type=PATH, help="Write the record as JSON; - is stdout.")
-@click.option("--csv", "csv_path", type=PATH, help="Write a line a frame as CSV; - is stdout.")
+@click.option("--json", type=PATH, help="Write the record as JSON; - is stdout.")
+@click.option("--csv", type=PATH, help="Write a line a frame as CSV; - is stdout.")
 @click.option("--overwrite", is_flag=True, help="Replace existing files.")
 @common
 def report_command(
     results: tuple[Path, ...],
-    json_path: Path | None,
-    csv_path: Path | None,
+    json: Path | None,
+    csv: Path | None,
     overwrite: bool,
     quiet: bool,
 ) -> None:
@@ -28,15 +28,15 @@ def report_command(
     from cageik_cli.report import as_csv, as_json, as_text, report_of
     from cageik_cli.store import read_result
 
-    if str(json_path) == str(csv_path) == "-":
+    if str(json) == str(csv) == "-":
         raise click.UsageError("--json and --csv both go to stdout; name a file for one")
-    for path in (json_path, csv_path):
+    for path in (json, csv):
         if path is not None and str(path) != "-":
             prepare(path, overwrite)
     reports = [report_of(read_result(path)) for path in results or (Path("cages.h5"),)]
-    for path, view in ((json_path, as_json), (csv_path, as_csv)):
+    for path, view in ((json, as_json), (csv, as_csv)):
         if path is not None:
             write_or_print(view(reports), path, overwrite)
     if not quiet:
-        taken = "-" in (str(json_path), str(csv_path))
+        taken = "-" in (str(json), str(csv))
         click.echo("\n\n".join(map(as_text, reports)), err=taken)

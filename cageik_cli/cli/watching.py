@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
+from tqdm import tqdm
+
 from cageik_cli.extraction import Observer
 
 # What each stage's bar counts; the stages of a frame share one.
@@ -22,8 +24,6 @@ class Watch(Observer):
     """
 
     def __init__(self, draw: bool) -> None:
-        from tqdm import tqdm
-
         self.seconds: dict[str, float] = {}
         self._start = time.perf_counter()
         self._bar: tqdm[NoReturn] | None = None
@@ -54,8 +54,6 @@ class Watch(Observer):
         return self.seconds | {"total": time.perf_counter() - self._start}
 
     def _open(self, label: str, unit: str) -> None:
-        from tqdm import tqdm
-
         if self._bar is not None:
             self._bar.close()
         self._shown = label

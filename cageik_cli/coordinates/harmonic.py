@@ -26,6 +26,7 @@ from cageik_cli.coordinates.panels import (
     Scratch,
     double_layer,
     single_layer_moments,
+    view,
 )
 from cageik_cli.coordinates.surface import nearest_on_surface
 from cageik_cli.errors import InputError
@@ -146,17 +147,17 @@ def solve_boundary(cage: TriMesh, pool: ThreadPoolExecutor, jobs: int) -> Bounda
     mesh = TriMesh((cage.vertices - origin) / scale, cage.faces)
     faces = Panels(mesh.vertices, mesh.faces)
     fine, hats = divided(mesh, PANEL_GOAL)
-    panels = Panels(fine.vertices, fine.faces)
+    panels = Panels(fine.vertices, fine.faces) if fine is not mesh else faces
     nodes, values = _collocation(panels, hats)
     basis = _node_basis(panels)
 
     matrix = np.empty((len(nodes), len(nodes)))
     right = 2 * np.pi * values
 
-    def fill(rows: slice) -> None:
-        moments = single_layer_moments(panels, nodes[rows], _SCRATCH.own)
-        matrix[rows] = (basis @ moments.reshape(len(nodes), -1)).T
-        right[rows] -= _double_layer_sums(faces, nodes[rows]).T
+    def fill(block: slice) -> None:
+        moments, double = _potentials(faces, panels, nodes[block])
+        matrix[block] = (basis @ moments).T
+        right[block] -= double.T
 
     for _ in pool.map(fill, _blocks(len(nodes))):
         pass
@@ -219,22 +220,24 @@ def _node_basis(panels: Panels) -> sparse.csr_array:
     return sparse.csr_array((coefficients.ravel(), (rows.ravel(), columns.ravel())))
 
 
-def _double_layer_sums(faces: Panels, points: Floats) -> Floats:
-    """D_k of every cage vertex at every point, (n, q)."""
-    corners = faces.corners.T.ravel()
-    gather = sparse.csr_array(
-        (np.ones(len(corners)), (corners, np.arange(len(corners)))),
-        shape=(len(faces.vertices), len(corners)),
-    )
-    return np.asarray(gather @ double_layer(faces, points, _SCRATCH.own).reshape(len(corners), -1))
-
-
 def _weights_inside(boundary: BoundarySolution, points: Floats) -> Floats:
     local = (points - boundary.origin) / boundary.scale
-    moments = single_layer_moments(boundary.panels, local, _SCRATCH.own)
-    weights = boundary.densities @ moments.reshape(-1, len(points))
-    weights += _double_layer_sums(boundary.cage, local)
+    moments, double = _potentials(boundary.cage, boundary.panels, local)
+    weights = boundary.densities @ moments
+    weights += double
     return weights.T / (4 * np.pi)
+
+
+def _potentials(cage: Panels, panels: Panels, points: Floats) -> tuple[Floats, Floats]:
+    """∫ (1, u, v)/r of every panel, (3p, q), scratch, and D_k of every cage vertex, (n, q)."""
+    scratch = _SCRATCH.own
+    seen = view(panels, points, scratch)
+    moments = single_layer_moments(panels, seen, scratch)
+    if panels is not cage:
+        seen = view(cage, points, scratch)
+    integrals = double_layer(cage, seen, scratch)
+    double = cage.corner_sums @ integrals.reshape(-1, len(points))
+    return moments.reshape(-1, len(points)), np.asarray(double)
 
 
 def _blocks(count: int) -> list[slice]:

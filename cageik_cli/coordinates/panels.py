@@ -30,6 +30,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from cageik_cli.mesh import Edges, Floats, Integers
 
@@ -120,11 +121,19 @@ class Panels:
         return np.asarray(np.einsum("apx,kpx->akp", self.axes, self.side_normals) / 2)
 
     @cached_property
+    def corner_sums(self) -> sparse.csr_array:
+        """The matrix (v, 3p) that sums over corners, ordered [corner, panel], at each vertex."""
+        corners = self.corners.T.ravel()
+        where = (corners, np.arange(len(corners)))
+        shape = (len(self.vertices), len(corners))
+        return sparse.csr_array((np.ones(len(corners)), where), shape=shape)
+
+    @cached_property
     def forms(self) -> Floats:
         """Linear forms of (x, 1), (6p + e, 4).
 
         For every panel h, t_0, t_1, t_2 and the foot's coordinates u, v along `axes` from the
-        centroid, then s of every edge's first end, but for its sign the same kind of product.
+        centroid, then s of every edge's first end.
         """
         first, last = self.vertices[self.edges.ends].swapaxes(0, 1)
         tangents = (last - first) / self.edge_lengths[:, None]
@@ -203,7 +212,7 @@ class View:
 
 
 def view(panels: Panels, points: Floats, scratch: Scratch) -> View:
-    """Look at `panels` from `points`, (q, 3), none of them on an edge."""
+    """Look at `panels` from `points`, (q, 3)."""
     p, q = len(panels.corners), len(points)
     forms = scratch.array("forms", len(panels.forms), q)
     np.matmul(panels.forms, np.vstack([points.T, np.ones(q)]), out=forms)
@@ -295,13 +304,12 @@ def _arctan2(y: Floats, x: Floats, scratch: Scratch) -> Floats:
     return angle
 
 
-def single_layer_moments(panels: Panels, points: Floats, scratch: Scratch) -> Floats:
+def single_layer_moments(panels: Panels, seen: View, scratch: Scratch) -> Floats:
     """∫ (1, u, v) / r dA of every panel, (3, p, q) indexed [moment, panel, point]; scratch.
 
     u and v run along `axes` from the panel's centroid, so that the moments of a far panel are as
     small as its share of an integral, and sums over panels do not cancel.
     """
-    seen = view(panels, points, scratch)
     shape = seen.height.shape
     moments = scratch.array("moments", 3, *shape)
     product = scratch.array("product", *shape)
@@ -323,18 +331,17 @@ def single_layer_moments(panels: Panels, points: Floats, scratch: Scratch) -> Fl
     return moments
 
 
-def double_layer(panels: Panels, points: Floats, scratch: Scratch) -> Floats:
+def double_layer(panels: Panels, seen: View, scratch: Scratch) -> Floats:
     """∫ φ_i h/r³ dA of every panel and corner, (3, p, q) indexed [corner, panel, point]; scratch.
 
     The principal value, which is zero, for a point in the panel's own plane.
     """
-    seen = view(panels, points, scratch)
     shape = seen.height.shape
     integrals = scratch.array("integrals", 3, *shape)
     product = scratch.array("product", *shape)
-    seen.solid_angle[np.abs(seen.height, out=product) < EDGE_ON] = 0.0
+    angle = np.where(np.abs(seen.height, out=product) < EDGE_ON, 0.0, seen.solid_angle)
     for i in range(3):
-        np.multiply(seen.side[i], seen.solid_angle, out=integrals[i])
+        np.multiply(seen.side[i], angle, out=integrals[i])
         integrals[i] /= panels.altitudes[i][:, None]
     for k in range(3):
         scaled = scratch.rows("gathered", seen.edge_log, panels.edges.of_side[:, k])

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.dual_laplacian import Quality
 from cageik_cli.mesh import Floats
 from cageik_cli.store import Result
 
@@ -89,7 +90,7 @@ class Report:
     settings: dict[str, Any]
     notes: tuple[str, ...]
     clip: Clip
-    binding: dict[str, Any]
+    binding: Quality
     summary: Summary
     frames: tuple[Frame, ...]
     gates: tuple[dict[str, Any], ...] = ()
@@ -97,27 +98,8 @@ class Report:
 
 def report_of(result: Result) -> Report:
     """Compute the report of a result."""
-    rest, figures = result.rest, result.figures
-    percent = 100 / rest.diagonal
-    change = _percent_change(figures.volume_reconstructed, figures.volume)
-    rest_volume = rest.volume if rest.is_closed else np.nan
-    drift = _percent_change(figures.volume, np.full(len(figures.volume), rest_volume))
-    frames = tuple(
-        Frame(
-            index=k,
-            name=name,
-            rms=float(figures.rms[k]),
-            rms_percent=float(percent * figures.rms[k]),
-            max_deviation=float(figures.max_deviation[k]),
-            max_deviation_percent=float(percent * figures.max_deviation[k]),
-            worst_vertex=int(figures.worst_vertex[k]),
-            volume=_finite(figures.volume[k]),
-            volume_reconstructed=_finite(figures.volume_reconstructed[k]),
-            volume_change=_finite(change[k]),
-            volume_drift=_finite(drift[k]),
-        )
-        for k, name in enumerate(result.frames)
-    )
+    rest = result.rest
+    frames = _frames(result)
     return Report(
         schema=SCHEMA,
         tool={"name": "cageik", "version": result.version},
@@ -136,6 +118,30 @@ def report_of(result: Result) -> Report:
         binding=result.quality,
         summary=_summary(result, frames),
         frames=frames,
+    )
+
+
+def _frames(result: Result) -> tuple[Frame, ...]:
+    rest, figures = result.rest, result.figures
+    percent = 100 / rest.diagonal
+    change = _percent_change(figures.volume_reconstructed, figures.volume)
+    rest_volume = rest.volume if rest.is_closed else np.nan
+    drift = _percent_change(figures.volume, np.full(len(figures.volume), rest_volume))
+    return tuple(
+        Frame(
+            index=k,
+            name=name,
+            rms=float(figures.rms[k]),
+            rms_percent=float(percent * figures.rms[k]),
+            max_deviation=float(figures.max_deviation[k]),
+            max_deviation_percent=float(percent * figures.max_deviation[k]),
+            worst_vertex=int(figures.worst_vertex[k]),
+            volume=_finite(figures.volume[k]),
+            volume_reconstructed=_finite(figures.volume_reconstructed[k]),
+            volume_change=_finite(change[k]),
+            volume_drift=_finite(drift[k]),
+        )
+        for k, name in enumerate(result.frames)
     )
 
 

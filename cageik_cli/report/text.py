@@ -1,11 +1,16 @@
 """The report as a page of text."""
 
+from cageik_cli.layout import page
 from cageik_cli.report.record import Report
 
 
 def as_text(report: Report) -> str:
     """A dozen lines: the headline first, then where it is worst, then how far to trust it."""
-    clip, summary, binding = report.clip, report.summary, report.binding
+    clip, summary = report.clip, report.summary
+    headline = (
+        f"{report.result}: {clip.frames} frames of {clip.vertices} vertices in a cage of "
+        f"{clip.cage_vertices}, diagonal {clip.diagonal:.6g}"
+    )
     rows = [
         ("error", f"{summary.rms_percent:.4f} % of the diagonal (rms {summary.rms:.6g})"),
         ("worst frame", f"{summary.worst_frame_rms_percent:.4f} % at {summary.worst_frame}"),
@@ -21,31 +26,30 @@ def as_text(report: Report) -> str:
             f"{summary.floats_per_frame} numbers a frame instead of {3 * clip.vertices}, "
             f"and {summary.fixed_floats} weights once",
         ),
-        (
-            "weights",
-            f"rows sum to 1 within {_number(binding.get('partition_of_unity'), '.1e')}, rest pose "
-            f"rebuilt within {_number(binding.get('linear_precision'), '.1e')}, "
-            f"smallest {_number(binding.get('min_weight'), '.1e')}",
-        ),
-        (
-            "system",
-            f"condition number {_number(binding.get('condition_number'))}, "
-            f"alpha {_number(report.settings.get('alpha'))}, "
-            f"beta {_number(report.settings.get('beta'))}",
-        ),
+        *_trust(report),
+        *(("note", note) for note in report.notes),
     ]
-    headline = (
-        f"{report.result}: {clip.frames} frames of {clip.vertices} vertices in a cage of "
-        f"{clip.cage_vertices}, diagonal {clip.diagonal:.6g}"
+    return page(headline, rows)
+
+
+def _trust(report: Report) -> list[tuple[str, str]]:
+    quality = report.binding
+    weights = (
+        f"rows sum to 1 within {quality.partition_of_unity:.1e}, rest pose rebuilt within "
+        f"{quality.linear_precision:.1e}, smallest {quality.min_weight:.1e}"
     )
-    lines = [headline, *(f"  {label:<14} {value}" for label, value in rows)]
-    return "\n".join(lines + [f"  note           {note}" for note in report.notes])
+    system = (
+        f"condition number {quality.condition_number:.4g}, "
+        f"alpha {_number(report.settings.get('alpha'))}, "
+        f"beta {_number(report.settings.get('beta'))}"
+    )
+    return [("weights", weights), ("system", system)]
 
 
 def _volume(report: Report) -> str:
     summary = report.summary
     if summary.volume_change_percent_max is None:
-        return "not defined, the model is open"
+        return "not defined" if report.clip.closed else "not defined, the model is open"
     return (
         f"{summary.volume_change_percent_max:+.4f} % at most, at {summary.volume_change_frame} "
         f"(the input's own drift from rest: {_number(summary.volume_drift_percent_max, '+.4f')} %)"

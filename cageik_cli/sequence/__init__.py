@@ -1,16 +1,15 @@
 """Mesh animations in: every reader gives the same lazily read `MeshSequence`."""
 
-from cageik_cli.sequence.clip import Block, MeshSequence, refuse_other_faces
+from cageik_cli.sequence.clip import MeshSequence, refuse_other_connectivity
 from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh
 from cageik_cli.sequence.opening import open_sequence
 from cageik_cli.sequence.weights_file import load_vertex_weights
 
 __all__ = [
-    "Block",
     "LoadedMesh",
     "MeshSequence",
     "load_mesh",
     "load_vertex_weights",
     "open_sequence",
-    "refuse_other_faces",
+    "refuse_other_connectivity",
 ]

@@ -4,7 +4,6 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +11,6 @@ import numpy as np
 
 from cageik_cli.errors import InputError, first_few, located
 from cageik_cli.mesh import Floats, Integers, TriMesh, checked_positions
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Block:
-    """Consecutive frames of a clip.
-
-    Attributes
-    ----------
-    names : tuple of str
-        k names.
-    vertices : (k, m, 3) float64
-    """
-
-    names: tuple[str, ...]
-    vertices: Floats
 
 
 class MeshSequence(ABC):
@@ -43,20 +27,22 @@ class MeshSequence(ABC):
         Where each frame comes from, F of them: a file's name, or the clip's name and an index.
     first : TriMesh
         Frame 0 and the connectivity of all.
+    notes : tuple of str
+        What was changed in the frames, one sentence each.
     """
 
     suffixes: tuple[str, ...]
     names: tuple[str, ...]
     first: TriMesh
+    notes: tuple[str, ...] = ()
 
-    @classmethod
     @abstractmethod
-    def open(cls, paths: list[Path], allow_gaps: bool) -> "MeshSequence":
+    def __init__(self, paths: list[Path]) -> None:
         """Open the clip that `paths`, in order, all of one suffix, hold."""
 
     @abstractmethod
     def positions(self, index: int) -> Floats:
-        """Vertices of one frame as the file has them, in the connectivity of `first`, checked."""
+        """Vertices of one frame as the file has them, in the connectivity of `first`."""
 
     @abstractmethod
     def source(self) -> dict[str, Any]:
@@ -70,7 +56,7 @@ class MeshSequence(ABC):
         return self.names[index]
 
     def frame(self, index: int) -> Floats:
-        """Vertices of one frame, (m, 3), as many as the rest pose has and all finite.
+        """Vertices of one frame, (m, 3), as many as the first has and all finite.
 
         Raises
         ------
@@ -78,17 +64,12 @@ class MeshSequence(ABC):
             Naming the frame.
         """
         positions = self.positions(index)
-        expected = self.first.vertices.shape
         with located(self.place(index)):
-            if positions.shape != expected:
-                raise InputError(
-                    f"{len(positions)} vertices, the rest pose has {expected[0]}; "
-                    "frames must share one connectivity"
-                )
+            refuse_other_connectivity(len(positions), self.first.faces, self.first, "the rest pose")
             return checked_positions(positions)
 
-    def blocks(self, size: int, jobs: int) -> Iterator[Block]:
-        """All frames in order, at most `size` in a block, read ahead by `jobs` threads.
+    def blocks(self, size: int, jobs: int) -> Iterator[Floats]:
+        """All frames in order, at most `size` in a block (k, m, 3), read ahead by `jobs` threads.
 
         At most two blocks of frames are in memory.
         """
@@ -101,8 +82,7 @@ class MeshSequence(ABC):
                         pool.submit(self.frame, k) for k in range(start + len(pending), ahead)
                     )
                     count = min(size, len(self) - start)
-                    vertices = np.stack([pending.popleft().result() for _ in range(count)])
-                    yield Block(self.names[start : start + count], vertices)
+                    yield np.stack([pending.popleft().result() for _ in range(count)])
             finally:
                 for future in pending:
                     future.cancel()
@@ -118,19 +98,30 @@ def only(paths: list[Path]) -> Path:
     return paths[0]
 
 
-def refuse_other_faces(faces: Integers, expected: Integers, whose: str = "the rest pose") -> None:
-    """Refuse connectivity other than `expected`, that of `whose`, saying where it differs."""
-    if len(faces) != len(expected):
-        raise InputError(
-            f"{len(faces)} triangles, {whose} has {len(expected)}; "
-            "frames must share one connectivity"
-        )
-    differs = np.flatnonzero((faces != expected).any(axis=1))
+def refuse_other_connectivity(count: int, faces: Integers, expected: TriMesh, whose: str) -> None:
+    """Refuse a mesh of `count` vertices and `faces` that is not `whose`, saying where it differs.
+
+    Raises
+    ------
+    InputError
+    """
+    for noun, found, wanted in (
+        ("vertices", count, len(expected.vertices)),
+        ("triangles", len(faces), len(expected.faces)),
+    ):
+        if found != wanted:
+            raise InputError(
+                f"{found} {noun}, {whose} has {wanted}; all must share one connectivity"
+            )
+    if faces is expected.faces:
+        return
+    differs = np.flatnonzero((faces != expected.faces).any(axis=1))
     if len(differs):
         k = differs[0]
         raise InputError(
-            f"triangle {k} joins vertices {_joined(faces[k])}, in {whose} {_joined(expected[k])} "
-            f"(counted from 0; {len(differs)} triangles differ); frames must share one connectivity"
+            f"triangle {k} joins vertices {_joined(faces[k])}, in {whose} "
+            f"{_joined(expected.faces[k])} (counted from 0; {len(differs)} triangles differ); "
+            "all must share one connectivity"
         )
 
 

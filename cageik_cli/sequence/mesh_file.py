@@ -11,7 +11,7 @@ import numpy as np
 
 from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import Floats, Integers, TriMesh
-from cageik_cli.sequence.obj import parse_obj
+from cageik_cli.sequence.obj import FileMesh, parse_obj
 
 MESH_SUFFIXES = (".obj", ".ply", ".off")
 
@@ -30,7 +30,7 @@ class LoadedMesh:
     ----------
     mesh : TriMesh
     source : dict
-        `name` and `sha256` of the file.
+        `name` and `sha256` of the file; the name alone of a frame of the clip.
     notes : tuple of str
         What was changed, one sentence each.
     """
@@ -55,10 +55,8 @@ def load_mesh(path: Path) -> LoadedMesh:
                 f"{', '.join(MESH_SUFFIXES)}"
             )
         data = read_bytes(path)
-        vertices, faces, polygons = geometry(data, path.suffix.lower())
-        notes = (f"{polygons} polygons cut into triangles",) if polygons else ()
-        digest = hashlib.sha256(data).hexdigest()
-        return LoadedMesh(TriMesh(vertices, faces), {"name": path.name, "sha256": digest}, notes)
+        mesh = file_mesh(data, path.suffix.lower())
+        return LoadedMesh(TriMesh(mesh.vertices, mesh.faces), source_of(path, data), mesh.notes)
 
 
 def read_bytes(path: Path) -> bytes:
@@ -71,11 +69,15 @@ def read_bytes(path: Path) -> bytes:
         raise InputError(f"cannot be read: {error.strerror or error}") from error
 
 
-def geometry(data: bytes, suffix: str) -> tuple[Floats, Integers, int]:
-    """Vertices, triangles and how many polygons were cut, of a mesh file's bytes."""
+def source_of(path: Path, data: bytes) -> dict[str, str]:
+    """What is recorded of a file that was read: its name and digest."""
+    return {"name": path.name, "sha256": hashlib.sha256(data).hexdigest()}
+
+
+def file_mesh(data: bytes, suffix: str) -> FileMesh:
+    """The mesh in a mesh file's bytes; `suffix` says of what kind."""
     if suffix == ".obj":
-        obj = parse_obj(data)
-        return obj.vertices, obj.faces, obj.polygons
+        return parse_obj(data)
     if not data:
         raise InputError("the file is empty, expected a mesh; export it again")
     vertices, faces = _by_trimesh(data, suffix[1:])
@@ -86,7 +88,7 @@ def geometry(data: bytes, suffix: str) -> tuple[Floats, Integers, int]:
             f"announces {count} vertices and {polygons} faces, holds {len(vertices)} and "
             f"{len(faces)}; it is cut short, export it again"
         )
-    return vertices, faces, len(faces) - polygons
+    return FileMesh(vertices, faces, len(faces) - polygons)
 
 
 def _by_trimesh(data: bytes, kind: str) -> tuple[Floats, Integers]:

@@ -15,8 +15,8 @@ _PREAMBLE = (b"#", b"o", b"g", b"s", b"mtllib", b"usemtl")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ObjGeometry:
-    """What an OBJ file holds.
+class FileMesh:
+    """What a mesh file holds, not yet checked.
 
     Attributes
     ----------
@@ -30,7 +30,12 @@ class ObjGeometry:
 
     vertices: Floats
     faces: Integers
-    polygons: int
+    polygons: int = 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was changed, one sentence each."""
+        return (f"{self.polygons} polygons cut into triangles",) if self.polygons else ()
 
 
 class FrameParser:
@@ -56,7 +61,7 @@ class FrameParser:
         return plain_vertices(head) if tail and tail == self._tail else None
 
 
-def parse_obj(data: bytes) -> ObjGeometry:
+def parse_obj(data: bytes) -> FileMesh:
     """Read any OBJ file.
 
     Raises
@@ -69,32 +74,29 @@ def parse_obj(data: bytes) -> ObjGeometry:
     if b"\0" in data:
         raise InputError("the file is binary, expected OBJ text; export it again")
     vertices: list[tuple[float, ...]] = []
-    faces: list[tuple[int, int, int]] = []
-    polygons = 0
+    polygons: list[list[int]] = []
     for number, line in _logical_lines(data):
         words = line.split()
-        if not words or words[0] not in (b"v", b"f"):
-            continue
         try:
-            if words[0] == b"v":
+            if words[:1] == [b"v"]:
                 vertices.append(_position(words[1:]))
-            else:
-                corners = [_corner(word, len(vertices)) for word in words[1:]]
-                faces.extend(_fan(corners))
-                polygons += len(corners) > 3
+            elif words[:1] == [b"f"]:
+                polygons.append(_polygon(words[1:], len(vertices)))
         except InputError as error:
             raise InputError(f"line {number}: `{_shown(line)}` {error}; export it again") from error
-    if not vertices or not faces:
+    if not vertices or not polygons:
         raise InputError(
-            f"{len(vertices)} vertices and {len(faces)} faces found, expected a mesh in OBJ text"
+            f"{len(vertices)} vertices and {len(polygons)} faces found, expected a mesh in OBJ text"
         )
-    last = max(map(max, faces)) + 1
+    last = max(map(max, polygons)) + 1
     if last > len(vertices):
         raise InputError(
             f"a face names vertex {last}, the file has {len(vertices)} (counted from 1); "
             "export it again"
         )
-    return ObjGeometry(np.array(vertices), np.array(faces, np.int64), polygons)
+    triangles = [triangle for polygon in polygons for triangle in _fan(polygon)]
+    cut = sum(len(polygon) > 3 for polygon in polygons)
+    return FileMesh(np.array(vertices), np.array(triangles, np.int64), cut)
 
 
 def plain_vertices(head: bytes) -> Floats | None:
@@ -181,9 +183,13 @@ def _corner(word: bytes, count: int) -> int:
     return vertex
 
 
+def _polygon(words: list[bytes], count: int) -> list[int]:
+    if len(words) < 3:
+        raise InputError(f"has {len(words)} corners, expected 3 or more")
+    return [_corner(word, count) for word in words]
+
+
 def _fan(corners: list[int]) -> list[tuple[int, int, int]]:
-    if len(corners) < 3:
-        raise InputError(f"has {len(corners)} corners, expected 3 or more")
     return [(corners[0], b, c) for b, c in pairwise(corners[1:])]
 
 

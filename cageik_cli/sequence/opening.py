@@ -11,6 +11,7 @@ from natsort import natsort_keygen, ns
 from cageik_cli.errors import InputError
 from cageik_cli.sequence import readers
 from cageik_cli.sequence.clip import MeshSequence
+from cageik_cli.sequence.numbering import refuse_gaps
 
 _NATURAL = natsort_keygen(key=str, alg=ns.PATH)
 
@@ -37,7 +38,9 @@ def open_sequence(arguments: list[str], allow_gaps: bool = False) -> MeshSequenc
             f"{arguments[0]}: files of kinds {', '.join(kinds)} are mixed; "
             "name one kind, for instance with a quoted glob"
         )
-    return by_suffix[kinds[0]].open(paths, allow_gaps)
+    if not allow_gaps:
+        refuse_gaps(paths)
+    return by_suffix[kinds[0]](paths)
 
 
 def frame_paths(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:

@@ -1,14 +1,13 @@
 """Vertex weights: one number a vertex, in a text file or a numpy array."""
 
-import hashlib
 import io
 from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.errors import InputError
+from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import Floats
-from cageik_cli.sequence.mesh_file import read_bytes
+from cageik_cli.sequence.mesh_file import read_bytes, source_of
 
 
 def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
@@ -17,19 +16,20 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
     Raises
     ------
     InputError
-        When the file cannot be read, or is not a list of numbers.
+        Naming the file, when it cannot be read or is not a list of numbers.
     """
-    data = read_bytes(path)
-    try:
-        if path.suffix.lower() == ".npy":
-            weights = np.load(io.BytesIO(data), allow_pickle=False)
-        else:
-            weights = np.array([float(word) for word in data.decode().replace("_", "?").split()])
-        if weights.dtype.kind not in "fiub":
-            raise ValueError(f"it holds {weights.dtype} values")
-        weights = np.asarray(weights, dtype=np.float64)
-    except (ValueError, TypeError, EOFError, MemoryError) as error:
-        raise InputError(
-            f"is not a list of numbers ({error}); expected one a line, or a .npy array"
-        ) from error
-    return weights, {"name": path.name, "sha256": hashlib.sha256(data).hexdigest()}
+    with located(path):
+        data = read_bytes(path)
+        try:
+            if path.suffix.lower() == ".npy":
+                weights = np.load(io.BytesIO(data), allow_pickle=False)
+            else:
+                words = data.decode().replace("_", "?").split()  # 1_0 is Python's, not a file's
+                weights = np.array([float(word) for word in words])
+            if weights.dtype.kind not in "fiub":
+                raise ValueError(f"it holds {weights.dtype} values")
+        except (ValueError, TypeError, EOFError, MemoryError) as error:
+            raise InputError(
+                f"is not a list of numbers ({error}); expected one a line, or a .npy array"
+            ) from error
+        return np.asarray(weights, dtype=np.float64), source_of(path, data)

@@ -18,7 +18,7 @@ def rows_of(outcome):
 )
 def test_frames_are_a_clip(run, folder, words):
     headline, rows = rows_of(run("info", *words))
-    assert headline == ", ".join(words[:3])
+    assert headline == ", ".join(words[:3]) + (", ..." if len(words) > 3 else "")
     assert rows["holds"] == "a clip"
     assert rows["frames"] == "5, frame_1.obj to frame_5.obj"
     assert (rows["vertices"], rows["triangles"]) == ("18", "32")
@@ -69,7 +69,7 @@ def test_a_sound_cage_is_said_to_be_one(run, folder):
 @pytest.mark.parametrize(
     ("case", "says"),
     [
-        ("cage_open", "unfit: the cage is open: only one face has 3 edges"),
+        ("cage_open", "unfit: the cage is open: no second face at 3 edges"),
         ("cage_non_manifold", "unfit: the cage is not manifold"),
         ("cage_two_components", "unfit: the cage has 2 components"),
         ("cage_inside_out", "sound; the cage's faces turn inward"),

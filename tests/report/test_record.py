@@ -94,10 +94,10 @@ def test_clip_binding_and_provenance(closed, report):
         "closed": True,
         "fps": 24.0,
     }
-    assert set(report.binding) == {
+    assert set(dataclasses.asdict(report.binding)) == {
         "partition_of_unity", "linear_precision", "min_weight", "condition_number"
     }  # fmt: skip
-    assert report.binding["partition_of_unity"] < 1e-12
+    assert report.binding.partition_of_unity < 1e-12
     assert (report.schema, report.result, report.gates) == (1, "cages.h5", ())
     assert report.tool == {"name": "cageik", "version": result.version}
     assert (report.sources, report.settings) == (result.sources, result.settings)

@@ -29,7 +29,7 @@ def opened(tmp_path):
 
 
 def frames_of(sequence):
-    return np.concatenate([block.vertices for block in sequence.blocks(2, 2)])
+    return np.concatenate(list(sequence.blocks(2, 2)))
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ def test_what_is_no_list_of_numbers_is_refused(tmp_path, name, make, says):
     make(path)
     with pytest.raises(InputError) as caught:
         load_vertex_weights(path)
-    assert str(caught.value).startswith(says)
+    assert str(caught.value).startswith(f"{path}: {says}")
 
 
 def test_complex_numbers_are_refused(tmp_path):

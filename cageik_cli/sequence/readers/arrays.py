@@ -1,6 +1,5 @@
 """A clip in a numpy `.npz`: an array of positions and one of faces, by their usual names."""
 
-import hashlib
 import io
 import zipfile
 import zlib
@@ -13,7 +12,7 @@ import numpy as np
 from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.sequence.clip import MeshSequence, only
-from cageik_cli.sequence.mesh_file import read_bytes
+from cageik_cli.sequence.mesh_file import read_bytes, source_of
 
 # What numpy and zipfile raise for archives that are cut, encrypted or not of arrays.
 _DAMAGES = (OSError, ValueError, EOFError, MemoryError, RuntimeError, zlib.error, BadZipFile)
@@ -27,19 +26,14 @@ class Reader(MeshSequence):
 
     suffixes = (".npz",)
 
-    @classmethod
-    def open(cls, paths: list[Path], allow_gaps: bool) -> "Reader":
-        """Open the one file; there are no gaps in it."""
-        return cls(only(paths))
-
-    def __init__(self, path: Path) -> None:
+    def __init__(self, paths: list[Path]) -> None:
+        path = only(paths)
         with located(path):
             data = read_bytes(path)
-            self._digest = hashlib.sha256(data).hexdigest()
+            self._source = source_of(path, data)
             arrays = _members(data)
             faces = _faces(arrays)
             self._frames = _frames_first(_named(arrays, VERTEX_NAMES, "f"), int(faces.max()))
-            self._path = path
             self.names = tuple(f"{path.name}[{k}]" for k in range(len(self._frames)))
             self.first = TriMesh(self.positions(0), faces)
 
@@ -49,7 +43,7 @@ class Reader(MeshSequence):
 
     def source(self) -> dict[str, Any]:
         """Name and digest of the file."""
-        return {"name": self._path.name, "files": 1, "sha256": self._digest}
+        return self._source
 
 
 def _members(data: bytes) -> dict[str, np.ndarray]:
@@ -74,7 +68,10 @@ def _named(arrays: dict[str, np.ndarray], names: tuple[str, ...], kinds: str) ->
         raise InputError(f"holds {held} of the arrays {', '.join(names)}; expected just one")
     array = arrays[found[0]]
     if array.dtype.kind not in kinds or array.size == 0:
-        raise InputError(f"`{found[0]}` is {array.dtype} of shape {array.shape}")
+        raise InputError(
+            f"`{found[0]}` is {array.dtype} of shape {array.shape}, expected "
+            f"{'floating-point numbers' if kinds == 'f' else 'integers'}"
+        )
     return array
 
 

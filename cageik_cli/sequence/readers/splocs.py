@@ -17,12 +17,8 @@ class Reader(MeshSequence):
 
     suffixes = (".h5", ".hdf5")
 
-    @classmethod
-    def open(cls, paths: list[Path], allow_gaps: bool) -> "Reader":
-        """Open the one file; there are no gaps in it."""
-        return cls(only(paths))
-
-    def __init__(self, path: Path) -> None:
+    def __init__(self, paths: list[Path]) -> None:
+        path = only(paths)
         self._path = path
         with opened(path) as file:
             if "verts" not in file:
@@ -43,7 +39,7 @@ class Reader(MeshSequence):
         """Name and digest of the file."""
         with self._path.open("rb") as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        return {"name": self._path.name, "files": 1, "sha256": digest}
+        return {"name": self._path.name, "sha256": digest}
 
     def _restored(self, stored: np.ndarray) -> Floats:
         return np.asarray(stored, np.float64) * self._scale + self._mean
