@@ -285,3 +285,27 @@ def test_a_run_that_stops_leaves_the_old_result(plain, folder, animation, write_
         extract(replace(plain, memory=1), Impatient())
     assert Path("cages.h5").read_text() == "old"
     assert not list(folder.glob("*.partial"))
+
+
+def test_polygons_that_were_cut_are_noted_of_cage_rest_and_frames(plain, folder, animation):
+    """A model and a cage of one box in another, both of quads."""
+    sides = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
+    quads = "".join(f"f {side}\n" for side in sides)
+    corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+
+    def write(name, size):
+        points = "".join(f"v {size * x} {size * y} {size * z}\n" for x, y, z in corners)
+        (folder / name).write_text(points + quads)
+        return folder / name
+
+    settings = replace(
+        plain,
+        frames=(str(write("frame.obj", 1)),),
+        rest=write("rest.obj", 1),
+        cage=write("quads.obj", 2),
+    )
+    assert extract(settings).notes == (
+        "quads.obj: 6 polygons cut into triangles",
+        "rest.obj: 6 polygons cut into triangles",
+        "frame.obj: 6 polygons cut into triangles, as in all frames",
+    )

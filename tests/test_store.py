@@ -1,7 +1,7 @@
 """Result files: the schema, one run the same bytes as the next, and nothing half written."""
 
 import json
-from dataclasses import fields
+from dataclasses import asdict, fields
 from itertools import pairwise
 
 import h5py
@@ -287,6 +287,8 @@ DAMAGES = [
     ],
     (attribute("settings", '{"alpha": NaN}'), "settings"),
     (attribute("quality", '{"min_weight": 1e999}'), "quality"),
+    (attribute("quality", '{"min_weight": 0.1}'), "quality"),
+    (attribute("quality", json.dumps(dict.fromkeys(asdict(QUALITY), "good"))), "quality"),
     (attribute("sources", '{"cage": "cage.obj"}'), "sources"),
     (value("rest/verts", ..., 0.0), "rest"),
 ]

@@ -153,6 +153,14 @@ def test_a_file_of_other_things_is_wrong_usage(run, folder, text, says):
     assert not Path("cages.h5").exists()
 
 
+def test_options_of_report_come_from_the_file_too(run, folder):
+    assert run(*TYPED).code == 0
+    Path("cageik.toml").write_text('[report]\njson = "from_file.json"\ncsv = "from_file.csv"\n')
+    assert run("report", "--config", "cageik.toml").code == 0
+    assert Path("from_file.json").exists()
+    assert Path("from_file.csv").exists()
+
+
 def test_a_missing_file_of_options_is_wrong_usage(run, folder):
     outcome = run(*TYPED, "--config", "nowhere.toml")
     assert outcome.code == 2
