@@ -3,10 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pyarrow
 import pyarrow.csv
+from numpy.typing import NDArray
 
 from cageik_cli.errors import InputError
 from cageik_cli.mesh import Floats, Integers
@@ -73,6 +75,28 @@ def parse_obj(data: bytes) -> FileMesh:
         raise InputError("the file is empty, expected an OBJ mesh; export it again")
     if b"\0" in data:
         raise InputError("the file is binary, expected OBJ text; export it again")
+    return _plain_mesh(data) or _mesh_by_lines(data)
+
+
+def plain_vertices(head: bytes) -> Floats | None:
+    """Vertices of a block of nothing but `v x y z` lines after comments and names, else None."""
+    start = 0 if head.startswith(b"v ") else head.find(b"\nv ") + 1
+    if not _is_preamble(head[:start]):
+        return None
+    return _columns(head[start:], b"v ", np.float64)
+
+
+def _plain_mesh(data: bytes) -> FileMesh | None:
+    """The mesh if it is but a block of vertices and a block of triangles, else None."""
+    head, tail = _split(data)
+    vertices = plain_vertices(head)
+    faces = _columns(tail, b"f ", np.int64)
+    if vertices is None or faces is None or faces.min() < 1 or faces.max() > len(vertices):
+        return None
+    return FileMesh(vertices, faces - 1)
+
+
+def _mesh_by_lines(data: bytes) -> FileMesh:
     vertices: list[tuple[float, ...]] = []
     polygons: list[list[int]] = []
     for number, line in _logical_lines(data):
@@ -99,34 +123,33 @@ def parse_obj(data: bytes) -> FileMesh:
     return FileMesh(np.array(vertices), np.array(triangles, np.int64), cut)
 
 
-def plain_vertices(head: bytes) -> Floats | None:
-    """Vertices of a block of nothing but `v x y z` lines after comments and names, else None."""
-    start = 0 if head.startswith(b"v ") else head.find(b"\nv ") + 1
-    block = head[start:]
-    if not block.startswith(b"v ") or not _is_preamble(head[:start]):
+def _columns(block: bytes, start: bytes, kind: type[np.generic]) -> NDArray[Any] | None:
+    """The three numbers of lines that all begin with `start`, (count, 3); None of other lines."""
+    if not block.startswith(start):
         return None
-    columns = ["v", "x", "y", "z"]
-    numbers = columns[1:]
+    names = ["start", "a", "b", "c"]
+    numbers = names[1:]
     try:
         table = pyarrow.csv.read_csv(
             pyarrow.py_buffer(block),
             read_options=pyarrow.csv.ReadOptions(
-                use_threads=False, block_size=len(block) + 1, column_names=columns
+                use_threads=False, block_size=len(block) + 1, column_names=names
             ),
             parse_options=pyarrow.csv.ParseOptions(delimiter=" ", quote_char=False),
             convert_options=pyarrow.csv.ConvertOptions(
                 include_columns=numbers,
-                column_types=dict.fromkeys(numbers, pyarrow.float64()),
+                column_types=dict.fromkeys(numbers, pyarrow.from_numpy_dtype(kind)),
                 null_values=[],
             ),
         )
     except pyarrow.ArrowInvalid:
         return None
-    if block.count(b"\nv ") + 1 != len(table):
+    count = len(table)
+    if block.count(b"\n" + start) + 1 != count:
         return None
     # Out of the buffers, for pyarrow's own conversion imports pandas where it is installed.
-    numbers_of = [np.frombuffer(column.chunk(0).buffers()[1]) for column in table.columns]
-    return np.stack(numbers_of, axis=1)
+    columns = [column.chunk(0).buffers()[1] for column in table.columns]
+    return np.stack([np.frombuffer(column, kind, count) for column in columns], axis=1)
 
 
 def _split(data: bytes) -> tuple[bytes, bytes]:

@@ -6,7 +6,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cageik_cli.errors import InputError
-from cageik_cli.sequence.obj import FrameParser, parse_obj
+from cageik_cli.sequence.obj import FrameParser, _mesh_by_lines, parse_obj
 
 VERTICES = [[0, 0, 0], [1.5, 0, 0], [0, -2, 0], [0, 0, 0.25]]
 FACES = [[0, 2, 1], [0, 1, 3]]
@@ -107,6 +107,15 @@ def test_unusual_numbers_are_those_of_float(word):
 SNIPPETS = [b"\n", b"\r", b" ", b"\t", b"v", b"f", b"#", b"-", b".", b"e", b"_", b"nan", b"vn",
             b"\nv 1 2 3", b"\nvn 1 2 3", b"\nf 1 2 3", b"\nl 1 2", b"\"", b",", b"\\", b"\\\n",
             b"\0", b"/1"]  # fmt: skip
+
+
+def edited(edits):
+    data = PLAIN
+    for place, removed, inserted in edits:
+        data = data[:place] + inserted + data[place + removed :]
+    return data
+
+
 EDITS = st.lists(
     st.tuples(
         st.integers(0, len(PLAIN)),
@@ -122,19 +131,30 @@ EDITS = st.lists(
 @example([(len(b"# a comment\no thing"), 0, b"\\")])
 def test_the_fast_path_declines_or_agrees_with_the_parser(edits):
     """What it gives and the parser does not must be refused a step later, as a frame."""
-    data = PLAIN
-    for place, removed, inserted in edits:
-        data = data[:place] + inserted + data[place + removed :]
+    data = edited(edits)
     fast = frame_of(data)
     if fast is None:
         return
     try:
-        full = parse_obj(data)
+        full = _mesh_by_lines(data)
     except InputError:
         assert len(fast) != len(VERTICES) or not np.isfinite(fast).all()
     else:
         assert fast.tobytes() == full.vertices.tobytes()
         np.testing.assert_array_equal(full.faces, FACES)
+
+
+@given(EDITS)
+def test_a_plain_file_is_the_mesh_that_its_lines_are(edits):
+    data = edited(edits)
+    outcomes = []
+    for parse in (_mesh_by_lines, parse_obj):
+        try:
+            mesh = parse(data)
+            outcomes.append((mesh.vertices.tobytes(), mesh.faces.tobytes(), mesh.polygons))
+        except InputError as error:
+            outcomes.append(str(error))
+    assert outcomes[0] == outcomes[1] or b"\0" in data or not data.strip()
 
 
 @pytest.mark.parametrize(
