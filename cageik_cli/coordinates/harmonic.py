@@ -24,6 +24,8 @@ from scipy import sparse
 from cageik_cli.coordinates.panels import (
     Panels,
     Scratch,
+    View,
+    close_angles,
     double_layer,
     single_layer_moments,
     view,
@@ -155,7 +157,7 @@ def solve_boundary(cage: TriMesh, pool: ThreadPoolExecutor, jobs: int) -> Bounda
     right = 2 * np.pi * values
 
     def fill(block: slice) -> None:
-        moments, double = _potentials(faces, panels, nodes[block])
+        moments, double = _potentials(faces, panels, nodes[block], inside=False)
         matrix[block] = (basis @ moments).T
         right[block] -= double.T
 
@@ -222,19 +224,31 @@ def _node_basis(panels: Panels) -> sparse.csr_array:
 
 def _weights_inside(boundary: BoundarySolution, points: Floats) -> Floats:
     local = (points - boundary.origin) / boundary.scale
-    moments, double = _potentials(boundary.cage, boundary.panels, local)
+    moments, double = _potentials(boundary.cage, boundary.panels, local, inside=True)
     weights = boundary.densities @ moments
     weights += double
     return weights.T / (4 * np.pi)
 
 
-def _potentials(cage: Panels, panels: Panels, points: Floats) -> tuple[Floats, Floats]:
-    """∫ (1, u, v)/r of every panel, (3p, q), scratch, and D_k of every cage vertex, (n, q)."""
+def _potentials(
+    cage: Panels, panels: Panels, points: Floats, *, inside: bool
+) -> tuple[Floats, Floats]:
+    """∫ (1, u, v)/r of every panel, (3p, q), scratch, and D_k of every cage vertex, (n, q).
+
+    From points strictly `inside`, or in the faces.
+    """
     scratch = _SCRATCH.own
-    seen = view(panels, points, scratch)
+
+    def look(surface: Panels) -> View:
+        seen = view(surface, points, scratch)
+        if inside:
+            close_angles(seen)
+        return seen
+
+    seen = look(panels)
     moments = single_layer_moments(panels, seen, scratch)
     if panels is not cage:
-        seen = view(cage, points, scratch)
+        seen = look(cage)
     integrals = double_layer(cage, seen, scratch)
     double = cage.corner_sums @ integrals.reshape(-1, len(points))
     return moments.reshape(-1, len(points)), np.asarray(double)

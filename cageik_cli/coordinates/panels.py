@@ -41,6 +41,9 @@ NEAREST = 1e-15
 """Smallest (r_a + r_b − L) / L; below it f is rounding, and so is the distance it multiplies."""
 
 
+INSIDE = 1e-3
+"""Solid angles that sum to 4π within this share are those of a point inside."""
+
 SMALL_TANGENT = 0.03
 """Tangents z below which z − z³/3 + z⁵/5 − z⁷/7 + z⁹/9 is arctan z to the last bit."""
 
@@ -222,6 +225,19 @@ def view(panels: Panels, points: Floats, scratch: Scratch) -> View:
     edge_log, edge_moment, products = _edge_terms(panels, distance, along, scratch)
     angle = _solid_angle(panels, height, distance, products, scratch)
     return View(height, side, foot, angle, edge_log, edge_moment)
+
+
+def close_angles(seen: View) -> None:
+    """Give the solid angles of a closed surface the sum 4π that they have from inside.
+
+    Within δ of an edge the angle of each panel there is ill-conditioned, with an error of rounding
+    over δ; their sum is not. Scaled to the sum it must have, they keep constants and linear
+    functions exact however near an edge or corner a point lies. Points whose angles do not sum to
+    4π but for such errors are not inside, and are left alone.
+    """
+    share = seen.solid_angle.sum(axis=0) / (4 * np.pi)
+    share[np.abs(share - 1) > INSIDE] = 1.0
+    np.divide(seen.solid_angle, share, out=seen.solid_angle)
 
 
 def _distances(panels: Panels, points: Floats, scratch: Scratch) -> Floats:

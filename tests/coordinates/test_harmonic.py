@@ -138,3 +138,16 @@ def test_divided_keeps_surface_and_hats():
     assert fine.volume == pytest.approx(mesh.volume, rel=1e-14)
     np.testing.assert_allclose(hats @ mesh.vertices, fine.vertices, atol=1e-15)
     np.testing.assert_allclose(hats.sum(axis=1), 1, rtol=1e-15)
+
+
+@pytest.mark.parametrize("depth", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10])
+def test_near_edges_and_corners_rows_sum_to_one_still(depth):
+    """There the single solid angles are ill-conditioned; their sum, and so the rows', is not."""
+    cage = ball(1, 1.0)
+    corner = cage.vertices[cage.faces]
+    on = np.concatenate([corner.reshape(-1, 3), (corner[:, 0] + corner[:, 1]) / 2])
+    on = on + 1e-3 * np.random.default_rng(0).normal(size=on.shape) * depth
+    points = on * (1 - depth)
+    weights = harmonic_weights(cage, points)
+    np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=1e-12)
+    np.testing.assert_allclose(weights @ cage.vertices, points, atol=1e-8)

@@ -7,6 +7,7 @@ from cageik_cli.coordinates.panels import (
     Panels,
     Scratch,
     _arctan2,
+    close_angles,
     double_layer,
     single_layer_moments,
     view,
@@ -125,3 +126,14 @@ def test_the_short_arctangent_is_the_library_s(size):
     for x in (np.ones_like(y), -np.ones_like(y), np.zeros_like(y)):
         found = _arctan2(y, x, Scratch())
         np.testing.assert_allclose(found, np.arctan2(y, x), rtol=4e-16, atol=0)
+
+
+def test_angles_are_closed_to_the_sum_they_have_inside_and_no_other():
+    panels = panels_of(box())
+    points = np.array([[0.1, 0.2, 0.3], [3.0, 0, 0], [1 - 1e-9, 1 - 1e-9, 0.2]])
+    seen = view(panels, points, Scratch())
+    seen.solid_angle[:, 0] *= 1 + 1e-5
+    outside = seen.solid_angle[:, 1].copy()
+    close_angles(seen)
+    np.testing.assert_allclose(seen.solid_angle[:, [0, 2]].sum(axis=0), 4 * np.pi, rtol=1e-15)
+    np.testing.assert_array_equal(seen.solid_angle[:, 1], outside)
