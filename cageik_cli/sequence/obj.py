@@ -1,5 +1,6 @@
 """Wavefront OBJ: positions and faces, in the file's order; nothing merged, split or reordered."""
 
+import codecs
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -71,6 +72,7 @@ def parse_obj(data: bytes) -> FileMesh:
     InputError
         Naming the line, what it says, and what was expected.
     """
+    data = data.removeprefix(codecs.BOM_UTF8)
     if not data.strip():
         raise InputError("the file is empty, expected an OBJ mesh; export it again")
     if b"\0" in data:

@@ -48,7 +48,8 @@ def frame_paths(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:
     named = [path for argument in arguments for path in _named_by(argument, suffixes)]
     # A link to a frame is a frame of its own (a hold); another spelling of its path is not.
     once = {os.path.abspath(path): path for path in named}
-    return sorted(once.values(), key=_NATURAL)
+    # Names that differ only in leading zeros are alike in natural order: their text decides.
+    return sorted(once.values(), key=lambda path: (_NATURAL(path), str(path)))
 
 
 def _named_by(argument: str, suffixes: tuple[str, ...]) -> list[Path]:

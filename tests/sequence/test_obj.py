@@ -16,6 +16,7 @@ PLAIN = HEAD + b"f 1 3 2\nf 1 2 4\n"
 DIALECTS = {
     "plain": PLAIN,
     "CRLF": PLAIN.replace(b"\n", b"\r\n"),
+    "byte order mark": b"\xef\xbb\xbf" + PLAIN[PLAIN.index(b"v 0 0 0") :],
     "CR": PLAIN.replace(b"\n", b"\r"),
     "no newline at the end": PLAIN.rstrip(),
     "comments between": PLAIN.replace(b"\nv", b"\n# v 9 9 9\n\nv").replace(b"\nf", b"\n#\nf"),

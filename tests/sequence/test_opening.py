@@ -51,6 +51,15 @@ def test_natural_order_goes_by_folder_then_number(tmp_path):
     assert shown == expected
 
 
+def test_names_alike_but_for_zeros_have_one_order(tmp_path):
+    names = ["f_001.obj", "f_01.obj", "f_1.obj", "f_02.obj", "f_2.obj"]
+    for name in names:
+        (tmp_path / name).touch()
+    for order in (names, names[::-1], names[2:] + names[:2]):
+        found = frame_paths([str(tmp_path / name) for name in order], (".obj",))
+        assert [path.name for path in found] == names
+
+
 def test_hidden_files_folders_and_other_kinds_in_a_folder_are_passed_by(frames):
     for name in (".hidden.obj", "._frame_1.obj", "notes.txt", "thumbs.db"):
         (frames / name).write_text("not a mesh")
