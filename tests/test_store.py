@@ -322,3 +322,14 @@ def test_an_interrupted_write_is_not_taken_for_a_result(tmp_path):
         result.complete(SOURCES)
     with pytest.raises(InputError, match=r"copy\.h5: is not"):
         store.read_result(tmp_path / "copy.h5")
+
+
+@pytest.mark.parametrize("rows", [1, 7, 18, 100])
+def test_weights_are_deflated_and_read_back_to_the_bit(tmp_path, monkeypatch, rows):
+    """Any number of chunks, the last one full or not, by HDF5's own reading."""
+    monkeypatch.setattr(store, "CHUNK_BYTES", rows * BINDING.weights[0].nbytes)
+    with h5py.File(written(tmp_path / "cages.h5")) as file:
+        weights = file["weights"]
+        assert (weights.compression, weights.shuffle) == ("gzip", True)
+        assert weights.chunks == (min(rows, len(BINDING.weights)), BINDING.weights.shape[1])
+        np.testing.assert_array_equal(weights[:], BINDING.weights)
