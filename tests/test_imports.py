@@ -12,7 +12,8 @@ import cageik_cli
 PACKAGE = Path(cageik_cli.__file__).parent
 
 ORDER = (
-    "errors", "layout", "threads", "mesh", "coordinates.panels", "coordinates.surface",
+    "errors", "layout", "threads", "mesh", "coordinates.panel_geometry", "coordinates.panels",
+    "coordinates.surface",
     "coordinates.harmonic", "enclosure", "binding", "alignment", "dual_laplacian", "metrics",
     "outputs", "hdf5", "sequence", "store", "extraction", "report", "describing", "cli", "__main__",
 )  # fmt: skip

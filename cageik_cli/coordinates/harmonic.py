@@ -21,8 +21,8 @@ import numpy as np
 import scipy.linalg
 from scipy import sparse
 
+from cageik_cli.coordinates.panel_geometry import Panels
 from cageik_cli.coordinates.panels import (
-    Panels,
     Scratch,
     View,
     close_angles,

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
 
+from cageik_cli.coordinates.panel_geometry import Panels
 from cageik_cli.coordinates.panels import (
     SMALL_TANGENT,
-    Panels,
     Scratch,
     _arctan2,
     close_angles,
