@@ -10,10 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hypothesis import settings
 
 from cageik_cli.cli import main
 from cageik_cli.mesh import TriMesh
 from tests.shapes import ball, box
+
+# A machine that is busy is not a fault of the code.
+settings.register_profile("untimed", settings.default, deadline=None)
+settings.load_profile("untimed")
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,7 +89,7 @@ def test_without_alignment_a_turn_is_punished(binding):
     assert np.abs(moved - binding.cage.vertices @ turn.T).max() > 1e-3
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.floats(1e-3, 1e4))
 def test_scaled_input_gives_scaled_cages(binding, scale):
     scaled = Binding(
@@ -103,7 +103,7 @@ def test_scaled_input_gives_scaled_cages(binding, scale):
     np.testing.assert_allclose(found / scale, cages, atol=1e-11)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 1000))
 def test_permuted_vertices_give_the_same_cages(binding, seed):
     order = np.random.default_rng(seed).permutation(len(binding.rest.vertices))

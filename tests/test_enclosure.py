@@ -129,7 +129,7 @@ def test_a_vertex_outside_by_rounding_is_moved_onto_the_cage():
         check_enclosure(box(), changed(rest, vertices=vertices))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 1000), st.floats(1e-3, 1e3), st.floats(-100, 100))
 def test_the_verdict_does_not_depend_on_place_turn_or_scale(seed, scale, shift):
     turn = rotation(seed)

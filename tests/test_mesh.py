@@ -22,7 +22,7 @@ def test_volume_changes_sign_when_flipped():
     assert box().flipped().volume == pytest.approx(-8, rel=1e-14)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-1e4, 1e4), st.floats(1e-3, 1e3))
 def test_volume_does_not_depend_on_the_origin_and_scales_cubed(shift, scale):
     mesh = ball(1)

@@ -112,7 +112,7 @@ def test_they_do_not_depend_on_jobs_and_report_progress():
     assert [done for done, _ in calls] == sorted(done for done, _ in calls)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.integers(0, 1000), st.floats(1e-3, 1e3))
 def test_similar_cages_have_the_same_weights_and_permuted_vertices_permuted_ones(seed, scale):
     cage, points = concave(), inside(concave(), 20, margin=0.03)
