@@ -20,6 +20,8 @@ def prepare(path: Path, overwrite: bool) -> None:
     """
     if path.is_dir():
         raise InputError(f"{path}: is a folder, expected the name of a file to write")
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is not a plain file, expected the name of a file to write")
     if path.exists() and not overwrite:
         raise InputError(
             f"{path}: exists already; choose another name, or replace it with --overwrite"
@@ -33,6 +35,23 @@ def prepare(path: Path, overwrite: bool) -> None:
         raise InputError(
             f"{path}: cannot be written ({error.strerror}); choose another folder"
         ) from error
+
+
+def keep_apart(outputs: list[Path | None], inputs: list[Path | None]) -> None:
+    """Refuse an output that is an input, or another output; None and `-` are neither.
+
+    Raises
+    ------
+    InputError
+        Naming the file that would be lost.
+    """
+    taken = {path.resolve() for path in inputs if path is not None}
+    for path in outputs:
+        if path is None or str(path) == "-":
+            continue
+        if path.resolve() in taken:
+            raise InputError(f"{path}: is read or written by this command already; choose another")
+        taken.add(path.resolve())
 
 
 class PatientFile(io.FileIO):

@@ -109,3 +109,16 @@ def test_a_text_that_does_not_fit_leaves_the_old_one(tmp_path):
         outputs.write_text(path, "longer than the disk", overwrite=True)
     assert path.read_text() == "old"
     assert [item.name for item in tmp_path.iterdir()] == ["a"]
+
+
+def test_an_output_is_no_input_and_no_other_output(tmp_path):
+    a, b = tmp_path / "a", tmp_path / "x" / ".." / "a"
+    outputs.keep_apart([a, None, Path("-"), Path("-")], [tmp_path / "c", None])
+    for written, read in (([a, b], []), ([a], [b])):
+        with pytest.raises(InputError, match="read or written by this command already"):
+            outputs.keep_apart(written, read)
+
+
+def test_what_is_not_a_plain_file_is_never_replaced():
+    with pytest.raises(InputError, match="is not a plain file"):
+        outputs.prepare(Path("/dev/null"), overwrite=True)

@@ -70,9 +70,11 @@ def extract_command(**options: Any) -> None:
     from cageik_cli.cli.watching import Watch
     from cageik_cli.extraction import extract
     from cageik_cli.layout import row
-    from cageik_cli.outputs import prepare, write_text
+    from cageik_cli.outputs import keep_apart, prepare, write_text
     from cageik_cli.report import as_text, report_of
 
+    inputs = [settings.cage, settings.rest, settings.vertex_weights, *map(Path, settings.frames)]
+    keep_apart([settings.output, timings], inputs)
     if timings is not None:
         prepare(timings, settings.overwrite)
     watch = Watch(draw=not quiet)

@@ -24,16 +24,18 @@ def report_command(
 
     The text goes to stdout, or to stderr when JSON or CSV goes there.
     """
-    from cageik_cli.outputs import prepare
+    from cageik_cli.outputs import keep_apart, prepare
     from cageik_cli.report import as_csv, as_json, as_text, report_of
     from cageik_cli.store import read_result
 
     if str(json) == str(csv) == "-":
         raise click.UsageError("--json and --csv both go to stdout; name a file for one")
+    results = results or (Path("cages.h5"),)
+    keep_apart([json, csv], list(results))
     for path in (json, csv):
         if path is not None and str(path) != "-":
             prepare(path, overwrite)
-    reports = [report_of(read_result(path)) for path in results or (Path("cages.h5"),)]
+    reports = [report_of(read_result(path)) for path in results]
     for path, view in ((json, as_json), (csv, as_csv)):
         if path is not None:
             write_or_print(view(reports), path, overwrite)

@@ -163,7 +163,7 @@ def solve_boundary(cage: TriMesh, pool: ThreadPoolExecutor, jobs: int) -> Bounda
 
     for _ in pool.map(fill, _blocks(len(nodes))):
         pass
-    with blas_threads(jobs):
+    with blas_threads(min(jobs, processors())):
         # LAPACK wants columns: the transpose is factored where it stands, and solved transposed.
         factor = scipy.linalg.lu_factor(matrix.T, overwrite_a=True, check_finite=False)
         at_nodes = scipy.linalg.lu_solve(

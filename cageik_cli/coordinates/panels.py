@@ -116,13 +116,14 @@ def close_angles(seen: View) -> None:
     """Give the solid angles of a closed surface the sum 4π that they have from inside.
 
     Within δ of an edge the angle of each panel there is ill-conditioned, with an error of rounding
-    over δ; their sum is not. Scaled to the sum it must have, they keep constants and linear
-    functions exact however near an edge or corner a point lies. Points whose angles do not sum to
-    4π but for such errors are not inside, and are left alone.
+    over δ; their sum is not. What it lacks goes to the largest, whose panel is near and so has
+    the smallest h: constants and linear functions stay exact. Points whose angles do not sum to 4π
+    but for such errors are not inside, and are left alone.
     """
-    share = seen.solid_angle.sum(axis=0) / (4 * np.pi)
-    share[np.abs(share - 1) > INSIDE] = 1.0
-    np.divide(seen.solid_angle, share, out=seen.solid_angle)
+    angle = seen.solid_angle
+    lacking = 4 * np.pi - angle.sum(axis=0)
+    lacking[np.abs(lacking) > 4 * np.pi * INSIDE] = 0.0
+    angle[np.abs(angle).argmax(axis=0), np.arange(angle.shape[1])] += lacking
 
 
 def _distances(panels: Panels, points: Floats, scratch: Scratch) -> Floats:
