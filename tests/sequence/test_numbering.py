@@ -41,4 +41,4 @@ def test_a_gap_names_the_first_file_that_is_missing(names, missing):
     ],
 )
 def test_numbers_without_a_gap_and_other_names_pass(names):
-    refuse_gaps([Path(f"{name}.obj") for name in names.split()])
+    assert refuse_gaps([Path(f"{name}.obj") for name in names.split()]) is None
