@@ -2,19 +2,83 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.coordinates.harmonic import harmonic_weights, no_progress
-from cageik_cli.enclosure import check_enclosure
+from cageik_cli.coordinates.harmonic import TOLERANCES, harmonic_weights, no_progress
+from cageik_cli.coordinates.weights import Weights
+from cageik_cli.enclosure import OUTSIDE, Enclosure, check_enclosure
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.mesh import Floats, TriMesh
 
 WORST_PRECISION = 1e-6
 """Weights that miss the rest pose by more, in diagonals, are not weights of this cage."""
 
+COORDINATES = ("harmonic",)
+ACCURACIES = tuple(TOLERANCES)
 
-@dataclass(frozen=True, slots=True, eq=False)
+
+@dataclass(frozen=True, slots=True)
+class BindSettings:
+    """How weights are to be computed.
+
+    Attributes
+    ----------
+    coordinates : str
+        One of `COORDINATES`.
+    accuracy : str
+        One of `ACCURACIES`; coordinates in closed form do not ask.
+    outside : str
+        One of `OUTSIDE`: vertices outside the cage are refused, or get the weights of the nearest
+        point on it.
+    """
+
+    coordinates: str = "harmonic"
+    accuracy: str = "standard"
+    outside: str = "refuse"
+
+    def __post_init__(self) -> None:
+        for name, known in (
+            ("coordinates", COORDINATES),
+            ("accuracy", ACCURACIES),
+            ("outside", OUTSIDE),
+        ):
+            if getattr(self, name) not in known:
+                raise InputError(
+                    f"{name} is {getattr(self, name)!r}, expected one of {', '.join(known)}"
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class WeightQuality:
+    """How far weights can be trusted.
+
+    Attributes
+    ----------
+    partition_of_unity : float
+        Largest distance of a row's sum from one.
+    linear_precision : float
+        Largest distance of `weights @ cage` from the rest vertices, in diagonals.
+    min_weight : float
+        Smallest weight; harmonic weights are not negative, so this measures discretisation.
+    panels : int
+        What the cage was divided into; 0 for coordinates in closed form.
+    estimated_error : float
+        Estimate of the mean row L1 distance from exact coordinates.
+    projected : int
+        How many vertices lay outside and have the weights of the nearest point of the cage.
+    """
+
+    partition_of_unity: float
+    linear_precision: float
+    min_weight: float
+    panels: int
+    estimated_error: float
+    projected: int
+
+
+@dataclass(frozen=True, eq=False)
 class Binding:
     """A model written in the vertices of a cage: `weights @ cage.vertices` are `rest.vertices`.
 
@@ -26,41 +90,45 @@ class Binding:
         n vertices, outward.
     weights : (m, n) float64
         H; each row sums to one.
+    settings : BindSettings
+    panels : int
+    estimated_error : float
+    projected : int
+        As in `WeightQuality`.
     notes : tuple of str
-        What was changed in the cage, one sentence each.
+        What was changed in the cage, or is poor about the weights, one sentence each.
     """
 
     rest: TriMesh
     cage: TriMesh
     weights: Floats
+    settings: BindSettings = BindSettings()
+    panels: int = 0
+    estimated_error: float = 0.0
+    projected: int = 0
     notes: tuple[str, ...] = ()
 
-    @property
-    def partition_of_unity(self) -> float:
-        """Largest distance of a row's sum from one."""
-        return float(np.abs(self.weights.sum(axis=1) - 1).max())
-
-    @property
-    def linear_precision(self) -> float:
-        """Largest distance of `weights @ cage` from the rest vertices, in diagonals."""
-        origin = self.rest.vertices.mean(axis=0)
-        rebuilt = self.weights @ (self.cage.vertices - origin)
-        misses = np.linalg.norm(rebuilt - (self.rest.vertices - origin), axis=1)
-        return float(misses.max() / self.rest.diagonal)
-
-    @property
-    def min_weight(self) -> float:
-        """Smallest weight; harmonic weights are not negative, so this measures discretisation."""
-        return float(self.weights.min())
+    @cached_property
+    def quality(self) -> WeightQuality:
+        """Measured of the weights as they are."""
+        return WeightQuality(
+            partition_of_unity=float(np.abs(self.weights.sum(axis=1) - 1).max()),
+            linear_precision=_missed(self.rest.vertices, self),
+            min_weight=float(self.weights.min()),
+            panels=self.panels,
+            estimated_error=self.estimated_error,
+            projected=self.projected,
+        )
 
 
 def bind(
     rest: TriMesh,
     cage: TriMesh,
+    settings: BindSettings | None = None,
     jobs: int | None = None,
     progress: Callable[[int, int], None] = no_progress,
 ) -> Binding:
-    """Write the rest model in harmonic coordinates of the cage.
+    """Write the rest model in coordinates of the cage, harmonic by default.
 
     Raises
     ------
@@ -71,12 +139,37 @@ def bind(
     """
     if rest.diagonal == 0:
         raise InputError("the rest pose is one point, expected a surface; export it again")
-    held = check_enclosure(cage, rest)
-    weights = harmonic_weights(held.cage, held.points, jobs, progress)
-    binding = Binding(rest, held.cage, weights, held.notes)
-    if not binding.linear_precision <= WORST_PRECISION:
+    settings = settings or BindSettings()
+    held = check_enclosure(cage, rest, settings.outside)
+    weights = _weights(held, settings, jobs, progress)
+    binding = Binding(
+        rest=rest,
+        cage=held.cage,
+        weights=weights.values,
+        settings=settings,
+        panels=weights.panels,
+        estimated_error=weights.error,
+        projected=len(held.projected),
+        notes=held.notes,
+    )
+    missed = _missed(held.points, binding)
+    if not missed <= WORST_PRECISION:
         raise NumericalError(
-            f"the weights miss the rest pose by {binding.linear_precision:.1e} of the diagonal, "
+            f"the weights miss the rest pose by {missed:.1e} of the diagonal, "
             f"more than {WORST_PRECISION:.0e}; the cage may cross itself or have needle-like faces"
         )
     return binding
+
+
+def _weights(
+    held: Enclosure, settings: BindSettings, jobs: int | None, progress: Callable[[int, int], None]
+) -> Weights:
+    return harmonic_weights(held.cage, held.points, settings.accuracy, jobs, progress)
+
+
+def _missed(points: Floats, binding: Binding) -> float:
+    """Largest distance of `weights @ cage` from `points`, in diagonals of the rest pose."""
+    origin = points.mean(axis=0)
+    rebuilt = binding.weights @ (binding.cage.vertices - origin)
+    misses = np.linalg.norm(rebuilt - (points - origin), axis=1)
+    return float(misses.max() / binding.rest.diagonal)

@@ -10,7 +10,7 @@ from cageik_cli.layout import page
 from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence import MeshSequence, load_mesh, open_sequence
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
-from cageik_cli.store import Result, is_result, read_result
+from cageik_cli.store.result import Result, is_result, read_result
 
 
 def describe(arguments: list[str]) -> str:

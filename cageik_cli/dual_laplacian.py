@@ -13,13 +13,13 @@ of one system,
 in which nothing large cancels and the rest pose gives the rest cage exactly.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import scipy.linalg
 
 from cageik_cli.alignment import best_rigid_motions, no_motions
-from cageik_cli.binding import Binding
+from cageik_cli.binding import Binding, WeightQuality
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.mesh import Floats, uniform_laplacian
 
@@ -55,20 +55,15 @@ class SolveSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Quality:
+class Quality(WeightQuality):
     """How far weights and system can be trusted.
 
     Attributes
     ----------
-    partition_of_unity, linear_precision, min_weight : float
-        Of the binding, see there.
     condition_number : float
         Of the normal matrix, in the 2-norm.
     """
 
-    partition_of_unity: float
-    linear_precision: float
-    min_weight: float
     condition_number: float
 
 
@@ -127,12 +122,8 @@ class DualLaplacianSolver:
         laplacian = uniform_laplacian(binding.cage)
         smoothness = (settings.alpha / n) * laplacian.T @ laplacian
         normal = smoothness + data_rows @ binding.weights
-        self.quality = Quality(
-            binding.partition_of_unity,
-            binding.linear_precision,
-            binding.min_weight,
-            _checked_condition(normal, binding, settings.beta),
-        )
+        condition = _checked_condition(normal, binding, settings.beta)
+        self.quality = Quality(**asdict(binding.quality), condition_number=condition)
         factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
         # Back substitution of every vertex at once leaves one product to do for each frame.
         self._response = scipy.linalg.cho_solve(factor, data_rows, check_finite=False)

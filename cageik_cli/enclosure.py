@@ -9,13 +9,16 @@ from numpy.typing import NDArray
 
 from cageik_cli.coordinates.surface import nearest_on_surface, winding_numbers
 from cageik_cli.errors import InputError, first_few
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.mesh import Floats, Integers, TriMesh
 
 THINNEST = 1e-9
 """Smallest altitude of a cage face over its longest side; below it the face has no plane."""
 
 TOUCHING = 1e-8
 """A vertex outside by no more than this, in diagonals, is on the cage but for rounding."""
+
+OUTSIDE = ("refuse", "project")
+"""What may be done with vertices further outside."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,17 +30,20 @@ class Enclosure:
     cage : TriMesh
         Closed, manifold, of one component, outward.
     points : (m, 3) float64
-        The model's vertices, those outside by rounding moved onto the cage.
+        The model's vertices, those outside moved to the nearest point of the cage.
+    projected : (k,) int64
+        Vertices that were moved by more than rounding.
     notes : tuple of str
         What was changed, one sentence each.
     """
 
     cage: TriMesh
     points: Floats
+    projected: Integers
     notes: tuple[str, ...]
 
 
-def check_enclosure(cage: TriMesh, rest: TriMesh) -> Enclosure:
+def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Enclosure:
     """Check the cage, turn it outward, and check that it holds every vertex of the rest pose.
 
     Raises
@@ -47,7 +53,7 @@ def check_enclosure(cage: TriMesh, rest: TriMesh) -> Enclosure:
     """
     try:
         outward, notes = checked_cage(cage)
-        return Enclosure(outward, _held(outward, rest), notes)
+        return _held(outward, rest, notes, outside)
     except InputError as error:
         if len(cage.vertices) <= len(rest.vertices):
             raise
@@ -87,20 +93,26 @@ def checked_cage(cage: TriMesh) -> tuple[TriMesh, tuple[str, ...]]:
     return cage, ()
 
 
-def _held(cage: TriMesh, rest: TriMesh) -> Floats:
-    """The rest vertices, those outside by rounding moved onto the cage; none may be further."""
+def _held(cage: TriMesh, rest: TriMesh, notes: tuple[str, ...], allowed: str) -> Enclosure:
+    """Move vertices that are outside onto the cage: by rounding, or by more if `allowed`."""
     nearest = nearest_on_surface(cage, rest.vertices)
     outside = winding_numbers(cage, rest.vertices) < 0.5
     distance = np.where(outside, nearest.distance, 0.0)
     far = np.flatnonzero(distance > TOUCHING * rest.diagonal)
     if len(far):
         worst = 100 * distance.max() / rest.diagonal
-        raise InputError(
+        found = (
             f"{len(far)} of {len(rest.vertices)} vertices of the rest pose are outside the cage, "
-            f"the worst by {worst:.3g} % of the diagonal: numbers {first_few(far)} (from 0); "
-            "enlarge the cage there, or give the rest pose it was made for with --rest"
+            f"the worst by {worst:.3g} % of the diagonal: numbers {first_few(far)} (from 0)"
         )
-    return np.where(outside[:, None], nearest.position, rest.vertices)
+        if allowed == "refuse":
+            raise InputError(
+                f"{found}; enlarge the cage there, give the rest pose it was made for with "
+                "--rest, or take the nearest points of the cage with --outside project"
+            )
+        notes = (*notes, f"{found}; they have the weights of the nearest points of the cage")
+    points = np.where(outside[:, None], nearest.position, rest.vertices)
+    return Enclosure(cage, points, far, notes)
 
 
 def _refuse_bad_faces(cage: TriMesh) -> None:

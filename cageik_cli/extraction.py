@@ -1,14 +1,13 @@
 """The run: blocks of frames through the solver, measured, into the result file."""
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cageik_cli import store
-from cageik_cli.binding import Binding, bind
+from cageik_cli.binding import Binding, BindSettings, bind
 from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings, normalised_weights
 from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import TriMesh
@@ -22,6 +21,7 @@ from cageik_cli.sequence import (
     open_sequence,
     refuse_other_connectivity,
 )
+from cageik_cli.store.result import Header, Result, ResultWriter, create, read_result
 from cageik_cli.threads import blas_threads
 
 LARGEST_BLOCK = 16
@@ -58,6 +58,7 @@ class ExtractSettings:
         Which frame then, from 0.
     vertex_weights : Path, optional
         One number a vertex of the model.
+    bind : BindSettings
     solve : SolveSettings
     allow_gaps, overwrite, keep_weights : bool
     fps : float
@@ -73,6 +74,7 @@ class ExtractSettings:
     rest: Path | None = None
     rest_frame: int = 0
     vertex_weights: Path | None = None
+    bind: BindSettings = field(default_factory=BindSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
     allow_gaps: bool = False
     overwrite: bool = False
@@ -82,7 +84,7 @@ class ExtractSettings:
     jobs: int = 1
 
 
-def extract(settings: ExtractSettings, observer: Observer | None = None) -> store.Result:
+def extract(settings: ExtractSettings, observer: Observer | None = None) -> Result:
     """Extract the cage of every frame and write the result file.
 
     Raises
@@ -104,10 +106,10 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> stor
             with located(settings.vertex_weights):
                 vertex_weights = normalised_weights(loaded, len(rest.mesh.vertices))
     with watch.stage("bind"), located(settings.cage):
-        binding = bind(rest.mesh, cage.mesh, settings.jobs, watch.advance)
+        binding = bind(rest.mesh, cage.mesh, settings.bind, settings.jobs, watch.advance)
     with watch.stage("factor"):
         solver = DualLaplacianSolver(binding, settings.solve, vertex_weights)
-    header = store.Header(
+    header = Header(
         binding=binding,
         quality=solver.quality,
         frames=sequence.names,
@@ -117,11 +119,11 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> stor
         keep_weights=settings.keep_weights,
     )
     # One thread for the products: the others read ahead, which is most of the work.
-    with store.create(settings.output, header, settings.overwrite) as result, blas_threads(1):
+    with create(settings.output, header, settings.overwrite) as result, blas_threads(1):
         _solve_all(sequence, solver, result, settings, watch)
         with watch.stage("write"):
             result.complete(sources | {"frames": sequence.source()})
-    return store.read_result(settings.output)
+    return read_result(settings.output)
 
 
 def rest_pose(sequence: MeshSequence, settings: ExtractSettings) -> LoadedMesh:
@@ -149,7 +151,7 @@ def block_size(memory: int, vertices: int) -> int:
 def _solve_all(
     sequence: MeshSequence,
     solver: DualLaplacianSolver,
-    result: store.ResultWriter,
+    result: ResultWriter,
     settings: ExtractSettings,
     watch: Observer,
 ) -> None:
@@ -179,7 +181,7 @@ def _recorded(settings: ExtractSettings) -> dict[str, Any]:
         "alpha": solve.alpha,
         "beta": solve.beta,
         "align": solve.align,
-        "coordinates": "harmonic",
+        **asdict(settings.bind),
         "rest_frame": settings.rest_frame if settings.rest is None else None,
         "vertex_weights": settings.vertex_weights is not None,
     }

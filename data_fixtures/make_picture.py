@@ -31,7 +31,7 @@ from PIL import Image
 from cageik_cli.extraction import ExtractSettings, extract
 from cageik_cli.mesh import Integers, TriMesh
 from cageik_cli.sequence import open_sequence
-from cageik_cli.store import Result
+from cageik_cli.store.result import Result
 
 Flags = NDArray[np.bool_]
 

@@ -3,6 +3,7 @@ import pytest
 
 from cageik_cli import binding as module
 from cageik_cli.binding import Binding, bind
+from cageik_cli.coordinates.weights import Weights
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.mesh import TriMesh
 from tests.shapes import ball, box, concave, octahedron
@@ -11,9 +12,9 @@ from tests.shapes import ball, box, concave, octahedron
 def test_a_binding_rebuilds_the_rest_pose_and_says_how_well():
     bound = bind(ball(2), box())
     assert bound.weights.shape == (66, 8)
-    assert bound.partition_of_unity < 1e-13
-    assert bound.linear_precision < 1e-13
-    assert bound.min_weight > 0
+    assert bound.quality.partition_of_unity < 1e-13
+    assert bound.quality.linear_precision < 1e-13
+    assert bound.quality.min_weight > 0
     assert bound.notes == ()
 
 
@@ -24,9 +25,9 @@ def test_figures_are_those_of_their_definitions():
     bound = Binding(octahedron(), box(), weights)
     rest = octahedron().vertices
     expected = np.linalg.norm(weights @ box().vertices - rest, axis=1).max() / octahedron().diagonal
-    assert bound.partition_of_unity == pytest.approx(0.625)
-    assert bound.min_weight == -0.5
-    assert bound.linear_precision == pytest.approx(expected, rel=1e-12)
+    assert bound.quality.partition_of_unity == pytest.approx(0.625)
+    assert bound.quality.min_weight == -0.5
+    assert bound.quality.linear_precision == pytest.approx(expected, rel=1e-12)
 
 
 def test_an_inward_cage_is_bound_outward():
@@ -41,8 +42,8 @@ def test_a_point_is_not_a_model():
 
 
 def test_weights_that_miss_the_rest_pose_are_refused(monkeypatch):
-    def wrong(cage, points, jobs, progress):
-        return np.full((len(points), len(cage.vertices)), 1 / len(cage.vertices))
+    def wrong(cage, points, accuracy, jobs, progress):
+        return Weights(np.full((len(points), len(cage.vertices)), 1 / len(cage.vertices)))
 
     monkeypatch.setattr(module, "harmonic_weights", wrong)
     with pytest.raises(NumericalError, match=r"miss the rest pose by .* of the diagonal"):

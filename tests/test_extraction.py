@@ -240,7 +240,8 @@ def test_what_was_read_is_recorded(plain, folder):
     assert result.sources["rest"] == {"name": "frame_1.obj"}
     assert result.sources["frames"]["files"] == 5
     assert result.settings == {
-        "alpha": 1e-3, "beta": 1.0, "align": True, "coordinates": "harmonic", "rest_frame": 0,
+        "alpha": 1e-3, "beta": 1.0, "align": True, "coordinates": "harmonic",
+        "accuracy": "standard", "outside": "refuse", "rest_frame": 0,
         "vertex_weights": False,
     }  # fmt: skip
 

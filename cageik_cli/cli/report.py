@@ -26,7 +26,7 @@ def report_command(
     """
     from cageik_cli.outputs import keep_apart, prepare
     from cageik_cli.report import as_csv, as_json, as_text, report_of
-    from cageik_cli.store import read_result
+    from cageik_cli.store.result import read_result
 
     if str(json) == str(csv) == "-":
         raise click.UsageError("--json and --csv both go to stdout; name a file for one")

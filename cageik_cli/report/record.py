@@ -15,7 +15,7 @@ import numpy as np
 
 from cageik_cli.dual_laplacian import Quality
 from cageik_cli.mesh import Floats
-from cageik_cli.store import Result
+from cageik_cli.store.result import Result
 
 SCHEMA = 1
 E_RMS = 2000 / np.sqrt(3)

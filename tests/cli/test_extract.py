@@ -57,6 +57,7 @@ def test_options_reach_the_result(run, folder, animation, write_obj):
         assert file.attrs["fps"] == 30
         assert json.loads(file.attrs["settings"]) == {
             "alpha": 0.5, "beta": 2.0, "align": False, "coordinates": "harmonic",
+            "accuracy": "standard", "outside": "refuse",
             "rest_frame": None, "vertex_weights": True,
         }  # fmt: skip
         assert set(json.loads(file.attrs["sources"])) == {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.extraction import ExtractSettings, extract
-from cageik_cli.store import Result
+from cageik_cli.store.result import Result
 
 
 @dataclass(frozen=True, eq=False)

@@ -95,7 +95,8 @@ def test_clip_binding_and_provenance(closed, report):
         "fps": 24.0,
     }
     assert set(dataclasses.asdict(report.binding)) == {
-        "partition_of_unity", "linear_precision", "min_weight", "condition_number"
+        "partition_of_unity", "linear_precision", "min_weight", "panels", "estimated_error",
+        "projected", "condition_number",
     }  # fmt: skip
     assert report.binding.partition_of_unity < 1e-12
     assert (report.schema, report.result, report.gates) == (1, "cages.h5", ())

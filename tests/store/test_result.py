@@ -8,12 +8,13 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli import __version__, store
+from cageik_cli import __version__
 from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import Quality
 from cageik_cli.errors import InputError
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.sequence import open_sequence
+from cageik_cli.store import result as store
 from tests.shapes import TETRAHEDRON, ball
 
 FRAMES, SETTINGS, SOURCES = 5, {"alpha": 0.5, "align": True}, {"cage": {"name": "é", "sha256": ""}}
@@ -39,7 +40,7 @@ FIGURES = FrameFigures(
 )
 
 
-QUALITY = Quality(1e-15, 2e-15, -0.5, 123.0)
+QUALITY = Quality(1e-15, 2e-15, -0.5, 944, 4e-3, 0, 123.0)
 
 
 def part(rows):

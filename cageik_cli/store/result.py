@@ -1,4 +1,4 @@
-"""Our HDF5 result files: written beside their name, renamed when whole, read with every check."""
+"""Result files: written beside their name, renamed when whole, read with every check."""
 
 import json
 import zlib

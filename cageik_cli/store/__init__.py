@@ -1,0 +1,1 @@
+"""Our HDF5 files: results, bindings, and the cache of weights."""
