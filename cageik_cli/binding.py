@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.coordinates.harmonic import TOLERANCES, harmonic_weights, no_progress
+from cageik_cli.coordinates.harmonic import ACCURACIES, harmonic_weights, no_progress
 from cageik_cli.coordinates.weights import Weights
 from cageik_cli.enclosure import OUTSIDE, Enclosure, check_enclosure
 from cageik_cli.errors import InputError, NumericalError
@@ -16,7 +16,6 @@ WORST_PRECISION = 1e-6
 """Weights that miss the rest pose by more, in diagonals, are not weights of this cage."""
 
 COORDINATES = ("harmonic",)
-ACCURACIES = tuple(TOLERANCES)
 
 
 @dataclass(frozen=True, slots=True)

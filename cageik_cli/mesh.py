@@ -88,6 +88,8 @@ class Edges:
         them, so that what is summed over edges cancels panel by panel and rounds little.
     of_side : (f, 3) int64
         The edge of each face's side; side k lies opposite corner k.
+    first_side : (e,) int64
+        3 face + side of the first side that is on the edge.
     uses : (e,) int64
         How many faces have the edge.
     is_balanced : (e,) bool
@@ -96,6 +98,7 @@ class Edges:
 
     ends: Integers
     of_side: Integers
+    first_side: Integers
     uses: Integers
     is_balanced: NDArray[np.bool_]
 
@@ -112,6 +115,7 @@ class Edges:
         return Edges(
             np.stack([keys // base, keys % base], axis=1),
             edge.reshape(faces.shape),
+            first[order],
             np.bincount(edge),
             turns == 0,
         )

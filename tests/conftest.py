@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from hypothesis import settings
 
 from cageik_cli.cli import main
+from cageik_cli.coordinates import harmonic
 from cageik_cli.mesh import TriMesh
 from tests.shapes import ball, box
 
@@ -70,8 +71,9 @@ def write_obj() -> Callable[[Path, np.ndarray, np.ndarray], Path]:
 
 @pytest.fixture
 def coarse_panels(monkeypatch) -> None:
-    """Cut cages into few panels: quick, and exact still on affine maps and on the cage."""
-    monkeypatch.setattr("cageik_cli.coordinates.harmonic.PANEL_GOAL", 60)
+    """Linear densities on the cage's faces: quick, exact still on affine maps and on the cage."""
+    monkeypatch.setattr("cageik_cli.coordinates.harmonic.FEWEST_PANELS", 1)
+    monkeypatch.setitem(harmonic.ACCURACIES, "standard", harmonic.Accuracy(10.0, 1, 0.0, 7200))
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cageik_cli.coordinates.harmonic import divided
+from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
 from cageik_cli.mesh import TriMesh
 
 TETRAHEDRON = TriMesh(
@@ -39,7 +39,8 @@ def ball(levels: int = 2, size: float = 0.5) -> TriMesh:
 def finer(mesh: TriMesh, levels: int) -> TriMesh:
     """Every face divided in four, `levels` times."""
     for _ in range(levels):
-        mesh = divided(mesh, 4 * len(mesh.faces))[0]
+        panels = BoundaryMesh.of(mesh).divided(np.ones(len(mesh.faces), bool)).panels
+        mesh = TriMesh(panels.vertices, panels.corners)
     return mesh
 
 

@@ -13,8 +13,9 @@ PACKAGE = Path(cageik_cli.__file__).parent
 
 ORDER = (
     "errors", "layout", "threads", "mesh",
-    "coordinates.weights", "coordinates.panel_geometry", "coordinates.panels",
-    "coordinates.surface", "coordinates.harmonic",
+    "coordinates.weights", "coordinates.polynomials", "coordinates.panel_geometry",
+    "coordinates.panels", "coordinates.boundary_mesh", "coordinates.surface",
+    "coordinates.harmonic",
     "enclosure", "binding", "alignment", "dual_laplacian", "metrics",
     "outputs", "hdf5", "sequence", "store.result", "extraction", "report", "describing",
     "cli", "__main__",

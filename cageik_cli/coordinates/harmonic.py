@@ -4,12 +4,16 @@ The weight w_k of cage vertex k is the harmonic function inside the cage that on
 piecewise linear hat φ_k. Green's representation gives it from φ_k and its outward normal derivative
 q_k on the cage,
 
-    4π w_k(x) = Σ_panels ∫ q_k / r dA + D_k(x),     D_k = Σ_faces ∫ φ_k h/r³ dA,
+    4π w_k(x) = Σ_panels ∫ q_k / r dA + D_k(x),     D_k = Σ_panels ∫ φ_k h/r³ dA,
 
 and, for x inside a face, 2π φ_k(x) in place of 4π w_k(x) makes an integral equation for q_k. It is
-solved by collocation, with q_k linear on each panel (discontinuous between panels: at the cage's
-edges it is). Boundary values and integrals are exact, so that the weights sum to one and reproduce
-affine maps to rounding however coarse the panels are.
+solved by Galerkin's method, with q_k a polynomial on each panel (discontinuous between panels: at
+the cage's edges it is). Boundary values and integrals are exact, and constants are among the
+polynomials, so that the weights sum to one and reproduce affine maps to rounding, however coarse
+the panels are.
+
+What the polynomials beyond the linear ones emit falls off as the cube of the distance: it is faded
+out at a few radii of the panel, and only panels that the model's vertices come near have them.
 """
 
 import threading
@@ -19,42 +23,84 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from scipy import sparse
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from cageik_cli.coordinates.panel_geometry import Panels
+from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.panels import (
     Scratch,
-    View,
     close_angles,
+    distances,
     double_layer,
-    single_layer_moments,
+    higher_moments,
+    linear_moments,
     view,
 )
+from cageik_cli.coordinates.polynomials import LINEAR, basis, exponents, gauss_rule, monomials
 from cageik_cli.coordinates.surface import nearest_on_surface
 from cageik_cli.coordinates.weights import Weights
 from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.mesh import Floats, Integers, TriMesh
 from cageik_cli.threads import blas_threads, processors
 
-TOLERANCES = {"preview": 0.03, "standard": 0.005, "fine": 0.001}
-"""Mean over points of a row's L1 distance from exact weights, by the accuracy asked for."""
 
-PANEL_GOAL = 1200
-"""Faces are divided in four while the panels are not more than this."""
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """What weights are computed to.
+
+    Attributes
+    ----------
+    tolerance : float
+        Mean over points of a row's L1 distance from exact weights.
+    order : int
+        Degree of the densities on panels that points come near.
+    reach : float
+        Radii of a panel at which what is beyond linear has half faded out.
+    most : int
+        Unknowns not to be passed for accuracy's sake; the matrix takes 8 bytes times their square.
+    """
+
+    tolerance: float
+    order: int
+    reach: float
+    most: int
+
+
+ACCURACIES = {
+    "preview": Accuracy(0.03, 1, 0.0, 7200),
+    "standard": Accuracy(0.005, 3, 1.5, 7200),
+    "fine": Accuracy(0.001, 5, 4.0, 12000),
+}
+
+FADE = 1.25
+"""What is beyond linear is whole to `reach` over this, and nothing from `reach` times this."""
+
+FEWEST_PANELS = 60
+"""Faces of cages that have fewer are divided in four: it costs nothing."""
 
 PANEL_LIMIT = 5000
-"""Most panels: the boundary matrix has nine float64 times its square, 1.8 GB here."""
+"""Most faces of a cage: its matrix has nine float64 times their square, 1.8 GB."""
+
+ROUNDS = 4
+"""How often the panels that are resolved worst are divided, at most."""
+
+SAMPLE = 256
+"""Points at which the error is estimated."""
+
+SHARED = 0.6
+"""The panels that are divided have this share of the estimated error."""
+
+DIGITS = 1e10
+"""How much the rounding of higher terms may grow; they need few digits, constants keep theirs."""
+
+AFTER_LINEAR = 0.3
+"""How much faster than from constants to linear terms the density falls after those (measured)."""
 
 BLOCK = 128
 """Points evaluated together: few enough for the processor's cache, enough to keep threads apart."""
 
 ON_SURFACE = 1e-12
 """A point this near the cage, in diagonals, is on it and has its barycentric weights."""
-
-# Density nodes lie at barycentric (2/3, 1/6, 1/6); this gives a linear function's corner values
-# from its values at the three nodes: the inverse of ½ I + ⅙ J.
-_CORNERS_FROM_NODES = 2 * np.eye(3) - 1 / 3
-_NODES = np.eye(3) / 2 + 1 / 6
 
 
 class _ThreadScratch(threading.local):
@@ -77,22 +123,35 @@ class BoundarySolution:
 
     Attributes
     ----------
-    cage : Panels
-        The cage's faces, moved to the origin and scaled to a diagonal of one.
-    panels : Panels
-        The faces divided into panels.
-    densities : (n, 3p) float64
-        q_k of each weight on each panel as coefficients of (1, u, v), ordered [term, panel].
-    origin : (3,) float64
-    scale : float
-        The diagonal of the cage, file units.
+    mesh : BoundaryMesh
+    densities : (u, n) float64
+        q_k as coefficients of the mesh's unknowns.
     """
 
-    cage: Panels
-    panels: Panels
+    mesh: BoundaryMesh
     densities: Floats
-    origin: Floats
-    scale: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Potentials:
+    """What panels emit, seen from q points.
+
+    Attributes
+    ----------
+    linear : (3p, q)
+        ∫ (1, x, y)/r of every panel; scratch.
+    near : (c,) int64
+        Places among `mesh.high` of the panels whose higher terms have not faded out.
+    higher : (d − 3, c, q)
+        ∫ ψ/r of their higher terms.
+    double : (n, q)
+        D_k of every cage vertex.
+    """
+
+    linear: Floats
+    near: Integers
+    higher: Floats
+    double: Floats
 
 
 def harmonic_weights(
@@ -111,7 +170,7 @@ def harmonic_weights(
     points : (m, 3)
         Inside or on the cage, file units. A point on it gets barycentric weights.
     accuracy : str
-        One of `TOLERANCES`.
+        One of `ACCURACIES`.
     jobs : int, optional
         Threads; the number of processors by default. They change the result by rounding alone.
     progress : callable
@@ -127,139 +186,232 @@ def harmonic_weights(
     InputError
         When the cage has more faces than `PANEL_LIMIT`.
     """
-    nearest = nearest_on_surface(cage, points)
-    touching = nearest.distance <= ON_SURFACE * cage.diagonal
-    within = np.flatnonzero(~touching)
-    weights = np.empty((len(points), len(cage.vertices)))
-    weights[touching] = nearest.weights(touching)
-    jobs = jobs or processors()
-    with blas_threads(1), ThreadPoolExecutor(jobs) as pool:
-        boundary = solve_boundary(cage, pool, jobs)
-
-        def fill(block: slice) -> int:
-            chosen = within[block]
-            weights[chosen] = _weights_inside(boundary, points[chosen])
-            return int(block.stop)
-
-        for done in pool.map(fill, _blocks(len(within))):
-            progress(done, len(within))
-    return Weights(weights, len(boundary.panels.corners))
-
-
-def solve_boundary(cage: TriMesh, pool: ThreadPoolExecutor, jobs: int) -> BoundarySolution:
-    """Solve the boundary integral equation of `cage` for all its hats, in `jobs` threads."""
     if len(cage.faces) > PANEL_LIMIT:
         raise InputError(
             f"the cage has {len(cage.faces)} faces, at most {PANEL_LIMIT} fit in memory; "
             "use a coarser cage"
         )
+    nearest = nearest_on_surface(cage, points)
+    touching = nearest.distance <= ON_SURFACE * cage.diagonal
+    weights = np.empty((len(points), len(cage.vertices)))
+    weights[touching] = nearest.weights(touching)
+    within = np.flatnonzero(~touching)
+    if len(within) == 0:
+        return Weights(weights)
     origin, scale = cage.vertices.mean(axis=0), cage.diagonal
-    mesh = TriMesh((cage.vertices - origin) / scale, cage.faces)
-    faces = Panels(mesh.vertices, mesh.faces)
-    fine, hats = divided(mesh, PANEL_GOAL)
-    panels = Panels(fine.vertices, fine.faces) if fine is not mesh else faces
-    nodes, values = _collocation(panels, hats)
-    basis = _node_basis(panels)
+    unit = TriMesh((cage.vertices - origin) / scale, cage.faces)
+    tree = cKDTree((points[within] - origin) / scale, leafsize=BLOCK // 2)
+    jobs = jobs or processors()
+    with blas_threads(1), ThreadPoolExecutor(jobs) as pool:
+        boundary, error = _resolved(unit, tree, ACCURACIES[accuracy], pool, jobs)
 
-    matrix = np.empty((len(nodes), len(nodes)))
-    right = 2 * np.pi * values
+        def fill(block: slice) -> int:
+            chosen = tree.indices[block]
+            weights[within[chosen]] = weights_inside(boundary, tree.data[chosen])
+            return int(block.stop)
 
-    def fill(block: slice) -> None:
-        moments, double = _potentials(faces, panels, nodes[block], inside=False)
-        matrix[block] = (basis @ moments).T
-        right[block] -= double.T
+        for done in pool.map(fill, _blocks(len(within))):
+            progress(done, len(within))
+    return Weights(weights, len(boundary.mesh.panels.corners), error)
 
-    for _ in pool.map(fill, _blocks(len(nodes))):
+
+def _resolved(
+    cage: TriMesh, points: cKDTree, asked: Accuracy, pool: ThreadPoolExecutor, jobs: int
+) -> tuple[BoundarySolution, float]:
+    """Divide panels until the estimated error is what was asked, or they are too many."""
+    sample = points.data[points.indices[:: -(-points.n // SAMPLE)]]
+    mesh = BoundaryMesh.of(cage)
+    while len(mesh.panels.corners) < FEWEST_PANELS:
+        mesh = mesh.divided(np.ones(len(mesh.panels.corners), bool))
+    mesh = _raised(mesh, points, asked)
+    for rounds_left in reversed(range(ROUNDS + 1)):
+        boundary = solve_boundary(mesh, pool, jobs)
+        error, shares = estimated(boundary, sample)
+        if error <= asked.tolerance or rounds_left == 0:
+            break
+        worst = np.argsort(-shares)
+        count = np.searchsorted(np.cumsum(shares[worst]), SHARED * shares.sum()) + 1
+        chosen = np.zeros(len(shares), bool)
+        chosen[worst[:count]] = True
+        finer = _raised(mesh.divided(chosen), points, asked)
+        if finer.order < mesh.order or finer.unknowns > asked.most:
+            break
+        mesh = finer
+    return boundary, error
+
+
+def _raised(mesh: BoundaryMesh, points: cKDTree, asked: Accuracy) -> BoundaryMesh:
+    """Higher order where one of `points` is within reach, as high as there is room for.
+
+    Needles stay linear: the recurrences of higher terms do not reach as far as their length.
+    """
+    panels = mesh.panels
+    distance = np.asarray(points.query(panels.centroids)[0])
+    room = max(0, asked.most - mesh.linear_unknowns)
+    for order in range(asked.order, 1, -1):
+        extra = len(exponents(order)) - LINEAR
+        furthest = panels.altitudes.min(axis=0) * DIGITS ** (0.5 / order) / FADE
+        reach = np.minimum(asked.reach * panels.radii, furthest)
+        near = np.flatnonzero((distance < FADE * reach) & (reach > panels.radii))
+        if extra * len(near) <= room or order == 2:
+            nearest = np.argsort(distance[near] / reach[near], kind="stable")
+            near = np.sort(near[nearest[: room // extra]])
+            return mesh.raised(order, near, reach[near])
+    return mesh
+
+
+def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor, jobs: int) -> BoundarySolution:
+    """Solve the boundary integral equation for all the cage's hats, in `jobs` threads."""
+    matrix = np.zeros((mesh.unknowns, mesh.unknowns))
+    right = np.empty((mesh.unknowns, mesh.hats.shape[1]))
+
+    def fill(chosen: Integers) -> None:
+        _fill_rows(mesh, chosen, matrix, right)
+
+    for _ in pool.map(fill, _test_blocks(mesh)):
         pass
     with blas_threads(min(jobs, processors())):
         # LAPACK wants columns: the transpose is factored where it stands, and solved transposed.
         factor = scipy.linalg.lu_factor(matrix.T, overwrite_a=True, check_finite=False)
-        at_nodes = scipy.linalg.lu_solve(
+        densities = scipy.linalg.lu_solve(
             factor, right, trans=1, overwrite_b=True, check_finite=False
         )
-    return BoundarySolution(faces, panels, (basis.T @ at_nodes).T.copy(), origin, scale)
+    return BoundarySolution(mesh, _affine(mesh, densities))
 
 
-def divided(mesh: TriMesh, most: int) -> tuple[TriMesh, sparse.csr_array]:
-    """Divide every face in four, again and again, to at most `most` faces.
+def _affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
+    """Take from the densities what rounding added to those of affine functions.
 
-    Returns
-    -------
-    TriMesh
-        The divided mesh, children of a face in a row.
-    (v, n) sparse
-        The hat of each vertex of `mesh` at each vertex of the divided one.
+    Σ_k q_k = 0 and Σ_k q_k c_k = n, c_k the cage's vertices, as 1 and x have the normal derivatives
+    0 and n. Near-touching sheets make the system so ill-conditioned that digits of it are lost.
     """
-    hats = sparse.eye_array(len(mesh.vertices), format="csr")
-    while 4 * len(mesh.faces) <= most:
-        ends, count = mesh.edges.ends, len(mesh.vertices)
-        a, b, c = mesh.faces.T
-        opposite_a, opposite_b, opposite_c = (mesh.edges.of_side + count).T
-        children = np.stack(
-            [
-                np.stack([a, opposite_c, opposite_b], axis=1),
-                np.stack([b, opposite_a, opposite_c], axis=1),
-                np.stack([c, opposite_b, opposite_a], axis=1),
-                np.stack([opposite_a, opposite_b, opposite_c], axis=1),
-            ],
-            axis=1,
-        )
-        middles = mesh.vertices[ends].mean(axis=1)
-        hats = sparse.vstack([hats, (hats[ends[:, 0]] + hats[ends[:, 1]]) / 2], format="csr")
-        mesh = TriMesh(np.concatenate([mesh.vertices, middles]), children.reshape(-1, 3))
-    return mesh, sparse.csr_array(hats)
+    count = densities.shape[1]
+    affine = np.column_stack([np.ones(count), mesh.panels.vertices[:count]])
+    excess = densities @ affine
+    excess[: len(mesh.panels.corners), 1:] -= mesh.panels.normals
+    return np.asarray(densities - excess @ np.linalg.pinv(affine))
 
 
-def _collocation(panels: Panels, hats: sparse.csr_array) -> tuple[Floats, Floats]:
-    """The nodes (3p, 3), ordered [node, panel] like the densities, and the hats there, (3p, n)."""
-    corner = panels.vertices[panels.corners]
-    nodes = np.einsum("jk,pkx->jpx", _NODES, corner).reshape(-1, 3)
-    corner_hats = [hats[panels.corners[:, k]] for k in range(3)]
-    at_nodes = [sum(row[k] * corner_hats[k] for k in range(3)) for row in _NODES]
-    return nodes, np.concatenate([block.toarray() for block in at_nodes])
-
-
-def _node_basis(panels: Panels) -> sparse.csr_array:
-    """Densities that are 1 at one node and 0 at its panel's others, as coefficients of (1, u, v).
-
-    (3p, 3p), row [node, panel], column [term, panel].
-    """
-    coefficients = np.einsum("ij,itp->jtp", _CORNERS_FROM_NODES, panels.hats)
-    own = np.arange(3 * len(panels.corners)).reshape(3, -1)
-    rows, columns = np.broadcast_arrays(own[:, None], own[None])
-    return sparse.csr_array((coefficients.ravel(), (rows.ravel(), columns.ravel())))
-
-
-def _weights_inside(boundary: BoundarySolution, points: Floats) -> Floats:
-    local = (points - boundary.origin) / boundary.scale
-    moments, double = _potentials(boundary.cage, boundary.panels, local, inside=True)
-    weights = boundary.densities @ moments
-    weights += double
+def weights_inside(boundary: BoundarySolution, points: Floats) -> Floats:
+    """Weights of points strictly inside, (q, n)."""
+    seen = _potentials(boundary.mesh, points, inside=True)
+    weights = _emitted(boundary.mesh, boundary.densities, seen)
+    weights += seen.double
     return weights.T / (4 * np.pi)
 
 
-def _potentials(
-    cage: Panels, panels: Panels, points: Floats, *, inside: bool
-) -> tuple[Floats, Floats]:
-    """∫ (1, u, v)/r of every panel, (3p, q), scratch, and D_k of every cage vertex, (n, q).
+def estimated(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats]:
+    """Estimate the mean row L1 error over `sample`, (s, 3), and each panel's share in it, (p,).
 
-    From points strictly `inside`, or in the faces.
+    The terms of each panel's highest degree, against those one lower, tell how fast the degrees
+    fall; those that would follow are taken to fall alike, as a geometric series.
     """
+    mesh, densities = boundary.mesh, boundary.densities
+    degree, highest, panel = mesh.degrees
+    emitted = np.zeros(mesh.unknowns)
+    sizes: dict[tuple[int, int], float] = {}
+    for block in _blocks(len(sample)):
+        seen = _potentials(mesh, sample[block], inside=True)
+        emitted[: mesh.linear_unknowns] += np.abs(seen.linear).sum(axis=1)
+        higher = emitted[mesh.linear_unknowns :].reshape(mesh.extra, len(mesh.high))
+        higher[:, seen.near] += np.abs(seen.higher).sum(axis=2)
+        for order in np.unique(highest):
+            for of in (order - 1, order):
+                terms = np.where(((degree == of) & (highest == order))[:, None], densities, 0)
+                size = np.abs(_emitted(mesh, terms, seen)).sum() / (4 * np.pi * len(sample))
+                sizes[order, of] = sizes.get((order, of), 0.0) + size
+    error = 0.0
+    for order in np.unique(highest):
+        last_size, ratio = sizes[order, order], sizes[order, order] / sizes[order, order - 1]
+        if order == 1:
+            error += AFTER_LINEAR * last_size * ratio
+        else:
+            error += last_size * ratio / max(1 - ratio, 0.1)
+    emitted *= np.abs(densities).sum(axis=1)
+    return float(error), np.bincount(panel, emitted * (degree == highest)).astype(np.float64)
+
+
+def _emitted(mesh: BoundaryMesh, densities: Floats, seen: Potentials) -> Floats:
+    """Σ_panels ∫ q_k / r of densities (u, n), (n, q)."""
+    split = mesh.linear_unknowns
+    emitted = densities[:split].T @ seen.linear
+    if len(seen.near):
+        higher = densities[split:].reshape(mesh.extra, len(mesh.high), -1)[:, seen.near]
+        emitted += higher.reshape(-1, len(emitted)).T @ seen.higher.reshape(-1, emitted.shape[1])
+    return np.asarray(emitted)
+
+
+def _fill_rows(mesh: BoundaryMesh, chosen: Integers, matrix: Floats, right: Floats) -> None:
+    """The equations of the panels `chosen`, tested with the polynomials of their densities."""
+    rows = mesh.rows(chosen)
+    order = 1 if rows.shape[1] == LINEAR else mesh.order
+    barycentric, shares = gauss_rule(order + 1)
+    tests = (basis(order) @ monomials(order, barycentric) * shares).T
+    corner = mesh.panels.vertices[mesh.panels.corners[chosen]]
+    nodes = np.einsum("jk,ckx->cjx", barycentric, corner)
+    seen = _potentials(mesh, nodes.reshape(-1, 3), inside=False)
+
+    def tested(values: Floats) -> Floats:
+        return (values.reshape(-1, len(shares)) @ tests).reshape(len(values), -1).T
+
+    into = rows.ravel()
+    matrix[into, : mesh.linear_unknowns] = tested(seen.linear)
+    if len(seen.near):
+        columns = np.arange(mesh.extra)[:, None] * len(mesh.high) + seen.near
+        columns += mesh.linear_unknowns
+        higher = seen.higher.reshape(-1, nodes.shape[0] * nodes.shape[1])
+        matrix[into[:, None], columns.ravel()] = tested(higher)
+    on_nodes = 2 * np.pi * mesh.values(chosen, barycentric).reshape(-1, right.shape[1])
+    right[into] = tested(on_nodes.T - seen.double)
+
+
+def _potentials(mesh: BoundaryMesh, points: Floats, *, inside: bool) -> Potentials:
+    """What is seen from points strictly `inside`, or in the faces."""
     scratch = _SCRATCH.own
+    panels = mesh.panels
+    seen = view(panels, points, scratch)
+    if inside:
+        close_angles(seen)
+    linear = linear_moments(panels, seen, scratch)
+    near, faded = _near(mesh, points)
+    higher = np.empty((mesh.extra, 0, len(points)))
+    if len(near):
+        higher = higher_moments(mesh.higher_terms, near, seen, linear, scratch)
+        higher *= faded
+    integrals = double_layer(panels, seen, scratch)
+    double = mesh.corner_hats @ integrals.reshape(-1, len(points))
+    return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
 
-    def look(surface: Panels) -> View:
-        seen = view(surface, points, scratch)
-        if inside:
-            close_angles(seen)
-        return seen
 
-    seen = look(panels)
-    moments = single_layer_moments(panels, seen, scratch)
-    if panels is not cage:
-        seen = look(cage)
-    integrals = double_layer(cage, seen, scratch)
-    double = cage.corner_sums @ integrals.reshape(-1, len(points))
-    return moments.reshape(-1, len(points)), np.asarray(double)
+def _near(mesh: BoundaryMesh, points: Floats) -> tuple[Integers, Floats]:
+    """Places among `mesh.high` of panels within reach of any point, and what is left there, (c, q).
+
+    That is 1 to a distance of reach/FADE, 0 from reach · FADE, with a continuous slope between.
+    """
+    centroids = mesh.panels.centroids[mesh.high]
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    spread = np.linalg.norm(points - middle, axis=1).max()
+    distance = np.linalg.norm(centroids - middle, axis=1)
+    near = np.flatnonzero(distance < FADE * mesh.reach + spread)
+    share = distances(centroids[near], points, _SCRATCH.own, "centroid")
+    share /= mesh.reach[near, None]
+    np.subtract(FADE, share, out=share)
+    share /= FADE - 1 / FADE
+    np.clip(share, 0, 1, out=share)
+    return near, share * share * (3 - 2 * share)
+
+
+def _test_blocks(mesh: BoundaryMesh) -> list[Integers]:
+    """Panels of one kind, neighbours together, with about `BLOCK` nodes."""
+    panels = np.arange(len(mesh.panels.corners))
+    is_high: NDArray[np.bool_] = np.isin(panels, mesh.high)
+    blocks: list[Integers] = []
+    for chosen, order in ((panels[is_high], mesh.order), (panels[~is_high], 1)):
+        if len(chosen):
+            size = max(1, BLOCK // (order + 1) ** 2)
+            ordered = chosen[cKDTree(mesh.panels.centroids[chosen], leafsize=size).indices]
+            blocks += np.split(ordered, range(size, len(ordered), size))
+    return blocks
 
 
 def _blocks(count: int) -> list[slice]:

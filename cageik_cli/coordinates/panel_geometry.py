@@ -1,15 +1,13 @@
 """Flat triangular panels and what closed-form integrals over them need, computed once.
 
 Side k of a panel lies opposite its corner k; m_k is its outward normal in the panel's plane, A_k
-the corner's altitude over it, n the panel's unit normal. Coordinates u, v run along two axes in the
-plane from the centroid.
+the corner's altitude over it, n the panel's unit normal, φ_k the hat of corner k.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
 from cageik_cli.mesh import Edges, Floats, Integers
 
@@ -67,51 +65,43 @@ class Panels:
         return np.asarray(-cosines / self.altitudes[:, None])
 
     @cached_property
-    def axes(self) -> Floats:
-        """Orthonormal axes of each panel's plane, (2, p, 3); the first along its side 0."""
-        normal = self.side_normals[0]
-        return np.stack([np.cross(self.normals, normal), normal])
+    def metric(self) -> Floats:
+        """∇φ_i · ∇φ_j of the first two hats, (2, 2, p)."""
+        gradients = -self.side_normals[:2] / self.altitudes[:2, :, None]
+        return np.asarray(np.einsum("ipx,jpx->ijp", gradients, gradients))
 
     @cached_property
-    def gradients(self) -> Floats:
-        """∇φ_i = −m_i / A_i along the two axes, (3, 2, p)."""
-        along = np.einsum("ipx,apx->iap", self.side_normals, self.axes)
-        return np.asarray(-along / self.altitudes[:, None])
+    def centroids(self) -> Floats:
+        """Mean of the corners, (p, 3)."""
+        return np.asarray(self.vertices[self.corners].mean(axis=1))
 
     @cached_property
-    def hats(self) -> Floats:
-        """φ_i = ⅓ + ∇φ_i · (u, v) as coefficients of (1, u, v), (3, 3, p) indexed [i, term]."""
-        third = np.full((3, 1, len(self.corners)), 1 / 3)
-        return np.concatenate([third, self.gradients], axis=1)
+    def radii(self) -> Floats:
+        """Distance of the furthest corner from the centroid, (p,)."""
+        corner = self.vertices[self.corners]
+        return np.asarray(np.linalg.norm(corner - self.centroids[:, None], axis=2).max(axis=1))
 
     @cached_property
-    def half_normals(self) -> Floats:
-        """½ m_k along the two axes, (2, 3, p): from B of the edges to ∫ (y − p) / r dA."""
-        return np.asarray(np.einsum("apx,kpx->akp", self.axes, self.side_normals) / 2)
-
-    @cached_property
-    def corner_sums(self) -> sparse.csr_array:
-        """The matrix (v, 3p) that sums over corners, ordered [corner, panel], at each vertex."""
-        corners = self.corners.T.ravel()
-        where = (corners, np.arange(len(corners)))
-        shape = (len(self.vertices), len(corners))
-        return sparse.csr_array((np.ones(len(corners)), where), shape=shape)
+    def turns(self) -> Floats:
+        """1 where side k runs along its edge, corner k + 1 first, −1 where against, (p, 3)."""
+        starts = np.roll(self.corners, -1, axis=1)
+        return np.where(starts == self.edges.ends[self.edges.of_side, 0], 1.0, -1.0)
 
     @cached_property
     def forms(self) -> Floats:
         """Linear forms of (x, 1), (6p + e, 4).
 
-        For every panel h, t_0, t_1, t_2 and the foot's coordinates u, v along `axes` from the
-        centroid, then s of every edge's first end.
+        For every panel h, t_0, t_1, t_2 and the foot's coordinates x, y (see `polynomials`), then s
+        of every edge's first end.
         """
         first, last = self.vertices[self.edges.ends].swapaxes(0, 1)
         tangents = (last - first) / self.edge_lengths[:, None]
         corner = self.vertices[self.corners].swapaxes(0, 1)
-        centroid = corner.mean(axis=0)
+        gradients = -self.side_normals[:2] / self.altitudes[:2, :, None]
         anchored = [
             (self.normals, corner[0]),
             *((self.side_normals[k], corner[(k + 1) % 3]) for k in range(3)),
-            *((-axis, centroid) for axis in self.axes),
+            *((-gradient, self.centroids) for gradient in gradients),
             (tangents, first),
         ]
         return np.concatenate(

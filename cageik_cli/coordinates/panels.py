@@ -10,13 +10,23 @@ with r the distances to the corners:
     B_k  = (t_k² + h²) f_k + s_b r_b − s_a r_a          of the edge; s = d · (corner − x)
     Ω    = solid angle, positive for h > 0
 
-    ∫ 1/r dA        = Σ_k t_k f_k − h Ω
-    ∫ (y − p)/r dA  = ½ Σ_k m_k B_k
-    ∫ φ_i h/r³ dA   = φ_i(p) Ω − h Σ_k (∇φ_i · m_k) f_k
+    ∫ 1/r dA           = Σ_k t_k f_k − h Ω
+    ∫ (φ_i − ⅓)/r dA   = (φ_i(p) − ⅓) ∫ 1/r dA + ½ Σ_k (∇φ_i · m_k) B_k
+    ∫ φ_i h/r³ dA      = φ_i(p) Ω − h Σ_k (∇φ_i · m_k) f_k
 
 with φ_i the linear function that is 1 at corner i and 0 at the others. t_k² + h² is the squared
 distance to the edge's line, so f and B belong to the edge and are computed once for both panels at
-it; that both panels see the same f also makes linear functions exact whatever f's rounding.
+it.
+
+For a polynomial P in x = φ_0 − ⅓ and y = φ_1 − ⅓, let K_P = ∫ P/r dA and R_P = ∫ P r dA. From
+∇r = (y − p)/r and ∇ · ((y − p) P r), by Gauss's theorem in the plane,
+
+    K_xP          = x(p) K_P + Σ_k (∇x · m_k) ∫_k P r dl − R of ∇x · ∇P
+    (3 + deg) R_P = h² K_P + Σ_k t_k ∫_k P r dl + R of x(p) ∂P/∂x + y(p) ∂P/∂y
+
+and along an edge, with τ from −½ to ½, s and ρ the middle's s and distance over L, r over L too,
+
+    J_j = ∫ τ^j r dτ = ([τ^(j−1) r³] − (2j + 1) s J_(j−1) − (j − 1) ρ² J_(j−2)) / (j + 2).
 
 Sources: Wilton et al. 1984 (IEEE Trans. Antennas Propag. 32) for the single layer; Van Oosterom
 and Strackee 1983, eq. 8, for the solid angle.
@@ -27,18 +37,28 @@ whole rows.
 
 import math
 from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 
 from cageik_cli.coordinates.panel_geometry import Panels
+from cageik_cli.coordinates.polynomials import (
+    LINEAR,
+    basis,
+    edge_coefficients,
+    exponents,
+    of_degree,
+)
 from cageik_cli.mesh import Floats, Integers
 
 EDGE_ON = 1e-13
 """A panel whose plane passes a point within this (in units of the cage) is seen edge-on: Ω = 0."""
 
-NEAREST = 1e-15
-"""Smallest (r_a + r_b − L) / L; below it f is rounding, and so is the distance it multiplies."""
+NEAREST = 1e-30
+"""Smallest (r_a + r_b − L) / L; f is below 70, and multiplies a distance below its square root."""
 
+NEAR_EDGE = 1e-2
+"""Where (r_a + r_b − L) / L is smaller, it is computed from the distance to the edge's line."""
 
 INSIDE = 1e-3
 """Solid angles that sum to 4π within this share are those of a point inside."""
@@ -83,20 +103,24 @@ class View:
     side : (3, p, q)
         t_k of each side.
     foot : (2, p, q)
-        Coordinates u, v of the foot p along the panel's axes, from its centroid.
+        Coordinates x, y of the foot p.
     solid_angle : (p, q)
         Ω, steradians in [−2π, 2π]: positive when the point lies behind the outward normal, so that
         a closed surface's sum to 4π inside and to 0 outside.
-    edge_log, edge_moment : (e, q)
-        f and B of each edge.
+    along, edge_log, edge_moment : (e, q)
+        s of each edge's first end, f and B.
+    distance : (v, q)
+        r of each vertex.
     """
 
     height: Floats
     side: Floats
     foot: Floats
     solid_angle: Floats
+    along: Floats
     edge_log: Floats
     edge_moment: Floats
+    distance: Floats
 
 
 def view(panels: Panels, points: Floats, scratch: Scratch) -> View:
@@ -106,10 +130,13 @@ def view(panels: Panels, points: Floats, scratch: Scratch) -> View:
     np.matmul(panels.forms, np.vstack([points.T, np.ones(q)]), out=forms)
     height, along = forms[:p], forms[6 * p :]
     side, foot = forms[p : 4 * p].reshape(3, p, q), forms[4 * p : 6 * p].reshape(2, p, q)
-    distance = _distances(panels, points, scratch)
-    edge_log, edge_moment, products = _edge_terms(panels, distance, along, scratch)
+    distance = distances(panels.vertices, points, scratch, "distance")
+    gap, total, products = _edge_gaps(panels, distance, scratch)
+    _sharpen(panels, gap, products, side, height)
+    edge_log = _edge_logs(panels, gap, total)
+    edge_moment = _edge_moments(panels, distance, along, edge_log, scratch)
     angle = _solid_angle(panels, height, distance, products, scratch)
-    return View(height, side, foot, angle, edge_log, edge_moment)
+    return View(height, side, foot, angle, along, edge_log, edge_moment, distance)
 
 
 def close_angles(seen: View) -> None:
@@ -126,45 +153,79 @@ def close_angles(seen: View) -> None:
     angle[np.abs(angle).argmax(axis=0), np.arange(angle.shape[1])] += lacking
 
 
-def _distances(panels: Panels, points: Floats, scratch: Scratch) -> Floats:
-    """From every vertex to every point, (v, q)."""
-    distance = scratch.array("distance", len(panels.vertices), len(points))
+def distances(places: Floats, points: Floats, scratch: Scratch, name: str) -> Floats:
+    """From every one of `places`, (v, 3), to every point, (v, q), in the scratch of that name."""
+    distance = scratch.array(name, len(places), len(points))
     offset = scratch.array("offset", *distance.shape)
     distance[:] = 0
     for k in range(3):
-        np.subtract(panels.vertices[:, k, None], points[:, k], out=offset)
+        np.subtract(places[:, k, None], points[:, k], out=offset)
         offset *= offset
         distance += offset
     return np.sqrt(distance, out=distance)
 
 
-def _edge_terms(
-    panels: Panels, distance: Floats, along: Floats, scratch: Scratch
-) -> tuple[Floats, Floats, Floats]:
-    """f, B and 2 (a − x) · (b − x) of every edge ab, (e, q) each; `along` is s of a."""
+def _edge_gaps(panels: Panels, distance: Floats, scratch: Scratch) -> tuple[Floats, Floats, Floats]:
+    """r_a + r_b − L, r_a + r_b and 2 (a − x) · (b − x) of every edge ab, (e, q) each."""
     length = panels.edge_lengths[:, None]
     r_a = scratch.rows("r_a", distance, panels.edges.ends[:, 0])
     r_b = scratch.rows("r_b", distance, panels.edges.ends[:, 1])
-    log = np.add(r_a, r_b, out=scratch.array("log", *along.shape))
-    gap = np.subtract(log, length, out=scratch.array("gap", *along.shape))
+    total = np.add(r_a, r_b, out=scratch.array("total", *r_a.shape))
+    gap = np.subtract(total, length, out=scratch.array("gap", *r_a.shape))
+    # (r_a² + r_b² − L²) = (r_a + r_b)² − L² − 2 r_a r_b
+    products = np.add(total, length, out=scratch.array("products", *r_a.shape))
+    products *= gap
+    r_a *= r_b
+    r_a *= 2
+    products -= r_a
+    return gap, total, products
+
+
+def _sharpen(panels: Panels, gap: Floats, products: Floats, side: Floats, height: Floats) -> None:
+    """Compute anew the gaps that rounding spoils, near edges, from the distance δ to their lines.
+
+    r_a r_b + a · b = L² δ² / (r_a r_b − a · b), both differences of nearly equal numbers there
+    replaced by δ² = t² + h².
+    """
+    edge, point = np.nonzero(gap < NEAR_EDGE * panels.edge_lengths[:, None])
+    if len(edge) == 0:
+        return
+    panel, k = np.divmod(panels.edges.first_side[edge], 3)
+    square = side[k, panel, point] ** 2 + height[panel, point] ** 2
+    length, dot = panels.edge_lengths[edge], products[edge, point] / 2
+    total = gap[edge, point] + length
+    product = (total * total - length * length) / 2 - dot
+    beside = dot < 0
+    exact = 2 * length[beside] ** 2 * square[beside]
+    exact /= (product[beside] - dot[beside]) * (total[beside] + length[beside])
+    gap[edge[beside], point[beside]] = exact
+
+
+def _edge_logs(panels: Panels, gap: Floats, total: Floats) -> Floats:
+    """Logarithms f of every edge, (e, q), in place of `total`."""
+    length = panels.edge_lengths[:, None]
     np.maximum(gap, NEAREST * length, out=gap)
-    log += length
-    log /= gap
-    np.log(log, out=log)
-    square_a = np.multiply(r_a, r_a, out=gap)
-    products = np.multiply(r_b, r_b, out=scratch.array("products", *along.shape))
-    products += square_a
-    products -= length * length
-    # B = (r_a² − s²) f + s (r_b − r_a) + L r_b, for s of b is s + L.
-    moment = np.multiply(along, along, out=scratch.array("moment", *along.shape))
-    np.subtract(square_a, moment, out=moment)
+    total += length
+    total /= gap
+    return np.log(total, out=total)
+
+
+def _edge_moments(
+    panels: Panels, distance: Floats, along: Floats, log: Floats, scratch: Scratch
+) -> Floats:
+    """B = (r_a² − s²) f + s (r_b − r_a) + L r_b of every edge, (e, q), for s of b is s + L."""
+    r_a = scratch.rows("r_a", distance, panels.edges.ends[:, 0])
+    r_b = scratch.rows("r_b", distance, panels.edges.ends[:, 1])
+    moment = np.multiply(r_a, r_a, out=scratch.array("moment", *along.shape))
+    square = np.multiply(along, along, out=scratch.array("gap", *along.shape))
+    moment -= square
     moment *= log
     np.subtract(r_b, r_a, out=r_a)
     r_a *= along
     moment += r_a
-    r_b *= length
+    r_b *= panels.edge_lengths[:, None]
     moment += r_b
-    return log, moment, products
+    return moment
 
 
 def _solid_angle(
@@ -206,11 +267,11 @@ def _arctan2(y: Floats, x: Floats, scratch: Scratch) -> Floats:
     return angle
 
 
-def single_layer_moments(panels: Panels, seen: View, scratch: Scratch) -> Floats:
-    """∫ (1, u, v) / r dA of every panel, (3, p, q) indexed [moment, panel, point]; scratch.
+def linear_moments(panels: Panels, seen: View, scratch: Scratch) -> Floats:
+    """∫ (1, x, y) / r dA of every panel, (3, p, q) indexed [moment, panel, point]; scratch.
 
-    u and v run along `axes` from the panel's centroid, so that the moments of a far panel are as
-    small as its share of an integral, and sums over panels do not cancel.
+    x and y are measured from the panel's centroid, so that the moments of a far panel are as small
+    as its share of an integral, and sums over panels do not cancel.
     """
     shape = seen.height.shape
     moments = scratch.array("moments", 3, *shape)
@@ -226,11 +287,162 @@ def single_layer_moments(panels: Panels, seen: View, scratch: Scratch) -> Floats
     np.multiply(seen.foot, moments[0], out=moments[1:])
     for k in range(3):
         edge = scratch.rows("gathered", seen.edge_moment, panels.edges.of_side[:, k])
-        for axis in range(2):
-            moments[1 + axis] += np.multiply(
-                edge, panels.half_normals[axis, k][:, None], out=product
-            )
+        edge *= 0.5
+        for i in range(2):
+            moments[1 + i] += np.multiply(edge, panels.slopes[i, k][:, None], out=product)
     return moments
+
+
+@dataclass(frozen=True, eq=False)
+class HigherTerms:
+    """Panels whose densities have terms beyond linear: `basis(order)` from its fourth on.
+
+    Attributes
+    ----------
+    panels : Panels
+    chosen : (k,) int64
+        Which of the panels.
+    order : int
+        Two or more.
+    """
+
+    panels: Panels
+    chosen: Integers
+    order: int
+
+    @cached_property
+    def side_factors(self) -> Floats:
+        """From L-scaled J of the three sides, [side, power], to the sums of `_plan`, (k, s, 3o)."""
+        panels, chosen, order = self.panels, self.chosen, self.order
+        altitudes = panels.altitudes[:, chosen]
+        scale = np.zeros((5, 3, len(chosen)))
+        scale[_ALONG_X], scale[_ALONG_Y] = panels.slopes[:2, :, chosen]
+        # Σ_k t_k ∫_k, where t_k = A_k φ_k(p), in powers of the foot's x and y
+        scale[_RADIAL] = altitudes / 3
+        scale[_RADIAL_X, 0], scale[_RADIAL_Y, 1] = altitudes[:2]
+        scale[_RADIAL_X, 2] = scale[_RADIAL_Y, 2] = -altitudes[2]
+        scale *= panels.edge_lengths[panels.edges.of_side[chosen]].T ** 2
+        signs = panels.turns[chosen][:, :, None] ** np.arange(order)
+        kinds, monomial = np.array(list(_plan(order))).T
+        along = edge_coefficients(order)[:, monomial]
+        factors = np.einsum("rsk,srj,ksj->krsj", scale[kinds], along, signs)
+        return np.asarray(factors.reshape(len(chosen), len(kinds), -1))
+
+
+_ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)
+
+
+@cache
+def _plan(order: int) -> dict[tuple[int, int], int]:
+    """Where each sum over sides that the recurrences use stands: (kind, monomial) -> place."""
+    place = {e: i for i, e in enumerate(exponents(order - 1))}
+    wanted = []
+    for degree in range(2, order + 1):
+        kinds = (_RADIAL, _RADIAL_X, _RADIAL_Y)
+        wanted += [(kind, place[e]) for e in of_degree(degree - 2) for kind in kinds]
+        wanted += [(_ALONG_X, place[e]) for e in of_degree(degree - 1)]
+        wanted.append((_ALONG_Y, place[0, degree - 1]))
+    return {entry: i for i, entry in enumerate(wanted)}
+
+
+def higher_moments(
+    terms: HigherTerms, near: Integers, seen: View, linear: Floats, scratch: Scratch
+) -> Floats:
+    """∫ ψ / r dA of the panels `terms.chosen[near]`, (d − 3, k, q); scratch.
+
+    The recurrences lose digits as the distance over the panel's size to the power 2 `order`: they
+    are for points near the panel.
+
+    Parameters
+    ----------
+    linear : (3, p, q)
+        As `linear_moments` gives them.
+    """
+    order, panels, chosen = terms.order, terms.panels, terms.chosen[near]
+    k, q = len(near), linear.shape[2]
+    place = {e: i for i, e in enumerate(exponents(order))}
+    sums, plan = _side_sums(terms, near, seen, scratch), _plan(order)
+    foot = [scratch.rows(f"near_{i}", seen.foot[i], chosen) for i in (0, 1)]
+    square = scratch.rows("near_h", seen.height, chosen)
+    square *= square
+    metric = panels.metric[:, :, chosen, None]
+    product = scratch.array("near_product", k, q)
+    single = scratch.array("single", len(place), k, q)
+    radial = scratch.array("radial", len(exponents(order - 2)), k, q)
+    np.take(linear, chosen, axis=1, out=single[:LINEAR], mode="clip")
+
+    def add(to: Floats, first: Floats, second: Floats) -> None:
+        np.add(to, np.multiply(first, second, out=product), out=to)
+
+    for degree in range(2, order + 1):
+        for a, b in of_degree(degree - 2):
+            here = place[a, b]
+            found = np.multiply(square, single[here], out=radial[here])
+            found += sums[:, plan[_RADIAL, here]]
+            add(found, foot[0], sums[:, plan[_RADIAL_X, here]])
+            add(found, foot[1], sums[:, plan[_RADIAL_Y, here]])
+            for times, axis, lower in ((a, 0, (a - 1, b)), (b, 1, (a, b - 1))):
+                for _ in range(times):
+                    add(found, foot[axis], radial[place[lower]])
+            found /= 3 + degree - 2
+        for a, b in of_degree(degree):
+            axis, below = (0, (a - 1, b)) if a else (1, (a, b - 1))
+            here = place[below]
+            found = np.multiply(foot[axis], single[here], out=single[place[a, b]])
+            found += sums[:, plan[(_ALONG_X, _ALONG_Y)[axis], here]]
+            c, d = below
+            for times, other, lower in ((c, 0, (c - 1, d)), (d, 1, (c, d - 1))):
+                if times:
+                    add(found, -times * metric[axis, other], radial[place[lower]])
+    moments = scratch.array("higher", len(place) - LINEAR, k, q)
+    np.matmul(basis(order)[LINEAR:], single.reshape(len(place), -1), out=moments.reshape(-1, k * q))
+    return moments
+
+
+def _side_sums(terms: HigherTerms, near: Integers, seen: View, scratch: Scratch) -> Floats:
+    """The sums over sides of `_plan`, (k, s, q)."""
+    sides = terms.panels.edges.of_side[terms.chosen[near]]
+    edges, place = np.unique(sides, return_inverse=True)
+    powers = _edge_powers(terms.panels, edges, terms.order, seen, scratch)
+    k, q = len(near), powers.shape[2]
+    gathered = scratch.array("powers", 3 * k, terms.order, q)
+    np.take(powers, place.ravel(), axis=0, out=gathered, mode="clip")
+    factors = terms.side_factors[near]
+    sums = scratch.array("sums", k, factors.shape[1], q)
+    return np.matmul(factors, gathered.reshape(k, 3 * terms.order, q), out=sums)
+
+
+def _edge_powers(
+    panels: Panels, edges: Integers, order: int, seen: View, scratch: Scratch
+) -> Floats:
+    """J_0 to J_(order − 1) of the edges numbered, (k, order, q)."""
+    length = panels.edge_lengths[edges, None]
+    ends = panels.edges.ends[edges]
+    r_a, r_b = (scratch.rows(f"near_r_{k}", seen.distance, ends[:, k]) for k in (0, 1))
+    middle = scratch.rows("near_s", seen.along, edges)
+    for array in (r_a, r_b, middle):
+        array /= length
+    middle += 0.5
+    powers = scratch.array("edge_powers", len(edges), order, r_a.shape[1])
+    powers[:, 0] = scratch.rows("near_cube", seen.edge_moment, edges)
+    powers[:, 0] /= 2 * length * length
+    square = np.multiply(r_a, r_a, out=scratch.array("near_square", *r_a.shape))
+    r_a *= square
+    cube = np.multiply(r_b, r_b, out=scratch.array("near_cube", *r_a.shape))
+    square += cube
+    r_b *= cube
+    square /= 2
+    square -= 0.25
+    for j in range(1, order):
+        ends_power = np.subtract(r_b, r_a, out=cube) if j % 2 else np.add(r_b, r_a, out=cube)
+        ends_power *= 0.5 ** (j - 1)
+        found = np.multiply(middle, powers[:, j - 1], out=powers[:, j])
+        found *= -(2 * j + 1)
+        found += ends_power
+        if j > 1:
+            found -= np.multiply(square, powers[:, j - 2], out=cube) * (j - 1)
+        found /= j + 2
+    return powers
 
 
 def double_layer(panels: Panels, seen: View, scratch: Scratch) -> Floats:

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from cageik_cli.binding import Binding, bind
-from cageik_cli.coordinates.harmonic import PANEL_GOAL, divided, harmonic_weights
+from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings
 from cageik_cli.extraction import LARGEST_BLOCK, ExtractSettings, extract
 from cageik_cli.mesh import TriMesh
@@ -69,28 +69,31 @@ def test_solving_against_a_plain_product_and_lstsq():
 
 
 def test_binding_against_its_transcendental_functions_and_product():
-    """The floor: one logarithm an edge, one arctangent a panel, one product of all moments."""
+    """The floor: a logarithm an edge, an arctangent a panel, a product with linear densities."""
     cage = ball(2, 1.0)
     points = inside(cage, 4000)
-    panels = len(divided(cage, PANEL_GOAL)[0].faces)
+    panels = harmonic_weights(cage, points, jobs=1).panels
     ours = best_of(3, lambda: harmonic_weights(cage, points, jobs=1))
     block = np.random.default_rng(0).uniform(1, 2, (3 * panels, 100))
     densities = np.ones((len(cage.vertices), 3 * panels))
 
-    def floor():
+    def functions():
         for _ in range(len(points) // 100):
             np.log(block[: panels * 3 // 2])
             np.arctan2(block[:panels], block[panels : 2 * panels])
+
+    def products():
+        for _ in range(len(points) // 100):
             densities @ block
 
     with blas_threads(1):
-        least = best_of(3, floor)
+        least = best_of(3, functions), best_of(3, products)
     print(
         f"\nbinding {len(points)} points to {panels} panels, one thread: {ours:.3f} s; the "
-        f"functions and products alone {least:.3f} s",
+        f"functions alone {least[0]:.3f} s, the product alone {least[1]:.3f} s",
         end="",
     )
-    assert ours > least
+    assert ours > sum(least)
 
 
 def test_extracting_against_the_obvious_script(tmp_path):

@@ -5,13 +5,16 @@ from numpy.polynomial.legendre import leggauss
 from cageik_cli.coordinates.panel_geometry import Panels
 from cageik_cli.coordinates.panels import (
     SMALL_TANGENT,
+    HigherTerms,
     Scratch,
     _arctan2,
     close_angles,
     double_layer,
-    single_layer_moments,
+    higher_moments,
+    linear_moments,
     view,
 )
+from cageik_cli.coordinates.polynomials import LINEAR, basis, monomials
 from tests.shapes import ball, box, concave, inside
 
 
@@ -21,7 +24,7 @@ def panels_of(mesh):
 
 def moments_of(panels, points, scratch=None):
     scratch = scratch or Scratch()
-    return single_layer_moments(panels, view(panels, points, scratch), scratch)
+    return linear_moments(panels, view(panels, points, scratch), scratch)
 
 
 def quadrature(order):
@@ -50,13 +53,24 @@ def seen():
     return panels, points, places, barycentric, area / r, area * height / r**3
 
 
-def test_moments_are_those_of_quadrature(seen):
-    panels, points, places, _, single, _ = seen
-    moments = moments_of(panels, points)
-    local = places - panels.vertices[panels.corners].mean(axis=1)[:, None]
-    along = np.einsum("apx,pgx->apg", panels.axes, local)
-    expected = [single.sum(-1), *(np.einsum("pqg,pg->pq", single, a) for a in along)]
-    np.testing.assert_allclose(moments, expected, rtol=1e-9, atol=1e-10)
+def test_linear_moments_are_those_of_quadrature(seen):
+    panels, points, _, barycentric, single, _ = seen
+    expected = np.einsum("pqg,dg->dpq", single, monomials(1, barycentric))
+    np.testing.assert_allclose(moments_of(panels, points), expected, rtol=1e-9, atol=1e-10)
+
+
+@pytest.mark.parametrize(("order", "digits"), [(2, 1e-11), (3, 1e-10), (5, 1e-6)])
+def test_higher_moments_are_those_of_quadrature(seen, order, digits):
+    """Seen from one to some ten panels away, at which some digits are lost, as is said."""
+    panels, points, _, barycentric, single, _ = seen
+    polynomials = basis(order)[LINEAR:] @ monomials(order, barycentric)
+    terms = HigherTerms(panels, np.array([0, 3, 5, 11, len(panels.corners) - 1]), order)
+    near, scratch = np.array([0, 2, 4]), Scratch()
+    looked = view(panels, points[:7], scratch)
+    linear = linear_moments(panels, looked, scratch)
+    expected = np.einsum("pqg,dg->dpq", single[terms.chosen[near], :7], polynomials)
+    found = higher_moments(terms, near, looked, linear, scratch)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=digits)
 
 
 def test_double_layer_is_that_of_quadrature(seen):
@@ -94,13 +108,18 @@ def test_a_plane_is_seen_edge_on_from_within():
     ).all()
 
 
-def test_hats_are_one_at_their_corner():
-    panels = panels_of(concave())
-    corner = panels.vertices[panels.corners]
-    local = corner - corner.mean(axis=1, keepdims=True)
-    uv = np.einsum("apx,pkx->kap", panels.axes, local)
-    values = panels.hats[:, None, 0] + np.einsum("iap,kap->ikp", panels.hats[:, 1:], uv)
-    np.testing.assert_allclose(values, np.eye(3)[:, :, None] * np.ones(len(corner)), atol=1e-14)
+@pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_beside_an_edge_its_logarithm_is_that_of_the_distance_to_it(depth):
+    """f = asinh(s_b/δ) − asinh(s_a/δ), where r_a + r_b − L has lost its digits."""
+    panels = panels_of(box())
+    along = np.array([0.3, -0.8, 0.99])
+    points = np.column_stack([1 - depth * np.ones(3), 1 - 2 * depth * np.ones(3), along])
+    looked = view(panels, points, Scratch())
+    ends = panels.vertices[panels.edges.ends]
+    edge = np.flatnonzero((ends[:, :, :2] == 1).all(axis=(1, 2)))
+    delta = np.hypot(1 - points[:, 0], 1 - points[:, 1])
+    expected = np.arcsinh((1 - along) / delta) - np.arcsinh((-1 - along) / delta)
+    np.testing.assert_allclose(looked.edge_log[edge[0]], expected, rtol=1e-13)
 
 
 def test_scratch_is_asked_for_once():

@@ -1,0 +1,132 @@
+"""A cage's faces divided into panels, and how well the density on each is resolved."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from cageik_cli.coordinates.panel_geometry import Panels
+from cageik_cli.coordinates.panels import HigherTerms
+from cageik_cli.coordinates.polynomials import LINEAR, exponents
+from cageik_cli.mesh import Floats, Integers, TriMesh
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryMesh:
+    """Panels on which densities are polynomials: of degree `order` on some, linear on the others.
+
+    The unknowns are the coefficients of `polynomials.basis`: 1, x and y of every panel, ordered
+    [term, panel], then the others of the panels numbered `high`, ordered likewise.
+
+    Attributes
+    ----------
+    panels : Panels
+    hats : (v, n) sparse
+        The hat of each of the cage's n vertices at each vertex of the panels.
+    order : int
+    high : (k,) int64
+        In ascending order.
+    reach : (k,) float64
+        Distance from each one's centroid at which what is beyond linear has half faded out.
+    """
+
+    panels: Panels
+    hats: sparse.csr_array
+    order: int
+    high: Integers
+    reach: Floats
+
+    @staticmethod
+    def of(cage: TriMesh) -> "BoundaryMesh":
+        """A panel a face, with linear densities."""
+        hats = sparse.eye_array(len(cage.vertices), format="csr")
+        return _linear(Panels(cage.vertices, cage.faces), hats)
+
+    @property
+    def extra(self) -> int:
+        """Unknowns that a panel of higher order has beyond the linear ones."""
+        return len(exponents(self.order)) - LINEAR
+
+    @property
+    def linear_unknowns(self) -> int:
+        """Unknowns of the linear terms; the others come behind."""
+        return LINEAR * len(self.panels.corners)
+
+    @property
+    def unknowns(self) -> int:
+        """Coefficients of one density."""
+        return self.linear_unknowns + self.extra * len(self.high)
+
+    @cached_property
+    def corner_hats(self) -> sparse.csr_array:
+        """The matrix (n, 3p) from corners, ordered [corner, panel], to the cage's hats."""
+        return sparse.csr_array(self.hats[self.panels.corners.T.ravel()].T)
+
+    @cached_property
+    def higher_terms(self) -> HigherTerms:
+        """The terms beyond linear, for their integrals."""
+        return HigherTerms(self.panels, self.high, self.order)
+
+    @cached_property
+    def degrees(self) -> tuple[Integers, Integers, Integers]:
+        """Of each unknown: its polynomial's degree, the highest on its panel, and its panel."""
+        panels = np.arange(len(self.panels.corners))
+        highest = np.ones(len(panels), np.int64)
+        highest[self.high] = self.order
+        degree = np.array([a + b for a, b in exponents(self.order)])
+        panel = np.concatenate([np.tile(panels, LINEAR), np.tile(self.high, self.extra)])
+        counts = np.repeat([len(panels), len(self.high)], [LINEAR, self.extra])
+        return np.repeat(degree, counts), highest[panel], panel
+
+    def rows(self, chosen: Integers) -> Integers:
+        """Unknowns of the panels numbered: (c, 3) or, if they are of higher order, (c, d)."""
+        linear = np.arange(LINEAR) * len(self.panels.corners) + chosen[:, None]
+        place = np.searchsorted(self.high, chosen)
+        if len(self.high) == 0 or not np.array_equal(self.high[place % len(self.high)], chosen):
+            return linear
+        higher = np.arange(self.extra) * len(self.high) + place[:, None]
+        return np.concatenate([linear, self.linear_unknowns + higher], axis=1)
+
+    def raised(self, order: int, high: Integers, reach: Floats) -> "BoundaryMesh":
+        """The same panels with densities of degree `order` on those numbered `high`, ascending."""
+        return BoundaryMesh(self.panels, self.hats, order, high, reach)
+
+    def divided(self, chosen: NDArray[np.bool_]) -> "BoundaryMesh":
+        """The `chosen` panels, (p,), each divided in four; all densities linear.
+
+        Children come in the place of their parent. A side may then meet two shorter ones: every
+        integral is in closed form, so that nothing is lost there.
+        """
+        corners, vertices = self.panels.corners, self.panels.vertices
+        sides, place = np.unique(self.panels.edges.of_side[chosen], return_inverse=True)
+        ends = self.panels.edges.ends[sides]
+        a, b, c = corners[chosen].T
+        opposite_a, opposite_b, opposite_c = (place.reshape(-1, 3) + len(vertices)).T
+        children = np.stack(
+            [
+                np.stack([a, opposite_c, opposite_b], axis=1),
+                np.stack([b, opposite_a, opposite_c], axis=1),
+                np.stack([c, opposite_b, opposite_a], axis=1),
+                np.stack([opposite_a, opposite_b, opposite_c], axis=1),
+            ],
+            axis=1,
+        )
+        divided = np.repeat(corners, np.where(chosen, 4, 1), axis=0)
+        divided[np.repeat(chosen, np.where(chosen, 4, 1))] = children.reshape(-1, 3)
+        middles = vertices[ends].mean(axis=1)
+        hats = (self.hats[ends[:, 0]] + self.hats[ends[:, 1]]) / 2
+        return _linear(
+            Panels(np.concatenate([vertices, middles]), divided),
+            sparse.csr_array(sparse.vstack([self.hats, hats], format="csr")),
+        )
+
+    def values(self, chosen: Integers, barycentric: Floats) -> Floats:
+        """The hats at the same `barycentric` coordinates, (j, 3), of some panels, (c, j, n)."""
+        corner = [self.hats[self.panels.corners[chosen, k]].toarray() for k in range(3)]
+        return np.asarray(np.einsum("jk,kcn->cjn", barycentric, np.stack(corner)))
+
+
+def _linear(panels: Panels, hats: sparse.csr_array) -> BoundaryMesh:
+    return BoundaryMesh(panels, hats, 1, np.empty(0, np.int64), np.empty(0))

@@ -1,0 +1,83 @@
+"""Polynomials on a triangle and a rule to integrate them, in barycentric coordinates.
+
+The coordinates are x = φ_0 − ⅓ and y = φ_1 − ⅓, from the centroid; the monomials x^a y^b stand in
+the order 1, x, y, x², xy, y², x³, ... Nothing here depends on the triangle's shape.
+"""
+
+from functools import cache
+
+import numpy as np
+from scipy.special import roots_jacobi
+
+from cageik_cli.mesh import Floats
+
+LINEAR = 3
+"""How many monomials are constant or linear."""
+
+
+@cache
+def exponents(order: int) -> tuple[tuple[int, int], ...]:
+    """(a, b) of the monomials x^a y^b up to degree `order`, (order + 1)(order + 2)/2 of them."""
+    return tuple(e for degree in range(order + 1) for e in of_degree(degree))
+
+
+def of_degree(degree: int) -> tuple[tuple[int, int], ...]:
+    """(a, b) of the monomials of one degree."""
+    return tuple((degree - b, b) for b in range(degree + 1))
+
+
+def monomials(order: int, barycentric: Floats) -> Floats:
+    """Values at `barycentric`, (k, 3), as (d, k)."""
+    x, y, _ = barycentric.T - 1 / 3
+    return np.stack([x**a * y**b for a, b in exponents(order)])
+
+
+@cache
+def basis(order: int) -> Floats:
+    """1, x, y and then polynomials of mean square 1 orthogonal to all before, (d, d).
+
+    Each row holds a polynomial's coefficients of the monomials. Those after the first three have
+    no mean and no first moments, so that what they emit fades as the cube of the distance.
+    """
+    barycentric, shares = gauss_rule(order + 1)
+    values = monomials(order, barycentric)
+    orthonormal = np.linalg.inv(np.linalg.cholesky((values * shares) @ values.T))
+    orthonormal[:LINEAR] = np.eye(LINEAR, len(orthonormal))
+    return np.asarray(orthonormal)
+
+
+@cache
+def gauss_rule(points: int) -> tuple[Floats, Floats]:
+    """Product of `points` times `points` nodes, exact to degree 2 points − 2 at least.
+
+    Returns
+    -------
+    (points², 3)
+        Barycentric coordinates, all inside.
+    (points²,)
+        Shares of the area; they sum to 1.
+    """
+    along, along_shares = np.polynomial.legendre.leggauss(points)
+    across, across_shares = roots_jacobi(points, 1, 0)
+    first = np.repeat((across + 1) / 2, points)
+    second = (1 - first) * np.tile((along + 1) / 2, points)
+    shares = np.outer(across_shares, along_shares).ravel() / 4
+    return np.column_stack([first, second, 1 - first - second]), shares
+
+
+@cache
+def edge_coefficients(order: int) -> Floats:
+    """The monomials of degree below `order` along the sides, (3, d, order).
+
+    On side k, from corner k + 1 at τ = −½ to corner k + 2 at τ = ½, monomial i is
+    Σ_j coefficients[k, i, j] τ^j.
+    """
+    ends = np.eye(3) - 1 / 3
+    coefficients = np.zeros((3, len(exponents(order - 1)), order))
+    for k in range(3):
+        start, stop = ends[(k + 1) % 3], ends[(k + 2) % 3]
+        x, y = (np.poly1d([stop[c] - start[c], (stop[c] + start[c]) / 2]) for c in (0, 1))
+        for i, (a, b) in enumerate(exponents(order - 1)):
+            along = (x**a * y**b).coeffs[::-1]
+            coefficients[k, i, : len(along)] = along
+    return coefficients

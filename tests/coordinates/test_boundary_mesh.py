@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.polynomials import exponents
+from cageik_cli.mesh import TriMesh
+from tests.shapes import concave
+
+
+def some(mesh, every=3):
+    chosen = np.zeros(len(mesh.panels.corners), bool)
+    chosen[::every] = True
+    return chosen
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_divided_keeps_surface_and_hats(every):
+    """Also where some panels are divided and others not, twice over."""
+    cage = concave()
+    mesh = BoundaryMesh.of(cage)
+    for _ in range(2):
+        mesh = mesh.divided(some(mesh, every))
+    panels = mesh.panels
+    assert panels.areas.sum() == pytest.approx(BoundaryMesh.of(cage).panels.areas.sum(), rel=1e-14)
+    assert TriMesh(panels.vertices, panels.corners).volume == pytest.approx(cage.volume, rel=1e-13)
+    np.testing.assert_allclose(mesh.hats @ cage.vertices, panels.vertices, atol=1e-15)
+    np.testing.assert_allclose(mesh.hats.sum(axis=1), 1, rtol=1e-15)
+
+
+def test_children_stand_in_their_parent_s_place():
+    mesh = BoundaryMesh.of(concave())
+    chosen = some(mesh)
+    finer = mesh.divided(chosen)
+    parent = np.repeat(np.arange(len(chosen)), np.where(chosen, 4, 1))
+    np.testing.assert_allclose(finer.panels.normals, mesh.panels.normals[parent], atol=1e-14)
+    sums = np.bincount(parent, finer.panels.areas)
+    np.testing.assert_allclose(sums, mesh.panels.areas, rtol=1e-14)
+
+
+def test_values_of_the_hats_are_their_interpolation():
+    mesh = BoundaryMesh.of(concave()).divided(some(BoundaryMesh.of(concave())))
+    barycentric, chosen = np.array([[0.2, 0.3, 0.5], [1, 0, 0]]), np.array([0, 4, 9])
+    corner = mesh.panels.vertices[mesh.panels.corners[chosen]]
+    places = np.einsum("jk,ckx->cjx", barycentric, corner)
+    values = mesh.values(chosen, barycentric)
+    np.testing.assert_allclose(values @ concave().vertices, places, atol=1e-15)
+    assert values.min() >= 0
+
+
+def test_unknowns_are_numbered_once_and_know_their_degree():
+    mesh = BoundaryMesh.of(concave())
+    high = np.array([1, 4, 7])
+    mesh = mesh.raised(3, high, np.ones(3))
+    low = np.setdiff1d(np.arange(len(mesh.panels.corners)), high)
+    rows = np.concatenate([mesh.rows(high).ravel(), mesh.rows(low).ravel()])
+    np.testing.assert_array_equal(np.sort(rows), np.arange(mesh.unknowns))
+    degree, highest, panel = mesh.degrees
+    expected = [a + b for a, b in exponents(3)]
+    np.testing.assert_array_equal(degree[mesh.rows(high)], [expected] * 3)
+    np.testing.assert_array_equal(degree[mesh.rows(low)], [expected[:3]] * len(low))
+    np.testing.assert_array_equal(panel[mesh.rows(high)], np.repeat(high[:, None], 10, axis=1))
+    assert (highest[mesh.rows(high)] == 3).all()
+    assert (highest[mesh.rows(low)] == 1).all()
