@@ -14,7 +14,7 @@ PACKAGE = Path(cageik_cli.__file__).parent
 ORDER = (
     "errors", "layout", "threads", "mesh",
     "coordinates.weights", "coordinates.panel_geometry", "coordinates.panels",
-    "coordinates.surface", "coordinates.harmonic",
+    "coordinates.surface", "coordinates.harmonic", "coordinates.mean_value",
     "enclosure", "binding", "alignment", "dual_laplacian", "metrics",
     "outputs", "hdf5", "sequence", "store.result", "extraction", "report", "describing",
     "cli", "__main__",
