@@ -25,8 +25,9 @@ computed once an edge: affine maps stay exact whatever g's rounding. The three w
 come from V, the first moment along the longest side, and the weight of the corner opposite to it:
 a needle's short altitude then divides only what it multiplies again in the affine map.
 
-Measured against 60 digits: rows, and affine maps in diagonals, to 1e-15 everywhere; weights to
-1e-15 at any distance from faces, edges, corners and planes, and 1e-16 over the altitude in needles.
+Measured on 1 200 random cages, and against 60 digits: rows sum to one to 1e-15, affine maps are off
+by 1e-14 diagonals at most; weights by 1e-14, in needles by 1e-16 over the altitude, at any distance
+from faces, edges, corners and planes.
 
 Arrays have faces or edges along the first axis and points along the last.
 """
