@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from cageik_cli.coordinates.harmonic import ACCURACIES, harmonic_weights, no_progress
+from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.coordinates.weights import Weights
 from cageik_cli.enclosure import OUTSIDE, Enclosure, check_enclosure
 from cageik_cli.errors import InputError, NumericalError
@@ -15,7 +16,7 @@ from cageik_cli.mesh import Floats, TriMesh
 WORST_PRECISION = 1e-6
 """Weights that miss the rest pose by more, in diagonals, are not weights of this cage."""
 
-COORDINATES = ("harmonic",)
+COORDINATES = ("harmonic", "mean-value")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +61,8 @@ class WeightQuality:
     linear_precision : float
         Largest distance of `weights @ cage` from the rest vertices, in diagonals.
     min_weight : float
-        Smallest weight; harmonic weights are not negative, so this measures discretisation.
+        Smallest weight. Exact harmonic weights are not negative, so this measures discretisation;
+        mean value weights may be negative in a concave cage by their nature.
     panels : int
         What the cage was divided into; 0 for coordinates in closed form.
     estimated_error : float
@@ -163,7 +165,12 @@ def bind(
 def _weights(
     held: Enclosure, settings: BindSettings, jobs: int | None, progress: Callable[[int, int], None]
 ) -> Weights:
-    return harmonic_weights(held.cage, held.points, settings.accuracy, jobs, progress)
+    cage, points = held.cage, held.points
+    kinds = {
+        "harmonic": lambda: harmonic_weights(cage, points, settings.accuracy, jobs, progress),
+        "mean-value": lambda: mean_value_weights(cage, points, jobs, progress),
+    }
+    return kinds[settings.coordinates]()
 
 
 def _missed(points: Floats, binding: Binding) -> float:

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from cageik_cli import binding as module
-from cageik_cli.binding import Binding, bind
+from cageik_cli.binding import Binding, BindSettings, bind
+from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.coordinates.weights import Weights
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.mesh import TriMesh
@@ -16,6 +17,18 @@ def test_a_binding_rebuilds_the_rest_pose_and_says_how_well():
     assert bound.quality.linear_precision < 1e-13
     assert bound.quality.min_weight > 0
     assert bound.notes == ()
+
+
+def test_mean_value_weights_are_bound_when_asked_for():
+    bound = bind(ball(2), box(), BindSettings(coordinates="mean-value"))
+    np.testing.assert_array_equal(bound.weights, mean_value_weights(box(), ball(2).vertices).values)
+    assert (bound.quality.panels, bound.quality.estimated_error) == (0, 0.0)
+    assert bound.quality.linear_precision < 1e-15
+
+
+def test_coordinates_of_no_known_kind_are_refused():
+    with pytest.raises(InputError, match="coordinates is 'green', expected one of harmonic, mean"):
+        BindSettings(coordinates="green")
 
 
 def test_figures_are_those_of_their_definitions():

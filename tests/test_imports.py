@@ -15,7 +15,7 @@ ORDER = (
     "errors", "layout", "threads", "mesh",
     "coordinates.weights", "coordinates.polynomials", "coordinates.panel_geometry",
     "coordinates.panels", "coordinates.boundary_mesh", "coordinates.surface",
-    "coordinates.harmonic",
+    "coordinates.harmonic", "coordinates.mean_value",
     "enclosure", "binding", "alignment", "dual_laplacian", "metrics",
     "outputs", "hdf5", "sequence", "store.result", "extraction", "report", "describing",
     "cli", "__main__",

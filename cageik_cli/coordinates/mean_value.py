@@ -1,0 +1,301 @@
+"""Mean value coordinates of a closed triangle cage (Ju, Schaefer and Warren 2005).
+
+From a point x a ray leaves in every direction; the coordinates are the mean over directions of the
+hats φ_i where rays cross the cage, weighed by one over the distance r and signed by the way of
+crossing. With h the height of a face's plane over x,
+
+    w_i(x) = ∫ φ_i / r dS = Σ_faces ∫ φ_i h/r⁴ dA,       divided by their sum over i.
+
+Let p be the foot of x in the face's plane; for its side k, opposite corner k, m_k the outward
+normal in the plane, t_k = m_k · (a − x) for a on the side, d² = t_k² + h² its line's squared
+distance, θ_k the angle under which it is seen. By the divergence theorem in the plane
+
+    g_k               = ∫ 1/r² ds = θ_k / d
+    V                 = ∫ h/r⁴ dA = Σ_k t_k g_k / 2h
+    ∫ (y − p) h/r⁴ dA = −h/2 Σ_k m_k g_k
+
+which give the integral of every linear function. Near the face's plane V is the quotient of two
+small numbers. But where p is outside the face, (y − p)/ρ² with ρ = |y − p| has no divergence in
+it, and without it
+
+    V = −h/2 Σ_k t_k J_k,       J_k = ∫ 1/(ρ² r²) ds
+
+keeps its digits, down to 0 in the plane. d is the same for both faces at an edge, so that g is
+computed once an edge: affine maps stay exact whatever g's rounding. The three weights of a face
+come from V, the first moment along the longest side, and the weight of the corner opposite to it:
+a needle's short altitude then divides only what it multiplies again in the affine map.
+
+Measured on 1 200 random cages, and against 60 digits: rows sum to one to 1e-15, affine maps are off
+by 1e-14 diagonals at most; weights by 1e-14, in needles by 1e-16 over the altitude, at any distance
+from faces, edges, corners and planes.
+
+Arrays have faces or edges along the first axis and points along the last.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from cageik_cli.coordinates.harmonic import ON_SURFACE, no_progress
+from cageik_cli.coordinates.surface import nearest_on_surface
+from cageik_cli.coordinates.weights import Weights
+from cageik_cli.mesh import Edges, Floats, Integers, TriMesh
+from cageik_cli.threads import blas_threads, processors
+
+BLOCK = 2**15
+"""Faces times points evaluated together: few enough for the processor's cache."""
+
+FLAT = 0.03
+"""|h| over p's distance beyond a side, below which V is taken without its quotient."""
+
+SMALL_SQUARE = 0.02
+"""Squared tangents z² below which the terms of `_SERIES` are arctan z / z to the last bit."""
+
+_SERIES = [(-1) ** k / (2 * k + 1) for k in range(9)]
+
+_SMALLEST = 1e-200
+"""Stands for a distance of 0 from an edge's line, where θ/d has its limit."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Faces:
+    """The faces of a cage in frames of their own.
+
+    Corner 0 of a face is opposite its longest side. Its frame starts at corner 1: the first axis
+    along that side to corner 2, the second in the plane towards corner 0, the third the outward
+    normal.
+
+    Attributes
+    ----------
+    corners : (f, 3) int64
+    edges : Edges
+    edge_lengths : (e,)
+        L.
+    first_side : (e,) int64
+        One of the sides that are this edge, counted [side, face].
+    base, apex, altitude : (f, 1)
+        First coordinate of corner 2, then both of corner 0.
+    side_normals : (2, 3, f, 1)
+        m_k in the frame.
+    forms : (5f + e, 4)
+        Linear forms of (x, 1): of every face h, t_0, t_1, t_2 and p's first coordinate (t_0 is its
+        second); s of every edge, its first end's distance from x along it.
+    corner_sums : (n, 3f) sparse
+        Sums over corners, ordered [corner, face], at each vertex.
+    """
+
+    corners: Integers
+    edges: Edges
+    edge_lengths: Floats
+    first_side: Integers
+    base: Floats
+    apex: Floats
+    altitude: Floats
+    side_normals: Floats
+    forms: Floats
+    corner_sums: sparse.csr_array
+
+    @staticmethod
+    def of(mesh: TriMesh) -> "_Faces":
+        """Measure the faces of `mesh`."""
+        corners = _longest_side_first(mesh)
+        edges = Edges.of(corners)
+        start, stop = mesh.vertices[edges.ends].swapaxes(0, 1)
+        a, b, c = (mesh.vertices[corners[:, k]] for k in range(3))
+        axes = _axes(a, b, c)
+        base = np.linalg.norm(c - b, axis=1)
+        apex, altitude = np.einsum("fx,afx->af", a - b, axes)
+        zero = np.zeros(len(corners))
+        normals = np.array([[zero, altitude, -altitude], [-base, base - apex, apex]])
+        normals /= np.linalg.norm(normals, axis=0)
+        outward = np.einsum("akf,afx->kfx", normals, axes)
+        anchored = [
+            (np.cross(*axes), b),
+            *zip(outward, (b, c, b), strict=True),
+            (-axes[0], b),
+            (_unit(stop - start), start),
+        ]
+        forms = [np.column_stack([-n, np.einsum("ix,ix->i", n, o)]) for n, o in anchored]
+        count = corners.size
+        return _Faces(
+            corners=corners,
+            edges=edges,
+            edge_lengths=np.linalg.norm(stop - start, axis=1),
+            first_side=np.unique(edges.of_side.T, return_index=True)[1],
+            base=base[:, None],
+            apex=apex[:, None],
+            altitude=altitude[:, None],
+            side_normals=normals[..., None],
+            forms=np.concatenate(forms),
+            corner_sums=sparse.csr_array(
+                (np.ones(count), (corners.T.ravel(), np.arange(count))),
+                shape=(len(mesh.vertices), count),
+            ),
+        )
+
+
+def mean_value_weights(
+    cage: TriMesh,
+    points: Floats,
+    jobs: int | None = None,
+    progress: Callable[[int, int], None] = no_progress,
+) -> Weights:
+    """Mean value coordinates of points inside or on a cage.
+
+    Positive inside convex cages; in concave ones some may be negative, as the rays cross there.
+
+    Parameters
+    ----------
+    cage : TriMesh
+        Closed, manifold, outward, of one component (`enclosure.checked_cage`).
+    points : (m, 3)
+        Inside or on the cage, file units. A point on it gets barycentric weights.
+    jobs : int, optional
+        Threads; the number of processors by default. They do not change the result.
+    progress : callable
+        Told (points done, points) after every block.
+
+    Returns
+    -------
+    Weights
+        In closed form.
+    """
+    origin = cage.vertices.mean(axis=0)
+    mesh = TriMesh((cage.vertices - origin) / cage.diagonal, cage.faces)
+    points = (points - origin) / cage.diagonal
+    nearest = nearest_on_surface(mesh, points)
+    touching = nearest.distance <= ON_SURFACE
+    within = np.flatnonzero(~touching)
+    weights = np.empty((len(points), len(mesh.vertices)))
+    weights[touching] = nearest.weights(touching)
+    faces, size = _Faces.of(mesh), max(1, BLOCK // len(mesh.faces))
+
+    def fill(start: int) -> int:
+        chosen = within[start : start + size]
+        sums = _ray_integrals(faces, points[chosen]).T
+        weights[chosen] = sums / sums.sum(axis=1, keepdims=True)
+        return start + len(chosen)
+
+    with blas_threads(1), ThreadPoolExecutor(jobs or processors()) as pool:
+        for done in pool.map(fill, range(0, len(within), size)):
+            progress(done, len(within))
+    return Weights(weights)
+
+
+def _ray_integrals(faces: _Faces, points: Floats) -> Floats:
+    """∫ φ_i / r dS of every vertex, (n, q), from points off the cage."""
+    count, normals = len(faces.corners), faces.side_normals
+    forms = faces.forms @ np.vstack([points.T, np.ones(len(points))])
+    height, along, start = forms[:count], forms[4 * count : 5 * count], forms[5 * count :]
+    side = forms[count : 4 * count].reshape(3, count, -1)
+    spread = start * (start + faces.edge_lengths[:, None])
+    edges = _edge_integrals(faces, height, side, spread)
+    edge = [edges[faces.edges.of_side[:, k]] for k in range(3)]
+
+    with np.errstate(invalid="ignore", divide="ignore"):  # what is in a plane is set next
+        total = sum(side[k] * edge[k] for k in range(3)) / (2 * height)
+    _set_flat_totals(total, faces, height, side, spread)
+    half = height / 2
+    moment = along * total - half * sum(normals[0, k] * edge[k] for k in (1, 2))
+    apex = side[0] * total - half * sum(normals[1, k] * edge[k] for k in range(3))
+    apex /= faces.altitude
+    last = (moment - faces.apex * apex) / faces.base
+    integrals = np.concatenate([apex, total - apex - last, last])
+    return np.asarray(faces.corner_sums @ integrals)
+
+
+def _edge_integrals(faces: _Faces, height: Floats, side: Floats, spread: Floats) -> Floats:
+    """∫ 1/r² ds of every edge, (e, q), given s_a s_b; d is taken from one of the faces at it."""
+    first = faces.first_side
+    squares = side.reshape(-1, side.shape[2])[first] ** 2
+    squares += height[first % len(height)] ** 2
+    distance = np.maximum(np.sqrt(squares), _SMALLEST)
+    return np.asarray(
+        np.arctan2(distance * faces.edge_lengths[:, None], squares + spread) / distance
+    )
+
+
+def _set_flat_totals(
+    total: Floats, faces: _Faces, height: Floats, side: Floats, spread: Floats
+) -> None:
+    """Set V of faces that are seen nearly edge-on; `spread` is s_a s_b of the edges."""
+    points = height.shape[1]
+    beyond = -np.minimum(np.minimum(side[0], side[1]), side[2])
+    flat = np.flatnonzero(np.abs(height) < FLAT * beyond)
+    face, point = np.divmod(flat, points)
+    edge = faces.edges.of_side[face].T
+    height = height.reshape(-1)[flat]
+    side = side.reshape(3, -1)[:, flat]
+    spread = spread.reshape(-1)[edge * points + point]
+    strengths = _side_strengths(side, height, spread, faces.edge_lengths[edge])
+    total.reshape(-1)[flat] = -height / 2 * strengths.sum(axis=0)
+
+
+def _side_strengths(side: Floats, height: Floats, spread: Floats, length: Floats) -> Floats:
+    """Of sides t J = (θ₀/|t| − θ/d) t / h² with θ₀ the angle seen from p, (3, q)."""
+    width = np.abs(side)
+    near, far = width**2, width**2 + height**2  # t² and d²
+    ahead = near + spread  # an angle's cosine, times the distances of the ends
+    small = (ahead > 0) & (far * length**2 < SMALL_SQUARE * ahead**2)
+    strength = np.empty_like(width)
+    arguments = near, far, spread, length
+    strength[small] = _narrow(*(values[small] for values in arguments))
+    strength[small] *= width[small]
+    height = np.broadcast_to(height, width.shape)
+    strength[~small] = _wide(*(values[~small] for values in (width, height, spread, length)))
+    return np.copysign(strength, side)
+
+
+def _narrow(near: Floats, far: Floats, spread: Floats, length: Floats) -> Floats:
+    """J of sides under small angles: with A(z²) = arctan z / z, θ/d is L A(z²) / (d² + s_a s_b).
+
+    The difference of that at t² and d² is taken apart into differences without cancellation.
+    """
+    near_cosine, far_cosine = near + spread, far + spread
+    near_square, far_square = near * (length / near_cosine) ** 2, far * (length / far_cosine) ** 2
+    value, slope = np.full_like(near, _SERIES[-1]), np.zeros_like(near)
+    for term in reversed(_SERIES[:-1]):  # Horner's scheme for A and its divided difference
+        slope *= near_square
+        slope += value
+        value *= far_square
+        value += term
+    ratio = length / near_cosine
+    change = ratio**2 * slope * (spread**2 - near * far) / far_cosine
+    return np.asarray(ratio / far_cosine * (value - change))
+
+
+def _wide(width: Floats, height: Floats, spread: Floats, length: Floats) -> Floats:
+    """|t| J of sides under larger angles, from the closed form of θ₀ − θ."""
+    distance = np.sqrt(width**2 + height**2)
+    near, far = width**2 + spread, distance**2 + spread
+    angle = np.arctan2(width * length, near)
+    product = distance * width
+    rate = length * (spread - product) / ((distance + width) * (near * far + length**2 * product))
+    change = np.arctan(height**2 * rate)
+    slope = np.divide(change, height**2, out=rate.copy(), where=change != 0)
+    return np.asarray((angle / (distance + width) - width * slope) / distance)
+
+
+def _longest_side_first(mesh: TriMesh) -> Integers:
+    """The faces of `mesh`, turned so that side 0 is the longest."""
+    corner = mesh.vertices[mesh.faces]
+    lengths = np.linalg.norm(np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1), axis=2)
+    turned = (lengths.argmax(axis=1)[:, None] + np.arange(3)) % 3
+    return np.take_along_axis(mesh.faces, turned, axis=1)
+
+
+def _unit(vectors: Floats) -> Floats:
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
+
+
+def _axes(a: Floats, b: Floats, c: Floats) -> Floats:
+    """First and second axes of the frames of faces abc, (2, f, 3)."""
+    along = _unit(c - b)
+    upward = a - b
+    # Twice, for of a needle the first difference is short and not yet square to the side.
+    for _ in range(2):
+        upward = _unit(upward - np.einsum("fx,fx->f", upward, along)[:, None] * along)
+    return np.stack([along, upward])
