@@ -98,6 +98,8 @@ class DualLaplacianSolver:
     quality : Quality
     counted : (c,) int64 or a slice of all
         The vertices that are data: all but those of weight 0.
+    missing : int
+        How many are not.
 
     Raises
     ------
@@ -112,8 +114,8 @@ class DualLaplacianSolver:
         self.binding = binding
         self._align = settings.align
         self._vertex_weights = np.ones(m) if vertex_weights is None else vertex_weights
-        missing = (self._vertex_weights == 0).any()
-        self.counted = np.flatnonzero(self._vertex_weights) if missing else slice(None)
+        self.missing = int(np.count_nonzero(self._vertex_weights == 0))
+        self.counted = np.flatnonzero(self._vertex_weights) if self.missing else slice(None)
         self._origin = self._vertex_weights @ binding.rest.vertices / m
         self._rest = binding.rest.vertices - self._origin
         self._rest_cage = binding.cage.vertices - self._origin

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.binding import Binding, BindSettings, bind
+from cageik_cli.binding import BindSettings, bind
 from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings, normalised_weights
 from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import TriMesh
@@ -115,7 +115,7 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
         frames=sequence.names,
         fps=settings.fps,
         settings=_recorded(settings),
-        notes=_notes(sequence, rest, cage, binding),
+        notes=_notes(sequence, rest, cage, solver),
         keep_weights=settings.keep_weights,
     )
     # One thread for the products: the others read ahead, which is most of the work.
@@ -188,10 +188,10 @@ def _recorded(settings: ExtractSettings) -> dict[str, Any]:
 
 
 def _notes(
-    sequence: MeshSequence, rest: LoadedMesh, cage: LoadedMesh, binding: Binding
+    sequence: MeshSequence, rest: LoadedMesh, cage: LoadedMesh, solver: DualLaplacianSolver
 ) -> tuple[str, ...]:
     notes = [
-        *(f"{cage.source['name']}: {note}" for note in cage.notes + binding.notes),
+        *(f"{cage.source['name']}: {note}" for note in cage.notes + solver.binding.notes),
         *(f"{rest.source['name']}: {note}" for note in rest.notes),
         *sequence.notes,
     ]
@@ -200,5 +200,10 @@ def _notes(
         notes.append(
             f"the model is open ({holes} edges without a counterpart), so its volume is not "
             "defined and volume figures are left out"
+        )
+    elif solver.missing:
+        notes.append(
+            f"{solver.missing} vertices of weight 0 are missing data, so volumes of frames are not "
+            "known and volume figures are left out"
         )
     return tuple(notes)

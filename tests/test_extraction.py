@@ -10,6 +10,7 @@ import pytest
 from cageik_cli.dual_laplacian import SolveSettings
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.extraction import LARGEST_BLOCK, ExtractSettings, Observer, block_size, extract
+from cageik_cli.report import as_text, report_of
 from tests.shapes import rotation
 
 TRUTH = SolveSettings(alpha=0.0)
@@ -170,6 +171,11 @@ def test_vertices_of_weight_zero_are_missing_data(plain, folder, animation, writ
         found, known = (getattr(result.figures, name) for result in (again, clean))
         np.testing.assert_allclose(found, known, rtol=1e-9, atol=1e-12)
     assert "weights.npy" in again.sources["vertex_weights"]["name"]
+    assert np.isnan(again.figures.volume).all()
+    assert np.isnan(again.figures.volume_reconstructed).all()
+    (note,) = again.notes
+    assert note.startswith("2 vertices of weight 0 are missing data, so volumes")
+    assert "volume change  not defined\n" in as_text(report_of(again))
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ class Clip:
 class Frame:
     """Figures of one frame: lengths in file units and percent of the diagonal, changes in percent.
 
-    What depends on a volume is None for an open model.
+    What depends on a volume is None for an open model, or when vertices are missing data.
     """
 
     index: int
