@@ -182,7 +182,8 @@ def normalised_weights(weights: Floats, count: int) -> Floats:
         )
     if not weights.any():
         raise InputError("all vertex weights are zero; expected at least one above")
-    return np.asarray(weights * (count / weights.sum()))
+    shares = weights / weights.max()  # sums of the largest and the smallest numbers fail
+    return np.asarray(shares * (count / shares.sum()))
 
 
 def _checked_condition(normal: Floats, binding: Binding, beta: float) -> float:

@@ -188,6 +188,9 @@ def test_a_vertex_of_weight_zero_is_missing_data(binding):
 
 def test_vertex_weights_have_mean_one():
     np.testing.assert_allclose(normalised_weights(np.array([1.0, 3.0]), 2), [0.5, 1.5])
+    for scale in (1e308, 1e-320):
+        weights = np.array([scale, 0, scale])
+        np.testing.assert_allclose(normalised_weights(weights, 3), [1.5, 0, 1.5])
 
 
 @pytest.mark.parametrize(

@@ -316,3 +316,27 @@ def test_polygons_that_were_cut_are_noted_of_cage_rest_and_frames(plain, folder,
         "rest.obj: 6 polygons cut into triangles",
         "frame.obj: 6 polygons cut into triangles, as in all frames",
     )
+
+
+@pytest.mark.parametrize("value", [1e51, 1e104, 1e160])
+def test_coordinates_that_would_overflow_are_refused_before_the_old_result_goes(
+    plain, folder, animation, write_obj, value
+):
+    Path("cages.h5").write_text("old")
+    wild = animation.frames[3].copy()
+    wild[7, 1] = value
+    write_obj(folder / "frames/frame_4.obj", wild, animation.rest.faces)
+    with pytest.raises(InputError, match=r"frame_4\.obj: vertex 7 is"):
+        extract(plain)
+    assert Path("cages.h5").read_text() == "old"
+
+
+def test_the_largest_and_smallest_scenes_that_are_taken_are_reported(
+    plain, folder, animation, write_obj
+):
+    for k, scale in enumerate((3e49, 1e-50)):
+        cage = write_obj(folder / "scaled.obj", scale * animation.cage.vertices / 2.5,
+                         animation.cage.faces)  # fmt: skip
+        np.savez("clip.npz", verts=scale * animation.frames / 6, faces=animation.rest.faces)
+        result = extract(replace(plain, frames=("clip.npz",), cage=cage))
+        assert 0 < report_of(result).summary.rms_percent < 100, k

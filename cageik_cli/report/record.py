@@ -178,9 +178,10 @@ def _summary(result: Result, frames: tuple[Frame, ...]) -> Summary:
 
 
 def _percent_change(new: Floats, old: Floats) -> Floats:
-    """100 (new − old)/old; nan where old is zero or nan."""
+    """100 (new − old)/old; nan where old is zero or nan, and infinite where it is next to zero."""
     usable = np.where(old == 0, np.nan, old)
-    return np.asarray(100 * (new - old) / usable)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(100 * (new - old) / usable)
 
 
 def _finite(value: float) -> float | None:

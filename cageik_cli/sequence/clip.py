@@ -41,7 +41,7 @@ class MeshSequence(ABC):
         """Open the clip that `paths`, in order, all of one suffix, hold."""
 
     @abstractmethod
-    def positions(self, index: int) -> Floats:
+    def positions(self, index: int) -> np.ndarray:
         """Vertices of one frame as the file has them, in the connectivity of `first`."""
 
     @abstractmethod

@@ -22,7 +22,7 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
         data = read_bytes(path)
         try:
             if path.suffix.lower() == ".npy":
-                weights = np.load(io.BytesIO(data), allow_pickle=False)
+                weights = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
             else:
                 words = data.decode().replace("_", "?").split()  # 1_0 is Python's, not a file's
                 weights = np.array([float(word) for word in words])
@@ -32,4 +32,5 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
             raise InputError(
                 f"is not a list of numbers ({error}); expected one a line, or a .npy array"
             ) from error
-        return np.asarray(weights, dtype=np.float64), source_of(path, data)
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite weights are refused later
+            return np.asarray(weights, dtype=np.float64), source_of(path, data)

@@ -141,6 +141,10 @@ DAMAGES = {
     "scale of text": (lambda f: f.attrs.update(scale="big"), "attribute `scale` is 'big'"),
     "scale of two": (lambda f: f.attrs.update(scale=[1.0, 2.0]), "attribute `scale` is array"),
     "mean a matrix": (lambda f: f.attrs.update(mean=np.eye(3)), "attribute `mean` is array"),
+    "scale that overflows": (
+        lambda f: (f.attrs.update(scale=1e308), f["verts"].__setitem__((0, 0, 0), 1e308)),
+        "vertex 0 is (inf,",
+    ),
     "mean not finite": (lambda f: f.attrs.update(mean=np.inf), "vertex 0 is (inf, inf, inf)"),
 }
 

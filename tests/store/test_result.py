@@ -1,7 +1,7 @@
 """Result files: the schema, one run the same bytes as the next, and nothing half written."""
 
 import json
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from itertools import pairwise
 
 import h5py
@@ -11,7 +11,7 @@ import pytest
 from cageik_cli import __version__
 from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import Quality
-from cageik_cli.errors import InputError
+from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.sequence import open_sequence
 from cageik_cli.store import result as store
@@ -228,8 +228,12 @@ DAMAGES = [
     (attribute("complete", False), "is not complete: the run that wrote it was interrupted"),
     (without_attribute("complete"), "is not complete"),
     *[
+        (attribute("complete", bad), "is not complete")
+        for bad in ("False", "True", 1, h5py.Empty("?"), [True, True])
+    ],
+    *[
         (attribute("fps", bad), "attribute `fps` is")
-        for bad in (0.0, -1.0, np.nan, np.inf, "24", [24.0, 24.0])
+        for bad in (0.0, -1.0, np.nan, np.inf, "24", [24.0, 24.0], 1 + 1j, True)
     ],
     (without_attribute("fps"), "attribute `fps` is None, expected a number above zero"),
     *[
@@ -280,6 +284,11 @@ DAMAGES = [
         for name, bad in (
             ("rms", np.nan),
             ("rms", -1.0),
+            ("rms", 1e300),
+            ("max_deviation", 1e300),
+            ("spread", 1e300),
+            ("volume", np.inf),
+            ("volume_reconstructed", -np.inf),
             ("max_deviation", np.inf),
             ("spread", np.nan),
             ("worst_vertex", 18),
@@ -287,6 +296,13 @@ DAMAGES = [
         )
     ],
     (attribute("settings", '{"alpha": NaN}'), "settings"),
+    (attribute("settings", '{"alpha": 1' + "0" * 400 + "}"), "settings"),
+    (attribute("settings", '{"\\ud800": 1}'), "settings"),
+    (attribute("notes", '["\\ud800"]'), "notes"),
+    (attribute("notes", b'["\xff"]'), "notes"),
+    (attribute("sources", '{"cage": {"name": "\\udcff"}}'), "sources"),
+    (value("rest/verts", (2, 1), 1e308), "vertex 2 is ("),
+    (value("cage/verts", (2, 1), -1e308), "vertex 2 is ("),
     (attribute("quality", '{"min_weight": 1e999}'), "quality"),
     (attribute("quality", '{"min_weight": 0.1}'), "quality"),
     (attribute("quality", json.dumps(dict.fromkeys(asdict(QUALITY), "good"))), "quality"),
@@ -303,6 +319,43 @@ def test_a_damaged_result_is_refused_by_name(path, damage, says):
         store.read_result(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert says in str(caught.value)
+
+
+def test_a_version_that_is_no_text_is_shown_as_far_as_it_is(path):
+    with h5py.File(path, "r+") as file:
+        file.attrs["version"] = np.bytes_(b"1.\xff")
+    store.read_result(path).version.encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "bad"),
+    [
+        ("rms", np.inf),
+        ("rms", 1e200),
+        ("max_deviation", np.nan),
+        ("spread", np.inf),
+        ("volume", np.inf),
+        ("volume_reconstructed", np.inf),
+        ("cages", np.nan),
+    ],
+)
+def test_what_could_not_be_read_again_never_takes_the_name(tmp_path, name, bad):
+    path = tmp_path / "cages.h5"
+    path.write_text("old")
+    cages, figures = CAGES.copy(), part(slice(None))
+    if name == "cages":
+        cages[3, 1, 2] = bad
+    else:
+        column = getattr(figures, name).copy()
+        column[3] = bad
+        figures = replace(figures, **{name: column})
+    with (
+        pytest.raises(NumericalError, match=f"{name}.* in frames 0 to 4"),
+        store.create(path, header(), overwrite=True) as result,
+    ):
+        result.append(cages, figures)
+    assert path.read_text() == "old"
+    assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])

@@ -10,7 +10,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from cageik_cli.errors import InputError, located
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence.clip import MeshSequence, only
 from cageik_cli.sequence.mesh_file import read_bytes, source_of
 
@@ -37,9 +37,9 @@ class Reader(MeshSequence):
             self.names = tuple(f"{path.name}[{k}]" for k in range(len(self._frames)))
             self.first = TriMesh(self.positions(0), faces)
 
-    def positions(self, index: int) -> Floats:
+    def positions(self, index: int) -> np.ndarray:
         """Vertices of one frame."""
-        return np.asarray(self._frames[index], np.float64)
+        return self._frames[index]
 
     def source(self) -> dict[str, Any]:
         """Name and digest of the file."""

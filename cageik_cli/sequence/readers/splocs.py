@@ -42,7 +42,8 @@ class Reader(MeshSequence):
         return {"name": self._path.name, "sha256": digest}
 
     def _restored(self, stored: np.ndarray) -> Floats:
-        return np.asarray(stored, np.float64) * self._scale + self._mean
+        with np.errstate(over="ignore", invalid="ignore"):  # frames are checked where they enter
+            return np.asarray(stored, np.float64) * self._scale + self._mean
 
 
 def _attribute(file: Any, name: str, default: float) -> Floats:
