@@ -39,7 +39,7 @@ class Reader(MeshSequence):
 
     def positions(self, index: int) -> np.ndarray:
         """Vertices of one frame."""
-        return self._frames[index]
+        return np.asarray(self._frames[index])
 
     def source(self) -> dict[str, Any]:
         """Name and digest of the file."""
