@@ -24,7 +24,7 @@ def open_sequence(arguments: list[str], allow_gaps: bool = False) -> MeshSequenc
     InputError
         When nothing matches, kinds are mixed, or the first frame cannot be read.
     """
-    by_suffix = {suffix: reader for reader in _readers() for suffix in reader.suffixes}
+    by_suffix = _readers()
     paths = frame_paths(arguments, tuple(by_suffix))
     for path in paths:
         if path.suffix.lower() not in by_suffix:
@@ -41,6 +41,11 @@ def open_sequence(arguments: list[str], allow_gaps: bool = False) -> MeshSequenc
     if not allow_gaps:
         refuse_gaps(paths)
     return by_suffix[kinds[0]](paths)
+
+
+def files_read(arguments: list[str]) -> list[Path]:
+    """The files that `open_sequence` reads for the same arguments."""
+    return frame_paths(arguments, tuple(_readers()))
 
 
 def frame_paths(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:
@@ -71,6 +76,8 @@ def _named_by(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
     return found
 
 
-def _readers() -> list[type[MeshSequence]]:
+def _readers() -> dict[str, type[MeshSequence]]:
+    """The readers by the suffixes they take."""
     names = sorted(module.name for module in iter_modules(readers.__path__))
-    return [import_module(f"{readers.__name__}.{name}").Reader for name in names]
+    found = [import_module(f"{readers.__name__}.{name}").Reader for name in names]
+    return {suffix: reader for reader in found for suffix in reader.suffixes}
