@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.dual_laplacian import Quality
+from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats
 from cageik_cli.store.result import Result
 
@@ -103,7 +104,7 @@ def report_of(result: Result) -> Report:
     return Report(
         schema=SCHEMA,
         tool={"name": "cageik", "version": result.version},
-        result=result.path.name,
+        result=printable(result.path.name),
         sources=result.sources,
         settings=result.settings,
         notes=result.notes,

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.errors import InputError, located
+from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, Integers, TriMesh
 from cageik_cli.sequence.obj import FileMesh, parse_obj
 
@@ -71,7 +72,7 @@ def read_bytes(path: Path) -> bytes:
 
 def source_of(path: Path, data: bytes) -> dict[str, str]:
     """What is recorded of a file that was read: its name and digest."""
-    return {"name": path.name, "sha256": hashlib.sha256(data).hexdigest()}
+    return {"name": printable(path.name), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 def file_mesh(data: bytes, suffix: str) -> FileMesh:

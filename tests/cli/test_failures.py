@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -134,3 +135,48 @@ def test_a_full_disk_leaves_the_old_result(run_process, fixtures_folder, tmp_pat
     assert len(outcome.err.splitlines()) == 1
     assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
     assert (tmp_path / "cages.h5").read_text() == "old"
+
+
+@pytest.fixture
+def odd_names(folder):
+    """The little animation in files whose names are not UTF-8."""
+    for k in range(1, 6):
+        path = folder / "frames" / f"frame_{k}.obj"
+        try:
+            path.rename(os.fsdecode(os.fsencode(folder / "frames") + b"/p\xff_%d.obj" % k))
+        except OSError:
+            pytest.skip("this system's names are text")
+    (folder / "cage.obj").rename(os.fsdecode(b"c\xff.obj"))
+    return folder
+
+
+def test_names_that_are_no_text_are_read_stored_and_shown(run, run_process, odd_names):
+    cage, result = (os.fsdecode(name) for name in (b"c\xff.obj", b"r\xff.h5"))
+    done = run_process(
+        "-m", "cageik_cli", "extract", "frames", "--cage", cage, "-o", result, "-v", cwd=odd_names
+    )
+    assert (done.code, done.out) == (0, ""), done.err
+    for words in (["report", result, "--csv", "r.csv"], ["info", result], ["info", cage],
+                  ["info", "frames"]):  # fmt: skip
+        shown = run_process("-m", "cageik_cli", *words, cwd=odd_names)
+        assert (shown.code, shown.err) == (0, "")
+        assert any(mark in shown.out for mark in ("p\ufffd_", "\\udcff"))
+    record = json.loads(run("report", result, "--json", "-", "-q").out)
+    assert [frame["name"] for frame in record["frames"]] == [
+        f"p\ufffd_{k}.obj" for k in range(1, 6)
+    ]
+    assert record["sources"]["cage"]["name"] == "c\ufffd.obj"
+    assert record["result"] == "r\ufffd.h5"
+    assert Path("r.csv").read_text(encoding="utf-8").count("p\ufffd_") == 5
+
+
+def test_a_fault_in_a_file_whose_name_is_no_text_is_a_sentence(run_process, odd_names):
+    cage = os.fsdecode(b"c\xff.obj")
+    Path(cage).write_text("v 1 2\n")
+    for words in (["extract", "frames", "--cage", cage], ["info", cage],
+                  ["report", os.fsdecode(b"no\xff.h5")]):  # fmt: skip
+        outcome = run_process("-m", "cageik_cli", *words, cwd=odd_names)
+        assert (outcome.code, outcome.out) == (1, "")
+        assert outcome.err.startswith("Error: ")
+        assert "a fault of cageik" not in outcome.err
+        assert len(outcome.err.splitlines()) == 1

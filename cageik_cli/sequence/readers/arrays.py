@@ -10,6 +10,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from cageik_cli.errors import InputError, located
+from cageik_cli.layout import printable
 from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence.clip import MeshSequence, only
 from cageik_cli.sequence.mesh_file import read_bytes, source_of
@@ -34,7 +35,7 @@ class Reader(MeshSequence):
             arrays = _members(data)
             faces = _faces(arrays)
             self._frames = _frames_first(_named(arrays, VERTEX_NAMES, "f"), int(faces.max()))
-            self.names = tuple(f"{path.name}[{k}]" for k in range(len(self._frames)))
+            self.names = tuple(f"{printable(path.name)}[{k}]" for k in range(len(self._frames)))
             self.first = TriMesh(self.positions(0), faces)
 
     def positions(self, index: int) -> np.ndarray:

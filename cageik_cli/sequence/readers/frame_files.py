@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.errors import located
+from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.sequence.clip import MeshSequence, refuse_other_connectivity
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES, file_mesh, read_bytes
@@ -19,7 +20,7 @@ class Reader(MeshSequence):
     def __init__(self, paths: list[Path]) -> None:
         self._paths = paths
         self._suffix = paths[0].suffix.lower()
-        self.names = tuple(path.name for path in paths)
+        self.names = tuple(printable(path.name) for path in paths)
         self._digests: dict[int, bytes] = {}
         with located(paths[0]):
             data = read_bytes(paths[0])

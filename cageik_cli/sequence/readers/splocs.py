@@ -8,6 +8,7 @@ import numpy as np
 
 from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import dataset, numbers, opened
+from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.sequence.clip import MeshSequence, only
 
@@ -27,7 +28,7 @@ class Reader(MeshSequence):
             frames = dataset(file, "verts", "f", (None, None, 3))
             faces = numbers(file, "tris", "iu", (None, 3))
             self._scale, self._mean = _attribute(file, "scale", 1.0), _attribute(file, "mean", 0.0)
-            self.names = tuple(f"{path.name}[{k}]" for k in range(len(frames)))
+            self.names = tuple(f"{printable(path.name)}[{k}]" for k in range(len(frames)))
             self.first = TriMesh(self._restored(frames[0]), faces)
 
     def positions(self, index: int) -> Floats:
@@ -39,7 +40,7 @@ class Reader(MeshSequence):
         """Name and digest of the file."""
         with self._path.open("rb") as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        return {"name": self._path.name, "sha256": digest}
+        return {"name": printable(self._path.name), "sha256": digest}
 
     def _restored(self, stored: np.ndarray) -> Floats:
         with np.errstate(over="ignore", invalid="ignore"):  # frames are checked where they enter
