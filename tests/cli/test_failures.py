@@ -4,6 +4,8 @@ import errno
 import json
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -180,3 +182,48 @@ def test_a_fault_in_a_file_whose_name_is_no_text_is_a_sentence(run_process, odd_
         assert outcome.err.startswith("Error: ")
         assert "a fault of cageik" not in outcome.err
         assert len(outcome.err.splitlines()) == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the shell's `2>&-`")
+@pytest.mark.parametrize("stream", [1, 2])
+def test_a_closed_stream_changes_no_exit_code(run_process, folder, stream):
+    closed = {"cwd": folder, "preexec_fn": lambda: os.close(stream)}
+    assert run_process("-m", "cageik_cli", *TYPED, **closed).code == 0
+    for words in (["report"], ["report", "--json", "-"], ["info", "cages.h5"]):
+        outcome = run_process("-m", "cageik_cli", *words, **closed)
+        assert outcome.code == 0
+        assert "Traceback" not in outcome.out + outcome.err
+    for words in (TYPED, ["report", "nowhere.h5"], ["info", "nowhere"]):
+        outcome = run_process("-m", "cageik_cli", *words, **closed)
+        assert outcome.code == 1
+        assert "Traceback" not in outcome.out + outcome.err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the shell's pipes")
+@pytest.mark.parametrize(
+    "words", [["report"], ["report", "--json", "-"], ["report", "--csv", "-"], ["info", "cages.h5"]]
+)
+def test_a_reader_that_goes_early_sees_no_traceback(run, folder, words):
+    assert run(*TYPED, "-q").code == 0
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "cageik_cli", *words], stdout=writing, stderr=subprocess.PIPE
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (1, b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device")
+@pytest.mark.parametrize("words", [["report"], ["report", "--json", "-"], ["info", "cages.h5"]])
+def test_an_answer_that_cannot_be_written_is_a_failure(run, folder, words):
+    assert run(*TYPED, "-q").code == 0
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "cageik_cli", *words],
+            stdout=full, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    assert done.returncode == 1, done.stderr
+    assert done.stderr.startswith("Error: ")
+    assert "No space left on device" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
