@@ -102,7 +102,7 @@ def _mesh_by_lines(data: bytes) -> FileMesh:
     vertices: list[tuple[float, ...]] = []
     polygons: list[list[int]] = []
     for number, line in _logical_lines(data):
-        words = line.split()
+        words = line.split(b"#", 1)[0].split()
         try:
             if words[:1] == [b"v"]:
                 vertices.append(_position(words[1:]))
@@ -164,7 +164,7 @@ def _logical_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Lines and their numbers from 1; one that ends in a backslash goes on in the next."""
     lines = iter(enumerate(data.splitlines(), start=1))
     for number, line in lines:
-        while line.endswith(b"\\") and not line.lstrip().startswith(b"#"):
+        while line.endswith(b"\\") and b"#" not in line:
             line = line[:-1] + b" " + next(lines, (0, b""))[1]
         yield number, line
 

@@ -42,9 +42,6 @@ def test_a_frame_in_another_dialect_is_the_same_frame(folder, animation):
     path = folder / "frames/frame_2.obj"
     plain = frames_of(open_sequence(["frames"]))
     path.write_bytes(path.read_bytes().replace(b"\n", b" # behind\r\n").replace(b"\nf", b"\n f"))
-    with pytest.raises(InputError, match=r"frame_2\.obj: line 19: `f .* # behind`"):
-        frames_of(open_sequence(["frames"]))
-    path.write_bytes(path.read_bytes().replace(b" # behind", b""))
     np.testing.assert_array_equal(frames_of(open_sequence(["frames"])), plain)
 
 
