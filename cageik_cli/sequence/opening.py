@@ -65,7 +65,7 @@ def _named_by(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
     elif path.exists():
         return [path]
     elif glob.has_magic(argument):
-        matches = glob.glob(argument, recursive=True)
+        matches = glob.glob(_with_literal_folders(path), recursive=True)
         found = [path for match in matches for path in _named_by(match, suffixes)]
     else:
         raise InputError(f"{argument}: no such file or folder; check the path")
@@ -74,6 +74,12 @@ def _named_by(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
             f"{argument}: no frame found, expected files of kinds {', '.join(suffixes)}"
         )
     return found
+
+
+def _with_literal_folders(pattern: Path) -> str:
+    """The pattern with folders that exist as they are spelt taken so, brackets and all."""
+    existing = next(folder for folder in pattern.parents if folder.exists())
+    return str(Path(glob.escape(str(existing))) / pattern.relative_to(existing))
 
 
 def _readers() -> dict[str, type[MeshSequence]]:
