@@ -1,7 +1,7 @@
 """The run: blocks of frames through the solver, measured, into the result file."""
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -131,16 +131,17 @@ def rest_pose(sequence: MeshSequence, settings: ExtractSettings) -> LoadedMesh:
     if settings.rest is not None:
         rest = load_mesh(settings.rest)
         with located(settings.rest):
-            count, faces = len(rest.mesh.vertices), rest.mesh.faces
-            refuse_other_connectivity(count, faces, sequence.first, "the first frame")
-        return rest
+            count, faces = len(rest.fanned.vertices), rest.fanned.faces
+            refuse_other_connectivity(count, faces, sequence.fanned, "the first frame")
+        # Polygons are cut alike in all frames: as in the first.
+        return replace(rest, mesh=TriMesh(rest.mesh.vertices, sequence.first.faces))
     if not 0 <= settings.rest_frame < len(sequence):
         raise InputError(
             f"--rest-frame {settings.rest_frame}: the clip has {len(sequence)} frames, expected "
             f"0 to {len(sequence) - 1}"
         )
     frame = TriMesh(sequence.frame(settings.rest_frame), sequence.first.faces)
-    return LoadedMesh(frame, {"name": sequence.names[settings.rest_frame]})
+    return LoadedMesh(frame, frame, {"name": sequence.names[settings.rest_frame]})
 
 
 def block_size(memory: int, vertices: int) -> int:

@@ -294,6 +294,22 @@ def test_a_run_that_stops_leaves_the_old_result(plain, folder, animation, write_
     assert not list(folder.glob("*.partial"))
 
 
+def test_a_rest_pose_has_its_polygons_cut_as_the_first_frame_has(plain, folder, animation):
+    """One quad of the model is a dart in both, with its inner corner at another place."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0.3, 0.3, 0], [0, 1, 0], [0.2, 0.2, -1]])
+
+    def write(name, dart):
+        points = "".join("v {} {} {}\n".format(*vertex) for vertex in dart.tolist())
+        (folder / name).write_text(points + "f 2 3 4 1\nf 2 1 5\nf 3 2 5\nf 4 3 5\nf 1 4 5\n")
+        return folder / name
+
+    rest = corners.copy()
+    rest[[1, 2]] = [0.3, 0.3, 0], [1, 1, 0]
+    settings = replace(plain, frames=(str(write("a.obj", corners)),), rest=write("rest.obj", rest))
+    faces = extract(settings).rest.faces
+    np.testing.assert_array_equal(faces, extract(replace(settings, rest=None)).rest.faces)
+
+
 def test_polygons_that_were_cut_are_noted_of_cage_rest_and_frames(plain, folder, animation):
     """A model and a cage of one box in another, both of quads."""
     sides = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")

@@ -48,6 +48,11 @@ class MeshSequence(ABC):
     def source(self) -> dict[str, Any]:
         """Name and digest of what was read; complete once every frame was."""
 
+    @property
+    def fanned(self) -> TriMesh:
+        """Frame 0 with every polygon as a fan: what connectivity is compared by."""
+        return self.first
+
     def __len__(self) -> int:
         return len(self.names)
 
