@@ -2,6 +2,7 @@
 
 import io
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
@@ -28,7 +29,7 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
                 weights = np.array([float(word) for word in words])
             if weights.dtype.kind not in "fiub":
                 raise ValueError(f"it holds {weights.dtype} values")
-        except (ValueError, TypeError, EOFError, MemoryError) as error:
+        except (ValueError, TypeError, EOFError, MemoryError, SyntaxError, TokenError) as error:
             raise InputError(
                 f"is not a list of numbers ({error}); expected one a line, or a .npy array"
             ) from error

@@ -54,6 +54,13 @@ FAULTS = {
         ),
         "is not a list of numbers",
     ),
+    "header.npy": (
+        lambda path: (
+            _saved(path, np.ones(3)),
+            path.write_bytes(path.read_bytes().replace(b"{'descr'", b"({descr'")),
+        ),
+        "is not a list of numbers",
+    ),
     "short.npy": (
         lambda path: (_saved(path, np.ones(99)), path.write_bytes(path.read_bytes()[:200])),
         "is not a list of numbers",

@@ -4,6 +4,7 @@ import io
 import zipfile
 import zlib
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 from zipfile import BadZipFile
 
@@ -16,7 +17,8 @@ from cageik_cli.sequence.clip import MeshSequence, only
 from cageik_cli.sequence.mesh_file import read_bytes, source_of
 
 # What numpy and zipfile raise for archives that are cut, encrypted or not of arrays.
-_DAMAGES = (OSError, ValueError, EOFError, MemoryError, RuntimeError, zlib.error, BadZipFile)
+_DAMAGES = (OSError, ValueError, EOFError, MemoryError, RuntimeError, SyntaxError, TokenError,
+            zlib.error, BadZipFile)  # fmt: skip
 
 VERTEX_NAMES = ("vertices", "verts", "V", "v")
 FACE_NAMES = ("faces", "tris", "F", "f")
