@@ -158,7 +158,7 @@ def create(path: Path, header: Header, overwrite: bool) -> Iterator[ResultWriter
 def is_result(path: Path) -> bool:
     """Whether an HDF5 file calls itself one of our results."""
     with opened(path) as file:
-        return bool(file.attrs.get("format") == FORMAT)
+        return _calls_itself_ours(file)
 
 
 def read_result(path: Path) -> Result:
@@ -199,11 +199,16 @@ def read_result(path: Path) -> Result:
         )
 
 
+def _calls_itself_ours(file: h5py.File) -> bool:
+    name = file.attrs.get("format")
+    return isinstance(name, str) and name == FORMAT
+
+
 def _refuse_other_files(file: h5py.File) -> None:
-    if file.attrs.get("format") != FORMAT:
+    if not _calls_itself_ours(file):
         raise InputError("is not a result of cageik extract")
     schema = file.attrs.get("schema")
-    if schema != SCHEMA:
+    if not (isinstance(schema, np.integer) and schema == SCHEMA):
         raise InputError(
             f"is of schema {schema}, this program reads schema {SCHEMA}; extract it again"
         )
@@ -214,7 +219,7 @@ def _refuse_other_files(file: h5py.File) -> None:
 
 def _positive(file: h5py.File, name: str) -> float:
     value = file.attrs.get(name)
-    if not isinstance(value, np.floating | np.integer) or not 0 < value < np.inf:
+    if not isinstance(value, np.floating | np.integer) or not 0 < float(value) < np.inf:
         raise InputError(f"attribute `{name}` is {value!r}, expected a number above zero")
     return float(value)
 
@@ -260,20 +265,20 @@ def _quality(file: h5py.File) -> Quality:
 
 
 def _figures(file: h5py.File, frames: int, vertices: int) -> FrameFigures:
-    figures = FrameFigures(
-        **{
-            name: numbers(
-                file, f"metrics/{name}", "iu" if name in WHOLE_FIGURES else "f", (frames,)
-            )
-            for name in FIGURES
-        }
-    )
+    figures = FrameFigures(**{name: _column(file, name, frames) for name in FIGURES})
     fault = _fault_of(figures)
     if fault is not None:
         raise InputError(f"holds {fault}; extract it again")
     if not ((figures.worst_vertex >= 0) & (figures.worst_vertex < vertices)).all():
         raise InputError(f"`metrics/worst_vertex` names more than {vertices} vertices")
     return figures
+
+
+def _column(file: h5py.File, name: str, frames: int) -> Any:
+    if name in WHOLE_FIGURES:
+        return numbers(file, f"metrics/{name}", "iu", (frames,))
+    with np.errstate(over="ignore", invalid="ignore"):  # what does not fit is found later
+        return numbers(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
 
 
 def _fault_of(figures: FrameFigures) -> str | None:

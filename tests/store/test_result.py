@@ -103,6 +103,29 @@ def test_the_schema(path):
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("kind", ["f2", "f4", ">f8", "g"])
+def test_figures_of_another_precision_are_read(path, kind):
+    """Another program may have rewritten the file."""
+    with h5py.File(path, "r+") as file:
+        for name in ("rms", "spread", "volume"):
+            column = file[f"metrics/{name}"][:]
+            del file[f"metrics/{name}"]
+            file[f"metrics/{name}"] = column.astype(kind)
+    figures = store.read_result(path).figures
+    assert figures.rms.dtype == np.float64
+    np.testing.assert_allclose(figures.rms, FIGURES.rms, rtol=1e-3)
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).max == np.finfo(float).max, reason="no such numbers")
+@pytest.mark.parametrize("name", ["rms", "volume"])
+def test_figures_that_do_not_fit_are_refused(path, name):
+    with h5py.File(path, "r+") as file:
+        del file[f"metrics/{name}"]
+        file[f"metrics/{name}"] = np.full(FRAMES, np.finfo(np.longdouble).max)
+    with pytest.raises(InputError, match=f"holds `metrics/{name}` that is"):
+        store.read_result(path)
+
+
 def test_what_is_written_is_read(path):
     result = store.read_result(path)
     assert (result.path, result.version, result.fps) == (path, __version__, 30.0)
@@ -223,6 +246,14 @@ for k in range(FRAMES):
 DAMAGES = [
     (attribute("format", "other"), "is not a result of cageik extract"),
     (without_attribute("format"), "is not a result of cageik extract"),
+    *[
+        (attribute("format", bad), "is not a result of cageik extract")
+        for bad in (np.void(b"abc"), h5py.Empty("f8"), ["cageik.result"] * 2, 1)
+    ],
+    *[
+        (attribute("schema", bad), "is of schema")
+        for bad in (np.void(b"abc"), h5py.Empty("f8"), [1, 1], "1")
+    ],
     (attribute("schema", 2), "is of schema 2, this program reads schema 1; extract it again"),
     (without_attribute("schema"), "is of schema None"),
     (attribute("complete", False), "is not complete: the run that wrote it was interrupted"),
