@@ -109,7 +109,7 @@ def _ply_by_trimesh(data: bytes) -> tuple[Floats, list[Integers]]:
         # Its own triangles tell neither polygons nor their order.
         faces = loaded["metadata"]["_ply_raw"].get("face", {"length": 0})
         polygons = _corners(faces["data"]) if faces["length"] else []
-        return np.asarray(loaded["vertices"], float), polygons
+        return np.asarray(loaded["vertices"]), polygons
     except Exception as error:  # whatever a damaged file makes trimesh raise
         raise InputError(f"no PLY mesh can be read from it: {error}") from error
 

@@ -116,6 +116,16 @@ def ply_header(faces):
     )
 
 
+def test_a_signalling_nan_is_refused_without_a_warning(tmp_path):
+    path = tmp_path / "snan.ply"
+    points = PENTAGON.astype("<f4")
+    points.view("<u4")[2, 0] = 0x7FA00000
+    body = points.tobytes() + b"\5" + np.arange(5, dtype="<i4").tobytes()
+    path.write_bytes(ply_header(1).replace("ascii", "binary_little_endian").encode() + body)
+    with pytest.raises(InputError, match="vertex 2 is \\(nan, 1, 0\\)"):
+        load_mesh(path)
+
+
 def test_a_binary_ply_of_uneven_polygons_is_refused_not_misread(tmp_path):
     """A quad, a triangle and a pentagon are as long as three quads."""
     path = tmp_path / "uneven.ply"
