@@ -78,7 +78,8 @@ def _named_by(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
 
 def _with_literal_folders(pattern: Path) -> str:
     """The pattern with folders that exist as they are spelt taken so, brackets and all."""
-    existing = next(folder for folder in pattern.parents if folder.exists())
+    root = pattern.parents[-1]
+    existing = next((folder for folder in pattern.parents if folder.exists()), root)
     return str(Path(glob.escape(str(existing))) / pattern.relative_to(existing))
 
 
