@@ -98,6 +98,8 @@ class DualLaplacianSolver:
     quality : Quality
     counted : (c,) int64 or a slice of all
         The vertices that are data: all but those of weight 0.
+    missing : int
+        How many are not.
 
     Raises
     ------
@@ -112,18 +114,20 @@ class DualLaplacianSolver:
         self.binding = binding
         self._align = settings.align
         self._vertex_weights = np.ones(m) if vertex_weights is None else vertex_weights
-        missing = (self._vertex_weights == 0).any()
-        self.counted = np.flatnonzero(self._vertex_weights) if missing else slice(None)
+        self.missing = int(np.count_nonzero(self._vertex_weights == 0))
+        self.counted = np.flatnonzero(self._vertex_weights) if self.missing else slice(None)
         self._origin = self._vertex_weights @ binding.rest.vertices / m
         self._rest = binding.rest.vertices - self._origin
         self._rest_cage = binding.cage.vertices - self._origin
         self._weights = binding.weights
-        data_rows = (settings.beta / m) * (binding.weights * self._vertex_weights[:, None]).T
+        # Only their ratio matters; the larger is taken as 1, so that nothing overflows.
+        alpha, beta = np.array([settings.alpha, settings.beta]) / max(settings.alpha, settings.beta)
+        data_rows = (beta / m) * (binding.weights * self._vertex_weights[:, None]).T
         laplacian = uniform_laplacian(binding.cage)
-        smoothness = (settings.alpha / n) * laplacian.T @ laplacian
-        normal = smoothness + data_rows @ binding.weights
-        condition = _checked_condition(normal, binding, settings.beta)
+        smoothness = (alpha / n) * laplacian.T @ laplacian
+        condition = _checked_condition(smoothness, data_rows @ binding.weights, binding)
         self.quality = Quality(**asdict(binding.quality), condition_number=condition)
+        normal = smoothness + data_rows @ binding.weights
         factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
         # Back substitution of every vertex at once leaves one product to do for each frame.
         self._response = scipy.linalg.cho_solve(factor, data_rows, check_finite=False)
@@ -180,15 +184,20 @@ def normalised_weights(weights: Floats, count: int) -> Floats:
         )
     if not weights.any():
         raise InputError("all vertex weights are zero; expected at least one above")
-    return np.asarray(weights * (count / weights.sum()))
+    shares = weights / weights.max()  # sums of the largest and the smallest numbers fail
+    return np.asarray(shares * (count / shares.sum()))
 
 
-def _checked_condition(normal: Floats, binding: Binding, beta: float) -> float:
-    smallest, *_, largest = scipy.linalg.eigvalsh(normal, check_finite=False)
-    condition = float(largest / smallest) if smallest > 0 else float("inf")
+def _checked_condition(smoothness: Floats, data: Floats, binding: Binding) -> float:
+    """Condition number of the sum of both terms' matrices, unless it is too large."""
+    eigenvalues = scipy.linalg.eigvalsh(smoothness + data, check_finite=False)
+    smallest, largest = float(eigenvalues[0]), float(eigenvalues[-1])
+    condition = largest / smallest if smallest > 0 else float("inf")
     if condition > WORST_CONDITION:
         remedy = "raise --alpha, whose default is 1e-3, or remove cage vertices far from the model"
-        if beta == 0:
+        if np.trace(smoothness) > np.trace(data):
+            remedy = "lower --alpha, whose default is 1e-3: the Laplacian dwarfs the vertices"
+        if not data.any():
             remedy = "raise --beta above 0, for without vertices the cage may be anywhere"
         weakest = int(np.argmin(np.abs(binding.weights).max(axis=0)))
         raise NumericalError(

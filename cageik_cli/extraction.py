@@ -1,13 +1,13 @@
 """The run: blocks of frames through the solver, measured, into the result file."""
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cageik_cli.binding import Binding, BindSettings, bind
+from cageik_cli.binding import BindSettings, bind
 from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings, normalised_weights
 from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import TriMesh
@@ -115,7 +115,7 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
         frames=sequence.names,
         fps=settings.fps,
         settings=_recorded(settings),
-        notes=_notes(sequence, rest, cage, binding),
+        notes=_notes(sequence, rest, cage, solver),
         keep_weights=settings.keep_weights,
     )
     # One thread for the products: the others read ahead, which is most of the work.
@@ -131,16 +131,17 @@ def rest_pose(sequence: MeshSequence, settings: ExtractSettings) -> LoadedMesh:
     if settings.rest is not None:
         rest = load_mesh(settings.rest)
         with located(settings.rest):
-            count, faces = len(rest.mesh.vertices), rest.mesh.faces
-            refuse_other_connectivity(count, faces, sequence.first, "the first frame")
-        return rest
+            count, faces = len(rest.fanned.vertices), rest.fanned.faces
+            refuse_other_connectivity(count, faces, sequence.fanned, "the first frame")
+        # Polygons are cut alike in all frames: as in the first.
+        return replace(rest, mesh=TriMesh(rest.mesh.vertices, sequence.first.faces))
     if not 0 <= settings.rest_frame < len(sequence):
         raise InputError(
             f"--rest-frame {settings.rest_frame}: the clip has {len(sequence)} frames, expected "
             f"0 to {len(sequence) - 1}"
         )
     frame = TriMesh(sequence.frame(settings.rest_frame), sequence.first.faces)
-    return LoadedMesh(frame, {"name": sequence.names[settings.rest_frame]})
+    return LoadedMesh(frame, frame, {"name": sequence.names[settings.rest_frame]})
 
 
 def block_size(memory: int, vertices: int) -> int:
@@ -188,10 +189,10 @@ def _recorded(settings: ExtractSettings) -> dict[str, Any]:
 
 
 def _notes(
-    sequence: MeshSequence, rest: LoadedMesh, cage: LoadedMesh, binding: Binding
+    sequence: MeshSequence, rest: LoadedMesh, cage: LoadedMesh, solver: DualLaplacianSolver
 ) -> tuple[str, ...]:
     notes = [
-        *(f"{cage.source['name']}: {note}" for note in cage.notes + binding.notes),
+        *(f"{cage.source['name']}: {note}" for note in cage.notes + solver.binding.notes),
         *(f"{rest.source['name']}: {note}" for note in rest.notes),
         *sequence.notes,
     ]
@@ -200,5 +201,10 @@ def _notes(
         notes.append(
             f"the model is open ({holes} edges without a counterpart), so its volume is not "
             "defined and volume figures are left out"
+        )
+    elif solver.missing:
+        notes.append(
+            f"{solver.missing} vertices of weight 0 are missing data, so volumes of frames are not "
+            "known and volume figures are left out"
         )
     return tuple(notes)

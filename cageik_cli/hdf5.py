@@ -16,15 +16,26 @@ LARGEST_RATIO = 1100
 _KINDS = {"f": "floating-point numbers", "iu": "integers", "O": "text"}
 
 
+def open_file(path: Path) -> h5py.File:
+    """Open a file for reading, to be closed by the caller."""
+    if not path.is_file():
+        raise InputError("is a folder, expected a file" if path.is_dir() else "no such file")
+    return h5py.File(path, "r")
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[h5py.File]:
     """Open a file for reading; whatever fails inside is an InputError that names it."""
+    with sound(path), open_file(path) as file:
+        yield file
+
+
+@contextmanager
+def sound(path: Path) -> Iterator[None]:
+    """Make of whatever HDF5 raises inside an InputError that names the file."""
     with located(path):
-        if not path.is_file():
-            raise InputError("is a folder, expected a file" if path.is_dir() else "no such file")
         try:
-            with h5py.File(path, "r") as file:
-                yield file
+            yield
         except (OSError, RuntimeError, KeyError, ValueError, MemoryError) as error:
             raise InputError(
                 f"is not a sound HDF5 file ({error}); it may be cut short, write it again"

@@ -1,6 +1,7 @@
-"""How the command's pages of text look."""
+"""How the command's texts look."""
 
 from collections.abc import Iterable
+from pathlib import Path
 
 
 def page(headline: str, rows: Iterable[tuple[str, str]]) -> str:
@@ -12,3 +13,8 @@ def row(labelled: tuple[str, str]) -> str:
     """One labelled line."""
     label, text = labelled
     return f"  {label:<14} {text}"
+
+
+def printable(name: str | Path) -> str:
+    """A name as Unicode text; what in it is none (bytes that are not UTF-8) is replaced."""
+    return str(name).encode("utf-16", "surrogatepass").decode("utf-16", "replace")

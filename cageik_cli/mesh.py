@@ -15,6 +15,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Number = TypeVar("Number", bound=np.generic)
 
+LARGEST_COORDINATE = 1e50
+"""Positions beyond it are refused: areas and volumes, and their squares, would overflow."""
+
 
 @dataclass(frozen=True, eq=False)
 class TriMesh:
@@ -23,15 +26,16 @@ class TriMesh:
     Attributes
     ----------
     vertices : (n, 3) float64
-        Positions, in the units of the file they came from. Finite, read-only.
+        Positions, in the units of the file they came from. Finite, no coordinate beyond
+        `LARGEST_COORDINATE`. Read-only.
     faces : (f, 3) int64
         Indices into `vertices`, counted from 0. Read-only.
 
     Raises
     ------
     InputError
-        When an array has another shape, a position is not finite, or a face names a vertex that
-        does not exist.
+        When an array has another shape, a position is not finite or too large, or a face names a
+        vertex that does not exist.
     """
 
     vertices: Floats
@@ -122,8 +126,9 @@ class Edges:
 
 
 def checked_positions(positions: ArrayLike) -> Floats:
-    """`positions` as (n, 3) float64; an InputError names the first vertex that is not finite."""
-    array = np.asarray(positions, dtype=np.float64)
+    """`positions` as (n, 3) float64; an InputError names the first vertex that cannot be used."""
+    with np.errstate(over="ignore", invalid="ignore"):  # a conversion's overflow is found below
+        array = np.asarray(positions, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise InputError(f"vertices have shape {array.shape}, expected (count, 3)")
     finite = np.isfinite(array).all(axis=1)
@@ -133,6 +138,14 @@ def checked_positions(positions: ArrayLike) -> Floats:
         raise InputError(
             f"vertex {vertex} is ({x:g}, {y:g}, {z:g}) and {np.count_nonzero(~finite)} of "
             f"{len(array)} vertices are not finite; expected finite numbers, export the file again"
+        )
+    small = (np.abs(array) <= LARGEST_COORDINATE).all(axis=1)
+    if not small.all():
+        vertex = int(np.argmin(small))
+        x, y, z = array[vertex]
+        raise InputError(
+            f"vertex {vertex} is ({x:g}, {y:g}, {z:g}), expected coordinates of "
+            f"{LARGEST_COORDINATE:g} at most; export the file again, or scale it"
         )
     return array
 

@@ -20,7 +20,7 @@ class FrameFigures:
     worst_vertex : int64
         Where it is.
     volume, volume_reconstructed : float64
-        Signed volumes of v and v̂; nan for an open model.
+        Signed volumes of v and v̂; nan for an open model, or when vertices are missing data.
     spread : float64
         sqrt(mean_i |v_i − centroid|²), what `rms` is divided by in Karni and Gotsman's error.
     """
@@ -52,7 +52,7 @@ def measure(
     numbers = np.arange(frames.shape[1])[counted]
     data = frames[:, counted]
     centred = data - np.einsum("kjx->kx", data)[:, None] / len(numbers)
-    if rest.is_closed:
+    if rest.is_closed and len(numbers) == frames.shape[1]:
         volume, volume_rebuilt = (signed_volumes(v, rest.faces) for v in (frames, rebuilt))
     else:
         volume = volume_rebuilt = np.full(len(frames), np.nan)

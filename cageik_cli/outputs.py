@@ -2,6 +2,7 @@
 
 import io
 import os
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,9 +29,10 @@ def prepare(path: Path, overwrite: bool) -> None:
         )
     if not path.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
+    partial = _partial(path)
     try:
-        _partial(path).touch()
-        _partial(path).unlink()
+        partial.touch(exist_ok=False)
+        partial.unlink()
     except OSError as error:
         raise InputError(
             f"{path}: cannot be written ({error.strerror}); choose another folder"
@@ -55,14 +57,14 @@ def keep_apart(outputs: list[Path | None], inputs: list[Path | None]) -> None:
 
 
 class PatientFile(io.FileIO):
-    """A binary file that keeps the first failure to itself until it is asked for.
+    """A new binary file that keeps the first failure to itself until it is asked for.
 
     HDF5 does not survive a write that fails: it fails again while it cleans up, aloud, and may
     crash. Here every write seems to succeed; `check` raises what did not.
     """
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path, "w+")
+        super().__init__(path, "x+")
         self._failure: OSError | None = None
 
     def write(self, data: Any) -> int:
@@ -101,17 +103,30 @@ def whole_file(path: Path, overwrite: bool) -> Iterator[PatientFile]:
     """
     partial = _partial(path)
     try:
-        with PatientFile(partial) as file:
-            yield file
-            file.check()
-            os.fsync(file.fileno())
-        if path.exists() and not overwrite:
-            raise InputError(f"{path}: another run has written it meanwhile; choose another name")
-        partial.replace(path)
+        new = PatientFile(partial)
+        try:
+            with _brought_to_disk(new):
+                yield new
+            if path.exists() and not overwrite:
+                raise InputError(f"{path}: another run has written it meanwhile; choose another")
+            partial.replace(path)
+        finally:
+            partial.unlink(missing_ok=True)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
-    finally:
-        partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def _brought_to_disk(file: PatientFile) -> Iterator[None]:
+    """Close the file when the block ends; its own first failure is raised before the block's."""
+    with file:
+        try:
+            yield
+        except Exception:
+            file.check()
+            raise
+        file.check()
+        os.fsync(file.fileno())
 
 
 def write_text(path: Path, text: str, overwrite: bool) -> None:
@@ -128,5 +143,5 @@ def write_text(path: Path, text: str, overwrite: bool) -> None:
 
 
 def _partial(path: Path) -> Path:
-    """Where this process writes what will be `path`; no other process writes there."""
-    return path.with_name(f"{path.name}.{os.getpid()}.partial")
+    """A name beside `path` that no other run has, on whatever machine that shares the folder."""
+    return path.with_name(f"{path.name}.{secrets.token_hex(8)}.partial")

@@ -188,6 +188,9 @@ def test_a_vertex_of_weight_zero_is_missing_data(binding):
 
 def test_vertex_weights_have_mean_one():
     np.testing.assert_allclose(normalised_weights(np.array([1.0, 3.0]), 2), [0.5, 1.5])
+    for scale in (1e308, 1e-320):
+        weights = np.array([scale, 0, scale])
+        np.testing.assert_allclose(normalised_weights(weights, 3), [1.5, 0, 1.5])
 
 
 @pytest.mark.parametrize(
@@ -222,6 +225,21 @@ def test_without_vertices_translation_is_free():
     binding = bind(ball(1), concave_around_ball())
     with pytest.raises(NumericalError, match=r"singular.*raise --beta above 0"):
         DualLaplacianSolver(binding, SolveSettings(alpha=1, beta=0))
+
+
+@pytest.mark.parametrize("alpha", [1e14, 1e200, 1e308])
+def test_a_laplacian_that_dwarfs_the_vertices_is_refused_with_the_remedy(binding, alpha):
+    with pytest.raises(NumericalError, match=r"singular.*lower --alpha"):
+        DualLaplacianSolver(binding, SolveSettings(alpha=alpha))
+    assert DualLaplacianSolver(binding, SolveSettings()).quality.condition_number < 1e6
+
+
+@pytest.mark.parametrize("scale", [1e-310, 1e-200, 1e200, 1e307])
+def test_only_the_ratio_of_alpha_and_beta_matters(binding, scale):
+    frames = clip(binding, 2)
+    found = DualLaplacianSolver(binding, SolveSettings(0.1 * scale, scale)).solve(frames).cages
+    expected = DualLaplacianSolver(binding, SolveSettings(0.1, 1.0)).solve(frames).cages
+    np.testing.assert_allclose(found, expected, rtol=1e-8)
 
 
 def concave_around_ball():

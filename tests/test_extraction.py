@@ -10,6 +10,7 @@ import pytest
 from cageik_cli.dual_laplacian import SolveSettings
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.extraction import LARGEST_BLOCK, ExtractSettings, Observer, block_size, extract
+from cageik_cli.report import as_text, report_of
 from tests.shapes import rotation
 
 TRUTH = SolveSettings(alpha=0.0)
@@ -170,6 +171,11 @@ def test_vertices_of_weight_zero_are_missing_data(plain, folder, animation, writ
         found, known = (getattr(result.figures, name) for result in (again, clean))
         np.testing.assert_allclose(found, known, rtol=1e-9, atol=1e-12)
     assert "weights.npy" in again.sources["vertex_weights"]["name"]
+    assert np.isnan(again.figures.volume).all()
+    assert np.isnan(again.figures.volume_reconstructed).all()
+    (note,) = again.notes
+    assert note.startswith("2 vertices of weight 0 are missing data, so volumes")
+    assert "volume change  not defined\n" in as_text(report_of(again))
 
 
 @pytest.mark.parametrize(
@@ -288,6 +294,22 @@ def test_a_run_that_stops_leaves_the_old_result(plain, folder, animation, write_
     assert not list(folder.glob("*.partial"))
 
 
+def test_a_rest_pose_has_its_polygons_cut_as_the_first_frame_has(plain, folder, animation):
+    """One quad of the model is a dart in both, with its inner corner at another place."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0.3, 0.3, 0], [0, 1, 0], [0.2, 0.2, -1]])
+
+    def write(name, dart):
+        points = "".join("v {} {} {}\n".format(*vertex) for vertex in dart.tolist())
+        (folder / name).write_text(points + "f 2 3 4 1\nf 2 1 5\nf 3 2 5\nf 4 3 5\nf 1 4 5\n")
+        return folder / name
+
+    rest = corners.copy()
+    rest[[1, 2]] = [0.3, 0.3, 0], [1, 1, 0]
+    settings = replace(plain, frames=(str(write("a.obj", corners)),), rest=write("rest.obj", rest))
+    faces = extract(settings).rest.faces
+    np.testing.assert_array_equal(faces, extract(replace(settings, rest=None)).rest.faces)
+
+
 def test_polygons_that_were_cut_are_noted_of_cage_rest_and_frames(plain, folder, animation):
     """A model and a cage of one box in another, both of quads."""
     sides = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
@@ -310,3 +332,27 @@ def test_polygons_that_were_cut_are_noted_of_cage_rest_and_frames(plain, folder,
         "rest.obj: 6 polygons cut into triangles",
         "frame.obj: 6 polygons cut into triangles, as in all frames",
     )
+
+
+@pytest.mark.parametrize("value", [1e51, 1e104, 1e160])
+def test_coordinates_that_would_overflow_are_refused_before_the_old_result_goes(
+    plain, folder, animation, write_obj, value
+):
+    Path("cages.h5").write_text("old")
+    wild = animation.frames[3].copy()
+    wild[7, 1] = value
+    write_obj(folder / "frames/frame_4.obj", wild, animation.rest.faces)
+    with pytest.raises(InputError, match=r"frame_4\.obj: vertex 7 is"):
+        extract(plain)
+    assert Path("cages.h5").read_text() == "old"
+
+
+def test_the_largest_and_smallest_scenes_that_are_taken_are_reported(
+    plain, folder, animation, write_obj
+):
+    for k, scale in enumerate((3e49, 1e-50)):
+        cage = write_obj(folder / "scaled.obj", scale * animation.cage.vertices / 2.5,
+                         animation.cage.faces)  # fmt: skip
+        np.savez("clip.npz", verts=scale * animation.frames / 6, faces=animation.rest.faces)
+        result = extract(replace(plain, frames=("clip.npz",), cage=cage))
+        assert 0 < report_of(result).summary.rms_percent < 100, k

@@ -73,6 +73,7 @@ def test_laplacian_kills_constants_and_is_the_mean_of_neighbours():
         (np.zeros((4, 2)), [[0, 1, 2]], "vertices have shape"),
         (np.zeros((0, 3)), [[0, 1, 2]], "vertices have shape"),
         ([[0, 0, 0], [0, np.nan, 0], [0, 0, np.inf]], [[0, 1, 2]], "vertex 1 is .* and 2 of 3"),
+        ([[0, 0, 0], [0, -1e51, 0], [0, 0, 0]], [[0, 1, 2]], r"vertex 1 is .* of 1e\+50 at most"),
         (np.zeros((3, 3)), [[0, 1, 3]], "face 0 names vertices 0, 1, 3"),
         (np.zeros((3, 3)), [[0, 1, -1]], "face 0 names vertices"),
         (np.zeros((3, 3)), [[0, 1, 2, 0]], "faces have shape"),
@@ -83,6 +84,18 @@ def test_laplacian_kills_constants_and_is_the_mean_of_neighbours():
 def test_what_is_not_a_mesh_is_refused(vertices, faces, says):
     with pytest.raises(InputError, match=says):
         TriMesh(np.array(vertices, float), np.array(faces))
+
+
+def test_the_largest_coordinates_overflow_nowhere():
+    mesh = TriMesh(1e50 * box().vertices, box().faces)
+    assert mesh.volume == pytest.approx(8e150, rel=1e-12)
+    assert mesh.diagonal == pytest.approx(np.sqrt(12) * 1e50, rel=1e-12)
+
+
+def test_numbers_too_large_to_convert_are_refused_without_a_warning():
+    vertices = np.full((3, 3), np.finfo(np.longdouble).max, np.longdouble)
+    with pytest.raises(InputError, match="vertex 0 is"):
+        TriMesh(vertices, np.array([[0, 1, 2]]))
 
 
 def test_arrays_are_copied_once_and_read_only():

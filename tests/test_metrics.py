@@ -58,6 +58,16 @@ def test_only_counted_vertices_count():
     assert set(figures.worst_vertex) <= {0, 4, 9}
 
 
+def test_volumes_are_not_known_where_vertices_are_missing():
+    frames, rebuilt = clip()
+    for counted in (np.arange(1, len(REST.vertices)), np.array([0, 4, 9])):
+        figures = measure(REST, frames, rebuilt, counted)
+        assert np.isnan(figures.volume).all()
+        assert np.isnan(figures.volume_reconstructed).all()
+    everything = measure(REST, frames, rebuilt, np.arange(len(REST.vertices)))
+    np.testing.assert_array_equal(everything.volume, measure(REST, frames, rebuilt, ALL).volume)
+
+
 def test_figures_do_not_change_with_a_rigid_motion():
     frames, rebuilt = clip()
     turn = rotation(1)

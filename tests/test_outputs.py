@@ -2,6 +2,7 @@
 
 import errno
 import io
+import os
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,44 @@ def test_an_output_that_can_be_leaves_no_trace(tmp_path):
     (tmp_path / "old.h5").write_text("old")
     outputs.prepare(tmp_path / "old.h5", overwrite=True)
     assert (tmp_path / "old.h5").read_text() == "old"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions are POSIX's")
+@pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])
+def test_permissions_are_those_of_any_new_file(tmp_path, mask):
+    before = os.umask(mask)
+    try:
+        outputs.write_text(tmp_path / "ours", "", overwrite=False)
+        (tmp_path / "plain").touch()
+    finally:
+        os.umask(before)
+    assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_runs_of_one_process_number_do_not_meet(tmp_path):
+    """As in two containers that share a folder."""
+    path = tmp_path / "cages.h5"
+    with outputs.whole_file(path, overwrite=True) as one:
+        one.write(b"one")
+        outputs.prepare(path, overwrite=True)
+        with outputs.whole_file(path, overwrite=True) as other:
+            other.write(b"other")
+        assert path.read_bytes() == b"other"
+    assert path.read_bytes() == b"one"
+    assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
+
+
+def test_nobody_elses_file_is_written_into(tmp_path, monkeypatch):
+    monkeypatch.setattr(outputs.secrets, "token_hex", lambda count: "taken")
+    taken = tmp_path / "a.taken.partial"
+    taken.write_text("somebody else's")
+    for attempt in (outputs.prepare, lambda *how: outputs.write_text(how[0], "b", how[1])):
+        with pytest.raises(InputError, match=r"a: cannot be written \(File exists\)"):
+            attempt(tmp_path / "a", True)
+    with pytest.raises(InputError, match=r"a: cannot be written \(File exists\)"):  # noqa: SIM117
+        with outputs.whole_file(tmp_path / "a", True):
+            pytest.fail("opened")
+    assert taken.read_text() == "somebody else's"
 
 
 def test_text_is_written_whole_or_not_at_all(tmp_path):
@@ -99,6 +138,19 @@ def test_a_failed_truncation_is_kept_too(tmp_path):
         assert file.truncate(50) == 50
         with pytest.raises(OSError, match="No space"):
             file.check()
+
+
+@pytest.mark.usefixtures("full_disk")
+@pytest.mark.parametrize("error", [RuntimeError, ValueError, OSError])
+def test_a_full_disk_is_said_whatever_it_led_to(tmp_path, error):
+    def fail_on():
+        with outputs.whole_file(tmp_path / "a", overwrite=False) as file:
+            file.write(b"longer than the disk")
+            raise error("unable to flush a cache that nobody knows")
+
+    with pytest.raises(InputError, match=r"a: cannot be written \(No space left on device\)"):
+        fail_on()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.usefixtures("full_disk")

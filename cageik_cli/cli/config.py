@@ -18,7 +18,7 @@ def read_config(ctx: click.Context, param: click.Parameter, path: Path | None) -
     if path is None:
         return
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as error:
         raise click.BadParameter(f"{path}: cannot be read as TOML: {error}") from error
     _refuse_other_tables(ctx, path, tables)
@@ -53,8 +53,12 @@ def _refuse_other_tables(ctx: click.Context, path: Path, tables: dict[str, Any])
 
 def _is_value_of(option: click.Option, value: object) -> bool:
     """Whether a TOML value can be what would be typed for the option; click parses it then."""
+    if isinstance(value, str):
+        return "\0" not in value  # which nobody can type
     if isinstance(option.type, click.Path):
-        return isinstance(value, str)
+        return False
+    if isinstance(value, bool) or isinstance(option.type, click.types.BoolParamType):
+        return isinstance(value, bool) and isinstance(option.type, click.types.BoolParamType)
     if isinstance(option.type, click.types.IntParamType):
-        return isinstance(value, int | str) and not isinstance(value, bool)
-    return isinstance(value, int | float | str)
+        return isinstance(value, int)
+    return isinstance(value, int | float)

@@ -72,9 +72,10 @@ def extract_command(**options: Any) -> None:
     from cageik_cli.layout import row
     from cageik_cli.outputs import keep_apart, prepare, write_text
     from cageik_cli.report import as_text, report_of
+    from cageik_cli.sequence import files_read
 
-    inputs = [settings.cage, settings.rest, settings.vertex_weights, *map(Path, settings.frames)]
-    keep_apart([settings.output, timings], inputs)
+    inputs = [settings.cage, settings.rest, settings.vertex_weights]
+    keep_apart([settings.output, timings], inputs + files_read(list(settings.frames)))
     if timings is not None:
         prepare(timings, settings.overwrite)
     watch = Watch(draw=not quiet)

@@ -1,5 +1,7 @@
 """The one place where errors become sentences and exit codes."""
 
+import io
+import sys
 import traceback
 from typing import Any, NoReturn
 
@@ -14,6 +16,9 @@ class CageikGroup(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; 1 on failure, 2 on wrong usage."""
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="backslashreplace")  # names of files may be any bytes
         try:
             return super().invoke(ctx)
         except CageikError as error:

@@ -28,7 +28,7 @@ class Watch(Observer):
         self._start = time.perf_counter()
         self._bar: tqdm[NoReturn] | None = None
         self._shown = ""
-        self._draw = draw and sys.stderr.isatty()
+        self._draw = draw and sys.stderr is not None and sys.stderr.isatty()
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.dual_laplacian import Quality
+from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats
 from cageik_cli.store.result import Result
 
@@ -37,7 +38,7 @@ class Clip:
 class Frame:
     """Figures of one frame: lengths in file units and percent of the diagonal, changes in percent.
 
-    What depends on a volume is None for an open model.
+    What depends on a volume is None for an open model, or when vertices are missing data.
     """
 
     index: int
@@ -103,7 +104,7 @@ def report_of(result: Result) -> Report:
     return Report(
         schema=SCHEMA,
         tool={"name": "cageik", "version": result.version},
-        result=result.path.name,
+        result=printable(result.path.name),
         sources=result.sources,
         settings=result.settings,
         notes=result.notes,
@@ -178,9 +179,10 @@ def _summary(result: Result, frames: tuple[Frame, ...]) -> Summary:
 
 
 def _percent_change(new: Floats, old: Floats) -> Floats:
-    """100 (new − old)/old; nan where old is zero or nan."""
+    """100 (new − old)/old; nan where old is zero or nan, and infinite where it is next to zero."""
     usable = np.where(old == 0, np.nan, old)
-    return np.asarray(100 * (new - old) / usable)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(100 * (new - old) / usable)
 
 
 def _finite(value: float) -> float | None:

@@ -2,12 +2,13 @@
 
 from cageik_cli.sequence.clip import MeshSequence, refuse_other_connectivity
 from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh
-from cageik_cli.sequence.opening import open_sequence
+from cageik_cli.sequence.opening import files_read, open_sequence
 from cageik_cli.sequence.weights_file import load_vertex_weights
 
 __all__ = [
     "LoadedMesh",
     "MeshSequence",
+    "files_read",
     "load_mesh",
     "load_vertex_weights",
     "open_sequence",

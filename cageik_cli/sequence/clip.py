@@ -41,12 +41,17 @@ class MeshSequence(ABC):
         """Open the clip that `paths`, in order, all of one suffix, hold."""
 
     @abstractmethod
-    def positions(self, index: int) -> Floats:
+    def positions(self, index: int) -> np.ndarray:
         """Vertices of one frame as the file has them, in the connectivity of `first`."""
 
     @abstractmethod
     def source(self) -> dict[str, Any]:
         """Name and digest of what was read; complete once every frame was."""
+
+    @property
+    def fanned(self) -> TriMesh:
+        """Frame 0 with every polygon as a fan: what connectivity is compared by."""
+        return self.first
 
     def __len__(self) -> int:
         return len(self.names)

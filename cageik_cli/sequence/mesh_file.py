@@ -1,4 +1,4 @@
-"""One mesh out of one file: OBJ by our own reader, PLY and OFF by trimesh."""
+"""One mesh out of one file: OBJ and OFF by our own readers, PLY by trimesh."""
 
 import hashlib
 import io
@@ -6,12 +6,16 @@ import logging
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cageik_cli.errors import InputError, located
+from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, Integers, TriMesh
 from cageik_cli.sequence.obj import FileMesh, parse_obj
+from cageik_cli.sequence.off import parse_off
+from cageik_cli.sequence.polygons import fans, unfolded
 
 MESH_SUFFIXES = (".obj", ".ply", ".off")
 
@@ -29,6 +33,8 @@ class LoadedMesh:
     Attributes
     ----------
     mesh : TriMesh
+    fanned : TriMesh
+        The same with every polygon as a fan: what connectivity is compared by.
     source : dict
         `name` and `sha256` of the file; the name alone of a frame of the clip.
     notes : tuple of str
@@ -36,6 +42,7 @@ class LoadedMesh:
     """
 
     mesh: TriMesh
+    fanned: TriMesh
     source: dict[str, str]
     notes: tuple[str, ...] = ()
 
@@ -56,7 +63,8 @@ def load_mesh(path: Path) -> LoadedMesh:
             )
         data = read_bytes(path)
         mesh = file_mesh(data, path.suffix.lower())
-        return LoadedMesh(TriMesh(mesh.vertices, mesh.faces), source_of(path, data), mesh.notes)
+        fanned = mesh.fanned
+        return LoadedMesh(unfolded(fanned, mesh.sizes), fanned, source_of(path, data), mesh.notes)
 
 
 def read_bytes(path: Path) -> bytes:
@@ -71,7 +79,7 @@ def read_bytes(path: Path) -> bytes:
 
 def source_of(path: Path, data: bytes) -> dict[str, str]:
     """What is recorded of a file that was read: its name and digest."""
-    return {"name": path.name, "sha256": hashlib.sha256(data).hexdigest()}
+    return {"name": printable(path.name), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 def file_mesh(data: bytes, suffix: str) -> FileMesh:
@@ -80,27 +88,40 @@ def file_mesh(data: bytes, suffix: str) -> FileMesh:
         return parse_obj(data)
     if not data:
         raise InputError("the file is empty, expected a mesh; export it again")
-    vertices, faces = _by_trimesh(data, suffix[1:])
+    vertices, polygons = parse_off(data) if suffix == ".off" else _ply_by_trimesh(data)
     declared = _DECLARED[suffix].search(data)
-    count, polygons = map(int, declared.groups()) if declared else (len(vertices), len(faces))
-    if len(vertices) != count or len(faces) < polygons:
+    announced = tuple(map(int, declared.groups())) if declared else (len(vertices), len(polygons))
+    if announced != (len(vertices), len(polygons)):
         raise InputError(
-            f"announces {count} vertices and {polygons} faces, holds {len(vertices)} and "
-            f"{len(faces)}; it is cut short, export it again"
+            f"announces {announced[0]} vertices and {announced[1]} faces, holds {len(vertices)} "
+            f"and {len(polygons)}; it is cut short, export it again"
         )
-    return FileMesh(vertices, faces, len(faces) - polygons)
+    return FileMesh(vertices, *fans(polygons))
 
 
-def _by_trimesh(data: bytes, kind: str) -> tuple[Floats, Integers]:
-    import trimesh
+def _ply_by_trimesh(data: bytes) -> tuple[Floats, list[Integers]]:
+    from trimesh.exchange.ply import load_ply
 
-    # Its loaders log a traceback of their own before they raise.
-    trimesh.util.log.setLevel(logging.CRITICAL)
-    options = {"fix_texture": False} if kind == "ply" else {}
+    # Its loader may log a traceback of its own before it raises.
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)
     try:
-        mesh = trimesh.load_mesh(
-            io.BytesIO(data), file_type=kind, process=False, maintain_order=True, **options
-        )
-        return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
+        loaded = load_ply(io.BytesIO(data), fix_texture=False, skip_materials=True)
+        # Its own triangles tell neither polygons nor their order.
+        faces = loaded["metadata"]["_ply_raw"].get("face", {"length": 0})
+        polygons = _corners(faces["data"]) if faces["length"] else []
+        return np.asarray(loaded["vertices"]), polygons
     except Exception as error:  # whatever a damaged file makes trimesh raise
-        raise InputError(f"no {kind.upper()} mesh can be read from it: {error}") from error
+        raise InputError(f"no PLY mesh can be read from it: {error}") from error
+
+
+def _corners(faces: Any) -> list[Integers]:
+    """The corners of each face, out of what trimesh keeps of a PLY file."""
+    names = list(faces) if isinstance(faces, dict) else faces.dtype.names
+    name = next(name for name in ("vertex_indices", "vertex_index", *names) if name in names)
+    found = faces[name]
+    if isinstance(faces, dict):
+        return list(found)
+    sizes = found["f0"]
+    if (sizes != sizes[0]).any():
+        raise ValueError("its faces differ in their number of corners")
+    return list(found["f1"])

@@ -3,7 +3,6 @@
 import codecs
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,8 @@ import pyarrow.csv
 from numpy.typing import NDArray
 
 from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats, Integers
+from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.sequence.polygons import fans
 
 _PREAMBLE = (b"#", b"o", b"g", b"s", b"mtllib", b"usemtl")
 
@@ -27,18 +27,29 @@ class FileMesh:
         Each value is `float(text)` to the bit; may not be finite.
     faces : (f, 3) int64
         From 0; polygons are cut into fans at their first corner.
-    polygons : int
-        How many faces had more than three corners.
+    sizes : (p,) int64
+        How many corners each face of the file has.
     """
 
     vertices: Floats
     faces: Integers
-    polygons: int = 0
+    sizes: Integers
+
+    @property
+    def polygons(self) -> int:
+        """How many faces have more than three corners."""
+        return int(np.count_nonzero(self.sizes > 3))
+
+    @property
+    def fanned(self) -> TriMesh:
+        """The mesh, checked, with its polygons as fans: what connectivity is compared by."""
+        return TriMesh(self.vertices, self.faces)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What was changed, one sentence each."""
-        return (f"{self.polygons} polygons cut into triangles",) if self.polygons else ()
+        plural = "s" * (self.polygons > 1)
+        return (f"{self.polygons} polygon{plural} cut into triangles",) if self.polygons else ()
 
 
 class FrameParser:
@@ -95,14 +106,14 @@ def _plain_mesh(data: bytes) -> FileMesh | None:
     faces = _columns(tail, b"f ", np.int64)
     if vertices is None or faces is None or faces.min() < 1 or faces.max() > len(vertices):
         return None
-    return FileMesh(vertices, faces - 1)
+    return FileMesh(vertices, faces - 1, np.full(len(faces), 3))
 
 
 def _mesh_by_lines(data: bytes) -> FileMesh:
     vertices: list[tuple[float, ...]] = []
     polygons: list[list[int]] = []
     for number, line in _logical_lines(data):
-        words = line.split()
+        words = line.split(b"#", 1)[0].split()
         try:
             if words[:1] == [b"v"]:
                 vertices.append(_position(words[1:]))
@@ -120,9 +131,7 @@ def _mesh_by_lines(data: bytes) -> FileMesh:
             f"a face names vertex {last}, the file has {len(vertices)} (counted from 1); "
             "export it again"
         )
-    triangles = [triangle for polygon in polygons for triangle in _fan(polygon)]
-    cut = sum(len(polygon) > 3 for polygon in polygons)
-    return FileMesh(np.array(vertices), np.array(triangles, np.int64), cut)
+    return FileMesh(np.array(vertices), *fans(polygons))
 
 
 def _columns(block: bytes, start: bytes, kind: type[np.generic]) -> NDArray[Any] | None:
@@ -164,7 +173,7 @@ def _logical_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Lines and their numbers from 1; one that ends in a backslash goes on in the next."""
     lines = iter(enumerate(data.splitlines(), start=1))
     for number, line in lines:
-        while line.endswith(b"\\") and not line.lstrip().startswith(b"#"):
+        while line.endswith(b"\\") and b"#" not in line:
             line = line[:-1] + b" " + next(lines, (0, b""))[1]
         yield number, line
 
@@ -212,10 +221,6 @@ def _polygon(words: list[bytes], count: int) -> list[int]:
     if len(words) < 3:
         raise InputError(f"has {len(words)} corners, expected 3 or more")
     return [_corner(word, count) for word in words]
-
-
-def _fan(corners: list[int]) -> list[tuple[int, int, int]]:
-    return [(corners[0], b, c) for b, c in pairwise(corners[1:])]
 
 
 def _shown(line: bytes) -> str:

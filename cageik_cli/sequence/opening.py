@@ -24,7 +24,7 @@ def open_sequence(arguments: list[str], allow_gaps: bool = False) -> MeshSequenc
     InputError
         When nothing matches, kinds are mixed, or the first frame cannot be read.
     """
-    by_suffix = {suffix: reader for reader in _readers() for suffix in reader.suffixes}
+    by_suffix = _readers()
     paths = frame_paths(arguments, tuple(by_suffix))
     for path in paths:
         if path.suffix.lower() not in by_suffix:
@@ -41,6 +41,11 @@ def open_sequence(arguments: list[str], allow_gaps: bool = False) -> MeshSequenc
     if not allow_gaps:
         refuse_gaps(paths)
     return by_suffix[kinds[0]](paths)
+
+
+def files_read(arguments: list[str]) -> list[Path]:
+    """The files that `open_sequence` reads for the same arguments."""
+    return frame_paths(arguments, tuple(_readers()))
 
 
 def frame_paths(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:
@@ -60,7 +65,7 @@ def _named_by(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
     elif path.exists():
         return [path]
     elif glob.has_magic(argument):
-        matches = glob.glob(argument, recursive=True)
+        matches = glob.glob(_with_literal_folders(path), recursive=True)
         found = [path for match in matches for path in _named_by(match, suffixes)]
     else:
         raise InputError(f"{argument}: no such file or folder; check the path")
@@ -71,6 +76,15 @@ def _named_by(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
     return found
 
 
-def _readers() -> list[type[MeshSequence]]:
+def _with_literal_folders(pattern: Path) -> str:
+    """The pattern with folders that exist as they are spelt taken so, brackets and all."""
+    root = pattern.parents[-1]
+    existing = next((folder for folder in pattern.parents if folder.exists()), root)
+    return str(Path(glob.escape(str(existing))) / pattern.relative_to(existing))
+
+
+def _readers() -> dict[str, type[MeshSequence]]:
+    """The readers by the suffixes they take."""
     names = sorted(module.name for module in iter_modules(readers.__path__))
-    return [import_module(f"{readers.__name__}.{name}").Reader for name in names]
+    found = [import_module(f"{readers.__name__}.{name}").Reader for name in names]
+    return {suffix: reader for reader in found for suffix in reader.suffixes}

@@ -2,6 +2,7 @@
 
 import io
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
@@ -22,14 +23,15 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
         data = read_bytes(path)
         try:
             if path.suffix.lower() == ".npy":
-                weights = np.load(io.BytesIO(data), allow_pickle=False)
+                weights = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
             else:
                 words = data.decode().replace("_", "?").split()  # 1_0 is Python's, not a file's
                 weights = np.array([float(word) for word in words])
             if weights.dtype.kind not in "fiub":
                 raise ValueError(f"it holds {weights.dtype} values")
-        except (ValueError, TypeError, EOFError, MemoryError) as error:
+        except (ValueError, TypeError, EOFError, MemoryError, SyntaxError, TokenError) as error:
             raise InputError(
                 f"is not a list of numbers ({error}); expected one a line, or a .npy array"
             ) from error
-        return np.asarray(weights, dtype=np.float64), source_of(path, data)
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite weights are refused later
+            return np.asarray(weights, dtype=np.float64), source_of(path, data)

@@ -14,8 +14,9 @@ import numpy as np
 from cageik_cli import __version__
 from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import Quality
-from cageik_cli.errors import InputError
+from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.hdf5 import dataset, numbers, opened
+from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.outputs import PatientFile, whole_file
@@ -25,6 +26,8 @@ SCHEMA = 1
 FIGURES = tuple(field.name for field in fields(FrameFigures))
 WHOLE_FIGURES = ("worst_vertex",)
 CHUNK_BYTES = 1 << 18
+LARGEST_LENGTH = 1e60
+"""Far above any figure of positions that are taken; its square does not overflow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +114,19 @@ class ResultWriter:
         file.attrs["complete"] = False
 
     def append(self, cages: Floats, figures: FrameFigures) -> None:
-        """Write the next k frames: cages (k, n, 3) and their figures."""
+        """Write the next k frames: cages (k, n, 3) and their figures.
+
+        Raises
+        ------
+        NumericalError
+            When they are not finite, or too large to be read again.
+        """
+        fault = _fault_of(figures)
+        if fault is not None or not np.isfinite(cages).all():
+            raise NumericalError(
+                f"the solve gave {fault or 'cages that are not finite'} in frames {self._done} to "
+                f"{self._done + len(cages) - 1}; scale the scene to coordinates near 1"
+            )
         done = slice(self._done, self._done + len(cages))
         self._file["verts"][done] = cages
         for name in FIGURES:
@@ -143,7 +158,7 @@ def create(path: Path, header: Header, overwrite: bool) -> Iterator[ResultWriter
 def is_result(path: Path) -> bool:
     """Whether an HDF5 file calls itself one of our results."""
     with opened(path) as file:
-        return bool(file.attrs.get("format") == FORMAT)
+        return _calls_itself_ours(file)
 
 
 def read_result(path: Path) -> Result:
@@ -171,7 +186,7 @@ def read_result(path: Path) -> Result:
             raise InputError("`rest/verts` are all one point; extract it again")
         return Result(
             path=path,
-            version=str(file.attrs.get("version", "unknown")),
+            version=printable(str(file.attrs.get("version", "unknown"))),
             fps=_positive(file, "fps"),
             settings=_parsed(file, "settings", dict),
             sources=_sources(file),
@@ -184,21 +199,27 @@ def read_result(path: Path) -> Result:
         )
 
 
+def _calls_itself_ours(file: h5py.File) -> bool:
+    name = file.attrs.get("format")
+    return isinstance(name, str) and name == FORMAT
+
+
 def _refuse_other_files(file: h5py.File) -> None:
-    if file.attrs.get("format") != FORMAT:
+    if not _calls_itself_ours(file):
         raise InputError("is not a result of cageik extract")
     schema = file.attrs.get("schema")
-    if schema != SCHEMA:
+    if not (isinstance(schema, np.integer) and schema == SCHEMA):
         raise InputError(
             f"is of schema {schema}, this program reads schema {SCHEMA}; extract it again"
         )
-    if not file.attrs.get("complete", False):
+    complete = file.attrs.get("complete")
+    if not (isinstance(complete, np.bool_) and complete):
         raise InputError("is not complete: the run that wrote it was interrupted; extract it again")
 
 
 def _positive(file: h5py.File, name: str) -> float:
     value = file.attrs.get(name)
-    if not isinstance(value, (float, int, np.number)) or not 0 < value < np.inf:
+    if not isinstance(value, np.floating | np.integer) or not 0 < float(value) < np.inf:
         raise InputError(f"attribute `{name}` is {value!r}, expected a number above zero")
     return float(value)
 
@@ -206,11 +227,13 @@ def _positive(file: h5py.File, name: str) -> float:
 def _parsed(file: h5py.File, name: str, kind: type) -> Any:
     text = file.attrs.get(name)
     try:
-        value = (
-            json.loads(text, parse_float=_finite, parse_constant=_finite)
-            if isinstance(text, str)
-            else None
+        value = json.loads(
+            text if isinstance(text, str) else "",
+            parse_float=_finite,
+            parse_int=_finite_integer,
+            parse_constant=_finite,
         )
+        json.dumps(value, ensure_ascii=False).encode()  # what is no Unicode text fails here
     except ValueError:
         value = None
     if not isinstance(value, kind):
@@ -242,23 +265,32 @@ def _quality(file: h5py.File) -> Quality:
 
 
 def _figures(file: h5py.File, frames: int, vertices: int) -> FrameFigures:
-    figures = FrameFigures(
-        **{
-            name: numbers(
-                file, f"metrics/{name}", "iu" if name in WHOLE_FIGURES else "f", (frames,)
-            )
-            for name in FIGURES
-        }
-    )
-    for name in ("rms", "max_deviation", "spread"):
-        column = getattr(figures, name)
-        if not (np.isfinite(column) & (column >= 0)).all():
-            raise InputError(f"`metrics/{name}` holds what is no length; extract it again")
-    if np.isinf(figures.volume).any() or np.isinf(figures.volume_reconstructed).any():
-        raise InputError("`metrics/volume` is not finite; extract it again")
+    figures = FrameFigures(**{name: _column(file, name, frames) for name in FIGURES})
+    fault = _fault_of(figures)
+    if fault is not None:
+        raise InputError(f"holds {fault}; extract it again")
     if not ((figures.worst_vertex >= 0) & (figures.worst_vertex < vertices)).all():
         raise InputError(f"`metrics/worst_vertex` names more than {vertices} vertices")
     return figures
+
+
+def _column(file: h5py.File, name: str, frames: int) -> Any:
+    if name in WHOLE_FIGURES:
+        return numbers(file, f"metrics/{name}", "iu", (frames,))
+    with np.errstate(over="ignore", invalid="ignore"):  # what does not fit is found later
+        return numbers(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
+
+
+def _fault_of(figures: FrameFigures) -> str | None:
+    """What cannot be a figure, in words; volumes may be nan."""
+    for name in ("rms", "max_deviation", "spread"):
+        column = getattr(figures, name)
+        if not ((column >= 0) & (column <= LARGEST_LENGTH)).all():
+            return f"`metrics/{name}` that is no length"
+    for name in ("volume", "volume_reconstructed"):
+        if np.isinf(getattr(figures, name)).any():
+            return f"`metrics/{name}` that is not finite"
+    return None
 
 
 def _write_deflated(file: h5py.File, name: str, matrix: Floats) -> None:
@@ -284,6 +316,11 @@ def _finite(text: str) -> float:
     if not np.isfinite(value):
         raise ValueError(f"{text} is not a finite number")
     return value
+
+
+def _finite_integer(text: str) -> int:
+    _finite(text)
+    return int(text)
 
 
 def _json(value: Any) -> str:

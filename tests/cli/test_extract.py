@@ -44,6 +44,19 @@ def test_the_summary_goes_to_stderr_and_ends_with_what_to_do_next(run, folder):
     assert lines[-1] == "wrote other.h5; next: cageik report other.h5"
 
 
+@pytest.mark.parametrize("frames", ["frames", "frames/*.obj", "frames/../frames/"])
+@pytest.mark.parametrize("option", ["-o", "--timings"])
+def test_a_frame_is_never_replaced_however_it_was_named(run, folder, frames, option):
+    path = folder / "frames" / "frame_2.obj"
+    before = path.read_bytes()
+    outcome = run(
+        "extract", frames, "--cage", "cage.obj", option, "frames/frame_2.obj", "--overwrite"
+    )
+    assert outcome.code == 1
+    assert "frames/frame_2.obj: is read or written by this command already" in outcome.err
+    assert path.read_bytes() == before
+
+
 def test_options_reach_the_result(run, folder, animation, write_obj):
     Path("weights.txt").write_text("1 " * 17 + "0")
     write_obj(Path("rest.obj"), animation.frames[0], animation.rest.faces)
@@ -97,7 +110,7 @@ def test_an_old_result_stays_unless_it_may_be_replaced(run, folder):
     ],
 )
 def test_an_output_that_cannot_be_written_is_refused_at_once(run, folder, output, says):
-    outcome = run("extract", "nothing", "--cage", "nothing", "-o", output)
+    outcome = run("extract", "frames", "--cage", "nothing", "-o", output)
     assert (outcome.code, outcome.out) == (1, "")
     assert says in outcome.err
     assert sorted(item.name for item in folder.iterdir()) == ["cage.obj", "frames"]

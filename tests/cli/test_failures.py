@@ -2,7 +2,10 @@
 
 import errno
 import json
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -134,3 +137,93 @@ def test_a_full_disk_leaves_the_old_result(run_process, fixtures_folder, tmp_pat
     assert len(outcome.err.splitlines()) == 1
     assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
     assert (tmp_path / "cages.h5").read_text() == "old"
+
+
+@pytest.fixture
+def odd_names(folder):
+    """The little animation in files whose names are not UTF-8."""
+    for k in range(1, 6):
+        path = folder / "frames" / f"frame_{k}.obj"
+        try:
+            path.rename(os.fsdecode(os.fsencode(folder / "frames") + b"/p\xff_%d.obj" % k))
+        except OSError:
+            pytest.skip("this system's names are text")
+    (folder / "cage.obj").rename(os.fsdecode(b"c\xff.obj"))
+    return folder
+
+
+def test_names_that_are_no_text_are_read_stored_and_shown(run, run_process, odd_names):
+    cage, result = (os.fsdecode(name) for name in (b"c\xff.obj", b"r\xff.h5"))
+    done = run_process(
+        "-m", "cageik_cli", "extract", "frames", "--cage", cage, "-o", result, "-v", cwd=odd_names
+    )
+    assert (done.code, done.out) == (0, ""), done.err
+    for words in (["report", result, "--csv", "r.csv"], ["info", result], ["info", cage],
+                  ["info", "frames"]):  # fmt: skip
+        shown = run_process("-m", "cageik_cli", *words, cwd=odd_names)
+        assert (shown.code, shown.err) == (0, "")
+        assert any(mark in shown.out for mark in ("p\ufffd_", "\\udcff"))
+    record = json.loads(run("report", result, "--json", "-", "-q").out)
+    assert [frame["name"] for frame in record["frames"]] == [
+        f"p\ufffd_{k}.obj" for k in range(1, 6)
+    ]
+    assert record["sources"]["cage"]["name"] == "c\ufffd.obj"
+    assert record["result"] == "r\ufffd.h5"
+    assert Path("r.csv").read_text(encoding="utf-8").count("p\ufffd_") == 5
+
+
+def test_a_fault_in_a_file_whose_name_is_no_text_is_a_sentence(run_process, odd_names):
+    cage = os.fsdecode(b"c\xff.obj")
+    Path(cage).write_text("v 1 2\n")
+    for words in (["extract", "frames", "--cage", cage], ["info", cage],
+                  ["report", os.fsdecode(b"no\xff.h5")]):  # fmt: skip
+        outcome = run_process("-m", "cageik_cli", *words, cwd=odd_names)
+        assert (outcome.code, outcome.out) == (1, "")
+        assert outcome.err.startswith("Error: ")
+        assert "a fault of cageik" not in outcome.err
+        assert len(outcome.err.splitlines()) == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the shell's `2>&-`")
+@pytest.mark.parametrize("stream", [1, 2])
+def test_a_closed_stream_changes_no_exit_code(run_process, folder, stream):
+    closed = {"cwd": folder, "preexec_fn": lambda: os.close(stream)}
+    assert run_process("-m", "cageik_cli", *TYPED, **closed).code == 0
+    for words in (["report"], ["report", "--json", "-"], ["info", "cages.h5"]):
+        outcome = run_process("-m", "cageik_cli", *words, **closed)
+        assert outcome.code == 0
+        assert "Traceback" not in outcome.out + outcome.err
+    for words in (TYPED, ["report", "nowhere.h5"], ["info", "nowhere"]):
+        outcome = run_process("-m", "cageik_cli", *words, **closed)
+        assert outcome.code == 1
+        assert "Traceback" not in outcome.out + outcome.err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the shell's pipes")
+@pytest.mark.parametrize(
+    "words", [["report"], ["report", "--json", "-"], ["report", "--csv", "-"], ["info", "cages.h5"]]
+)
+def test_a_reader_that_goes_early_sees_no_traceback(run, folder, words):
+    assert run(*TYPED, "-q").code == 0
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, "-m", "cageik_cli", *words], stdout=writing, stderr=subprocess.PIPE
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (1, b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device")
+@pytest.mark.parametrize("words", [["report"], ["report", "--json", "-"], ["info", "cages.h5"]])
+def test_an_answer_that_cannot_be_written_is_a_failure(run, folder, words):
+    assert run(*TYPED, "-q").code == 0
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "cageik_cli", *words],
+            stdout=full, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    assert done.returncode == 1, done.stderr
+    assert done.stderr.startswith("Error: ")
+    assert "No space left on device" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

@@ -105,6 +105,12 @@ def test_a_file_may_hold_every_option(run, folder):
     assert run("report", "told.h5", "--config", "cageik.toml").out == ""
 
 
+def test_a_byte_order_mark_is_no_option(run, folder):
+    Path("cageik.toml").write_text("[extract]\nalpha = 0.25\n", encoding="utf-8-sig")
+    assert run(*TYPED, "--config", "cageik.toml").code == 0
+    assert settings_of()["alpha"] == 0.25
+
+
 def test_the_command_line_wins(run, folder):
     Path("cageik.toml").write_text("[extract]\nalpha = 0.25\nfps = 30\nalign = false\n")
     for words in (["--config", "cageik.toml", "--alpha", "0.5"],
@@ -141,6 +147,17 @@ def test_a_file_without_this_command_changes_nothing(run, folder):
         ("[extract]\njobs = {a = 1}\n", "jobs"),
         ("[extract]\nrest-frame = 0.5\n", "rest-frame"),
         ("[extract]\noutput = ['a']\n", "output"),
+        ("[extract]\noutput = 5\n", "output = 5 is not a value of --output"),
+        ("[extract]\noutput = true\n", "output = True is not a value"),
+        ('[extract]\noutput = "a\\u0000"\n', "is not a value of --output"),
+        ("[extract]\noverwrite = 2\n", "overwrite = 2 is not a value of --overwrite"),
+        ("[extract]\noverwrite = 1\n", "overwrite = 1 is not a value"),
+        ("[extract]\nalign = 0.5\n", "align = 0.5 is not a value"),
+        ("[extract]\nquiet = 7\n", "quiet = 7 is not a value"),
+        ("[extract]\nalpha = true\n", "alpha = True is not a value of --alpha"),
+        ("[extract]\nfps = false\n", "fps = False is not a value"),
+        ("[extract]\njobs = true\n", "jobs = True is not a value"),
+        ("[extract]\nmemory = true\n", "memory = True is not a value"),
         ("alpha = 1\n", "alpha"),
         ("[extrakt]\nalpha = 1\n", "extrakt"),
     ],

@@ -127,6 +127,7 @@ def _array_file(path):
         pytest.param(lambda data, path: data[: len(data) // 2], id="half"),
         pytest.param(lambda data, path: b"\x80\x04N.", id="pickle"),
         pytest.param(lambda data, path: _with(data, b"(2, 4, 3)", b"(9, 9, 9)"), id="claim"),
+        pytest.param(lambda data, path: _with(data, b"{'descr'", b"({descr'"), id="header"),
         pytest.param(lambda data, path: _array_file(path), id="npy"),
         pytest.param(lambda data, path: _foreign(path, vertices="a", faces="b"), id="text"),
         pytest.param(

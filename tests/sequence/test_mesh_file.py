@@ -73,6 +73,70 @@ def test_polygons_are_cut_and_said_so(tmp_path, write_obj, kind):
     assert loaded.notes == ("6 polygons cut into triangles",)
 
 
+PENTAGON = np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [0.5, 1, 0], [0, 2, 0]])
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "binary.ply", "off"])
+@pytest.mark.parametrize("behind", [[], [[0, 1, 2]], [[4, 3, 1, 0]]])
+def test_a_concave_polygon_is_cut_without_folding_and_counted_once(tmp_path, kind, behind):
+    """In files of one kind of polygon, and of several; in the order of the file."""
+    polygons = [[1, 2, 3, 4, 0], *behind]
+    path = tmp_path / f"polygons.{kind}"
+    points = "".join("{} {} {}\n".format(*vertex) for vertex in PENTAGON)
+    lines = "".join(f"{len(p)} {' '.join(map(str, p))}\n" for p in polygons)
+    if kind == "obj":
+        corners = "".join("f " + " ".join(str(k + 1) for k in p) + "\n" for p in polygons)
+        path.write_text("".join(f"v {line}\n" for line in points.splitlines()) + corners)
+    elif kind == "off":
+        path.write_text(f"OFF\n5 {len(polygons)} 0\n{points}{lines}")
+    elif kind == "ply":
+        path.write_text(ply_header(len(polygons)) + points + lines)
+    elif behind:
+        pytest.skip("not read by trimesh")
+    else:
+        body = PENTAGON.astype("<f4").tobytes() + b"\5" + np.array(polygons, "<i4").tobytes()
+        path.write_bytes(ply_header(1).replace("ascii", "binary_little_endian").encode() + body)
+    loaded = load_mesh(path)
+    count = 1 + (len(behind) > 0 and len(behind[0]) > 3)
+    assert loaded.notes == (f"{count} polygon{'s' * (count > 1)} cut into triangles",)
+    x, y = PENTAGON[:, :2].T
+    area = (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    a, b, c = (loaded.mesh.vertices[corner] for corner in loaded.mesh.faces[:3].T)
+    areas = np.cross(b - a, c - a)[:, 2] / 2
+    assert (areas > 0).all()
+    assert areas.sum() == pytest.approx(area, rel=1e-7)
+    assert len(loaded.mesh.faces) == 3 + sum(len(p) - 2 for p in behind)
+
+
+def ply_header(faces):
+    return (
+        "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n"
+        f"property float z\nelement face {faces}\nproperty list uchar int vertex_indices\n"
+        "end_header\n"
+    )
+
+
+def test_a_signalling_nan_is_refused_without_a_warning(tmp_path):
+    path = tmp_path / "snan.ply"
+    points = PENTAGON.astype("<f4")
+    points.view("<u4")[2, 0] = 0x7FA00000
+    body = points.tobytes() + b"\5" + np.arange(5, dtype="<i4").tobytes()
+    path.write_bytes(ply_header(1).replace("ascii", "binary_little_endian").encode() + body)
+    with pytest.raises(InputError, match="vertex 2 is \\(nan, 1, 0\\)"):
+        load_mesh(path)
+
+
+def test_a_binary_ply_of_uneven_polygons_is_refused_not_misread(tmp_path):
+    """A quad, a triangle and a pentagon are as long as three quads."""
+    path = tmp_path / "uneven.ply"
+    faces = [[0, 1, 2, 3], [0, 1, 2], [0, 1, 2, 3, 4]]
+    body = b"".join(bytes([len(f)]) + np.array(f, "<i4").tobytes() for f in faces)
+    header = ply_header(3).replace("ascii", "binary_little_endian").encode()
+    path.write_bytes(header + PENTAGON.astype("<f4").tobytes() + body)
+    with pytest.raises(InputError, match="no PLY mesh can be read from it: its faces differ"):
+        load_mesh(path)
+
+
 OFF = "OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n"
 
 
@@ -83,6 +147,8 @@ OFF = "OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n"
         OFF.replace("OFF\n", "OFF\n# a comment\n"),
         OFF.replace("\n", "\r\n"),
         OFF.replace("1 2\n", "1 2 255 0 0\n"),
+        OFF.replace("OFF", "COFF").replace(" 0\n", " 0 9 9 9 9\n").replace("2 0 9 9 9 9", "2 0"),
+        OFF.replace("3 0 1 2", "\n  3 0 1 2  # a comment\n"),
     ],
 )
 def test_dialects_of_off(tmp_path, text):
@@ -137,6 +203,13 @@ FAULTS = {
         "expected (count, 3)",
     ),
     "nan.off": (OFF.replace("1 1 0", "1 nan 0").encode(), "vertex 2 is (1, nan, 0)"),
+    "huge.off": (OFF.replace("3 0 2 3", f"3 0 2 {10**30}").encode(), "no OFF mesh can be read"),
+    "two.off": (OFF.replace("3 0 2 3", "2 0 2").encode(), "face 1 has 2 corners, expected 3"),
+    "lacking.off": (OFF.replace("3 0 2 3", "3 0 2").encode(), "the face `3 0 2` lacks corners"),
+    "uneven.off": (OFF.replace("1 1 0", "1 1").encode(), "no OFF mesh can be read"),
+    "counts.off": (b"OFF\n4\n", "no OFF mesh can be read"),
+    "bare.off": (b"OFF", "no OFF mesh can be read"),
+    "binary.off": (b"OFF BINARY\n\0\0\0\4", "no OFF mesh can be read"),
     "beyond.off": (OFF.replace("3 0 2 3", "3 0 2 9").encode(), "vertices"),
 }
 

@@ -21,6 +21,13 @@ DIALECTS = {
     "no newline at the end": PLAIN.rstrip(),
     "comments between": PLAIN.replace(b"\nv", b"\n# v 9 9 9\n\nv").replace(b"\nf", b"\n#\nf"),
     "comment behind": PLAIN + b"# done\n",
+    "comments behind lines": PLAIN.replace(b"1.5 0 0", b"1.5 0 0 # wide").replace(
+        b"f 1 3 2", b"f 1 3 2# 4 5"
+    ),
+    "comment behind vertices": PLAIN.replace(b"-2 0\n", b"-2 0# v 1\n"),
+    "comments with backslashes": PLAIN.replace(b"1.5 0 0", b"1.5 0 0 # C:\\").replace(
+        b"f 1 3 2", b"f 1 3 2 # D:\\"
+    ),
     "leading blanks": PLAIN.replace(b"\nv", b"\n  v").replace(b"\nf", b"\n\tf"),
     "wide gaps": PLAIN.replace(b" ", b" \t "),
     "trailing blanks": PLAIN.replace(b"\n", b" \n"),
@@ -189,6 +196,7 @@ FAULTS = {
     "two coordinates": (PLAIN.replace(b"0 -2 0", b"0 -2"), "line 5: `v 0 -2` has 2 coordinates"),
     "a word": (PLAIN.replace(b"-2", b"two"), "line 5: `v 0 two 0` holds something else"),
     "digit separator": (PLAIN.replace(b"-2", b"1_0"), "line 5"),
+    "commented out": (PLAIN.replace(b"0 -2 0", b"0 -2 # 0"), "line 5: `v 0 -2 # 0` has 2"),
     "two corners": (HEAD + b"f 1 2\n", "line 7: `f 1 2` has 2 corners"),
     "a corner that is a word": (HEAD + b"f 1 2 x/1\n", "line 7"),
     "vertex 0": (HEAD + b"f 0 1 2\n", "line 7: `f 0 1 2` names vertex 0"),

@@ -78,6 +78,14 @@ def test_a_file_whose_name_looks_like_a_glob_is_itself(frames):
     assert open_sequence(["frames/frame_[1].obj"]).names == ("frame_[1].obj",)
 
 
+@pytest.mark.parametrize("pattern", ["{}c [1]/*.obj", "{}c [1]/**/*.obj", "{}c [[]1]/*.obj"])
+@pytest.mark.parametrize("absolute", [False, True])
+def test_a_folder_whose_name_looks_like_a_glob_is_itself(frames, pattern, absolute):
+    frames.rename(frames.parent / "c [1]")
+    typed = pattern.format(f"{frames.parent}/" if absolute else "")
+    assert open_sequence([typed], allow_gaps=True).names == tuple(NUMBERS)
+
+
 def test_a_glob_may_name_folders_as_the_shell_would(frames):
     assert open_sequence(["fram*"], allow_gaps=True).names == tuple(NUMBERS)
 

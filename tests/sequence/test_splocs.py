@@ -8,6 +8,7 @@ import pytest
 
 from cageik_cli.errors import InputError
 from cageik_cli.sequence import open_sequence
+from cageik_cli.sequence.readers import splocs
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
 FRAMES = np.arange(3 * 4 * 3, dtype=float).reshape(3, 4, 3) ** 2
@@ -60,6 +61,55 @@ def test_single_precision_and_compression_are_read(path):
         del file["verts"]
         file.create_dataset("verts", data=FRAMES.astype("f4"), compression="gzip", shuffle=True)
     np.testing.assert_array_equal(frames_of(path), FRAMES)
+
+
+class Counting:
+    """A dataset that remembers what was read of it."""
+
+    def __init__(self, frames):
+        self._frames, self.reads = frames, []
+
+    def __getitem__(self, run):
+        self.reads.append(run)
+        return self._frames[run]
+
+
+@pytest.mark.parametrize(
+    ("chunks", "bound", "runs"),
+    [
+        ((1, 4, 3), 1 << 26, 10),
+        ((4, 4, 3), 1 << 26, 3),
+        ((4, 2, 1), 1 << 26, 3),
+        ((10, 4, 3), 1 << 26, 1),
+        ((10, 4, 3), 5 * 4 * 3 * 8, 2),
+        ((10, 4, 3), 1, 10),
+        (None, 1 << 26, 10),
+    ],
+)
+def test_chunks_are_read_once_and_the_file_stays_open(path, monkeypatch, chunks, bound, runs):
+    frames = np.random.default_rng(0).normal(size=(10, 4, 3))
+    with h5py.File(path, "r+") as file:
+        compression = "gzip" if chunks else None
+        _replace(file, "verts", data=frames, chunks=chunks, compression=compression)
+    monkeypatch.setattr(splocs, "LARGEST_RUN", bound)
+    sequence = open_sequence([str(path)])
+    monkeypatch.setattr(splocs, "open_file", lambda path: pytest.fail("opened again"))
+    counting = sequence._frames = Counting(sequence._frames)
+    sequence._kept.clear()
+    np.testing.assert_array_equal(np.concatenate(list(sequence.blocks(3, 1))), frames)
+    assert len(counting.reads) == runs
+    np.testing.assert_array_equal(np.concatenate(list(sequence.blocks(3, 4))), frames)
+
+
+def test_a_chunk_that_is_damaged_is_an_error_of_the_file(path):
+    with h5py.File(path, "r+") as file:
+        _replace(file, "verts", data=FRAMES, chunks=(1, 4, 3), compression="gzip")
+        place = file["verts"].id.get_chunk_info(2)
+    with path.open("r+b") as stream:
+        stream.seek(place.byte_offset)
+        stream.write(b"\xff" * place.size)
+    with pytest.raises(InputError, match=r"clip\.h5: is not a sound HDF5 file"):
+        frames_of(path)
 
 
 def _replace(file, name, **how):
@@ -141,6 +191,10 @@ DAMAGES = {
     "scale of text": (lambda f: f.attrs.update(scale="big"), "attribute `scale` is 'big'"),
     "scale of two": (lambda f: f.attrs.update(scale=[1.0, 2.0]), "attribute `scale` is array"),
     "mean a matrix": (lambda f: f.attrs.update(mean=np.eye(3)), "attribute `mean` is array"),
+    "scale that overflows": (
+        lambda f: (f.attrs.update(scale=1e308), f["verts"].__setitem__((0, 0, 0), 1e308)),
+        "vertex 0 is (inf,",
+    ),
     "mean not finite": (lambda f: f.attrs.update(mean=np.inf), "vertex 0 is (inf, inf, inf)"),
 }
 

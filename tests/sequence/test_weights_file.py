@@ -47,6 +47,20 @@ FAULTS = {
         lambda path: _saved(path, np.array([{}]), allow_pickle=True),
         "is not a list of numbers",
     ),
+    "archive.npy": (
+        lambda path: (
+            np.savez(path.with_suffix(".npz"), a=np.ones(3)),
+            path.with_suffix(".npz").rename(path),
+        ),
+        "is not a list of numbers",
+    ),
+    "header.npy": (
+        lambda path: (
+            _saved(path, np.ones(3)),
+            path.write_bytes(path.read_bytes().replace(b"{'descr'", b"({descr'")),
+        ),
+        "is not a list of numbers",
+    ),
     "short.npy": (
         lambda path: (_saved(path, np.ones(99)), path.write_bytes(path.read_bytes()[:200])),
         "is not a list of numbers",
@@ -61,6 +75,12 @@ def test_what_is_no_list_of_numbers_is_refused(tmp_path, name, make, says):
     with pytest.raises(InputError) as caught:
         load_vertex_weights(path)
     assert str(caught.value).startswith(f"{path}: {says}")
+
+
+def test_numbers_that_are_too_large_become_infinite_without_a_warning(tmp_path):
+    np.save(tmp_path / "weights.npy", np.full(3, np.finfo(np.longdouble).max))
+    weights, _ = load_vertex_weights(tmp_path / "weights.npy")
+    assert np.isinf(weights).all() or np.finfo(np.longdouble).max == np.finfo(float).max
 
 
 def test_complex_numbers_are_refused(tmp_path):

@@ -1,7 +1,7 @@
 """Result files: the schema, one run the same bytes as the next, and nothing half written."""
 
 import json
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from itertools import pairwise
 
 import h5py
@@ -11,7 +11,7 @@ import pytest
 from cageik_cli import __version__
 from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import Quality
-from cageik_cli.errors import InputError
+from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.sequence import open_sequence
 from cageik_cli.store import result as store
@@ -101,6 +101,29 @@ def test_the_schema(path):
     assert set(attributes) == {
         "format", "schema", "version", "fps", "settings", "sources", "notes", "quality", "complete"
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["f2", "f4", ">f8", "g"])
+def test_figures_of_another_precision_are_read(path, kind):
+    """Another program may have rewritten the file."""
+    with h5py.File(path, "r+") as file:
+        for name in ("rms", "spread", "volume"):
+            column = file[f"metrics/{name}"][:]
+            del file[f"metrics/{name}"]
+            file[f"metrics/{name}"] = column.astype(kind)
+    figures = store.read_result(path).figures
+    assert figures.rms.dtype == np.float64
+    np.testing.assert_allclose(figures.rms, FIGURES.rms, rtol=1e-3)
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).max == np.finfo(float).max, reason="no such numbers")
+@pytest.mark.parametrize("name", ["rms", "volume"])
+def test_figures_that_do_not_fit_are_refused(path, name):
+    with h5py.File(path, "r+") as file:
+        del file[f"metrics/{name}"]
+        file[f"metrics/{name}"] = np.full(FRAMES, np.finfo(np.longdouble).max)
+    with pytest.raises(InputError, match=f"holds `metrics/{name}` that is"):
+        store.read_result(path)
 
 
 def test_what_is_written_is_read(path):
@@ -223,13 +246,25 @@ for k in range(FRAMES):
 DAMAGES = [
     (attribute("format", "other"), "is not a result of cageik extract"),
     (without_attribute("format"), "is not a result of cageik extract"),
+    *[
+        (attribute("format", bad), "is not a result of cageik extract")
+        for bad in (np.void(b"abc"), h5py.Empty("f8"), ["cageik.result"] * 2, 1)
+    ],
+    *[
+        (attribute("schema", bad), "is of schema")
+        for bad in (np.void(b"abc"), h5py.Empty("f8"), [1, 1], "1")
+    ],
     (attribute("schema", 2), "is of schema 2, this program reads schema 1; extract it again"),
     (without_attribute("schema"), "is of schema None"),
     (attribute("complete", False), "is not complete: the run that wrote it was interrupted"),
     (without_attribute("complete"), "is not complete"),
     *[
+        (attribute("complete", bad), "is not complete")
+        for bad in ("False", "True", 1, h5py.Empty("?"), [True, True])
+    ],
+    *[
         (attribute("fps", bad), "attribute `fps` is")
-        for bad in (0.0, -1.0, np.nan, np.inf, "24", [24.0, 24.0])
+        for bad in (0.0, -1.0, np.nan, np.inf, "24", [24.0, 24.0], 1 + 1j, True)
     ],
     (without_attribute("fps"), "attribute `fps` is None, expected a number above zero"),
     *[
@@ -280,6 +315,11 @@ DAMAGES = [
         for name, bad in (
             ("rms", np.nan),
             ("rms", -1.0),
+            ("rms", 1e300),
+            ("max_deviation", 1e300),
+            ("spread", 1e300),
+            ("volume", np.inf),
+            ("volume_reconstructed", -np.inf),
             ("max_deviation", np.inf),
             ("spread", np.nan),
             ("worst_vertex", 18),
@@ -287,6 +327,13 @@ DAMAGES = [
         )
     ],
     (attribute("settings", '{"alpha": NaN}'), "settings"),
+    (attribute("settings", '{"alpha": 1' + "0" * 400 + "}"), "settings"),
+    (attribute("settings", '{"\\ud800": 1}'), "settings"),
+    (attribute("notes", '["\\ud800"]'), "notes"),
+    (attribute("notes", b'["\xff"]'), "notes"),
+    (attribute("sources", '{"cage": {"name": "\\udcff"}}'), "sources"),
+    (value("rest/verts", (2, 1), 1e308), "vertex 2 is ("),
+    (value("cage/verts", (2, 1), -1e308), "vertex 2 is ("),
     (attribute("quality", '{"min_weight": 1e999}'), "quality"),
     (attribute("quality", '{"min_weight": 0.1}'), "quality"),
     (attribute("quality", json.dumps(dict.fromkeys(asdict(QUALITY), "good"))), "quality"),
@@ -303,6 +350,43 @@ def test_a_damaged_result_is_refused_by_name(path, damage, says):
         store.read_result(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert says in str(caught.value)
+
+
+def test_a_version_that_is_no_text_is_shown_as_far_as_it_is(path):
+    with h5py.File(path, "r+") as file:
+        file.attrs["version"] = np.bytes_(b"1.\xff")
+    store.read_result(path).version.encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "bad"),
+    [
+        ("rms", np.inf),
+        ("rms", 1e200),
+        ("max_deviation", np.nan),
+        ("spread", np.inf),
+        ("volume", np.inf),
+        ("volume_reconstructed", np.inf),
+        ("cages", np.nan),
+    ],
+)
+def test_what_could_not_be_read_again_never_takes_the_name(tmp_path, name, bad):
+    path = tmp_path / "cages.h5"
+    path.write_text("old")
+    cages, figures = CAGES.copy(), part(slice(None))
+    if name == "cages":
+        cages[3, 1, 2] = bad
+    else:
+        column = getattr(figures, name).copy()
+        column[3] = bad
+        figures = replace(figures, **{name: column})
+    with (
+        pytest.raises(NumericalError, match=f"{name}.* in frames 0 to 4"),
+        store.create(path, header(), overwrite=True) as result,
+    ):
+        result.append(cages, figures)
+    assert path.read_text() == "old"
+    assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])

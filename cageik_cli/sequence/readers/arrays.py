@@ -4,18 +4,21 @@ import io
 import zipfile
 import zlib
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
 
 from cageik_cli.errors import InputError, located
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.layout import printable
+from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence.clip import MeshSequence, only
 from cageik_cli.sequence.mesh_file import read_bytes, source_of
 
 # What numpy and zipfile raise for archives that are cut, encrypted or not of arrays.
-_DAMAGES = (OSError, ValueError, EOFError, MemoryError, RuntimeError, zlib.error, BadZipFile)
+_DAMAGES = (OSError, ValueError, EOFError, MemoryError, RuntimeError, SyntaxError, TokenError,
+            zlib.error, BadZipFile)  # fmt: skip
 
 VERTEX_NAMES = ("vertices", "verts", "V", "v")
 FACE_NAMES = ("faces", "tris", "F", "f")
@@ -34,12 +37,12 @@ class Reader(MeshSequence):
             arrays = _members(data)
             faces = _faces(arrays)
             self._frames = _frames_first(_named(arrays, VERTEX_NAMES, "f"), int(faces.max()))
-            self.names = tuple(f"{path.name}[{k}]" for k in range(len(self._frames)))
+            self.names = tuple(f"{printable(path.name)}[{k}]" for k in range(len(self._frames)))
             self.first = TriMesh(self.positions(0), faces)
 
-    def positions(self, index: int) -> Floats:
+    def positions(self, index: int) -> np.ndarray:
         """Vertices of one frame."""
-        return np.asarray(self._frames[index], np.float64)
+        return np.asarray(self._frames[index])
 
     def source(self) -> dict[str, Any]:
         """Name and digest of the file."""

@@ -5,10 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.errors import located
+from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.sequence.clip import MeshSequence, refuse_other_connectivity
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES, file_mesh, read_bytes
 from cageik_cli.sequence.obj import FrameParser
+from cageik_cli.sequence.polygons import unfolded
 
 
 class Reader(MeshSequence):
@@ -19,12 +21,14 @@ class Reader(MeshSequence):
     def __init__(self, paths: list[Path]) -> None:
         self._paths = paths
         self._suffix = paths[0].suffix.lower()
-        self.names = tuple(path.name for path in paths)
+        self.names = tuple(printable(path.name) for path in paths)
         self._digests: dict[int, bytes] = {}
         with located(paths[0]):
             data = read_bytes(paths[0])
             mesh = file_mesh(data, self._suffix)
-            self.first = TriMesh(mesh.vertices, mesh.faces)
+            self._fanned = mesh.fanned
+            # Its shape decides how polygons are cut, for all frames.
+            self.first = unfolded(self._fanned, mesh.sizes)
         self.notes = tuple(f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
         self._plain = FrameParser(data) if self._suffix == ".obj" else None
 
@@ -37,8 +41,13 @@ class Reader(MeshSequence):
             if vertices is not None:
                 return vertices
             mesh = file_mesh(data, self._suffix)
-            refuse_other_connectivity(len(mesh.vertices), mesh.faces, self.first, "the rest pose")
+            refuse_other_connectivity(len(mesh.vertices), mesh.faces, self.fanned, "the rest pose")
             return mesh.vertices
+
+    @property
+    def fanned(self) -> TriMesh:
+        """Frame 0 with every polygon as a fan: what connectivity is compared by."""
+        return self._fanned
 
     def place(self, index: int) -> str:
         """The frame's path."""

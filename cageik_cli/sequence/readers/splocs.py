@@ -1,48 +1,77 @@
 """The HDF5 layout of SPLOCS: `verts` (F, m, 3) and `tris` (t, 3), maybe with `mean` and `scale`."""
 
 import hashlib
+from collections import deque
+from contextlib import ExitStack
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from cageik_cli.errors import InputError
-from cageik_cli.hdf5 import dataset, numbers, opened
+from cageik_cli.hdf5 import dataset, numbers, open_file, sound
+from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.sequence.clip import MeshSequence, only
 
+LARGEST_RUN = 1 << 26
+"""Bytes of frames that are read at once and kept; a few times more than usual chunks hold."""
+
 
 class Reader(MeshSequence):
-    """Frames of one HDF5 file, read one by one."""
+    """Frames of one HDF5 file, which stays open.
+
+    Frames that share chunks are read together, so that no chunk is decompressed for each of them;
+    the last two such runs are kept, for threads that read ahead ask for both sides of a border.
+    """
 
     suffixes = (".h5", ".hdf5")
 
     def __init__(self, paths: list[Path]) -> None:
         path = only(paths)
         self._path = path
-        with opened(path) as file:
+        with sound(path), ExitStack() as stack:
+            file = stack.enter_context(open_file(path))
             if "verts" not in file:
                 kind = "components of a model, not a clip" if "default" in file else "no clip"
                 raise InputError(f"holds {kind}; expected datasets `verts` and `tris`")
             frames = dataset(file, "verts", "f", (None, None, 3))
             faces = numbers(file, "tris", "iu", (None, 3))
+            self._frames, self._run = frames, _frames_a_run(frames)
+            self._kept: deque[tuple[int, np.ndarray]] = deque(maxlen=2)
+            self._lock = Lock()
             self._scale, self._mean = _attribute(file, "scale", 1.0), _attribute(file, "mean", 0.0)
-            self.names = tuple(f"{path.name}[{k}]" for k in range(len(frames)))
-            self.first = TriMesh(self._restored(frames[0]), faces)
+            self.names = tuple(f"{printable(path.name)}[{k}]" for k in range(len(frames)))
+            self.first = TriMesh(self.positions(0), faces)
+            stack.pop_all()  # open from here on
 
     def positions(self, index: int) -> Floats:
         """Vertices of one frame, with `scale` and `mean` undone."""
-        with opened(self._path) as file:
-            return self._restored(file["verts"][index])
+        with sound(self._path), self._lock:
+            stored = self._stored(index)
+        with np.errstate(over="ignore", invalid="ignore"):  # frames are checked where they enter
+            return np.asarray(stored, np.float64) * self._scale + self._mean
 
     def source(self) -> dict[str, Any]:
         """Name and digest of the file."""
         with self._path.open("rb") as stream:
             digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        return {"name": self._path.name, "sha256": digest}
+        return {"name": printable(self._path.name), "sha256": digest}
 
-    def _restored(self, stored: np.ndarray) -> Floats:
-        return np.asarray(stored, np.float64) * self._scale + self._mean
+    def _stored(self, index: int) -> np.ndarray:
+        start = index - index % self._run
+        kept = next((run for first, run in self._kept if first == start), None)
+        if kept is None:
+            kept = self._frames[start : start + self._run]
+            self._kept.append((start, kept))
+        return np.asarray(kept[index - start])
+
+
+def _frames_a_run(frames: Any) -> int:
+    """How many frames of the dataset lie in one layer of chunks, if they fit the bound."""
+    layer = frames.chunks[0] if frames.chunks else 1
+    return int(max(1, min(layer, LARGEST_RUN * len(frames) // frames.nbytes)))
 
 
 def _attribute(file: Any, name: str, default: float) -> Floats:

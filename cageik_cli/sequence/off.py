@@ -1,0 +1,41 @@
+"""Object File Format (OFF): positions and polygons, in the file's order."""
+
+import re
+from itertools import islice
+
+import numpy as np
+
+from cageik_cli.errors import InputError
+from cageik_cli.mesh import Floats, Integers
+
+_KEYWORD = re.compile(r"\A(?:ST)?C?N?OFF\b")  # with texture coordinates, colours or normals
+
+
+def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
+    """Read vertices (n, 3) and the corners of each face of an OFF text.
+
+    Raises
+    ------
+    InputError
+        When it is none.
+    """
+    try:
+        text = re.sub("#.*", "", data.decode()).strip()
+        if not _KEYWORD.match(text):
+            raise ValueError("it does not begin with OFF")
+        lines = filter(None, map(str.split, _KEYWORD.sub("", text).splitlines()))
+        counts = next(lines, [])
+        count, faces = map(int, counts[:2])
+        vertices = np.array([words[:3] for words in islice(lines, count)], np.float64)
+        polygons = [_polygon(words) for words in islice(lines, faces)]
+    except (ValueError, OverflowError) as error:
+        raise InputError(f"no OFF mesh can be read from it: {error}") from error
+    return vertices, polygons
+
+
+def _polygon(words: list[str]) -> Integers:
+    """The corners of a line that says first how many there are; a colour may follow them."""
+    size = int(words[0])
+    if len(words) <= size:
+        raise ValueError(f"the face `{' '.join(words)}` lacks corners")
+    return np.array(words[1 : size + 1], np.int64)
