@@ -15,7 +15,10 @@ from cageik_cli.mesh import Floats, TriMesh
 WORST_PRECISION = 1e-6
 """Weights that miss the rest pose by more, in diagonals, are not weights of this cage."""
 
-COORDINATES = ("harmonic",)
+ALGORITHMS = {"harmonic": 1}
+"""To be raised when weights, notes or refusals change, so that no cache gives the old ones."""
+
+COORDINATES = tuple(ALGORITHMS)
 ACCURACIES = tuple(TOLERANCES)
 
 

@@ -68,6 +68,14 @@ def write_obj() -> Callable[[Path, np.ndarray, np.ndarray], Path]:
     return write
 
 
+@pytest.fixture(autouse=True)
+def cache(tmp_path_factory, monkeypatch) -> Path:
+    """The folder of this test's cache: no test finds what another kept, or the user's own."""
+    folder = tmp_path_factory.mktemp("cache") / "cageik"
+    monkeypatch.setenv("CAGEIK_CACHE", str(folder))
+    return folder
+
+
 @pytest.fixture
 def coarse_panels(monkeypatch) -> None:
     """Cut cages into few panels: quick, and exact still on affine maps and on the cage."""
