@@ -103,7 +103,8 @@ def from_file(path: Path, rest: LoadedMesh, cage: LoadedMesh | None) -> StoredBi
     InputError
         When it was made for others, with what differs.
     """
-    source = source_of(path, read_bytes(path))
+    with located(path):
+        source = source_of(path, read_bytes(path))
     stored = read_binding(path)
     binding = stored.binding
     sources = {"binding": source, "cage": stored.sources["cage"], "rest": rest.source}
