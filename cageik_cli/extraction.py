@@ -151,7 +151,9 @@ def _bound(
     rest: LoadedMesh, cage: LoadedMesh | None, settings: ExtractSettings, watch: Observer
 ) -> StoredBinding:
     if settings.binding is not None:
-        return from_file(settings.binding, rest, cage)
+        bound = from_file(settings.binding, rest, cage)
+        watch.advance(len(rest.mesh.vertices), len(rest.mesh.vertices))
+        return bound
     if cage is None:
         raise InputError("neither a cage nor a binding is given, expected one of them")
     with located(settings.cage):

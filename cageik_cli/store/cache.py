@@ -34,7 +34,7 @@ STALE = 3600.0
 """Seconds after which a file that is still being written was left by a process that was killed."""
 
 _MAGIC = b"cageik weights 1\n"
-_DIGEST = 32
+_DIGEST = hashlib.sha256().digest_size
 _START = struct.Struct(f"<{len(_MAGIC)}s{_DIGEST}sQ")
 _ENTRY = re.compile(r"[0-9a-f]{64}\.weights")
 _PARTIAL = re.compile(r"[0-9a-f]{64}\.\w+\.partial")
@@ -287,7 +287,8 @@ def _header(file: BinaryIO) -> dict[str, Any]:
 
 
 def _digest(parts: list[memoryview]) -> bytes:
-    digest = hashlib.blake2b(digest_size=_DIGEST)
+    """SHA-256, for which processors have instructions: twice as fast as others."""
+    digest = hashlib.sha256()
     for part in parts:
         digest.update(part)
     return digest.digest()

@@ -4,7 +4,12 @@ import json
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
+
+from cageik_cli.binding import Binding
+from cageik_cli.store.binding_file import StoredBinding
+from tests.shapes import TETRAHEDRON
 
 TYPED = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj")
 
@@ -49,6 +54,13 @@ def test_info_shows_the_same(run, folder):
     assert rows == said
     assert rows["from cage"] == "cage.obj"
     assert rows["from rest"] == "frame_1.obj"
+
+
+def test_coordinates_in_closed_form_have_no_panels():
+    from cageik_cli.describing import binding_rows
+
+    bound = StoredBinding(Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4)), {})
+    assert ("accuracy", "exact, in closed form") in binding_rows(bound)
 
 
 def test_info_takes_a_binding_beside_a_result(run, folder):

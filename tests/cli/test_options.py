@@ -26,7 +26,7 @@ WRONG = {
         [*TYPED, "--rest", "cage.obj", "--rest-frame", "0"],
         "--rest and --rest-frame both name the rest pose; give one",
     ),
-    "no cage": (["extract", "frames"], "Missing option '--cage'"),
+    "no cage": (["extract", "frames"], "Missing option '--cage', or '--binding', which holds one"),
     "a cache and none": (
         [*TYPED, "--cache", "a", "--no-cache"],
         "--cache and --no-cache exclude each other",
