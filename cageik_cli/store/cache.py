@@ -15,7 +15,7 @@ import stat
 import struct
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -180,13 +180,13 @@ class WeightCache:
             if status.st_mtime < time.time() - STALE:
                 path.unlink(missing_ok=True)
 
-    def _files(self, name: re.Pattern[str]) -> Iterator[tuple[Path, os.stat_result]]:
+    def _files(self, name: re.Pattern[str]) -> list[tuple[Path, os.stat_result]]:
+        found = []
         for path in self.folder.iterdir():
             if name.fullmatch(path.name):
                 with suppress(FileNotFoundError):  # another process was faster
-                    status = path.stat(follow_symlinks=False)
-                    if stat.S_ISREG(status.st_mode):
-                        yield path, status
+                    found.append((path, path.stat(follow_symlinks=False)))
+        return [(path, status) for path, status in found if stat.S_ISREG(status.st_mode)]
 
 
 def key_of(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
