@@ -16,7 +16,13 @@ from cageik_cli.mesh import Floats, TriMesh
 WORST_PRECISION = 1e-6
 """Weights that miss the rest pose by more, in diagonals, are not weights of this cage."""
 
-COORDINATES = ("harmonic", "mean-value")
+ALGORITHMS = {"harmonic": 2, "mean-value": 1}
+"""To be raised when weights, notes or refusals change, so that no cache gives the old ones."""
+
+COORDINATES = tuple(ALGORITHMS)
+
+LOWEST_WEIGHT = -0.05
+"""Harmonic weights below it are poor: those of sound cages stay above −0.02."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +157,7 @@ def bind(
         panels=weights.panels,
         estimated_error=weights.error,
         projected=len(held.projected),
-        notes=held.notes,
+        notes=held.notes + _poor(weights, settings),
     )
     missed = _missed(held.points, binding)
     if not missed <= WORST_PRECISION:
@@ -171,6 +177,28 @@ def _weights(
         "mean-value": lambda: mean_value_weights(cage, points, jobs, progress),
     }
     return kinds[settings.coordinates]()
+
+
+def _poor(weights: Weights, settings: BindSettings) -> tuple[str, ...]:
+    """What is poor about harmonic weights, a sentence each."""
+    if settings.coordinates != "harmonic":
+        return ()
+    notes = []
+    tolerance = ACCURACIES[settings.accuracy].tolerance
+    if weights.error > tolerance:
+        notes.append(
+            f"the estimated error of the weights, {weights.error:.2g}, misses the tolerance "
+            f"{tolerance:g} of --accuracy {settings.accuracy}; a coarser cage, or one further "
+            "from the model, is easier"
+        )
+    lowest = float(weights.values.min(initial=0.0))
+    if lowest < LOWEST_WEIGHT:
+        notes.append(
+            f"the smallest weight is {lowest:.2g}, below {LOWEST_WEIGHT:g}, where exact harmonic "
+            "weights are not negative: the cage may be very thin for its faces; divide faces "
+            "there, or raise --accuracy"
+        )
+    return tuple(notes)
 
 
 def _missed(points: Floats, binding: Binding) -> float:

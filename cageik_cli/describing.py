@@ -1,20 +1,25 @@
-"""What a file holds, in a few lines: a result, a clip, or a mesh and whether it is a sound cage."""
+"""What a file holds, in a few lines: a result, a binding, a clip, or a mesh, maybe a sound cage."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
+from cageik_cli.binding import BindSettings, WeightQuality
+from cageik_cli.coordinates.harmonic import ACCURACIES
 from cageik_cli.enclosure import checked_cage
 from cageik_cli.errors import InputError, first_few
 from cageik_cli.layout import page
 from cageik_cli.mesh import TriMesh
+from cageik_cli.report.text import weights_row
 from cageik_cli.sequence import MeshSequence, load_mesh, open_sequence
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
+from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.result import Result, is_result, read_result
 
 
 def describe(arguments: list[str]) -> str:
-    """Describe results or one mesh, or the clip that several files, a folder or a glob name.
+    """Describe results, bindings, one mesh, or the clip that files, a folder or a glob name.
 
     Raises
     ------
@@ -23,9 +28,9 @@ def describe(arguments: list[str]) -> str:
     """
     paths = [Path(argument) for argument in arguments]
     if all(path.is_file() and path.suffix.lower() in (".h5", ".hdf5") for path in paths):
-        results = [path for path in paths if is_result(path)]
-        if len(results) == len(paths):
-            return "\n\n".join(page(str(path), _result_rows(read_result(path))) for path in paths)
+        pages = [_own_page(path) for path in paths]
+        if all(pages):
+            return "\n\n".join(pages)
     if len(paths) == 1 and paths[0].is_file() and paths[0].suffix.lower() in MESH_SUFFIXES:
         loaded = load_mesh(paths[0])
         rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
@@ -34,12 +39,52 @@ def describe(arguments: list[str]) -> str:
     return page(first_few(arguments, 3), _clip_rows(sequence))
 
 
+def binding_rows(stored: StoredBinding) -> list[tuple[str, str]]:
+    """What a binding ties to what, and how well."""
+    binding, quality = stored.binding, stored.binding.quality
+    settings = asdict(binding.settings)
+    return [
+        ("model", _counts(binding.rest)),
+        ("cage", _counts(binding.cage)),
+        ("settings", ", ".join(f"{key} {value}" for key, value in settings.items())),
+        weights_row(quality),
+        ("accuracy", _accuracy(binding.settings, quality)),
+        *([("projected", f"{quality.projected} vertices outside")] if quality.projected else []),
+        *((f"from {key}", str(source.get("name"))) for key, source in stored.sources.items()),
+        *(("note", note) for note in binding.notes),
+    ]
+
+
+def _accuracy(settings: BindSettings, quality: WeightQuality) -> str:
+    if not quality.panels:
+        return "exact, in closed form"
+    return (
+        f"{quality.panels} panels, estimated mean row L1 error {quality.estimated_error:.1e}, "
+        f"{settings.accuracy} is {ACCURACIES[settings.accuracy].tolerance:g}"
+    )
+
+
+def _own_page(path: Path) -> str:
+    """The page of a result or a binding, empty for other files."""
+    if is_result(path):
+        return page(str(path), _result_rows(read_result(path)))
+    if is_binding(path):
+        stored = read_binding(path)
+        holds = ("holds", f"a binding of cageik bind {stored.version}")
+        return page(str(path), [holds, *binding_rows(stored)])
+    return ""
+
+
+def _counts(mesh: TriMesh) -> str:
+    return f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles"
+
+
 def _result_rows(result: Result) -> list[tuple[str, str]]:
     return [
         ("holds", f"a result of cageik extract {result.version}"),
         ("frames", f"{len(result.frames)}, {result.frames[0]} to {result.frames[-1]}"),
-        ("model", f"{len(result.rest.vertices)} vertices, {len(result.rest.faces)} triangles"),
-        ("cage", f"{len(result.cage.vertices)} vertices, {len(result.cage.faces)} triangles"),
+        ("model", _counts(result.rest)),
+        ("cage", _counts(result.cage)),
         ("fps", f"{result.fps:g}"),
         ("settings", ", ".join(f"{key} {value}" for key, value in result.settings.items())),
         *((f"from {key}", str(source.get("name"))) for key, source in result.sources.items()),

@@ -1,17 +1,18 @@
 """The run: blocks of frames through the solver, measured, into the result file."""
 
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cageik_cli.binding import BindSettings, bind
+from cageik_cli.binding import Binding, BindSettings
+from cageik_cli.binding_run import WeightSettings, from_file, made
 from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings, normalised_weights
 from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import TriMesh
 from cageik_cli.metrics import measure
+from cageik_cli.observer import Observer
 from cageik_cli.outputs import prepare
 from cageik_cli.sequence import (
     LoadedMesh,
@@ -21,6 +22,7 @@ from cageik_cli.sequence import (
     open_sequence,
     refuse_other_connectivity,
 )
+from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import Header, Result, ResultWriter, create, read_result
 from cageik_cli.threads import blas_threads
 
@@ -31,17 +33,6 @@ ARRAYS_PER_FRAME = 12
 """Arrays (m, 3) that a frame has at once: read ahead, moved, target, rebuilt, measured."""
 
 
-class Observer:
-    """Told what a run does; this one keeps quiet."""
-
-    def stage(self, name: str) -> AbstractContextManager[object]:
-        """Entered while the stage `name` runs."""
-        return nullcontext()
-
-    def advance(self, done: int, total: int) -> None:
-        """Called as the work of the current stage, or the frames of the run, go on."""
-
-
 @dataclass(frozen=True, slots=True)
 class ExtractSettings:
     """What to extract, from what, to where.
@@ -50,8 +41,13 @@ class ExtractSettings:
     ----------
     frames : tuple of str
         Files, folders and globs, or one file that holds a clip.
-    cage : Path
+    cage : Path, optional
+        Needed unless there is a binding.
     output : Path
+    binding : Path, optional
+        A binding file of this rest pose, and of `cage` if that is given; `bind` then says nothing.
+    cache : Path, optional
+        The folder of the cache of weights; none is used if absent.
     rest : Path, optional
         The rest pose; a frame of the clip if absent.
     rest_frame : int
@@ -69,8 +65,10 @@ class ExtractSettings:
     """
 
     frames: tuple[str, ...]
-    cage: Path
+    cage: Path | None
     output: Path
+    binding: Path | None = None
+    cache: Path | None = None
     rest: Path | None = None
     rest_frame: int = 0
     vertex_weights: Path | None = None
@@ -98,15 +96,16 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
     prepare(settings.output, settings.overwrite)
     with watch.stage("open"):
         sequence = open_sequence(list(settings.frames), settings.allow_gaps)
-        rest, cage = rest_pose(sequence, settings), load_mesh(settings.cage)
-        sources = {"cage": cage.source, "rest": rest.source}
-        vertex_weights = None
+        rest = rest_pose(sequence, settings)
+        cage = load_mesh(settings.cage) if settings.cage is not None else None
+        sources, vertex_weights = {}, None
         if settings.vertex_weights is not None:
             loaded, sources["vertex_weights"] = load_vertex_weights(settings.vertex_weights)
             with located(settings.vertex_weights):
                 vertex_weights = normalised_weights(loaded, len(rest.mesh.vertices))
-    with watch.stage("bind"), located(settings.cage):
-        binding = bind(rest.mesh, cage.mesh, settings.bind, settings.jobs, watch.advance)
+    with watch.stage("bind"):
+        bound = _bound(rest, cage, settings, watch)
+    binding, sources = bound.binding, sources | bound.sources
     with watch.stage("factor"):
         solver = DualLaplacianSolver(binding, settings.solve, vertex_weights)
     header = Header(
@@ -114,8 +113,8 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
         quality=solver.quality,
         frames=sequence.names,
         fps=settings.fps,
-        settings=_recorded(settings),
-        notes=_notes(sequence, rest, cage, solver),
+        settings=_recorded(settings, binding),
+        notes=_notes(sequence, rest, bound, solver.missing),
         keep_weights=settings.keep_weights,
     )
     # One thread for the products: the others read ahead, which is most of the work.
@@ -149,6 +148,20 @@ def block_size(memory: int, vertices: int) -> int:
     return int(np.clip(memory // (ARRAYS_PER_FRAME * 24 * vertices), 1, LARGEST_BLOCK))
 
 
+def _bound(
+    rest: LoadedMesh, cage: LoadedMesh | None, settings: ExtractSettings, watch: Observer
+) -> StoredBinding:
+    if settings.binding is not None:
+        bound = from_file(settings.binding, rest, cage)
+        watch.advance(len(rest.mesh.vertices), len(rest.mesh.vertices))
+        return bound
+    if cage is None:
+        raise InputError("neither a cage nor a binding is given, expected one of them")
+    with located(settings.cage):
+        how = WeightSettings(settings.bind, settings.cache, settings.jobs)
+        return made(rest, cage, how, watch)
+
+
 def _solve_all(
     sequence: MeshSequence,
     solver: DualLaplacianSolver,
@@ -175,24 +188,25 @@ def _solve_all(
         watch.advance(done, len(sequence))
 
 
-def _recorded(settings: ExtractSettings) -> dict[str, Any]:
+def _recorded(settings: ExtractSettings, binding: Binding) -> dict[str, Any]:
     """The settings on which the numbers depend."""
     solve = settings.solve
     return {
         "alpha": solve.alpha,
         "beta": solve.beta,
         "align": solve.align,
-        **asdict(settings.bind),
+        **asdict(binding.settings),
         "rest_frame": settings.rest_frame if settings.rest is None else None,
         "vertex_weights": settings.vertex_weights is not None,
     }
 
 
 def _notes(
-    sequence: MeshSequence, rest: LoadedMesh, cage: LoadedMesh, solver: DualLaplacianSolver
+    sequence: MeshSequence, rest: LoadedMesh, bound: StoredBinding, missing: int
 ) -> tuple[str, ...]:
+    cage = bound.sources["cage"]["name"]
     notes = [
-        *(f"{cage.source['name']}: {note}" for note in cage.notes + solver.binding.notes),
+        *(f"{cage}: {note}" for note in bound.binding.notes),
         *(f"{rest.source['name']}: {note}" for note in rest.notes),
         *sequence.notes,
     ]
@@ -202,9 +216,9 @@ def _notes(
             f"the model is open ({holes} edges without a counterpart), so its volume is not "
             "defined and volume figures are left out"
         )
-    elif solver.missing:
+    elif missing:
         notes.append(
-            f"{solver.missing} vertices of weight 0 are missing data, so volumes of frames are not "
+            f"{missing} vertices of weight 0 are missing data, so volumes of frames are not "
             "known and volume figures are left out"
         )
     return tuple(notes)

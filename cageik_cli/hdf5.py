@@ -36,7 +36,7 @@ def sound(path: Path) -> Iterator[None]:
     with located(path):
         try:
             yield
-        except (OSError, RuntimeError, KeyError, ValueError, MemoryError) as error:
+        except (OSError, RuntimeError, KeyError, TypeError, ValueError, MemoryError) as error:
             raise InputError(
                 f"is not a sound HDF5 file ({error}); it may be cut short, write it again"
             ) from error

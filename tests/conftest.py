@@ -69,11 +69,19 @@ def write_obj() -> Callable[[Path, np.ndarray, np.ndarray], Path]:
     return write
 
 
+@pytest.fixture(autouse=True)
+def cache(tmp_path_factory, monkeypatch) -> Path:
+    """The folder of this test's cache: no test finds what another kept, or the user's own."""
+    folder = tmp_path_factory.mktemp("cache") / "cageik"
+    monkeypatch.setenv("CAGEIK_CACHE", str(folder))
+    return folder
+
+
 @pytest.fixture
 def coarse_panels(monkeypatch) -> None:
     """Linear densities on the cage's faces: quick, exact still on affine maps and on the cage."""
     monkeypatch.setattr("cageik_cli.coordinates.harmonic.FEWEST_PANELS", 1)
-    monkeypatch.setitem(harmonic.ACCURACIES, "standard", harmonic.Accuracy(10.0, 1, 0.0, 7200))
+    monkeypatch.setitem(harmonic.ACCURACIES, "standard", harmonic.Accuracy(10.0, 1, 0.0, 0))
 
 
 @pytest.fixture

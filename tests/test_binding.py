@@ -1,8 +1,12 @@
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cageik_cli import binding as module
 from cageik_cli.binding import Binding, BindSettings, bind
+from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.coordinates.weights import Weights
 from cageik_cli.errors import InputError, NumericalError
@@ -65,3 +69,16 @@ def test_weights_that_miss_the_rest_pose_are_refused(monkeypatch):
 
 def test_a_model_that_is_the_cage_gets_unit_weights():
     np.testing.assert_allclose(bind(concave(), concave()).weights, np.eye(12), atol=1e-14)
+
+
+def test_a_missed_tolerance_and_a_low_weight_are_noted_with_their_values(monkeypatch):
+    def poor(cage, points, accuracy, jobs, progress):
+        exact = harmonic_weights(cage, points, accuracy, jobs, progress)
+        kernel = np.linalg.svd(np.column_stack([np.ones(8), cage.vertices]).T)[2][-1]
+        return replace(exact, values=exact.values - np.outer(exact.values[:, 0], kernel), error=0.2)
+
+    assert bind(ball(1), box()).notes == ()
+    monkeypatch.setattr(module, "harmonic_weights", poor)
+    missed, lowest = bind(ball(1), box(), BindSettings(accuracy="preview")).notes
+    assert missed.startswith("the estimated error of the weights, 0.2, misses the tolerance 0.03")
+    assert re.match(r"the smallest weight is -0\.\d+, below -0.05", lowest)

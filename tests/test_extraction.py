@@ -136,6 +136,11 @@ def test_the_rest_pose_is_the_first_frame_another_or_a_mesh(plain, folder, anima
     assert result.settings["rest_frame"] == 3
 
 
+def test_a_cage_or_a_binding_must_be_given(plain):
+    with pytest.raises(InputError, match="neither a cage nor a binding is given"):
+        extract(replace(plain, cage=None))
+
+
 @pytest.mark.parametrize("index", [-1, 5])
 def test_a_rest_frame_that_is_not_there_is_refused(plain, index):
     with pytest.raises(InputError, match=f"--rest-frame {index}: the clip has 5 frames.* 0 to 4"):

@@ -12,20 +12,21 @@ import cageik_cli
 PACKAGE = Path(cageik_cli.__file__).parent
 
 ORDER = (
-    "errors", "layout", "threads", "mesh",
+    "errors", "layout", "threads", "observer", "mesh",
     "coordinates.weights", "coordinates.polynomials", "coordinates.panel_geometry",
     "coordinates.panels", "coordinates.boundary_mesh", "coordinates.surface",
     "coordinates.harmonic", "coordinates.mean_value",
     "enclosure", "binding", "alignment", "dual_laplacian", "metrics",
-    "outputs", "hdf5", "sequence", "store.result", "extraction", "report", "describing",
-    "cli", "__main__",
+    "outputs", "hdf5", "sequence", "store.parts", "store.result", "store.binding_file",
+    "store.cache", "binding_run", "extraction", "report", "describing", "cli", "__main__",
 )  # fmt: skip
 """Each imports only from those before it; a folder named here keeps its own order."""
 
 OWNERS = {
     "click": {"cli"},
     "tqdm": {"cli"},
-    "h5py": {"hdf5", "store.result"},
+    "h5py": {"hdf5", "store.parts", "store.result", "store.binding_file"},
+    "platformdirs": {"cli.options"},
     "igl": {"coordinates.surface", "enclosure"},
     "pyarrow": {"sequence.obj"},
     "trimesh": {"sequence.mesh_file"},

@@ -6,18 +6,32 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.options import PATH, Size, common, jobs, verbosity
+from cageik_cli.cli.options import (
+    PATH,
+    Size,
+    binding_options,
+    cache_folder,
+    common,
+    is_typed,
+    jobs,
+    timings_option,
+    verbosity,
+)
 from cageik_cli.errors import CageikError
 
 
 @click.command("extract")
 @click.argument("frames", nargs=-1, required=True)
-@click.option("--cage", type=PATH, required=True, help="The cage around the rest pose.")
+@click.option("--cage", type=PATH, help="The cage around the rest pose.")
+@click.option(
+    "--binding", type=PATH, help="Take the weights, and the cage, from this file of cageik bind."
+)
 @click.option(
     "-o", "--output", type=PATH, default="cages.h5", show_default=True, help="The result file."
 )
 @click.option("--rest", type=PATH, help="The rest pose.  [default: the first frame]")
 @click.option("--rest-frame", type=int, help="The frame that is the rest pose, from 0.")
+@binding_options
 @click.option(
     "--alpha",
     type=float,
@@ -54,7 +68,7 @@ from cageik_cli.errors import CageikError
     show_default=True,
     help="Most for blocks of frames.",
 )
-@click.option("--timings", type=PATH, help="Write the seconds of each stage to this JSON file.")
+@timings_option
 @jobs
 @common
 def extract_command(**options: Any) -> None:
@@ -67,39 +81,35 @@ def extract_command(**options: Any) -> None:
     quiet: bool = options.pop("quiet")
     settings = _settings(options)
 
-    from cageik_cli.cli.watching import Watch
+    from cageik_cli.cli.watching import watched
     from cageik_cli.extraction import extract
     from cageik_cli.layout import row
-    from cageik_cli.outputs import keep_apart, prepare, write_text
+    from cageik_cli.outputs import keep_apart
     from cageik_cli.report import as_text, report_of
     from cageik_cli.sequence import files_read
 
-    inputs = [settings.cage, settings.rest, settings.vertex_weights]
+    inputs = [settings.cage, settings.binding, settings.rest, settings.vertex_weights]
     keep_apart([settings.output, timings], inputs + files_read(list(settings.frames)))
-    if timings is not None:
-        prepare(timings, settings.overwrite)
-    watch = Watch(draw=not quiet)
-    try:
+    with watched(not quiet, timings, settings.overwrite) as watch:
         result = extract(settings, watch)
-    finally:
-        seconds = watch.close()
-    if timings is not None:
-        write_text(timings, json.dumps(seconds, indent=1) + "\n", settings.overwrite)
     if not quiet:
-        click.echo(as_text(report_of(result)), err=True)
-        stages = ", ".join(f"{name} {value:.2f}" for name, value in seconds.items())
-        click.echo(row(("seconds", stages)), err=True)
+        lines = [as_text(report_of(result)), *map(row, watch.rows())]
+        click.echo("\n".join(lines), err=True)
         click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
     if verbosity():
+        click.echo(f"cache: {settings.cache}", err=True)
         click.echo(f"settings: {json.dumps(result.settings)}", err=True)
         click.echo(f"sources: {json.dumps(result.sources)}", err=True)
 
 
 def _settings(options: dict[str, Any]) -> Any:
     """The settings that the options mean; values that contradict are wrong usage."""
+    from cageik_cli.binding import BindSettings
     from cageik_cli.dual_laplacian import SolveSettings
     from cageik_cli.extraction import ExtractSettings
 
+    if options["cage"] is None and options["binding"] is None:
+        raise click.UsageError("Missing option '--cage', or '--binding', which holds one.")
     if options["rest"] is not None and options["rest_frame"] is not None:
         raise click.UsageError("--rest and --rest-frame both name the rest pose; give one")
     if not 0 < options["fps"] < float("inf"):
@@ -108,6 +118,26 @@ def _settings(options: dict[str, Any]) -> Any:
         solve = SolveSettings(options.pop("alpha"), options.pop("beta"), options.pop("align"))
     except CageikError as error:
         raise click.UsageError(str(error)) from error
+    bind = BindSettings(*(options.pop(name) for name in ("coordinates", "accuracy", "outside")))
+    if options["binding"] is not None:
+        _refuse_other_settings(options["binding"], bind)
+    options["cache"] = cache_folder(options["cache"], options.pop("no_cache"))
     options["rest_frame"] = options["rest_frame"] or 0
     options["keep_weights"] = not options.pop("no_weights")
-    return ExtractSettings(solve=solve, **options)
+    return ExtractSettings(solve=solve, bind=bind, **options)
+
+
+def _refuse_other_settings(binding: Path, asked: Any) -> None:
+    """Refuse options that were typed and are not those the binding was made with."""
+    from cageik_cli.store.binding_file import read_bind_settings
+
+    names = [name for name in ("coordinates", "accuracy", "outside") if is_typed(name)]
+    if not names:
+        return
+    held = read_bind_settings(binding)
+    for name in names:
+        if getattr(asked, name) != getattr(held, name):
+            raise click.UsageError(
+                f"--{name} {getattr(asked, name)}: {binding} was made with "
+                f"{getattr(held, name)}; leave the option out, or bind again"
+            )

@@ -1,11 +1,13 @@
 """Options that several commands share, and the types of their values."""
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from cageik_cli.cli.config import read_config
 from cageik_cli.threads import processors
@@ -13,6 +15,12 @@ from cageik_cli.threads import processors
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 PATH = click.Path(path_type=Path)
+
+# The numerics' own words, which would take a second to import; a test compares them.
+COORDINATES = ("harmonic", "mean-value")
+ACCURACIES = {"preview": 0.03, "standard": 0.005, "fine": 0.001}
+OUTSIDE = ("refuse", "project")
+
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
@@ -63,6 +71,77 @@ def jobs(command: Command) -> Command:
         show_default="processors",
         help="Threads.",
     )(command)
+
+
+def timings_option(command: Command) -> Command:
+    """--timings."""
+    return click.option(
+        "--timings", type=PATH, help="Write the seconds of each stage to this JSON file."
+    )(command)
+
+
+def binding_options(command: Command) -> Command:
+    """--coordinates, --accuracy, --outside, --cache and --no-cache: how weights come about."""
+    tolerances = ", ".join(f"{error} {name}" for name, error in ACCURACIES.items())
+    for option in (
+        click.option("--no-cache", is_flag=True, help="Compute the weights, and do not keep them."),
+        click.option(
+            "--cache",
+            type=PATH,
+            help="The folder that keeps weights.  [default: CAGEIK_CACHE, or the user's caches]",
+        ),
+        click.option(
+            "--outside",
+            type=click.Choice(OUTSIDE),
+            default=OUTSIDE[0],
+            show_default=True,
+            help="What to do with vertices outside the cage; projected ones take the weights of "
+            "the nearest point of the cage.",
+        ),
+        click.option(
+            "--accuracy",
+            type=click.Choice(list(ACCURACIES)),
+            default="standard",
+            show_default=True,
+            help=f"Mean over vertices of the error of a row of weights, summed: {tolerances}.",
+        ),
+        click.option(
+            "--coordinates",
+            type=click.Choice(COORDINATES),
+            default=COORDINATES[0],
+            show_default=True,
+            help="What the weights are.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def is_typed(name: str) -> bool:
+    """Whether an option was given on the command line."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source is ParameterSource.COMMANDLINE
+
+
+def cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
+    """The folder of the cache: of the command line, the file of options, the environment, the user.
+
+    Raises
+    ------
+    click.UsageError
+        When the command line both names and refuses one.
+    """
+    if is_typed("cache") and is_typed("no_cache"):
+        raise click.UsageError("--cache and --no-cache exclude each other; give one")
+    if no_cache and not is_typed("cache"):
+        return None
+    named = cache or os.environ.get("CAGEIK_CACHE")
+    if named:
+        return Path(named)
+
+    from platformdirs import user_cache_path
+
+    return user_cache_path("cageik", appauthor=False)
 
 
 def verbosity() -> int:

@@ -1,14 +1,17 @@
 """What a run shows while it goes on: a progress bar on a terminal, and seconds a stage."""
 
+import json
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import NoReturn
 
 from tqdm import tqdm
 
-from cageik_cli.extraction import Observer
+from cageik_cli.observer import Observer
+from cageik_cli.outputs import prepare, write_text
 
 # What each stage's bar counts; the stages of a frame share one.
 _BARS = {"bind": ("bind", "vertices"), "read": ("frames", "frames")}
@@ -21,10 +24,13 @@ class Watch(Observer):
     ----------
     seconds : dict
         Time in each stage so far; `read` is time spent waiting for frames that threads read ahead.
+    remarks : list of (topic, text)
+        What was remarked so far.
     """
 
     def __init__(self, draw: bool) -> None:
         self.seconds: dict[str, float] = {}
+        self.remarks: list[tuple[str, str]] = []
         self._start = time.perf_counter()
         self._bar: tqdm[NoReturn] | None = None
         self._shown = ""
@@ -47,14 +53,37 @@ class Watch(Observer):
             self._bar.total = total
             self._bar.update(done - self._bar.n)
 
-    def close(self) -> dict[str, float]:
-        """End the bar; the seconds of the stages and in all."""
+    def remark(self, topic: str, text: str) -> None:
+        """Keep it for the end: a line would break the bar."""
+        self.remarks.append((topic, text))
+
+    def close(self) -> None:
+        """End the bar, and take the seconds in all as `total`."""
         if self._bar is not None:
             self._bar.close()
-        return self.seconds | {"total": time.perf_counter() - self._start}
+        self.seconds["total"] = time.perf_counter() - self._start
+
+    def rows(self) -> list[tuple[str, str]]:
+        """What was remarked, and the seconds, as labelled lines."""
+        stages = ", ".join(f"{name} {value:.2f}" for name, value in self.seconds.items())
+        return [*self.remarks, ("seconds", stages)]
 
     def _open(self, label: str, unit: str) -> None:
         if self._bar is not None:
             self._bar.close()
         self._shown = label
         self._bar = tqdm(desc=label, unit=f" {unit}", file=sys.stderr, dynamic_ncols=True)
+
+
+@contextmanager
+def watched(draw: bool, timings: Path | None, overwrite: bool) -> Iterator[Watch]:
+    """A watch over the block, closed at its end; its seconds are written if the block succeeds."""
+    if timings is not None:
+        prepare(timings, overwrite)
+    watch = Watch(draw)
+    try:
+        yield watch
+    finally:
+        watch.close()
+    if timings is not None:
+        write_text(timings, json.dumps(watch.seconds, indent=1) + "\n", overwrite)

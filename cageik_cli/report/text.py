@@ -1,5 +1,6 @@
 """The report as a page of text."""
 
+from cageik_cli.binding import WeightQuality
 from cageik_cli.layout import page
 from cageik_cli.report.record import Report
 
@@ -32,18 +33,22 @@ def as_text(report: Report) -> str:
     return page(headline, rows)
 
 
-def _trust(report: Report) -> list[tuple[str, str]]:
-    quality = report.binding
-    weights = (
+def weights_row(quality: WeightQuality) -> tuple[str, str]:
+    """How far weights can be trusted."""
+    return "weights", (
         f"rows sum to 1 within {quality.partition_of_unity:.1e}, rest pose rebuilt within "
         f"{quality.linear_precision:.1e}, smallest {quality.min_weight:.1e}"
     )
+
+
+def _trust(report: Report) -> list[tuple[str, str]]:
+    quality = report.binding
     system = (
         f"condition number {quality.condition_number:.4g}, "
         f"alpha {_number(report.settings.get('alpha'))}, "
         f"beta {_number(report.settings.get('beta'))}"
     )
-    return [("weights", weights), ("system", system)]
+    return [weights_row(quality), ("system", system)]
 
 
 def _volume(report: Report) -> str:

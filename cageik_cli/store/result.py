@@ -1,7 +1,5 @@
 """Result files: written beside their name, renamed when whole, read with every check."""
 
-import json
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
@@ -20,12 +18,21 @@ from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.outputs import PatientFile, whole_file
+from cageik_cli.store.parts import (
+    as_json,
+    calls_itself,
+    new_file,
+    parsed,
+    parsed_quality,
+    parsed_sources,
+    refuse_others,
+    write_deflated,
+)
 
 FORMAT = "cageik.result"
 SCHEMA = 1
 FIGURES = tuple(field.name for field in fields(FrameFigures))
 WHOLE_FIGURES = ("worst_vertex",)
-CHUNK_BYTES = 1 << 18
 LARGEST_LENGTH = 1e60
 """Far above any figure of positions that are taken; its square does not overflow."""
 
@@ -108,9 +115,9 @@ class ResultWriter:
             kind = "i8" if name in WHOLE_FIGURES else "f8"
             file.create_dataset(f"metrics/{name}", (self._count,), kind)
         file.attrs.update(format=FORMAT, schema=SCHEMA, version=__version__, fps=header.fps)
-        file.attrs["settings"] = _json(header.settings)
-        file.attrs["notes"] = _json(header.notes)
-        file.attrs["quality"] = _json(asdict(header.quality))
+        file.attrs["settings"] = as_json(header.settings)
+        file.attrs["notes"] = as_json(header.notes)
+        file.attrs["quality"] = as_json(asdict(header.quality))
         file.attrs["complete"] = False
 
     def append(self, cages: Floats, figures: FrameFigures) -> None:
@@ -139,26 +146,22 @@ class ResultWriter:
         if self._done != self._count:
             raise ValueError(f"{self._done} of {self._count} frames were appended")
         if self._weights is not None:
-            _write_deflated(self._file, "weights", self._weights)
-        self._file.attrs["sources"] = _json(sources)
+            write_deflated(self._file, "weights", self._weights)
+        self._file.attrs["sources"] = as_json(sources)
         self._file.attrs["complete"] = True
 
 
 @contextmanager
 def create(path: Path, header: Header, overwrite: bool) -> Iterator[ResultWriter]:
     """Write a result beside its name; it takes the name when the block ends without an error."""
-    # Neither times nor addresses go into the file: same input, same bytes.
-    with (
-        whole_file(path, overwrite) as sink,
-        h5py.File(sink, "w", libver=("earliest", "v110")) as file,
-    ):
+    with whole_file(path, overwrite) as sink, new_file(sink) as file:
         yield ResultWriter(file, sink, header)
 
 
 def is_result(path: Path) -> bool:
     """Whether an HDF5 file calls itself one of our results."""
     with opened(path) as file:
-        return _calls_itself_ours(file)
+        return calls_itself(file, FORMAT)
 
 
 def read_result(path: Path) -> Result:
@@ -188,10 +191,10 @@ def read_result(path: Path) -> Result:
             path=path,
             version=printable(str(file.attrs.get("version", "unknown"))),
             fps=_positive(file, "fps"),
-            settings=_parsed(file, "settings", dict),
-            sources=_sources(file),
-            quality=_quality(file),
-            notes=tuple(map(str, _parsed(file, "notes", list))),
+            settings=parsed(file, "settings", dict),
+            sources=parsed_sources(file),
+            quality=parsed_quality(file, Quality),
+            notes=tuple(map(str, parsed(file, "notes", list))),
             frames=_frame_names(file, frames),
             rest=rest,
             cage=cage,
@@ -199,19 +202,8 @@ def read_result(path: Path) -> Result:
         )
 
 
-def _calls_itself_ours(file: h5py.File) -> bool:
-    name = file.attrs.get("format")
-    return isinstance(name, str) and name == FORMAT
-
-
 def _refuse_other_files(file: h5py.File) -> None:
-    if not _calls_itself_ours(file):
-        raise InputError("is not a result of cageik extract")
-    schema = file.attrs.get("schema")
-    if not (isinstance(schema, np.integer) and schema == SCHEMA):
-        raise InputError(
-            f"is of schema {schema}, this program reads schema {SCHEMA}; extract it again"
-        )
+    refuse_others(file, FORMAT, SCHEMA, "a result of cageik extract")
     complete = file.attrs.get("complete")
     if not (isinstance(complete, np.bool_) and complete):
         raise InputError("is not complete: the run that wrote it was interrupted; extract it again")
@@ -224,44 +216,11 @@ def _positive(file: h5py.File, name: str) -> float:
     return float(value)
 
 
-def _parsed(file: h5py.File, name: str, kind: type) -> Any:
-    text = file.attrs.get(name)
-    try:
-        value = json.loads(
-            text if isinstance(text, str) else "",
-            parse_float=_finite,
-            parse_int=_finite_integer,
-            parse_constant=_finite,
-        )
-        json.dumps(value, ensure_ascii=False).encode()  # what is no Unicode text fails here
-    except ValueError:
-        value = None
-    if not isinstance(value, kind):
-        raise InputError(f"attribute `{name}` is not a JSON {kind.__name__}; extract it again")
-    return value
-
-
-def _sources(file: h5py.File) -> dict[str, Any]:
-    sources: dict[str, Any] = _parsed(file, "sources", dict)
-    if not all(isinstance(source, dict) for source in sources.values()):
-        raise InputError("attribute `sources` does not name files; extract it again")
-    return sources
-
-
 def _frame_names(file: h5py.File, count: int) -> tuple[str, ...]:
     names = dataset(file, "frames/name", "O", (count,))
     if h5py.check_string_dtype(names.dtype) is None:
         raise InputError("`frames/name` does not hold text; extract it again")
     return tuple(names.asstr(errors="replace")[:])
-
-
-def _quality(file: h5py.File) -> Quality:
-    figures = _parsed(file, "quality", dict)
-    expected = {field.name for field in fields(Quality)}
-    numbers_only = all(isinstance(value, int | float) for value in figures.values())
-    if set(figures) != expected or not numbers_only:
-        raise InputError(f"attribute `quality` is not {', '.join(sorted(expected))}")
-    return Quality(**figures)
 
 
 def _figures(file: h5py.File, frames: int, vertices: int) -> FrameFigures:
@@ -291,37 +250,3 @@ def _fault_of(figures: FrameFigures) -> str | None:
         if np.isinf(getattr(figures, name)).any():
             return f"`metrics/{name}` that is not finite"
     return None
-
-
-def _write_deflated(file: h5py.File, name: str, matrix: Floats) -> None:
-    """Write a float64 matrix through HDF5's own filters, shuffle and deflate, by chunks of rows.
-
-    The digits of weights do not repeat: Huffman codes alone make the file as small as deflate's
-    search for repetitions does, which HDF5 cannot be told to leave out, in under half the time.
-    """
-    rows = max(1, min(len(matrix), CHUNK_BYTES // matrix[0].nbytes))
-    chunks = (rows, matrix.shape[1])
-    filters = {"shuffle": True, "compression": "gzip", "compression_opts": 1}
-    dataset = file.create_dataset(name, matrix.shape, "f8", chunks=chunks, **filters)
-    for start in range(0, len(matrix), rows):
-        chunk = np.zeros(chunks)
-        chunk[: len(matrix) - start] = matrix[start : start + rows]
-        shuffled = chunk.view(np.uint8).reshape(-1, 8).T.tobytes()
-        deflate = zlib.compressobj(1, strategy=zlib.Z_HUFFMAN_ONLY)
-        dataset.id.write_direct_chunk((start, 0), deflate.compress(shuffled) + deflate.flush())
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    if not np.isfinite(value):
-        raise ValueError(f"{text} is not a finite number")
-    return value
-
-
-def _finite_integer(text: str) -> int:
-    _finite(text)
-    return int(text)
-
-
-def _json(value: Any) -> str:
-    return json.dumps(value, sort_keys=True)

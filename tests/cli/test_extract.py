@@ -1,7 +1,9 @@
 """`cageik extract`: works as typed, says what it did, and never takes an old result away."""
 
+import hashlib
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -207,3 +209,155 @@ def test_a_clip_of_one_file_is_taken(run, folder, animation):
     with h5py.File("npz.h5") as one, h5py.File("cages.h5") as other:
         np.testing.assert_array_equal(one["verts"], other["verts"])
         assert list(one["frames/name"].asstr()) == [f"clip.npz[{k}]" for k in range(5)]
+
+
+BIND = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj")
+
+
+def test_weights_are_the_same_from_the_cache_and_without_it(run, folder, cache):
+    """A result says nothing of where its weights came from, unless that is a binding file."""
+    said = {}
+    for name, words in (("miss", []), ("hit", []), ("none", ["--no-cache"])):
+        outcome = run(*TYPED, "-o", f"{name}.h5", *words)
+        assert outcome.code == 0
+        said[name] = [line for line in outcome.err.splitlines() if line.startswith("  cache ")]
+    assert said["miss"] == said["none"] == []
+    assert re.fullmatch(r"  cache          weights taken from it, \d+\.\d s saved", *said["hit"])
+    assert Path("miss.h5").read_bytes() == Path("hit.h5").read_bytes()
+    assert Path("miss.h5").read_bytes() == Path("none.h5").read_bytes()
+    assert len(list(cache.iterdir())) == 1
+
+
+def test_a_damaged_entry_is_said_and_made_again(run, folder, cache):
+    assert run(*TYPED).code == 0
+    (kept,) = cache.iterdir()
+    kept.write_bytes(kept.read_bytes()[:-1])
+    outcome = run(*TYPED, "-o", "other.h5")
+    assert outcome.code == 0
+    assert f"  cache          {kept}: is damaged; it is deleted" in outcome.err
+    assert "taken from it" in run(*TYPED, "-o", "third.h5").err
+    assert Path("cages.h5").read_bytes() == Path("other.h5").read_bytes()
+
+
+def test_quiet_says_nothing_of_the_cache(run, folder):
+    for words in ([], ["--overwrite"], ["--overwrite", "--cache", "cage.obj"]):
+        assert run(*TYPED, "-q", *words).err == ""
+
+
+def test_a_cache_that_cannot_be_used_fails_nothing(run, folder):
+    outcome = run(*TYPED, "--cache", "cage.obj/in")
+    assert outcome.code == 0
+    (line,) = [line for line in outcome.err.splitlines() if line.startswith("  cache ")]
+    assert "cage.obj/in: cannot be written (" in line
+    assert Path("cages.h5").exists()
+
+
+def test_a_disk_with_room_for_the_result_alone(run_process, folder, cache, animation):
+    """A limit on the size of a file stands for the end of the disk."""
+    resource = pytest.importorskip("resource")
+    from tests.shapes import finer
+
+    fine = finer(animation.rest, 3)
+    np.savez("clip.npz", verts=fine.vertices[None], faces=fine.faces)
+    room = 64_000
+    assert fine.vertices.size // 3 * 8 * 8 > room
+    outcome = run_process(
+        "-m", "cageik_cli", "extract", "clip.npz", "--cage", "cage.obj", "--no-weights",
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),
+    )  # fmt: skip
+    assert outcome.code == 0, outcome.err
+    assert f"  cache          {cache}: cannot be written (File too large)" in outcome.err
+    assert list(cache.iterdir()) == []
+    assert run_process("-m", "cageik_cli", "report").code == 0
+
+
+@pytest.mark.parametrize("words", [[], ["--cage", "cage.obj"], ["--accuracy", "standard"]])
+def test_a_binding_gives_what_its_weights_would(run, folder, words):
+    """All but the sources, which name it."""
+    assert run(*BIND, "--no-cache").code == 0
+    assert run(*TYPED, "--no-cache").code == 0
+    outcome = run("extract", "frames", "--binding", "binding.h5", "-o", "other.h5", *words)
+    assert outcome.code == 0, outcome.err
+    digest = hashlib.sha256(Path("binding.h5").read_bytes()).hexdigest()
+    with h5py.File("cages.h5") as one, h5py.File("other.h5", "r+") as other:
+        sources = json.loads(other.attrs["sources"])
+        assert sources.pop("binding") == {"name": "binding.h5", "sha256": digest}
+        known = json.loads(one.attrs["sources"])
+        assert sources["cage"] == known["cage"]
+        assert sources == known
+        attributes = set(one.attrs) - {"sources"}
+        assert attributes == set(other.attrs) - {"sources"}
+        for name in attributes:
+            assert one.attrs[name] == other.attrs[name]
+        names = []
+        one.visititems(lambda name, item: names.append(name) if hasattr(item, "shape") else None)
+        for name in names:
+            np.testing.assert_array_equal(one[name][()], other[name][()])
+
+
+def test_the_settings_recorded_are_those_of_the_binding(run, folder):
+    assert run(*BIND, "--accuracy", "fine", "--outside", "project").code == 0
+    assert run("extract", "frames", "--binding", "binding.h5").code == 0
+    with h5py.File("cages.h5") as file:
+        settings = json.loads(file.attrs["settings"])
+    assert (settings["accuracy"], settings["outside"]) == ("fine", "project")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--rest-frame", "2"], "was made for another rest pose: its vertex "),
+        (["--cage", "moved.obj"], "was made for another cage: its vertex 0 is 0.5 from"),
+        (["--cage", "frames/frame_1.obj"], "was made for another cage: it has 8 vertices"),
+        (["--rest", "cage.obj"], "cage.obj: 8 vertices, the first frame has 18"),
+    ],
+)
+def test_a_binding_made_for_others_is_refused(run, folder, animation, write_obj, words, says):
+    assert run(*BIND).code == 0
+    moved = animation.cage.vertices + np.array([0.5, 0, 0])
+    write_obj(Path("moved.obj"), moved, animation.cage.faces)
+    outcome = run("extract", "frames", "--binding", "binding.h5", *words)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert says in outcome.err
+    assert len(outcome.err.splitlines()) == 1
+    assert not Path("cages.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--accuracy", "fine"], "--accuracy fine: binding.h5 was made with standard"),
+        (["--outside", "project"], "--outside project: binding.h5 was made with refuse"),
+    ],
+)
+def test_options_that_contradict_the_binding_are_wrong_usage(run, folder, words, says):
+    assert run(*BIND).code == 0
+    outcome = run("extract", "frames", "--binding", "binding.h5", *words)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert says in outcome.err
+    assert not Path("cages.h5").exists()
+    table = "".join(f'{name[2:]} = "{value}"\n' for name, value in [words])
+    Path("cageik.toml").write_text(f"[extract]\n{table}")
+    outcome = run("extract", "frames", "--binding", "binding.h5", "--config", "cageik.toml")
+    assert outcome.code == 0
+
+
+@pytest.mark.parametrize("words", [[], ["--accuracy", "fine"]])
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("nowhere.h5", "nowhere.h5: "), ("cages.h5", "cages.h5: is not a binding of cageik bind")],
+)
+def test_what_is_no_binding_is_refused(run, folder, name, says, words):
+    assert run(*TYPED).code == 0
+    outcome = run("extract", "frames", "--binding", name, "-o", "other.h5", *words)
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"Error: {says}")
+
+
+def test_no_binding_is_written_over(run, folder):
+    assert run(*BIND).code == 0
+    before = Path("binding.h5").read_bytes()
+    words = ("--binding", "binding.h5", "-o", "binding.h5", "--overwrite")
+    outcome = run("extract", "frames", *words)
+    assert outcome.code == 1
+    assert Path("binding.h5").read_bytes() == before

@@ -1,6 +1,8 @@
 """Options: wrong usage is exit code 2, and a file of options counts less than the command line."""
 
 import json
+import os
+import sys
 from pathlib import Path
 
 import h5py
@@ -24,7 +26,12 @@ WRONG = {
         [*TYPED, "--rest", "cage.obj", "--rest-frame", "0"],
         "--rest and --rest-frame both name the rest pose; give one",
     ),
-    "no cage": (["extract", "frames"], "Missing option '--cage'"),
+    "no cage": (["extract", "frames"], "Missing option '--cage', or '--binding', which holds one"),
+    "a cache and none": (
+        [*TYPED, "--cache", "a", "--no-cache"],
+        "--cache and --no-cache exclude each other",
+    ),
+    "unknown accuracy": ([*TYPED, "--accuracy", "best"], "'best' is not one of 'preview'"),
     "no frames": (["extract", "--cage", "cage.obj"], "Missing argument 'FRAMES...'"),
     "no files": (["info"], "Missing argument 'FILES...'"),
     "unknown option": ([*TYPED, "--gamma", "1"], "No such option"),
@@ -79,11 +86,64 @@ from cageik_cli.cli import main
 try:
     main(["--help"])
 finally:
-    heavy = {"numpy", "scipy", "h5py", "igl", "trimesh", "pyarrow", "tqdm"} & set(sys.modules)
-    print(sorted(heavy), file=sys.stderr)
+    heavy = {"numpy", "scipy", "h5py", "igl", "trimesh", "pyarrow", "tqdm", "platformdirs"}
+    print(sorted(heavy & set(sys.modules)), file=sys.stderr)
 """
     outcome = run_process("-c", program)
     assert (outcome.code, outcome.err) == (0, "[]\n")
+
+
+def test_choices_are_the_numerics_own():
+    from cageik_cli import binding, enclosure
+    from cageik_cli.cli import options
+    from cageik_cli.coordinates.harmonic import ACCURACIES
+
+    assert options.COORDINATES == binding.COORDINATES
+    assert {name: asked.tolerance for name, asked in ACCURACIES.items()} == options.ACCURACIES
+    assert options.OUTSIDE == enclosure.OUTSIDE
+
+
+@pytest.mark.parametrize("command", ["extract", "bind"])
+def test_help_states_the_tolerances(run, command):
+    said = " ".join(run(command, "--help").out.split())
+    assert "0.03 preview, 0.005 standard, 0.001 fine" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "table", "environment", "expected"),
+    [
+        (["--cache", "typed"], 'cache = "told"', "set", "typed"),
+        (["--cache", "typed"], "no-cache = true", "set", "typed"),
+        ([], 'cache = "told"', "set", "told"),
+        ([], "", "set", "set"),
+        ([], "", "", "home/cageik"),
+        ([], "no-cache = true", "set", None),
+        ([], 'cache = "told"\nno-cache = true', "set", None),
+        (["--no-cache"], 'cache = "told"', "set", None),
+        (["--no-cache"], "", "", None),
+    ],
+)
+@pytest.mark.skipif(sys.platform != "linux", reason="the user's caches are told otherwise there")
+def test_the_cache_is_that_of_the_nearest_word(
+    run, folder, monkeypatch, words, table, environment, expected
+):
+    """Command line, file of options, environment, the user's own caches."""
+    monkeypatch.setenv("CAGEIK_CACHE", environment)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "home"))
+    Path("cageik.toml").write_text(f"[extract]\n{table}\n")
+    before = set(folder.iterdir())
+    assert run(*TYPED, *words, "-q", "--config", "cageik.toml").code == 0
+    made = {path.name for path in set(folder.iterdir()) - before} - {"cages.h5"}
+    assert made == (set() if expected is None else {expected.split("/")[0]})
+    if expected:
+        assert len(list((folder / expected).glob("*.weights"))) == 1
+
+
+def test_tests_keep_out_of_the_users_caches(cache):
+    from platformdirs import user_cache_path
+
+    assert os.environ["CAGEIK_CACHE"] == str(cache)
+    assert not cache.is_relative_to(user_cache_path())
 
 
 def settings_of(path="cages.h5"):
@@ -95,13 +155,16 @@ def test_a_file_may_hold_every_option(run, folder):
     Path("cageik.toml").write_text(
         '[extract]\ncage = "cage.obj"\noutput = "told.h5"\nalpha = 0.25\nbeta = 2\nalign = false\n'
         'fps = 30\nmemory = "1MiB"\njobs = 1\nrest-frame = 0\nno-weights = true\n'
-        "allow_gaps = true\noverwrite = true\nquiet = true\n[report]\nquiet = true\n"
+        "allow_gaps = true\noverwrite = true\nquiet = true\n"
+        'coordinates = "harmonic"\naccuracy = "fine"\noutside = "project"\n'
+        'cache = "kept"\n[report]\nquiet = true\n'
     )
     outcome = run("extract", "frames", "--config", "cageik.toml")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     found = settings_of("told.h5")
     assert (found["alpha"], found["beta"], found["align"]) == (0.25, 2.0, False)
     assert found["fps"] == 30
+    assert (found["accuracy"], found["outside"]) == ("fine", "project")
     assert run("report", "told.h5", "--config", "cageik.toml").out == ""
 
 

@@ -14,6 +14,7 @@ from cageik_cli.dual_laplacian import Quality
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.sequence import open_sequence
+from cageik_cli.store import parts
 from cageik_cli.store import result as store
 from tests.shapes import TETRAHEDRON, ball
 
@@ -254,7 +255,7 @@ DAMAGES = [
         (attribute("schema", bad), "is of schema")
         for bad in (np.void(b"abc"), h5py.Empty("f8"), [1, 1], "1")
     ],
-    (attribute("schema", 2), "is of schema 2, this program reads schema 1; extract it again"),
+    (attribute("schema", 2), "is of schema 2, this program reads schema 1; make it again"),
     (without_attribute("schema"), "is of schema None"),
     (attribute("complete", False), "is not complete: the run that wrote it was interrupted"),
     (without_attribute("complete"), "is not complete"),
@@ -268,7 +269,7 @@ DAMAGES = [
     ],
     (without_attribute("fps"), "attribute `fps` is None, expected a number above zero"),
     *[
-        (change, f"attribute `{name}` is not a JSON {kind}; extract it again")
+        (change, f"attribute `{name}` is not a JSON {kind}; make it again")
         for name, kind in {
             "settings": "dict",
             "sources": "dict",
@@ -412,7 +413,7 @@ def test_an_interrupted_write_is_not_taken_for_a_result(tmp_path):
 @pytest.mark.parametrize("rows", [1, 7, 18, 100])
 def test_weights_are_deflated_and_read_back_to_the_bit(tmp_path, monkeypatch, rows):
     """Any number of chunks, the last one full or not, by HDF5's own reading."""
-    monkeypatch.setattr(store, "CHUNK_BYTES", rows * BINDING.weights[0].nbytes)
+    monkeypatch.setattr(parts, "CHUNK_BYTES", rows * BINDING.weights[0].nbytes)
     with h5py.File(written(tmp_path / "cages.h5")) as file:
         weights = file["weights"]
         assert (weights.compression, weights.shuffle) == ("gzip", True)

@@ -1,0 +1,152 @@
+"""The weights of a run: computed, out of the cache, or out of a binding file."""
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from cageik_cli.binding import BindSettings, bind
+from cageik_cli.enclosure import checked_cage
+from cageik_cli.errors import InputError, located
+from cageik_cli.mesh import TriMesh
+from cageik_cli.observer import Observer
+from cageik_cli.outputs import prepare
+from cageik_cli.sequence import LoadedMesh, load_mesh
+from cageik_cli.sequence.mesh_file import read_bytes, source_of
+from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
+from cageik_cli.store.cache import WeightCache
+
+
+@dataclass(frozen=True, slots=True)
+class WeightSettings:
+    """How the weights of a run come about.
+
+    Attributes
+    ----------
+    bind : BindSettings
+    cache : Path, optional
+        The folder of the cache; none is used if absent.
+    jobs : int
+        Threads.
+    """
+
+    bind: BindSettings = field(default_factory=BindSettings)
+    cache: Path | None = None
+    jobs: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class BindRunSettings:
+    """What to bind to what, and where to write it.
+
+    Attributes
+    ----------
+    cage, rest, output : Path
+    weights : WeightSettings
+    overwrite : bool
+    """
+
+    cage: Path
+    rest: Path
+    output: Path
+    weights: WeightSettings = field(default_factory=WeightSettings)
+    overwrite: bool = False
+
+
+def bind_files(settings: BindRunSettings, observer: Observer | None = None) -> StoredBinding:
+    """Bind a rest pose to a cage and write the binding file.
+
+    Raises
+    ------
+    InputError
+        Naming the file at fault and what to do.
+    NumericalError
+        When the weights cannot be trusted.
+    """
+    watch = observer or Observer()
+    prepare(settings.output, settings.overwrite)
+    with watch.stage("open"):
+        rest, cage = load_mesh(settings.rest), load_mesh(settings.cage)
+        for note in rest.notes:
+            watch.remark("note", f"{rest.source['name']}: {note}")
+    with watch.stage("bind"), located(settings.cage):
+        stored = made(rest, cage, settings.weights, watch)
+    with watch.stage("write"):
+        write_binding(settings.output, stored, settings.overwrite)
+    return stored
+
+
+def made(
+    rest: LoadedMesh, cage: LoadedMesh, settings: WeightSettings, watch: Observer
+) -> StoredBinding:
+    """Bind a rest pose to a cage, or take the weights that the cache has of them.
+
+    What was changed when the cage was read is among the binding's notes.
+    """
+    work = partial(bind, rest.mesh, cage.mesh, settings.bind, settings.jobs, watch.advance)
+    if settings.cache is None:
+        binding = work()
+    else:
+        cache = WeightCache(settings.cache, partial(watch.remark, "cache"))
+        binding = cache.bound(rest.mesh, cage.mesh, settings.bind, work)
+        watch.advance(len(rest.mesh.vertices), len(rest.mesh.vertices))
+    sources = {"cage": cage.source, "rest": rest.source}
+    return StoredBinding(replace(binding, notes=cage.notes + binding.notes), sources)
+
+
+def from_file(path: Path, rest: LoadedMesh, cage: LoadedMesh | None) -> StoredBinding:
+    """The binding of a file that was made for this rest pose and, if one is given, this cage.
+
+    Raises
+    ------
+    InputError
+        When it was made for others, with what differs.
+    """
+    with located(path):
+        source = source_of(path, read_bytes(path))
+    stored = read_binding(path)
+    binding = stored.binding
+    sources = {"binding": source, "cage": stored.sources["cage"], "rest": rest.source}
+    if cage is not None:
+        with located(cage.source["name"]):
+            outward, _ = checked_cage(cage.mesh)
+        sources["cage"] = cage.source
+        _refuse_other(path, "cage", binding.cage, outward)
+    _refuse_other(path, "rest pose", binding.rest, rest.mesh)
+    return replace(stored, sources=sources)
+
+
+def _refuse_other(path: Path, what: str, expected: TriMesh, given: TriMesh) -> None:
+    difference = _difference(expected, given)
+    if difference:
+        option = "--" + what.split()[0]
+        raise InputError(
+            f"{path}: was made for another {what}: {difference}; "
+            f"give that one with {option}, or bind this one"
+        )
+
+
+def _difference(expected: TriMesh, given: TriMesh) -> str:
+    """What first differs between two meshes, if anything does."""
+    for noun, there, here in (
+        ("vertices", len(expected.vertices), len(given.vertices)),
+        ("triangles", len(expected.faces), len(given.faces)),
+    ):
+        if there != here:
+            return f"it has {there} {noun}, the one given {here}"
+    apart = np.linalg.norm(given.vertices - expected.vertices, axis=1)
+    moved = np.flatnonzero(apart)
+    if len(moved):
+        return (
+            f"its vertex {moved[0]} is {apart[moved[0]]:.3g} from the one given "
+            f"({len(moved)} vertices differ, by {apart.max():.3g} at most)"
+        )
+    turned = np.flatnonzero((given.faces != expected.faces).any(axis=1))
+    if len(turned):
+        joined = ["-".join(map(str, mesh.faces[turned[0]])) for mesh in (expected, given)]
+        return (
+            f"its triangle {turned[0]} joins vertices {joined[0]}, the one given {joined[1]} "
+            f"({len(turned)} triangles differ)"
+        )
+    return ""

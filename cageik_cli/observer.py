@@ -1,0 +1,17 @@
+"""Who is told how a run goes on."""
+
+from contextlib import AbstractContextManager, nullcontext
+
+
+class Observer:
+    """Told what a run does; this one keeps quiet."""
+
+    def stage(self, name: str) -> AbstractContextManager[object]:
+        """Entered while the stage `name` runs."""
+        return nullcontext()
+
+    def advance(self, done: int, total: int) -> None:
+        """Called as the work of the current stage, or the frames of the run, go on."""
+
+    def remark(self, topic: str, text: str) -> None:
+        """Called with what is worth knowing of this run, and no part of what it makes."""

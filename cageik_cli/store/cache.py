@@ -1,0 +1,299 @@
+"""A cache of weights, keyed by all they depend on: nothing but time depends on what it holds.
+
+An entry is a file, named by its key: a line that says what it is; the digest and the length of a
+JSON header; the header, which has the digest of the arrays; the arrays. It is written beside its
+name and renamed, and the digests are compared when it is read, so that neither a process that is
+killed nor a disk that forgets can make an entry that is taken for whole. Any number of processes
+may use the folder at once. What goes wrong with it is remarked, and the weights are computed.
+"""
+
+import hashlib
+import json
+import os
+import re
+import stat
+import struct
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from cageik_cli import __version__
+from cageik_cli.binding import ALGORITHMS, Binding, BindSettings
+from cageik_cli.mesh import TriMesh
+
+LARGEST = 2 << 30
+"""Bytes that the entries of a cache may take; those used longest ago make room."""
+
+STALE = 3600.0
+"""Seconds after which a file that is still being written was left by a process that was killed."""
+
+_MAGIC = b"cageik weights 1\n"
+_DIGEST = hashlib.sha256().digest_size
+_START = struct.Struct(f"<{len(_MAGIC)}s{_DIGEST}sQ")
+_ENTRY = re.compile(r"[0-9a-f]{64}\.weights")
+_PARTIAL = re.compile(r"[0-9a-f]{64}\.\w+\.partial")
+
+
+class _Unusable(Exception):
+    """What an entry's name leads to is not that entry, whole."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Entry:
+    """What is kept of a binding, beside what its key stands for.
+
+    Attributes
+    ----------
+    faces : (f, 3) int64
+        Of the cage, outward.
+    weights : (m, n) float64
+    panels : int
+    estimated_error : float
+    projected : int
+    notes : tuple of str
+        As in `Binding`.
+    seconds : float
+        What it took to compute.
+    """
+
+    faces: np.ndarray
+    weights: np.ndarray
+    panels: int
+    estimated_error: float
+    projected: int
+    notes: tuple[str, ...]
+    seconds: float
+
+
+class WeightCache:
+    """A folder of entries.
+
+    Parameters
+    ----------
+    folder : Path
+        Made when the first entry is written. Files in it that are not of the cache are left alone.
+    remark : callable
+        Told, in a sentence, what could not be read or written, and what was saved.
+    largest : int
+        Bytes that entries may take together.
+    """
+
+    def __init__(self, folder: Path, remark: Callable[[str], None], largest: int = LARGEST) -> None:
+        self.folder, self.largest = folder, largest
+        self._remark = remark
+
+    def bound(
+        self, rest: TriMesh, cage: TriMesh, settings: BindSettings, compute: Callable[[], Binding]
+    ) -> Binding:
+        """The binding that `compute` gives, from the cache if it is there."""
+        key = key_of(rest, cage, settings)
+        start = time.perf_counter()
+        entry = self.read(key)
+        if entry is not None:
+            saved = max(0.0, entry.seconds - (time.perf_counter() - start))
+            self._remark(f"weights taken from it, {saved:.1f} s saved")
+            return Binding(
+                rest=rest,
+                cage=TriMesh(cage.vertices, entry.faces),
+                weights=entry.weights,
+                settings=settings,
+                panels=entry.panels,
+                estimated_error=entry.estimated_error,
+                projected=entry.projected,
+                notes=entry.notes,
+            )
+        start = time.perf_counter()
+        binding = compute()
+        self.write(key, _entry_of(binding, time.perf_counter() - start))
+        return binding
+
+    def read(self, key: str) -> Entry | None:
+        """The entry of a key, if it is there; one that is damaged is deleted, and remarked."""
+        path = self._path(key)
+        try:
+            entry = _read(path, key)
+        except OSError:
+            # Not there, or out of reach, which is remarked when the entry is to be written.
+            return None
+        except _Unusable as error:
+            self._remark(f"{path}: {error}; it is deleted and the weights are computed")
+            with suppress(OSError):  # a folder stays, and is in the way when the entry is written
+                path.unlink()
+            return None
+        with suppress(OSError):  # a cache that may only be read serves all the same
+            os.utime(path)
+        return entry
+
+    def write(self, key: str, entry: Entry) -> None:
+        """Keep an entry, and make room for it; what cannot be written is remarked."""
+        parts = _packed(key, entry)
+        size = sum(map(len, parts))
+        if size > self.largest:
+            self._remark(f"holds {self.largest} bytes at most, the weights have {size}: not kept")
+            return
+        try:
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self._replace(key, parts)
+            self._make_room()
+        except OSError as error:
+            reason = error.strerror or error
+            self._remark(f"{self.folder}: cannot be written ({reason}); the weights are not kept")
+
+    def _path(self, key: str) -> Path:
+        return self.folder / f"{key}.weights"
+
+    def _replace(self, key: str, parts: list[memoryview]) -> None:
+        """Write beside the entry's name, which only its owner may read, and rename.
+
+        Nothing waits for the disk: an entry that a power cut leaves in part fails its digest.
+        """
+        descriptor, name = tempfile.mkstemp(".partial", f"{key}.", self.folder)
+        try:
+            with open(descriptor, "wb") as file:
+                file.writelines(parts)
+            os.replace(name, self._path(key))
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+
+    def _make_room(self) -> None:
+        """Delete the entries used longest ago, until the others fit, and what was left unfinished.
+
+        Others may do the same meanwhile: what has gone already is as good as deleted here.
+        """
+        entries = sorted(
+            ((status.st_mtime_ns, path, status.st_size) for path, status in self._files(_ENTRY)),
+            reverse=True,
+        )
+        taken = 0
+        for _, path, size in entries:
+            taken += size
+            if taken > self.largest:
+                path.unlink(missing_ok=True)
+        for path, status in self._files(_PARTIAL):
+            if status.st_mtime < time.time() - STALE:
+                path.unlink(missing_ok=True)
+
+    def _files(self, name: re.Pattern[str]) -> list[tuple[Path, os.stat_result]]:
+        found = []
+        for path in self.folder.iterdir():
+            if name.fullmatch(path.name):
+                with suppress(FileNotFoundError):  # another process was faster
+                    found.append((path, path.stat(follow_symlinks=False)))
+        return [(path, status) for path, status in found if stat.S_ISREG(status.st_mode)]
+
+
+def key_of(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
+    """The key of a binding: a digest of all its weights, notes and figures depend on, bit by bit.
+
+    The faces of the rest pose are not of it, since weights belong to points. Nor are the threads:
+    they change weights by rounding alone, and an entry holds those of the run that wrote it.
+    """
+    said = {
+        "version": __version__,
+        "algorithm": ALGORITHMS[settings.coordinates],
+        **asdict(settings),
+        "rest": len(rest.vertices),
+        "cage": len(cage.vertices),
+        "faces": len(cage.faces),
+    }
+    digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode() + b"\n")
+    for array in (rest.vertices, cage.vertices):
+        digest.update(_bytes(array, "<f8"))
+    digest.update(_bytes(cage.faces, "<i8"))
+    return digest.hexdigest()
+
+
+def _entry_of(binding: Binding, seconds: float) -> Entry:
+    return Entry(
+        faces=binding.cage.faces,
+        weights=binding.weights,
+        panels=binding.panels,
+        estimated_error=binding.estimated_error,
+        projected=binding.projected,
+        notes=binding.notes,
+        seconds=seconds,
+    )
+
+
+def _packed(key: str, entry: Entry) -> list[memoryview]:
+    """The parts of an entry's file."""
+    arrays = [_bytes(entry.faces, "<i8"), _bytes(entry.weights, "<f8")]
+    header = {
+        "key": key,
+        "digest": _digest(arrays).hex(),
+        "faces": entry.faces.shape,
+        "weights": entry.weights.shape,
+        "panels": entry.panels,
+        "estimated_error": entry.estimated_error,
+        "projected": entry.projected,
+        "notes": entry.notes,
+        "seconds": entry.seconds,
+    }
+    text = json.dumps(header).encode()
+    start = _START.pack(_MAGIC, _digest([memoryview(text)]), len(text))
+    return [memoryview(start + text), *arrays]
+
+
+def _read(path: Path, key: str) -> Entry:
+    """Read an entry and compare its digests.
+
+    Raises
+    ------
+    OSError
+        When there is none, or it cannot be read.
+    _Unusable
+        When there is something else, or not all of it.
+    """
+    # Before it is opened: opening a pipe would wait for its writer.
+    if not stat.S_ISREG(path.stat(follow_symlinks=False).st_mode):
+        raise _Unusable("is not a plain file")
+    with open(path, "rb") as file:
+        header = _header(file)
+        if header.pop("key") != key:
+            raise _Unusable("is the entry of another key")
+        expected = bytes.fromhex(header.pop("digest"))
+        faces = np.empty(header.pop("faces"), "<i8")
+        weights = np.empty(header.pop("weights"), "<f8")
+        parts = [_bytes(faces, "<i8"), _bytes(weights, "<f8")]
+        whole = all(file.readinto(part) == len(part) for part in parts)
+        if not whole or file.read(1) or _digest(parts) != expected:
+            raise _Unusable("is damaged")
+    return Entry(
+        faces=faces.astype(np.int64, copy=False),
+        weights=weights.astype(np.float64, copy=False),
+        notes=tuple(header.pop("notes")),
+        **header,
+    )
+
+
+def _header(file: BinaryIO) -> dict[str, Any]:
+    """The header as it was written, or none; only then is it believed how long the arrays are."""
+    start = file.read(_START.size)
+    if len(start) == _START.size:
+        magic, expected, length = _START.unpack(start)
+        if magic == _MAGIC and length <= os.fstat(file.fileno()).st_size:
+            text = file.read(length)
+            if _digest([memoryview(text)]) == expected:
+                header: dict[str, Any] = json.loads(text)
+                return header
+    raise _Unusable("is damaged")
+
+
+def _digest(parts: list[memoryview]) -> bytes:
+    """SHA-256, for which processors have instructions: twice as fast as others."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part)
+    return digest.digest()
+
+
+def _bytes(array: np.ndarray, kind: str) -> memoryview:
+    """The numbers of an array, row by row, as bytes."""
+    return np.ascontiguousarray(array, kind).reshape(-1).view(np.uint8).data

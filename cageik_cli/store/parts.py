@@ -1,0 +1,119 @@
+"""What our HDF5 files have in common: how they are opened, their attributes, deflated weights."""
+
+import json
+import zlib
+from dataclasses import fields
+from typing import Any, TypeVar
+
+import h5py
+import numpy as np
+
+from cageik_cli.errors import InputError
+from cageik_cli.mesh import Floats
+from cageik_cli.outputs import PatientFile
+
+CHUNK_BYTES = 1 << 18
+
+Figures = TypeVar("Figures")
+
+
+def new_file(sink: PatientFile) -> h5py.File:
+    """An HDF5 file that holds neither times nor addresses: same input, same bytes."""
+    return h5py.File(sink, "w", libver=("earliest", "v110"))
+
+
+def calls_itself(file: h5py.File, kind: str) -> bool:
+    """Whether its attribute `format` is `kind`, whatever else strangers may write there."""
+    name = file.attrs.get("format")
+    return isinstance(name, str) and name == kind
+
+
+def refuse_others(file: h5py.File, kind: str, schema: int, what: str) -> None:
+    """Refuse a file that does not say that it is `what`, of format `kind` and this schema.
+
+    Raises
+    ------
+    InputError
+    """
+    if not calls_itself(file, kind):
+        raise InputError(f"is not {what}")
+    found = file.attrs.get("schema")
+    if not (isinstance(found, np.integer) and found == schema):
+        raise InputError(f"is of schema {found}, this program reads schema {schema}; make it again")
+
+
+def as_json(value: Any) -> str:
+    """The text of an attribute."""
+    return json.dumps(value, sort_keys=True)
+
+
+def parsed(file: h5py.File, name: str, kind: type) -> Any:
+    """The value of an attribute of JSON, all numbers finite.
+
+    Raises
+    ------
+    InputError
+        When it is missing, no JSON, or not of this kind.
+    """
+    text = file.attrs.get(name)
+    try:
+        value = json.loads(
+            text if isinstance(text, str) else "",
+            parse_float=_finite,
+            parse_int=_finite_integer,
+            parse_constant=_finite,
+        )
+        json.dumps(value, ensure_ascii=False).encode()  # what is no Unicode text fails here
+    except ValueError:
+        value = None
+    if not isinstance(value, kind):
+        raise InputError(f"attribute `{name}` is not a JSON {kind.__name__}; make it again")
+    return value
+
+
+def parsed_sources(file: h5py.File) -> dict[str, Any]:
+    """Name and digest of each file that went in."""
+    sources: dict[str, Any] = parsed(file, "sources", dict)
+    if not all(isinstance(source, dict) for source in sources.values()):
+        raise InputError("attribute `sources` does not name files; make it again")
+    return sources
+
+
+def parsed_quality(file: h5py.File, kind: type[Figures]) -> Figures:
+    """The attribute `quality` as a record of numbers."""
+    figures = parsed(file, "quality", dict)
+    expected = {field.name for field in fields(kind)}  # type: ignore[arg-type]
+    numbers_only = all(isinstance(value, int | float) for value in figures.values())
+    if set(figures) != expected or not numbers_only:
+        raise InputError(f"attribute `quality` is not {', '.join(sorted(expected))}")
+    return kind(**figures)
+
+
+def write_deflated(file: h5py.File, name: str, matrix: Floats) -> None:
+    """Write a float64 matrix through HDF5's own filters, shuffle and deflate, by chunks of rows.
+
+    The digits of weights do not repeat: Huffman codes alone make the file as small as deflate's
+    search for repetitions does, which HDF5 cannot be told to leave out, in under half the time.
+    """
+    rows = max(1, min(len(matrix), CHUNK_BYTES // matrix[0].nbytes))
+    chunks = (rows, matrix.shape[1])
+    filters = {"shuffle": True, "compression": "gzip", "compression_opts": 1}
+    dataset = file.create_dataset(name, matrix.shape, "f8", chunks=chunks, **filters)
+    for start in range(0, len(matrix), rows):
+        chunk = np.zeros(chunks)
+        chunk[: len(matrix) - start] = matrix[start : start + rows]
+        shuffled = chunk.view(np.uint8).reshape(-1, 8).T.tobytes()
+        deflate = zlib.compressobj(1, strategy=zlib.Z_HUFFMAN_ONLY)
+        dataset.id.write_direct_chunk((start, 0), deflate.compress(shuffled) + deflate.flush())
+
+
+def _finite_integer(text: str) -> int:
+    _finite(text)
+    return int(text)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not np.isfinite(value):
+        raise ValueError(f"{text} is not a finite number")
+    return value

@@ -1,0 +1,246 @@
+"""Binding files: the schema, the same bytes for the same binding, and no damage taken for sound."""
+
+import errno
+import json
+from dataclasses import asdict, replace
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli import __version__
+from cageik_cli.binding import Binding, BindSettings, bind
+from cageik_cli.errors import InputError
+from cageik_cli.store import binding_file as store
+from cageik_cli.store.binding_file import StoredBinding
+from tests.shapes import TETRAHEDRON, ball, box
+
+SETTINGS = BindSettings(accuracy="fine", outside="project")
+SOURCES = {"cage": {"name": "é.obj", "sha256": "0"}, "rest": {"name": "rest.obj", "sha256": "1"}}
+
+
+def _binding():
+    """Barycentric weights in a tetrahedron, whose affine precision is rounding."""
+    shares = np.abs(ball(1).vertices) + 0.1
+    weights = np.column_stack([shares, np.ones(len(shares))])
+    weights /= weights.sum(axis=1, keepdims=True)
+    rest = type(TETRAHEDRON)(weights @ TETRAHEDRON.vertices, ball(1).faces)
+    return Binding(rest, TETRAHEDRON, weights, SETTINGS, 944, 7e-4, 0, ("a nöte",))
+
+
+BINDING = _binding()
+STORED = StoredBinding(BINDING, SOURCES)
+
+
+@pytest.fixture
+def path(tmp_path):
+    store.write_binding(tmp_path / "binding.h5", STORED, overwrite=False)
+    return tmp_path / "binding.h5"
+
+
+def test_the_schema(path):
+    expected = {
+        "rest/verts": ("f8", BINDING.rest.vertices),
+        "rest/tris": ("i4", BINDING.rest.faces),
+        "cage/verts": ("f8", BINDING.cage.vertices),
+        "tris": ("i4", BINDING.cage.faces),
+        "weights": ("f8", BINDING.weights),
+    }
+    with h5py.File(path) as file:
+        held = []
+        file.visititems(lambda name, item: held.append(name) if hasattr(item, "shape") else None)
+        assert sorted(held) == sorted(expected)
+        for name, (kind, values) in expected.items():
+            assert file[name].dtype == np.dtype(kind), name
+            np.testing.assert_array_equal(file[name][:], values)
+        assert file["weights"].compression == "gzip"
+        attributes = dict(file.attrs)
+    assert attributes.pop("format") == "cageik.binding"
+    assert attributes.pop("schema") == 1
+    assert attributes.pop("version") == __version__
+    assert {name: json.loads(text) for name, text in attributes.items()} == {
+        "settings": {"coordinates": "harmonic", "accuracy": "fine", "outside": "project"},
+        "quality": asdict(BINDING.quality),
+        "notes": ["a nöte"],
+        "sources": SOURCES,
+    }
+
+
+def test_what_is_written_is_read(path):
+    stored = store.read_binding(path)
+    found = stored.binding
+    assert (stored.sources, stored.version) == (SOURCES, __version__)
+    np.testing.assert_array_equal(found.weights, BINDING.weights)
+    for read, mesh in ((found.rest, BINDING.rest), (found.cage, BINDING.cage)):
+        np.testing.assert_array_equal(read.vertices, mesh.vertices)
+        np.testing.assert_array_equal(read.faces, mesh.faces)
+    assert (found.settings, found.notes) == (SETTINGS, ("a nöte",))
+    assert found.quality == BINDING.quality
+    assert store.is_binding(path)
+    assert store.read_bind_settings(path) == SETTINGS
+
+
+def test_the_same_binding_gives_the_same_bytes_under_any_name(tmp_path, path):
+    store.write_binding(tmp_path / "another name.h5", STORED, overwrite=False)
+    assert (tmp_path / "another name.h5").read_bytes() == path.read_bytes()
+
+
+def test_a_projected_model_is_rebuilt_elsewhere_and_so_it_is_taken(tmp_path, coarse_panels):
+    settings = BindSettings(outside="project")
+    bound = bind(ball(1, 1.1), box(), settings)
+    assert bound.quality.linear_precision > 0.01
+    store.write_binding(tmp_path / "b.h5", StoredBinding(bound, SOURCES), overwrite=False)
+    found = store.read_binding(tmp_path / "b.h5").binding
+    assert found.quality == bound.quality
+    assert found.projected > 0
+
+
+def test_an_old_binding_stays_unless_it_may_be_replaced(path):
+    before = path.read_bytes()
+    other = replace(STORED, sources=SOURCES | {"more": {}})
+    with pytest.raises(InputError, match=r"binding\.h5: another run has written it meanwhile"):
+        store.write_binding(path, other, overwrite=False)
+    assert path.read_bytes() == before
+    store.write_binding(path, other, overwrite=True)
+    assert store.read_binding(path).sources["more"] == {}
+    assert [item.name for item in path.parent.iterdir()] == ["binding.h5"]
+
+
+def test_what_the_system_refuses_is_a_sentence(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(store, "write_deflated", full)
+    with pytest.raises(InputError, match=r"b\.h5: cannot be written \(No space left on device\)"):
+        store.write_binding(tmp_path / "b.h5", STORED, overwrite=False)
+    assert not list(tmp_path.iterdir())
+
+
+def attribute(name, value):
+    return lambda file: file.attrs.__setitem__(name, value)
+
+
+def without_attribute(name):
+    return lambda file: file.attrs.__delitem__(name)
+
+
+def replaced(name, *values):
+    def change(file):
+        del file[name]
+        if values:
+            file[name] = values[0]
+
+    return change
+
+
+def value(name, place, number):
+    return lambda file: file[name].__setitem__(place, number)
+
+
+def quality(**changes):
+    return attribute("quality", json.dumps(asdict(BINDING.quality) | changes))
+
+
+def settings(**changes):
+    return attribute("settings", json.dumps(asdict(SETTINGS) | changes))
+
+
+def with_weights(weights):
+    """Other weights, and the figures that they have."""
+
+    def change(file):
+        file["weights"][:] = weights
+        figures = asdict(replace(BINDING, weights=weights).quality)
+        file.attrs["quality"] = json.dumps(figures)
+
+    return change
+
+
+WEIGHTS = BINDING.weights
+DAMAGES = {
+    "another format": (attribute("format", "cageik.result"), "is not a binding of cageik bind"),
+    "no format": (without_attribute("format"), "is not a binding of cageik bind"),
+    "schema": (
+        attribute("schema", 2), "is of schema 2, this program reads schema 1; make it again"
+    ),
+    **{
+        f"{name} {change}": (damage, f"attribute `{name}` is not a JSON {kind}; make it again")
+        for name, kind in (
+            ("settings", "dict"), ("quality", "dict"), ("sources", "dict"), ("notes", "list")
+        )
+        for change, damage in (
+            ("missing", without_attribute(name)),
+            ("cut", attribute(name, "{")),
+            ("a number", attribute(name, "3")),
+            ("nan", attribute(name, '{"a": NaN}')),
+        )
+    },
+    **{
+        f"no {name}": (replaced(name), f"has no dataset `{name}`")
+        for name in ("weights", "tris", "cage/verts", "rest/verts", "rest/tris")
+    },
+    "settings of another kind": (settings(more="x"), "attribute `settings` does not say"),
+    "settings that are no words": (settings(accuracy=3), "attribute `settings` does not say"),
+    "unknown coordinates": (settings(coordinates="x"), "coordinates is 'x', expected one of"),
+    "unknown accuracy": (settings(accuracy="best"), "accuracy is 'best', expected one of"),
+    "more figures": (quality(more=1), "attribute `quality` is not"),
+    "figures that are words": (quality(panels="many"), "attribute `quality` is not"),
+    "half a panel": (quality(panels=0.5), "says that panels is 0.5, expected a count"),
+    "less than none": (quality(projected=-1), "says that projected is -1, expected a count"),
+    "no source of the cage": (
+        attribute("sources", '{"rest": {"name": "a"}}'), "does not name cage and rest"
+    ),
+    "weights cut": (replaced("weights", WEIGHTS[:17]), "`weights` has shape (17, 4), expected 18"),
+    "weights turned": (replaced("weights", WEIGHTS.T), "`weights` has shape (4, 18), expected 18"),
+    "weights whole": (replaced("weights", np.eye(18, 4, dtype=int)), "`weights` holds int64"),
+    "a weight nan": (value("weights", (7, 2), np.nan), "`weights` are not finite at vertex 7"),
+    "a weight inf": (value("weights", (7, 2), np.inf), "`weights` are not finite at vertex 7"),
+    "a weight other": (
+        value("weights", (7, 2), WEIGHTS[7, 2] + 1e-9),
+        "`weights` have partition_of_unity 1e-09 where attribute `quality` says",
+    ),
+    "two rows for each other": (
+        with_weights(WEIGHTS[[2, 1, 0, *range(3, 18)]]), "`weights` have linear_precision"
+    ),
+    "rows that do not sum to one": (
+        with_weights(2 * WEIGHTS),
+        "`weights` have partition_of_unity 1, expected at most 1e-06; make it again",
+    ),
+    "a moved rest pose": (
+        value("rest/verts", 5, [0.2, 0.2, 0.2]), "`weights` have linear_precision"
+    ),
+    "another smallest": (quality(min_weight=0.0), "`weights` have min_weight"),
+    "a rest vertex nan": (value("rest/verts", (2, 1), np.nan), "vertex 2 is ("),
+    "a rest face": (value("rest/tris", (0, 0), 18), "face 0 names vertices 18,"),
+    "a cage face": (value("tris", (0, 0), -1), "face 0 names vertices -1,"),
+    "a point": (value("rest/verts", ..., 0.0), "`rest/verts` are all one point"),
+    "an open cage": (replaced("tris", TETRAHEDRON.faces[1:]), "the cage is open"),
+    "an inward cage": (
+        replaced("tris", TETRAHEDRON.faces[:, ::-1]), "the cage's faces turn inward"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("damage", "says"), DAMAGES.values(), ids=DAMAGES)
+def test_a_damaged_binding_is_refused_by_name(path, damage, says):
+    with h5py.File(path, "r+") as file:
+        damage(file)
+    with pytest.raises(InputError) as caught:
+        store.read_binding(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_a_binding_cut_short_is_refused(path, share):
+    data = path.read_bytes()
+    path.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(InputError, match="is not a sound HDF5 file"):
+        store.read_binding(path)
+
+
+@pytest.mark.parametrize(("name", "says"), [("nowhere.h5", "no such file"), ("", "is a folder")])
+def test_what_is_no_file_is_refused(tmp_path, name, says):
+    for read in (store.read_binding, store.read_bind_settings, store.is_binding):
+        with pytest.raises(InputError, match=says):
+            read(tmp_path / name)

@@ -1,0 +1,483 @@
+"""The cache of weights: what it gives is what would be computed, whatever happens to its folder."""
+
+import errno
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cageik_cli.binding import ALGORITHMS, COORDINATES, Binding, BindSettings, bind
+from cageik_cli.mesh import TriMesh
+from cageik_cli.store import cache as module
+from cageik_cli.store.cache import Entry, WeightCache, key_of
+from tests.shapes import TETRAHEDRON, ball, box
+
+SETTINGS = BindSettings()
+KEY, OTHER = "1" * 64, "2" * 64
+ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
+
+
+def entry(seed=0, rows=5):
+    weights = np.random.default_rng(seed).dirichlet(np.ones(8), rows)
+    return Entry(box().faces, weights, 60, 1e-3, 2, ("ä note", "another"), 1.5)
+
+
+def same(found, expected):
+    np.testing.assert_array_equal(found.faces, expected.faces)
+    np.testing.assert_array_equal(found.weights, expected.weights)
+    names = ("panels", "estimated_error", "projected", "notes", "seconds")
+    return all(getattr(found, name) == getattr(expected, name) for name in names)
+
+
+@pytest.fixture
+def said():
+    """What the cache remarked."""
+    return []
+
+
+@pytest.fixture
+def kept(cache, said):
+    """A cache in this test's folder, which is not there yet."""
+    return WeightCache(cache, said.append)
+
+
+def path_of(cache, key=KEY):
+    return cache.folder / f"{key}.weights"
+
+
+def names_in(cache):
+    return sorted(path.name for path in cache.folder.iterdir())
+
+
+def test_what_is_written_is_read(kept, said):
+    assert kept.read(KEY) is None
+    kept.write(KEY, entry())
+    assert same(kept.read(KEY), entry())
+    assert kept.read(OTHER) is None
+    assert said == []
+    assert names_in(kept) == [f"{KEY}.weights"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions are others there")
+def test_only_the_owner_may_look(kept):
+    kept.write(KEY, entry())
+    assert kept.folder.stat().st_mode & 0o777 == 0o700
+    assert path_of(kept).stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.parametrize("name", COORDINATES)
+@pytest.mark.parametrize("shape", ["sound", "inward", "projected"])
+def test_a_hit_gives_the_binding_that_was_computed(kept, said, coarse_panels, name, shape):
+    cage = box().flipped() if shape == "inward" else box()
+    rest = ball(1, 1.1 if shape == "projected" else 0.9)
+    settings = BindSettings(name, outside="project")
+
+    def never():
+        raise AssertionError("it is in the cache")
+
+    computed = kept.bound(rest, cage, settings, lambda: bind(rest, cage, settings))
+    assert said == []
+    found = kept.bound(rest, cage, settings, never)
+    (remark,) = said
+    assert remark.startswith("weights taken from it, ")
+    assert remark.endswith(" s saved")
+    np.testing.assert_array_equal(found.weights, computed.weights)
+    assert found.weights.flags.c_contiguous == computed.weights.flags.c_contiguous
+    np.testing.assert_array_equal(found.cage.faces, computed.cage.faces)
+    np.testing.assert_array_equal(found.cage.vertices, computed.cage.vertices)
+    assert found.quality == computed.quality
+    assert (found.notes, found.settings) == (computed.notes, settings)
+    assert len(found.notes) == (0 if shape == "sound" else 1)
+    assert (found.projected > 0) == (shape == "projected")
+
+
+def test_the_seconds_saved_are_those_of_the_computation(kept, said, monkeypatch):
+    clock = iter([0.0, 10.0, 12.5, 20.0, 20.5])
+    monkeypatch.setattr(module.time, "perf_counter", lambda: next(clock))
+    bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
+    for _ in range(2):
+        kept.bound(TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound)
+    assert said == ["weights taken from it, 2.0 s saved"]
+
+
+def test_what_is_refused_is_not_kept(kept):
+    def refuse():
+        raise ValueError("no")
+
+    with pytest.raises(ValueError, match="no"):
+        kept.bound(ball(1), box(), SETTINGS, refuse)
+    assert not kept.folder.exists()
+
+
+def moved(mesh, vertex, by):
+    vertices = mesh.vertices.copy()
+    vertices[vertex, 1] += by
+    return TriMesh(vertices, mesh.faces)
+
+
+NEXT = np.spacing(ball(1).vertices[2, 1])
+ZERO = np.where(ball(1).vertices == 0, -0.0, ball(1).vertices)
+INGREDIENTS = {
+    "a rest vertex by its last digit": (moved(ball(1), 2, NEXT), box(), SETTINGS),
+    "a zero's sign": (TriMesh(ZERO, ball(1).faces), box(), SETTINGS),
+    "the order of rest vertices": (
+        TriMesh(ball(1).vertices[::-1], ball(1).faces), box(), SETTINGS
+    ),
+    "one rest vertex less": (TriMesh(ball(1).vertices[:-1], [[0, 1, 2]]), box(), SETTINGS),
+    "a cage vertex": (ball(1), moved(box(), 0, 1e-9), SETTINGS),
+    "a cage turned inward": (ball(1), box().flipped(), SETTINGS),
+    "cage faces that begin elsewhere": (
+        ball(1), TriMesh(box().vertices, np.roll(box().faces, 1, axis=1)), SETTINGS
+    ),
+    "accuracy": (ball(1), box(), BindSettings(accuracy="fine")),
+    "outside": (ball(1), box(), BindSettings(outside="project")),
+    "a vertex of the one is one of the other": (
+        TriMesh(ball(1).vertices[:-1], [[0, 1, 2]]),
+        TriMesh(np.concatenate([ball(1).vertices[-1:], box().vertices]), box().faces),
+        SETTINGS,
+    ),
+}  # fmt: skip
+
+
+def test_the_key_is_of_everything_that_weights_depend_on(monkeypatch):
+    keys = {name: key_of(*things) for name, things in INGREDIENTS.items()}
+    keys |= {name: key_of(ball(1), box(), BindSettings(name)) for name in COORDINATES}
+    monkeypatch.setitem(ALGORITHMS, "harmonic", ALGORITHMS["harmonic"] + 1)
+    keys["algorithm"] = key_of(ball(1), box(), SETTINGS)
+    monkeypatch.undo()
+    monkeypatch.setattr(module, "__version__", "0.0.0")
+    keys["version"] = key_of(ball(1), box(), SETTINGS)
+    assert len(set(keys.values())) == len(keys)
+
+
+def test_the_key_is_of_nothing_else():
+    """Neither of the model's faces, nor of how arrays lie in memory."""
+    key = key_of(ball(1), box(), SETTINGS)
+    assert key_of(TriMesh(ball(1).vertices, [[2, 1, 0]]), box(), SETTINGS) == key
+    columns = np.asfortranarray(ball(1).vertices)
+    columns.flags.writeable = False
+    strided = TriMesh(columns, ball(1).faces)
+    assert not strided.vertices.flags.c_contiguous
+    assert key_of(strided, box(), SETTINGS) == key
+
+
+def damaged(kept, said, data):
+    """Put `data` in place of an entry; whether that is noticed, deleted and then kept anew."""
+    path_of(kept).write_bytes(data)
+    noticed = kept.read(KEY) is None
+    (remark,) = said
+    assert remark.startswith(f"{path_of(kept)}: is ")
+    assert remark.endswith("; it is deleted and the weights are computed")
+    assert not path_of(kept).exists()
+    kept.write(KEY, entry())
+    return noticed and same(kept.read(KEY), entry())
+
+
+def whole(kept, key=KEY):
+    kept.write(key, entry())
+    return path_of(kept, key).read_bytes()
+
+
+def test_every_byte_counts(kept, said):
+    """Those of the start each, of header and arrays every seventh."""
+    data = whole(kept)
+    for place in [*range(57), *range(57, len(data), 7), len(data) - 1]:
+        other = bytearray(data)
+        other[place] ^= 1 << place % 8
+        assert damaged(kept, said, other), place
+        said.clear()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda data: b"", id="empty"),
+        pytest.param(lambda data: data[:10], id="a few bytes"),
+        pytest.param(lambda data: data[:100], id="in the header"),
+        pytest.param(lambda data: data[:-8], id="short by a number"),
+        pytest.param(lambda data: data[:-1], id="short by a byte"),
+        pytest.param(lambda data: data + b"\0", id="long by a byte"),
+        pytest.param(lambda data: data[:-64] + bytes(64), id="never reached the disk"),
+        pytest.param(lambda data: bytes(len(data)), id="zeros"),
+        pytest.param(lambda data: b"\x89HDF\r\n\x1a\n" + data, id="another program's"),
+        pytest.param(lambda data: data[:49] + b"\xff" * 8 + data[57:], id="claims a long header"),
+    ],
+)
+def test_what_is_not_a_whole_entry_is_not_taken(kept, said, change):
+    assert damaged(kept, said, change(whole(kept)))
+
+
+def test_an_entry_under_another_name_is_not_taken(kept, said):
+    assert damaged(kept, said, whole(kept, OTHER))
+
+
+@pytest.mark.parametrize("kind", ["folder", "link", "loose link", "pipe"])
+def test_what_is_not_a_file_is_not_taken(kept, said, kind):
+    data = whole(kept)
+    path = path_of(kept)
+    path.unlink()
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        if not hasattr(os, "mkfifo"):
+            pytest.skip("no pipes here")
+        os.mkfifo(path)
+    else:
+        target = kept.folder / "target"
+        if kind == "link":
+            target.write_bytes(data)
+        path.symlink_to(target)
+    assert kept.read(KEY) is None
+    assert said == [f"{path}: is not a plain file; it is deleted and the weights are computed"]
+    said.clear()
+    kept.write(KEY, entry())
+    if kind == "folder":
+        assert said == [
+            f"{kept.folder}: cannot be written (Is a directory); the weights are not kept"
+        ]
+        assert kept.read(KEY) is None
+    else:
+        assert said == []
+        assert same(kept.read(KEY), entry())
+    if kind == "link":
+        assert target.read_bytes() == data
+    assert not list(kept.folder.glob("*.partial"))
+
+
+def test_what_was_used_longest_ago_makes_room(cache, said):
+    keys = [f"{k:064x}" for k in range(5)]
+    size = len(whole(WeightCache(cache, said.append)))
+    path_of(WeightCache(cache, said.append)).unlink()
+    kept = WeightCache(cache, said.append, largest=3 * size + size // 2)
+    for k, key in enumerate(keys[:3]):
+        kept.write(key, entry())
+        os.utime(path_of(kept, key), (k, k))
+    assert kept.read(keys[0]) is not None
+    kept.write(keys[3], entry())
+    assert names_in(kept) == sorted(f"{keys[k]}.weights" for k in (0, 2, 3))
+    kept.write(keys[4], entry())
+    assert names_in(kept) == sorted(f"{keys[k]}.weights" for k in (0, 3, 4))
+    assert said == []
+
+
+def test_what_is_larger_than_the_cache_is_not_kept(cache, said):
+    WeightCache(cache, said.append).write(OTHER, entry())
+    size = path_of(WeightCache(cache, said.append), OTHER).stat().st_size
+    kept = WeightCache(cache, said.append, largest=size)
+    kept.write(KEY, entry(rows=6))
+    assert names_in(kept) == [f"{OTHER}.weights"]
+    (remark,) = said
+    assert f"holds {size} bytes at most" in remark
+    kept.write(KEY, entry(rows=5))
+    assert names_in(kept) == [f"{KEY}.weights"]
+
+
+def test_what_others_put_there_stays(cache, said):
+    kept = WeightCache(cache, said.append, largest=10_000)
+    cache.mkdir()
+    others = ["thesis.tex", "x.weights", f"{KEY}.weights.bak", f"{KEY}.partial", "cages.h5"]
+    for name in others:
+        (cache / name).write_bytes(bytes(20_000))
+        os.utime(cache / name, (0, 0))
+    (cache / f"{OTHER}.weights").mkdir()
+    kept.write(KEY, entry())
+    assert names_in(kept) == sorted([*others, f"{KEY}.weights", f"{OTHER}.weights"])
+
+
+def test_what_a_killed_process_left_is_cleared_after_an_hour(kept):
+    kept.folder.mkdir()
+    old, new = (kept.folder / f"{OTHER}.{name}.partial" for name in ("ab_1", "cd_2"))
+    for path, age in ((old, module.STALE + 60), (new, module.STALE - 60)):
+        path.write_bytes(b"half")
+        os.utime(path, (time.time() - age,) * 2)
+    kept.write(KEY, entry())
+    assert names_in(kept) == sorted([new.name, f"{KEY}.weights"])
+
+
+@pytest.mark.parametrize("place", ["a file", "in a file", "/proc/cageik"])
+def test_a_folder_that_cannot_be_made_is_remarked_once(tmp_path, said, place):
+    (tmp_path / "file").touch()
+    folder = {"a file": tmp_path / "file", "in a file": tmp_path / "file" / "in"}.get(place)
+    if folder is None and not Path("/proc/self").exists():
+        pytest.skip("no such folder")
+    kept = WeightCache(folder or Path(place), said.append)
+    binding = kept.bound(ball(1), box(), SETTINGS, lambda: bind(ball(1), box()))
+    assert binding.weights.shape == (18, 8)
+    (remark,) = said
+    assert remark.startswith(f"{kept.folder}: cannot be written (")
+    assert remark.endswith("); the weights are not kept")
+
+
+@pytest.mark.skipif(ROOT or os.name != "posix", reason="root may write anywhere")
+def test_a_folder_that_may_only_be_read_still_serves(kept, said):
+    kept.write(KEY, entry())
+    kept.folder.chmod(0o500)
+    try:
+        assert same(kept.read(KEY), entry())
+        kept.write(OTHER, entry())
+    finally:
+        kept.folder.chmod(0o700)
+    assert said == [
+        f"{kept.folder}: cannot be written (Permission denied); the weights are not kept"
+    ]
+    assert names_in(kept) == [f"{KEY}.weights"]
+
+
+def test_a_hit_that_cannot_be_marked_is_one_all_the_same(kept, said, monkeypatch):
+    def read_only(*_):
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    kept.write(KEY, entry())
+    monkeypatch.setattr(module.os, "utime", read_only)
+    assert same(kept.read(KEY), entry())
+    assert said == []
+
+
+@pytest.mark.parametrize("call", ["replace", "open", "mkstemp"])
+def test_a_full_disk_is_remarked_and_leaves_nothing(kept, said, monkeypatch, call):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    class Full(io.FileIO):
+        def writelines(self, lines):
+            super().write(next(iter(lines)))
+            full()
+
+    kept.write(OTHER, entry())
+    if call == "open":
+        monkeypatch.setattr(module, "open", Full, raising=False)
+    else:
+        monkeypatch.setattr(module.os if call == "replace" else module.tempfile, call, full)
+    kept.write(KEY, entry())
+    monkeypatch.undo()
+    assert said == [
+        f"{kept.folder}: cannot be written (No space left on device); the weights are not kept"
+    ]
+    assert names_in(kept) == [f"{OTHER}.weights"]
+
+
+def test_an_interrupt_while_writing_leaves_nothing(kept, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module.os, "replace", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        kept.write(KEY, entry())
+    assert names_in(kept) == []
+
+
+def test_entries_that_vanish_are_no_fault(kept, said, monkeypatch):
+    """Between the look into the folder and the look at the file, and before the reading."""
+    kept.write(KEY, entry())
+    listed = list(kept.folder.iterdir())
+    monkeypatch.setattr(Path, "iterdir", lambda folder: [*listed, kept.folder / f"{OTHER}.weights"])
+    kept.write(KEY, entry())
+    monkeypatch.undo()
+    shutil.rmtree(kept.folder)
+    assert kept.read(KEY) is None
+    assert said == []
+    kept.write(KEY, entry())
+    assert same(kept.read(KEY), entry())
+
+
+WORKER = """
+import sys
+from pathlib import Path
+import numpy as np
+from cageik_cli.store.cache import Entry, WeightCache
+
+folder, (seed, turns, largest) = Path(sys.argv[1]), map(int, sys.argv[2:])
+remarks, hits = [], 0
+cache = WeightCache(folder, remarks.append, largest)
+generator = np.random.default_rng(seed)
+faces = np.zeros((12, 3), np.int64)
+print("started", flush=True)
+for _ in range(turns):
+    k = int(generator.integers(3))
+    if generator.random() < 0.5:
+        weights = np.full((500, 8 * (k + 1)), float(k))
+        cache.write(f"{k:064x}", Entry(faces, weights, k, 0.0, 0, (), 1.0))
+    else:
+        found = cache.read(f"{k:064x}")
+        if found is not None:
+            assert found.panels == k and found.weights.shape == (500, 8 * (k + 1))
+            assert (found.weights == k).all()
+            hits += 1
+assert not remarks, remarks
+print(hits)
+"""
+
+
+def workers(folder, count, turns, largest):
+    return [
+        subprocess.Popen(
+            [sys.executable, "-c", WORKER, *map(str, (folder, seed, turns, largest))],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )
+        for seed in range(count)
+    ]  # fmt: skip
+
+
+def test_processes_do_not_harm_each_other(kept, said):
+    """Eight write and read three entries at once, of which two fit at most."""
+    hits = 0
+    for process in workers(kept.folder, 8, 300, 100_000):
+        out, err = process.communicate(timeout=120)
+        assert (process.returncode, err) == (0, "")
+        hits += int(out.split()[-1])
+    assert hits > 0
+    assert not list(kept.folder.glob("*.partial"))
+    assert sum(path.stat().st_size for path in kept.folder.iterdir()) <= 100_000
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="nothing kills so there")
+def test_a_process_that_is_killed_leaves_no_damage(kept, said):
+    for round_ in range(4):
+        (process,) = workers(kept.folder, 1, 10**9, 1 << 30)
+        assert process.stdout.readline() == "started\n"
+        time.sleep(0.05 * (round_ + 1))
+        process.kill()
+        process.communicate()
+        for k in range(3):
+            found = kept.read(f"{k:064x}")
+            assert found is None or (found.weights == k).all()
+    assert said == []
+
+
+def test_the_entry_of_a_write_that_stopped_is_not_there(kept, said, monkeypatch):
+    """What a process leaves that is killed just before the renaming."""
+    monkeypatch.setattr(module.os, "replace", lambda *_: None)
+    kept.write(KEY, entry())
+    (left,) = kept.folder.iterdir()
+    assert left.suffix == ".partial"
+    assert kept.read(KEY) is None
+    monkeypatch.undo()
+    assert said == []
+
+
+def test_the_header_is_plain_json(kept):
+    """Nothing in an entry is run when it is read."""
+    data = whole(kept)
+    assert data.startswith(b"cageik weights 1\n")
+    length = int.from_bytes(data[49:57], "little")
+    header = json.loads(data[57 : 57 + length])
+    assert header["weights"] == [5, 8]
+    assert len(data) == 57 + length + 8 * (12 * 3 + 5 * 8)
+    weights = np.frombuffer(data[-8 * 5 * 8 :], "<f8").reshape(5, 8)
+    np.testing.assert_array_equal(weights, entry().weights)
+
+
+def test_settings_of_a_hit_are_those_asked_for(kept, coarse_panels):
+    settings = replace(SETTINGS, accuracy="preview")
+    for _ in range(2):
+        found = kept.bound(ball(1), box(), settings, lambda: bind(ball(1), box(), settings))
+        assert found.settings == settings

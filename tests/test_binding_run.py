@@ -1,0 +1,155 @@
+"""Where the weights of a run come from: however that is, they are the same."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cageik_cli.binding import BindSettings, bind
+from cageik_cli.binding_run import BindRunSettings, WeightSettings, bind_files, from_file
+from cageik_cli.errors import InputError
+from cageik_cli.mesh import TriMesh
+from cageik_cli.observer import Observer
+from cageik_cli.sequence import load_mesh
+from cageik_cli.store.binding_file import read_binding
+
+
+class Listener(Observer):
+    """Remembers what it was told."""
+
+    def __init__(self):
+        self.stages, self.counts, self.remarks = [], [], []
+
+    def stage(self, name):
+        self.stages.append(name)
+        return super().stage(name)
+
+    def advance(self, done, total):
+        self.counts.append((done, total))
+
+    def remark(self, topic, text):
+        self.remarks.append((topic, text))
+
+
+@pytest.fixture
+def plain(folder):
+    """Settings for the first frame of the little animation, without a cache."""
+    return BindRunSettings(Path("cage.obj"), Path("frames/frame_1.obj"), Path("binding.h5"))
+
+
+@pytest.fixture
+def made(plain):
+    """The binding file, and the meshes that it was made of."""
+    bind_files(plain)
+    return plain.output, load_mesh(plain.rest), load_mesh(plain.cage)
+
+
+def test_the_file_holds_what_bind_gives(made):
+    path, rest, cage = made
+    expected, found = bind(rest.mesh, cage.mesh, jobs=1), read_binding(path)
+    np.testing.assert_array_equal(found.binding.weights, expected.weights)
+    assert found.binding.settings == BindSettings()
+    assert found.sources == {"cage": cage.source, "rest": rest.source}
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_an_observer_is_told_stages_progress_and_the_cache(plain, cache, kept):
+    how = WeightSettings(cache=cache if kept else None)
+    settings = BindRunSettings(plain.cage, plain.rest, plain.output, how, overwrite=True)
+    for turn in range(2):
+        listener = Listener()
+        bind_files(settings, listener)
+        assert listener.stages == ["open", "bind", "write"]
+        assert listener.counts[-1] == (18, 18)
+        assert [topic for topic, _ in listener.remarks] == ["cache"] * (kept and turn)
+    assert cache.exists() == kept
+
+
+def test_what_was_cut_or_turned_is_noted(plain, folder):
+    corners = [(x, y, z) for x in (-2, 2) for y in (-2, 2) for z in (-2, 2)]
+    sides = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
+    turned = (" ".join(reversed(side.split())) for side in sides)
+    text = "".join("v {} {} {}\n".format(*corner) for corner in corners)
+    plain.cage.write_text(text + "".join(f"f {side}\n" for side in turned))
+    plain.rest.write_text(text + "".join(f"f {side}\n" for side in sides))
+    listener = Listener()
+    stored = bind_files(plain, listener)
+    assert stored.binding.notes == (
+        "6 polygons cut into triangles",
+        "the cage's faces turn inward; it is used turned outward",
+    )
+    assert listener.remarks == [("note", "frame_1.obj: 6 polygons cut into triangles")]
+    found = from_file(plain.output, load_mesh(plain.rest), load_mesh(plain.cage))
+    assert found.binding.notes == stored.binding.notes
+
+
+def test_a_binding_serves_its_own_meshes(made):
+    path, rest, cage = made
+    for given in (cage, None):
+        found = from_file(path, rest, given)
+        assert set(found.sources) == {"binding", "cage", "rest"}
+        assert found.sources["binding"]["name"] == "binding.h5"
+        assert found.sources["cage"] == cage.source
+        assert found.sources["rest"] == rest.source
+
+
+def other(mesh, what):
+    vertices, faces = mesh.vertices.copy(), mesh.faces.copy()
+    if what == "vertices":
+        return TriMesh(np.concatenate([vertices, vertices[:1]]), faces)
+    if what == "triangles":
+        return TriMesh(vertices, faces[:-1])
+    if what == "corners":
+        faces[3] = np.roll(faces[3], 1)
+        return TriMesh(vertices, faces)
+    vertices[[4, 6]] += [[0, 0.003, 0.004], [0, 0, 0.25]]
+    return TriMesh(vertices, faces)
+
+
+@pytest.mark.parametrize(
+    ("what", "says"),
+    [
+        ("vertices", "it has 18 vertices, the one given 19"),
+        ("triangles", "it has 32 triangles, the one given 31"),
+        (
+            "positions",
+            "its vertex 4 is 0.005 from the one given (2 vertices differ, by 0.25 at most)",
+        ),
+        ("corners", "its triangle 3 joins vertices "),
+    ],
+)
+def test_a_binding_of_another_rest_pose_is_refused(made, what, says):
+    path, rest, cage = made
+    with pytest.raises(InputError) as caught:
+        from_file(path, replace(rest, mesh=other(rest.mesh, what)), cage)
+    start = "binding.h5: was made for another rest pose: "
+    assert str(caught.value).startswith(start + says)
+    assert str(caught.value).endswith("; give that one with --rest, or bind this one")
+
+
+@pytest.mark.parametrize(
+    ("what", "says"),
+    [
+        ("positions", "its vertex 4 is 0.005 from the one given"),
+        ("corners", "its triangle 3 joins vertices "),
+    ],
+)
+def test_a_binding_of_another_cage_is_refused(made, what, says):
+    path, rest, cage = made
+    with pytest.raises(InputError) as caught:
+        from_file(path, rest, replace(cage, mesh=other(cage.mesh, what)))
+    assert str(caught.value).startswith(f"binding.h5: was made for another cage: {says}")
+    assert str(caught.value).endswith("; give that one with --cage, or bind this one")
+
+
+def test_a_cage_that_is_none_is_refused_by_its_own_name(made):
+    path, rest, cage = made
+    with pytest.raises(InputError, match=r"^cage\.obj: the cage is open"):
+        from_file(path, rest, replace(cage, mesh=other(cage.mesh, "triangles")))
+
+
+def test_a_missing_binding_is_refused(made):
+    _, rest, cage = made
+    with pytest.raises(InputError, match=r"^nowhere\.h5: cannot be read: No such file"):
+        from_file(Path("nowhere.h5"), rest, cage)
