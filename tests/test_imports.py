@@ -15,7 +15,7 @@ ORDER = (
     "errors", "layout", "threads", "mesh",
     "coordinates.weights", "coordinates.panel_geometry", "coordinates.panels",
     "coordinates.surface", "coordinates.harmonic",
-    "enclosure", "binding", "alignment", "dual_laplacian", "metrics",
+    "findings", "intersections", "enclosure", "binding", "alignment", "dual_laplacian", "metrics",
     "outputs", "hdf5", "sequence", "store.result", "extraction", "report", "describing",
     "cli", "__main__",
 )  # fmt: skip
@@ -25,7 +25,7 @@ OWNERS = {
     "click": {"cli"},
     "tqdm": {"cli"},
     "h5py": {"hdf5", "store.result"},
-    "igl": {"coordinates.surface", "enclosure"},
+    "igl": {"coordinates.surface", "enclosure", "intersections"},
     "pyarrow": {"sequence.obj"},
     "trimesh": {"sequence.mesh_file"},
     "natsort": {"sequence.opening"},
@@ -33,7 +33,17 @@ OWNERS = {
 }
 """Who may import a library; numpy and scipy are for all."""
 
-NUMERICS = ("mesh", "coordinates", "enclosure", "binding", "alignment", "dual_laplacian", "metrics")
+NUMERICS = (
+    "mesh",
+    "coordinates",
+    "findings",
+    "intersections",
+    "enclosure",
+    "binding",
+    "alignment",
+    "dual_laplacian",
+    "metrics",
+)
 NO_NUMERICS = {"click", "io", "logging", "os", "pathlib", "sys", "time", "tqdm", "warnings"}
 LOUD = {"print", "open", "input"}
 
