@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.enclosure import checked_cage
-from cageik_cli.errors import InputError, first_few
+from cageik_cli.enclosure import cage_findings
+from cageik_cli.errors import first_few
 from cageik_cli.layout import page
 from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence import MeshSequence, load_mesh, open_sequence
@@ -68,11 +68,12 @@ def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
 
 
 def _cage_row(mesh: TriMesh) -> tuple[str, str]:
-    try:
-        _, notes = checked_cage(mesh)
-    except InputError as error:
-        return "as a cage", f"unfit: {error}"
-    return "as a cage", "; ".join(("sound", *notes))
+    findings = cage_findings(mesh)
+    unfit = [finding.sentence for finding in findings if finding.severity == "unfit"]
+    if not unfit:
+        return "as a cage", "; ".join(["sound", *(finding.message for finding in findings)])
+    more = f" ({len(unfit) - 1} more: cageik check)" if len(unfit) > 1 else ""
+    return "as a cage", f"unfit: {unfit[0]}{more}"
 
 
 def _point(position: np.ndarray) -> str:

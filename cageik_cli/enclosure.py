@@ -12,9 +12,7 @@ from cageik_cli.errors import InputError, first_few
 from cageik_cli.findings import Finding, at, plural
 from cageik_cli.intersections import self_intersections
 from cageik_cli.mesh import Floats, Integers, TriMesh
-
-THINNEST = 1e-9
-"""Smallest altitude of a cage face over its longest side; below it the face has no plane."""
+from cageik_cli.shape import bounds_volume, face_areas, is_flat
 
 FLATTEST = 1e-9
 """Smallest volume of a cage over its area and diagonal; below it there is no inside."""
@@ -157,20 +155,6 @@ def cage_findings(cage: TriMesh) -> tuple[Finding, ...]:
     return tuple(finding for finding in found if finding is not None)
 
 
-def is_flat(mesh: TriMesh) -> NDArray[np.bool_]:
-    """Which faces have no plane, (f,)."""
-    corner = mesh.vertices[mesh.faces]
-    sides = corner - np.roll(corner, 1, axis=1)
-    longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    twice_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    return np.asarray(~(twice_area > THINNEST * longest**2), np.bool_)
-
-
-def bounds_volume(mesh: TriMesh) -> bool:
-    """Whether each edge has two faces that turn alike: there is an inside and an outside."""
-    return bool((mesh.edges.uses == 2).all() and mesh.is_closed)
-
-
 def place(cage: TriMesh, rest: TriMesh) -> Placement:
     """Find where the vertices of the rest pose are, against a cage that is turned outward."""
     largest = max(np.abs(mesh.vertices).max() for mesh in (cage, rest))
@@ -294,9 +278,7 @@ def _part_findings(surface: TriMesh) -> Iterator[Finding | None]:
 def _volume_findings(surface: TriMesh) -> Iterator[Finding]:
     if not bounds_volume(surface):
         return
-    corner = surface.vertices[surface.faces]
-    normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    area = np.linalg.norm(normals, axis=1).sum() / 2
+    area = face_areas(surface).sum()
     none = np.empty(0, np.int64)
     if abs(surface.volume) <= FLATTEST * area * surface.diagonal:
         yield Finding(

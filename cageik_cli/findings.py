@@ -1,6 +1,5 @@
 """What a check finds, in words that every command uses, and in numbers for other programs."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +11,10 @@ from cageik_cli.mesh import Integers
 SEVERITIES = ("unfit", "usable", "note")
 """It does not bind; it binds, but something will be poor; worth a thought."""
 
-_PLURALS = {"vertex": "vertices"}
+_PLURALS = {
+    "vertex": "vertices",
+    "pair of a rest and a cage face": "pairs of a rest and a cage face",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,8 +64,3 @@ def at(noun: str, numbers: ArrayLike) -> str:
 def plural(noun: str) -> str:
     """Of the nouns for parts of a mesh."""
     return _PLURALS.get(noun, f"{noun}s")
-
-
-def worst_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """By severity; within one, as they were found."""
-    return tuple(sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity)))

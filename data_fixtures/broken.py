@@ -192,7 +192,12 @@ def cage_cases() -> list[Case]:
     cage = box(LOW, HIGH)
     far = box((3.0, -2.0, -2.0), (5.0, 2.0, 2.0))
     touching = box((2.0, 2.0, -2.0), (4.0, 4.0, 2.0))
+    corner = box((2.0, 2.0, 2.0), (4.0, 4.0, 4.0))
     small = cage.moved(np.clip(cage.verts, -2.0, 0.75))
+    dented = midpoint_subdivided(cage)
+    middle = int(np.flatnonzero((dented.verts == (0.0, 0.0, 2.0)).all(axis=1))[0])
+    pulled = dented.verts.copy()
+    pulled[middle, 2] = -3.0
     loose = cage.moved(np.concatenate([cage.verts, [[0.0, 3.0, 0.0]]]))
     bad = [
         ("open", "is open: no second face at 3 edges", cage.with_faces(cage.faces[:-1])),
@@ -216,6 +221,10 @@ def cage_cases() -> list[Case]:
             "which can move nothing: vertex 8; delete it",
             loose,
         ),
+    ]
+    bad += [
+        ("self_crossing", "crosses or touches itself at", dented.moved(pulled)),
+        ("pinched", "its parts touch in a point at vertex", joined(cage, corner)),
     ]
     odd = [
         ("inside_out", "it is used turned outward", flipped(cage, len(cage.faces))),

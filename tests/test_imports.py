@@ -15,8 +15,10 @@ ORDER = (
     "errors", "layout", "threads", "mesh",
     "coordinates.weights", "coordinates.panel_geometry", "coordinates.panels",
     "coordinates.surface", "coordinates.harmonic",
-    "findings", "intersections", "enclosure", "binding", "alignment", "dual_laplacian", "metrics",
-    "outputs", "hdf5", "sequence", "store.result", "extraction", "report", "describing",
+    "shape", "findings", "intersections", "enclosure", "weaknesses", "diagnosis",
+    "binding", "alignment", "dual_laplacian", "metrics",
+    "outputs", "hdf5", "sequence", "store.result", "extraction", "report",
+    "checking", "describing",
     "cli", "__main__",
 )  # fmt: skip
 """Each imports only from those before it; a folder named here keeps its own order."""
