@@ -150,8 +150,11 @@ def cage_findings(cage: TriMesh) -> tuple[Finding, ...]:
     kept = np.flatnonzero(~(pointed | again))
     if len(kept):
         surface = TriMesh(cage.vertices, cage.faces[kept])
-        found += [*_edge_findings(surface), *_part_findings(surface), *_volume_findings(surface)]
-        found += [_crossing_finding(surface, kept, flat[kept])]
+        # An open cage may have yet to be merged: vertices at one place are then taken as one.
+        joined = surface if surface.is_closed else _merged(surface)
+        found += [*_edge_findings(surface, joined), _pinch_finding(surface)]
+        found += [*_part_findings(joined), *_volume_findings(surface)]
+        found += [_crossing_finding(joined, kept, flat[kept])]
     return tuple(finding for finding in found if finding is not None)
 
 
@@ -234,9 +237,9 @@ def _fault(
     )
 
 
-def _edge_findings(surface: TriMesh) -> Iterator[Finding | None]:
+def _edge_findings(surface: TriMesh, joined: TriMesh) -> Iterator[Finding | None]:
     edges = surface.edges
-    unmerged = "unmerged-edge" if len(_merged(surface)[0]) < len(np.unique(surface.faces)) else ""
+    unmerged = "" if np.array_equal(joined.faces, surface.faces) else "unmerged-edge"
     for kind, what, bad, remedy in (
         ("non-manifold-edge", "is not manifold: more than two faces meet at", edges.uses > 2, ""),
         ("open-edge", "is open: no second face at", edges.uses < 2, unmerged),
@@ -250,15 +253,16 @@ def _edge_findings(surface: TriMesh) -> Iterator[Finding | None]:
         yield _fault(kind, what, "edge", edges.ends[bad], remedy)
 
 
-def _part_findings(surface: TriMesh) -> Iterator[Finding | None]:
+def _pinch_finding(surface: TriMesh) -> Finding | None:
     used = np.unique(surface.faces)
-    fans = np.asarray(igl.is_vertex_manifold(surface.faces))
-    yield _fault(
-        "pinched-vertex",
-        "is not manifold: its parts touch in a point at",
-        "vertex",
-        used[~fans[used]],
+    pinched = used[~np.asarray(igl.is_vertex_manifold(surface.faces))[used]]
+    return _fault(
+        "pinched-vertex", "is not manifold: its parts touch in a point at", "vertex", pinched
     )
+
+
+def _part_findings(surface: TriMesh) -> Iterator[Finding]:
+    used = np.unique(surface.faces)
     parts, of_vertex = np.unique(surface.components[used], return_inverse=True)
     if len(parts) > 1:
         sizes = np.bincount(of_vertex)
@@ -303,11 +307,8 @@ def _volume_findings(surface: TriMesh) -> Iterator[Finding]:
 
 
 def _crossing_finding(surface: TriMesh, kept: Integers, flat: NDArray[np.bool_]) -> Finding | None:
-    """Faces that cross or touch; none at the vertices of faces without a plane, which do that.
-
-    In an open cage, vertices at one place are taken as one: it has yet to be merged.
-    """
-    faces = surface.faces if surface.is_closed else _merged(surface)[1]
+    """Faces that cross or touch; none at the vertices of faces without a plane, which do that."""
+    faces = surface.faces
     judged = np.flatnonzero(~np.isin(faces, faces[flat]).any(axis=1))
     if len(judged) == 0:
         return None
@@ -316,12 +317,7 @@ def _crossing_finding(surface: TriMesh, kept: Integers, flat: NDArray[np.bool_])
     return _fault("self-intersection", what, "face pair", kept[judged[pairs]])
 
 
-def _merged(surface: TriMesh) -> tuple[Integers, Integers]:
-    """The vertices in use, one a place, and the faces with those in place of the others."""
-    used = np.unique(surface.faces)
-    _, first, place_of = np.unique(
-        surface.vertices[used], axis=0, return_index=True, return_inverse=True
-    )
-    renamed = np.arange(len(surface.vertices))
-    renamed[used] = used[first[place_of.ravel()]]
-    return used[first], renamed[surface.faces]
+def _merged(surface: TriMesh) -> TriMesh:
+    """The same vertices, and faces that name the first of those at one place."""
+    _, first, place_of = np.unique(surface.vertices, axis=0, return_index=True, return_inverse=True)
+    return TriMesh(surface.vertices, first[place_of.ravel()][surface.faces])
