@@ -32,15 +32,15 @@ def self_intersections(mesh: TriMesh) -> Integers:
 def crossings(first: TriMesh, second: TriMesh, depth: float) -> Integers:
     """Pairs of a face of `first` and a face of `second` that pass through each other, (p, 2).
 
-    Each then has corners on both sides of the other's plane, further from it than `depth` (file
-    units), so that faces that touch, but for rounding, do not count.
+    Each then has corners on both sides of the other's plane, and they have a segment in common, all
+    by more than `depth` (file units): faces that touch, but for rounding, do not count.
     """
-    pairs = _candidates(first, second)
+    pairs = _sorted(_candidates(first, second))
     a = first.vertices[first.faces[pairs[:, 0]]]
     b = second.vertices[second.faces[pairs[:, 1]]]
     chosen = _straddles(a, b, depth) & _straddles(b, a, depth)
-    chosen[chosen] = triangles_meet(a[chosen], b[chosen])
-    return _sorted(pairs[chosen])
+    chosen[chosen] = _common_length(a[chosen], b[chosen]) > depth
+    return pairs[chosen]
 
 
 def _meet_improperly(mesh: TriMesh, pairs: Integers) -> Truths:
@@ -73,11 +73,19 @@ def segments_meet(start: Floats, stop: Floats, triangle: Floats) -> Truths:
     """
     a, b, c = (triangle[:, k] for k in range(3))
     before, behind = _side(a, b, c, start), _side(a, b, c, stop)
-    turns = np.stack([_side(start, stop, p, q) for p, q in ((a, b), (b, c), (c, a))])
-    pierced = (before * behind <= 0) & ~((turns.max(axis=0) > 0) & (turns.min(axis=0) < 0))
+    found = before * behind <= 0
     within = (before == 0) & (behind == 0)
-    pierced[within] = _meet_in_plane(start[within], stop[within], triangle[within])
-    return np.asarray(pierced, np.bool_)
+    found[within] = _meet_in_plane(start[within], stop[within], triangle[within])
+    through = found & ~within
+    found[through] = _pass_inside(start[through], stop[through], triangle[through])
+    return np.asarray(found, np.bool_)
+
+
+def _pass_inside(start: Floats, stop: Floats, triangle: Floats) -> Truths:
+    """Whether lines pass through triangles, in whose planes they do not lie."""
+    a, b, c = (triangle[:, k] for k in range(3))
+    turns = np.stack([_side(start, stop, p, q) for p, q in ((a, b), (b, c), (c, a))])
+    return np.asarray((turns.min(axis=0) >= 0) | (turns.max(axis=0) <= 0), np.bool_)
 
 
 def _meet_beside_corner(a: Floats, b: Floats) -> Truths:
@@ -133,10 +141,38 @@ def _turn(a: Floats, b: Floats, c: Floats, axis: int) -> Integers:
 
 def _straddles(a: Floats, b: Floats, depth: float) -> Truths:
     """Whether triangles `a` have corners further than `depth` on both sides of those `b`."""
-    normal = np.cross(b[:, 1] - b[:, 0], b[:, 2] - b[:, 0])
-    height = np.einsum("kcx,kx->kc", a - b[:, :1], normal)
-    limit = depth * np.linalg.norm(normal, axis=1)
-    return np.asarray((height.max(axis=1) > limit) & (height.min(axis=1) < -limit), np.bool_)
+    height = _heights(a, b)
+    return np.asarray((height.max(axis=1) > depth) & (height.min(axis=1) < -depth), np.bool_)
+
+
+def _common_length(a: Floats, b: Floats) -> Floats:
+    """Length of the segment that triangles have in common that straddle each other, (k,).
+
+    Negative if they meet the line between their planes apart from each other.
+    """
+    line = np.cross(_normals(a), _normals(b))
+    line /= np.linalg.norm(line, axis=1, keepdims=True)
+    low, high = np.full(len(a), -np.inf), np.full(len(a), np.inf)
+    for one, other in ((a, b), (b, a)):
+        height, along = _heights(one, other), np.einsum("kcx,kx->kc", one - a[:, :1], line)
+        after, beyond = np.roll(height, -1, axis=1), np.roll(along, -1, axis=1)
+        cut = height * after <= 0
+        share = np.divide(height, height - after, out=np.zeros_like(height), where=cut)
+        place = along + share * (beyond - along)
+        low = np.maximum(low, np.where(cut, place, np.inf).min(axis=1))
+        high = np.minimum(high, np.where(cut, place, -np.inf).max(axis=1))
+    return np.asarray(high - low)
+
+
+def _heights(a: Floats, b: Floats) -> Floats:
+    """Of the corners of triangles `a` over the planes of those `b`, (k, 3); 0 if there is none."""
+    return np.asarray(np.einsum("kcx,kx->kc", a - b[:, :1], _normals(b)))
+
+
+def _normals(triangles: Floats) -> Floats:
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.where(length > 0, length, 1))
 
 
 def _candidates(first: TriMesh, second: TriMesh) -> Integers:

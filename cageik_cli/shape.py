@@ -8,6 +8,9 @@ from cageik_cli.mesh import Floats, Integers, TriMesh
 THINNEST = 1e-9
 """Smallest altitude of a cage face over its longest side; below it the face has no plane."""
 
+PARALLEL = 1e-12
+"""Cosine between a direction and a plane's normal, below which they do not meet."""
+
 BLOCK = 256
 """Faces looked at together for sheets opposite."""
 
@@ -41,38 +44,44 @@ def bounds_volume(mesh: TriMesh) -> bool:
     return bool((mesh.edges.uses == 2).all() and mesh.is_closed)
 
 
-def opposite_sheets(mesh: TriMesh) -> tuple[Floats, Integers]:
-    """How far the sheet opposite each face is, over the face's width, and which face it is.
+def opposite_sheets(mesh: TriMesh, limit: float) -> tuple[Integers, Floats]:
+    """Faces, and the faces opposite them, before or behind, nearer than `limit` times their width.
 
-    Along the normal through the centroid, inward and outward; the width is the root of the area.
+    Along the normal through the centroid; the width is the root of the area. No face may be flat.
 
     Returns
     -------
-    (f,), infinite where there is none
-    (f,)
+    (p, 2)
+        Each face with one opposite.
+    (p,)
+        How far that is, over the width of the first.
     """
     corner = mesh.vertices[mesh.faces]
     base, one, two = corner[:, 0], corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    normal = np.cross(one, two)
-    twice_area = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal /= twice_area
+    width = np.sqrt(face_areas(mesh))
+    normal = np.cross(one, two) / (2 * width**2)[:, None]
     # Barycentric coordinates of a point are these gradients times its distance from the base.
-    gradients = np.cross(two, normal) / twice_area, np.cross(normal, one) / twice_area
-    origin = corner.mean(axis=1)
-    distance, opposite = np.empty(len(base)), np.empty(len(base), np.int64)
+    gradients = (np.cross(edge, normal) / (2 * width**2)[:, None] for edge in (two, -one))
+    first, second, reach = _reached_planes(corner.mean(axis=1), base, normal, limit * width)
+    hit = corner.mean(axis=1)[first] + reach[:, None] * normal[first] - base[second]
+    u, v = ((hit * gradient[second]).sum(axis=1) for gradient in gradients)
+    met = (u >= 0) & (v >= 0) & (u + v <= 1)
+    pairs = np.stack([first[met], second[met]], axis=1)
+    return pairs, np.abs(reach[met]) / width[pairs[:, 0]]
+
+
+def _reached_planes(
+    origin: Floats, base: Floats, normal: Floats, furthest: Floats
+) -> tuple[Integers, Integers, Floats]:
+    """Which faces' normals meet which others' planes at most `furthest` away, and where."""
+    found = []
     for start in range(0, len(base), BLOCK):
-        chosen = np.arange(start, min(start + BLOCK, len(base)))
-        along = normal[chosen] @ normal.T
-        along[np.abs(along) < 1e-12] = np.inf  # parallel: it is met nowhere, at distance 0
-        reach = ((base * normal).sum(axis=1) - origin[chosen] @ normal.T) / along
-        u, v = (
-            origin[chosen] @ gradient.T
-            - (base * gradient).sum(axis=1)
-            + reach * (normal[chosen] @ gradient.T)
-            for gradient in gradients
-        )
-        met = (u >= 0) & (v >= 0) & (u + v <= 1) & np.isfinite(along)
-        met[np.arange(len(chosen)), chosen] = False
-        reach = np.where(met, np.abs(reach), np.inf)
-        distance[chosen], opposite[chosen] = reach.min(axis=1), reach.argmin(axis=1)
-    return distance / np.sqrt(twice_area[:, 0] / 2), opposite
+        own = np.arange(start, min(start + BLOCK, len(base)))
+        along = normal[own] @ normal.T
+        height = (base * normal).sum(axis=1) - origin[own] @ normal.T
+        near = np.abs(height) <= furthest[own, None] * np.abs(along)
+        near[np.arange(len(own)), own] = False
+        here, other = np.nonzero(near & (np.abs(along) > PARALLEL))
+        found.append((own[here], other, height[here, other] / along[here, other]))
+    first, second, reach = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return first, second, reach

@@ -43,21 +43,20 @@ def needle_findings(cage: TriMesh) -> Iterator[Finding]:
 
 def thin_findings(cage: TriMesh) -> Iterator[Finding]:
     """Faces with another sheet close by, inside or outside, in a cage without faults."""
-    distance, opposite = opposite_sheets(cage)
-    thin = np.flatnonzero(distance < THINNEST_PART)
-    if len(thin):
-        worst = thin[distance[thin].argmin()]
-        pairs = np.unique(np.sort(np.stack([thin, opposite[thin]], axis=1), axis=1), axis=0)
+    sheets, nearness = opposite_sheets(cage, THINNEST_PART)
+    if len(sheets):
+        worst = int(nearness.argmin())
+        pairs = np.unique(np.sort(sheets, axis=1), axis=0)
         yield Finding(
             kind="thin",
             severity="usable",
             message=f"the cage has sheets nearer to each other than {THINNEST_PART:g} of a face's "
-            f"width at {at('face pair', pairs)}, the nearest at {distance[worst]:.2g} between "
-            f"faces {worst} and {opposite[worst]}",
+            f"width at {at('face pair', pairs)}, the nearest at {nearness[worst]:.2g} between "
+            f"faces {sheets[worst, 0]} and {sheets[worst, 1]}",
             remedy="move them apart; the solve can hardly tell their vertices apart",
             elements="face pairs",
             numbers=pairs,
-            value=float(distance[worst]),
+            value=float(nearness[worst]),
         )
 
 

@@ -127,5 +127,22 @@ def test_surfaces_that_touch_but_for_rounding_do_not_cross(lift):
     assert len(crossings(inner, box(), 1e-8)) == 0
 
 
+def test_faces_that_straddle_each_other_and_meet_in_a_point_do_not_cross():
+    """As at a vertex where faces of a surface meet that are no neighbours."""
+    tip = np.zeros((1, 3))
+    one = TriMesh(np.vstack([tip, [[1.0, 1, 0], [1, -1, 0]]]), [[0, 1, 2]])
+    other = TriMesh(np.vstack([tip, [[-1.0, 0, 1], [-1, 0, -1]]]), [[0, 1, 2]])
+    assert len(crossings(one, other, 0.0)) == 0
+    moved = TriMesh(other.vertices + np.array([1e-3, 0, 0]), other.faces)
+    assert crossings(one, moved, 0.9e-3).tolist() == [[0, 0]]
+    assert len(crossings(one, moved, 1.1e-3)) == 0
+
+
+def test_a_surface_divided_on_itself_does_not_cross_itself():
+    mesh = concave()
+    turned = TriMesh(mesh.vertices @ rotation(3).T, mesh.faces)
+    assert len(crossings(finer(turned, 2), turned, 1e-8)) == 0
+
+
 def test_surfaces_apart_have_no_crossings():
     assert crossings(box(0.5), box(), 0.0).shape == (0, 2)

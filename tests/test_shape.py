@@ -10,7 +10,7 @@ from cageik_cli.shape import (
     is_flat,
     opposite_sheets,
 )
-from tests.shapes import TETRAHEDRON, box, concave, finer, rotation
+from tests.shapes import box, concave, finer, rotation
 
 RIGHT = TriMesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, np.sqrt(3), 0]]), np.array([[0, 1, 2]]))
 
@@ -55,29 +55,42 @@ def test_what_bounds_a_volume():
 def test_the_sheet_opposite_a_face_of_a_slab_is_its_height_away(height, flip):
     slab = TriMesh(finer(box(), 1).vertices * [1, 1, height], finer(box(), 1).faces)
     slab = slab.flipped() if flip else slab
-    distance, opposite = opposite_sheets(slab)
-    corner = slab.vertices[slab.faces]
-    lies = np.ptp(corner[:, :, 2], axis=1) == 0
-    assert lies.sum() == 16
-    np.testing.assert_allclose(distance[lies], 2 * height / np.sqrt(0.5), rtol=1e-12)
-    sides = corner[lies][:, 0, 2], corner[opposite[lies]][:, 0, 2]
-    np.testing.assert_array_equal(sides[0], -sides[1])
+    level = np.ptp(slab.vertices[slab.faces][:, :, 2], axis=1) == 0
+    expected = 2 * height / np.sqrt(0.5)
+    pairs, nearness = opposite_sheets(slab, 1.01 * expected)
+    of_level = level[pairs[:, 0]] & level[pairs[:, 1]]
+    np.testing.assert_allclose(nearness[of_level], expected, rtol=1e-12)
+    np.testing.assert_array_equal(np.unique(pairs[of_level, 0]), np.flatnonzero(level))
+    heights = slab.vertices[slab.faces[pairs[of_level]]][:, :, 0, 2]
+    np.testing.assert_array_equal(heights[:, 0], -heights[:, 1])
+    pairs, _ = opposite_sheets(slab, 0.99 * expected)
+    assert not (level[pairs[:, 0]] & level[pairs[:, 1]]).any()
 
 
-def test_a_sheet_outside_counts_and_a_convex_shape_has_none_there():
+def test_a_sheet_outside_counts_and_one_face_has_none():
     """The walls of a channel face each other across the air."""
     walls = TriMesh(
         np.array([[0.0, 0, 0], [0, 2, 0], [0, 0, 2], [0.1, 0, 0], [0.1, 2, 0], [0.1, 0, 2]]),
         [[0, 1, 2], [3, 5, 4]],
     )
-    distance, opposite = opposite_sheets(walls)
-    np.testing.assert_allclose(distance, 0.1 / np.sqrt(2), rtol=1e-12)
-    assert opposite.tolist() == [1, 0]
-    assert np.isinf(opposite_sheets(RIGHT)[0]).all()
+    pairs, nearness = opposite_sheets(walls, 1.0)
+    np.testing.assert_allclose(nearness, 0.1 / np.sqrt(2), rtol=1e-12)
+    assert pairs.tolist() == [[0, 1], [1, 0]]
+    assert len(opposite_sheets(RIGHT, 1e9)[0]) == 0
+
+
+def test_a_sheet_beside_the_normal_does_not_count():
+    walls = TriMesh(
+        np.array([[0.0, 0, 0], [0, 2, 0], [0, 0, 2], [0.1, 2, 2], [0.1, 4, 2], [0.1, 2, 4]]),
+        [[0, 1, 2], [3, 5, 4]],
+    )
+    assert len(opposite_sheets(walls, 1e9)[0]) == 0
 
 
 def test_blocks_change_nothing(monkeypatch):
-    whole = opposite_sheets(TETRAHEDRON)
-    monkeypatch.setattr("cageik_cli.shape.BLOCK", 3)
-    for found, expected in zip(opposite_sheets(TETRAHEDRON), whole, strict=True):
+    slab = TriMesh(box().vertices * [1, 1, 0.1], box().faces)
+    whole = opposite_sheets(slab, 1.0)
+    assert len(whole[0]) > 0
+    monkeypatch.setattr("cageik_cli.shape.BLOCK", 5)
+    for found, expected in zip(opposite_sheets(slab, 1.0), whole, strict=True):
         np.testing.assert_array_equal(found, expected)
