@@ -144,8 +144,6 @@ def bind(
     NumericalError
         When the weights do not reproduce the rest model.
     """
-    if rest.diagonal == 0:
-        raise InputError("the rest pose is one point, expected a surface; export it again")
     settings = settings or BindSettings()
     held = check_enclosure(cage, rest, settings.outside)
     weights = _weights(held, settings, jobs, progress)

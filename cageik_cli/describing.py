@@ -7,8 +7,8 @@ import numpy as np
 
 from cageik_cli.binding import BindSettings, WeightQuality
 from cageik_cli.coordinates.harmonic import ACCURACIES
-from cageik_cli.enclosure import checked_cage
-from cageik_cli.errors import InputError, first_few
+from cageik_cli.enclosure import cage_findings
+from cageik_cli.errors import first_few
 from cageik_cli.layout import page
 from cageik_cli.mesh import TriMesh
 from cageik_cli.report.text import weights_row
@@ -113,11 +113,12 @@ def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
 
 
 def _cage_row(mesh: TriMesh) -> tuple[str, str]:
-    try:
-        _, notes = checked_cage(mesh)
-    except InputError as error:
-        return "as a cage", f"unfit: {error}"
-    return "as a cage", "; ".join(("sound", *notes))
+    findings = cage_findings(mesh)
+    unfit = [finding.sentence for finding in findings if finding.severity == "unfit"]
+    if not unfit:
+        return "as a cage", "; ".join(["sound", *(finding.message for finding in findings)])
+    more = f" ({len(unfit) - 1} more: cageik check)" if len(unfit) > 1 else ""
+    return "as a cage", f"unfit: {unfit[0]}{more}"
 
 
 def _point(position: np.ndarray) -> str:

@@ -96,7 +96,7 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
     prepare(settings.output, settings.overwrite)
     with watch.stage("open"):
         sequence = open_sequence(list(settings.frames), settings.allow_gaps)
-        rest = rest_pose(sequence, settings)
+        rest = rest_pose(sequence, settings.rest, settings.rest_frame)
         cage = load_mesh(settings.cage) if settings.cage is not None else None
         sources, vertex_weights = {}, None
         if settings.vertex_weights is not None:
@@ -125,22 +125,22 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
     return read_result(settings.output)
 
 
-def rest_pose(sequence: MeshSequence, settings: ExtractSettings) -> LoadedMesh:
-    """The rest pose that was asked for, of the sequence's connectivity."""
-    if settings.rest is not None:
-        rest = load_mesh(settings.rest)
-        with located(settings.rest):
+def rest_pose(sequence: MeshSequence, path: Path | None, index: int) -> LoadedMesh:
+    """The rest pose in a file, of the sequence's connectivity, or that frame of the sequence."""
+    if path is not None:
+        rest = load_mesh(path)
+        with located(path):
             count, faces = len(rest.fanned.vertices), rest.fanned.faces
             refuse_other_connectivity(count, faces, sequence.fanned, "the first frame")
         # Polygons are cut alike in all frames: as in the first.
         return replace(rest, mesh=TriMesh(rest.mesh.vertices, sequence.first.faces))
-    if not 0 <= settings.rest_frame < len(sequence):
+    if not 0 <= index < len(sequence):
         raise InputError(
-            f"--rest-frame {settings.rest_frame}: the clip has {len(sequence)} frames, expected "
+            f"--rest-frame {index}: the clip has {len(sequence)} frames, expected "
             f"0 to {len(sequence) - 1}"
         )
-    frame = TriMesh(sequence.frame(settings.rest_frame), sequence.first.faces)
-    return LoadedMesh(frame, frame, {"name": sequence.names[settings.rest_frame]})
+    frame = TriMesh(sequence.frame(index), sequence.first.faces)
+    return LoadedMesh(frame, frame, {"name": sequence.names[index]})
 
 
 def block_size(memory: int, vertices: int) -> int:

@@ -192,26 +192,39 @@ def cage_cases() -> list[Case]:
     cage = box(LOW, HIGH)
     far = box((3.0, -2.0, -2.0), (5.0, 2.0, 2.0))
     touching = box((2.0, 2.0, -2.0), (4.0, 4.0, 2.0))
+    corner = box((2.0, 2.0, 2.0), (4.0, 4.0, 4.0))
     small = cage.moved(np.clip(cage.verts, -2.0, 0.75))
+    dented = midpoint_subdivided(cage)
+    middle = int(np.flatnonzero((dented.verts == (0.0, 0.0, 2.0)).all(axis=1))[0])
+    pulled = dented.verts.copy()
+    pulled[middle, 2] = -3.0
     loose = cage.moved(np.concatenate([cage.verts, [[0.0, 3.0, 0.0]]]))
     bad = [
         ("open", "is open: no second face at 3 edges", cage.with_faces(cage.faces[:-1])),
         ("non_manifold", "more than two faces meet at edge", joined(cage, touching)),
         ("two_components", "has 2 components", joined(cage, far)),
-        ("degenerate_face", "a vertex twice in a face: delete face 12", with_face(cage, [0, 1, 1])),
+        (
+            "degenerate_face",
+            "a vertex twice in a face: face 12; delete it",
+            with_face(cage, [0, 1, 1]),
+        ),
         ("zero_area", "degenerate, corners on a line, at face 2", with_sliver(cage)),
         (
             "duplicate_faces",
-            "delete face 12",
+            "faces that repeat others: face 12; delete it",
             with_face(cage, cage.faces[0].tolist()),
         ),
         ("mixed_orientation", "has neighbours facing opposite ways at 7 edges", flipped(cage, 3)),
         ("too_small", "3 of 18 vertices of the rest pose are outside the cage", small),
         (
             "unreferenced_vertex",
-            "which can move nothing: delete vertex 8",
+            "which can move nothing: vertex 8; delete it",
             loose,
         ),
+    ]
+    bad += [
+        ("self_crossing", "crosses or touches itself at", dented.moved(pulled)),
+        ("pinched", "its parts touch in a point at vertex", joined(cage, corner)),
     ]
     odd = [
         ("inside_out", "it is used turned outward", flipped(cage, len(cage.faces))),

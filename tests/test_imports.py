@@ -16,9 +16,11 @@ ORDER = (
     "coordinates.weights", "coordinates.polynomials", "coordinates.panel_geometry",
     "coordinates.panels", "coordinates.boundary_mesh", "coordinates.surface",
     "coordinates.harmonic", "coordinates.mean_value",
-    "enclosure", "binding", "alignment", "dual_laplacian", "metrics",
+    "shape", "findings", "intersections", "enclosure", "weaknesses", "diagnosis",
+    "binding", "alignment", "dual_laplacian", "metrics",
     "outputs", "hdf5", "sequence", "store.parts", "store.result", "store.binding_file",
-    "store.cache", "binding_run", "extraction", "report", "describing", "cli", "__main__",
+    "store.cache", "binding_run", "extraction", "report", "checking", "describing",
+    "cli", "__main__",
 )  # fmt: skip
 """Each imports only from those before it; a folder named here keeps its own order."""
 
@@ -27,7 +29,7 @@ OWNERS = {
     "tqdm": {"cli"},
     "h5py": {"hdf5", "store.parts", "store.result", "store.binding_file"},
     "platformdirs": {"cli.options"},
-    "igl": {"coordinates.surface", "enclosure"},
+    "igl": {"coordinates.surface", "enclosure", "intersections"},
     "pyarrow": {"sequence.obj"},
     "trimesh": {"sequence.mesh_file"},
     "natsort": {"sequence.opening"},
@@ -35,7 +37,17 @@ OWNERS = {
 }
 """Who may import a library; numpy and scipy are for all."""
 
-NUMERICS = ("mesh", "coordinates", "enclosure", "binding", "alignment", "dual_laplacian", "metrics")
+NUMERICS = (
+    "mesh",
+    "coordinates",
+    "findings",
+    "intersections",
+    "enclosure",
+    "binding",
+    "alignment",
+    "dual_laplacian",
+    "metrics",
+)
 NO_NUMERICS = {"click", "io", "logging", "os", "pathlib", "sys", "time", "tqdm", "warnings"}
 LOUD = {"print", "open", "input"}
 

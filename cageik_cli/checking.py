@@ -1,0 +1,148 @@
+"""The check of a cage: files in, a diagnosis, and its views as text and JSON."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from cageik_cli import __version__
+from cageik_cli.diagnosis import CageFacts, Diagnosis, RestFacts, diagnose
+from cageik_cli.extraction import rest_pose
+from cageik_cli.findings import Finding
+from cageik_cli.layout import page
+from cageik_cli.sequence import LoadedMesh, load_mesh, open_sequence
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class CheckSettings:
+    """What to look at.
+
+    Attributes
+    ----------
+    cage : Path
+    frames : tuple of str
+        Files, folders and globs, or one file that holds a clip; may be none.
+    rest : Path, optional
+        The rest pose; a frame of the clip if absent, or none at all.
+    rest_frame : int
+        Which frame then, from 0.
+    jobs : int
+        Threads.
+    """
+
+    cage: Path
+    frames: tuple[str, ...] = ()
+    rest: Path | None = None
+    rest_frame: int = 0
+    jobs: int = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Check:
+    """What was looked at, and what was found."""
+
+    cage: LoadedMesh
+    rest: LoadedMesh | None
+    diagnosis: Diagnosis
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was changed in reading, one sentence each."""
+        loaded = [mesh for mesh in (self.cage, self.rest) if mesh is not None]
+        return tuple(f"{mesh.source['name']}: {note}" for mesh in loaded for note in mesh.notes)
+
+
+def check(settings: CheckSettings) -> Check:
+    """Read the cage and the rest pose, if there is one, and diagnose them.
+
+    Raises
+    ------
+    InputError
+        Naming the file that cannot be read.
+    """
+    cage, rest = load_mesh(settings.cage), None
+    if settings.frames:
+        sequence = open_sequence(list(settings.frames), allow_gaps=True)
+        rest = rest_pose(sequence, settings.rest, settings.rest_frame)
+    elif settings.rest is not None:
+        rest = load_mesh(settings.rest)
+    return Check(
+        cage, rest, diagnose(cage.mesh, rest.mesh if rest is not None else None, settings.jobs)
+    )
+
+
+def as_text(checked: Check) -> str:
+    """The verdict, the facts, and what was found, the worst first."""
+    diagnosis = checked.diagnosis
+    rows = _cage_rows(diagnosis.cage)
+    if checked.rest is not None and diagnosis.rest is not None:
+        rows += _rest_rows(checked.rest.source["name"], diagnosis.rest)
+    rows += [(finding.severity, finding.sentence) for finding in diagnosis.findings]
+    rows += [("note", note) for note in checked.notes]
+    return page(f"{checked.cage.source['name']}: {diagnosis.verdict}", rows)
+
+
+def as_json(checked: Check) -> str:
+    """The whole record; a finding has all its numbers."""
+    diagnosis = checked.diagnosis
+    record = {
+        "schema": SCHEMA,
+        "tool": {"name": "cageik", "version": __version__},
+        "verdict": diagnosis.verdict,
+        "cage": checked.cage.source | asdict(diagnosis.cage),
+        "rest": _rest_record(checked),
+        "notes": checked.notes,
+        "findings": [_finding_record(finding) for finding in diagnosis.findings],
+    }
+    return json.dumps(record, indent=1, allow_nan=False) + "\n"
+
+
+def _rest_record(checked: Check) -> dict[str, Any] | None:
+    if checked.rest is None or checked.diagnosis.rest is None:
+        return None
+    return checked.rest.source | asdict(checked.diagnosis.rest)
+
+
+def _finding_record(finding: Finding) -> dict[str, Any]:
+    return asdict(finding) | {"numbers": finding.numbers.tolist()}
+
+
+def _cage_rows(facts: CageFacts) -> list[tuple[str, str]]:
+    surface = (
+        f"{facts.vertices} vertices, {facts.faces} triangles, {facts.components} "
+        f"component{'s' * (facts.components > 1)}"
+    )
+    if facts.genus is not None:
+        surface += f", genus {facts.genus}"
+    rows = [
+        ("cage", surface),
+        ("volume", "not defined" if facts.volume is None else f"{facts.volume:.6g}"),
+    ]
+    if facts.smallest_angle is not None:
+        angle = f"{facts.smallest_angle:.3g} degrees at face {facts.smallest_angle_face}"
+        rows.append(("smallest angle", angle))
+    return rows
+
+
+def _rest_rows(name: str, facts: RestFacts) -> list[tuple[str, str]]:
+    counts = f"{facts.vertices} vertices, {facts.faces} triangles, diagonal {facts.diagonal:.6g}"
+    rows = [("rest pose", f"{name}: {counts}")]
+    if facts.outside is None:
+        rows.append(("clearance", "not defined, the cage has no inside"))
+    elif facts.outside:
+        rows.append(("clearance", f"none, {facts.outside} vertices are outside"))
+    else:
+        rows.append(
+            (
+                "clearance",
+                f"{facts.clearance:.3g} % of the diagonal, vertex {facts.clearance_vertex} from "
+                f"face {facts.clearance_face}",
+            )
+        )
+    if facts.weakest_vertices:
+        pairs = zip(facts.weakest_vertices, facts.weakest_weights, strict=True)
+        weakest = ", ".join(f"{vertex} ({weight:.3g})" for vertex, weight in pairs)
+        rows.append(("weakest", f"cage vertices {weakest} by their largest weights"))
+    return rows

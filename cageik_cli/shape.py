@@ -1,0 +1,87 @@
+"""How a surface is shaped: areas, angles, planes, and the sheets that lie opposite each other."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.mesh import Floats, Integers, TriMesh
+
+THINNEST = 1e-9
+"""Smallest altitude of a cage face over its longest side; below it the face has no plane."""
+
+PARALLEL = 1e-12
+"""Cosine between a direction and a plane's normal, below which they do not meet."""
+
+BLOCK = 256
+"""Faces looked at together for sheets opposite."""
+
+
+def face_areas(mesh: TriMesh) -> Floats:
+    """The area of each face, (f,), squared file units."""
+    corner = mesh.vertices[mesh.faces]
+    normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    return np.asarray(np.linalg.norm(normals, axis=1) / 2)
+
+
+def corner_angles(mesh: TriMesh) -> Floats:
+    """The angle of each corner of each face, (f, 3), degrees; 0 where a side has no length."""
+    corner = mesh.vertices[mesh.faces]
+    ahead = np.roll(corner, -1, axis=1) - corner
+    back = np.roll(corner, 1, axis=1) - corner
+    sine = np.linalg.norm(np.cross(ahead, back), axis=2)
+    return np.asarray(np.degrees(np.arctan2(sine, (ahead * back).sum(axis=2))))
+
+
+def is_flat(mesh: TriMesh) -> NDArray[np.bool_]:
+    """Which faces have no plane, (f,)."""
+    corner = mesh.vertices[mesh.faces]
+    sides = corner - np.roll(corner, 1, axis=1)
+    longest = np.linalg.norm(sides, axis=2).max(axis=1)
+    return np.asarray(~(2 * face_areas(mesh) > THINNEST * longest**2), np.bool_)
+
+
+def bounds_volume(mesh: TriMesh) -> bool:
+    """Whether each edge has two faces that turn alike: there is an inside and an outside."""
+    return bool((mesh.edges.uses == 2).all() and mesh.is_closed)
+
+
+def opposite_sheets(mesh: TriMesh, limit: float) -> tuple[Integers, Floats]:
+    """Faces, and the faces opposite them, before or behind, nearer than `limit` times their width.
+
+    Along the normal through the centroid; the width is the root of the area. No face may be flat.
+
+    Returns
+    -------
+    (p, 2)
+        Each face with one opposite.
+    (p,)
+        How far that is, over the width of the first.
+    """
+    corner = mesh.vertices[mesh.faces]
+    base, one, two = corner[:, 0], corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    width = np.sqrt(face_areas(mesh))
+    normal = np.cross(one, two) / (2 * width**2)[:, None]
+    # Barycentric coordinates of a point are these gradients times its distance from the base.
+    gradients = (np.cross(edge, normal) / (2 * width**2)[:, None] for edge in (two, -one))
+    first, second, reach = _reached_planes(corner.mean(axis=1), base, normal, limit * width)
+    hit = corner.mean(axis=1)[first] + reach[:, None] * normal[first] - base[second]
+    u, v = ((hit * gradient[second]).sum(axis=1) for gradient in gradients)
+    met = (u >= 0) & (v >= 0) & (u + v <= 1)
+    pairs = np.stack([first[met], second[met]], axis=1)
+    return pairs, np.abs(reach[met]) / width[pairs[:, 0]]
+
+
+def _reached_planes(
+    origin: Floats, base: Floats, normal: Floats, furthest: Floats
+) -> tuple[Integers, Integers, Floats]:
+    """Which faces' normals meet which others' planes at most `furthest` away, and where."""
+    found = []
+    for start in range(0, len(base), BLOCK):
+        own = np.arange(start, min(start + BLOCK, len(base)))
+        along = normal[own] @ normal.T
+        height = (base * normal).sum(axis=1) - origin[own] @ normal.T
+        near = np.abs(height) <= furthest[own, None] * np.abs(along)
+        near[np.arange(len(own)), own] = False
+        here, other = np.nonzero(near & (np.abs(along) > PARALLEL))
+        found.append((own[here], other, height[here, other] / along[here, other]))
+    first, second, reach = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return first, second, reach

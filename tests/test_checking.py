@@ -1,0 +1,134 @@
+import json
+import re
+
+import numpy as np
+import pytest
+
+from cageik_cli import __version__
+from cageik_cli.checking import CheckSettings, as_json, as_text, check
+from cageik_cli.errors import InputError
+from tests.shapes import ball, box
+
+pytestmark = pytest.mark.usefixtures("folder")
+
+
+@pytest.fixture
+def cage_file(folder, write_obj):
+    """Write a cage, and give its path."""
+    return lambda mesh: write_obj(folder / "cage.obj", mesh.vertices, mesh.faces)
+
+
+def rows_of(text):
+    lines = text.splitlines()
+    return lines[0], [(line[2:16].strip(), line[17:]) for line in lines[1:]]
+
+
+def test_a_fit_cage_alone(folder):
+    headline, rows = rows_of(as_text(check(CheckSettings(folder / "cage.obj"))))
+    assert headline == "cage.obj: fit"
+    assert rows == [
+        ("cage", "8 vertices, 12 triangles, 1 component, genus 0"),
+        ("volume", "64"),
+        ("smallest angle", "45 degrees at face 0"),
+    ]
+
+
+def test_a_fit_cage_with_a_clip(folder):
+    headline, rows = rows_of(as_text(check(CheckSettings(folder / "cage.obj", ("frames",)))))
+    facts = dict(rows)
+    assert headline == "cage.obj: fit"
+    assert facts["rest pose"] == "frame_1.obj: 18 vertices, 32 triangles, diagonal 3.4641"
+    assert re.fullmatch(r"28.9 % of the diagonal, vertex \d+ from face \d+", facts["clearance"])
+    assert re.fullmatch(
+        r"cage vertices \d \(0\.\d+\), \d \(0\.\d+\), \d \(0\.\d+\) by their largest weights",
+        facts["weakest"],
+    )
+
+
+@pytest.mark.parametrize(
+    ("chosen", "name"),
+    [
+        ({}, "frame_1.obj"),
+        ({"rest_frame": 3}, "frame_4.obj"),
+    ],
+)
+def test_the_rest_pose_is_the_frame_chosen(folder, chosen, name):
+    checked = check(CheckSettings(folder / "cage.obj", ("frames",), **chosen))
+    assert checked.rest.source["name"] == name
+
+
+def test_the_rest_pose_may_be_a_file_with_frames_or_without(folder):
+    rest = folder / "frames" / "frame_2.obj"
+    for frames in ((), ("frames",)):
+        checked = check(CheckSettings(folder / "cage.obj", frames, rest))
+        assert checked.rest.source["name"] == "frame_2.obj"
+        assert checked.diagnosis.rest.vertices == 18
+
+
+def test_a_rest_pose_of_another_connectivity_is_refused(folder):
+    settings = CheckSettings(folder / "cage.obj", ("frames",), folder / "cage.obj")
+    with pytest.raises(InputError, match=r"cage\.obj: .*8 vertices.*first frame"):
+        check(settings)
+
+
+def test_a_frame_that_is_not_there_is_refused(folder):
+    with pytest.raises(InputError, match="--rest-frame 5: the clip has 5 frames"):
+        check(CheckSettings(folder / "cage.obj", ("frames",), rest_frame=5))
+
+
+def test_findings_are_rows_the_worst_first(folder, cage_file):
+    small = box(0.75).flipped()
+    _, rows = rows_of(as_text(check(CheckSettings(cage_file(small), ("frames",)))))
+    assert [label for label, _ in rows[-2:]] == ["unfit", "usable"]
+    assert rows[-2][1].startswith("6 of 18 vertices of the rest pose are outside the cage")
+    assert "--outside project" in rows[-2][1]
+    assert dict(rows)["clearance"] == "none, 6 vertices are outside"
+    assert "weakest" not in dict(rows)
+
+
+def test_what_is_not_defined_is_said(folder, cage_file):
+    opened = box(2.0)
+    path = cage_file(type(opened)(opened.vertices, opened.faces[1:]))
+    _, rows = rows_of(as_text(check(CheckSettings(path, ("frames",)))))
+    facts = dict(rows)
+    assert facts["volume"] == "not defined"
+    assert facts["clearance"] == "not defined, the cage has no inside"
+    assert facts["cage"].endswith("1 component")
+
+
+def test_polygons_are_noted(fixtures_folder):
+    checked = check(CheckSettings(fixtures_folder / "broken" / "cage_quads" / "cage.obj"))
+    assert rows_of(as_text(checked))[1][-1] == ("note", "cage.obj: 6 polygons cut into triangles")
+    assert json.loads(as_json(checked))["notes"] == ["cage.obj: 6 polygons cut into triangles"]
+
+
+def test_json_is_the_whole_record(folder, cage_file):
+    """All numbers of a finding, also those that a sentence leaves out."""
+    loose = box(2.0)
+    extra = np.arange(36.0).reshape(12, 3) + 100
+    path = cage_file(type(loose)(np.vstack([loose.vertices, extra]), loose.faces))
+    checked = check(CheckSettings(path, ("frames",)))
+    record = json.loads(as_json(checked))
+    assert list(record) == ["schema", "tool", "verdict", "cage", "rest", "notes", "findings"]
+    assert (record["schema"], record["verdict"]) == (1, "unfit")
+    assert record["tool"] == {"name": "cageik", "version": __version__}
+    assert record["cage"]["name"] == "cage.obj"
+    assert len(record["cage"]["sha256"]) == 64
+    assert record["cage"]["volume"] == pytest.approx(64)
+    assert (record["rest"]["name"], record["rest"]["outside"]) == ("frame_1.obj", 0)
+    (finding,) = [one for one in record["findings"] if one["severity"] == "unfit"]
+    assert finding == {
+        "kind": "unreferenced-vertex",
+        "severity": "unfit",
+        "message": "the cage has vertices in no face, which can move nothing: 12 vertices "
+        "(8, 9, 10, 11, 12, 13, 14, 15, 16, 17, ...)",
+        "remedy": "delete them",
+        "elements": "vertices",
+        "numbers": list(range(8, 20)),
+        "value": 12.0,
+    }
+
+
+def test_json_without_a_rest_pose(folder, cage_file):
+    record = json.loads(as_json(check(CheckSettings(cage_file(ball(1))))))
+    assert (record["rest"], record["findings"], record["verdict"]) == (None, [], "fit")

@@ -1,0 +1,183 @@
+import numpy as np
+import pytest
+
+from cageik_cli import diagnosis as module
+from cageik_cli.coordinates.harmonic import harmonic_weights
+from cageik_cli.diagnosis import diagnose
+from cageik_cli.mesh import TriMesh
+from tests.shapes import ball, box, concave, finer, octahedron
+
+pytestmark = pytest.mark.usefixtures("coarse_panels")
+
+
+def torus(thickness=1.0, around=8, across=5):
+    """A ring of radius 2: genus 1."""
+    u, v = np.meshgrid(np.arange(around), np.arange(across), indexing="ij")
+    a, b = 2 * np.pi * u / around, 2 * np.pi * v / across
+    radius = 2 + thickness / 2 * np.cos(b)
+    points = np.stack([radius * np.cos(a), radius * np.sin(a), thickness / 2 * np.sin(b)], axis=-1)
+
+    def at(i, j):
+        return ((u + i) % around) * across + (v + j) % across
+
+    lower = np.stack([at(0, 0), at(1, 0), at(1, 1)], axis=-1)
+    upper = np.stack([at(0, 0), at(1, 1), at(0, 1)], axis=-1)
+    return TriMesh(points.reshape(-1, 3), np.concatenate([lower, upper]).reshape(-1, 3))
+
+
+def shifted(mesh, along_x):
+    return TriMesh(mesh.vertices + np.array([along_x, 0, 0]), mesh.faces)
+
+
+def with_face(mesh, face):
+    return TriMesh(mesh.vertices, np.vstack([mesh.faces, [face]]))
+
+
+def kinds(diagnosis):
+    return [(finding.severity, finding.kind) for finding in diagnosis.findings]
+
+
+@pytest.mark.parametrize("cage", [box(), concave(), ball(2), finer(box(), 1)])
+def test_clean_cages_are_fit(cage):
+    found = diagnose(cage)
+    assert (found.verdict, found.findings, found.rest) == ("fit", (), None)
+    assert (found.cage.components, found.cage.genus) == (1, 0)
+    assert found.cage.volume == pytest.approx(cage.volume)
+
+
+def test_a_ring_is_fit_and_its_genus_stated():
+    found = diagnose(torus(), torus(0.4))
+    assert found.verdict == "fit"
+    assert found.cage.genus == 1
+
+
+def test_facts_of_a_box_around_a_ball():
+    rest = ball(1, 0.5)
+    found = diagnose(box(), rest)
+    assert (found.verdict, found.findings) == ("fit", ())
+    cage, facts = found.cage, found.rest
+    assert (cage.vertices, cage.faces, cage.volume) == (8, 12, pytest.approx(8))
+    assert cage.smallest_angle == pytest.approx(45)
+    assert (facts.vertices, facts.faces, facts.outside) == (18, 32, 0)
+    assert facts.clearance == pytest.approx(100 * 0.5 / rest.diagonal)
+    corner = box().vertices[box().faces[facts.clearance_face]]
+    side = rest.vertices[facts.clearance_vertex]
+    assert np.abs(corner.mean(axis=0) @ side) == pytest.approx(0.5)
+    strongest = harmonic_weights(box(), rest.vertices, "preview").values.max(axis=0)
+    assert facts.weakest_weights == pytest.approx(tuple(np.sort(strongest)[:3]))
+    np.testing.assert_allclose(strongest[list(facts.weakest_vertices)], facts.weakest_weights)
+
+
+def test_an_inward_cage_is_usable():
+    found = diagnose(box().flipped(), ball(1, 0.5))
+    assert found.verdict == "usable"
+    assert kinds(found) == [("usable", "inward")]
+    assert found.cage.volume == pytest.approx(-8)
+    assert found.rest.outside == 0
+
+
+def test_a_model_on_its_cage_is_usable():
+    found = diagnose(box(), finer(box(), 1))
+    assert kinds(found) == [("usable", "clearance")]
+    assert found.rest.clearance == pytest.approx(0, abs=1e-12)
+    assert found.findings[0].numbers.tolist() == list(range(26))
+
+
+def test_a_cage_vertex_far_from_the_model_is_weak():
+    """A spike on top of a box hardly moves a ball at the bottom."""
+    mesh = finer(box(), 1)
+    vertices = mesh.vertices.copy()
+    spike = int(np.flatnonzero((vertices == [0, 0, 1]).all(axis=1))[0])
+    vertices[spike, 2] = 6
+    rest = TriMesh(ball(1, 0.3).vertices - [0, 0, 0.6], ball(1).faces)
+    found = diagnose(TriMesh(vertices, mesh.faces), rest)
+    (weak,) = (finding for finding in found.findings if finding.kind == "weak-vertex")
+    assert spike in weak.numbers
+    assert found.rest.weakest_vertices[0] in weak.numbers
+    assert found.verdict == "usable"
+
+
+def test_a_thin_cage_is_usable_and_not_said_to_cross_itself():
+    slab = TriMesh(finer(box(), 1).vertices * [1, 1, 1e-6], finer(box(), 1).faces)
+    found = diagnose(slab)
+    assert found.verdict == "usable"
+    assert {finding.kind for finding in found.findings} == {"thin", "needle"}
+
+
+def test_everything_is_found_the_worst_first():
+    """Vertices outside, a lone cage vertex, and faces inward; the weights are not asked for."""
+    cage = TriMesh(np.vstack([box().vertices, [[9.0, 9, 9]]]), box().flipped().faces)
+    rest = shifted(ball(1, 0.5), 0.75)
+    found = diagnose(cage, rest)
+    assert found.verdict == "unfit"
+    assert kinds(found) == [
+        ("unfit", "unreferenced-vertex"),
+        ("unfit", "outside"),
+        ("usable", "inward"),
+    ]
+    beyond = np.flatnonzero(rest.vertices[:, 0] > 1)
+    np.testing.assert_array_equal(found.findings[1].numbers, beyond)
+    assert found.rest.outside == len(beyond)
+    assert found.rest.weakest_vertices == ()
+
+
+def test_the_worst_vertex_outside_is_measured():
+    rest = shifted(ball(1, 0.5), 0.75)
+    (found,) = diagnose(box(), rest).findings
+    assert found.kind == "outside"
+    assert found.value == pytest.approx(100 * 0.25 / rest.diagonal)
+
+
+def test_a_model_wholly_outside_has_no_clearance():
+    found = diagnose(box(), shifted(ball(1), 9.0))
+    assert found.rest.outside == 18
+    assert found.rest.clearance is None
+
+
+@pytest.mark.parametrize(
+    "cage",
+    [
+        TriMesh(box().vertices, box().faces[1:]),
+        with_face(box(), [0, 1, 1]),
+        TriMesh(octahedron(3.0).vertices * [1, 1, 0], octahedron().faces),
+    ],
+    ids=["open", "a vertex twice", "no volume"],
+)
+def test_without_an_inside_nothing_is_said_of_the_model(cage):
+    found = diagnose(cage, ball(1, 0.5))
+    assert found.verdict == "unfit"
+    assert (found.rest.outside, found.rest.clearance) == (None, None)
+    assert "outside" not in {finding.kind for finding in found.findings}
+
+
+def test_a_pinched_cage_has_no_genus():
+    from tests.test_enclosure import pinched
+
+    assert diagnose(pinched()).cage.genus is None
+
+
+def test_a_cage_without_any_plane_has_no_smallest_angle():
+    line = TriMesh(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), [[0, 1, 2]])
+    facts = diagnose(line).cage
+    assert (facts.smallest_angle, facts.smallest_angle_face) == (None, None)
+
+
+def test_swapped_cage_and_model_are_asked_for():
+    found = diagnose(ball(2), box())
+    assert kinds(found)[-1] == ("note", "swapped")
+    assert found.findings[-1].sentence == (
+        "the cage has 66 vertices and the model 8; are they swapped?"
+    )
+    assert "swapped" not in {finding.kind for finding in diagnose(ball(2), box(0.2)).findings}
+
+
+def test_too_many_faces_are_unfit(monkeypatch):
+    monkeypatch.setattr(module, "PANEL_LIMIT", 11)
+    found = diagnose(box(), ball(1, 0.5))
+    assert kinds(found) == [("unfit", "too-many-faces")]
+    assert found.findings[0].message == "the cage has 12 faces, at most 11 fit in memory"
+
+
+def test_a_rest_pose_of_one_point_is_unfit():
+    found = diagnose(box(), TriMesh(np.zeros((9, 3)), [[0, 1, 2]]))
+    assert kinds(found) == [("unfit", "point")]

@@ -1,0 +1,23 @@
+import numpy as np
+import pytest
+
+from cageik_cli.findings import Finding, at
+
+
+@pytest.mark.parametrize(
+    ("noun", "numbers", "text"),
+    [
+        ("face", [12], "face 12"),
+        ("vertex", [3, 4], "2 vertices (3, 4)"),
+        ("edge", [[3, 7]], "edge 3-7"),
+        ("face pair", [[3, 7], [1, 2]], "2 face pairs (3-7, 1-2)"),
+        ("face", range(12), "12 faces (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, ...)"),
+    ],
+)
+def test_places_are_listed(noun, numbers, text):
+    assert at(noun, np.array(numbers)) == text
+
+
+def test_a_finding_is_a_sentence():
+    finding = Finding("open-edge", "unfit", "it is open", "close it", "", np.empty(0, int), 0.0)
+    assert finding.sentence == "it is open; close it"
