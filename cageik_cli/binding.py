@@ -16,7 +16,7 @@ from cageik_cli.mesh import Floats, TriMesh
 WORST_PRECISION = 1e-6
 """Weights that miss the rest pose by more, in diagonals, are not weights of this cage."""
 
-ALGORITHMS = {"harmonic": 2, "mean-value": 1}
+ALGORITHMS = {"harmonic": 1, "mean-value": 1}
 """To be raised when weights, notes or refusals change, so that no cache gives the old ones."""
 
 COORDINATES = tuple(ALGORITHMS)

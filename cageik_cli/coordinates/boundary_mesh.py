@@ -60,9 +60,12 @@ class BoundaryMesh:
         return self.linear_unknowns + self.extra * len(self.high)
 
     @cached_property
-    def corner_hats(self) -> sparse.csr_array:
-        """The matrix (n, 3p) from corners, ordered [corner, panel], to the cage's hats."""
-        return sparse.csr_array(self.hats[self.panels.corners.T.ravel()].T)
+    def double_hats(self) -> sparse.csr_array:
+        """From ∫ (1, x, y) h/r³ of the panels, ordered [term, panel], to D of the hats, (n, 3p)."""
+        a, b, c = (self.hats[self.panels.corners[:, k]].T for k in range(3))
+        # φ_0 = ⅓ + x, φ_1 = ⅓ + y, φ_2 = ⅓ − x − y
+        terms = [(a + b + c) / 3, a - c, b - c]
+        return sparse.csr_array(sparse.hstack(terms, format="csr"))
 
     @cached_property
     def higher_terms(self) -> HigherTerms:

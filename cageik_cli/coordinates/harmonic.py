@@ -34,6 +34,7 @@ from cageik_cli.coordinates.panels import (
     double_layer,
     higher_moments,
     linear_moments,
+    take_principal_values,
     view,
 )
 from cageik_cli.coordinates.polynomials import LINEAR, basis, exponents, gauss_rule, monomials
@@ -57,7 +58,7 @@ class Accuracy:
     reach : float
         Radii of a panel at which what is beyond linear has half faded out.
     most : int
-        Unknowns not to be passed for accuracy's sake; the matrix takes 8 bytes times their square.
+        Unknowns not to be passed for accuracy's sake; the matrix takes 4 bytes times their square.
     """
 
     tolerance: float
@@ -67,9 +68,9 @@ class Accuracy:
 
 
 ACCURACIES = {
-    "preview": Accuracy(0.03, 1, 0.0, 7200),
-    "standard": Accuracy(0.005, 3, 1.5, 7200),
-    "fine": Accuracy(0.001, 5, 4.0, 12000),
+    "preview": Accuracy(0.03, 1, 0.0, 9000),
+    "standard": Accuracy(0.005, 3, 1.5, 9000),
+    "fine": Accuracy(0.001, 5, 4.0, 15000),
 }
 
 FADE = 1.25
@@ -79,7 +80,7 @@ FEWEST_PANELS = 60
 """Faces of cages that have fewer are divided in four: it costs nothing."""
 
 PANEL_LIMIT = 5000
-"""Most faces of a cage: its matrix has nine float64 times their square, 1.8 GB."""
+"""Most faces of a cage: its matrix has nine float32 times their square, 0.9 GB."""
 
 ROUNDS = 4
 """How often the panels that are resolved worst are divided, at most."""
@@ -96,11 +97,17 @@ DIGITS = 1e10
 AFTER_LINEAR = 0.3
 """How much faster than from constants to linear terms the density falls after those (measured)."""
 
-BLOCK = 128
-"""Points evaluated together: few enough for the processor's cache, enough to keep threads apart."""
+BLOCK = 60_000
+"""Panels times points looked at together: they stay in a cache, and threads stay apart."""
+
+LU_THREADS = 2
+"""A fixed number, so that weights do not depend on how many processors there are."""
 
 ON_SURFACE = 1e-12
 """A point this near the cage, in diagonals, is on it and has its barycentric weights."""
+
+
+Singles = NDArray[np.float32]
 
 
 class _ThreadScratch(threading.local):
@@ -172,7 +179,7 @@ def harmonic_weights(
     accuracy : str
         One of `ACCURACIES`.
     jobs : int, optional
-        Threads; the number of processors by default. They change the result by rounding alone.
+        Threads; the number of processors by default. They do not change the result.
     progress : callable
         Told (points done, points) after every block.
 
@@ -200,23 +207,22 @@ def harmonic_weights(
         return Weights(weights)
     origin, scale = cage.vertices.mean(axis=0), cage.diagonal
     unit = TriMesh((cage.vertices - origin) / scale, cage.faces)
-    tree = cKDTree((points[within] - origin) / scale, leafsize=BLOCK // 2)
-    jobs = jobs or processors()
-    with blas_threads(1), ThreadPoolExecutor(jobs) as pool:
-        boundary, error = _resolved(unit, tree, ACCURACIES[accuracy], pool, jobs)
+    tree = cKDTree((points[within] - origin) / scale)
+    with blas_threads(1), ThreadPoolExecutor(jobs or processors()) as pool:
+        boundary, error = _resolved(unit, tree, ACCURACIES[accuracy], pool)
 
         def fill(block: slice) -> int:
             chosen = tree.indices[block]
             weights[within[chosen]] = weights_inside(boundary, tree.data[chosen])
             return int(block.stop)
 
-        for done in pool.map(fill, _blocks(len(within))):
+        for done in pool.map(fill, _blocks(boundary.mesh, len(within))):
             progress(done, len(within))
     return Weights(weights, len(boundary.mesh.panels.corners), error)
 
 
 def _resolved(
-    cage: TriMesh, points: cKDTree, asked: Accuracy, pool: ThreadPoolExecutor, jobs: int
+    cage: TriMesh, points: cKDTree, asked: Accuracy, pool: ThreadPoolExecutor
 ) -> tuple[BoundarySolution, float]:
     """Divide panels until the estimated error is what was asked, or they are too many."""
     sample = points.data[points.indices[:: -(-points.n // SAMPLE)]]
@@ -225,7 +231,7 @@ def _resolved(
         mesh = mesh.divided(np.ones(len(mesh.panels.corners), bool))
     mesh = _raised(mesh, points, asked)
     for rounds_left in reversed(range(ROUNDS + 1)):
-        boundary = solve_boundary(mesh, pool, jobs)
+        boundary = solve_boundary(mesh, pool)
         error, shares = estimated(boundary, sample)
         if error <= asked.tolerance or rounds_left == 0:
             break
@@ -260,30 +266,34 @@ def _raised(mesh: BoundaryMesh, points: cKDTree, asked: Accuracy) -> BoundaryMes
     return mesh
 
 
-def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor, jobs: int) -> BoundarySolution:
-    """Solve the boundary integral equation for all the cage's hats, in `jobs` threads."""
-    matrix = np.zeros((mesh.unknowns, mesh.unknowns))
-    right = np.empty((mesh.unknowns, mesh.hats.shape[1]))
+def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
+    """Solve the boundary integral equation for all the cage's hats, assembled by `pool`.
+
+    In single precision, which halves memory and time: the weights feel it in the sixth digit at
+    most, and what affine functions need of the densities is known and set to rounding.
+    """
+    matrix = np.zeros((mesh.unknowns, mesh.unknowns), np.float32)
+    right = np.empty((mesh.unknowns, mesh.hats.shape[1]), np.float32)
 
     def fill(chosen: Integers) -> None:
         _fill_rows(mesh, chosen, matrix, right)
 
     for _ in pool.map(fill, _test_blocks(mesh)):
         pass
-    with blas_threads(min(jobs, processors())):
+    with blas_threads(LU_THREADS):
         # LAPACK wants columns: the transpose is factored where it stands, and solved transposed.
         factor = scipy.linalg.lu_factor(matrix.T, overwrite_a=True, check_finite=False)
         densities = scipy.linalg.lu_solve(
             factor, right, trans=1, overwrite_b=True, check_finite=False
         )
-    return BoundarySolution(mesh, _affine(mesh, densities))
+    return BoundarySolution(mesh, _affine(mesh, densities.astype(np.float64)))
 
 
 def _affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
     """Take from the densities what rounding added to those of affine functions.
 
     Σ_k q_k = 0 and Σ_k q_k c_k = n, c_k the cage's vertices, as 1 and x have the normal derivatives
-    0 and n. Near-touching sheets make the system so ill-conditioned that digits of it are lost.
+    0 and n.
     """
     count = densities.shape[1]
     affine = np.column_stack([np.ones(count), mesh.panels.vertices[:count]])
@@ -310,7 +320,7 @@ def estimated(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats
     degree, highest, panel = mesh.degrees
     emitted = np.zeros(mesh.unknowns)
     sizes: dict[tuple[int, int], float] = {}
-    for block in _blocks(len(sample)):
+    for block in _blocks(mesh, len(sample)):
         seen = _potentials(mesh, sample[block], inside=True)
         emitted[: mesh.linear_unknowns] += np.abs(seen.linear).sum(axis=1)
         higher = emitted[mesh.linear_unknowns :].reshape(mesh.extra, len(mesh.high))
@@ -341,7 +351,7 @@ def _emitted(mesh: BoundaryMesh, densities: Floats, seen: Potentials) -> Floats:
     return np.asarray(emitted)
 
 
-def _fill_rows(mesh: BoundaryMesh, chosen: Integers, matrix: Floats, right: Floats) -> None:
+def _fill_rows(mesh: BoundaryMesh, chosen: Integers, matrix: Singles, right: Singles) -> None:
     """The equations of the panels `chosen`, tested with the polynomials of their densities."""
     rows = mesh.rows(chosen)
     order = 1 if rows.shape[1] == LINEAR else mesh.order
@@ -372,6 +382,8 @@ def _potentials(mesh: BoundaryMesh, points: Floats, *, inside: bool) -> Potentia
     seen = view(panels, points, scratch)
     if inside:
         close_angles(seen)
+    else:
+        take_principal_values(seen)
     linear = linear_moments(panels, seen, scratch)
     near, faded = _near(mesh, points)
     higher = np.empty((mesh.extra, 0, len(points)))
@@ -379,7 +391,7 @@ def _potentials(mesh: BoundaryMesh, points: Floats, *, inside: bool) -> Potentia
         higher = higher_moments(mesh.higher_terms, near, seen, linear, scratch)
         higher *= faded
     integrals = double_layer(panels, seen, scratch)
-    double = mesh.corner_hats @ integrals.reshape(-1, len(points))
+    double = mesh.double_hats @ integrals.reshape(-1, len(points))
     return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
 
 
@@ -402,17 +414,24 @@ def _near(mesh: BoundaryMesh, points: Floats) -> tuple[Integers, Floats]:
 
 
 def _test_blocks(mesh: BoundaryMesh) -> list[Integers]:
-    """Panels of one kind, neighbours together, with about `BLOCK` nodes."""
+    """Panels of one kind, neighbours together, with a block of nodes."""
     panels = np.arange(len(mesh.panels.corners))
     is_high: NDArray[np.bool_] = np.isin(panels, mesh.high)
     blocks: list[Integers] = []
     for chosen, order in ((panels[is_high], mesh.order), (panels[~is_high], 1)):
         if len(chosen):
-            size = max(1, BLOCK // (order + 1) ** 2)
+            size = max(1, _block_size(mesh) // (order + 1) ** 2)
             ordered = chosen[cKDTree(mesh.panels.centroids[chosen], leafsize=size).indices]
             blocks += np.split(ordered, range(size, len(ordered), size))
     return blocks
 
 
-def _blocks(count: int) -> list[slice]:
-    return [slice(start, min(start + BLOCK, count)) for start in range(0, count, BLOCK)]
+def _blocks(mesh: BoundaryMesh, count: int) -> list[slice]:
+    size = _block_size(mesh)
+    return [slice(start, min(start + size, count)) for start in range(0, count, size)]
+
+
+def _block_size(mesh: BoundaryMesh) -> int:
+    """Points to a block; more where there are no higher terms, whose reach a small block bounds."""
+    most = BLOCK if len(mesh.high) else 2 * BLOCK
+    return int(np.clip(most // len(mesh.panels.corners), 16, 512))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from cageik_cli.mesh import Edges, Floats, Integers
 
@@ -88,11 +89,34 @@ class Panels:
         return np.where(starts == self.edges.ends[self.edges.of_side, 0], 1.0, -1.0)
 
     @cached_property
-    def forms(self) -> Floats:
-        """Linear forms of (x, 1), (6p + e, 4).
+    def altitude_sums(self) -> sparse.csr_array:
+        """From edges to Σ A_k / 3, A_0 − A_2 and A_1 − A_2 of their values, (3p, e).
 
-        For every panel h, t_0, t_1, t_2 and the foot's coordinates x, y (see `polynomials`), then s
-        of every edge's first end.
+        With t_k = A_k φ_k(p), the three of f and 1, x, y of the foot make Σ_k t_k f_k.
+        """
+        zero, (a, b, c) = np.zeros(len(self.corners)), self.altitudes
+        return self._side_sums(np.array([[a / 3, b / 3, c / 3], [a, zero, -c], [zero, b, -c]]))
+
+    @cached_property
+    def half_slope_sums(self) -> sparse.csr_array:
+        """From edges to ½ Σ_k (∇x · m_k) and ½ Σ_k (∇y · m_k) of their values, (2p, e)."""
+        return self._side_sums(self.slopes[:2] / 2)
+
+    def _side_sums(self, factors: Floats) -> sparse.csr_array:
+        """Sums over a panel's sides, with `factors` (sums, 3, p): (sums p, e)."""
+        count = len(factors) * len(self.corners)
+        rows = np.broadcast_to(np.arange(count).reshape(len(factors), 1, -1), factors.shape)
+        columns = np.broadcast_to(self.edges.of_side.T, factors.shape)
+        used = factors != 0
+        shape = (count, len(self.edges.ends))
+        return sparse.csr_array((factors[used], (rows[used], columns[used])), shape=shape)
+
+    @cached_property
+    def forms(self) -> Floats:
+        """Linear forms of (x, 1), (3p + e, 4).
+
+        For every panel h and the foot's coordinates x, y (see `polynomials`), then s of every
+        edge's first end.
         """
         first, last = self.vertices[self.edges.ends].swapaxes(0, 1)
         tangents = (last - first) / self.edge_lengths[:, None]
@@ -100,7 +124,6 @@ class Panels:
         gradients = -self.side_normals[:2] / self.altitudes[:2, :, None]
         anchored = [
             (self.normals, corner[0]),
-            *((self.side_normals[k], corner[(k + 1) % 3]) for k in range(3)),
             *((-gradient, self.centroids) for gradient in gradients),
             (tangents, first),
         ]

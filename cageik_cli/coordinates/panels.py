@@ -10,15 +10,16 @@ with r the distances to the corners:
     B_k  = (t_k² + h²) f_k + s_b r_b − s_a r_a          of the edge; s = d · (corner − x)
     Ω    = solid angle, positive for h > 0
 
-    ∫ 1/r dA           = Σ_k t_k f_k − h Ω
-    ∫ (φ_i − ⅓)/r dA   = (φ_i(p) − ⅓) ∫ 1/r dA + ½ Σ_k (∇φ_i · m_k) B_k
-    ∫ φ_i h/r³ dA      = φ_i(p) Ω − h Σ_k (∇φ_i · m_k) f_k
+    ∫ 1/r dA      = Σ_k t_k f_k − h Ω
+    ∫ x/r dA      = x(p) ∫ 1/r dA + ½ Σ_k (∇x · m_k) B_k
+    ∫ h/r³ dA     = Ω
+    ∫ x h/r³ dA   = x(p) Ω − h Σ_k (∇x · m_k) f_k
 
-with φ_i the linear function that is 1 at corner i and 0 at the others. t_k² + h² is the squared
-distance to the edge's line, so f and B belong to the edge and are computed once for both panels at
-it.
+where x = φ_0 − ⅓, and y = φ_1 − ⅓ likewise, φ_i being the linear function that is 1 at corner i and
+0 at the others. t_k² + h² is the squared distance to the edge's line, so f and B belong to the edge
+and are computed once for both panels at it.
 
-For a polynomial P in x = φ_0 − ⅓ and y = φ_1 − ⅓, let K_P = ∫ P/r dA and R_P = ∫ P r dA. From
+For a polynomial P in x and y, let K_P = ∫ P/r dA and R_P = ∫ P r dA. From
 ∇r = (y − p)/r and ∇ · ((y − p) P r), by Gauss's theorem in the plane,
 
     K_xP          = x(p) K_P + Σ_k (∇x · m_k) ∫_k P r dl − R of ∇x · ∇P
@@ -60,6 +61,9 @@ NEAREST = 1e-30
 NEAR_EDGE = 1e-2
 """Where (r_a + r_b − L) / L is smaller, it is computed from the distance to the edge's line."""
 
+CLOSED = 1e-14
+"""Solid angles that sum to 4π within this need no more."""
+
 INSIDE = 1e-3
 """Solid angles that sum to 4π within this share are those of a point inside."""
 
@@ -100,8 +104,6 @@ class View:
     ----------
     height : (p, q)
         h of each panel's plane over each point.
-    side : (3, p, q)
-        t_k of each side.
     foot : (2, p, q)
         Coordinates x, y of the foot p.
     solid_angle : (p, q)
@@ -114,7 +116,6 @@ class View:
     """
 
     height: Floats
-    side: Floats
     foot: Floats
     solid_angle: Floats
     along: Floats
@@ -128,15 +129,14 @@ def view(panels: Panels, points: Floats, scratch: Scratch) -> View:
     p, q = len(panels.corners), len(points)
     forms = scratch.array("forms", len(panels.forms), q)
     np.matmul(panels.forms, np.vstack([points.T, np.ones(q)]), out=forms)
-    height, along = forms[:p], forms[6 * p :]
-    side, foot = forms[p : 4 * p].reshape(3, p, q), forms[4 * p : 6 * p].reshape(2, p, q)
+    height, foot, along = forms[:p], forms[p : 3 * p].reshape(2, p, q), forms[3 * p :]
     distance = distances(panels.vertices, points, scratch, "distance")
     gap, total, products = _edge_gaps(panels, distance, scratch)
-    _sharpen(panels, gap, products, side, height)
+    _sharpen(panels, gap, products, height, foot)
     edge_log = _edge_logs(panels, gap, total)
-    edge_moment = _edge_moments(panels, distance, along, edge_log, scratch)
+    edge_moment = _edge_moments(panels, along, edge_log, scratch)
     angle = _solid_angle(panels, height, distance, products, scratch)
-    return View(height, side, foot, angle, along, edge_log, edge_moment, distance)
+    return View(height, foot, angle, along, edge_log, edge_moment, distance)
 
 
 def close_angles(seen: View) -> None:
@@ -149,8 +149,13 @@ def close_angles(seen: View) -> None:
     """
     angle = seen.solid_angle
     lacking = 4 * np.pi - angle.sum(axis=0)
-    lacking[np.abs(lacking) > 4 * np.pi * INSIDE] = 0.0
-    angle[np.abs(angle).argmax(axis=0), np.arange(angle.shape[1])] += lacking
+    short = np.flatnonzero((np.abs(lacking) > CLOSED) & (np.abs(lacking) < 4 * np.pi * INSIDE))
+    angle[np.abs(angle[:, short]).argmax(axis=0), short] += lacking[short]
+
+
+def take_principal_values(seen: View) -> None:
+    """For points in the surface: a panel in whose plane a point lies has Ω = 0 there."""
+    seen.solid_angle[np.abs(seen.height) < EDGE_ON] = 0.0
 
 
 def distances(places: Floats, points: Floats, scratch: Scratch, name: str) -> Floats:
@@ -172,26 +177,29 @@ def _edge_gaps(panels: Panels, distance: Floats, scratch: Scratch) -> tuple[Floa
     r_b = scratch.rows("r_b", distance, panels.edges.ends[:, 1])
     total = np.add(r_a, r_b, out=scratch.array("total", *r_a.shape))
     gap = np.subtract(total, length, out=scratch.array("gap", *r_a.shape))
-    # (r_a² + r_b² − L²) = (r_a + r_b)² − L² − 2 r_a r_b
+    # 2 a · b = r_a² + r_b² − L² = (r_a + r_b)² − L² − 2 r_a r_b
     products = np.add(total, length, out=scratch.array("products", *r_a.shape))
     products *= gap
-    r_a *= r_b
-    r_a *= 2
-    products -= r_a
+    double = np.multiply(r_a, r_b, out=scratch.array("moment", *r_a.shape))
+    double *= 2
+    products -= double
     return gap, total, products
 
 
-def _sharpen(panels: Panels, gap: Floats, products: Floats, side: Floats, height: Floats) -> None:
+def _sharpen(panels: Panels, gap: Floats, products: Floats, height: Floats, foot: Floats) -> None:
     """Compute anew the gaps that rounding spoils, near edges, from the distance δ to their lines.
 
     r_a r_b + a · b = L² δ² / (r_a r_b − a · b), both differences of nearly equal numbers there
     replaced by δ² = t² + h².
     """
-    edge, point = np.nonzero(gap < NEAR_EDGE * panels.edge_lengths[:, None])
-    if len(edge) == 0:
-        return
+    limits = NEAR_EDGE * panels.edge_lengths
+    rows = np.flatnonzero(gap.min(axis=1) < limits)
+    row, point = np.nonzero(gap[rows] < limits[rows, None])
+    edge = rows[row]
     panel, k = np.divmod(panels.edges.first_side[edge], 3)
-    square = side[k, panel, point] ** 2 + height[panel, point] ** 2
+    x, y = foot[:, panel, point]
+    side = panels.altitudes[k, panel] * (np.choose(k, (x, y, -x - y)) + 1 / 3)
+    square = side**2 + height[panel, point] ** 2
     length, dot = panels.edge_lengths[edge], products[edge, point] / 2
     total = gap[edge, point] + length
     product = (total * total - length * length) / 2 - dot
@@ -210,12 +218,12 @@ def _edge_logs(panels: Panels, gap: Floats, total: Floats) -> Floats:
     return np.log(total, out=total)
 
 
-def _edge_moments(
-    panels: Panels, distance: Floats, along: Floats, log: Floats, scratch: Scratch
-) -> Floats:
-    """B = (r_a² − s²) f + s (r_b − r_a) + L r_b of every edge, (e, q), for s of b is s + L."""
-    r_a = scratch.rows("r_a", distance, panels.edges.ends[:, 0])
-    r_b = scratch.rows("r_b", distance, panels.edges.ends[:, 1])
+def _edge_moments(panels: Panels, along: Floats, log: Floats, scratch: Scratch) -> Floats:
+    """B = (r_a² − s²) f + s (r_b − r_a) + L r_b of every edge, (e, q), for s of b is s + L.
+
+    With the r_a and r_b that `_edge_gaps` has left in the scratch, which it uses up.
+    """
+    r_a, r_b = (scratch.array(name, *along.shape) for name in ("r_a", "r_b"))
     moment = np.multiply(r_a, r_a, out=scratch.array("moment", *along.shape))
     square = np.multiply(along, along, out=scratch.array("gap", *along.shape))
     moment -= square
@@ -276,20 +284,14 @@ def linear_moments(panels: Panels, seen: View, scratch: Scratch) -> Floats:
     shape = seen.height.shape
     moments = scratch.array("moments", 3, *shape)
     product = scratch.array("product", *shape)
-    np.multiply(seen.height, seen.solid_angle, out=moments[0])
-    np.negative(moments[0], out=moments[0])
-    for k in range(3):
-        moments[0] += np.multiply(
-            seen.side[k],
-            scratch.rows("gathered", seen.edge_log, panels.edges.of_side[:, k]),
-            out=product,
-        )
-    np.multiply(seen.foot, moments[0], out=moments[1:])
-    for k in range(3):
-        edge = scratch.rows("gathered", seen.edge_moment, panels.edges.of_side[:, k])
-        edge *= 0.5
-        for i in range(2):
-            moments[1 + i] += np.multiply(edge, panels.slopes[i, k][:, None], out=product)
+    # Σ_k t_k f_k with t_k = A_k φ_k(p) in powers of the foot's x and y
+    logs = (panels.altitude_sums @ seen.edge_log).reshape(3, *shape)
+    total = np.multiply(seen.height, seen.solid_angle, out=moments[0])
+    np.subtract(logs[0], total, out=total)
+    for i in (0, 1):
+        total += np.multiply(seen.foot[i], logs[1 + i], out=product)
+    np.multiply(seen.foot, total, out=moments[1:])
+    moments[1:] += (panels.half_slope_sums @ seen.edge_moment).reshape(2, *shape)
     return moments
 
 
@@ -416,16 +418,16 @@ def _edge_powers(
     panels: Panels, edges: Integers, order: int, seen: View, scratch: Scratch
 ) -> Floats:
     """J_0 to J_(order − 1) of the edges numbered, (k, order, q)."""
-    length = panels.edge_lengths[edges, None]
+    per_length = 1 / panels.edge_lengths[edges, None]
     ends = panels.edges.ends[edges]
     r_a, r_b = (scratch.rows(f"near_r_{k}", seen.distance, ends[:, k]) for k in (0, 1))
     middle = scratch.rows("near_s", seen.along, edges)
     for array in (r_a, r_b, middle):
-        array /= length
+        array *= per_length
     middle += 0.5
     powers = scratch.array("edge_powers", len(edges), order, r_a.shape[1])
-    powers[:, 0] = scratch.rows("near_cube", seen.edge_moment, edges)
-    powers[:, 0] /= 2 * length * length
+    moment = scratch.rows("near_cube", seen.edge_moment, edges)
+    np.multiply(moment, per_length**2 / 2, out=powers[:, 0])
     square = np.multiply(r_a, r_a, out=scratch.array("near_square", *r_a.shape))
     r_a *= square
     cube = np.multiply(r_b, r_b, out=scratch.array("near_cube", *r_a.shape))
@@ -434,32 +436,25 @@ def _edge_powers(
     square /= 2
     square -= 0.25
     for j in range(1, order):
-        ends_power = np.subtract(r_b, r_a, out=cube) if j % 2 else np.add(r_b, r_a, out=cube)
-        ends_power *= 0.5 ** (j - 1)
-        found = np.multiply(middle, powers[:, j - 1], out=powers[:, j])
-        found *= -(2 * j + 1)
-        found += ends_power
-        if j > 1:
-            found -= np.multiply(square, powers[:, j - 2], out=cube) * (j - 1)
-        found /= j + 2
+        ends_meet = np.subtract if j % 2 else np.add
+        found = ends_meet(r_b, r_a, out=powers[:, j])
+        found *= 0.5 ** (j - 1) / (j + 2)
+        for array, factor, lower in ((middle, 2 * j + 1, j - 1), (square, j - 1, j - 2)):
+            if factor:
+                term = np.multiply(array, powers[:, lower], out=cube)
+                term *= factor / (j + 2)
+                found -= term
     return powers
 
 
 def double_layer(panels: Panels, seen: View, scratch: Scratch) -> Floats:
-    """∫ φ_i h/r³ dA of every panel and corner, (3, p, q) indexed [corner, panel, point]; scratch.
-
-    The principal value, which is zero, for a point in the panel's own plane.
-    """
+    """∫ (1, x, y) h/r³ dA of every panel, (3, p, q) indexed [moment, panel, point]; scratch."""
     shape = seen.height.shape
     integrals = scratch.array("integrals", 3, *shape)
-    product = scratch.array("product", *shape)
-    angle = np.where(np.abs(seen.height, out=product) < EDGE_ON, 0.0, seen.solid_angle)
-    for i in range(3):
-        np.multiply(seen.side[i], angle, out=integrals[i])
-        integrals[i] /= panels.altitudes[i][:, None]
-    for k in range(3):
-        scaled = scratch.rows("gathered", seen.edge_log, panels.edges.of_side[:, k])
-        scaled *= seen.height
-        for i in range(3):
-            integrals[i] -= np.multiply(scaled, panels.slopes[i, k][:, None], out=product)
+    logs = (panels.half_slope_sums @ seen.edge_log).reshape(2, *shape)
+    logs *= 2
+    logs *= seen.height
+    integrals[0] = seen.solid_angle
+    np.multiply(seen.foot, seen.solid_angle, out=integrals[1:])
+    integrals[1:] -= logs
     return integrals

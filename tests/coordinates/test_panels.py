@@ -12,6 +12,7 @@ from cageik_cli.coordinates.panels import (
     double_layer,
     higher_moments,
     linear_moments,
+    take_principal_values,
     view,
 )
 from cageik_cli.coordinates.polynomials import LINEAR, basis, monomials
@@ -76,7 +77,7 @@ def test_higher_moments_are_those_of_quadrature(seen, order, digits):
 def test_double_layer_is_that_of_quadrature(seen):
     panels, points, _, barycentric, _, double = seen
     integrals = double_layer(panels, view(panels, points, Scratch()), Scratch())
-    expected = np.einsum("pqg,gk->kpq", double, barycentric)
+    expected = np.einsum("pqg,dg->dpq", double, monomials(1, barycentric))
     np.testing.assert_allclose(integrals, expected, rtol=1e-9, atol=1e-10)
 
 
@@ -103,14 +104,15 @@ def test_a_plane_is_seen_edge_on_from_within():
     points = np.array([[1.0, 0.3, 0.1], [1.0, 3.0, 0.1]])
     in_plane = np.isclose(panels.normals[:, 0], 1)
     assert in_plane.sum() == 2
-    assert (
-        double_layer(panels, view(panels, points, Scratch()), Scratch())[:, in_plane] == 0
-    ).all()
+    seen = view(panels, points, Scratch())
+    assert abs(seen.solid_angle[in_plane, 0]).max() == pytest.approx(2 * np.pi)
+    take_principal_values(seen)
+    assert (double_layer(panels, seen, Scratch())[:, in_plane] == 0).all()
 
 
 @pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9, 1e-12])
 def test_beside_an_edge_its_logarithm_is_that_of_the_distance_to_it(depth):
-    """f = asinh(s_b/δ) − asinh(s_a/δ), where r_a + r_b − L has lost its digits."""
+    """f = asinh(s_b/δ) − asinh(s_a/δ) to rounding over δ, though r_a + r_b − L has no digits."""
     panels = panels_of(box())
     along = np.array([0.3, -0.8, 0.99])
     points = np.column_stack([1 - depth * np.ones(3), 1 - 2 * depth * np.ones(3), along])
@@ -119,7 +121,7 @@ def test_beside_an_edge_its_logarithm_is_that_of_the_distance_to_it(depth):
     edge = np.flatnonzero((ends[:, :, :2] == 1).all(axis=(1, 2)))
     delta = np.hypot(1 - points[:, 0], 1 - points[:, 1])
     expected = np.arcsinh((1 - along) / delta) - np.arcsinh((-1 - along) / delta)
-    np.testing.assert_allclose(looked.edge_log[edge[0]], expected, rtol=1e-13)
+    np.testing.assert_allclose(looked.edge_log[edge[0]], expected, rtol=1e-13, atol=3e-16 / depth)
 
 
 def test_scratch_is_asked_for_once():
