@@ -5,13 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.binding import BindSettings, WeightQuality
-from cageik_cli.coordinates.harmonic import ACCURACIES
 from cageik_cli.enclosure import cage_findings
 from cageik_cli.errors import first_few
 from cageik_cli.layout import page
 from cageik_cli.mesh import TriMesh
-from cageik_cli.report.text import weights_row
+from cageik_cli.report.text import accuracy_row, weights_row
 from cageik_cli.sequence import MeshSequence, load_mesh, open_sequence
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
@@ -48,20 +46,11 @@ def binding_rows(stored: StoredBinding) -> list[tuple[str, str]]:
         ("cage", _counts(binding.cage)),
         ("settings", ", ".join(f"{key} {value}" for key, value in settings.items())),
         weights_row(quality),
-        ("accuracy", _accuracy(binding.settings, quality)),
+        accuracy_row(quality, binding.settings.accuracy),
         *([("projected", f"{quality.projected} vertices outside")] if quality.projected else []),
         *((f"from {key}", str(source.get("name"))) for key, source in stored.sources.items()),
         *(("note", note) for note in binding.notes),
     ]
-
-
-def _accuracy(settings: BindSettings, quality: WeightQuality) -> str:
-    if not quality.panels:
-        return "exact, in closed form"
-    return (
-        f"{quality.panels} panels, estimated mean row L1 error {quality.estimated_error:.1e}, "
-        f"{settings.accuracy} is {ACCURACIES[settings.accuracy].tolerance:g}"
-    )
 
 
 def _own_page(path: Path) -> str:

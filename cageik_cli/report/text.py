@@ -41,6 +41,16 @@ def weights_row(quality: WeightQuality) -> tuple[str, str]:
     )
 
 
+def accuracy_row(quality: WeightQuality, accuracy: object) -> tuple[str, str]:
+    """How far weights are from exact coordinates of their kind."""
+    if not quality.panels:
+        return "accuracy", "exact, in closed form"
+    return "accuracy", (
+        f"{accuracy}: {quality.panels} panels, mean row L1 error {quality.estimated_error:.1e} "
+        "(estimated)"
+    )
+
+
 def _trust(report: Report) -> list[tuple[str, str]]:
     quality = report.binding
     system = (
@@ -48,7 +58,8 @@ def _trust(report: Report) -> list[tuple[str, str]]:
         f"alpha {_number(report.settings.get('alpha'))}, "
         f"beta {_number(report.settings.get('beta'))}"
     )
-    return [weights_row(quality), ("system", system)]
+    accuracy = accuracy_row(quality, report.settings.get("accuracy"))
+    return [weights_row(quality), accuracy, ("system", system)]
 
 
 def _volume(report: Report) -> str:

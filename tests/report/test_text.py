@@ -23,9 +23,19 @@ def test_the_page_shows_the_numbers_of_the_record(report):
     assert rows["volume change"].startswith(f"{summary.volume_change_percent_max:+.4f} % at most")
     assert rows["literature"] == f"E_RMS {summary.e_rms:.4g}, KG error {summary.kg_error:.4g}"
     assert rows["size"] == "24 numbers a frame instead of 54, and 144 weights once"
+    quality = report.binding
+    assert rows["accuracy"] == (
+        f"standard: {quality.panels} panels, mean row L1 error {quality.estimated_error:.1e} "
+        "(estimated)"
+    )
     assert "alpha 0.001, beta 1" in rows["system"]
     assert "nan" not in as_text(report)
     assert max(map(len, lines)) < 120
+
+
+def test_closed_forms_have_no_panels_to_tell_of(report):
+    text = as_text(replace(report, binding=replace(report.binding, panels=0)))
+    assert "  accuracy       exact, in closed form" in text
 
 
 def test_an_open_model_is_said_to_be_open_and_noted_once(opened):
