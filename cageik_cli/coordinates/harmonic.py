@@ -233,20 +233,30 @@ def _resolved(
     while len(mesh.panels.corners) < FEWEST_PANELS:
         mesh = mesh.divided(np.ones(len(mesh.panels.corners), bool))
     mesh = _raised(mesh, points, asked)
-    for rounds_left in reversed(range(ROUNDS + 1)):
-        boundary = solve_boundary(mesh, pool)
-        error, shares = estimated(boundary, sample)
-        if error <= asked.tolerance or rounds_left == 0:
+    best = solve_boundary(mesh, pool)
+    error, shares = estimated(best, sample)
+    for _ in range(ROUNDS):
+        if error <= asked.tolerance:
             break
-        worst = np.argsort(-shares)
-        count = np.searchsorted(np.cumsum(shares[worst]), SHARED * shares.sum()) + 1
-        chosen = np.zeros(len(shares), bool)
-        chosen[worst[:count]] = True
-        finer = _raised(mesh.divided(chosen), points, asked)
-        if finer.order < mesh.order or finer.unknowns > asked.most:
+        mesh = _raised(best.mesh.divided(_worst(shares)), points, asked)
+        no_room = mesh.unknowns > asked.most or len(mesh.high) < len(best.mesh.high)
+        if no_room or mesh.order < best.mesh.order:
             break
-        mesh = finer
-    return boundary, error
+        finer = solve_boundary(mesh, pool)
+        less, shares = estimated(finer, sample)
+        if less >= error:
+            break
+        best, error = finer, less
+    return best, error
+
+
+def _worst(shares: Floats) -> NDArray[np.bool_]:
+    """The fewest panels that have `SHARED` of the error."""
+    order = np.argsort(-shares, kind="stable")
+    count = np.searchsorted(np.cumsum(shares[order]), SHARED * shares.sum()) + 1
+    chosen = np.zeros(len(shares), bool)
+    chosen[order[:count]] = True
+    return chosen
 
 
 def _raised(mesh: BoundaryMesh, points: cKDTree, asked: Accuracy) -> BoundaryMesh:
