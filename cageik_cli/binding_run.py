@@ -121,9 +121,10 @@ def _refuse_other(path: Path, what: str, expected: TriMesh, given: TriMesh) -> N
     difference = _difference(expected, given)
     if difference:
         option = "--" + what.split()[0]
+        leave = "leave --cage out, " if what == "cage" else ""
         raise InputError(
             f"{path}: was made for another {what}: {difference}; "
-            f"give that one with {option}, or bind this one"
+            f"give that one with {option}, {leave}or bind this one"
         )
 
 

@@ -26,6 +26,9 @@ ROUNDING = 8 * np.finfo(np.float64).eps
 OUTSIDE = ("refuse", "project")
 """What may be done with vertices further outside."""
 
+MISPLACED = 0.5
+"""A cage with more than this share of the vertices outside is another's; they are not projected."""
+
 _REMEDIES = {
     "repeated-vertex": "delete {it}",
     "degenerate-face": "move or merge vertices there",
@@ -173,21 +176,43 @@ def outside_finding(placement: Placement, rest: TriMesh) -> Finding | None:
     far = placement.far
     if len(far) == 0:
         return None
-    worst = 100 * placement.nearest.distance[far].max() / rest.diagonal
+    worst = far[placement.nearest.distance[far].argmax()]
+    percent = 100 * placement.nearest.distance[worst] / rest.diagonal
     return Finding(
         kind="outside",
         severity="unfit",
         message=(
             f"{len(far)} of {len(rest.vertices)} vertices of the rest pose are outside the cage, "
-            f"the worst by {worst:.3g} % of the diagonal: numbers {first_few(far)} (from 0)"
+            f"the worst, {worst}, by {percent:.3g} % of the diagonal: numbers {first_few(far)} "
+            "(from 0)"
         ),
-        remedy=(
-            "enlarge the cage there, give the rest pose it was made for with --rest, or take the "
-            "nearest points of the cage with --outside project"
-        ),
+        remedy=_misfit(placement.nearest.mesh, rest)
+        if _is_misplaced(placement)
+        else "enlarge the cage there, give the rest pose it was made for with --rest, or take the "
+        "nearest points of the cage with --outside project",
         elements="vertices",
         numbers=far,
-        value=float(worst),
+        value=float(percent),
+    )
+
+
+def _is_misplaced(placement: Placement) -> bool:
+    """Whether so much is outside that the cage cannot have been made for this rest pose."""
+    return len(placement.far) > MISPLACED * len(placement.outside)
+
+
+def _misfit(cage: TriMesh, rest: TriMesh) -> str:
+    """What is likely wrong between a cage and a model most of which is outside it."""
+    ratio = cage.diagonal / rest.diagonal
+    if not 0.2 < ratio < 5:
+        return f"the cage is {ratio:.3g} times as large as the model: export both in one unit"
+    low = np.maximum(cage.vertices.min(axis=0), rest.vertices.min(axis=0))
+    high = np.minimum(cage.vertices.max(axis=0), rest.vertices.max(axis=0))
+    if (low > high).any():
+        return "their boxes do not meet: move the cage to the model, or give its --rest"
+    return (
+        "most of the model is outside: give the rest pose the cage was made for with --rest, or "
+        "export both with the same axes and scale"
     )
 
 
@@ -212,7 +237,7 @@ def _held(cage: TriMesh, rest: TriMesh, notes: tuple[str, ...], allowed: str) ->
         raise InputError(point.sentence)
     placement = place(cage, rest)
     if found := outside_finding(placement, rest):
-        if allowed == "refuse":
+        if allowed == "refuse" or _is_misplaced(placement):
             raise InputError(found.sentence)
         notes = (
             *notes,

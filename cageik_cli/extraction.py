@@ -106,7 +106,8 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
     with watch.stage("bind"):
         bound = _bound(rest, cage, settings, watch)
     binding, sources = bound.binding, sources | bound.sources
-    with watch.stage("factor"):
+    # One thread: the matrix is small, and threads that wait for each other take longer.
+    with watch.stage("factor"), blas_threads(1):
         solver = DualLaplacianSolver(binding, settings.solve, vertex_weights)
     header = Header(
         binding=binding,

@@ -140,7 +140,9 @@ def test_a_binding_of_another_cage_is_refused(made, what, says):
     with pytest.raises(InputError) as caught:
         from_file(path, rest, replace(cage, mesh=other(cage.mesh, what)))
     assert str(caught.value).startswith(f"binding.h5: was made for another cage: {says}")
-    assert str(caught.value).endswith("; give that one with --cage, or bind this one")
+    assert str(caught.value).endswith(
+        "; give that one with --cage, leave --cage out, or bind this one"
+    )
 
 
 def test_a_cage_that_is_none_is_refused_by_its_own_name(made):

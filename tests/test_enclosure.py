@@ -206,7 +206,7 @@ def test_vertices_outside_are_counted_measured_and_named():
         check_enclosure(box(), rest)
     worst = f"{100 * 0.5 / rest.diagonal:.3g} %"
     assert re.match(
-        rf"2 of {len(vertices)} vertices .* worst by {worst} .* 5, 7 ", str(caught.value)
+        rf"2 of {len(vertices)} vertices .* the worst, 5, by {worst} .* 5, 7 ", str(caught.value)
     )
     assert "swapped" not in str(caught.value)
 
@@ -276,3 +276,20 @@ def test_the_verdict_does_not_depend_on_place_turn_or_scale(seed, scale, shift):
     assert len(check_enclosure(moved(box()), moved(octahedron(0.9))).points) == 6
     with pytest.raises(InputError, match="6 of 6 vertices"):
         check_enclosure(moved(box()), moved(octahedron(1.1)))
+
+
+MISPLACED = {
+    "other units": (1000.0, np.zeros(3), r"the cage is 0\.001 times as large as the model"),
+    "moved": (1.0, np.array([5.0, 0, 0]), "their boxes do not meet: move the cage"),
+    "other scale": (3.0, np.zeros(3), "most of the model is outside: give the rest pose"),
+}
+
+
+@pytest.mark.parametrize(("scale", "shift", "says"), MISPLACED.values(), ids=MISPLACED)
+@pytest.mark.parametrize("outside", ["refuse", "project"])
+def test_a_model_most_of_which_is_outside_is_told_why_and_never_projected(
+    scale, shift, says, outside
+):
+    rest = changed(octahedron(1.0), vertices=scale * octahedron(1.0).vertices + shift)
+    with pytest.raises(InputError, match=f"6 of 6 vertices .*; {says}"):
+        check_enclosure(box(), rest, outside)

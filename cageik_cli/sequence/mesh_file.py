@@ -56,6 +56,8 @@ def load_mesh(path: Path) -> LoadedMesh:
         Naming the file, when it is missing, not a mesh, or not of a kind we read.
     """
     with located(path):
+        if path.is_dir():
+            raise InputError("is a folder, expected a file; name a mesh in it")
         if path.suffix.lower() not in MESH_SUFFIXES:
             raise InputError(
                 f"`{path.suffix}` is not a kind of mesh read here, expected "
