@@ -16,10 +16,13 @@ from cageik_cli.mesh import Floats, TriMesh
 WORST_PRECISION = 1e-6
 """Weights that miss the rest pose by more, in diagonals, are not weights of this cage."""
 
-ALGORITHMS = {"harmonic": 1, "mean-value": 1}
+ALGORITHMS = {"harmonic": 3, "mean-value": 1}
 """To be raised when weights, notes or refusals change, so that no cache gives the old ones."""
 
 COORDINATES = tuple(ALGORITHMS)
+
+WORST_ERROR = 0.5
+"""Rows of harmonic weights that are off by more are no weights."""
 
 LOWEST_WEIGHT = -0.05
 """Harmonic weights below it are poor: those of sound cages stay above −0.02."""
@@ -157,6 +160,11 @@ def bind(
         projected=len(held.projected),
         notes=held.notes + _poor(weights, settings),
     )
+    if not weights.error <= WORST_ERROR:
+        raise NumericalError(
+            f"the weights' estimated error is {weights.error:.2g}, more than {WORST_ERROR:g}; the "
+            "cage has needle-like faces or sheets that nearly touch: cageik check names them"
+        )
     missed = _missed(held.points, binding)
     if not missed <= WORST_PRECISION:
         raise NumericalError(
@@ -183,7 +191,7 @@ def _poor(weights: Weights, settings: BindSettings) -> tuple[str, ...]:
         return ()
     notes = []
     tolerance = ACCURACIES[settings.accuracy].tolerance
-    if weights.error > tolerance:
+    if not weights.error <= tolerance:
         notes.append(
             f"the estimated error of the weights, {weights.error:.2g}, misses the tolerance "
             f"{tolerance:g} of --accuracy {settings.accuracy}; a coarser cage, or one further "

@@ -7,7 +7,12 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.surface import NearestOnSurface, nearest_on_surface, winding_numbers
+from cageik_cli.coordinates.surface import (
+    ROUNDING,
+    NearestOnSurface,
+    nearest_on_surface,
+    winding_numbers,
+)
 from cageik_cli.errors import InputError, first_few
 from cageik_cli.findings import Finding, at, plural
 from cageik_cli.intersections import self_intersections
@@ -19,9 +24,6 @@ FLATTEST = 1e-9
 
 TOUCHING = 1e-8
 """A vertex outside by no more than this, in diagonals, is on the cage but for rounding."""
-
-ROUNDING = 8 * np.finfo(np.float64).eps
-"""Or by no more than this in the largest coordinate, which is more when that is far away."""
 
 OUTSIDE = ("refuse", "project")
 """What may be done with vertices further outside."""

@@ -5,13 +5,17 @@ import numpy as np
 import pytest
 
 from cageik_cli import binding as module
-from cageik_cli.binding import Binding, BindSettings, bind
+from cageik_cli.binding import ALGORITHMS, Binding, BindSettings, bind
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.coordinates.weights import Weights
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.mesh import TriMesh
 from tests.shapes import ball, box, concave, octahedron
+
+HARMONIC = [0.0594591, 0.003013, 0.0095678]
+MEAN_VALUE = [0.0661766027004, 0.0107435865276, 0.0210509555044]
+"""Weights of vertices 0, 4 and 8 of the concave cage at one point."""
 
 
 def test_a_binding_rebuilds_the_rest_pose_and_says_how_well():
@@ -69,6 +73,29 @@ def test_weights_that_miss_the_rest_pose_are_refused(monkeypatch):
 
 def test_a_model_that_is_the_cage_gets_unit_weights():
     np.testing.assert_allclose(bind(concave(), concave()).weights, np.eye(12), atol=1e-14)
+
+
+def test_weights_without_worth_are_refused(monkeypatch):
+    for error in (0.6, np.nan):
+
+        def worthless(cage, points, accuracy, jobs, progress, error=error):
+            return replace(harmonic_weights(cage, points, accuracy, jobs, progress), error=error)
+
+        monkeypatch.setattr(module, "harmonic_weights", worthless)
+        with pytest.raises(NumericalError, match=r"estimated error is .*, more than 0\.5"):
+            bind(ball(1), box())
+
+
+def test_the_algorithms_are_numbered_anew_when_their_weights_change():
+    """So that no cache gives the old ones. If the weights are to change, raise the number."""
+    corner = np.array([[0.9, 0.8, 0.7]])
+    harmonic, mean_value = (
+        coordinates(concave(), corner).values[0, [0, 4, 8]]
+        for coordinates in (harmonic_weights, mean_value_weights)
+    )
+    assert ALGORITHMS == {"harmonic": 3, "mean-value": 1}
+    np.testing.assert_allclose(harmonic, HARMONIC, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(mean_value, MEAN_VALUE, rtol=0, atol=1e-12)
 
 
 def test_a_missed_tolerance_and_a_low_weight_are_noted_with_their_values(monkeypatch):

@@ -38,8 +38,9 @@ def check_command(
 
     from cageik_cli.checking import CheckSettings, as_json, as_text, check
     from cageik_cli.outputs import keep_apart, prepare
+    from cageik_cli.sequence import files_read
 
-    keep_apart([json], [cage, rest, *map(Path, frames)])
+    keep_apart([json], [cage, rest, *files_read(list(frames))])
     on_stdout = str(json) == "-"
     if json is not None and not on_stdout:
         prepare(json, overwrite)

@@ -100,14 +100,17 @@ AFTER_LINEAR = 0.1
 FASTEST_FALL = 0.3
 """Degrees are not trusted to fall faster: a density's logarithms at edges do not let them."""
 
+SLOWEST_FALL = 0.8
+"""Nor slower, for the series' sum to mean something."""
+
+OFF_EDGES = 1e-3
+"""How far towards its centroid a point of a panel is moved, for edges have no tangent plane."""
+
 BLOCK = 60_000
 """Panels times points looked at together: they stay in a cache, and threads stay apart."""
 
 LU_THREADS = 2
 """A fixed number, so that weights do not depend on how many processors there are."""
-
-ON_SURFACE = 1e-12
-"""A point this near the cage, in diagonals, is on it and has its barycentric weights."""
 
 
 Singles = NDArray[np.float32]
@@ -194,15 +197,17 @@ def harmonic_weights(
     Raises
     ------
     InputError
-        When the cage has more faces than `PANEL_LIMIT`.
+        When the cage has more faces than `PANEL_LIMIT`, or the accuracy is none we know.
     """
+    if accuracy not in ACCURACIES:
+        raise InputError(f"accuracy is {accuracy!r}, expected one of {', '.join(ACCURACIES)}")
     if len(cage.faces) > PANEL_LIMIT:
         raise InputError(
             f"the cage has {len(cage.faces)} faces, at most {PANEL_LIMIT} fit in memory; "
             "use a coarser cage"
         )
     nearest = nearest_on_surface(cage, points)
-    touching = nearest.distance <= ON_SURFACE * cage.diagonal
+    touching = nearest.touching
     weights = np.empty((len(points), len(cage.vertices)))
     weights[touching] = nearest.weights(touching)
     within = np.flatnonzero(~touching)
@@ -282,8 +287,8 @@ def _raised(mesh: BoundaryMesh, points: cKDTree, asked: Accuracy) -> BoundaryMes
 def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
     """Solve the boundary integral equation for all the cage's hats, assembled by `pool`.
 
-    In single precision, which halves memory and time: the weights feel it in the sixth digit at
-    most, and what affine functions need of the densities is known and set to rounding.
+    In single precision, which halves memory and time: weights of sound cages feel it in the sixth
+    digit at most, and what affine functions need of the densities is known and set to rounding.
     """
     matrix = np.zeros((mesh.unknowns, mesh.unknowns), np.float32)
     right = np.empty((mesh.unknowns, mesh.hats.shape[1]), np.float32)
@@ -299,6 +304,7 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
         densities = scipy.linalg.lu_solve(
             factor, right, trans=1, overwrite_b=True, check_finite=False
         )
+    del factor
     return BoundarySolution(mesh, _affine(mesh, densities.astype(np.float64)))
 
 
@@ -312,7 +318,8 @@ def _affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
     affine = np.column_stack([np.ones(count), mesh.panels.vertices[:count]])
     excess = densities @ affine
     excess[: len(mesh.panels.corners), 1:] -= mesh.panels.normals
-    return np.asarray(densities - excess @ np.linalg.pinv(affine))
+    densities -= excess @ np.linalg.pinv(affine)
+    return densities
 
 
 def weights_inside(boundary: BoundarySolution, points: Floats) -> Floats:
@@ -326,29 +333,73 @@ def weights_inside(boundary: BoundarySolution, points: Floats) -> Floats:
 def estimated(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats]:
     """Estimate the mean row L1 error over `sample`, (s, 3), and each panel's share in it, (p,).
 
-    The terms of each panel's highest degree, against those one lower, tell how fast the degrees
-    fall; those that would follow are taken to fall alike, as a geometric series.
+    Away from the cage, the terms of each panel's highest degree, against those one lower, tell how
+    fast the degrees fall; those that would follow are taken to fall alike, as a geometric series.
+    Near it, the error is what the equations leave at the nearest point. The larger of both counts.
     """
-    mesh, densities = boundary.mesh, boundary.densities
+    mesh = boundary.mesh
     degree, highest, panel = mesh.degrees
-    emitted = np.zeros(mesh.unknowns)
-    sizes: dict[tuple[int, int], float] = {}
+    terms = {
+        (order, of): np.flatnonzero((degree == of) & (highest == order))
+        for order in np.unique(highest)
+        for of in (order - 1, order)
+    }
+    sizes = dict.fromkeys(terms, 0.0)
+    seen_of = np.zeros(mesh.unknowns)
     for block in _blocks(mesh, len(sample)):
-        seen = _potentials(mesh, sample[block], inside=True)
-        emitted[: mesh.linear_unknowns] += np.abs(seen.linear).sum(axis=1)
-        higher = emitted[mesh.linear_unknowns :].reshape(mesh.extra, len(mesh.high))
-        higher[:, seen.near] += np.abs(seen.higher).sum(axis=2)
-        for order in np.unique(highest):
-            for of in (order - 1, order):
-                terms = np.where(((degree == of) & (highest == order))[:, None], densities, 0)
-                size = np.abs(_emitted(mesh, terms, seen)).sum() / (4 * np.pi * len(sample))
-                sizes[order, of] = sizes.get((order, of), 0.0) + size
-    error = 0.0
+        seen = _all_potentials(mesh, sample[block])
+        seen_of += np.abs(seen).sum(axis=1)
+        for of, rows in terms.items():
+            emitted = boundary.densities[rows].T @ seen[rows]
+            sizes[of] += np.abs(emitted).sum() / (4 * np.pi * len(sample))
+    series = 0.0
     for order in np.unique(highest):
-        fall = np.clip(sizes[order, order] / sizes[order, order - 1], FASTEST_FALL, 0.9)
-        error += sizes[order, order] * (AFTER_LINEAR if order == 1 else fall / (1 - fall))
-    emitted *= np.abs(densities).sum(axis=1)
-    return float(error), np.bincount(panel, emitted * (degree == highest)).astype(np.float64)
+        last, before = sizes[order, order], sizes[order, order - 1]
+        if before > 0:
+            fall = np.clip(last / before, FASTEST_FALL, SLOWEST_FALL)
+            series += last * (AFTER_LINEAR if order == 1 else fall / (1 - fall))
+    error = max(series, float(_left_near_the_cage(boundary, sample).mean()))
+    seen_of *= np.abs(boundary.densities).sum(axis=1)
+    return error, np.bincount(panel, seen_of * (degree == highest)).astype(np.float64)
+
+
+def _all_potentials(mesh: BoundaryMesh, points: Floats) -> Floats:
+    """∫ of all terms over r, also of those that have faded out, (u, q)."""
+    seen = _potentials(mesh, points, inside=True)
+    everything = np.zeros((mesh.unknowns, len(points)))
+    everything[: mesh.linear_unknowns] = seen.linear
+    higher = everything[mesh.linear_unknowns :].reshape(mesh.extra, len(mesh.high), len(points))
+    higher[:, seen.near] = seen.higher
+    return everything
+
+
+def _left_near_the_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
+    """Row L1 errors, (s,), that the equations leave on the cage, as felt at points in it.
+
+    The computed weights are harmonic, and on the cage are off by (2π φ − D − ∫ q/r) / 4π. That
+    changes its sign from node to node of a panel, and so dies away over the distance of nodes.
+    """
+    mesh = boundary.mesh
+    panels = mesh.panels
+    nearest = nearest_on_surface(TriMesh(panels.vertices, panels.corners), sample)
+    on = nearest.position + OFF_EDGES * (panels.centroids[nearest.face] - nearest.position)
+    hats = nearest_on_surface(nearest.mesh, on).weights(np.ones(len(on), bool)) @ mesh.hats
+    left = np.concatenate(
+        [
+            np.abs(2 * np.pi * hats[block] - _on_surface(boundary, on[block]).T).sum(axis=1)
+            for block in _blocks(mesh, len(on))
+        ]
+    )
+    highest = np.ones(len(panels.corners))
+    highest[mesh.high] = mesh.order
+    waves = (highest[nearest.face] + 1) / panels.radii[nearest.face]
+    return np.asarray(left / (4 * np.pi) * np.exp(-np.pi * waves * nearest.distance))
+
+
+def _on_surface(boundary: BoundarySolution, points: Floats) -> Floats:
+    """D + ∫ q/r of every weight at points in faces, (n, q): 2π φ but for the error."""
+    seen = _potentials(boundary.mesh, points, inside=False)
+    return _emitted(boundary.mesh, boundary.densities, seen) + seen.double
 
 
 def _emitted(mesh: BoundaryMesh, densities: Floats, seen: Potentials) -> Floats:

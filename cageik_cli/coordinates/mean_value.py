@@ -39,7 +39,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.coordinates.harmonic import ON_SURFACE, no_progress
+from cageik_cli.coordinates.harmonic import no_progress
 from cageik_cli.coordinates.surface import nearest_on_surface
 from cageik_cli.coordinates.weights import Weights
 from cageik_cli.mesh import Edges, Floats, Integers, TriMesh
@@ -163,14 +163,14 @@ def mean_value_weights(
     Weights
         In closed form.
     """
+    nearest = nearest_on_surface(cage, points)
+    touching = nearest.touching
+    within = np.flatnonzero(~touching)
+    weights = np.empty((len(points), len(cage.vertices)))
+    weights[touching] = nearest.weights(touching)
     origin = cage.vertices.mean(axis=0)
     mesh = TriMesh((cage.vertices - origin) / cage.diagonal, cage.faces)
     points = (points - origin) / cage.diagonal
-    nearest = nearest_on_surface(mesh, points)
-    touching = nearest.distance <= ON_SURFACE
-    within = np.flatnonzero(~touching)
-    weights = np.empty((len(points), len(mesh.vertices)))
-    weights[touching] = nearest.weights(touching)
     faces, size = _Faces.of(mesh), max(1, BLOCK // len(mesh.faces))
 
     def fill(start: int) -> int:

@@ -8,6 +8,12 @@ from numpy.typing import NDArray
 
 from cageik_cli.mesh import Floats, Integers, TriMesh
 
+ON_SURFACE = 1e-12
+"""A point this near a surface, in diagonals, is on it."""
+
+ROUNDING = 8 * np.finfo(np.float64).eps
+"""Or this near in the largest coordinate, which is more when that is far away."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestOnSurface:
@@ -26,6 +32,12 @@ class NearestOnSurface:
     distance: Floats
     face: Integers
     position: Floats
+
+    @property
+    def touching(self) -> NDArray[np.bool_]:
+        """Which points are on the surface but for rounding, (m,)."""
+        largest = np.abs(self.mesh.vertices).max()
+        return np.asarray(self.distance <= max(ON_SURFACE * self.mesh.diagonal, ROUNDING * largest))
 
     def weights(self, chosen: NDArray[np.bool_]) -> Floats:
         """Barycentric weights of the `chosen` nearest points among all vertices, (count, n)."""

@@ -192,8 +192,8 @@ class WeightCache:
 def key_of(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
     """The key of a binding: a digest of all its weights, notes and figures depend on, bit by bit.
 
-    The faces of the rest pose are not of it, since weights belong to points. Nor are the threads:
-    they change weights by rounding alone, and an entry holds those of the run that wrote it.
+    The faces of the rest pose are not of it, since weights belong to points. Nor are the threads,
+    which do not change weights.
     """
     said = {
         "version": __version__,

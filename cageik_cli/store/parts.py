@@ -44,7 +44,7 @@ def refuse_others(file: h5py.File, kind: str, schema: int, what: str) -> None:
 
 def as_json(value: Any) -> str:
     """The text of an attribute."""
-    return json.dumps(value, sort_keys=True)
+    return json.dumps(value, sort_keys=True, allow_nan=False)
 
 
 def parsed(file: h5py.File, name: str, kind: type) -> Any:

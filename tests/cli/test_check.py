@@ -117,3 +117,12 @@ def test_what_cannot_be_read_is_one_sentence(run, folder, words, says):
 def test_options_from_a_file(run, folder):
     Path("cageik.toml").write_text('[check]\njson = "-"\n')
     assert json.loads(run(*TYPED, "--config", "cageik.toml").out)["verdict"] == "fit"
+
+
+def test_a_frame_in_a_folder_is_not_written_over(run, folder):
+    frame = Path("frames/frame_2.obj")
+    before = frame.read_bytes()
+    outcome = run("check", "frames", "--cage", "cage.obj", "--json", frame, "--overwrite")
+    assert outcome.code == 1
+    assert "is read or written by this command already" in outcome.err
+    assert frame.read_bytes() == before

@@ -14,10 +14,15 @@ def random_cage(seed: int) -> TriMesh:
     Closed, outward, without self-intersection. Turned and moved at random, of any size.
     """
     generator = np.random.default_rng(seed)
-    mesh = list(KINDS.values())[seed % len(KINDS)](generator)
+    mesh = KINDS[kind_of(seed)](generator)
     size = 10.0 ** generator.uniform(-2, 2)
     offset = size * generator.choice([0, 1, 1e3]) * generator.normal(size=3)
     return TriMesh(size * mesh.vertices @ rotation(seed).T + offset, mesh.faces)
+
+
+def kind_of(seed: int) -> str:
+    """What sort of cage `random_cage` makes of it."""
+    return list(KINDS)[seed % len(KINDS)]
 
 
 def points_within(cage: TriMesh, seed: int, count: int = 24) -> np.ndarray:

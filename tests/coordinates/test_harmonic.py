@@ -215,12 +215,13 @@ def test_near_the_surface_they_meet_its_barycentric_weights():
 
 
 def test_they_do_not_depend_on_jobs_and_report_progress():
-    points = inside(concave(), 300, margin=0.01)
+    points = inside(concave(), 2000, margin=0.01)
     calls = []
     one = harmonic_weights(
         concave(), points, jobs=1, progress=lambda *done: calls.append(done)
     ).values
     np.testing.assert_array_equal(harmonic_weights(concave(), points, jobs=3).values, one)
+    assert len(calls) > 2
     assert calls[-1] == (len(points), len(points))
     assert [done for done, _ in calls] == sorted(done for done, _ in calls)
 
@@ -237,6 +238,41 @@ def test_similar_cages_have_the_same_weights_and_permuted_vertices_permuted_ones
     # Rounding of the input grows with the offset over the scale.
     here = harmonic_weights(cage, points).values[:, order]
     np.testing.assert_allclose(weights, here, rtol=0, atol=1e-7 * max(1, 1e-3 / scale))
+
+
+@pytest.mark.parametrize("depth", [1e-5, 1e-2])
+def test_near_edges_the_estimate_is_what_the_equations_leave(depth):
+    """There a series of degrees does not see the density's logarithms."""
+    cage = ball(1, 1.0)
+    points = cage.vertices[cage.edges.ends].mean(axis=1)[::2] * (1 - depth)
+    found = harmonic_weights(cage, points)
+    error = mean_row_distance(found.values, weights_on(cage, points, 2, 3))
+    assert found.error > error / 3
+
+
+def test_panels_that_the_sample_does_not_see_do_not_spoil_the_estimate(monkeypatch):
+    """One point is near panels of higher order; the points of the sample are far from them."""
+    monkeypatch.setattr(harmonic, "SAMPLE", 1)
+    monkeypatch.setattr(harmonic, "FEWEST_PANELS", 192)
+    points = np.concatenate([np.zeros((20, 3)), [[0.95, 0.95, 0.95]]])
+    found = harmonic_weights(box(), points)
+    assert 0 <= found.error < 0.01
+    assert found.panels == 192
+
+
+@pytest.mark.parametrize("shift", [1e3, 1e5, 1e7])
+def test_points_on_a_cage_far_away_are_on_it_still(shift):
+    cage = concave()
+    far = TriMesh(cage.vertices @ rotation(3).T + shift, cage.faces)
+    points = far.vertices[far.faces].mean(axis=1)
+    weights = harmonic_weights(far, points).values
+    np.testing.assert_allclose(np.sort(weights, axis=1)[:, -3:], 1 / 3, rtol=0, atol=1e-15 * shift)
+    np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=1e-12)
+
+
+def test_an_accuracy_of_another_name_is_refused():
+    with pytest.raises(InputError, match="accuracy is 'good', expected one of preview, standard"):
+        harmonic_weights(box(), np.zeros((1, 3)), "good")
 
 
 def test_a_cage_that_does_not_fit_memory_is_refused(monkeypatch):
