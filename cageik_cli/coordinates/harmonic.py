@@ -85,7 +85,7 @@ PANEL_LIMIT = 5000
 ROUNDS = 4
 """How often the panels that are resolved worst are divided, at most."""
 
-SAMPLE = 256
+SAMPLE = 128
 """Points at which the error is estimated."""
 
 SHARED = 0.6
