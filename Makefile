@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 OUT    ?= out
 
-.PHONY: help run test check format bench fixtures clean
+.PHONY: help run test check format bench growth fixtures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 12
@@ -36,6 +36,10 @@ format: $(READY)  ## Format the code and sort the imports
 
 bench: $(READY)  ## Measure speed against yardsticks, as ratios
 	$(BIN)/python -m pytest tests/benchmarks -m bench -s
+
+growth: $(READY)  ## Measure how a bind grows with cage and model (takes minutes)
+	@mkdir -p $(OUT)
+	$(BIN)/python -m tests.benchmarks.growth $(OUT)/growth.png
 
 fixtures: $(READY)  ## Make data_fixtures again, byte for byte, and the pictures
 	$(BIN)/python data_fixtures/make_fixtures.py
