@@ -493,6 +493,5 @@ def _blocks(mesh: BoundaryMesh, count: int) -> list[slice]:
 
 
 def _block_size(mesh: BoundaryMesh) -> int:
-    """Points to a block; more where there are no higher terms, whose reach a small block bounds."""
-    most = BLOCK if len(mesh.high) else 2 * BLOCK
-    return int(np.clip(most // len(mesh.panels.corners), 16, 512))
+    """Points to a block; not so few that a call costs more than its work."""
+    return int(np.clip(BLOCK // len(mesh.panels.corners), 16, 512))
