@@ -6,9 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.coordinates.harmonic import ACCURACIES, harmonic_weights, no_progress
+from cageik_cli.coordinates.harmonic import ACCURACIES, harmonic_weights
 from cageik_cli.coordinates.mean_value import mean_value_weights
-from cageik_cli.coordinates.weights import Weights
+from cageik_cli.coordinates.weights import Weights, no_progress
 from cageik_cli.enclosure import OUTSIDE, Enclosure, check_enclosure
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.mesh import Floats, TriMesh

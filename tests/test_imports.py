@@ -14,7 +14,8 @@ PACKAGE = Path(cageik_cli.__file__).parent
 ORDER = (
     "errors", "layout", "threads", "observer", "mesh",
     "coordinates.weights", "coordinates.polynomials", "coordinates.panel_geometry",
-    "coordinates.panels", "coordinates.boundary_mesh", "coordinates.surface",
+    "coordinates.panels", "coordinates.higher_terms", "coordinates.boundary_mesh",
+    "coordinates.surface", "coordinates.boundary_equation", "coordinates.error_estimate",
     "coordinates.harmonic", "coordinates.mean_value",
     "shape", "findings", "intersections", "enclosure", "weaknesses", "diagnosis",
     "binding", "alignment", "dual_laplacian", "metrics",

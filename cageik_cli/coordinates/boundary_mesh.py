@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from cageik_cli.coordinates.higher_terms import HigherTerms
 from cageik_cli.coordinates.panel_geometry import Panels
-from cageik_cli.coordinates.panels import HigherTerms
 from cageik_cli.coordinates.polynomials import LINEAR, exponents
 from cageik_cli.mesh import Floats, Integers, TriMesh
 

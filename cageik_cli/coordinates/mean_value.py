@@ -39,9 +39,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.coordinates.harmonic import no_progress
-from cageik_cli.coordinates.surface import nearest_on_surface
-from cageik_cli.coordinates.weights import Weights
+from cageik_cli.coordinates.surface import weights_on_surface
+from cageik_cli.coordinates.weights import Weights, no_progress
 from cageik_cli.mesh import Edges, Floats, Integers, TriMesh
 from cageik_cli.threads import blas_threads, processors
 
@@ -163,11 +162,7 @@ def mean_value_weights(
     Weights
         In closed form.
     """
-    nearest = nearest_on_surface(cage, points)
-    touching = nearest.touching
-    within = np.flatnonzero(~touching)
-    weights = np.empty((len(points), len(cage.vertices)))
-    weights[touching] = nearest.weights(touching)
+    weights, within = weights_on_surface(cage, points)
     origin = cage.vertices.mean(axis=0)
     mesh = TriMesh((cage.vertices - origin) / cage.diagonal, cage.faces)
     points = (points - origin) / cage.diagonal

@@ -19,16 +19,6 @@ where x = φ_0 − ⅓, and y = φ_1 − ⅓ likewise, φ_i being the linear fun
 0 at the others. t_k² + h² is the squared distance to the edge's line, so f and B belong to the edge
 and are computed once for both panels at it.
 
-For a polynomial P in x and y, let K_P = ∫ P/r dA and R_P = ∫ P r dA. From
-∇r = (y − p)/r and ∇ · ((y − p) P r), by Gauss's theorem in the plane,
-
-    K_xP          = x(p) K_P + Σ_k (∇x · m_k) ∫_k P r dl − R of ∇x · ∇P
-    (3 + deg) R_P = h² K_P + Σ_k t_k ∫_k P r dl + R of x(p) ∂P/∂x + y(p) ∂P/∂y
-
-and along an edge, with τ from −½ to ½, s and ρ the middle's s and distance over L, r over L too,
-
-    J_j = ∫ τ^j r dτ = ([τ^(j−1) r³] − (2j + 1) s J_(j−1) − (j − 1) ρ² J_(j−2)) / (j + 2).
-
 Sources: Wilton et al. 1984 (IEEE Trans. Antennas Propag. 32) for the single layer; Van Oosterom
 and Strackee 1983, eq. 8, for the solid angle.
 
@@ -38,18 +28,10 @@ whole rows.
 
 import math
 from dataclasses import dataclass
-from functools import cache, cached_property
 
 import numpy as np
 
 from cageik_cli.coordinates.panel_geometry import Panels
-from cageik_cli.coordinates.polynomials import (
-    LINEAR,
-    basis,
-    edge_coefficients,
-    exponents,
-    of_degree,
-)
 from cageik_cli.mesh import Floats, Integers
 
 EDGE_ON = 1e-13
@@ -293,158 +275,6 @@ def linear_moments(panels: Panels, seen: View, scratch: Scratch) -> Floats:
     np.multiply(seen.foot, total, out=moments[1:])
     moments[1:] += (panels.half_slope_sums @ seen.edge_moment).reshape(2, *shape)
     return moments
-
-
-@dataclass(frozen=True, eq=False)
-class HigherTerms:
-    """Panels whose densities have terms beyond linear: `basis(order)` from its fourth on.
-
-    Attributes
-    ----------
-    panels : Panels
-    chosen : (k,) int64
-        Which of the panels.
-    order : int
-        Two or more.
-    """
-
-    panels: Panels
-    chosen: Integers
-    order: int
-
-    @cached_property
-    def side_factors(self) -> Floats:
-        """From L-scaled J of the three sides, [side, power], to the sums of `_plan`, (k, s, 3o)."""
-        panels, chosen, order = self.panels, self.chosen, self.order
-        altitudes = panels.altitudes[:, chosen]
-        scale = np.zeros((5, 3, len(chosen)))
-        scale[_ALONG_X], scale[_ALONG_Y] = panels.slopes[:2, :, chosen]
-        # Σ_k t_k ∫_k, where t_k = A_k φ_k(p), in powers of the foot's x and y
-        scale[_RADIAL] = altitudes / 3
-        scale[_RADIAL_X, 0], scale[_RADIAL_Y, 1] = altitudes[:2]
-        scale[_RADIAL_X, 2] = scale[_RADIAL_Y, 2] = -altitudes[2]
-        scale *= panels.edge_lengths[panels.edges.of_side[chosen]].T ** 2
-        signs = panels.turns[chosen][:, :, None] ** np.arange(order)
-        kinds, monomial = np.array(list(_plan(order))).T
-        along = edge_coefficients(order)[:, monomial]
-        factors = np.einsum("rsk,srj,ksj->krsj", scale[kinds], along, signs)
-        return np.asarray(factors.reshape(len(chosen), len(kinds), -1))
-
-
-_ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)
-
-
-@cache
-def _plan(order: int) -> dict[tuple[int, int], int]:
-    """Where each sum over sides that the recurrences use stands: (kind, monomial) -> place."""
-    place = {e: i for i, e in enumerate(exponents(order - 1))}
-    wanted = []
-    for degree in range(2, order + 1):
-        kinds = (_RADIAL, _RADIAL_X, _RADIAL_Y)
-        wanted += [(kind, place[e]) for e in of_degree(degree - 2) for kind in kinds]
-        wanted += [(_ALONG_X, place[e]) for e in of_degree(degree - 1)]
-        wanted.append((_ALONG_Y, place[0, degree - 1]))
-    return {entry: i for i, entry in enumerate(wanted)}
-
-
-def higher_moments(
-    terms: HigherTerms, near: Integers, seen: View, linear: Floats, scratch: Scratch
-) -> Floats:
-    """∫ ψ / r dA of the panels `terms.chosen[near]`, (d − 3, k, q); scratch.
-
-    The recurrences lose digits as the distance over the panel's size to the power 2 `order`: they
-    are for points near the panel.
-
-    Parameters
-    ----------
-    linear : (3, p, q)
-        As `linear_moments` gives them.
-    """
-    order, panels, chosen = terms.order, terms.panels, terms.chosen[near]
-    k, q = len(near), linear.shape[2]
-    place = {e: i for i, e in enumerate(exponents(order))}
-    sums, plan = _side_sums(terms, near, seen, scratch), _plan(order)
-    foot = [scratch.rows(f"near_{i}", seen.foot[i], chosen) for i in (0, 1)]
-    square = scratch.rows("near_h", seen.height, chosen)
-    square *= square
-    metric = panels.metric[:, :, chosen, None]
-    product = scratch.array("near_product", k, q)
-    single = scratch.array("single", len(place), k, q)
-    radial = scratch.array("radial", len(exponents(order - 2)), k, q)
-    np.take(linear, chosen, axis=1, out=single[:LINEAR], mode="clip")
-
-    def add(to: Floats, first: Floats, second: Floats) -> None:
-        np.add(to, np.multiply(first, second, out=product), out=to)
-
-    for degree in range(2, order + 1):
-        for a, b in of_degree(degree - 2):
-            here = place[a, b]
-            found = np.multiply(square, single[here], out=radial[here])
-            found += sums[:, plan[_RADIAL, here]]
-            add(found, foot[0], sums[:, plan[_RADIAL_X, here]])
-            add(found, foot[1], sums[:, plan[_RADIAL_Y, here]])
-            for times, axis, lower in ((a, 0, (a - 1, b)), (b, 1, (a, b - 1))):
-                for _ in range(times):
-                    add(found, foot[axis], radial[place[lower]])
-            found /= 3 + degree - 2
-        for a, b in of_degree(degree):
-            axis, below = (0, (a - 1, b)) if a else (1, (a, b - 1))
-            here = place[below]
-            found = np.multiply(foot[axis], single[here], out=single[place[a, b]])
-            found += sums[:, plan[(_ALONG_X, _ALONG_Y)[axis], here]]
-            c, d = below
-            for times, other, lower in ((c, 0, (c - 1, d)), (d, 1, (c, d - 1))):
-                if times:
-                    add(found, -times * metric[axis, other], radial[place[lower]])
-    moments = scratch.array("higher", len(place) - LINEAR, k, q)
-    np.matmul(basis(order)[LINEAR:], single.reshape(len(place), -1), out=moments.reshape(-1, k * q))
-    return moments
-
-
-def _side_sums(terms: HigherTerms, near: Integers, seen: View, scratch: Scratch) -> Floats:
-    """The sums over sides of `_plan`, (k, s, q)."""
-    sides = terms.panels.edges.of_side[terms.chosen[near]]
-    edges, place = np.unique(sides, return_inverse=True)
-    powers = _edge_powers(terms.panels, edges, terms.order, seen, scratch)
-    k, q = len(near), powers.shape[2]
-    gathered = scratch.array("powers", 3 * k, terms.order, q)
-    np.take(powers, place.ravel(), axis=0, out=gathered, mode="clip")
-    factors = terms.side_factors[near]
-    sums = scratch.array("sums", k, factors.shape[1], q)
-    return np.matmul(factors, gathered.reshape(k, 3 * terms.order, q), out=sums)
-
-
-def _edge_powers(
-    panels: Panels, edges: Integers, order: int, seen: View, scratch: Scratch
-) -> Floats:
-    """J_0 to J_(order − 1) of the edges numbered, (k, order, q)."""
-    per_length = 1 / panels.edge_lengths[edges, None]
-    ends = panels.edges.ends[edges]
-    r_a, r_b = (scratch.rows(f"near_r_{k}", seen.distance, ends[:, k]) for k in (0, 1))
-    middle = scratch.rows("near_s", seen.along, edges)
-    for array in (r_a, r_b, middle):
-        array *= per_length
-    middle += 0.5
-    powers = scratch.array("edge_powers", len(edges), order, r_a.shape[1])
-    moment = scratch.rows("near_cube", seen.edge_moment, edges)
-    np.multiply(moment, per_length**2 / 2, out=powers[:, 0])
-    square = np.multiply(r_a, r_a, out=scratch.array("near_square", *r_a.shape))
-    r_a *= square
-    cube = np.multiply(r_b, r_b, out=scratch.array("near_cube", *r_a.shape))
-    square += cube
-    r_b *= cube
-    square /= 2
-    square -= 0.25
-    for j in range(1, order):
-        ends_meet = np.subtract if j % 2 else np.add
-        found = ends_meet(r_b, r_a, out=powers[:, j])
-        found *= 0.5 ** (j - 1) / (j + 2)
-        for array, factor, lower in ((middle, 2 * j + 1, j - 1), (square, j - 1, j - 2)):
-            if factor:
-                term = np.multiply(array, powers[:, lower], out=cube)
-                term *= factor / (j + 2)
-                found -= term
-    return powers
 
 
 def double_layer(panels: Panels, seen: View, scratch: Scratch) -> Floats:

@@ -56,6 +56,21 @@ def nearest_on_surface(mesh: TriMesh, points: Floats) -> NearestOnSurface:
     return NearestOnSurface(mesh, np.sqrt(squares), face.astype(np.int64), position)
 
 
+def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]:
+    """Barycentric weights of the points on the surface, and which are not, their rows yet empty.
+
+    Returns
+    -------
+    (m, n) float64
+    (k,) int64
+        Numbers of the points that are off the surface by more than rounding.
+    """
+    nearest = nearest_on_surface(mesh, points)
+    weights = np.empty((len(points), len(mesh.vertices)))
+    weights[nearest.touching] = nearest.weights(nearest.touching)
+    return weights, np.flatnonzero(~nearest.touching)
+
+
 def winding_numbers(mesh: TriMesh, points: Floats) -> Floats:
     """How often the surface winds around each point, (m,): 1 inside an outward cage, 0 outside."""
     return np.asarray(igl.winding_number(mesh.vertices, mesh.faces, points), np.float64).ravel()

@@ -7,14 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates import harmonic
+from cageik_cli.coordinates.boundary_equation import solve_boundary, weights_inside
 from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.harmonic import (
-    ACCURACIES,
-    Accuracy,
-    harmonic_weights,
-    solve_boundary,
-    weights_inside,
-)
+from cageik_cli.coordinates.harmonic import ACCURACIES, Accuracy, harmonic_weights
 from cageik_cli.errors import InputError
 from cageik_cli.mesh import TriMesh
 from tests.shapes import TETRAHEDRON, ball, box, concave, finer, inside, rotation

@@ -1,21 +1,18 @@
 import numpy as np
 import pytest
-from numpy.polynomial.legendre import leggauss
 
 from cageik_cli.coordinates.panel_geometry import Panels
 from cageik_cli.coordinates.panels import (
     SMALL_TANGENT,
-    HigherTerms,
     Scratch,
     _arctan2,
     close_angles,
     double_layer,
-    higher_moments,
     linear_moments,
     take_principal_values,
     view,
 )
-from cageik_cli.coordinates.polynomials import LINEAR, basis, monomials
+from cageik_cli.coordinates.polynomials import monomials
 from tests.shapes import ball, box, concave, inside
 
 
@@ -28,50 +25,10 @@ def moments_of(panels, points, scratch=None):
     return linear_moments(panels, view(panels, points, scratch), scratch)
 
 
-def quadrature(order):
-    """Points (barycentric) and weights of a product rule on a triangle of area one."""
-    x, w = leggauss(order)
-    x, w = (x + 1) / 2, w / 2
-    u, v = np.meshgrid(x, x, indexing="ij")
-    b, c = u * (1 - v), u * v
-    return np.stack([1 - b - c, b, c], -1).reshape(-1, 3), (2 * np.outer(w, w) * u).ravel()
-
-
-@pytest.fixture(scope="module")
-def seen():
-    """A surface, points off it, and what plain quadrature makes of every integral."""
-    panels = panels_of(concave())
-    points = np.concatenate(
-        [inside(concave(), 5, margin=0.15), [[3.0, 3, 3], [-1, 0.2, 0.4], [0.5, 0.5, 9]]]
-    )
-    barycentric, weights = quadrature(60)
-    corner = panels.vertices[panels.corners]
-    places = np.einsum("gk,pkx->pgx", barycentric, corner)
-    offset = places[:, None] - points[None, :, None]
-    r = np.linalg.norm(offset, axis=-1)
-    height = np.einsum("pqgx,px->pqg", offset, panels.normals)
-    area = panels.areas[:, None, None] * weights
-    return panels, points, places, barycentric, area / r, area * height / r**3
-
-
 def test_linear_moments_are_those_of_quadrature(seen):
     panels, points, _, barycentric, single, _ = seen
     expected = np.einsum("pqg,dg->dpq", single, monomials(1, barycentric))
     np.testing.assert_allclose(moments_of(panels, points), expected, rtol=1e-9, atol=1e-10)
-
-
-@pytest.mark.parametrize(("order", "digits"), [(2, 1e-11), (3, 1e-10), (5, 1e-6)])
-def test_higher_moments_are_those_of_quadrature(seen, order, digits):
-    """Seen from one to some ten panels away, at which some digits are lost, as is said."""
-    panels, points, _, barycentric, single, _ = seen
-    polynomials = basis(order)[LINEAR:] @ monomials(order, barycentric)
-    terms = HigherTerms(panels, np.array([0, 3, 5, 11, len(panels.corners) - 1]), order)
-    near, scratch = np.array([0, 2, 4]), Scratch()
-    looked = view(panels, points[:7], scratch)
-    linear = linear_moments(panels, looked, scratch)
-    expected = np.einsum("pqg,dg->dpq", single[terms.chosen[near], :7], polynomials)
-    found = higher_moments(terms, near, looked, linear, scratch)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=digits)
 
 
 def test_double_layer_is_that_of_quadrature(seen):

@@ -356,7 +356,9 @@ def test_a_damaged_result_is_refused_by_name(path, damage, says):
 def test_a_version_that_is_no_text_is_shown_as_far_as_it_is(path):
     with h5py.File(path, "r+") as file:
         file.attrs["version"] = np.bytes_(b"1.\xff")
-    store.read_result(path).version.encode()
+    version = store.read_result(path).version
+    assert "1." in version
+    assert version.encode().decode() == version
 
 
 @pytest.mark.parametrize(

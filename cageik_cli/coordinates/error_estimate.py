@@ -1,0 +1,97 @@
+"""How far computed harmonic weights are from exact ones, and which panels are to blame."""
+
+import numpy as np
+
+from cageik_cli.coordinates.boundary_equation import (
+    BoundarySolution,
+    blocks,
+    emitted,
+    potentials,
+)
+from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.surface import nearest_on_surface
+from cageik_cli.mesh import Floats, TriMesh
+
+AFTER_LINEAR = 0.1
+"""Error of linear densities over what their linear terms emit: 0.08 to 0.16 on real cages."""
+
+FASTEST_FALL = 0.3
+"""Degrees are not trusted to fall faster: a density's logarithms at edges do not let them."""
+
+SLOWEST_FALL = 0.8
+"""Nor slower, for the series' sum to mean something."""
+
+OFF_EDGES = 1e-3
+"""How far towards its centroid a point of a panel is moved, for edges have no tangent plane."""
+
+
+def estimated(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats]:
+    """Estimate the mean row L1 error over `sample`, (s, 3), and each panel's share in it, (p,).
+
+    Away from the cage, the terms of each panel's highest degree, against those one lower, tell how
+    fast the degrees fall; those that would follow are taken to fall alike, as a geometric series.
+    Near it, the error is what the equations leave at the nearest point. The larger of both counts.
+    """
+    mesh = boundary.mesh
+    degree, highest, panel = mesh.degrees
+    terms = {
+        (order, of): np.flatnonzero((degree == of) & (highest == order))
+        for order in np.unique(highest)
+        for of in (order - 1, order)
+    }
+    sizes = dict.fromkeys(terms, 0.0)
+    seen_of = np.zeros(mesh.unknowns)
+    for block in blocks(mesh, len(sample)):
+        seen = _all_potentials(mesh, sample[block])
+        seen_of += np.abs(seen).sum(axis=1)
+        for of, rows in terms.items():
+            of_terms = boundary.densities[rows].T @ seen[rows]
+            sizes[of] += np.abs(of_terms).sum() / (4 * np.pi * len(sample))
+    series = 0.0
+    for order in np.unique(highest):
+        last, before = sizes[order, order], sizes[order, order - 1]
+        if before > 0:
+            fall = np.clip(last / before, FASTEST_FALL, SLOWEST_FALL)
+            series += last * (AFTER_LINEAR if order == 1 else fall / (1 - fall))
+    error = max(series, float(_left_near_the_cage(boundary, sample).mean()))
+    seen_of *= np.abs(boundary.densities).sum(axis=1)
+    return error, np.bincount(panel, seen_of * (degree == highest)).astype(np.float64)
+
+
+def _all_potentials(mesh: BoundaryMesh, points: Floats) -> Floats:
+    """∫ of all terms over r, also of those that have faded out, (u, q)."""
+    seen = potentials(mesh, points, inside=True)
+    everything = np.zeros((mesh.unknowns, len(points)))
+    everything[: mesh.linear_unknowns] = seen.linear
+    higher = everything[mesh.linear_unknowns :].reshape(mesh.extra, len(mesh.high), len(points))
+    higher[:, seen.near] = seen.higher
+    return everything
+
+
+def _left_near_the_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
+    """Row L1 errors, (s,), that the equations leave on the cage, as felt at points in it.
+
+    The computed weights are harmonic, and on the cage are off by (2π φ − D − ∫ q/r) / 4π. That
+    changes its sign from node to node of a panel, and so dies away over the distance of nodes.
+    """
+    mesh = boundary.mesh
+    panels = mesh.panels
+    nearest = nearest_on_surface(TriMesh(panels.vertices, panels.corners), sample)
+    on = nearest.position + OFF_EDGES * (panels.centroids[nearest.face] - nearest.position)
+    hats = nearest_on_surface(nearest.mesh, on).weights(np.ones(len(on), bool)) @ mesh.hats
+    left = np.concatenate(
+        [
+            np.abs(2 * np.pi * hats[block] - _on_surface(boundary, on[block]).T).sum(axis=1)
+            for block in blocks(mesh, len(on))
+        ]
+    )
+    highest = np.ones(len(panels.corners))
+    highest[mesh.high] = mesh.order
+    waves = (highest[nearest.face] + 1) / panels.radii[nearest.face]
+    return np.asarray(left / (4 * np.pi) * np.exp(-np.pi * waves * nearest.distance))
+
+
+def _on_surface(boundary: BoundarySolution, points: Floats) -> Floats:
+    """D + ∫ q/r of every weight at points in faces, (n, q): 2π φ but for the error."""
+    seen = potentials(boundary.mesh, points, inside=False)
+    return emitted(boundary.mesh, boundary.densities, seen) + seen.double

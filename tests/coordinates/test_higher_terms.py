@@ -1,0 +1,20 @@
+import numpy as np
+import pytest
+
+from cageik_cli.coordinates.higher_terms import HigherTerms, higher_moments
+from cageik_cli.coordinates.panels import Scratch, linear_moments, view
+from cageik_cli.coordinates.polynomials import LINEAR, basis, monomials
+
+
+@pytest.mark.parametrize(("order", "digits"), [(2, 1e-11), (3, 1e-10), (5, 1e-6)])
+def test_higher_moments_are_those_of_quadrature(seen, order, digits):
+    """Seen from one to some ten panels away, at which some digits are lost, as is said."""
+    panels, points, _, barycentric, single, _ = seen
+    polynomials = basis(order)[LINEAR:] @ monomials(order, barycentric)
+    terms = HigherTerms(panels, np.array([0, 3, 5, 11, len(panels.corners) - 1]), order)
+    near, scratch = np.array([0, 2, 4]), Scratch()
+    looked = view(panels, points[:7], scratch)
+    linear = linear_moments(panels, looked, scratch)
+    expected = np.einsum("pqg,dg->dpq", single[terms.chosen[near], :7], polynomials)
+    found = higher_moments(terms, near, looked, linear, scratch)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=digits)
