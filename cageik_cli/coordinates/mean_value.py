@@ -73,8 +73,6 @@ class _Faces:
     edges : Edges
     edge_lengths : (e,)
         L.
-    first_side : (e,) int64
-        One of the sides that are this edge, counted [side, face].
     base, apex, altitude : (f, 1)
         First coordinate of corner 2, then both of corner 0.
     side_normals : (2, 3, f, 1)
@@ -89,7 +87,6 @@ class _Faces:
     corners: Integers
     edges: Edges
     edge_lengths: Floats
-    first_side: Integers
     base: Floats
     apex: Floats
     altitude: Floats
@@ -123,7 +120,6 @@ class _Faces:
             corners=corners,
             edges=edges,
             edge_lengths=np.linalg.norm(stop - start, axis=1),
-            first_side=np.unique(edges.of_side.T, return_index=True)[1],
             base=base[:, None],
             apex=apex[:, None],
             altitude=altitude[:, None],
@@ -204,9 +200,9 @@ def _ray_integrals(faces: _Faces, points: Floats) -> Floats:
 
 def _edge_integrals(faces: _Faces, height: Floats, side: Floats, spread: Floats) -> Floats:
     """∫ 1/r² ds of every edge, (e, q), given s_a s_b; d is taken from one of the faces at it."""
-    first = faces.first_side
-    squares = side.reshape(-1, side.shape[2])[first] ** 2
-    squares += height[first % len(height)] ** 2
+    face, k = np.divmod(faces.edges.first_side, 3)
+    squares = side[k, face] ** 2
+    squares += height[face] ** 2
     distance = np.maximum(np.sqrt(squares), _SMALLEST)
     return np.asarray(
         np.arctan2(distance * faces.edge_lengths[:, None], squares + spread) / distance

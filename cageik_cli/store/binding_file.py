@@ -12,17 +12,20 @@ from cageik_cli.binding import WORST_PRECISION, Binding, BindSettings, WeightQua
 from cageik_cli.enclosure import checked_cage
 from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import numbers, opened
-from cageik_cli.mesh import TriMesh
 from cageik_cli.outputs import whole_file
 from cageik_cli.store.parts import (
     as_json,
     calls_itself,
     new_file,
     parsed,
+    parsed_notes,
     parsed_quality,
     parsed_sources,
+    read_meshes,
     refuse_others,
+    version_of,
     write_deflated,
+    write_meshes,
 )
 
 FORMAT = "cageik.binding"
@@ -60,9 +63,7 @@ def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:
     """
     binding = stored.binding
     with whole_file(path, overwrite) as sink, new_file(sink) as file:
-        file["rest/verts"], file["cage/verts"] = binding.rest.vertices, binding.cage.vertices
-        file["rest/tris"] = binding.rest.faces.astype(np.int32)
-        file["tris"] = binding.cage.faces.astype(np.int32)
+        write_meshes(file, binding.rest, binding.cage)
         write_deflated(file, "weights", binding.weights)
         file.attrs.update(format=FORMAT, schema=SCHEMA, version=stored.version)
         file.attrs["settings"] = as_json(asdict(binding.settings))
@@ -88,14 +89,9 @@ def read_binding(path: Path) -> StoredBinding:
     """
     with opened(path) as file:
         refuse_others(file, FORMAT, SCHEMA, "a binding of cageik bind")
-        rest = TriMesh(
-            numbers(file, "rest/verts", "f", (None, 3)),
-            numbers(file, "rest/tris", "iu", (None, 3)),
-        )
-        cage = TriMesh(
-            numbers(file, "cage/verts", "f", (None, 3)), numbers(file, "tris", "iu", (None, 3))
-        )
-        _refuse_unfit(rest, cage)
+        rest, cage = read_meshes(file)
+        if checked_cage(cage)[0] is not cage:
+            raise InputError("the cage's faces turn inward, expected outward; make it again")
         shape = (len(rest.vertices), len(cage.vertices))
         quality = parsed_quality(file, WeightQuality)
         binding = Binding(
@@ -106,11 +102,10 @@ def read_binding(path: Path) -> StoredBinding:
             panels=_count(quality, "panels"),
             estimated_error=quality.estimated_error,
             projected=_count(quality, "projected"),
-            notes=tuple(map(str, parsed(file, "notes", list))),
+            notes=parsed_notes(file),
         )
         _refuse_other_weights(binding, quality)
-        version = str(file.attrs.get("version", "unknown"))
-        return StoredBinding(binding, _sources(file), version)
+        return StoredBinding(binding, _sources(file), version_of(file))
 
 
 def read_bind_settings(path: Path) -> BindSettings:
@@ -146,13 +141,6 @@ def _count(quality: WeightQuality, name: str) -> int:
     if not isinstance(value, int) or value < 0:
         raise InputError(f"attribute `quality` says that {name} is {value!r}, expected a count")
     return value
-
-
-def _refuse_unfit(rest: TriMesh, cage: TriMesh) -> None:
-    if rest.diagonal == 0:
-        raise InputError("`rest/verts` are all one point; make it again")
-    if checked_cage(cage)[0] is not cage:
-        raise InputError("the cage's faces turn inward, expected outward; make it again")
 
 
 def _refuse_other_weights(binding: Binding, stated: WeightQuality) -> None:

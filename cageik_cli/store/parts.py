@@ -9,7 +9,9 @@ import h5py
 import numpy as np
 
 from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats
+from cageik_cli.hdf5 import numbers
+from cageik_cli.layout import printable
+from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.outputs import PatientFile
 
 CHUNK_BYTES = 1 << 18
@@ -40,6 +42,40 @@ def refuse_others(file: h5py.File, kind: str, schema: int, what: str) -> None:
     found = file.attrs.get("schema")
     if not (isinstance(found, np.integer) and found == schema):
         raise InputError(f"is of schema {found}, this program reads schema {schema}; make it again")
+
+
+def write_meshes(file: h5py.File, rest: TriMesh, cage: TriMesh) -> None:
+    """Write the rest pose and its cage where both kinds of file have them."""
+    file["tris"] = cage.faces.astype(np.int32)
+    file["cage/verts"], file["rest/verts"] = cage.vertices, rest.vertices
+    file["rest/tris"] = rest.faces.astype(np.int32)
+
+
+def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
+    """The rest pose and its cage.
+
+    Raises
+    ------
+    InputError
+        When they are missing or no meshes, or the rest pose has no extent.
+    """
+    rest, cage = (
+        TriMesh(numbers(file, vertices, "f", (None, 3)), numbers(file, faces, "iu", (None, 3)))
+        for vertices, faces in (("rest/verts", "rest/tris"), ("cage/verts", "tris"))
+    )
+    if rest.diagonal == 0:
+        raise InputError("`rest/verts` are all one point; make it again")
+    return rest, cage
+
+
+def version_of(file: h5py.File) -> str:
+    """Of the program that wrote the file, as it says."""
+    return printable(str(file.attrs.get("version", "unknown")))
+
+
+def parsed_notes(file: h5py.File) -> tuple[str, ...]:
+    """What was changed or left out, one sentence each."""
+    return tuple(map(str, parsed(file, "notes", list)))
 
 
 def as_json(value: Any) -> str:

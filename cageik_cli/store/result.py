@@ -14,7 +14,6 @@ from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import Quality
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.hdf5 import dataset, numbers, opened
-from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.outputs import PatientFile, whole_file
@@ -23,10 +22,14 @@ from cageik_cli.store.parts import (
     calls_itself,
     new_file,
     parsed,
+    parsed_notes,
     parsed_quality,
     parsed_sources,
+    read_meshes,
     refuse_others,
+    version_of,
     write_deflated,
+    write_meshes,
 )
 
 FORMAT = "cageik.result"
@@ -107,9 +110,7 @@ class ResultWriter:
         binding = header.binding
         cage, rest = binding.cage, binding.rest
         file.create_dataset("verts", (self._count, *cage.vertices.shape), "f8")
-        file["tris"] = cage.faces.astype(np.int32)
-        file["cage/verts"], file["rest/verts"] = cage.vertices, rest.vertices
-        file["rest/tris"] = rest.faces.astype(np.int32)
+        write_meshes(file, rest, cage)
         file.create_dataset("frames/name", data=header.frames, dtype=h5py.string_dtype())
         for name in FIGURES:
             kind = "i8" if name in WHOLE_FIGURES else "f8"
@@ -176,25 +177,16 @@ def read_result(path: Path) -> Result:
         raise InputError(f"{path}: no such result; make it with cageik extract, or name another")
     with opened(path) as file:
         _refuse_other_files(file)
-        frames, cage_vertices, _ = dataset(file, "verts", "f", (None, None, 3)).shape
-        rest = TriMesh(
-            numbers(file, "rest/verts", "f", (None, 3)),
-            numbers(file, "rest/tris", "iu", (None, 3)),
-        )
-        cage = TriMesh(
-            numbers(file, "cage/verts", "f", (cage_vertices, 3)),
-            numbers(file, "tris", "iu", (None, 3)),
-        )
-        if rest.diagonal == 0:
-            raise InputError("`rest/verts` are all one point; extract it again")
+        rest, cage = read_meshes(file)
+        frames = len(dataset(file, "verts", "f", (None, len(cage.vertices), 3)))
         return Result(
             path=path,
-            version=printable(str(file.attrs.get("version", "unknown"))),
+            version=version_of(file),
             fps=_positive(file, "fps"),
             settings=parsed(file, "settings", dict),
             sources=parsed_sources(file),
             quality=parsed_quality(file, Quality),
-            notes=tuple(map(str, parsed(file, "notes", list))),
+            notes=parsed_notes(file),
             frames=_frame_names(file, frames),
             rest=rest,
             cage=cage,

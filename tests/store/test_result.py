@@ -297,10 +297,10 @@ DAMAGES = [
             "metrics/spread",
         )
     ],
-    (replaced("verts", CAGES[0]), "`verts` has shape (4, 3), expected any x any x 3"),
+    (replaced("verts", CAGES[0]), "`verts` has shape (4, 3), expected any x 4 x 3"),
     (replaced("verts", CAGES.astype(int)), "`verts` holds int64 values"),
     (replaced("verts", CAGES[:3]), "expected 3"),
-    (replaced("verts", CAGES[:, :3]), "`cage/verts` has shape (4, 3), expected 3 x 3"),
+    (replaced("verts", CAGES[:, :3]), "`verts` has shape (5, 3, 3), expected any x 4 x 3"),
     (replaced("tris", BINDING.cage.faces.astype(float)), "`tris` holds float64 values"),
     (value("tris", (0, 0), 4), "face 0 names vertices 4,"),
     (value("rest/tris", (0, 0), -1), "face 0 names vertices -1,"),
