@@ -213,7 +213,7 @@ def _near(mesh: BoundaryMesh, points: Floats) -> tuple[Integers, Floats]:
 def _test_blocks(mesh: BoundaryMesh) -> list[Integers]:
     """Panels of one kind, neighbours together, with a block of nodes."""
     panels = np.arange(len(mesh.panels.corners))
-    is_high: NDArray[np.bool_] = np.isin(panels, mesh.high)
+    is_high = mesh.highest > 1
     blocks: list[Integers] = []
     for chosen, order in ((panels[is_high], mesh.order), (panels[~is_high], 1)):
         if len(chosen):

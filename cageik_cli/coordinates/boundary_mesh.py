@@ -73,15 +73,20 @@ class BoundaryMesh:
         return HigherTerms(self.panels, self.high, self.order)
 
     @cached_property
+    def highest(self) -> Integers:
+        """Degree of the densities on each panel, (p,)."""
+        highest = np.ones(len(self.panels.corners), np.int64)
+        highest[self.high] = self.order
+        return highest
+
+    @cached_property
     def degrees(self) -> tuple[Integers, Integers, Integers]:
         """Of each unknown: its polynomial's degree, the highest on its panel, and its panel."""
         panels = np.arange(len(self.panels.corners))
-        highest = np.ones(len(panels), np.int64)
-        highest[self.high] = self.order
         degree = np.array([a + b for a, b in exponents(self.order)])
         panel = np.concatenate([np.tile(panels, LINEAR), np.tile(self.high, self.extra)])
         counts = np.repeat([len(panels), len(self.high)], [LINEAR, self.extra])
-        return np.repeat(degree, counts), highest[panel], panel
+        return np.repeat(degree, counts), self.highest[panel], panel
 
     def rows(self, chosen: Integers) -> Integers:
         """Unknowns of the panels numbered: (c, 3) or, if they are of higher order, (c, d)."""

@@ -59,7 +59,7 @@ def estimated(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats
 
 
 def _all_potentials(mesh: BoundaryMesh, points: Floats) -> Floats:
-    """∫ of all terms over r, also of those that have faded out, (u, q)."""
+    """∫ of all terms over r, (u, q); 0 of those that have faded out."""
     seen = potentials(mesh, points, inside=True)
     everything = np.zeros((mesh.unknowns, len(points)))
     everything[: mesh.linear_unknowns] = seen.linear
@@ -85,9 +85,7 @@ def _left_near_the_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
             for block in blocks(mesh, len(on))
         ]
     )
-    highest = np.ones(len(panels.corners))
-    highest[mesh.high] = mesh.order
-    waves = (highest[nearest.face] + 1) / panels.radii[nearest.face]
+    waves = (mesh.highest[nearest.face] + 1) / panels.radii[nearest.face]
     return np.asarray(left / (4 * np.pi) * np.exp(-np.pi * waves * nearest.distance))
 
 
