@@ -1,16 +1,16 @@
 """The check of a cage: files in, a diagnosis, and its views as text and JSON."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from cageik_cli import __version__
 from cageik_cli.diagnosis import CageFacts, Diagnosis, RestFacts, diagnose
-from cageik_cli.extraction import rest_pose
+from cageik_cli.extraction import clip_and_rest
 from cageik_cli.findings import Finding
 from cageik_cli.layout import page
-from cageik_cli.sequence import LoadedMesh, load_mesh, open_sequence
+from cageik_cli.sequence import ClipSettings, LoadedMesh, load_mesh
 
 SCHEMA = 1
 
@@ -30,6 +30,8 @@ class CheckSettings:
         Which frame then, from 0.
     jobs : int
         Threads.
+    clip : ClipSettings
+        Which of the frames, and how they are to be taken.
     """
 
     cage: Path
@@ -37,6 +39,7 @@ class CheckSettings:
     rest: Path | None = None
     rest_frame: int = 0
     jobs: int = 1
+    clip: ClipSettings = field(default_factory=lambda: ClipSettings(allow_gaps=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,8 +67,7 @@ def check(settings: CheckSettings) -> Check:
     """
     cage, rest = load_mesh(settings.cage), None
     if settings.frames:
-        sequence = open_sequence(list(settings.frames), allow_gaps=True)
-        rest = rest_pose(sequence, settings.rest, settings.rest_frame)
+        _, rest = clip_and_rest(settings.frames, settings.clip, settings.rest, settings.rest_frame)
     elif settings.rest is not None:
         rest = load_mesh(settings.rest)
     return Check(

@@ -10,7 +10,8 @@ from cageik_cli.errors import first_few
 from cageik_cli.layout import page
 from cageik_cli.mesh import TriMesh
 from cageik_cli.report.text import accuracy_row, weights_row
-from cageik_cli.sequence import MeshSequence, load_mesh, open_sequence
+from cageik_cli.scene import Scene
+from cageik_cli.sequence import ClipSettings, MeshSequence, load_mesh, open_sequence
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.result import Result, is_result, read_result
@@ -33,7 +34,7 @@ def describe(arguments: list[str]) -> str:
         loaded = load_mesh(paths[0])
         rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
         return page(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
-    sequence = open_sequence(arguments, allow_gaps=True)
+    sequence = open_sequence(arguments, ClipSettings(allow_gaps=True))
     return page(first_few(arguments, 3), _clip_rows(sequence))
 
 
@@ -74,11 +75,18 @@ def _result_rows(result: Result) -> list[tuple[str, str]]:
         ("frames", f"{len(result.frames)}, {result.frames[0]} to {result.frames[-1]}"),
         ("model", _counts(result.rest)),
         ("cage", _counts(result.cage)),
-        ("fps", f"{result.fps:g}"),
+        ("scene", _scene(result.scene)),
         ("settings", ", ".join(f"{key} {value}" for key, value in result.settings.items())),
         *((f"from {key}", str(source.get("name"))) for key, source in result.sources.items()),
         *(("note", note) for note in result.notes),
     ]
+
+
+def _scene(scene: Scene) -> str:
+    return (
+        f"{scene.fps:g} frames a second from frame {scene.start:g}, {scene.up_axis} up, "
+        f"{scene.metres_per_unit:g} m a unit"
+    )
 
 
 def _clip_rows(sequence: MeshSequence) -> list[tuple[str, str]]:

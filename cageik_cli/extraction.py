@@ -14,7 +14,9 @@ from cageik_cli.mesh import TriMesh
 from cageik_cli.metrics import measure
 from cageik_cli.observer import Observer
 from cageik_cli.outputs import prepare
+from cageik_cli.scene import Scene, SceneHints
 from cageik_cli.sequence import (
+    ClipSettings,
     LoadedMesh,
     MeshSequence,
     load_mesh,
@@ -56,8 +58,11 @@ class ExtractSettings:
         One number a vertex of the model.
     bind : BindSettings
     solve : SolveSettings
-    allow_gaps, overwrite, keep_weights : bool
-    fps : float
+    clip : ClipSettings
+        Which frames of what was named, and how they are to be taken.
+    overwrite, keep_weights : bool
+    scene : SceneHints
+        Time and space, where they are not to be as the clip's files say.
     memory : int
         Bytes that blocks of frames may take.
     jobs : int
@@ -74,10 +79,10 @@ class ExtractSettings:
     vertex_weights: Path | None = None
     bind: BindSettings = field(default_factory=BindSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
-    allow_gaps: bool = False
+    clip: ClipSettings = field(default_factory=ClipSettings)
     overwrite: bool = False
     keep_weights: bool = True
-    fps: float = 24.0
+    scene: SceneHints = field(default_factory=SceneHints)
     memory: int = 1 << 30
     jobs: int = 1
 
@@ -95,8 +100,9 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
     watch = observer or Observer()
     prepare(settings.output, settings.overwrite)
     with watch.stage("open"):
-        sequence = open_sequence(list(settings.frames), settings.allow_gaps)
-        rest = rest_pose(sequence, settings.rest, settings.rest_frame)
+        sequence, rest = clip_and_rest(
+            settings.frames, settings.clip, settings.rest, settings.rest_frame
+        )
         cage = load_mesh(settings.cage) if settings.cage is not None else None
         sources, vertex_weights = {}, None
         if settings.vertex_weights is not None:
@@ -113,7 +119,7 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
         binding=binding,
         quality=solver.quality,
         frames=sequence.names,
-        fps=settings.fps,
+        scene=settings.scene.applied(sequence.scene.applied(Scene())),
         settings=_recorded(settings, binding),
         notes=_notes(sequence, rest, bound, solver.missing),
         keep_weights=settings.keep_weights,
@@ -126,22 +132,25 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
     return read_result(settings.output)
 
 
-def rest_pose(sequence: MeshSequence, path: Path | None, index: int) -> LoadedMesh:
-    """The rest pose in a file, of the sequence's connectivity, or that frame of the sequence."""
-    if path is not None:
-        rest = load_mesh(path)
+def clip_and_rest(
+    frames: tuple[str, ...], how: ClipSettings, path: Path | None, index: int
+) -> tuple[MeshSequence, LoadedMesh]:
+    """A clip and its rest pose: that of a file, of the clip's connectivity, or a frame of it."""
+    rest = load_mesh(path) if path is not None else None
+    sequence = open_sequence(list(frames), how, rest)
+    if rest is not None:
         with located(path):
             count, faces = len(rest.fanned.vertices), rest.fanned.faces
             refuse_other_connectivity(count, faces, sequence.fanned, "the first frame")
         # Polygons are cut alike in all frames: as in the first.
-        return replace(rest, mesh=TriMesh(rest.mesh.vertices, sequence.first.faces))
+        return sequence, replace(rest, mesh=TriMesh(rest.mesh.vertices, sequence.first.faces))
     if not 0 <= index < len(sequence):
         raise InputError(
             f"--rest-frame {index}: the clip has {len(sequence)} frames, expected "
             f"0 to {len(sequence) - 1}"
         )
     frame = TriMesh(sequence.frame(index), sequence.first.faces)
-    return LoadedMesh(frame, frame, {"name": sequence.names[index]})
+    return sequence, LoadedMesh(frame, frame, {"name": sequence.names[index]})
 
 
 def block_size(memory: int, vertices: int) -> int:
@@ -173,20 +182,19 @@ def _solve_all(
     counted = solver.counted
     rest = solver.binding.rest
     blocks = sequence.blocks(block_size(settings.memory, len(rest.vertices)), settings.jobs)
-    done = 0
     while True:
         with watch.stage("read"):
             block = next(blocks, None)
         if block is None:
             return
+        block.refuse_faults()
         with watch.stage("solve"):
-            solution = solver.solve(block)
+            solution = solver.solve(block.positions)
         with watch.stage("measure"):
-            figures = measure(rest, block, solution.reconstructions, counted)
+            figures = measure(rest, block.positions, solution.reconstructions, counted)
         with watch.stage("write"):
             result.append(solution.cages, figures)
-        done += len(block)
-        watch.advance(done, len(sequence))
+        watch.advance(block.stop, len(sequence))
 
 
 def _recorded(settings: ExtractSettings, binding: Binding) -> dict[str, Any]:

@@ -129,6 +129,32 @@ def _brought_to_disk(file: PatientFile) -> Iterator[None]:
         os.fsync(file.fileno())
 
 
+@contextmanager
+def whole_path(path: Path, overwrite: bool) -> Iterator[Path]:
+    """A name beside `path`, of its suffix; what the block writes there takes the name of `path`.
+
+    For libraries that write files by name. What is there is removed if the block fails.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written, or another file has come to have the name meanwhile.
+    """
+    partial = path.with_name(f"{path.stem}.{secrets.token_hex(8)}.partial{path.suffix}")
+    try:
+        try:
+            yield partial
+            with partial.open("rb") as stream:
+                os.fsync(stream.fileno())
+            if path.exists() and not overwrite:
+                raise InputError(f"{path}: another run has written it meanwhile; choose another")
+            partial.replace(path)
+        finally:
+            partial.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
 def write_text(path: Path, text: str, overwrite: bool) -> None:
     """Write a text file, whole or not at all.
 

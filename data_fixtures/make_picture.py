@@ -135,7 +135,7 @@ def extracted() -> Walk:
         result = extract(ExtractSettings((str(clip),), cage, output))
         with h5py.File(output) as file:
             cages, weights = file["verts"][:], file["weights"][:]
-    sequence = open_sequence([str(clip)], allow_gaps=False)
+    sequence = open_sequence([str(clip)])
     return Walk(result, cages, weights, {frame: sequence.frame(frame - 1) for frame in SHOWN})
 
 

@@ -12,7 +12,7 @@ import cageik_cli
 PACKAGE = Path(cageik_cli.__file__).parent
 
 ORDER = (
-    "errors", "layout", "threads", "observer", "mesh",
+    "errors", "layout", "threads", "observer", "scene", "mesh",
     "coordinates.weights", "coordinates.polynomials", "coordinates.panel_geometry",
     "coordinates.panels", "coordinates.higher_terms", "coordinates.boundary_mesh",
     "coordinates.surface", "coordinates.boundary_equation", "coordinates.error_estimate",
@@ -20,7 +20,7 @@ ORDER = (
     "shape", "findings", "intersections", "enclosure", "weaknesses", "diagnosis",
     "binding", "alignment", "dual_laplacian", "metrics",
     "outputs", "hdf5", "sequence", "store.parts", "store.result", "store.binding_file",
-    "store.cache", "binding_run", "extraction", "report", "checking", "describing",
+    "store.cache", "export", "binding_run", "extraction", "report", "checking", "describing",
     "cli", "__main__",
 )  # fmt: skip
 """Each imports only from those before it; a folder named here keeps its own order."""

@@ -22,7 +22,7 @@ def read_config(ctx: click.Context, param: click.Parameter, path: Path | None) -
     except (OSError, ValueError) as error:
         raise click.BadParameter(f"{path}: cannot be read as TOML: {error}") from error
     _refuse_other_tables(ctx, path, tables)
-    options = {option.name: option for option in ctx.command.params if option.name != "config"}
+    options = {_typed(option): option for option in ctx.command.params if option.name != "config"}
     chosen = {}
     for key, value in tables.get(str(ctx.info_name), {}).items():
         option = options.get(key.replace("-", "_"))
@@ -36,6 +36,12 @@ def read_config(ctx: click.Context, param: click.Parameter, path: Path | None) -
             raise click.BadParameter(f"{path}: {key} = {value!r} is not a value of --{key}")
         chosen[option.name] = value
     ctx.default_map = {**(ctx.default_map or {}), **chosen}
+
+
+def _typed(param: click.Parameter) -> str:
+    """What is typed for it, without dashes; an argument's name."""
+    longest = max(param.opts, key=len)
+    return longest.removeprefix("--").replace("-", "_")
 
 
 def _refuse_other_tables(ctx: click.Context, path: Path, tables: dict[str, Any]) -> None:

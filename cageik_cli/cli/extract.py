@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from cageik_cli.cli.clip_options import clip_of, clip_options, scene_of, scene_options
 from cageik_cli.cli.options import (
     PATH,
     Size,
@@ -49,17 +50,11 @@ from cageik_cli.errors import CageikError
 @click.option(
     "--vertex-weights", type=PATH, help="One number a vertex (text or .npy); 0 is missing data."
 )
-@click.option(
-    "--fps",
-    type=float,
-    default=24.0,
-    show_default=True,
-    help="Frames a second; recorded, nothing depends on it.",
-)
+@scene_options
 @click.option(
     "--no-weights", is_flag=True, help="Leave the weights out of the result (a smaller file)."
 )
-@click.option("--allow-gaps", is_flag=True, help="Take frames although a number is missing.")
+@clip_options
 @click.option("--overwrite", is_flag=True, help="Replace an existing result.")
 @click.option(
     "--memory",
@@ -112,8 +107,6 @@ def _settings(options: dict[str, Any]) -> Any:
         raise click.UsageError("Missing option '--cage', or '--binding', which holds one.")
     if options["rest"] is not None and options["rest_frame"] is not None:
         raise click.UsageError("--rest and --rest-frame both name the rest pose; give one")
-    if not 0 < options["fps"] < float("inf"):
-        raise click.UsageError(f"--fps is {options['fps']}, expected a number above zero")
     try:
         solve = SolveSettings(options.pop("alpha"), options.pop("beta"), options.pop("align"))
     except CageikError as error:
@@ -123,6 +116,7 @@ def _settings(options: dict[str, Any]) -> Any:
         _refuse_other_settings(options["binding"], bind)
     options["cache"] = cache_folder(options["cache"], options.pop("no_cache"))
     options["rest_frame"] = options["rest_frame"] or 0
+    options["clip"], options["scene"] = clip_of(options), scene_of(options)
     options["keep_weights"] = not options.pop("no_weights")
     return ExtractSettings(solve=solve, bind=bind, **options)
 

@@ -114,7 +114,7 @@ def report_of(result: Result) -> Report:
             cage_vertices=len(result.cage.vertices),
             diagonal=rest.diagonal,
             closed=rest.is_closed,
-            fps=result.fps,
+            fps=result.scene.fps,
         ),
         binding=result.quality,
         summary=_summary(result, frames),

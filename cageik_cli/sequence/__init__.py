@@ -1,11 +1,13 @@
 """Mesh animations in: every reader gives the same lazily read `MeshSequence`."""
 
-from cageik_cli.sequence.clip import MeshSequence, refuse_other_connectivity
+from cageik_cli.sequence.clip import Block, ClipSettings, MeshSequence, refuse_other_connectivity
 from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh
 from cageik_cli.sequence.opening import files_read, open_sequence
 from cageik_cli.sequence.weights_file import load_vertex_weights
 
 __all__ = [
+    "Block",
+    "ClipSettings",
     "LoadedMesh",
     "MeshSequence",
     "files_read",

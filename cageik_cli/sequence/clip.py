@@ -4,13 +4,105 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cageik_cli.errors import InputError, first_few, located
+from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import Floats, Integers, TriMesh, checked_positions
+from cageik_cli.scene import SceneHints
+from cageik_cli.sequence.mesh_file import LoadedMesh
+
+LAYOUTS = ("fvx", "vxf", "fxv")
+"""Orders of an array's axes: f frames, v vertices, x coordinates."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClipSettings:
+    """How a clip is taken.
+
+    Attributes
+    ----------
+    selection : slice
+        Which of its frames, as Python slices; the step is above zero.
+    layout : str, optional
+        The order of an array's axes, one of `LAYOUTS`; found out if absent.
+    allow_gaps : bool
+        Take numbered files although a number is missing.
+    """
+
+    selection: slice = field(default_factory=lambda: slice(None))
+    layout: str | None = None
+    allow_gaps: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClipRequest:
+    """What a reader is asked to open.
+
+    Attributes
+    ----------
+    paths : tuple of Path
+        In order, all of one suffix.
+    member : str, optional
+        Which of the clips in a file: what was typed behind `::`.
+    rest : LoadedMesh, optional
+        The rest pose, for files that hold no faces.
+    how : ClipSettings
+    """
+
+    paths: tuple[Path, ...]
+    member: str | None = None
+    rest: LoadedMesh | None = None
+    how: ClipSettings = field(default_factory=ClipSettings)
+
+    def chosen(self, count: int) -> range:
+        """Numbers of the frames to take of `count`.
+
+        Raises
+        ------
+        InputError
+            When there are none.
+        """
+        wanted = self.how.selection
+        numbers = range(count)[wanted]
+        if not numbers:
+            bounds = (wanted.start, wanted.stop, wanted.step)
+            typed = ":".join("" if bound is None else str(bound) for bound in bounds)
+            raise InputError(f"--frames {typed} takes none of the {count} frames")
+        return numbers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Consecutive frames of a clip.
+
+    Attributes
+    ----------
+    start : int
+        Number of the first.
+    positions : (k, m, 3) float64
+        A frame that could not be read has the clip's first in its place, so that what is computed
+        of the others does not depend on it.
+    faults : dict
+        By number in the clip, why a frame could not be read.
+    """
+
+    start: int
+    positions: Floats
+    faults: dict[int, InputError]
+
+    @property
+    def stop(self) -> int:
+        """Number of the frame after the last."""
+        return self.start + len(self.positions)
+
+    def refuse_faults(self) -> None:
+        """Raise the first fault, if there is one."""
+        if self.faults:
+            raise self.faults[min(self.faults)]
 
 
 class MeshSequence(ABC):
@@ -23,30 +115,40 @@ class MeshSequence(ABC):
     ----------
     suffixes : tuple of str
         Lower case, with the dot.
+    has_members : bool
+        Whether a file may hold several clips, named by `FILE::CLIP`.
     names : tuple of str
         Where each frame comes from, F of them: a file's name, or the clip's name and an index.
     first : TriMesh
         Frame 0 and the connectivity of all.
+    scene : SceneHints
+        What the files say of time and space.
     notes : tuple of str
         What was changed in the frames, one sentence each.
     """
 
     suffixes: tuple[str, ...]
+    has_members: bool = False
     names: tuple[str, ...]
     first: TriMesh
+    scene: SceneHints = SceneHints()
     notes: tuple[str, ...] = ()
 
     @abstractmethod
-    def __init__(self, paths: list[Path]) -> None:
-        """Open the clip that `paths`, in order, all of one suffix, hold."""
+    def __init__(self, request: ClipRequest) -> None:
+        """Open the clip."""
 
     @abstractmethod
     def positions(self, index: int) -> np.ndarray:
         """Vertices of one frame as the file has them, in the connectivity of `first`."""
 
     @abstractmethod
+    def digest(self, index: int) -> bytes:
+        """SHA-256 of the file that a frame comes from."""
+
+    @abstractmethod
     def source(self) -> dict[str, Any]:
-        """Name and digest of what was read; complete once every frame was."""
+        """Name and digest of all that is read."""
 
     @property
     def fanned(self) -> TriMesh:
@@ -73,34 +175,35 @@ class MeshSequence(ABC):
             refuse_other_connectivity(len(positions), self.first.faces, self.first, "the rest pose")
             return checked_positions(positions)
 
-    def blocks(self, size: int, jobs: int) -> Iterator[Floats]:
-        """All frames in order, at most `size` in a block (k, m, 3), read ahead by `jobs` threads.
+    def blocks(self, size: int, jobs: int, start: int = 0) -> Iterator[Block]:
+        """All frames from `start` on, in order, at most `size` in a block, read ahead by threads.
 
         At most two blocks of frames are in memory.
         """
         with ThreadPoolExecutor(jobs) as pool:
-            pending: deque[Future[Floats]] = deque()
+            pending: deque[Future[Floats | InputError]] = deque()
             try:
-                for start in range(0, len(self), size):
-                    ahead = min(start + 2 * size, len(self))
+                for begin in range(start, len(self), size):
+                    ahead = min(begin + 2 * size, len(self))
                     pending.extend(
-                        pool.submit(self.frame, k) for k in range(start + len(pending), ahead)
+                        pool.submit(self._tried, k) for k in range(begin + len(pending), ahead)
                     )
-                    count = min(size, len(self) - start)
-                    yield np.stack([pending.popleft().result() for _ in range(count)])
+                    count = min(size, len(self) - begin)
+                    yield self._block(begin, [pending.popleft().result() for _ in range(count)])
             finally:
                 for future in pending:
                     future.cancel()
 
+    def _tried(self, index: int) -> Floats | InputError:
+        try:
+            return self.frame(index)
+        except InputError as error:
+            return error
 
-def only(paths: list[Path]) -> Path:
-    """The one file of a clip that is not a file a frame."""
-    if len(paths) > 1:
-        raise InputError(
-            f"{paths[0]}: {len(paths)} files that each hold a clip were named, expected one: "
-            f"{first_few(path.name for path in paths)}"
-        )
-    return paths[0]
+    def _block(self, start: int, read: list[Floats | InputError]) -> Block:
+        faults = {start + k: v for k, v in enumerate(read) if isinstance(v, InputError)}
+        kept = [self.first.vertices if isinstance(v, InputError) else v for v in read]
+        return Block(start, np.stack(kept), faults)
 
 
 def refuse_other_connectivity(count: int, faces: Integers, expected: TriMesh, whose: str) -> None:

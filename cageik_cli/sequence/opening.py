@@ -10,21 +10,34 @@ from natsort import natsort_keygen, ns
 
 from cageik_cli.errors import InputError
 from cageik_cli.sequence import readers
-from cageik_cli.sequence.clip import MeshSequence
+from cageik_cli.sequence.clip import ClipRequest, ClipSettings, MeshSequence
+from cageik_cli.sequence.mesh_file import LoadedMesh
 from cageik_cli.sequence.numbering import refuse_gaps
 
 _NATURAL = natsort_keygen(key=str, alg=ns.PATH)
 
 
-def open_sequence(arguments: list[str], allow_gaps: bool = False) -> MeshSequence:
-    """Open the clip that `arguments` (files, folders, globs, or one file that holds a clip) name.
+def open_sequence(
+    arguments: list[str], how: ClipSettings | None = None, rest: LoadedMesh | None = None
+) -> MeshSequence:
+    """Open the clip that `arguments` name: files, folders, globs, or one file that holds a clip.
+
+    Parameters
+    ----------
+    arguments : list of str
+        `FILE::CLIP` picks one of a file's clips.
+    how : ClipSettings, optional
+    rest : LoadedMesh, optional
+        The rest pose, for files that hold no faces.
 
     Raises
     ------
     InputError
         When nothing matches, kinds are mixed, or the first frame cannot be read.
     """
+    how = how or ClipSettings()
     by_suffix = _readers()
+    arguments, member = _parted(arguments)
     paths = frame_paths(arguments, tuple(by_suffix))
     for path in paths:
         if path.suffix.lower() not in by_suffix:
@@ -38,14 +51,19 @@ def open_sequence(arguments: list[str], allow_gaps: bool = False) -> MeshSequenc
             f"{arguments[0]}: files of kinds {', '.join(kinds)} are mixed; "
             "name one kind, for instance with a quoted glob"
         )
-    if not allow_gaps:
+    reader = by_suffix[kinds[0]]
+    if member is not None and not reader.has_members:
+        raise InputError(
+            f"{arguments[0]}::{member}: a `{kinds[0]}` file holds one clip; leave `::{member}` out"
+        )
+    if not how.allow_gaps:
         refuse_gaps(paths)
-    return by_suffix[kinds[0]](paths)
+    return reader(ClipRequest(tuple(paths), member, rest, how))
 
 
 def files_read(arguments: list[str]) -> list[Path]:
     """The files that `open_sequence` reads for the same arguments."""
-    return frame_paths(arguments, tuple(_readers()))
+    return frame_paths(_parted(arguments)[0], tuple(_readers()))
 
 
 def frame_paths(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:
@@ -55,6 +73,14 @@ def frame_paths(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:
     once = {os.path.abspath(path): path for path in named}
     # Names that differ only in leading zeros are alike in natural order: their text decides.
     return sorted(once.values(), key=lambda path: (_NATURAL(path), str(path)))
+
+
+def _parted(arguments: list[str]) -> tuple[list[str], str | None]:
+    """The arguments, and the clip that `FILE::CLIP` names in the file of the only one."""
+    if len(arguments) == 1 and "::" in arguments[0] and not Path(arguments[0]).exists():
+        file, member = arguments[0].rsplit("::", 1)
+        return [file], member
+    return arguments, None
 
 
 def _named_by(argument: str, suffixes: tuple[str, ...]) -> list[Path]:

@@ -17,6 +17,7 @@ from cageik_cli.hdf5 import dataset, numbers, opened
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.outputs import PatientFile, whole_file
+from cageik_cli.scene import Scene
 from cageik_cli.store.parts import (
     as_json,
     calls_itself,
@@ -49,7 +50,7 @@ class Result:
     path : Path
     version : str
         Of the program that wrote it.
-    fps : float
+    scene : Scene
     settings, sources : dict
         What was asked; name and digest of what was read.
     quality : Quality
@@ -64,7 +65,7 @@ class Result:
 
     path: Path
     version: str
-    fps: float
+    scene: Scene
     settings: dict[str, Any]
     sources: dict[str, Any]
     quality: Quality
@@ -84,7 +85,7 @@ class Header:
     binding : Binding
     quality : Quality
     frames : tuple of str
-    fps : float
+    scene : Scene
     settings : dict
     notes : tuple of str
     keep_weights : bool
@@ -93,7 +94,7 @@ class Header:
     binding: Binding
     quality: Quality
     frames: tuple[str, ...]
-    fps: float
+    scene: Scene
     settings: dict[str, Any]
     notes: tuple[str, ...]
     keep_weights: bool
@@ -115,7 +116,8 @@ class ResultWriter:
         for name in FIGURES:
             kind = "i8" if name in WHOLE_FIGURES else "f8"
             file.create_dataset(f"metrics/{name}", (self._count,), kind)
-        file.attrs.update(format=FORMAT, schema=SCHEMA, version=__version__, fps=header.fps)
+        file.attrs.update(format=FORMAT, schema=SCHEMA, version=__version__)
+        file.attrs.update(asdict(header.scene))
         file.attrs["settings"] = as_json(header.settings)
         file.attrs["notes"] = as_json(header.notes)
         file.attrs["quality"] = as_json(asdict(header.quality))
@@ -159,6 +161,43 @@ def create(path: Path, header: Header, overwrite: bool) -> Iterator[ResultWriter
         yield ResultWriter(file, sink, header)
 
 
+def read_cages(path: Path, size: int) -> Iterator[Floats]:
+    """The cages of a result that `read_result` has taken, in blocks of at most `size`, (k, n, 3).
+
+    Raises
+    ------
+    InputError
+        When a block cannot be read, or is not finite.
+    """
+    with opened(path) as file:
+        cages = dataset(file, "verts", "f", (None, None, 3))
+        for start in range(0, len(cages), size):
+            block = np.asarray(cages[start : start + size], np.float64)
+            wrong = np.flatnonzero(~np.isfinite(block).all(axis=(1, 2)))
+            if len(wrong):
+                raise InputError(f"the cage of frame {start + wrong[0]} is not finite")
+            yield block
+
+
+def read_weights(result: Result) -> Floats | None:
+    """The weights of a result, (m, n); None if it was written without.
+
+    Raises
+    ------
+    InputError
+        When they are not as many as the meshes have vertices, or not finite.
+    """
+    shape = (len(result.rest.vertices), len(result.cage.vertices))
+    with opened(result.path) as file:
+        if "weights" not in file:
+            return None
+        weights = numbers(file, "weights", "f", shape).astype(np.float64, copy=False)
+        wrong = np.flatnonzero(~np.isfinite(weights).all(axis=1))
+        if len(wrong):
+            raise InputError(f"`weights` are not finite at vertex {wrong[0]}; extract it again")
+        return weights
+
+
 def is_result(path: Path) -> bool:
     """Whether an HDF5 file calls itself one of our results."""
     with opened(path) as file:
@@ -182,7 +221,7 @@ def read_result(path: Path) -> Result:
         return Result(
             path=path,
             version=version_of(file),
-            fps=_positive(file, "fps"),
+            scene=_scene(file),
             settings=parsed(file, "settings", dict),
             sources=parsed_sources(file),
             quality=parsed_quality(file, Quality),
@@ -201,11 +240,17 @@ def _refuse_other_files(file: h5py.File) -> None:
         raise InputError("is not complete: the run that wrote it was interrupted; extract it again")
 
 
-def _positive(file: h5py.File, name: str) -> float:
-    value = file.attrs.get(name)
-    if not isinstance(value, np.floating | np.integer) or not 0 < float(value) < np.inf:
-        raise InputError(f"attribute `{name}` is {value!r}, expected a number above zero")
-    return float(value)
+def _scene(file: h5py.File) -> Scene:
+    values = {field.name: file.attrs.get(field.name) for field in fields(Scene)}
+    for name, value in values.items():
+        if name == "up_axis" and isinstance(value, str):
+            continue
+        if not isinstance(value, np.floating | np.integer):
+            raise InputError(
+                f"attribute `{name}` is {value!r}, expected a number; extract it again"
+            )
+        values[name] = float(value)
+    return Scene(**values)
 
 
 def _frame_names(file: h5py.File, count: int) -> tuple[str, ...]:

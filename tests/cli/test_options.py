@@ -18,9 +18,9 @@ WRONG = {
     "beta negative": ([*TYPED, "--beta", "-1"], "beta is -1.0"),
     "beta nan": ([*TYPED, "--beta", "nan"], "beta is nan"),
     "both zero": ([*TYPED, "--alpha", "0", "--beta", "0"], "alpha and beta are both 0"),
-    "fps 0": ([*TYPED, "--fps", "0"], "--fps is 0.0, expected a number above zero"),
-    "fps nan": ([*TYPED, "--fps", "nan"], "--fps is nan"),
-    "fps inf": ([*TYPED, "--fps", "inf"], "--fps is inf"),
+    "fps 0": ([*TYPED, "--fps", "0"], "0 frames a second, expected a number above zero"),
+    "fps nan": ([*TYPED, "--fps", "nan"], "nan frames a second"),
+    "fps inf": ([*TYPED, "--fps", "inf"], "inf frames a second"),
     "jobs 0": ([*TYPED, "--jobs", "0"], "0 is not in the range x>=1"),
     "two rest poses": (
         [*TYPED, "--rest", "cage.obj", "--rest-frame", "0"],
@@ -194,7 +194,8 @@ def test_a_file_without_this_command_changes_nothing(run, folder):
     [
         ("[extract]\ngamma = 1\n", "cageik.toml: [extract] has no option gamma; expected some of"),
         ("[extract]\nconfig = 'a'\n", "has no option config"),
-        ("[extract]\nframes = 'a'\n", "has no option frames"),
+        ("[extract]\nselection = ':2'\n", "has no option selection"),
+        ("[extract]\nframes = 'a'\n", "'a' does not choose frames"),
         ("[extract\n", "cageik.toml: cannot be read as TOML"),
         ("alpha = 1 = 2\n", "cageik.toml: cannot be read as TOML"),
         ("\ud800", "cageik.toml: cannot be read as TOML"),

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from cageik_cli.errors import InputError
 from cageik_cli.sequence import open_sequence
 from cageik_cli.sequence.readers.arrays import FACE_NAMES, VERTEX_NAMES
+from tests.clips import frames_of
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
 FRAMES = np.arange(2 * 4 * 3, dtype=float).reshape(2, 4, 3) ** 2
@@ -26,10 +27,6 @@ def opened(tmp_path):
         return open_sequence([str(tmp_path / "clip.npz")])
 
     return through
-
-
-def frames_of(sequence):
-    return np.concatenate(list(sequence.blocks(2, 2)))
 
 
 @pytest.mark.parametrize(

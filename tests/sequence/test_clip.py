@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from cageik_cli.errors import InputError
 from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence.clip import MeshSequence, refuse_other_connectivity
+from tests.clips import frames_of, positions_of
 
 FACES = np.array([[0, 1, 2]])
 
@@ -31,6 +32,9 @@ class Counted(MeshSequence):
             self.read.append(index)
         return np.asarray(self._broken.get(index, np.full((3, 3), float(index))))
 
+    def digest(self, index):
+        return b""
+
     def source(self):
         return {}
 
@@ -39,16 +43,16 @@ class Counted(MeshSequence):
 def test_blocks_hold_every_frame_once_in_order(count, size, jobs):
     clip = Counted(count)
     blocks = list(clip.blocks(size, jobs))
-    assert [len(block) for block in blocks[:-1]] == [size] * (len(blocks) - 1)
-    assert 1 <= len(blocks[-1]) <= size
-    numbers = np.concatenate([block[:, 0, 0] for block in blocks])
+    assert [len(block.positions) for block in blocks[:-1]] == [size] * (len(blocks) - 1)
+    assert 1 <= len(blocks[-1].positions) <= size
+    numbers = np.concatenate([block.positions[:, 0, 0] for block in blocks])
     np.testing.assert_array_equal(numbers, np.arange(count))
     assert sorted(clip.read) == list(range(count))
 
 
 def test_a_clip_can_be_gone_through_again():
     clip = Counted(5)
-    first, again = (np.concatenate(list(clip.blocks(2, 2))) for _ in range(2))
+    first, again = (frames_of(clip) for _ in range(2))
     np.testing.assert_array_equal(first, again)
 
 
@@ -75,16 +79,16 @@ def test_no_more_than_two_blocks_are_read_ahead(size, jobs):
 def test_a_bad_frame_is_refused_by_its_own_name(positions, says, jobs):
     clip = Counted(8, broken={3: positions})
     blocks = clip.blocks(2, jobs)
-    np.testing.assert_array_equal(next(blocks)[:, 0, 0], [0, 1])
+    np.testing.assert_array_equal(next(blocks).positions[:, 0, 0], [0, 1])
     with pytest.raises(InputError) as caught:
-        list(blocks)
+        positions_of(blocks)
     assert str(caught.value).startswith(says)
 
 
 def test_the_first_of_several_bad_frames_is_the_one_named():
     clip = Counted(8, broken={6: np.zeros((4, 3)), 5: np.zeros((5, 3))})
     with pytest.raises(InputError, match=r"^number 5: 5 vertices"):
-        list(clip.blocks(8, 4))
+        frames_of(clip, 8, 4)
 
 
 def test_other_connectivity_is_refused_where_it_first_differs():

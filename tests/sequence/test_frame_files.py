@@ -7,18 +7,15 @@ import pytest
 import trimesh
 
 from cageik_cli.errors import InputError
-from cageik_cli.sequence import open_sequence
-
-
-def frames_of(sequence, size=2, jobs=2):
-    return np.concatenate(list(sequence.blocks(size, jobs)))
+from cageik_cli.sequence import ClipSettings, open_sequence
+from tests.clips import frames_of
 
 
 def test_gaps_are_taken_when_allowed(folder, animation):
     (folder / "frames/frame_3.obj").unlink()
     with pytest.raises(InputError, match=r"frame_3\.obj: missing"):
         open_sequence(["frames"])
-    found = frames_of(open_sequence(["frames"], allow_gaps=True))
+    found = frames_of(open_sequence(["frames"], ClipSettings(allow_gaps=True)))
     np.testing.assert_array_equal(found, animation.frames[[0, 1, 3, 4]])
 
 

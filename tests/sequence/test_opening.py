@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.errors import InputError
-from cageik_cli.sequence import open_sequence
+from cageik_cli.sequence import ClipSettings, open_sequence
 from cageik_cli.sequence.opening import frame_paths
 
 NUMBERS = ["frame_1.obj", "frame_2.obj", "frame_10.obj", "frame_11.obj"]
@@ -36,7 +36,7 @@ def frames(tmp_path, monkeypatch, animation, write_obj):
 )
 def test_files_folders_and_globs_name_each_frame_once_in_natural_order(frames, arguments):
     typed = [argument.replace("{here}", str(frames.parent)) for argument in arguments]
-    sequence = open_sequence(typed, allow_gaps=True)
+    sequence = open_sequence(typed, ClipSettings(allow_gaps=True))
     assert sequence.names == tuple(NUMBERS)
 
 
@@ -64,13 +64,13 @@ def test_hidden_files_folders_and_other_kinds_in_a_folder_are_passed_by(frames):
     for name in (".hidden.obj", "._frame_1.obj", "notes.txt", "thumbs.db"):
         (frames / name).write_text("not a mesh")
     (frames / "more").mkdir()
-    assert open_sequence(["frames"], allow_gaps=True).names == tuple(NUMBERS)
-    assert open_sequence(["frames/*.obj"], allow_gaps=True).names == tuple(NUMBERS)
+    assert open_sequence(["frames"], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
+    assert open_sequence(["frames/*.obj"], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
 
 
 def test_the_suffix_may_be_in_capitals(frames):
     (frames / "frame_2.obj").rename(frames / "frame_2.OBJ")
-    assert len(open_sequence(["frames"], allow_gaps=True)) == 4
+    assert len(open_sequence(["frames"], ClipSettings(allow_gaps=True))) == 4
 
 
 def test_a_file_whose_name_looks_like_a_glob_is_itself(frames):
@@ -83,11 +83,11 @@ def test_a_file_whose_name_looks_like_a_glob_is_itself(frames):
 def test_a_folder_whose_name_looks_like_a_glob_is_itself(frames, pattern, absolute):
     frames.rename(frames.parent / "c [1]")
     typed = pattern.format(f"{frames.parent}/" if absolute else "")
-    assert open_sequence([typed], allow_gaps=True).names == tuple(NUMBERS)
+    assert open_sequence([typed], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
 
 
 def test_a_glob_may_name_folders_as_the_shell_would(frames):
-    assert open_sequence(["fram*"], allow_gaps=True).names == tuple(NUMBERS)
+    assert open_sequence(["fram*"], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pytest
 from cageik_cli.errors import InputError
 from cageik_cli.sequence import open_sequence
 from cageik_cli.sequence.readers import splocs
+from tests.clips import frames_of
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
 FRAMES = np.arange(3 * 4 * 3, dtype=float).reshape(3, 4, 3) ** 2
@@ -24,16 +25,12 @@ def path(tmp_path):
     return path
 
 
-def frames_of(path):
-    return np.concatenate(list(open_sequence([str(path)]).blocks(2, 2)))
-
-
 def test_frames_faces_and_digest(path):
     sequence = open_sequence([str(path)])
     assert sequence.names == ("clip.h5[0]", "clip.h5[1]", "clip.h5[2]")
     np.testing.assert_array_equal(sequence.first.vertices, FRAMES[0])
     np.testing.assert_array_equal(sequence.first.faces, FACES)
-    np.testing.assert_array_equal(frames_of(path), FRAMES)
+    np.testing.assert_array_equal(frames_of(open_sequence([str(path)])), FRAMES)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     assert sequence.source() == {"name": "clip.h5", "sha256": digest}
 
@@ -53,14 +50,16 @@ def test_scale_and_mean_are_undone(path, attributes, on_dataset):
         scaled = (FRAMES - attributes.get("mean", 0)) / attributes.get("scale", 1)
         file["verts"][:] = scaled
         (file["verts"] if on_dataset else file).attrs.update(attributes)
-    np.testing.assert_allclose(frames_of(path), FRAMES, rtol=1e-14, atol=1e-12)
+    np.testing.assert_allclose(
+        frames_of(open_sequence([str(path)])), FRAMES, rtol=1e-14, atol=1e-12
+    )
 
 
 def test_single_precision_and_compression_are_read(path):
     with h5py.File(path, "r+") as file:
         del file["verts"]
         file.create_dataset("verts", data=FRAMES.astype("f4"), compression="gzip", shuffle=True)
-    np.testing.assert_array_equal(frames_of(path), FRAMES)
+    np.testing.assert_array_equal(frames_of(open_sequence([str(path)])), FRAMES)
 
 
 class Counting:
@@ -96,9 +95,9 @@ def test_chunks_are_read_once_and_the_file_stays_open(path, monkeypatch, chunks,
     monkeypatch.setattr(splocs, "open_file", lambda path: pytest.fail("opened again"))
     counting = sequence._frames = Counting(sequence._frames)
     sequence._kept.clear()
-    np.testing.assert_array_equal(np.concatenate(list(sequence.blocks(3, 1))), frames)
+    np.testing.assert_array_equal(frames_of(sequence, 3, 1), frames)
     assert len(counting.reads) == runs
-    np.testing.assert_array_equal(np.concatenate(list(sequence.blocks(3, 4))), frames)
+    np.testing.assert_array_equal(frames_of(sequence, 3, 4), frames)
 
 
 def test_a_chunk_that_is_damaged_is_an_error_of_the_file(path):
@@ -109,7 +108,7 @@ def test_a_chunk_that_is_damaged_is_an_error_of_the_file(path):
         stream.seek(place.byte_offset)
         stream.write(b"\xff" * place.size)
     with pytest.raises(InputError, match=r"clip\.h5: is not a sound HDF5 file"):
-        frames_of(path)
+        frames_of(open_sequence([str(path)]))
 
 
 def _replace(file, name, **how):
@@ -213,4 +212,4 @@ def test_a_later_frame_that_is_not_finite_is_named(path):
     with h5py.File(path, "r+") as file:
         file["verts"][2, 3, 1] = np.nan
     with pytest.raises(InputError, match=r"clip\.h5\[2\]: vertex 3 is"):
-        frames_of(path)
+        frames_of(open_sequence([str(path)]))

@@ -13,11 +13,13 @@ from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import Quality
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.metrics import FrameFigures
+from cageik_cli.scene import Scene
 from cageik_cli.sequence import open_sequence
 from cageik_cli.store import parts
 from cageik_cli.store import result as store
 from tests.shapes import TETRAHEDRON, ball
 
+SCENE = Scene(30.0, 101.0, "Z", 0.01)
 FRAMES, SETTINGS, SOURCES = 5, {"alpha": 0.5, "align": True}, {"cage": {"name": "é", "sha256": ""}}
 NAMES = tuple(f"frame_{k}_é.obj" for k in range(FRAMES))
 GENERATOR = np.random.default_rng(1)
@@ -49,7 +51,7 @@ def part(rows):
 
 
 def header(keep_weights=True):
-    return store.Header(BINDING, QUALITY, NAMES, 30.0, SETTINGS, ("a note",), keep_weights)
+    return store.Header(BINDING, QUALITY, NAMES, SCENE, SETTINGS, ("a note",), keep_weights)
 
 
 def written(path, cuts=(0, 2, 5), overwrite=False, **options):
@@ -93,14 +95,16 @@ def test_the_schema(path):
     assert attributes["format"] == "cageik.result"
     assert attributes["schema"] == 1
     assert attributes["version"] == __version__
-    assert attributes["fps"] == 30.0
+    scene = {name: attributes[name] for name in ("fps", "start", "up_axis", "metres_per_unit")}
+    assert scene == {"fps": 30.0, "start": 101.0, "up_axis": "Z", "metres_per_unit": 0.01}
     assert attributes["complete"]
     assert json.loads(attributes["settings"]) == SETTINGS
     assert json.loads(attributes["sources"]) == SOURCES
     assert json.loads(attributes["notes"]) == ["a note"]
     assert json.loads(attributes["quality"])["condition_number"] == 123.0
     assert set(attributes) == {
-        "format", "schema", "version", "fps", "settings", "sources", "notes", "quality", "complete"
+        "format", "schema", "version", "fps", "start", "up_axis", "metres_per_unit", "settings",
+        "sources", "notes", "quality", "complete"
     }  # fmt: skip
 
 
@@ -129,7 +133,7 @@ def test_figures_that_do_not_fit_are_refused(path, name):
 
 def test_what_is_written_is_read(path):
     result = store.read_result(path)
-    assert (result.path, result.version, result.fps) == (path, __version__, 30.0)
+    assert (result.path, result.version, result.scene) == (path, __version__, SCENE)
     assert (result.settings, result.sources) == (SETTINGS, SOURCES)
     assert (result.notes, result.frames) == (("a note",), NAMES)
     for read, mesh in ((result.rest, BINDING.rest), (result.cage, BINDING.cage)):
@@ -144,7 +148,7 @@ def test_what_is_written_is_read(path):
 def test_the_cages_are_a_clip_of_the_splocs_layout(path):
     sequence = open_sequence([str(path)])
     block = next(sequence.blocks(FRAMES, 1))
-    np.testing.assert_array_equal(block, CAGES)
+    np.testing.assert_array_equal(block.positions, CAGES)
     np.testing.assert_array_equal(sequence.first.faces, BINDING.cage.faces)
 
 
@@ -263,11 +267,13 @@ DAMAGES = [
         (attribute("complete", bad), "is not complete")
         for bad in ("False", "True", 1, h5py.Empty("?"), [True, True])
     ],
+    *[(attribute("fps", bad), "attribute `fps` is") for bad in ("24", [24.0, 24.0], 1 + 1j, True)],
     *[
-        (attribute("fps", bad), "attribute `fps` is")
-        for bad in (0.0, -1.0, np.nan, np.inf, "24", [24.0, 24.0], 1 + 1j, True)
+        (attribute("fps", bad), f"{bad:g} frames a second, expected")
+        for bad in (0.0, -1.0, np.nan, np.inf)
     ],
-    (without_attribute("fps"), "attribute `fps` is None, expected a number above zero"),
+    *[(attribute("up_axis", bad), "the up axis is") for bad in ("X", "", 1.0)],
+    (without_attribute("fps"), "attribute `fps` is None, expected a number"),
     *[
         (change, f"attribute `{name}` is not a JSON {kind}; make it again")
         for name, kind in {

@@ -3,18 +3,16 @@
 import io
 import zipfile
 import zlib
-from pathlib import Path
 from tokenize import TokenError
-from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
 
 from cageik_cli.errors import InputError, located
-from cageik_cli.layout import printable
 from cageik_cli.mesh import TriMesh
-from cageik_cli.sequence.clip import MeshSequence, only
-from cageik_cli.sequence.mesh_file import read_bytes, source_of
+from cageik_cli.sequence.clip import ClipRequest
+from cageik_cli.sequence.clip_file import ClipFile, only
+from cageik_cli.sequence.mesh_file import read_bytes
 
 # What numpy and zipfile raise for archives that are cut, encrypted or not of arrays.
 _DAMAGES = (OSError, ValueError, EOFError, MemoryError, RuntimeError, SyntaxError, TokenError,
@@ -24,29 +22,23 @@ VERTEX_NAMES = ("vertices", "verts", "V", "v")
 FACE_NAMES = ("faces", "tris", "F", "f")
 
 
-class Reader(MeshSequence):
+class Reader(ClipFile):
     """Frames of one `.npz`; the array of positions is in memory, for it is compressed as one."""
 
     suffixes = (".npz",)
 
-    def __init__(self, paths: list[Path]) -> None:
-        path = only(paths)
+    def __init__(self, request: ClipRequest) -> None:
+        path = only(request.paths)
         with located(path):
-            data = read_bytes(path)
-            self._source = source_of(path, data)
-            arrays = _members(data)
+            arrays = _members(read_bytes(path))
             faces = _faces(arrays)
             self._frames = _frames_first(_named(arrays, VERTEX_NAMES, "f"), int(faces.max()))
-            self.names = tuple(f"{printable(path.name)}[{k}]" for k in range(len(self._frames)))
+            self.take(request, len(self._frames))
             self.first = TriMesh(self.positions(0), faces)
 
     def positions(self, index: int) -> np.ndarray:
         """Vertices of one frame."""
-        return np.asarray(self._frames[index])
-
-    def source(self) -> dict[str, Any]:
-        """Name and digest of the file."""
-        return self._source
+        return np.asarray(self._frames[self.numbers[index]])
 
 
 def _members(data: bytes) -> dict[str, np.ndarray]:

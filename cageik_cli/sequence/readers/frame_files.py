@@ -1,13 +1,12 @@
 """A clip that is one mesh file a frame, in the natural order of the names."""
 
 import hashlib
-from pathlib import Path
 from typing import Any
 
 from cageik_cli.errors import located
 from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, TriMesh
-from cageik_cli.sequence.clip import MeshSequence, refuse_other_connectivity
+from cageik_cli.sequence.clip import ClipRequest, MeshSequence, refuse_other_connectivity
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES, file_mesh, read_bytes
 from cageik_cli.sequence.obj import FrameParser
 from cageik_cli.sequence.polygons import unfolded
@@ -18,7 +17,8 @@ class Reader(MeshSequence):
 
     suffixes = MESH_SUFFIXES
 
-    def __init__(self, paths: list[Path]) -> None:
+    def __init__(self, request: ClipRequest) -> None:
+        paths = [request.paths[k] for k in request.chosen(len(request.paths))]
         self._paths = paths
         self._suffix = paths[0].suffix.lower()
         self.names = tuple(printable(path.name) for path in paths)
@@ -35,8 +35,7 @@ class Reader(MeshSequence):
     def positions(self, index: int) -> Floats:
         """Vertices of one file, its faces compared with the first frame's."""
         with located(self._paths[index]):
-            data = read_bytes(self._paths[index])
-            self._digests[index] = hashlib.sha256(data).digest()
+            data = self._read(index)
             vertices = self._plain.positions(data) if self._plain else None
             if vertices is not None:
                 return vertices
@@ -53,11 +52,23 @@ class Reader(MeshSequence):
         """The frame's path."""
         return str(self._paths[index])
 
+    def digest(self, index: int) -> bytes:
+        """SHA-256 of the frame's file, as it was when it was last read."""
+        if index not in self._digests:
+            with located(self._paths[index]):
+                self._read(index)
+        return self._digests[index]
+
     def source(self) -> dict[str, Any]:
         """Names of the first and last file, their count, and a digest over all in order."""
-        digests = b"".join(self._digests[k] for k in range(len(self)))
+        digests = b"".join(map(self.digest, range(len(self))))
         return {
             "name": f"{self.names[0]} ... {self.names[-1]}" if len(self) > 1 else self.names[0],
             "files": len(self),
             "sha256": hashlib.sha256(digests).hexdigest(),
         }
+
+    def _read(self, index: int) -> bytes:
+        data = read_bytes(self._paths[index])
+        self._digests[index] = hashlib.sha256(data).digest()
+        return data

@@ -1,9 +1,7 @@
 """The HDF5 layout of SPLOCS: `verts` (F, m, 3) and `tris` (t, 3), maybe with `mean` and `scale`."""
 
-import hashlib
 from collections import deque
 from contextlib import ExitStack
-from pathlib import Path
 from threading import Lock
 from typing import Any
 
@@ -11,15 +9,15 @@ import numpy as np
 
 from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import dataset, numbers, open_file, sound
-from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, TriMesh
-from cageik_cli.sequence.clip import MeshSequence, only
+from cageik_cli.sequence.clip import ClipRequest
+from cageik_cli.sequence.clip_file import ClipFile, only
 
 LARGEST_RUN = 1 << 26
 """Bytes of frames that are read at once and kept; a few times more than usual chunks hold."""
 
 
-class Reader(MeshSequence):
+class Reader(ClipFile):
     """Frames of one HDF5 file, which stays open.
 
     Frames that share chunks are read together, so that no chunk is decompressed for each of them;
@@ -28,9 +26,8 @@ class Reader(MeshSequence):
 
     suffixes = (".h5", ".hdf5")
 
-    def __init__(self, paths: list[Path]) -> None:
-        path = only(paths)
-        self._path = path
+    def __init__(self, request: ClipRequest) -> None:
+        path = only(request.paths)
         with sound(path), ExitStack() as stack:
             file = stack.enter_context(open_file(path))
             if "verts" not in file:
@@ -42,22 +39,16 @@ class Reader(MeshSequence):
             self._kept: deque[tuple[int, np.ndarray]] = deque(maxlen=2)
             self._lock = Lock()
             self._scale, self._mean = _attribute(file, "scale", 1.0), _attribute(file, "mean", 0.0)
-            self.names = tuple(f"{printable(path.name)}[{k}]" for k in range(len(frames)))
+            self.take(request, len(frames))
             self.first = TriMesh(self.positions(0), faces)
             stack.pop_all()  # open from here on
 
     def positions(self, index: int) -> Floats:
         """Vertices of one frame, with `scale` and `mean` undone."""
-        with sound(self._path), self._lock:
-            stored = self._stored(index)
+        with sound(self.path), self._lock:
+            stored = self._stored(self.numbers[index])
         with np.errstate(over="ignore", invalid="ignore"):  # frames are checked where they enter
             return np.asarray(stored, np.float64) * self._scale + self._mean
-
-    def source(self) -> dict[str, Any]:
-        """Name and digest of the file."""
-        with self._path.open("rb") as stream:
-            digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        return {"name": printable(self._path.name), "sha256": digest}
 
     def _stored(self, index: int) -> np.ndarray:
         start = index - index % self._run

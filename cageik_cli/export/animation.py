@@ -1,0 +1,69 @@
+"""What a writer is given, and what it does."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+
+from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.scene import Scene
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Animation:
+    """What is known of an animation before its first frame.
+
+    Attributes
+    ----------
+    rest : TriMesh
+        The rest pose, with the faces of every frame.
+    count : int
+        How many frames there are.
+    scene : Scene
+    name : str
+        What the object is called where formats name objects: letters, digits and underscores.
+    """
+
+    rest: TriMesh
+    count: int
+    scene: Scene
+    name: str
+
+
+class AnimationWriter(ABC):
+    """Writes one animation: its frames are appended in order, then it is completed.
+
+    A writer holds some blocks of frames at most, whatever their number. It takes any name for
+    where it writes: the file, or the folder, gets its own when it is whole. The same animation
+    gives the same bytes.
+
+    Attributes
+    ----------
+    suffixes : tuple of str
+        Lower case, with the dot.
+    into_folder : bool
+        Whether it writes a folder of files, a frame each, instead of a file.
+    """
+
+    suffixes: tuple[str, ...]
+    into_folder: bool = False
+
+    @abstractmethod
+    def __init__(self, target: Path, animation: Animation) -> None:
+        """Begin to write to `target`, whose suffix is one of `suffixes`.
+
+        Raises
+        ------
+        InputError
+            When the format cannot hold the animation, before anything is written.
+        """
+
+    @abstractmethod
+    def append(self, frames: Floats) -> None:
+        """Write the next k frames, (k, m, 3), in the units of the files they came from."""
+
+    @abstractmethod
+    def complete(self) -> None:
+        """Write what comes after the last frame, and close the file."""
+
+    def abandon(self) -> None:  # noqa: B027  # most have nothing to let go of
+        """Close what is open, after a failure; what was written is thrown away."""

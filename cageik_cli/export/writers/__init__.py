@@ -1,0 +1,1 @@
+"""One writer a kind of file: each module holds a `Writer`, an AnimationWriter."""

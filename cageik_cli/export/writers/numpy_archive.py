@@ -1,0 +1,54 @@
+"""A numpy `.npz`: `vertices` (F, m, 3), `faces` (t, 3), and what the scene is."""
+
+import zipfile
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from cageik_cli.export.animation import Animation, AnimationWriter
+from cageik_cli.mesh import Floats
+
+# Zip cannot do without a time; its first is as good as any, and always the same.
+_NO_TIME = (1980, 1, 1, 0, 0, 0)
+
+
+class Writer(AnimationWriter):
+    """Frames in double precision, uncompressed, so that they can be read one by one."""
+
+    suffixes = (".npz",)
+
+    def __init__(self, target: Path, animation: Animation) -> None:
+        self._archive = zipfile.ZipFile(target, "w")
+        scene = animation.scene
+        for name, value in (
+            ("faces", animation.rest.faces.astype(np.int32)),
+            ("fps", np.float64(scene.fps)),
+            ("start", np.float64(scene.start)),
+            ("up_axis", np.str_(scene.up_axis)),
+            ("metres_per_unit", np.float64(scene.metres_per_unit)),
+        ):
+            with self._member(name) as stream:
+                np.lib.format.write_array(stream, np.asarray(value), allow_pickle=False)
+        self._frames = self._member("vertices")
+        shape = (animation.count, *animation.rest.vertices.shape)
+        header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(self._frames, header)
+
+    def append(self, frames: Floats) -> None:
+        """Write the next frames."""
+        self._frames.write(np.ascontiguousarray(frames, "<f8").data)
+
+    def complete(self) -> None:
+        """Write the archive's directory."""
+        self._frames.close()
+        self._archive.close()
+
+    def abandon(self) -> None:
+        """Close the file."""
+        self._frames.close()
+        self._archive.close()
+
+    def _member(self, name: str) -> IO[bytes]:
+        member = zipfile.ZipInfo(f"{name}.npy", _NO_TIME)
+        return self._archive.open(member, "w", force_zip64=True)
