@@ -30,6 +30,10 @@ REFINED_CONDITION = 1e6
 """Above it, forming the normal matrix has lost digits that a step of refinement gives back."""
 
 
+WEIGHTED_AT_ONCE = 1 << 22
+"""Entries of H that are weighted at once for the normal matrix."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SolveSettings:
     """What is minimised.
@@ -114,6 +118,7 @@ class DualLaplacianSolver:
         self.binding = binding
         self._align = settings.align
         self._vertex_weights = np.ones(m) if vertex_weights is None else vertex_weights
+        self._is_weighted = vertex_weights is not None
         self.missing = int(np.count_nonzero(self._vertex_weights == 0))
         self.counted = np.flatnonzero(self._vertex_weights) if self.missing else slice(None)
         self._origin = self._vertex_weights @ binding.rest.vertices / m
@@ -122,16 +127,14 @@ class DualLaplacianSolver:
         self._weights = binding.weights
         # Only their ratio matters; the larger is taken as 1, so that nothing overflows.
         alpha, beta = np.array([settings.alpha, settings.beta]) / max(settings.alpha, settings.beta)
-        data_rows = (beta / m) * (binding.weights * self._vertex_weights[:, None]).T
+        self._data_scale = beta / m
         laplacian = uniform_laplacian(binding.cage)
-        smoothness = (alpha / n) * laplacian.T @ laplacian
-        condition = _checked_condition(smoothness, data_rows @ binding.weights, binding)
+        self._smoothness = (alpha / n) * laplacian.T @ laplacian
+        data = self._normal_data()
+        condition = _checked_condition(self._smoothness, data, binding)
         self.quality = Quality(**asdict(binding.quality), condition_number=condition)
-        normal = smoothness + data_rows @ binding.weights
-        factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
-        # Back substitution of every vertex at once leaves one product to do for each frame.
-        self._response = scipy.linalg.cho_solve(factor, data_rows, check_finite=False)
-        self._stiffness = scipy.linalg.cho_solve(factor, smoothness, check_finite=False)
+        normal = self._smoothness + data
+        self._factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
 
     def solve(self, frames: Floats) -> Solution:
         """The cages of `frames`, (k, m, 3)."""
@@ -156,11 +159,33 @@ class DualLaplacianSolver:
         Refinement takes its residual over the vertices, where no squares were formed (Björck 1987,
         the corrected seminormal equations).
         """
-        displaced = np.asarray(self._response @ target)
+        displaced = self._substituted(self._gathered(target))
         if self.quality.condition_number > REFINED_CONDITION:
             residual = target - self._weights @ displaced
-            displaced += self._response @ residual - self._stiffness @ displaced
+            displaced += self._substituted(self._gathered(residual) - self._smoothness @ displaced)
         return displaced
+
+    def _gathered(self, columns: Floats) -> Floats:
+        """(β/m) HᵀW of columns (m, 3k), (n, 3k)."""
+        weighted = self._vertex_weights[:, None] * columns if self._is_weighted else columns
+        return np.asarray(self._data_scale * (self._weights.T @ weighted))
+
+    def _substituted(self, columns: Floats) -> Floats:
+        """The normal matrix's inverse times columns (n, 3k)."""
+        return np.asarray(
+            scipy.linalg.cho_solve(self._factor, columns, overwrite_b=True, check_finite=False)
+        )
+
+    def _normal_data(self) -> Floats:
+        """(β/m) HᵀWH, summed over blocks of vertices: a weighted copy of H may not fit."""
+        m, n = self._weights.shape
+        rows = max(1, WEIGHTED_AT_ONCE // n)
+        data = np.zeros((n, n))
+        for start in range(0, m, rows):
+            block = slice(start, start + rows)
+            roots = np.sqrt(self._vertex_weights[block, None]) * self._weights[block]
+            data += roots.T @ roots
+        return self._data_scale * data
 
 
 def normalised_weights(weights: Floats, count: int) -> Floats:
