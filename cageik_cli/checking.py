@@ -7,10 +7,9 @@ from typing import Any
 
 from cageik_cli import __version__
 from cageik_cli.diagnosis import CageFacts, Diagnosis, RestFacts, diagnose
-from cageik_cli.extraction import clip_and_rest
 from cageik_cli.findings import Finding
 from cageik_cli.layout import page
-from cageik_cli.sequence import ClipSettings, LoadedMesh, load_mesh
+from cageik_cli.sequence import ClipSettings, LoadedMesh, clip_and_rest, load_mesh
 
 SCHEMA = 1
 

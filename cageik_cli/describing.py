@@ -14,6 +14,7 @@ from cageik_cli.scene import Scene
 from cageik_cli.sequence import ClipSettings, MeshSequence, load_mesh, open_sequence
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
+from cageik_cli.store.partial import is_partial, progress_of
 from cageik_cli.store.result import Result, is_result, read_result
 
 
@@ -26,6 +27,8 @@ def describe(arguments: list[str]) -> str:
         Naming the file that cannot be read.
     """
     paths = [Path(argument) for argument in arguments]
+    if paths and all(map(is_partial, paths)):
+        return "\n\n".join(page(str(path), _log_rows(path)) for path in paths)
     if all(path.is_file() and path.suffix.lower() in (".h5", ".hdf5") for path in paths):
         pages = [_own_page(path) for path in paths]
         if all(pages):
@@ -63,6 +66,14 @@ def _own_page(path: Path) -> str:
         holds = ("holds", f"a binding of cageik bind {stored.version}")
         return page(str(path), [holds, *binding_rows(stored)])
     return ""
+
+
+def _log_rows(path: Path) -> list[tuple[str, str]]:
+    done, count = progress_of(path)
+    return [
+        ("holds", "what an interrupted run of cageik extract has left, or one that is running"),
+        ("frames", f"{done} of {count}; the same command with --resume goes on from there"),
+    ]
 
 
 def _counts(mesh: TriMesh) -> str:

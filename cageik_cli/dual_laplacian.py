@@ -185,7 +185,7 @@ class DualLaplacianSolver:
             block = slice(start, start + rows)
             roots = np.sqrt(self._vertex_weights[block, None]) * self._weights[block]
             data += roots.T @ roots
-        return self._data_scale * data
+        return np.asarray(self._data_scale * data)
 
 
 def normalised_weights(weights: Floats, count: int) -> Floats:

@@ -1,6 +1,7 @@
 """The run: blocks of frames through the solver, measured, into the result file."""
 
-from dataclasses import asdict, dataclass, field, replace
+import hashlib
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -10,22 +11,24 @@ from cageik_cli.binding import Binding, BindSettings
 from cageik_cli.binding_run import WeightSettings, from_file, made
 from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings, normalised_weights
 from cageik_cli.errors import InputError, located
-from cageik_cli.mesh import TriMesh
+from cageik_cli.mesh import Floats
 from cageik_cli.metrics import measure
 from cageik_cli.observer import Observer
-from cageik_cli.outputs import prepare
+from cageik_cli.resuming import forget, going_on, prepare_result, take_up, whole_already
 from cageik_cli.scene import Scene, SceneHints
 from cageik_cli.sequence import (
     ClipSettings,
     LoadedMesh,
     MeshSequence,
+    clip_and_rest,
     load_mesh,
     load_vertex_weights,
-    open_sequence,
-    refuse_other_connectivity,
 )
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.result import Header, Result, ResultWriter, create, read_result
+from cageik_cli.store.partial import PartialResult, Plan
+from cageik_cli.store.result import Result, partial_name, read_result
+from cageik_cli.store.result_writer import Header, create, refuse_unsound
+from cageik_cli.store.solved_block import solved
 from cageik_cli.threads import blas_threads
 
 LARGEST_BLOCK = 16
@@ -61,10 +64,14 @@ class ExtractSettings:
     clip : ClipSettings
         Which frames of what was named, and how they are to be taken.
     overwrite, keep_weights : bool
+    resume : bool
+        Go on where an interrupted run of the same plan ended; begin if there is none.
+    on_bad_frame : str
+        "stop", or "skip": leave a gap for a frame that cannot be read, and say so.
     scene : SceneHints
         Time and space, where they are not to be as the clip's files say.
     memory : int
-        Bytes that blocks of frames may take.
+        Bytes that the weights and blocks of frames may take.
     jobs : int
         Threads.
     """
@@ -81,6 +88,8 @@ class ExtractSettings:
     solve: SolveSettings = field(default_factory=SolveSettings)
     clip: ClipSettings = field(default_factory=ClipSettings)
     overwrite: bool = False
+    resume: bool = False
+    on_bad_frame: str = "stop"
     keep_weights: bool = True
     scene: SceneHints = field(default_factory=SceneHints)
     memory: int = 1 << 30
@@ -98,69 +107,69 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
         When the system is singular or the weights cannot be trusted.
     """
     watch = observer or Observer()
-    prepare(settings.output, settings.overwrite)
+    prepare_result(settings.output, settings.overwrite, settings.resume)
     with watch.stage("open"):
-        sequence, rest = clip_and_rest(
-            settings.frames, settings.clip, settings.rest, settings.rest_frame
-        )
-        cage = load_mesh(settings.cage) if settings.cage is not None else None
-        sources, vertex_weights = {}, None
-        if settings.vertex_weights is not None:
-            loaded, sources["vertex_weights"] = load_vertex_weights(settings.vertex_weights)
-            with located(settings.vertex_weights):
-                vertex_weights = normalised_weights(loaded, len(rest.mesh.vertices))
+        inputs = _opened(settings)
+    sequence = inputs.sequence
     with watch.stage("bind"):
-        bound = _bound(rest, cage, settings, watch)
-    binding, sources = bound.binding, sources | bound.sources
+        bound = _bound(inputs, settings, watch)
+    sources = inputs.sources | bound.sources
     # One thread: the matrix is small, and threads that wait for each other take longer.
     with watch.stage("factor"), blas_threads(1):
-        solver = DualLaplacianSolver(binding, settings.solve, vertex_weights)
-    header = Header(
-        binding=binding,
-        quality=solver.quality,
-        frames=sequence.names,
-        scene=settings.scene.applied(sequence.scene.applied(Scene())),
-        settings=_recorded(settings, binding),
-        notes=_notes(sequence, rest, bound, solver.missing),
-        keep_weights=settings.keep_weights,
-    )
+        solver = DualLaplacianSolver(bound.binding, settings.solve, inputs.vertex_weights)
+    header = _header(settings, inputs, bound, solver)
+    plan = _plan(settings, header, sources, inputs.vertex_weights)
+    log = partial_name(settings.output)
+    if settings.resume and not settings.overwrite:
+        with watch.stage("read"):
+            result = whole_already(settings.output, header, sequence, sources)
+        if result is not None:
+            forget(log, plan)
+            watch.remark("resumed", "the result is whole already")
+            return result
     # One thread for the products: the others read ahead, which is most of the work.
-    with create(settings.output, header, settings.overwrite) as result, blas_threads(1):
-        _solve_all(sequence, solver, result, settings, watch)
+    with going_on(log, plan, settings.resume) as partial, blas_threads(1):
+        with watch.stage("read"):
+            keep_gaps = settings.on_bad_frame == "skip"
+            take_up(partial, sequence, keep_gaps, settings.jobs, watch)
+        _solve_all(sequence, solver, partial, settings, watch)
         with watch.stage("write"):
-            result.complete(sources | {"frames": sequence.source()})
+            _compose(partial, header, sources | {"frames": sequence.source()}, settings)
     return read_result(settings.output)
 
 
-def clip_and_rest(
-    frames: tuple[str, ...], how: ClipSettings, path: Path | None, index: int
-) -> tuple[MeshSequence, LoadedMesh]:
-    """A clip and its rest pose: that of a file, of the clip's connectivity, or a frame of it."""
-    rest = load_mesh(path) if path is not None else None
-    sequence = open_sequence(list(frames), how, rest)
-    if rest is not None:
-        with located(path):
-            count, faces = len(rest.fanned.vertices), rest.fanned.faces
-            refuse_other_connectivity(count, faces, sequence.fanned, "the first frame")
-        # Polygons are cut alike in all frames: as in the first.
-        return sequence, replace(rest, mesh=TriMesh(rest.mesh.vertices, sequence.first.faces))
-    if not 0 <= index < len(sequence):
-        raise InputError(
-            f"--rest-frame {index}: the clip has {len(sequence)} frames, expected "
-            f"0 to {len(sequence) - 1}"
-        )
-    frame = TriMesh(sequence.frame(index), sequence.first.faces)
-    return sequence, LoadedMesh(frame, frame, {"name": sequence.names[index]})
+def block_size(memory: int, vertices: int, cage_vertices: int) -> int:
+    """Frames to a block, such that weights and blocks take no more than `memory` bytes."""
+    left = memory - 8 * vertices * cage_vertices
+    return int(np.clip(left // (ARRAYS_PER_FRAME * 24 * vertices), 1, LARGEST_BLOCK))
 
 
-def block_size(memory: int, vertices: int) -> int:
-    """Frames to a block, such that blocks take no more than `memory` bytes."""
-    return int(np.clip(memory // (ARRAYS_PER_FRAME * 24 * vertices), 1, LARGEST_BLOCK))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Inputs:
+    """What was read before the first frame is solved."""
+
+    sequence: MeshSequence
+    rest: LoadedMesh
+    cage: LoadedMesh | None
+    vertex_weights: Floats | None
+    sources: dict[str, Any]
 
 
-def _bound(
-    rest: LoadedMesh, cage: LoadedMesh | None, settings: ExtractSettings, watch: Observer
-) -> StoredBinding:
+def _opened(settings: ExtractSettings) -> _Inputs:
+    sequence, rest = clip_and_rest(
+        settings.frames, settings.clip, settings.rest, settings.rest_frame
+    )
+    cage = load_mesh(settings.cage) if settings.cage is not None else None
+    if settings.vertex_weights is None:
+        return _Inputs(sequence, rest, cage, None, {})
+    loaded, source = load_vertex_weights(settings.vertex_weights)
+    with located(settings.vertex_weights):
+        weights = normalised_weights(loaded, len(rest.mesh.vertices))
+    return _Inputs(sequence, rest, cage, weights, {"vertex_weights": source})
+
+
+def _bound(inputs: _Inputs, settings: ExtractSettings, watch: Observer) -> StoredBinding:
+    rest, cage = inputs.rest, inputs.cage
     if settings.binding is not None:
         bound = from_file(settings.binding, rest, cage)
         watch.advance(len(rest.mesh.vertices), len(rest.mesh.vertices))
@@ -172,29 +181,86 @@ def _bound(
         return made(rest, cage, how, watch)
 
 
+def _header(
+    settings: ExtractSettings, inputs: _Inputs, bound: StoredBinding, solver: DualLaplacianSolver
+) -> Header:
+    return Header(
+        binding=bound.binding,
+        quality=solver.quality,
+        frames=inputs.sequence.names,
+        scene=settings.scene.applied(inputs.sequence.scene.applied(Scene())),
+        settings=_recorded(settings, bound.binding),
+        notes=_notes(inputs.sequence, inputs.rest, bound, solver.missing),
+        keep_weights=settings.keep_weights,
+    )
+
+
+def _plan(
+    settings: ExtractSettings,
+    header: Header,
+    sources: dict[str, Any],
+    vertex_weights: Floats | None,
+) -> Plan:
+    binding = header.binding
+    arrays = [binding.rest.vertices, binding.rest.faces, binding.cage.vertices, binding.cage.faces]
+    arrays += [binding.weights] if vertex_weights is None else [binding.weights, vertex_weights]
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).data)
+    return Plan(
+        frames=list(header.frames),
+        settings=header.settings,
+        sources=sources,
+        key=digest.hexdigest(),
+        cage_vertices=len(binding.cage.vertices),
+        block=block_size(settings.memory, *binding.weights.shape),
+    )
+
+
 def _solve_all(
     sequence: MeshSequence,
     solver: DualLaplacianSolver,
-    result: ResultWriter,
+    partial: PartialResult,
     settings: ExtractSettings,
     watch: Observer,
 ) -> None:
-    counted = solver.counted
-    rest = solver.binding.rest
-    blocks = sequence.blocks(block_size(settings.memory, len(rest.vertices)), settings.jobs)
+    """Solve and measure every frame that the log does not hold yet."""
+    blocks = sequence.blocks(partial.plan.block, settings.jobs, partial.done)
     while True:
         with watch.stage("read"):
             block = next(blocks, None)
         if block is None:
             return
-        block.refuse_faults()
+        if settings.on_bad_frame == "stop":
+            block.refuse_faults()
         with watch.stage("solve"):
             solution = solver.solve(block.positions)
         with watch.stage("measure"):
+            rest, counted = solver.binding.rest, solver.counted
             figures = measure(rest, block.positions, solution.reconstructions, counted)
+        refuse_unsound(block.start, solution.cages, figures)
         with watch.stage("write"):
-            result.append(solution.cages, figures)
+            stamps = tuple(map(sequence.stamp, range(block.start, block.stop)))
+            partial.append(solved(block, solution.cages, figures, stamps))
         watch.advance(block.stop, len(sequence))
+
+
+def _compose(
+    partial: PartialResult, header: Header, sources: dict[str, Any], settings: ExtractSettings
+) -> None:
+    """Write the result from the log, in one pass."""
+    output = settings.output
+    beside = output.with_name(f"{output.name}.whole.partial")
+    skipped: dict[int, str] = {}
+    for block in partial.blocks():
+        skipped |= block.faults
+    if len(skipped) == len(header.frames):
+        raise InputError(f"no frame can be read, the first: {skipped[0]}")
+    replaces = settings.overwrite or settings.resume
+    with create(output, header, replaces, beside) as result:
+        for block in partial.blocks():
+            result.append(block.cages, block.figures)
+        result.complete(sources, skipped)
 
 
 def _recorded(settings: ExtractSettings, binding: Binding) -> dict[str, Any]:

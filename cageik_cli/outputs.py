@@ -93,16 +93,21 @@ class PatientFile(io.FileIO):
 
 
 @contextmanager
-def whole_file(path: Path, overwrite: bool) -> Iterator[PatientFile]:
+def whole_file(path: Path, overwrite: bool, beside: Path | None = None) -> Iterator[PatientFile]:
     """A file beside `path` that takes its name if the block ends without an error.
+
+    It has a name of its own, or `beside` when no other run can have that; what a killed run left
+    there is deleted.
 
     Raises
     ------
     InputError
         When it cannot be written, or another file has come to have the name meanwhile.
     """
-    partial = _partial(path)
+    partial = beside or _partial(path)
     try:
+        if beside is not None:
+            beside.unlink(missing_ok=True)
         new = PatientFile(partial)
         try:
             with _brought_to_disk(new):

@@ -19,16 +19,17 @@ ORDER = (
     "coordinates.harmonic", "coordinates.mean_value",
     "shape", "findings", "intersections", "enclosure", "weaknesses", "diagnosis",
     "binding", "alignment", "dual_laplacian", "metrics",
-    "outputs", "hdf5", "sequence", "store.parts", "store.result", "store.binding_file",
-    "store.cache", "export", "binding_run", "extraction", "report", "checking", "describing",
-    "cli", "__main__",
+    "locks", "outputs", "hdf5", "sequence", "store.parts", "store.result", "store.result_writer",
+    "store.solved_block", "store.partial", "store.binding_file",
+    "store.cache", "export", "binding_run", "resuming", "extraction", "report", "checking",
+    "describing", "cli", "__main__",
 )  # fmt: skip
 """Each imports only from those before it; a folder named here keeps its own order."""
 
 OWNERS = {
     "click": {"cli"},
     "tqdm": {"cli"},
-    "h5py": {"hdf5", "store.parts", "store.result", "store.binding_file"},
+    "h5py": {"hdf5", "store.parts", "store.result", "store.result_writer", "store.binding_file"},
     "platformdirs": {"cli.options"},
     "igl": {"coordinates.surface", "enclosure", "intersections"},
     "pyarrow": {"sequence.obj"},

@@ -57,11 +57,23 @@ from cageik_cli.errors import CageikError
 @clip_options
 @click.option("--overwrite", is_flag=True, help="Replace an existing result.")
 @click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on where an interrupted run ended; begin if there was none.",
+)
+@click.option(
+    "--on-bad-frame",
+    type=click.Choice(["stop", "skip"]),
+    default="stop",
+    show_default=True,
+    help="A frame that cannot be read: stop, or leave a gap and say so.",
+)
+@click.option(
     "--memory",
     type=Size(),
     default="1GiB",
     show_default=True,
-    help="Most for blocks of frames.",
+    help="Most for the weights and blocks of frames.",
 )
 @timings_option
 @jobs

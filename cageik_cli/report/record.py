@@ -38,25 +38,27 @@ class Clip:
 class Frame:
     """Figures of one frame: lengths in file units and percent of the diagonal, changes in percent.
 
-    What depends on a volume is None for an open model, or when vertices are missing data.
+    What depends on a volume is None for an open model, or when vertices are missing data. Of a
+    frame that was skipped all figures are None, and `skipped` says why it was.
     """
 
     index: int
     name: str
-    rms: float
-    rms_percent: float
-    max_deviation: float
-    max_deviation_percent: float
-    worst_vertex: int
+    rms: float | None
+    rms_percent: float | None
+    max_deviation: float | None
+    max_deviation_percent: float | None
+    worst_vertex: int | None
     volume: float | None
     volume_reconstructed: float | None
     volume_change: float | None
     volume_drift: float | None
+    skipped: str | None
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Figures of the clip.
+    """Figures of the clip, over the frames that were not skipped.
 
     `volume_change_percent_max` is the change of largest size, with its sign.
     `fixed_floats` counts the weights, `floats_per_frame` the coordinates of a cage.
@@ -76,6 +78,7 @@ class Summary:
     volume_drift_percent_max: float | None
     e_rms: float
     kg_error: float | None
+    frames_skipped: int
     floats_per_frame: int
     fixed_floats: int
 
@@ -132,15 +135,16 @@ def _frames(result: Result) -> tuple[Frame, ...]:
         Frame(
             index=k,
             name=name,
-            rms=float(figures.rms[k]),
-            rms_percent=float(percent * figures.rms[k]),
-            max_deviation=float(figures.max_deviation[k]),
-            max_deviation_percent=float(percent * figures.max_deviation[k]),
-            worst_vertex=int(figures.worst_vertex[k]),
+            rms=_finite(figures.rms[k]),
+            rms_percent=_finite(percent * figures.rms[k]),
+            max_deviation=_finite(figures.max_deviation[k]),
+            max_deviation_percent=_finite(percent * figures.max_deviation[k]),
+            worst_vertex=None if k in result.skipped else int(figures.worst_vertex[k]),
             volume=_finite(figures.volume[k]),
             volume_reconstructed=_finite(figures.volume_reconstructed[k]),
             volume_change=_finite(change[k]),
             volume_drift=_finite(drift[k]),
+            skipped=result.skipped.get(k),
         )
         for k, name in enumerate(result.frames)
     )
@@ -148,10 +152,10 @@ def _frames(result: Result) -> tuple[Frame, ...]:
 
 def _summary(result: Result, frames: tuple[Frame, ...]) -> Summary:
     figures, diagonal = result.figures, result.rest.diagonal
-    rms = float(np.sqrt(np.mean(figures.rms**2)))
-    spread = float(np.sqrt(np.mean(figures.spread**2)))
-    worst = frames[int(figures.rms.argmax())]
-    furthest = frames[int(figures.max_deviation.argmax())]
+    rms = float(np.sqrt(np.nanmean(figures.rms**2)))
+    spread = float(np.sqrt(np.nanmean(figures.spread**2)))
+    worst, furthest = int(np.nanargmax(figures.rms)), int(np.nanargmax(figures.max_deviation))
+    worst_rms, deviation = float(figures.rms[worst]), float(figures.max_deviation[furthest])
     changed = max(
         (frame for frame in frames if frame.volume_change is not None),
         key=lambda frame: abs(frame.volume_change or 0.0),
@@ -161,18 +165,19 @@ def _summary(result: Result, frames: tuple[Frame, ...]) -> Summary:
     return Summary(
         rms=rms,
         rms_percent=100 * rms / diagonal,
-        worst_frame=worst.name,
-        worst_frame_index=worst.index,
-        worst_frame_rms_percent=worst.rms_percent,
-        max_deviation=furthest.max_deviation,
-        max_deviation_percent=furthest.max_deviation_percent,
-        max_deviation_frame=furthest.name,
-        max_deviation_vertex=furthest.worst_vertex,
+        worst_frame=frames[worst].name,
+        worst_frame_index=worst,
+        worst_frame_rms_percent=100 * worst_rms / diagonal,
+        max_deviation=deviation,
+        max_deviation_percent=100 * deviation / diagonal,
+        max_deviation_frame=frames[furthest].name,
+        max_deviation_vertex=int(figures.worst_vertex[furthest]),
         volume_change_percent_max=changed.volume_change if changed else None,
         volume_change_frame=changed.name if changed else None,
         volume_drift_percent_max=max(drifts, key=abs, default=None),
         e_rms=float(E_RMS * rms / diagonal),
         kg_error=100 * rms / spread if spread > 0 else None,
+        frames_skipped=len(result.skipped),
         floats_per_frame=3 * len(result.cage.vertices),
         fixed_floats=len(result.rest.vertices) * len(result.cage.vertices),
     )

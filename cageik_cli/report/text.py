@@ -1,6 +1,7 @@
 """The report as a page of text."""
 
 from cageik_cli.binding import WeightQuality
+from cageik_cli.errors import first_few
 from cageik_cli.layout import page
 from cageik_cli.report.record import Report
 
@@ -28,6 +29,7 @@ def as_text(report: Report) -> str:
             f"and {summary.fixed_floats} weights once",
         ),
         *_trust(report),
+        *_skipped(report),
         *(("note", note) for note in report.notes),
     ]
     return page(headline, rows)
@@ -49,6 +51,17 @@ def accuracy_row(quality: WeightQuality, accuracy: object) -> tuple[str, str]:
         f"{accuracy}: {quality.panels} panels, mean row L1 error {quality.estimated_error:.1e} "
         "(estimated)"
     )
+
+
+def _skipped(report: Report) -> list[tuple[str, str]]:
+    """The frames that were, and why the first was; the record has all reasons."""
+    frames = [frame for frame in report.frames if frame.skipped is not None]
+    if not frames:
+        return []
+    names = first_few((frame.name for frame in frames), 5)
+    return [
+        ("skipped", f"{len(frames)} of {len(report.frames)} frames: {names}; {frames[0].skipped}")
+    ]
 
 
 def _trust(report: Report) -> list[tuple[str, str]]:

@@ -3,6 +3,7 @@
 from cageik_cli.sequence.clip import Block, ClipSettings, MeshSequence, refuse_other_connectivity
 from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh
 from cageik_cli.sequence.opening import files_read, open_sequence
+from cageik_cli.sequence.rest_pose import clip_and_rest
 from cageik_cli.sequence.weights_file import load_vertex_weights
 
 __all__ = [
@@ -10,6 +11,7 @@ __all__ = [
     "ClipSettings",
     "LoadedMesh",
     "MeshSequence",
+    "clip_and_rest",
     "files_read",
     "load_mesh",
     "load_vertex_weights",

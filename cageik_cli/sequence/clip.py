@@ -1,5 +1,6 @@
 """A clip: frames of one connectivity, read when they are asked for."""
 
+import hashlib
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator
@@ -145,6 +146,13 @@ class MeshSequence(ABC):
     @abstractmethod
     def digest(self, index: int) -> bytes:
         """SHA-256 of the file that a frame comes from."""
+
+    def stamp(self, index: int) -> bytes:
+        """The digest of a frame's file; zeros when it cannot be read, and the frame is a gap."""
+        try:
+            return self.digest(index)
+        except InputError:
+            return bytes(hashlib.sha256().digest_size)
 
     @abstractmethod
     def source(self) -> dict[str, Any]:

@@ -1,27 +1,22 @@
-"""Result files: written beside their name, renamed when whole, read with every check."""
+"""Result files, read with every check."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from cageik_cli import __version__
-from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import Quality
-from cageik_cli.errors import InputError, NumericalError
+from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import dataset, numbers, opened
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.layout import printable
+from cageik_cli.mesh import Floats, Integers, TriMesh
 from cageik_cli.metrics import FrameFigures
-from cageik_cli.outputs import PatientFile, whole_file
 from cageik_cli.scene import Scene
 from cageik_cli.store.parts import (
-    as_json,
     calls_itself,
-    new_file,
     parsed,
     parsed_notes,
     parsed_quality,
@@ -29,14 +24,13 @@ from cageik_cli.store.parts import (
     read_meshes,
     refuse_others,
     version_of,
-    write_deflated,
-    write_meshes,
 )
 
 FORMAT = "cageik.result"
 SCHEMA = 1
 FIGURES = tuple(field.name for field in fields(FrameFigures))
 WHOLE_FIGURES = ("worst_vertex",)
+LOG_SUFFIX = ".partial"
 LARGEST_LENGTH = 1e60
 """Far above any figure of positions that are taken; its square does not overflow."""
 
@@ -61,6 +55,9 @@ class Result:
     rest, cage : TriMesh
         The rest pose, m vertices, and its cage, n vertices.
     figures : FrameFigures
+        nan for a frame that was skipped, and a worst vertex of -1.
+    skipped : dict
+        By number in the clip, why a frame was skipped.
     """
 
     path: Path
@@ -74,109 +71,45 @@ class Result:
     rest: TriMesh
     cage: TriMesh
     figures: FrameFigures
+    skipped: dict[int, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Header:
-    """What is known of a result before its first frame is solved.
-
-    Attributes
-    ----------
-    binding : Binding
-    quality : Quality
-    frames : tuple of str
-    scene : Scene
-    settings : dict
-    notes : tuple of str
-    keep_weights : bool
-    """
-
-    binding: Binding
-    quality: Quality
-    frames: tuple[str, ...]
-    scene: Scene
-    settings: dict[str, Any]
-    notes: tuple[str, ...]
-    keep_weights: bool
+def partial_name(path: Path) -> Path:
+    """What the log of a run is called that makes the result at `path`."""
+    return path.with_name(path.name + LOG_SUFFIX)
 
 
-class ResultWriter:
-    """Appends blocks of cages and figures to an open file, in order."""
+def read_cages(result: Result, size: int) -> Iterator[Floats]:
+    """The cages of a result, in blocks of at most `size`, (k, n, 3), gaps filled.
 
-    def __init__(self, file: h5py.File, sink: PatientFile, header: Header) -> None:
-        self._file, self._sink = file, sink
-        self._done = 0
-        self._count = len(header.frames)
-        self._weights = header.binding.weights if header.keep_weights else None
-        binding = header.binding
-        cage, rest = binding.cage, binding.rest
-        file.create_dataset("verts", (self._count, *cage.vertices.shape), "f8")
-        write_meshes(file, rest, cage)
-        file.create_dataset("frames/name", data=header.frames, dtype=h5py.string_dtype())
-        for name in FIGURES:
-            kind = "i8" if name in WHOLE_FIGURES else "f8"
-            file.create_dataset(f"metrics/{name}", (self._count,), kind)
-        file.attrs.update(format=FORMAT, schema=SCHEMA, version=__version__)
-        file.attrs.update(asdict(header.scene))
-        file.attrs["settings"] = as_json(header.settings)
-        file.attrs["notes"] = as_json(header.notes)
-        file.attrs["quality"] = as_json(asdict(header.quality))
-        file.attrs["complete"] = False
-
-    def append(self, cages: Floats, figures: FrameFigures) -> None:
-        """Write the next k frames: cages (k, n, 3) and their figures.
-
-        Raises
-        ------
-        NumericalError
-            When they are not finite, or too large to be read again.
-        """
-        fault = _fault_of(figures)
-        if fault is not None or not np.isfinite(cages).all():
-            raise NumericalError(
-                f"the solve gave {fault or 'cages that are not finite'} in frames {self._done} to "
-                f"{self._done + len(cages) - 1}; scale the scene to coordinates near 1"
-            )
-        done = slice(self._done, self._done + len(cages))
-        self._file["verts"][done] = cages
-        for name in FIGURES:
-            self._file[f"metrics/{name}"][done] = getattr(figures, name)
-        self._sink.check()
-        self._done = done.stop
-
-    def complete(self, sources: dict[str, Any]) -> None:
-        """Write the weights, say what was read, and that every frame is there."""
-        if self._done != self._count:
-            raise ValueError(f"{self._done} of {self._count} frames were appended")
-        if self._weights is not None:
-            write_deflated(self._file, "weights", self._weights)
-        self._file.attrs["sources"] = as_json(sources)
-        self._file.attrs["complete"] = True
-
-
-@contextmanager
-def create(path: Path, header: Header, overwrite: bool) -> Iterator[ResultWriter]:
-    """Write a result beside its name; it takes the name when the block ends without an error."""
-    with whole_file(path, overwrite) as sink, new_file(sink) as file:
-        yield ResultWriter(file, sink, header)
-
-
-def read_cages(path: Path, size: int) -> Iterator[Floats]:
-    """The cages of a result that `read_result` has taken, in blocks of at most `size`, (k, n, 3).
+    The cage of a frame that was skipped lies between those of the frames before and after, as far
+    along as it is in time; beyond the last frame that was not it stays.
 
     Raises
     ------
     InputError
         When a block cannot be read, or is not finite.
     """
-    with opened(path) as file:
-        cages = dataset(file, "verts", "f", (None, None, 3))
+    known = np.setdiff1d(np.arange(len(result.frames)), list(result.skipped))
+    with opened(result.path) as file:
+        cages = dataset(file, "verts", "f", (len(result.frames), len(result.cage.vertices), 3))
         for start in range(0, len(cages), size):
             block = np.asarray(cages[start : start + size], np.float64)
+            for k in range(start, start + len(block)):
+                if k in result.skipped:
+                    block[k - start] = _between(cages, known, k)
             wrong = np.flatnonzero(~np.isfinite(block).all(axis=(1, 2)))
             if len(wrong):
                 raise InputError(f"the cage of frame {start + wrong[0]} is not finite")
             yield block
+
+
+def _between(cages: h5py.Dataset, known: Integers, frame: int) -> Floats:
+    """What the cages of the nearest `known` frames give for one between them."""
+    place = int(np.searchsorted(known, frame))
+    before, after = (int(known[np.clip(k, 0, len(known) - 1)]) for k in (place - 1, place))
+    share = (frame - before) / (after - before) if after > before else 0.0
+    return np.asarray((1 - share) * cages[before] + share * cages[after])
 
 
 def read_weights(result: Result) -> Floats | None:
@@ -213,11 +146,17 @@ def read_result(path: Path) -> Result:
         When it is not HDF5, not a result, of another schema, not complete, or damaged.
     """
     if not path.exists():
-        raise InputError(f"{path}: no such result; make it with cageik extract, or name another")
+        raise InputError(f"{path}: no such result; {_what_instead(path)}")
+    if path.suffix == LOG_SUFFIX:
+        raise InputError(
+            f"{path}: is what an interrupted run has left, and no result; go on with the same "
+            "command and --resume"
+        )
     with opened(path) as file:
         _refuse_other_files(file)
         rest, cage = read_meshes(file)
         frames = len(dataset(file, "verts", "f", (None, len(cage.vertices), 3)))
+        skipped = _skipped(file, frames)
         return Result(
             path=path,
             version=version_of(file),
@@ -229,7 +168,8 @@ def read_result(path: Path) -> Result:
             frames=_frame_names(file, frames),
             rest=rest,
             cage=cage,
-            figures=_figures(file, frames, len(rest.vertices)),
+            figures=_figures(file, frames, len(rest.vertices), list(skipped)),
+            skipped=skipped,
         )
 
 
@@ -260,12 +200,33 @@ def _frame_names(file: h5py.File, count: int) -> tuple[str, ...]:
     return tuple(names.asstr(errors="replace")[:])
 
 
-def _figures(file: h5py.File, frames: int, vertices: int) -> FrameFigures:
-    figures = FrameFigures(**{name: _column(file, name, frames) for name in FIGURES})
-    fault = _fault_of(figures)
+def _what_instead(path: Path) -> str:
+    log = partial_name(path)
+    if log.exists():
+        return f"an interrupted run has left {log.name}; go on with cageik extract --resume"
+    return "make it with cageik extract, or name another"
+
+
+def _skipped(file: h5py.File, frames: int) -> dict[int, str]:
+    held = parsed(file, "skipped", dict)
+    numbers_only = all(key.isdecimal() and int(key) < frames for key in held)
+    if not numbers_only or not all(isinstance(text, str) for text in held.values()):
+        raise InputError("attribute `skipped` does not say which frames were and why")
+    if len(held) == frames:
+        raise InputError("every frame was skipped; extract it again")
+    return {int(key): printable(text) for key, text in held.items()}
+
+
+def _figures(file: h5py.File, frames: int, vertices: int, skipped: list[int]) -> FrameFigures:
+    columns = {name: _column(file, name, frames) for name in FIGURES}
+    figures = FrameFigures(**columns)
+    held = FrameFigures(**{name: np.delete(column, skipped) for name, column in columns.items()})
+    fault = fault_of(held)
     if fault is not None:
         raise InputError(f"holds {fault}; extract it again")
-    if not ((figures.worst_vertex >= 0) & (figures.worst_vertex < vertices)).all():
+    if not np.isnan(figures.rms[skipped]).all():
+        raise InputError("`metrics/rms` has figures of frames that were skipped; extract it again")
+    if not ((held.worst_vertex >= 0) & (held.worst_vertex < vertices)).all():
         raise InputError(f"`metrics/worst_vertex` names more than {vertices} vertices")
     return figures
 
@@ -277,7 +238,7 @@ def _column(file: h5py.File, name: str, frames: int) -> Any:
         return numbers(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
 
 
-def _fault_of(figures: FrameFigures) -> str | None:
+def fault_of(figures: FrameFigures) -> str | None:
     """What cannot be a figure, in words; volumes may be nan."""
     for name in ("rms", "max_deviation", "spread"):
         column = getattr(figures, name)

@@ -121,8 +121,8 @@ def test_an_input_error_is_traced_too(run, folder):
     )
 
 
-@pytest.mark.parametrize("room", [2_000, 20_000])
-def test_a_full_disk_leaves_the_old_result(run_process, fixtures_folder, tmp_path, room):
+@pytest.mark.parametrize(("room", "kept"), [(500, False), (20_000, True)])
+def test_a_full_disk_leaves_the_old_result(run_process, fixtures_folder, tmp_path, room, kept):
     """A limit on the size of a file stands for the end of the disk."""
     resource = pytest.importorskip("resource")
     (tmp_path / "cages.h5").write_text("old")
@@ -133,9 +133,12 @@ def test_a_full_disk_leaves_the_old_result(run_process, fixtures_folder, tmp_pat
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),
     )  # fmt: skip
     assert outcome.code == 1
-    assert outcome.err.startswith("Error: cages.h5: cannot be written (")
+    written = "cages.h5" if kept else "cages.h5.partial"
+    assert outcome.err.startswith(f"Error: {written}: cannot be written (")
     assert len(outcome.err.splitlines()) == 1
-    assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
+    left = sorted(item.name for item in tmp_path.iterdir())
+    assert left == ["cages.h5", "cages.h5.partial"][: 2 if kept else 1]
+    assert ("frames are kept in cages.h5.partial; go on with --resume" in outcome.err) is kept
     assert (tmp_path / "cages.h5").read_text() == "old"
 
 

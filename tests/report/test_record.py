@@ -66,6 +66,7 @@ def test_the_summary(closed, report):
         "volume_change_frame": names[largest],
         "floats_per_frame": 3 * 8,
         "fixed_floats": 18 * 8,
+        "frames_skipped": 0,
     }
     assert {name: found.pop(name) for name in exact} == exact
     assert found == pytest.approx(

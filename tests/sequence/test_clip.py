@@ -91,6 +91,15 @@ def test_the_first_of_several_bad_frames_is_the_one_named():
         frames_of(clip, 8, 4)
 
 
+def test_a_frame_whose_file_cannot_be_read_has_a_stamp_of_zeros():
+    class Gone(Counted):
+        def digest(self, index):
+            raise InputError("gone")
+
+    assert Counted(2).stamp(1) == b""
+    assert Gone(2).stamp(1) == bytes(32)
+
+
 def test_other_connectivity_is_refused_where_it_first_differs():
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4]])
     mesh = TriMesh(np.zeros((6, 3)), faces)

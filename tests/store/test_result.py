@@ -15,7 +15,7 @@ from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.scene import Scene
 from cageik_cli.sequence import open_sequence
-from cageik_cli.store import parts
+from cageik_cli.store import parts, result_writer
 from cageik_cli.store import result as store
 from tests.shapes import TETRAHEDRON, ball
 
@@ -51,14 +51,14 @@ def part(rows):
 
 
 def header(keep_weights=True):
-    return store.Header(BINDING, QUALITY, NAMES, SCENE, SETTINGS, ("a note",), keep_weights)
+    return result_writer.Header(BINDING, QUALITY, NAMES, SCENE, SETTINGS, ("a note",), keep_weights)
 
 
 def written(path, cuts=(0, 2, 5), overwrite=False, **options):
-    with store.create(path, header(**options), overwrite) as result:
+    with result_writer.create(path, header(**options), overwrite) as result:
         for first, last in pairwise(cuts):
             result.append(CAGES[first:last], part(slice(first, last)))
-        result.complete(SOURCES)
+        result.complete(SOURCES, {})
     return path
 
 
@@ -104,7 +104,7 @@ def test_the_schema(path):
     assert json.loads(attributes["quality"])["condition_number"] == 123.0
     assert set(attributes) == {
         "format", "schema", "version", "fps", "start", "up_axis", "metres_per_unit", "settings",
-        "sources", "notes", "quality", "complete"
+        "sources", "skipped", "notes", "quality", "complete"
     }  # fmt: skip
 
 
@@ -169,9 +169,9 @@ def test_weights_can_be_left_out(tmp_path, path):
 def test_an_old_result_is_replaced_only_when_the_new_one_is_whole(tmp_path):
     path = tmp_path / "cages.h5"
     path.write_text("old")
-    with store.create(path, header(), overwrite=True) as result:
+    with result_writer.create(path, header(), overwrite=True) as result:
         result.append(CAGES, FIGURES)
-        result.complete(SOURCES)
+        result.complete(SOURCES, {})
         assert path.read_text() == "old"
     assert store.read_result(path).frames == NAMES
     assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
@@ -181,9 +181,9 @@ def test_a_result_that_came_meanwhile_is_not_replaced(tmp_path):
     path = tmp_path / "cages.h5"
 
     def race():
-        with store.create(path, header(), overwrite=False) as result:
+        with result_writer.create(path, header(), overwrite=False) as result:
             result.append(CAGES, FIGURES)
-            result.complete(SOURCES)
+            result.complete(SOURCES, {})
             path.write_text("somebody else's")
 
     with pytest.raises(InputError, match=r"cages\.h5: another run has written it meanwhile"):
@@ -198,7 +198,7 @@ def test_whatever_goes_wrong_leaves_the_old_result_and_nothing_else(tmp_path, ki
     path.write_text("old")
 
     def fail_in_the_middle():
-        with store.create(path, header(), overwrite=True) as result:
+        with result_writer.create(path, header(), overwrite=True) as result:
             result.append(CAGES[:2], part(slice(2)))
             raise kind("in the middle")
 
@@ -211,7 +211,7 @@ def test_whatever_goes_wrong_leaves_the_old_result_and_nothing_else(tmp_path, ki
 def test_what_the_system_refuses_is_a_sentence(tmp_path):
     path = tmp_path / "cages.h5"
     with pytest.raises(InputError, match=r"cages\.h5: cannot be written \(No space left"):  # noqa: SIM117
-        with store.create(path, header(), overwrite=True):
+        with result_writer.create(path, header(), overwrite=True):
             raise OSError(28, "No space left on device")
     assert not list(tmp_path.iterdir())
 
@@ -379,9 +379,7 @@ def test_a_version_that_is_no_text_is_shown_as_far_as_it_is(path):
         ("cages", np.nan),
     ],
 )
-def test_what_could_not_be_read_again_never_takes_the_name(tmp_path, name, bad):
-    path = tmp_path / "cages.h5"
-    path.write_text("old")
+def test_what_could_not_be_read_again_is_refused(name, bad):
     cages, figures = CAGES.copy(), part(slice(None))
     if name == "cages":
         cages[3, 1, 2] = bad
@@ -389,13 +387,9 @@ def test_what_could_not_be_read_again_never_takes_the_name(tmp_path, name, bad):
         column = getattr(figures, name).copy()
         column[3] = bad
         figures = replace(figures, **{name: column})
-    with (
-        pytest.raises(NumericalError, match=f"{name}.* in frames 0 to 4"),
-        store.create(path, header(), overwrite=True) as result,
-    ):
-        result.append(cages, figures)
-    assert path.read_text() == "old"
-    assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
+    result_writer.refuse_unsound(0, CAGES, part(slice(None)))
+    with pytest.raises(NumericalError, match=f"{name}.* in frames 10 to 14"):
+        result_writer.refuse_unsound(10, cages, figures)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])
@@ -408,12 +402,12 @@ def test_a_result_cut_short_is_refused(path, share):
 
 def test_an_interrupted_write_is_not_taken_for_a_result(tmp_path):
     path = tmp_path / "cages.h5"
-    with store.create(path, header(), overwrite=True) as result:
+    with result_writer.create(path, header(), overwrite=True) as result:
         result.append(CAGES, FIGURES)
         result._file.flush()
         (partial,) = tmp_path.glob("*.partial")
         (tmp_path / "copy.h5").write_bytes(partial.read_bytes())
-        result.complete(SOURCES)
+        result.complete(SOURCES, {})
     with pytest.raises(InputError, match=r"copy\.h5: is not"):
         store.read_result(tmp_path / "copy.h5")
 
@@ -427,3 +421,59 @@ def test_weights_are_deflated_and_read_back_to_the_bit(tmp_path, monkeypatch, ro
         assert (weights.compression, weights.shuffle) == ("gzip", True)
         assert weights.chunks == (min(rows, len(BINDING.weights)), BINDING.weights.shape[1])
         np.testing.assert_array_equal(weights[:], BINDING.weights)
+
+
+@pytest.mark.parametrize("size", [1, 2, 5])
+def test_gaps_among_the_cages_lie_between_their_neighbours(tmp_path, size):
+    """A gap at the start, two within, in blocks that part them."""
+    cages, figures = CAGES.copy(), part(slice(None))
+    gaps = {0: "missing", 2: "cut", 3: "cut"}
+    columns = {field.name: getattr(figures, field.name).copy() for field in fields(FrameFigures)}
+    for name, column in columns.items():
+        column[list(gaps)] = -1 if name == "worst_vertex" else np.nan
+    cages[list(gaps)] = np.nan
+    path = tmp_path / "cages.h5"
+    with result_writer.create(path, header(), overwrite=False) as writer:
+        writer.append(cages, FrameFigures(**columns))
+        writer.complete(SOURCES, gaps)
+    result = store.read_result(path)
+    assert result.skipped == gaps
+    found = np.concatenate(list(store.read_cages(result, size)))
+    one, four = CAGES[1], CAGES[4]
+    expected = [one, one, one + (four - one) / 3, one + (four - one) * 2 / 3, four]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
+
+
+def test_cages_and_weights_are_read_and_must_be_finite(path):
+    result = store.read_result(path)
+    np.testing.assert_array_equal(np.concatenate(list(store.read_cages(result, 2))), CAGES)
+    np.testing.assert_array_equal(store.read_weights(result), BINDING.weights)
+    with h5py.File(path, "r+") as file:
+        file["verts"][3, 0, 0] = np.nan
+        del file["weights"]
+        file["weights"] = np.where(np.arange(18)[:, None] == 7, np.inf, BINDING.weights)
+    with pytest.raises(InputError, match=r"cages\.h5: the cage of frame 3 is not finite"):
+        list(store.read_cages(result, 2))
+    with pytest.raises(InputError, match="`weights` are not finite at vertex 7"):
+        store.read_weights(result)
+
+
+@pytest.mark.parametrize(
+    "held", ["[]", '{"5": "out of the clip"}', '{"-1": "a"}', '{"a": "b"}', '{"0": 1}']
+)
+def test_gaps_that_cannot_be_are_refused(path, held):
+    with h5py.File(path, "r+") as file:
+        file.attrs["skipped"] = held
+    with pytest.raises(InputError, match="attribute `skipped`"):
+        store.read_result(path)
+
+
+def test_gaps_that_have_figures_are_refused(path):
+    with h5py.File(path, "r+") as file:
+        file.attrs["skipped"] = '{"0": "a"}'
+    with pytest.raises(InputError, match="has figures of frames that were skipped"):
+        store.read_result(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["skipped"] = json.dumps({str(k): "a" for k in range(FRAMES)})
+    with pytest.raises(InputError, match="every frame was skipped"):
+        store.read_result(path)

@@ -61,7 +61,7 @@ class Reader(MeshSequence):
 
     def source(self) -> dict[str, Any]:
         """Names of the first and last file, their count, and a digest over all in order."""
-        digests = b"".join(map(self.digest, range(len(self))))
+        digests = b"".join(map(self.stamp, range(len(self))))
         return {
             "name": f"{self.names[0]} ... {self.names[-1]}" if len(self) > 1 else self.names[0],
             "files": len(self),

@@ -1,0 +1,105 @@
+"""Runs that are interrupted: what they leave is kept, found again, and gone on from."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cageik_cli.errors import InputError
+from cageik_cli.observer import Observer
+from cageik_cli.outputs import prepare
+from cageik_cli.sequence import MeshSequence
+from cageik_cli.store.partial import PartialResult, Plan, progress_of
+from cageik_cli.store.result import Result, partial_name, read_result
+from cageik_cli.store.result_writer import Header
+
+
+def prepare_result(output: Path, overwrite: bool, resume: bool) -> None:
+    """Refuse, before any work, to write over a result or over what an interrupted run left.
+
+    Raises
+    ------
+    InputError
+        Naming the file and what to do.
+    """
+    prepare(output, overwrite or resume)
+    log = partial_name(output)
+    if log.exists() and not (overwrite or resume):
+        done, count = progress_of(log)
+        raise InputError(
+            f"{log}: an interrupted run has left {done} of {count} frames there; go on with "
+            "--resume, or begin again with --overwrite"
+        )
+
+
+def whole_already(
+    output: Path, header: Header, sequence: MeshSequence, sources: dict[str, Any]
+) -> Result | None:
+    """The result at `output` if it is what this run would make of the same files; None without one.
+
+    Raises
+    ------
+    InputError
+        When there is another result, or no result.
+    """
+    if not output.exists():
+        return None
+    result = read_result(output)
+    differences = (
+        ("other settings", result.settings != header.settings),
+        ("other frames", result.frames != header.frames),
+        ("another scene", result.scene != header.scene),
+        ("other files", result.sources != sources | {"frames": sequence.source()}),
+    )
+    for what, differs in differences:
+        if differs:
+            raise InputError(
+                f"{output}: is the result of {what}; choose another name, or replace it with "
+                "--overwrite"
+            )
+    return result
+
+
+@contextmanager
+def going_on(log: Path, plan: Plan, resume: bool) -> Iterator[PartialResult]:
+    """The log of this run: what is there of it, or a new one. An error tells how to go on."""
+    partial = PartialResult.opened(log, plan, resume)
+    try:
+        yield partial
+    except BaseException as error:
+        if partial.done:
+            error.add_note(
+                f"{partial.done} of {len(plan.frames)} frames are kept in {log}; go on with "
+                "--resume"
+            )
+            partial.close()
+        else:
+            partial.discard()
+        raise
+    partial.discard()
+
+
+def forget(log: Path, plan: Plan) -> None:
+    """Delete the log that a run of this plan has left, if there is one."""
+    if log.exists():
+        PartialResult.opened(log, plan, resume=True).discard()
+
+
+def take_up(
+    partial: PartialResult, sequence: MeshSequence, keep_gaps: bool, jobs: int, watch: Observer
+) -> None:
+    """Say where the run goes on: at the first block of which a frame's file is another by now.
+
+    Or at the first block with a gap, unless gaps are kept.
+    """
+    with ThreadPoolExecutor(jobs) as pool:
+        for block in partial.blocks():
+            stamps = tuple(pool.map(sequence.stamp, range(block.start, block.stop)))
+            if stamps != block.digests or (block.faults and not keep_gaps):
+                partial.cut(block.start)
+                break
+    if partial.done:
+        count = len(partial.plan.frames)
+        watch.remark("resumed", f"from frame {partial.done} of {count}")
+        watch.advance(partial.done, count)

@@ -1,0 +1,249 @@
+"""What a run has done so far: a log of solved blocks beside the result, only ever appended to.
+
+The first line says what it is, the second the digest and the length of a JSON plan; then the plan
+and the blocks, each behind its length and its checksum. Whatever moment a run is killed at, what
+the log holds up to the first block that is not whole is sound, and the run can go on from there.
+The result is composed of the log in one pass, so that it does not tell how often it was
+interrupted.
+"""
+
+import hashlib
+import io
+import json
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from cageik_cli import __version__
+from cageik_cli.errors import InputError
+from cageik_cli.locks import open_locked, remove_locked
+from cageik_cli.store.solved_block import SolvedBlock, packed, unpacked
+
+MAGIC = b"cageik.partial 1\n"
+HEAD_BYTES = 128
+"""More than the line with the digest and the length of a plan takes."""
+
+_BLOCK = struct.Struct("<QI")  # length and checksum of what follows
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a run is to do, and what its numbers depend on.
+
+    Attributes
+    ----------
+    frames : list of str
+        Where each frame comes from.
+    settings, sources : dict
+        What is asked; name and digest of what was read beside the frames.
+    key : str
+        Digest of weights, meshes and vertex weights.
+    cage_vertices : int
+    block : int
+        Frames solved together; it changes the last digits, so a run that goes on keeps it.
+    version : str
+        Of the program.
+    """
+
+    frames: list[str]
+    settings: dict[str, Any]
+    sources: dict[str, Any]
+    key: str
+    cage_vertices: int
+    block: int
+    version: str = __version__
+
+    def difference(self, other: "Plan") -> str:
+        """What differs from the plan of a run that can go on where `other` ended; may be empty."""
+        if self.frames != other.frames:
+            return f"it was of {len(other.frames)} other frames"
+        for name in self.settings | other.settings:
+            mine, theirs = self.settings.get(name), other.settings.get(name)
+            if mine != theirs:
+                return f"its {name} was {theirs}, not {mine}"
+        for name in self.sources | other.sources:
+            if self.sources.get(name) != other.sources.get(name):
+                return f"its {name.replace('_', ' ')} was another"
+        if self.version != other.version:
+            return f"it was of cageik {other.version}"
+        if replace(self, block=other.block) != other:
+            return "its weights were others"
+        return ""
+
+
+class PartialResult:
+    """The log of one run, which no other run has while it is open.
+
+    Attributes
+    ----------
+    path : Path
+    plan : Plan
+    done : int
+        How many frames it holds.
+    """
+
+    def __init__(self, path: Path, file: io.FileIO, plan: Plan, starts: list[int]) -> None:
+        self.path, self.plan = path, plan
+        self._file = file
+        self._places = starts  # where each block begins, and where the next will
+        self.done = min((len(starts) - 1) * plan.block, len(plan.frames))
+
+    @staticmethod
+    def opened(path: Path, plan: Plan, resume: bool) -> "PartialResult":
+        """Begin a log, or go on with the one of an interrupted run of the same plan.
+
+        What is not whole at the end of one is cut off. One whose run was killed before it had
+        written its plan is begun again.
+
+        Raises
+        ------
+        InputError
+            When it cannot be written, another run has it, or it is of another plan.
+        """
+        try:
+            file = open_locked(path)
+        except OSError as error:
+            raise _unwritten(path, error) from error
+        if file is None:
+            raise InputError(f"{path}: another run is writing it; wait for it, or stop it")
+        try:
+            held = _plan(path, file) if resume else None
+            if held is None:
+                return _begun(path, file, plan)
+            difference = plan.difference(held)
+            if difference:
+                raise InputError(
+                    f"{path}: is of another run: {difference}; give the same files and options, "
+                    "or begin again with --overwrite and without --resume"
+                )
+            places = [file.tell()]
+            places += [file.tell() for _ in _blocks(file, held)]
+            file.truncate(places[-1])
+        except BaseException:
+            file.close()
+            raise
+        return PartialResult(path, file, held, places)
+
+    def append(self, block: SolvedBlock) -> None:
+        """Add the next block, of as many frames as the plan says but for the last.
+
+        Raises
+        ------
+        InputError
+            When it cannot be written; the log then ends with the block before.
+        """
+        data = packed(block)
+        try:
+            self._file.seek(self._places[-1])
+            _write(self._file, _BLOCK.pack(len(data), zlib.crc32(data)) + data)
+        except OSError as error:
+            self._file.truncate(self._places[-1])
+            raise _unwritten(self.path, error) from error
+        self._places.append(self._file.tell())
+        self.done = block.stop
+
+    def blocks(self) -> Iterator[SolvedBlock]:
+        """All blocks, in order."""
+        self._file.seek(self._places[0])
+        yield from _blocks(self._file, self.plan)
+
+    def cut(self, frame: int) -> None:
+        """Forget the block that holds `frame`, and those after it."""
+        kept = frame // self.plan.block
+        del self._places[kept + 1 :]
+        self._file.truncate(self._places[-1])
+        self.done = kept * self.plan.block
+
+    def close(self) -> None:
+        """Let other runs have it."""
+        self._file.close()
+
+    def discard(self) -> None:
+        """Delete the log; other runs may have its name from then on."""
+        remove_locked(self.path, self._file)
+
+
+def is_partial(path: Path) -> bool:
+    """Whether a file begins as a log does."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
+def progress_of(path: Path) -> tuple[int, int]:
+    """How many frames a log holds, and how many its run was to solve; zeros if it holds no plan.
+
+    Raises
+    ------
+    InputError
+        When it is no log.
+    """
+    with io.FileIO(path) as file:
+        plan = _plan(path, file)
+        if plan is None:
+            return 0, 0
+        return max((block.stop for block in _blocks(file, plan)), default=0), len(plan.frames)
+
+
+def _begun(path: Path, file: io.FileIO, plan: Plan) -> PartialResult:
+    text = json.dumps(asdict(plan), sort_keys=True, allow_nan=False).encode()
+    head = MAGIC + f"{hashlib.sha256(text).hexdigest()} {len(text)}\n".encode() + text
+    try:
+        file.truncate(0)
+        file.seek(0)
+        _write(file, head)
+    except OSError as error:
+        remove_locked(path, file)
+        raise _unwritten(path, error) from error
+    return PartialResult(path, file, plan, [len(head)])
+
+
+def _plan(path: Path, file: io.FileIO) -> Plan | None:
+    """The plan of a log, which is then at its first block; None if the plan is not whole."""
+    begin = file.read(len(MAGIC))
+    if not MAGIC.startswith(begin):
+        raise InputError(f"{path}: is not what an interrupted run leaves; move it away")
+    digest, _, size = file.read(HEAD_BYTES).partition(b"\n")[0].partition(b" ")
+    length = int(size) if size.isdigit() else 0
+    file.seek(len(begin) + len(digest) + len(size) + 2)
+    text = file.read(length) if length <= os.fstat(file.fileno()).st_size else b""
+    if hashlib.sha256(text).hexdigest().encode() != digest:
+        return None
+    held = json.loads(text)
+    if set(held) != {field.name for field in fields(Plan)}:
+        raise InputError(f"{path}: is of another version of cageik; begin again with --overwrite")
+    return Plan(**held)
+
+
+def _blocks(file: io.FileIO, plan: Plan) -> Iterator[SolvedBlock]:
+    """The blocks from here on, as far as they are whole and follow each other."""
+    done = 0
+    while True:
+        head = file.read(_BLOCK.size)
+        if len(head) < _BLOCK.size:
+            return
+        length, checksum = _BLOCK.unpack(head)
+        left = os.fstat(file.fileno()).st_size - file.tell()
+        data = file.read(length) if length <= left else b""
+        if len(data) < length or zlib.crc32(data) != checksum:
+            return
+        block = unpacked(data, plan.cage_vertices)
+        if block.start != done:
+            return
+        done = block.stop
+        yield block
+
+
+def _write(file: io.FileIO, data: bytes) -> None:
+    view = memoryview(data)
+    while view:
+        view = view[file.write(view) or 0 :]
+
+
+def _unwritten(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot be written ({error.strerror or error})")

@@ -1,0 +1,115 @@
+"""Result files, written beside their name and renamed when whole."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from cageik_cli import __version__
+from cageik_cli.binding import Binding
+from cageik_cli.dual_laplacian import Quality
+from cageik_cli.errors import NumericalError
+from cageik_cli.mesh import Floats
+from cageik_cli.metrics import FrameFigures
+from cageik_cli.outputs import PatientFile, whole_file
+from cageik_cli.scene import Scene
+from cageik_cli.store.parts import as_json, new_file, write_deflated, write_meshes
+from cageik_cli.store.result import FIGURES, FORMAT, SCHEMA, WHOLE_FIGURES, fault_of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Header:
+    """What is known of a result before its first frame is solved.
+
+    Attributes
+    ----------
+    binding : Binding
+    quality : Quality
+    frames : tuple of str
+    scene : Scene
+    settings : dict
+    notes : tuple of str
+    keep_weights : bool
+    """
+
+    binding: Binding
+    quality: Quality
+    frames: tuple[str, ...]
+    scene: Scene
+    settings: dict[str, Any]
+    notes: tuple[str, ...]
+    keep_weights: bool
+
+
+class ResultWriter:
+    """Appends blocks of cages and figures to an open file, in order."""
+
+    def __init__(self, file: h5py.File, sink: PatientFile, header: Header) -> None:
+        self._file, self._sink = file, sink
+        self._done = 0
+        self._count = len(header.frames)
+        self._weights = header.binding.weights if header.keep_weights else None
+        binding = header.binding
+        cage, rest = binding.cage, binding.rest
+        file.create_dataset("verts", (self._count, *cage.vertices.shape), "f8")
+        write_meshes(file, rest, cage)
+        file.create_dataset("frames/name", data=header.frames, dtype=h5py.string_dtype())
+        for name in FIGURES:
+            kind = "i8" if name in WHOLE_FIGURES else "f8"
+            file.create_dataset(f"metrics/{name}", (self._count,), kind)
+        file.attrs.update(format=FORMAT, schema=SCHEMA, version=__version__)
+        file.attrs.update(asdict(header.scene))
+        file.attrs["settings"] = as_json(header.settings)
+        file.attrs["notes"] = as_json(header.notes)
+        file.attrs["quality"] = as_json(asdict(header.quality))
+        file.attrs["complete"] = False
+
+    def append(self, cages: Floats, figures: FrameFigures) -> None:
+        """Write the next k frames: cages (k, n, 3) and their figures, which are sound."""
+        done = slice(self._done, self._done + len(cages))
+        self._file["verts"][done] = cages
+        for name in FIGURES:
+            self._file[f"metrics/{name}"][done] = getattr(figures, name)
+        self._sink.check()
+        self._done = done.stop
+
+    def complete(self, sources: dict[str, Any], skipped: dict[int, str]) -> None:
+        """Write the weights, say what was read and skipped, and that all is there."""
+        if self._done != self._count:
+            raise ValueError(f"{self._done} of {self._count} frames were appended")
+        if self._weights is not None:
+            write_deflated(self._file, "weights", self._weights)
+        self._file.attrs["sources"] = as_json(sources)
+        self._file.attrs["skipped"] = as_json({str(k): text for k, text in skipped.items()})
+        self._file.attrs["complete"] = True
+
+
+def refuse_unsound(start: int, cages: Floats, figures: FrameFigures) -> None:
+    """Refuse frames from `start` on that are not finite, or too large to be read again.
+
+    Raises
+    ------
+    NumericalError
+    """
+    fault = fault_of(figures)
+    if fault is not None or not np.isfinite(cages).all():
+        raise NumericalError(
+            f"the solve gave {fault or 'cages that are not finite'} in frames {start} to "
+            f"{start + len(cages) - 1}; scale the scene to coordinates near 1"
+        )
+
+
+@contextmanager
+def create(
+    path: Path, header: Header, overwrite: bool, beside: Path | None = None
+) -> Iterator[ResultWriter]:
+    """Write a result beside its name; it takes the name when the block ends without an error.
+
+    `beside` is where it is until then, if no other run can have that name.
+    """
+    with whole_file(path, overwrite, beside) as sink, new_file(sink) as file:
+        yield ResultWriter(file, sink, header)

@@ -1,0 +1,240 @@
+"""The log of a run: whatever moment it is cut at, what is whole of it is there again."""
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cageik_cli.errors import InputError
+from cageik_cli.locks import open_locked
+from cageik_cli.metrics import FrameFigures
+from cageik_cli.sequence import Block
+from cageik_cli.store.partial import MAGIC, PartialResult, Plan, is_partial, progress_of
+from cageik_cli.store.solved_block import SolvedBlock, packed, solved, unpacked
+
+PLAN = Plan(
+    frames=[f"frame_{k}_é.obj" for k in range(5)],
+    settings={"alpha": 0.5, "vertex_weights": False},
+    sources={"cage": {"name": "cage.obj", "sha256": "ab"}},
+    key="00",
+    cage_vertices=4,
+    block=2,
+)
+
+
+def block_of(start, count, faults=()):
+    generator = np.random.default_rng(start)
+    columns = {field.name: generator.uniform(1, 2, count) for field in fields(FrameFigures)}
+    columns["worst_vertex"] = np.arange(count)
+    digests = tuple(bytes([start + k]) * 32 for k in range(count))
+    cages = generator.normal(size=(count, 4, 3))
+    return SolvedBlock(start, cages, FrameFigures(**columns), digests, dict(faults))
+
+
+BLOCKS = [block_of(0, 2), block_of(2, 2, {3: "frame_3: not a mesh ü"}), block_of(4, 1)]
+
+
+def assert_same(found, expected):
+    assert (found.start, found.stop) == (expected.start, expected.stop)
+    assert (found.digests, found.faults) == (expected.digests, expected.faults)
+    np.testing.assert_array_equal(found.cages, expected.cages)
+    for field in fields(FrameFigures):
+        one, other = (getattr(block.figures, field.name) for block in (found, expected))
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.fixture
+def log(tmp_path):
+    """The path of a log that holds all blocks."""
+    path = tmp_path / "cages.h5.partial"
+    partial = PartialResult.opened(path, PLAN, resume=False)
+    for block in BLOCKS:
+        partial.append(block)
+    partial.close()
+    return path
+
+
+def held(path):
+    """What a run that goes on finds."""
+    partial = PartialResult.opened(path, PLAN, resume=True)
+    blocks = list(partial.blocks())
+    done = partial.done
+    partial.close()
+    return done, blocks
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_a_block_is_its_bytes(block):
+    assert_same(unpacked(packed(block), 4), block)
+
+
+def test_all_blocks_are_found_again(log):
+    done, blocks = held(log)
+    assert done == 5
+    for found, expected in zip(blocks, BLOCKS, strict=True):
+        assert_same(found, expected)
+    assert progress_of(log) == (5, 5)
+    assert is_partial(log)
+
+
+def test_a_log_cut_anywhere_holds_the_blocks_that_are_whole(log):
+    data = log.read_bytes()
+    ends = []
+    for count in range(len(BLOCKS) + 1):
+        log.unlink()
+        partial = PartialResult.opened(log, PLAN, resume=False)
+        for block in BLOCKS[:count]:
+            partial.append(block)
+        partial.close()
+        ends.append(log.stat().st_size)
+    frames = (0, 2, 4, 5)
+    for size in range(0, len(data) + 1, 7):
+        log.write_bytes(data[:size])
+        whole = sum(end <= size for end in ends[1:])
+        done, blocks = held(log)
+        assert (done, len(blocks)) == (frames[whole], whole)
+        assert log.stat().st_size == ends[whole]
+
+
+def test_what_follows_a_cut_is_as_if_it_had_never_been_cut(log):
+    data = log.read_bytes()
+    log.write_bytes(data[:-20])
+    partial = PartialResult.opened(log, PLAN, resume=True)
+    assert partial.done == 4
+    partial.append(BLOCKS[2])
+    partial.close()
+    assert log.read_bytes() == data
+
+
+@pytest.mark.parametrize("place", [-1, -300, -600])
+def test_a_flipped_byte_ends_the_log_before_its_block(log, place):
+    data = bytearray(log.read_bytes())
+    data[place] ^= 1
+    log.write_bytes(data)
+    done, _ = held(log)
+    assert done < 5
+
+
+def test_blocks_are_forgotten_from_a_frame_on(log):
+    partial = PartialResult.opened(log, PLAN, resume=True)
+    partial.cut(3)
+    assert partial.done == 2
+    partial.append(BLOCKS[1])
+    assert [block.start for block in partial.blocks()] == [0, 2]
+    partial.close()
+
+
+def test_a_new_run_begins_anew(log):
+    partial = PartialResult.opened(log, PLAN, resume=False)
+    assert (partial.done, list(partial.blocks())) == (0, [])
+    partial.close()
+    assert progress_of(log) == (0, 5)
+
+
+@pytest.mark.parametrize(
+    ("other", "says"),
+    [
+        (replace(PLAN, frames=["a", "b"]), "it was of 5 other frames"),
+        (replace(PLAN, settings=PLAN.settings | {"alpha": 0.25}), "its alpha was 0.5, not 0.25"),
+        (replace(PLAN, sources={}), "its cage was another"),
+        (
+            replace(PLAN, sources=PLAN.sources | {"vertex_weights": {}}),
+            "its vertex weights was another",
+        ),
+        (replace(PLAN, version="0.0"), "it was of cageik"),
+        (replace(PLAN, key="01"), "its weights were others"),
+        (replace(PLAN, cage_vertices=5), "its weights were others"),
+    ],
+)
+def test_another_plan_is_refused_and_left(log, other, says):
+    data = log.read_bytes()
+    with pytest.raises(InputError, match=rf"cages\.h5\.partial: is of another run: {says}"):
+        PartialResult.opened(log, other, resume=True)
+    assert log.read_bytes() == data
+
+
+def test_a_run_that_goes_on_keeps_the_size_of_its_blocks(log):
+    partial = PartialResult.opened(log, replace(PLAN, block=3), resume=True)
+    assert partial.plan.block == 2
+    partial.close()
+
+
+def test_another_file_is_refused_and_left(tmp_path):
+    path = tmp_path / "cages.h5.partial"
+    path.write_text("my diary")
+    assert not is_partial(path)
+    with pytest.raises(InputError, match="is not what an interrupted run leaves; move it away"):
+        PartialResult.opened(path, PLAN, resume=True)
+    with pytest.raises(InputError, match="is not what an interrupted run leaves"):
+        progress_of(path)
+    assert path.read_text() == "my diary"
+
+
+@pytest.mark.parametrize("head", [b"", b"ab 12\n", b"ab 99999999999999\n{}", b"ab x\n", b"\n"])
+def test_a_plan_that_is_not_whole_is_no_progress(tmp_path, head):
+    path = tmp_path / "a.partial"
+    path.write_bytes(MAGIC + head)
+    assert progress_of(path) == (0, 0)
+    assert held(path)[0] == 0
+
+
+def test_a_log_is_one_runs_at_a_time(log):
+    partial = PartialResult.opened(log, PLAN, resume=True)
+    with pytest.raises(InputError, match="another run is writing it"):
+        PartialResult.opened(log, PLAN, resume=True)
+    partial.discard()
+    assert not log.exists()
+    PartialResult.opened(log, PLAN, resume=True).close()
+
+
+def test_a_name_taken_away_while_it_was_opened_is_made_again(tmp_path, monkeypatch):
+    path = tmp_path / "a.partial"
+    path.write_text("of a run that ends just now")
+    seen = []
+    exists = Path.exists
+
+    def ends(self):
+        if not seen:
+            path.unlink()
+        seen.append(self)
+        return exists(self)
+
+    monkeypatch.setattr(Path, "exists", ends)
+    with open_locked(path) as file:
+        assert file.read() == b""
+    assert len(seen) == 2
+
+
+def test_a_log_that_cannot_be_written_is_a_sentence(tmp_path):
+    with pytest.raises(InputError, match=r"cages\.h5\.partial: cannot be written \(No such file"):
+        PartialResult.opened(tmp_path / "nowhere" / "cages.h5.partial", PLAN, resume=True)
+
+
+def test_a_block_that_cannot_be_written_leaves_those_before(log, monkeypatch):
+    partial = PartialResult.opened(log, PLAN, resume=True)
+    partial.cut(4)
+
+    def full(file, data):
+        file.write(data[: len(data) // 2])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("cageik_cli.store.partial._write", full)
+    with pytest.raises(InputError, match=r"cannot be written \(No space left on device\)"):
+        partial.append(BLOCKS[2])
+    monkeypatch.undo()
+    partial.append(BLOCKS[2])
+    partial.close()
+    assert held(log)[0] == 5
+
+
+def test_a_frame_that_could_not_be_read_becomes_a_gap():
+    block = block_of(2, 3)
+    read = Block(2, np.zeros((3, 1, 3)), {3: InputError("frame_3: missing")})
+    found = solved(read, block.cages, block.figures, block.digests)
+    assert found.faults == {3: "frame_3: missing"}
+    assert np.isnan(found.cages[1]).all()
+    assert np.isnan(found.figures.rms[1])
+    assert found.figures.worst_vertex.tolist() == [0, -1, 2]
+    np.testing.assert_array_equal(found.cages[[0, 2]], block.cages[[0, 2]])
+    assert np.isfinite(block.cages).all()

@@ -1,0 +1,266 @@
+"""Runs that end early: what they leave, how they go on, and that nobody can tell afterwards."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli.dual_laplacian import SolveSettings
+from cageik_cli.errors import InputError
+from cageik_cli.extraction import ExtractSettings, extract
+from cageik_cli.observer import Observer
+from cageik_cli.report import as_csv, as_json, as_text, report_of
+from cageik_cli.store.partial import progress_of
+
+LOG = Path("cages.h5.partial")
+
+
+class Stopped(Observer):
+    """Ends the run when so many frames are done, as Ctrl-C does; remembers what was remarked."""
+
+    def __init__(self, after=None):
+        self.after, self.remarks = after, []
+
+    def advance(self, done, total):
+        if total == 5 and done == self.after:
+            raise KeyboardInterrupt
+
+    def remark(self, topic, text):
+        self.remarks.append((topic, text))
+
+
+@pytest.fixture
+def plain(folder):
+    """Settings for the little animation, a frame a block."""
+    return ExtractSettings(
+        frames=("frames",), cage=Path("cage.obj"), output=Path("cages.h5"), memory=1
+    )
+
+
+@pytest.fixture
+def whole(plain):
+    """The bytes of a run that nobody interrupts."""
+    return extract(replace(plain, output=Path("whole.h5"))).path.read_bytes()
+
+
+def interrupted(settings, after):
+    with pytest.raises(KeyboardInterrupt) as caught:
+        extract(settings, Stopped(after))
+    return caught.value
+
+
+@pytest.mark.parametrize("after", [1, 2, 4, 5])
+def test_an_interrupted_run_goes_on_to_the_same_bytes(plain, whole, after):
+    error = interrupted(plain, after)
+    kept = f"{after} of 5 frames are kept in cages.h5.partial; go on with --resume"
+    assert error.__notes__ == [kept]
+    assert progress_of(LOG) == (after, 5)
+    watch = Stopped()
+    result = extract(replace(plain, resume=True), watch)
+    assert result.path.read_bytes() == whole
+    assert watch.remarks == [("resumed", f"from frame {after} of 5")]
+    assert not LOG.exists()
+
+
+def test_a_run_may_be_interrupted_again_and_again(plain, whole):
+    for after in (1, 2, 3, 4):
+        interrupted(replace(plain, resume=True), after)
+    assert extract(replace(plain, resume=True)).path.read_bytes() == whole
+
+
+def test_memory_and_jobs_may_change_meanwhile(plain, whole):
+    interrupted(plain, 2)
+    settings = replace(plain, resume=True, memory=1 << 30, jobs=3)
+    assert extract(settings).path.read_bytes() == whole
+
+
+def test_without_a_run_before_it_begins(plain, whole):
+    watch = Stopped()
+    assert extract(replace(plain, resume=True), watch).path.read_bytes() == whole
+    assert watch.remarks == []
+
+
+def test_what_an_interrupted_run_left_is_not_lost_unasked(plain, whole):
+    interrupted(plain, 2)
+    with pytest.raises(InputError, match=r"has left 2 of 5 frames there; go on with --resume, or"):
+        extract(plain)
+    assert progress_of(LOG) == (2, 5)
+    assert extract(replace(plain, overwrite=True)).path.read_bytes() == whole
+
+
+def test_a_run_with_other_settings_is_refused(plain):
+    interrupted(plain, 2)
+    other = replace(plain, resume=True, solve=SolveSettings(alpha=0.5))
+    with pytest.raises(InputError, match=r"is of another run: its alpha was 0\.001, not 0\.5"):
+        extract(other)
+    assert progress_of(LOG) == (2, 5)
+
+
+def test_frames_that_changed_are_solved_again(plain, animation, write_obj):
+    interrupted(plain, 4)
+    write_obj(Path("frames/frame_3.obj"), animation.frames[2] + 0.25, animation.rest.faces)
+    watch = Stopped()
+    resumed = extract(replace(plain, resume=True), watch).path.read_bytes()
+    assert watch.remarks == [("resumed", "from frame 2 of 5")]
+    assert resumed == extract(replace(plain, output=Path("whole.h5"))).path.read_bytes()
+
+
+def test_a_bad_frame_is_mended_and_gone_on_from(plain, whole):
+    frame = Path("frames/frame_4.obj")
+    text = frame.read_text()
+    frame.write_text("no mesh")
+    with pytest.raises(InputError, match=r"frame_4\.obj") as caught:
+        extract(plain)
+    assert "3 of 5 frames are kept" in caught.value.__notes__[-1]
+    frame.write_text(text)
+    assert extract(replace(plain, resume=True)).path.read_bytes() == whole
+
+
+def test_a_whole_result_is_left_as_it_is(plain, whole):
+    extract(plain)
+    watch = Stopped()
+    assert extract(replace(plain, resume=True), watch).path.read_bytes() == whole
+    assert watch.remarks == [("resumed", "the result is whole already")]
+
+
+def test_a_run_killed_between_its_last_two_steps_is_done(plain, whole):
+    interrupted(plain, 5)
+    Path("cages.h5").write_bytes(whole)
+    Path("cages.h5.whole.partial").write_text("half")
+    assert extract(replace(plain, resume=True)).path.read_bytes() == whole
+    assert not LOG.exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"solve": SolveSettings(alpha=0.5)}, "other settings"),
+        ({"frames": ("frames/frame_1.obj", "frames/frame_2.obj")}, "other frames"),
+        ({"cage": Path("other.obj")}, "other files"),
+    ],
+)
+def test_another_result_is_not_replaced_by_going_on(plain, whole, change, says):
+    extract(plain)
+    Path("other.obj").write_text(Path("cage.obj").read_text() + "# other\n")
+    with pytest.raises(InputError, match=f"is the result of {says}; choose another name"):
+        extract(replace(plain, resume=True, **change))
+    assert Path("cages.h5").read_bytes() == whole
+
+
+@pytest.fixture
+def gapped(plain, whole, animation, write_obj):
+    """Frames of which the second and fourth are no good, once a sound run was made of them."""
+    Path("frames/frame_2.obj").write_text("no mesh")
+    write_obj(Path("frames/frame_4.obj"), animation.frames[3] * np.nan, animation.rest.faces)
+    return plain
+
+
+SKIPPED = {"frames/frame_2.obj": "0 vertices and 0 faces", "frames/frame_4.obj": "vertex 0 is"}
+
+
+@pytest.mark.parametrize("memory", [1, 1 << 30])
+def test_a_frame_that_is_skipped_leaves_a_gap(gapped, memory):
+    result = extract(replace(gapped, on_bad_frame="skip", memory=memory))
+    assert result.frames == tuple(f"frame_{k}.obj" for k in range(1, 6))
+    assert list(result.skipped) == [1, 3]
+    for text, (place, why) in zip(result.skipped.values(), SKIPPED.items(), strict=True):
+        assert text.startswith(place)
+        assert why in text
+    with h5py.File("cages.h5") as file, h5py.File("whole.h5") as other:
+        found, expected = file["verts"][:], other["verts"][:]
+        rms, known = file["metrics/rms"][:], other["metrics/rms"][:]
+    assert np.isnan(found[[1, 3]]).all()
+    assert np.isnan(rms[[1, 3]]).all()
+    good = [0, 2, 4]
+    np.testing.assert_allclose(found[good], expected[good], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(rms[good], known[good], rtol=0, atol=1e-13)
+
+
+def test_other_frames_do_not_depend_on_the_gaps(gapped):
+    """To the last bit, though they share a block with them."""
+    extract(replace(gapped, on_bad_frame="skip", memory=1 << 30))
+    for k in (2, 4):
+        Path(f"frames/frame_{k}.obj").write_text(Path("frames/frame_1.obj").read_text())
+    extract(replace(gapped, memory=1 << 30, output=Path("full.h5")))
+    with h5py.File("cages.h5") as file, h5py.File("full.h5") as other:
+        assert file["verts"][::2].tobytes() == other["verts"][::2].tobytes()
+
+
+def test_a_run_with_gaps_goes_on_to_the_same_bytes(gapped):
+    expected = extract(replace(gapped, output=Path("gaps.h5"), on_bad_frame="skip"))
+    interrupted(replace(gapped, on_bad_frame="skip"), 3)
+    result = extract(replace(gapped, on_bad_frame="skip", resume=True))
+    assert result.path.read_bytes() == expected.path.read_bytes()
+
+
+def test_a_gap_is_read_again_when_its_file_was_mended_meanwhile(gapped):
+    interrupted(replace(gapped, on_bad_frame="skip"), 4)
+    Path("frames/frame_2.obj").write_text(Path("frames/frame_1.obj").read_text())
+    result = extract(replace(gapped, on_bad_frame="skip", resume=True))
+    assert list(result.skipped) == [3]
+
+
+def test_a_run_that_stops_does_not_go_on_over_a_gap(gapped):
+    interrupted(replace(gapped, on_bad_frame="skip"), 3)
+    with pytest.raises(InputError, match=r"frame_2\.obj: 0 vertices") as caught:
+        extract(replace(gapped, resume=True))
+    assert "1 of 5 frames are kept" in caught.value.__notes__[-1]
+
+
+def test_nothing_but_gaps_is_refused(plain):
+    """The first frame, which tells the connectivity, is damaged after it was opened."""
+
+    class Damaging(Stopped):
+        def stage(self, name):
+            if name == "factor":
+                for path in Path("frames").iterdir():
+                    path.write_text("no mesh")
+            return super().stage(name)
+
+    with pytest.raises(InputError, match=r"no frame can be read, the first: .*frame_1\.obj: 0 ver"):
+        extract(replace(plain, on_bad_frame="skip"), Damaging())
+    assert not Path("cages.h5").exists()
+
+
+def test_the_report_names_the_gaps(gapped):
+    report = report_of(extract(replace(gapped, on_bad_frame="skip")))
+    text = as_text(report)
+    row = next(line for line in text.splitlines() if line.startswith("  skipped"))
+    assert "2 of 5 frames: frame_2.obj, frame_4.obj; frames/frame_2.obj: 0 vertices" in row
+    assert "nan" not in text
+    record = json.loads(as_json([report]))
+    assert record["summary"]["frames_skipped"] == 2
+    gap = record["frames"][1]
+    assert "0 vertices" in gap.pop("skipped")
+    assert {key for key, value in gap.items() if value is not None} == {"index", "name"}
+    assert record["frames"][2]["skipped"] is None
+    good = [frame["rms"] ** 2 for frame in record["frames"] if frame["rms"] is not None]
+    assert record["summary"]["rms"] == pytest.approx(np.sqrt(np.mean(good)), rel=1e-12)
+    row = list(csv.DictReader(io.StringIO(as_csv([report]))))[1]
+    assert (row["name"], row["rms"], row["volume"]) == ("frame_2.obj", "", "")
+    assert "0 vertices" in row["skipped"]
+
+
+TYPED = ("extract", "frames/*.obj", "--cage", "cage.obj")
+
+
+def test_the_command_says_what_is_kept_and_goes_on(run, gapped):
+    outcome = run(*TYPED, "--memory", "1")
+    assert outcome.code == 1
+    assert outcome.err.splitlines()[-1].endswith(
+        "1 of 5 frames are kept in cages.h5.partial; go on with --resume"
+    )
+    for name in ("cages.h5", "cages.h5.partial"):
+        said = run("report", name)
+        assert said.code == 1
+        assert "interrupted run has left" in said.err
+    assert "1 of 5; the same command with --resume goes on" in run("info", LOG).out
+    outcome = run(*TYPED, "--memory", "1", "--resume", "--on-bad-frame", "skip")
+    assert outcome.code == 0
+    assert "resumed        from frame 1 of 5" in outcome.err
+    assert "skipped        2 of 5 frames" in outcome.err
