@@ -1,99 +1,25 @@
 """The run: blocks of frames through the solver, measured, into the result file."""
 
 import hashlib
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from cageik_cli.binding import Binding, BindSettings
-from cageik_cli.binding_run import WeightSettings, from_file, made
-from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings, normalised_weights
-from cageik_cli.errors import InputError, located
-from cageik_cli.mesh import Floats
-from cageik_cli.metrics import measure
+from cageik_cli.binding import Binding
+from cageik_cli.dual_laplacian import DualLaplacianSolver
+from cageik_cli.errors import InputError
+from cageik_cli.inputs import ExtractSettings, Inputs, bound_of, opened
 from cageik_cli.observer import Observer
 from cageik_cli.resuming import forget, going_on, prepare_result, take_up, whole_already
-from cageik_cli.scene import Scene, SceneHints
-from cageik_cli.sequence import (
-    ClipSettings,
-    LoadedMesh,
-    MeshSequence,
-    clip_and_rest,
-    load_mesh,
-    load_vertex_weights,
-)
+from cageik_cli.scene import Scene
+from cageik_cli.sequence import LoadedMesh, MeshSequence, ReadAhead
+from cageik_cli.solving import BlockSolver, Budget, queue_length
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.partial import PartialResult, Plan
+from cageik_cli.store.partial import PartialResult, Plan, progress_of
 from cageik_cli.store.result import Result, partial_name, read_result
-from cageik_cli.store.result_writer import Header, create, refuse_unsound
-from cageik_cli.store.solved_block import solved
+from cageik_cli.store.result_writer import Header, create
 from cageik_cli.threads import blas_threads
-
-LARGEST_BLOCK = 16
-"""Frames solved together at most; the product gains nothing from more right-hand sides."""
-
-ARRAYS_PER_FRAME = 12
-"""Arrays (m, 3) that a frame has at once: read ahead, moved, target, rebuilt, measured."""
-
-
-@dataclass(frozen=True, slots=True)
-class ExtractSettings:
-    """What to extract, from what, to where.
-
-    Attributes
-    ----------
-    frames : tuple of str
-        Files, folders and globs, or one file that holds a clip.
-    cage : Path, optional
-        Needed unless there is a binding.
-    output : Path
-    binding : Path, optional
-        A binding file of this rest pose, and of `cage` if that is given; `bind` then says nothing.
-    cache : Path, optional
-        The folder of the cache of weights; none is used if absent.
-    rest : Path, optional
-        The rest pose; a frame of the clip if absent.
-    rest_frame : int
-        Which frame then, from 0.
-    vertex_weights : Path, optional
-        One number a vertex of the model.
-    bind : BindSettings
-    solve : SolveSettings
-    clip : ClipSettings
-        Which frames of what was named, and how they are to be taken.
-    overwrite, keep_weights : bool
-    resume : bool
-        Go on where an interrupted run of the same plan ended; begin if there is none.
-    on_bad_frame : str
-        "stop", or "skip": leave a gap for a frame that cannot be read, and say so.
-    scene : SceneHints
-        Time and space, where they are not to be as the clip's files say.
-    memory : int
-        Bytes that the weights and blocks of frames may take.
-    jobs : int
-        Threads.
-    """
-
-    frames: tuple[str, ...]
-    cage: Path | None
-    output: Path
-    binding: Path | None = None
-    cache: Path | None = None
-    rest: Path | None = None
-    rest_frame: int = 0
-    vertex_weights: Path | None = None
-    bind: BindSettings = field(default_factory=BindSettings)
-    solve: SolveSettings = field(default_factory=SolveSettings)
-    clip: ClipSettings = field(default_factory=ClipSettings)
-    overwrite: bool = False
-    resume: bool = False
-    on_bad_frame: str = "stop"
-    keep_weights: bool = True
-    scene: SceneHints = field(default_factory=SceneHints)
-    memory: int = 1 << 30
-    jobs: int = 1
 
 
 def extract(settings: ExtractSettings, observer: Observer | None = None) -> Result:
@@ -109,80 +35,42 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
     watch = observer or Observer()
     prepare_result(settings.output, settings.overwrite, settings.resume)
     with watch.stage("open"):
-        inputs = _opened(settings)
-    sequence = inputs.sequence
-    with watch.stage("bind"):
-        bound = _bound(inputs, settings, watch)
-    sources = inputs.sources | bound.sources
-    # One thread: the matrix is small, and threads that wait for each other take longer.
-    with watch.stage("factor"), blas_threads(1):
-        solver = DualLaplacianSolver(bound.binding, settings.solve, inputs.vertex_weights)
-    header = _header(settings, inputs, bound, solver)
-    plan = _plan(settings, header, sources, inputs.vertex_weights)
+        inputs = opened(settings)
     log = partial_name(settings.output)
-    if settings.resume and not settings.overwrite:
-        with watch.stage("read"):
-            result = whole_already(settings.output, header, sequence, sources)
-        if result is not None:
-            forget(log, plan)
-            watch.remark("resumed", "the result is whole already")
-            return result
-    # One thread for the products: the others read ahead, which is most of the work.
-    with going_on(log, plan, settings.resume) as partial, blas_threads(1):
-        with watch.stage("read"):
-            keep_gaps = settings.on_bad_frame == "skip"
-            take_up(partial, sequence, keep_gaps, settings.jobs, watch)
-        _solve_all(sequence, solver, partial, settings, watch)
-        with watch.stage("write"):
-            _compose(partial, header, sources | {"frames": sequence.source()}, settings)
+    start = progress_of(log)[0] if settings.resume and log.exists() else 0
+    ahead = queue_length(settings.memory, len(inputs.rest.mesh.vertices))
+    # Frames are read while the weights are computed.
+    with ReadAhead(inputs.sequence, settings.jobs, ahead, start) as frames:
+        with watch.stage("bind"):
+            bound = bound_of(inputs, settings, watch)
+        # One thread: the matrix is small, and threads that wait for each other take longer.
+        with watch.stage("factor"), blas_threads(1):
+            solver = DualLaplacianSolver(bound.binding, settings.solve, inputs.vertex_weights)
+        sources = inputs.sources | bound.sources
+        header = _header(settings, inputs, bound, solver)
+        budget = Budget.of(settings.memory, bound.binding, settings.jobs)
+        plan = _plan(header, sources, inputs, budget.block)
+        if settings.resume and not settings.overwrite:
+            result = whole_already(settings.output, header, inputs.sequence, sources)
+            if result is not None:
+                forget(log, plan)
+                watch.remark("resumed", "the result is whole already")
+                return result
+        work = BlockSolver(inputs.sequence, solver, settings.on_bad_frame == "skip", watch)
+        # One thread for the products: blocks are solved, and frames read, beside each other.
+        with going_on(log, plan, settings.resume) as partial, blas_threads(1):
+            with watch.stage("read"):
+                take_up(partial, inputs.sequence, work.skip, settings.jobs, watch)
+                frames.go_to(partial.done)
+            work.solve_all(frames, partial, budget.solvers)
+            with watch.stage("write"):
+                sources |= {"frames": inputs.sequence.source()}
+                _compose(partial, header, sources, settings)
     return read_result(settings.output)
 
 
-def block_size(memory: int, vertices: int, cage_vertices: int) -> int:
-    """Frames to a block, such that weights and blocks take no more than `memory` bytes."""
-    left = memory - 8 * vertices * cage_vertices
-    return int(np.clip(left // (ARRAYS_PER_FRAME * 24 * vertices), 1, LARGEST_BLOCK))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Inputs:
-    """What was read before the first frame is solved."""
-
-    sequence: MeshSequence
-    rest: LoadedMesh
-    cage: LoadedMesh | None
-    vertex_weights: Floats | None
-    sources: dict[str, Any]
-
-
-def _opened(settings: ExtractSettings) -> _Inputs:
-    sequence, rest = clip_and_rest(
-        settings.frames, settings.clip, settings.rest, settings.rest_frame
-    )
-    cage = load_mesh(settings.cage) if settings.cage is not None else None
-    if settings.vertex_weights is None:
-        return _Inputs(sequence, rest, cage, None, {})
-    loaded, source = load_vertex_weights(settings.vertex_weights)
-    with located(settings.vertex_weights):
-        weights = normalised_weights(loaded, len(rest.mesh.vertices))
-    return _Inputs(sequence, rest, cage, weights, {"vertex_weights": source})
-
-
-def _bound(inputs: _Inputs, settings: ExtractSettings, watch: Observer) -> StoredBinding:
-    rest, cage = inputs.rest, inputs.cage
-    if settings.binding is not None:
-        bound = from_file(settings.binding, rest, cage)
-        watch.advance(len(rest.mesh.vertices), len(rest.mesh.vertices))
-        return bound
-    if cage is None:
-        raise InputError("neither a cage nor a binding is given, expected one of them")
-    with located(settings.cage):
-        how = WeightSettings(settings.bind, settings.cache, settings.jobs)
-        return made(rest, cage, how, watch)
-
-
 def _header(
-    settings: ExtractSettings, inputs: _Inputs, bound: StoredBinding, solver: DualLaplacianSolver
+    settings: ExtractSettings, inputs: Inputs, bound: StoredBinding, solver: DualLaplacianSolver
 ) -> Header:
     return Header(
         binding=bound.binding,
@@ -195,15 +83,10 @@ def _header(
     )
 
 
-def _plan(
-    settings: ExtractSettings,
-    header: Header,
-    sources: dict[str, Any],
-    vertex_weights: Floats | None,
-) -> Plan:
-    binding = header.binding
+def _plan(header: Header, sources: dict[str, Any], inputs: Inputs, block: int) -> Plan:
+    binding, weights = header.binding, inputs.vertex_weights
     arrays = [binding.rest.vertices, binding.rest.faces, binding.cage.vertices, binding.cage.faces]
-    arrays += [binding.weights] if vertex_weights is None else [binding.weights, vertex_weights]
+    arrays += [binding.weights] if weights is None else [binding.weights, weights]
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(np.ascontiguousarray(array).data)
@@ -213,36 +96,8 @@ def _plan(
         sources=sources,
         key=digest.hexdigest(),
         cage_vertices=len(binding.cage.vertices),
-        block=block_size(settings.memory, *binding.weights.shape),
+        block=block,
     )
-
-
-def _solve_all(
-    sequence: MeshSequence,
-    solver: DualLaplacianSolver,
-    partial: PartialResult,
-    settings: ExtractSettings,
-    watch: Observer,
-) -> None:
-    """Solve and measure every frame that the log does not hold yet."""
-    blocks = sequence.blocks(partial.plan.block, settings.jobs, partial.done)
-    while True:
-        with watch.stage("read"):
-            block = next(blocks, None)
-        if block is None:
-            return
-        if settings.on_bad_frame == "stop":
-            block.refuse_faults()
-        with watch.stage("solve"):
-            solution = solver.solve(block.positions)
-        with watch.stage("measure"):
-            rest, counted = solver.binding.rest, solver.counted
-            figures = measure(rest, block.positions, solution.reconstructions, counted)
-        refuse_unsound(block.start, solution.cages, figures)
-        with watch.stage("write"):
-            stamps = tuple(map(sequence.stamp, range(block.start, block.stop)))
-            partial.append(solved(block, solution.cages, figures, stamps))
-        watch.advance(block.stop, len(sequence))
 
 
 def _compose(

@@ -2,8 +2,15 @@
 
 import math
 import os
+from collections import deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Generic, TypeVar
+
+Item = TypeVar("Item")
+Made = TypeVar("Made")
 
 CONTROL_GROUP = Path("/sys/fs/cgroup")
 
@@ -38,3 +45,55 @@ def blas_threads(count: int) -> AbstractContextManager[object]:
 
     limits: AbstractContextManager[object] = threadpool_limits(limits=count, user_api="blas")
     return limits
+
+
+class InOrder(Generic[Item, Made]):
+    """What `work` makes of items, in their order, made by threads before it is asked for.
+
+    Threads begin at once. What an item's work raises is raised where it would have been given.
+
+    Parameters
+    ----------
+    work : callable
+    items : iterable
+        Gone through in the thread that asks, no further than needed.
+    jobs : int
+        Threads.
+    ahead : int
+        How many items are worked on, or done and not yet asked for, at most.
+    """
+
+    def __init__(
+        self, work: Callable[[Item], Made], items: Iterable[Item], jobs: int, ahead: int
+    ) -> None:
+        self._work, self._items, self._ahead = work, iter(items), ahead
+        self._pool = ThreadPoolExecutor(jobs)
+        self._pending: deque[Future[Made]] = deque()
+        self._fill()
+
+    def __enter__(self) -> "InOrder[Item, Made]":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for future in self._pending:
+            future.cancel()
+        self._pool.shutdown()
+
+    def __iter__(self) -> "InOrder[Item, Made]":
+        return self
+
+    def __next__(self) -> Made:
+        if not self._pending:
+            raise StopIteration
+        made = self._pending[0].result()
+        self._pending.popleft()
+        self._fill()
+        return made
+
+    def _fill(self) -> None:
+        while len(self._pending) < self._ahead:
+            try:
+                item = next(self._items)
+            except StopIteration:
+                return
+            self._pending.append(self._pool.submit(self._work, item))

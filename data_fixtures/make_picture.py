@@ -28,7 +28,8 @@ from meshes import Points
 from numpy.typing import NDArray
 from PIL import Image
 
-from cageik_cli.extraction import ExtractSettings, extract
+from cageik_cli.extraction import extract
+from cageik_cli.inputs import ExtractSettings
 from cageik_cli.mesh import Integers, TriMesh
 from cageik_cli.sequence import open_sequence
 from cageik_cli.store.result import Result

@@ -7,11 +7,15 @@ import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import SolveSettings
 from cageik_cli.errors import InputError, NumericalError
-from cageik_cli.extraction import LARGEST_BLOCK, ExtractSettings, Observer, block_size, extract
+from cageik_cli.extraction import extract
+from cageik_cli.inputs import ExtractSettings
+from cageik_cli.observer import Observer
 from cageik_cli.report import as_text, report_of
-from tests.shapes import rotation
+from cageik_cli.solving import ARRAYS_PER_FRAME, Budget, queue_length
+from tests.shapes import ball, box, rotation
 
 TRUTH = SolveSettings(alpha=0.0)
 
@@ -106,16 +110,23 @@ def test_memory_and_threads_do_not_change_the_cages(walker, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("memory", "vertices", "frames"),
-    [
-        (1, 10_000, 1),
-        (10 * 12 * 24 * 100 + 8 * 100 * 20, 100, 10),
-        (10 * 12 * 24 * 100 + 8 * 100 * 20 - 1, 100, 9),
-        (1 << 40, 10, LARGEST_BLOCK),
-    ],
-)
-def test_weights_and_blocks_fit_the_memory(memory, vertices, frames):
-    assert block_size(memory, vertices, 20) == frames
+    ("frames", "jobs", "expected"),
+    [(-1, 4, (1, 1)), (10, 4, (10, 1)), (15.9, 4, (15, 1)), (16, 4, (16, 1)), (40, 4, (16, 2)),
+     (1000, 4, (16, 4))],
+)  # fmt: skip
+def test_weights_and_blocks_fit_the_memory(frames, jobs, expected):
+    """Memory for the weights and so many frames; arrays of a frame are `ARRAYS_PER_FRAME`."""
+    model = ball(2)
+    binding = Binding(model, box(2.0), np.zeros((len(model.vertices), 8)))
+    frame = ARRAYS_PER_FRAME * model.vertices.nbytes
+    memory = binding.weights.nbytes + int(frames * frame)
+    assert Budget.of(memory, binding, jobs) == Budget(*expected)
+
+
+def test_the_queue_is_a_part_of_the_memory():
+    assert queue_length(8 * 24 * 1000, 100) == 10
+    assert queue_length(1, 100) == 1
+    assert queue_length(1 << 60, 1 << 10) == (1 << 26) // (24 << 10)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -21,8 +21,8 @@ ORDER = (
     "binding", "alignment", "dual_laplacian", "metrics",
     "locks", "outputs", "hdf5", "sequence", "store.parts", "store.result", "store.result_writer",
     "store.solved_block", "store.partial", "store.binding_file",
-    "store.cache", "export", "binding_run", "resuming", "extraction", "report", "checking",
-    "describing", "cli", "__main__",
+    "store.cache", "export", "binding_run", "inputs", "resuming", "solving", "extraction",
+    "report", "checking", "describing", "cli", "__main__",
 )  # fmt: skip
 """Each imports only from those before it; a folder named here keeps its own order."""
 

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,8 @@ import pytest
 
 from cageik_cli.dual_laplacian import SolveSettings
 from cageik_cli.errors import InputError
-from cageik_cli.extraction import ExtractSettings, extract
+from cageik_cli.extraction import extract
+from cageik_cli.inputs import ExtractSettings
 from cageik_cli.observer import Observer
 from cageik_cli.report import as_csv, as_json, as_text, report_of
 from cageik_cli.store.partial import progress_of
@@ -216,11 +218,12 @@ def test_nothing_but_gaps_is_refused(plain):
     """The first frame, which tells the connectivity, is damaged after it was opened."""
 
     class Damaging(Stopped):
+        @contextmanager
         def stage(self, name):
-            if name == "factor":
+            yield
+            if name == "open":
                 for path in Path("frames").iterdir():
                     path.write_text("no mesh")
-            return super().stage(name)
 
     with pytest.raises(InputError, match=r"no frame can be read, the first: .*frame_1\.obj: 0 ver"):
         extract(replace(plain, on_bad_frame="skip"), Damaging())

@@ -4,7 +4,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from cageik_cli import threads
-from cageik_cli.threads import blas_threads, processors
+from cageik_cli.threads import InOrder, blas_threads, processors
 
 
 def test_blas_threads_are_limited_inside_and_restored():
@@ -51,3 +51,44 @@ def test_a_container_has_its_share(tmp_path, monkeypatch, files, expected):
     monkeypatch.setattr(threads, "CONTROL_GROUP", tmp_path)
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(8)), raising=False)
     assert processors() == expected
+
+
+@pytest.mark.parametrize("jobs", [1, 3])
+@pytest.mark.parametrize("ahead", [1, 2, 7])
+def test_what_is_made_comes_in_the_order_of_the_items(jobs, ahead):
+    def work(item):
+        time.sleep(0.001 * (item % 3))
+        return item * item
+
+    with InOrder(work, range(20), jobs, ahead) as made:
+        assert list(made) == [item * item for item in range(20)]
+
+
+def test_no_more_is_begun_than_is_asked_for_ahead():
+    taken = []
+
+    def items():
+        for item in range(20):
+            taken.append(item)
+            yield item
+
+    with InOrder(lambda item: item, items(), 2, 3) as made:
+        assert taken == [0, 1, 2]
+        assert next(made) == 0
+        assert taken == [0, 1, 2, 3]
+
+
+def test_an_error_is_raised_where_its_item_would_have_been():
+    done = []
+
+    def work(item):
+        if item == 2:
+            raise ValueError("two")
+        done.append(item)
+        return item
+
+    with InOrder(work, range(100), 1, 4) as made:
+        assert [next(made), next(made)] == [0, 1]
+        with pytest.raises(ValueError, match="two"):
+            next(made)
+    assert max(done) < 10

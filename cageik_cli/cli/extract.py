@@ -113,7 +113,7 @@ def _settings(options: dict[str, Any]) -> Any:
     """The settings that the options mean; values that contradict are wrong usage."""
     from cageik_cli.binding import BindSettings
     from cageik_cli.dual_laplacian import SolveSettings
-    from cageik_cli.extraction import ExtractSettings
+    from cageik_cli.inputs import ExtractSettings
 
     if options["cage"] is None and options["binding"] is None:
         raise click.UsageError("Missing option '--cage', or '--binding', which holds one.")

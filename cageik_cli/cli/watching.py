@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
 from typing import NoReturn
 
 from tqdm import tqdm
@@ -23,7 +24,8 @@ class Watch(Observer):
     Attributes
     ----------
     seconds : dict
-        Time in each stage so far; `read` is time spent waiting for frames that threads read ahead.
+        Time in each stage so far, of all threads; `read` is time spent waiting for frames that
+        threads read ahead.
     remarks : list of (topic, text)
         What was remarked so far.
     """
@@ -32,6 +34,7 @@ class Watch(Observer):
         self.seconds: dict[str, float] = {}
         self.remarks: list[tuple[str, str]] = []
         self._start = time.perf_counter()
+        self._lock = Lock()
         self._bar: tqdm[NoReturn] | None = None
         self._shown = ""
         self._draw = draw and sys.stderr is not None and sys.stderr.isatty()
@@ -45,7 +48,8 @@ class Watch(Observer):
         try:
             yield
         finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+            with self._lock:  # stages of several blocks run beside each other
+                self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
     def advance(self, done: int, total: int) -> None:
         """Move the bar."""

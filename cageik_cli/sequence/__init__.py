@@ -1,6 +1,12 @@
 """Mesh animations in: every reader gives the same lazily read `MeshSequence`."""
 
-from cageik_cli.sequence.clip import Block, ClipSettings, MeshSequence, refuse_other_connectivity
+from cageik_cli.sequence.clip import (
+    Block,
+    ClipSettings,
+    MeshSequence,
+    ReadAhead,
+    refuse_other_connectivity,
+)
 from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh
 from cageik_cli.sequence.opening import files_read, open_sequence
 from cageik_cli.sequence.rest_pose import clip_and_rest
@@ -11,6 +17,7 @@ __all__ = [
     "ClipSettings",
     "LoadedMesh",
     "MeshSequence",
+    "ReadAhead",
     "clip_and_rest",
     "files_read",
     "load_mesh",

@@ -2,10 +2,9 @@
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import Floats, Integers, TriMesh, checked_positions
 from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.mesh_file import LoadedMesh
+from cageik_cli.threads import InOrder
 
 LAYOUTS = ("fvx", "vxf", "fxv")
 """Orders of an array's axes: f frames, v vertices, x coordinates."""
@@ -188,30 +188,50 @@ class MeshSequence(ABC):
 
         At most two blocks of frames are in memory.
         """
-        with ThreadPoolExecutor(jobs) as pool:
-            pending: deque[Future[Floats | InputError]] = deque()
-            try:
-                for begin in range(start, len(self), size):
-                    ahead = min(begin + 2 * size, len(self))
-                    pending.extend(
-                        pool.submit(self._tried, k) for k in range(begin + len(pending), ahead)
-                    )
-                    count = min(size, len(self) - begin)
-                    yield self._block(begin, [pending.popleft().result() for _ in range(count)])
-            finally:
-                for future in pending:
-                    future.cancel()
+        with ReadAhead(self, jobs, size, start) as frames:
+            yield from frames.blocks(size)
+
+
+class ReadAhead:
+    """The frames of a clip from `start` on, read by `jobs` threads, at most `ahead` in advance."""
+
+    def __init__(self, sequence: MeshSequence, jobs: int, ahead: int, start: int = 0) -> None:
+        self._sequence, self._jobs, self._ahead = sequence, jobs, ahead
+        self._begin(start)
+
+    def __enter__(self) -> "ReadAhead":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._frames.__exit__()
+
+    def go_to(self, start: int) -> None:
+        """Begin at another frame, if it is one."""
+        if start != self._start:
+            self._frames.__exit__()
+            self._begin(start)
+
+    def _begin(self, start: int) -> None:
+        self._start = start
+        numbers = range(start, len(self._sequence))
+        self._frames = InOrder(self._tried, numbers, self._jobs, self._ahead)
+
+    def blocks(self, size: int) -> Iterator[Block]:
+        """Them in blocks of at most `size`."""
+        for start in range(self._start, len(self._sequence), size):
+            yield self._block(start, list(islice(self._frames, size)))
 
     def _tried(self, index: int) -> Floats | InputError:
         try:
-            return self.frame(index)
+            return self._sequence.frame(index)
         except InputError as error:
             return error
 
     def _block(self, start: int, read: list[Floats | InputError]) -> Block:
-        faults = {start + k: v for k, v in enumerate(read) if isinstance(v, InputError)}
-        kept = [self.first.vertices if isinstance(v, InputError) else v for v in read]
-        return Block(start, np.stack(kept), faults)
+        faults = {k: v for k, v in enumerate(read, start) if isinstance(v, InputError)}
+        stead = self._sequence.first.vertices
+        positions = np.stack([stead if isinstance(v, InputError) else v for v in read])
+        return Block(start, positions, faults)
 
 
 def refuse_other_connectivity(count: int, faces: Integers, expected: TriMesh, whose: str) -> None:

@@ -10,9 +10,11 @@ import trimesh
 from cageik_cli.binding import Binding, bind
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings
-from cageik_cli.extraction import LARGEST_BLOCK, ExtractSettings, extract
+from cageik_cli.extraction import extract
+from cageik_cli.inputs import ExtractSettings
 from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence import load_mesh, open_sequence
+from cageik_cli.solving import LARGEST_BLOCK
 from cageik_cli.threads import blas_threads, processors
 from tests.shapes import ball, inside
 

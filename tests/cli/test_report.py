@@ -13,7 +13,8 @@ def result_bytes(tmp_path_factory, animation, write_obj):
     """The bytes of a result of the little animation."""
     import numpy as np
 
-    from cageik_cli.extraction import ExtractSettings, extract
+    from cageik_cli.extraction import extract
+    from cageik_cli.inputs import ExtractSettings
 
     folder = tmp_path_factory.mktemp("report")
     np.savez(folder / "clip.npz", verts=animation.frames, faces=animation.rest.faces)

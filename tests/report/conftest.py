@@ -6,7 +6,8 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.extraction import ExtractSettings, extract
+from cageik_cli.extraction import extract
+from cageik_cli.inputs import ExtractSettings
 from cageik_cli.store.result import Result
 
 

@@ -1,0 +1,131 @@
+"""What a run is given: its settings, and what it reads before the first frame is solved."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from cageik_cli.binding import BindSettings
+from cageik_cli.binding_run import WeightSettings, from_file, made
+from cageik_cli.dual_laplacian import SolveSettings, normalised_weights
+from cageik_cli.errors import InputError, located
+from cageik_cli.mesh import Floats
+from cageik_cli.observer import Observer
+from cageik_cli.scene import SceneHints
+from cageik_cli.sequence import (
+    ClipSettings,
+    LoadedMesh,
+    MeshSequence,
+    clip_and_rest,
+    load_mesh,
+    load_vertex_weights,
+)
+from cageik_cli.store.binding_file import StoredBinding
+
+
+@dataclass(frozen=True, slots=True)
+class ExtractSettings:
+    """What to extract, from what, to where.
+
+    Attributes
+    ----------
+    frames : tuple of str
+        Files, folders and globs, or one file that holds a clip.
+    cage : Path, optional
+        Needed unless there is a binding.
+    output : Path
+    binding : Path, optional
+        A binding file of this rest pose, and of `cage` if that is given; `bind` then says nothing.
+    cache : Path, optional
+        The folder of the cache of weights; none is used if absent.
+    rest : Path, optional
+        The rest pose; a frame of the clip if absent.
+    rest_frame : int
+        Which frame then, from 0.
+    vertex_weights : Path, optional
+        One number a vertex of the model.
+    bind : BindSettings
+    solve : SolveSettings
+    clip : ClipSettings
+        Which frames of what was named, and how they are to be taken.
+    overwrite, keep_weights : bool
+    resume : bool
+        Go on where an interrupted run of the same plan ended; begin if there is none.
+    on_bad_frame : str
+        "stop", or "skip": leave a gap for a frame that cannot be read, and say so.
+    scene : SceneHints
+        Time and space, where they are not to be as the clip's files say.
+    memory : int
+        Bytes that the weights and blocks of frames may take.
+    jobs : int
+        Threads.
+    """
+
+    frames: tuple[str, ...]
+    cage: Path | None
+    output: Path
+    binding: Path | None = None
+    cache: Path | None = None
+    rest: Path | None = None
+    rest_frame: int = 0
+    vertex_weights: Path | None = None
+    bind: BindSettings = field(default_factory=BindSettings)
+    solve: SolveSettings = field(default_factory=SolveSettings)
+    clip: ClipSettings = field(default_factory=ClipSettings)
+    overwrite: bool = False
+    resume: bool = False
+    on_bad_frame: str = "stop"
+    keep_weights: bool = True
+    scene: SceneHints = field(default_factory=SceneHints)
+    memory: int = 1 << 30
+    jobs: int = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inputs:
+    """What was read before the first frame is solved.
+
+    Attributes
+    ----------
+    sequence : MeshSequence
+    rest : LoadedMesh
+    cage : LoadedMesh, optional
+        None when it comes with a binding.
+    vertex_weights : (m,) float64, optional
+        Of mean one.
+    sources : dict
+        Name and digest of the file of vertex weights, if there is one.
+    """
+
+    sequence: MeshSequence
+    rest: LoadedMesh
+    cage: LoadedMesh | None
+    vertex_weights: Floats | None
+    sources: dict[str, Any]
+
+
+def opened(settings: ExtractSettings) -> Inputs:
+    """Open the clip, and read what is named beside it."""
+    sequence, rest = clip_and_rest(
+        settings.frames, settings.clip, settings.rest, settings.rest_frame
+    )
+    cage = load_mesh(settings.cage) if settings.cage is not None else None
+    if settings.vertex_weights is None:
+        return Inputs(sequence, rest, cage, None, {})
+    loaded, source = load_vertex_weights(settings.vertex_weights)
+    with located(settings.vertex_weights):
+        weights = normalised_weights(loaded, len(rest.mesh.vertices))
+    return Inputs(sequence, rest, cage, weights, {"vertex_weights": source})
+
+
+def bound_of(inputs: Inputs, settings: ExtractSettings, watch: Observer) -> StoredBinding:
+    """The weights: of the file that is named, out of the cache, or computed."""
+    rest, cage = inputs.rest, inputs.cage
+    if settings.binding is not None:
+        bound = from_file(settings.binding, rest, cage)
+        watch.advance(len(rest.mesh.vertices), len(rest.mesh.vertices))
+        return bound
+    if cage is None:
+        raise InputError("neither a cage nor a binding is given, expected one of them")
+    with located(settings.cage):
+        how = WeightSettings(settings.bind, settings.cache, settings.jobs)
+        return made(rest, cage, how, watch)

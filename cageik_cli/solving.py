@@ -1,0 +1,112 @@
+"""Frames through the solver, in blocks, measured, into the log of the run."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli.binding import Binding
+from cageik_cli.dual_laplacian import DualLaplacianSolver
+from cageik_cli.metrics import measure
+from cageik_cli.observer import Observer
+from cageik_cli.sequence import Block, MeshSequence, ReadAhead
+from cageik_cli.store.partial import PartialResult
+from cageik_cli.store.result_writer import refuse_unsound
+from cageik_cli.store.solved_block import SolvedBlock, solved
+from cageik_cli.threads import InOrder
+
+LARGEST_BLOCK = 16
+"""Frames solved together at most; the product gains nothing from more right-hand sides."""
+
+ARRAYS_PER_FRAME = 12
+"""Arrays (m, 3) that a frame has at once: read, moved, target, rebuilt, measured."""
+
+LARGEST_QUEUE = 1 << 26
+"""Bytes of frames read in advance at most, and an eighth of the memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """How a run keeps within its memory.
+
+    Attributes
+    ----------
+    block : int
+        Frames solved together; the number of threads does not change it, nor any figure.
+    solvers : int
+        Blocks that are solved at once.
+    """
+
+    block: int
+    solvers: int
+
+    @staticmethod
+    def of(memory: int, binding: Binding, jobs: int) -> "Budget":
+        """What the weights and frames have room for in `memory` bytes, with `jobs` threads."""
+        frame = ARRAYS_PER_FRAME * 24 * len(binding.rest.vertices)
+        left = memory - binding.weights.nbytes
+        block = int(np.clip(left // frame, 1, LARGEST_BLOCK))
+        return Budget(block, int(np.clip(left // (block * frame), 1, jobs)))
+
+
+def queue_length(memory: int, vertices: int) -> int:
+    """How many frames to read in advance."""
+    return int(max(1, min(memory // 8, LARGEST_QUEUE) // (24 * vertices)))
+
+
+class BlockSolver:
+    """Solves and measures blocks of a clip.
+
+    Parameters
+    ----------
+    sequence : MeshSequence
+    solver : DualLaplacianSolver
+    skip : bool
+        Leave a gap for a frame that cannot be read; else it is refused. An attribute, too.
+    watch : Observer
+    """
+
+    def __init__(
+        self, sequence: MeshSequence, solver: DualLaplacianSolver, skip: bool, watch: Observer
+    ) -> None:
+        self._sequence, self._solver, self._watch = sequence, solver, watch
+        self.skip = skip
+
+    def solve_all(self, frames: ReadAhead, partial: PartialResult, solvers: int) -> None:
+        """Solve the frames that the log does not hold yet, and log them in order."""
+        blocks = self._awaited(frames.blocks(partial.plan.block))
+        with InOrder(self.solved, blocks, solvers, solvers) as made:
+            for block in made:
+                with self._watch.stage("write"):
+                    partial.append(block)
+                self._watch.advance(block.stop, len(self._sequence))
+
+    def solved(self, block: Block) -> SolvedBlock:
+        """The cages and figures of a block.
+
+        Raises
+        ------
+        InputError
+            When a frame could not be read and is not to be skipped.
+        NumericalError
+            When the solve gives numbers that are not finite, or too large.
+        """
+        if not self.skip:
+            block.refuse_faults()
+        with self._watch.stage("solve"):
+            solution = self._solver.solve(block.positions)
+        with self._watch.stage("measure"):
+            rest, counted = self._solver.binding.rest, self._solver.counted
+            figures = measure(rest, block.positions, solution.reconstructions, counted)
+        refuse_unsound(block.start, solution.cages, figures)
+        stamps = tuple(map(self._sequence.stamp, range(block.start, block.stop)))
+        return solved(block, solution.cages, figures, stamps)
+
+    def _awaited(self, blocks: Iterator[Block]) -> Iterator[Block]:
+        """Blocks, the time that is spent waiting for them taken as the stage `read`."""
+        while True:
+            with self._watch.stage("read"):
+                block = next(blocks, None)
+            if block is None:
+                return
+            yield block
