@@ -6,9 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.coordinates.harmonic import ACCURACIES, harmonic_weights
-from cageik_cli.coordinates.mean_value import mean_value_weights
-from cageik_cli.coordinates.weights import Weights, no_progress
+from cageik_cli.coordinates.weights import ACCURACIES, Weights, no_progress
 from cageik_cli.enclosure import OUTSIDE, Enclosure, check_enclosure
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.mesh import Floats, TriMesh
@@ -178,11 +176,14 @@ def _weights(
     held: Enclosure, settings: BindSettings, jobs: int | None, progress: Callable[[int, int], None]
 ) -> Weights:
     cage, points = held.cage, held.points
-    kinds = {
-        "harmonic": lambda: harmonic_weights(cage, points, settings.accuracy, jobs, progress),
-        "mean-value": lambda: mean_value_weights(cage, points, jobs, progress),
-    }
-    return kinds[settings.coordinates]()
+    # Imported here: weights that are kept need neither, and they take a sixth of a second.
+    if settings.coordinates == "mean-value":
+        from cageik_cli.coordinates.mean_value import mean_value_weights
+
+        return mean_value_weights(cage, points, jobs, progress)
+    from cageik_cli.coordinates.harmonic import harmonic_weights
+
+    return harmonic_weights(cage, points, settings.accuracy, jobs, progress)
 
 
 def _poor(weights: Weights, settings: BindSettings) -> tuple[str, ...]:

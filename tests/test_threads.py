@@ -1,4 +1,5 @@
 import os
+import time
 
 import pytest
 from threadpoolctl import threadpool_info

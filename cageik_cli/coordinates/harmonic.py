@@ -12,7 +12,6 @@ divided on which the estimated error is too large.
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,39 +28,10 @@ from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.error_estimate import estimated
 from cageik_cli.coordinates.polynomials import LINEAR, exponents
 from cageik_cli.coordinates.surface import weights_on_surface
-from cageik_cli.coordinates.weights import Weights, no_progress
+from cageik_cli.coordinates.weights import ACCURACIES, Accuracy, Weights, no_progress
 from cageik_cli.errors import InputError
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.threads import blas_threads, processors
-
-
-@dataclass(frozen=True, slots=True)
-class Accuracy:
-    """What weights are computed to.
-
-    Attributes
-    ----------
-    tolerance : float
-        Mean over points of a row's L1 distance from exact weights.
-    order : int
-        Degree of the densities on panels that points come near.
-    reach : float
-        Radii of a panel at which what is beyond linear has half faded out.
-    most : int
-        Unknowns not to be passed for accuracy's sake; the matrix takes 4 bytes times their square.
-    """
-
-    tolerance: float
-    order: int
-    reach: float
-    most: int
-
-
-ACCURACIES = {
-    "preview": Accuracy(0.03, 1, 0.0, 9000),
-    "standard": Accuracy(0.005, 3, 1.5, 15000),
-    "fine": Accuracy(0.001, 5, 4.0, 15000),
-}
 
 FEWEST_PANELS = 60
 """Faces of cages that have fewer are divided in four: it costs nothing."""

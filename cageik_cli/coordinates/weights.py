@@ -25,5 +25,34 @@ class Weights:
     error: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """What weights are computed to.
+
+    Attributes
+    ----------
+    tolerance : float
+        Mean over points of a row's L1 distance from exact weights.
+    order : int
+        Degree of the densities on panels that points come near.
+    reach : float
+        Radii of a panel at which what is beyond linear has half faded out.
+    most : int
+        Unknowns not to be passed for accuracy's sake; the matrix takes 4 bytes times their square.
+    """
+
+    tolerance: float
+    order: int
+    reach: float
+    most: int
+
+
+ACCURACIES = {
+    "preview": Accuracy(0.03, 1, 0.0, 9000),
+    "standard": Accuracy(0.005, 3, 1.5, 15000),
+    "fine": Accuracy(0.001, 5, 4.0, 15000),
+}
+
+
 def no_progress(done: int, total: int) -> None:
     """Tell nobody."""
