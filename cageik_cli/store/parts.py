@@ -13,6 +13,7 @@ from cageik_cli.hdf5 import numbers
 from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.outputs import PatientFile
+from cageik_cli.threads import InOrder, processors
 
 CHUNK_BYTES = 1 << 18
 
@@ -135,12 +136,18 @@ def write_deflated(file: h5py.File, name: str, matrix: Floats) -> None:
     chunks = (rows, matrix.shape[1])
     filters = {"shuffle": True, "compression": "gzip", "compression_opts": 1}
     dataset = file.create_dataset(name, matrix.shape, "f8", chunks=chunks, **filters)
-    for start in range(0, len(matrix), rows):
+
+    def deflated(start: int) -> bytes:
         chunk = np.zeros(chunks)
         chunk[: len(matrix) - start] = matrix[start : start + rows]
         shuffled = chunk.view(np.uint8).reshape(-1, 8).T.tobytes()
         deflate = zlib.compressobj(1, strategy=zlib.Z_HUFFMAN_ONLY)
-        dataset.id.write_direct_chunk((start, 0), deflate.compress(shuffled) + deflate.flush())
+        return deflate.compress(shuffled) + deflate.flush()
+
+    starts, jobs = range(0, len(matrix), rows), processors()
+    with InOrder(deflated, starts, jobs, 2 * jobs) as parts:
+        for start, data in zip(starts, parts, strict=True):
+            dataset.id.write_direct_chunk((start, 0), data)
 
 
 def _finite_integer(text: str) -> int:
