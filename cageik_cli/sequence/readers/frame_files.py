@@ -8,7 +8,7 @@ from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.sequence.clip import ClipRequest, MeshSequence, refuse_other_connectivity
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES, file_mesh, read_bytes
-from cageik_cli.sequence.obj import FrameParser
+from cageik_cli.sequence.obj_frames import FrameParser
 from cageik_cli.sequence.polygons import unfolded
 
 
@@ -30,7 +30,7 @@ class Reader(MeshSequence):
             # Its shape decides how polygons are cut, for all frames.
             self.first = unfolded(self._fanned, mesh.sizes)
         self.notes = tuple(f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
-        self._plain = FrameParser(data) if self._suffix == ".obj" else None
+        self._plain = FrameParser(data, mesh.vertices) if self._suffix == ".obj" else None
 
     def positions(self, index: int) -> Floats:
         """Vertices of one file, its faces compared with the first frame's."""
