@@ -13,11 +13,13 @@ import numpy as np
 from cageik_cli.errors import InputError, located
 from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.sequence.files import PACKED, kind_of, unpacked
 from cageik_cli.sequence.obj import FileMesh, parse_obj
 from cageik_cli.sequence.off import parse_off
 from cageik_cli.sequence.polygons import fans, unfolded
 
-MESH_SUFFIXES = (".obj", ".ply", ".off")
+_PLAIN = (".obj", ".ply", ".off")
+MESH_SUFFIXES = (*_PLAIN, *(suffix + PACKED for suffix in _PLAIN))
 
 # Where the headers announce how many vertices and faces follow.
 _DECLARED = {
@@ -58,13 +60,13 @@ def load_mesh(path: Path) -> LoadedMesh:
     with located(path):
         if path.is_dir():
             raise InputError("is a folder, expected a file; name a mesh in it")
-        if path.suffix.lower() not in MESH_SUFFIXES:
+        kind = kind_of(path)
+        if kind not in MESH_SUFFIXES:
             raise InputError(
-                f"`{path.suffix}` is not a kind of mesh read here, expected "
-                f"{', '.join(MESH_SUFFIXES)}"
+                f"`{kind}` is not a kind of mesh read here, expected {', '.join(MESH_SUFFIXES)}"
             )
         data = read_bytes(path)
-        mesh = file_mesh(data, path.suffix.lower())
+        mesh = file_mesh(unpacked(data, kind), kind)
         fanned = mesh.fanned
         return LoadedMesh(unfolded(fanned, mesh.sizes), fanned, source_of(path, data), mesh.notes)
 
@@ -84,8 +86,9 @@ def source_of(path: Path, data: bytes) -> dict[str, str]:
     return {"name": printable(path.name), "sha256": hashlib.sha256(data).hexdigest()}
 
 
-def file_mesh(data: bytes, suffix: str) -> FileMesh:
-    """The mesh in a mesh file's bytes; `suffix` says of what kind."""
+def file_mesh(data: bytes, kind: str) -> FileMesh:
+    """The mesh in the bytes, unpacked, of a mesh file of some kind."""
+    suffix = kind.removesuffix(PACKED)
     if suffix == ".obj":
         return parse_obj(data)
     if not data:
