@@ -21,17 +21,23 @@ def fans(polygons: Sequence[Sequence[int] | Integers]) -> tuple[Integers, Intege
         Naming a polygon of fewer than three corners.
     """
     sizes = np.array([len(polygon) for polygon in polygons], np.int64)
-    small = np.flatnonzero(sizes < 3)
-    if len(small):
-        raise InputError(
-            f"face {small[0]} has {sizes[small[0]]} corners, expected 3 or more; export it again"
-        )
     corners = np.fromiter(chain.from_iterable(polygons), np.int64, sizes.sum())
     return fans_of(corners, sizes), sizes
 
 
 def fans_of(corners: Integers, sizes: Integers) -> Integers:
-    """Fans, (f, 3), of polygons whose corners follow one another, `sizes` of them, 3 or more."""
+    """Fans, (f, 3), of polygons whose `corners` follow one another, `sizes` of them each.
+
+    Raises
+    ------
+    InputError
+        Naming a polygon of fewer than three corners.
+    """
+    small = np.flatnonzero(sizes < 3)
+    if len(small):
+        raise InputError(
+            f"face {small[0]} has {sizes[small[0]]} corners, expected 3 or more; export it again"
+        )
     counts = sizes - 2
     first = np.repeat(np.cumsum(sizes) - sizes, counts)
     place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -10,6 +10,7 @@ from cageik_cli.sequence.clip import ClipRequest, MeshSequence, refuse_other_con
 from cageik_cli.sequence.files import kind_of, unpacked
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES, file_mesh, read_bytes
 from cageik_cli.sequence.obj_frames import FrameParser
+from cageik_cli.sequence.ply import PlyFrameParser
 from cageik_cli.sequence.polygons import unfolded
 
 
@@ -31,13 +32,17 @@ class Reader(MeshSequence):
             # Its shape decides how polygons are cut, for all frames.
             self.first = unfolded(self._fanned, mesh.sizes)
         self.notes = tuple(f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
-        self._plain = FrameParser(data, mesh.vertices) if self._kind.startswith(".obj") else None
+        self._plain = (
+            FrameParser(data, mesh.vertices)
+            if self._kind.startswith(".obj")
+            else PlyFrameParser(data)
+        )
 
     def positions(self, index: int) -> Floats:
         """Vertices of one file, its faces compared with the first frame's."""
         with located(self._paths[index]):
             data = self._read(index)
-            vertices = self._plain.positions(data) if self._plain else None
+            vertices = self._plain.positions(data)
             if vertices is not None:
                 return vertices
             mesh = file_mesh(data, self._kind)
