@@ -102,11 +102,19 @@ def vertices_of(words: Words) -> Floats | None:
 
 
 def polygons_of(parts: Words) -> tuple[Integers, Integers] | None:
-    """Corners of every `f` line, from 0, one after the other, and how many each has."""
+    """Corners of every `f` line, from 0, one after the other, and how many each has.
+
+    None if there is none, a face lacks corners, has a comment, or names no vertex of the text.
+    """
     sizes = parts.sizes
     is_corner = np.repeat(parts.kinds == FACE, sizes)
     is_corner[parts.heads] = False
     codes = np.frombuffer(parts.data, np.uint8)
+    # A comment may begin inside a corner, behind what is read of it.
+    marks = np.flatnonzero(codes == ord("#"))
+    lines = np.searchsorted(parts.bounds[parts.heads, 0], marks, side="right") - 1
+    if (parts.kinds[lines] == FACE).any():
+        return None
     is_corner &= codes[parts.bounds[:, 0] - 1] != _SLASH
     bounds = parts.bounds[is_corner]
     # Arrow reads hexadecimal integers, Python does not.

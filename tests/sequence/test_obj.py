@@ -190,6 +190,8 @@ def test_the_fast_path_declines_or_agrees_with_the_parser(edits, dialect):
 @given(EDITS, st.sampled_from(sorted(DIALECTS)))
 @example([(PLAIN.index(b"f 1 3") + 2, 1, b"0x1")], "plain")
 @example([(PLAIN.index(b"f 1 3") + 3, 0, b" /2")], "plain")
+@example([(len(HEAD) + len(b"f 1/1/1 3/2/2 2/3"), 0, b"#")], "f a/b/c")
+@example([(len(HEAD) + len(b"f 1/1/1 3/"), 0, b"#")], "f a/b/c")
 def test_a_regular_file_is_the_mesh_that_its_lines_are(edits, dialect):
     data = edited(edits, DIALECTS[dialect]).removeprefix(codecs.BOM_UTF8)
     outcomes = []
