@@ -12,6 +12,7 @@ from cageik_cli.mesh import TriMesh
 from cageik_cli.report.text import accuracy_row, weights_row
 from cageik_cli.scene import Scene
 from cageik_cli.sequence import ClipSettings, MeshSequence, load_mesh, open_sequence
+from cageik_cli.sequence.files import kind_of
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.partial import is_partial, progress_of
@@ -33,7 +34,7 @@ def describe(arguments: list[str]) -> str:
         pages = [_own_page(path) for path in paths]
         if all(pages):
             return "\n\n".join(pages)
-    if len(paths) == 1 and paths[0].is_file() and paths[0].suffix.lower() in MESH_SUFFIXES:
+    if len(paths) == 1 and paths[0].is_file() and kind_of(paths[0]) in MESH_SUFFIXES:
         loaded = load_mesh(paths[0])
         rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
         return page(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])

@@ -131,17 +131,17 @@ def checked_positions(positions: ArrayLike) -> Floats:
         array = np.asarray(positions, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise InputError(f"vertices have shape {array.shape}, expected (count, 3)")
-    finite = np.isfinite(array).all(axis=1)
-    if not finite.all():
+    if not np.isfinite(array).all():
+        finite = np.isfinite(array).all(axis=1)
         vertex = int(np.argmin(finite))
         x, y, z = array[vertex]
         raise InputError(
             f"vertex {vertex} is ({x:g}, {y:g}, {z:g}) and {np.count_nonzero(~finite)} of "
             f"{len(array)} vertices are not finite; expected finite numbers, export the file again"
         )
-    small = (np.abs(array) <= LARGEST_COORDINATE).all(axis=1)
-    if not small.all():
-        vertex = int(np.argmin(small))
+    is_small = np.abs(array) <= LARGEST_COORDINATE
+    if not is_small.all():
+        vertex = int(np.argmin(is_small.all(axis=1)))
         x, y, z = array[vertex]
         raise InputError(
             f"vertex {vertex} is ({x:g}, {y:g}, {z:g}), expected coordinates of "

@@ -32,7 +32,7 @@ OWNERS = {
     "h5py": {"hdf5", "store.parts", "store.result", "store.result_writer", "store.binding_file"},
     "platformdirs": {"cli.options"},
     "igl": {"coordinates.surface", "enclosure", "intersections"},
-    "pyarrow": {"sequence.obj"},
+    "pyarrow": {"sequence.obj_words"},
     "trimesh": {"sequence.mesh_file"},
     "natsort": {"sequence.opening"},
     "threadpoolctl": {"threads"},

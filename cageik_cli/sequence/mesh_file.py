@@ -1,4 +1,4 @@
-"""One mesh out of one file: OBJ and OFF by our own readers, PLY by trimesh."""
+"""One mesh out of one file: by our own readers, but for ASCII PLY by trimesh."""
 
 import hashlib
 import io
@@ -6,18 +6,20 @@ import logging
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cageik_cli.errors import InputError, located
 from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.sequence.files import PACKED, kind_of, unpacked
 from cageik_cli.sequence.obj import FileMesh, parse_obj
 from cageik_cli.sequence.off import parse_off
-from cageik_cli.sequence.polygons import fans, unfolded
+from cageik_cli.sequence.ply import is_binary_ply, parse_binary_ply
+from cageik_cli.sequence.polygons import fans, fans_of, unfolded
 
-MESH_SUFFIXES = (".obj", ".ply", ".off")
+_PLAIN = (".obj", ".ply", ".off")
+MESH_SUFFIXES = (*_PLAIN, *(suffix + PACKED for suffix in _PLAIN))
 
 # Where the headers announce how many vertices and faces follow.
 _DECLARED = {
@@ -58,13 +60,13 @@ def load_mesh(path: Path) -> LoadedMesh:
     with located(path):
         if path.is_dir():
             raise InputError("is a folder, expected a file; name a mesh in it")
-        if path.suffix.lower() not in MESH_SUFFIXES:
+        kind = kind_of(path)
+        if kind not in MESH_SUFFIXES:
             raise InputError(
-                f"`{path.suffix}` is not a kind of mesh read here, expected "
-                f"{', '.join(MESH_SUFFIXES)}"
+                f"`{kind}` is not a kind of mesh read here, expected {', '.join(MESH_SUFFIXES)}"
             )
         data = read_bytes(path)
-        mesh = file_mesh(data, path.suffix.lower())
+        mesh = file_mesh(unpacked(data, kind), kind)
         fanned = mesh.fanned
         return LoadedMesh(unfolded(fanned, mesh.sizes), fanned, source_of(path, data), mesh.notes)
 
@@ -84,12 +86,16 @@ def source_of(path: Path, data: bytes) -> dict[str, str]:
     return {"name": printable(path.name), "sha256": hashlib.sha256(data).hexdigest()}
 
 
-def file_mesh(data: bytes, suffix: str) -> FileMesh:
-    """The mesh in a mesh file's bytes; `suffix` says of what kind."""
+def file_mesh(data: bytes, kind: str) -> FileMesh:
+    """The mesh in the bytes, unpacked, of a mesh file of some kind."""
+    suffix = kind.removesuffix(PACKED)
     if suffix == ".obj":
         return parse_obj(data)
     if not data:
         raise InputError("the file is empty, expected a mesh; export it again")
+    if is_binary_ply(data):
+        vertices, corners, sizes = parse_binary_ply(data)
+        return FileMesh(vertices, fans_of(corners, sizes), sizes)
     vertices, polygons = parse_off(data) if suffix == ".off" else _ply_by_trimesh(data)
     declared = _DECLARED[suffix].search(data)
     announced = tuple(map(int, declared.groups())) if declared else (len(vertices), len(polygons))
@@ -110,20 +116,8 @@ def _ply_by_trimesh(data: bytes) -> tuple[Floats, list[Integers]]:
         loaded = load_ply(io.BytesIO(data), fix_texture=False, skip_materials=True)
         # Its own triangles tell neither polygons nor their order.
         faces = loaded["metadata"]["_ply_raw"].get("face", {"length": 0})
-        polygons = _corners(faces["data"]) if faces["length"] else []
-        return np.asarray(loaded["vertices"]), polygons
+        lists = faces["data"] if faces["length"] else {"none": []}
+        name = next(name for name in ("vertex_indices", "vertex_index", *lists) if name in lists)
+        return np.asarray(loaded["vertices"]), list(lists[name])
     except Exception as error:  # whatever a damaged file makes trimesh raise
         raise InputError(f"no PLY mesh can be read from it: {error}") from error
-
-
-def _corners(faces: Any) -> list[Integers]:
-    """The corners of each face, out of what trimesh keeps of a PLY file."""
-    names = list(faces) if isinstance(faces, dict) else faces.dtype.names
-    name = next(name for name in ("vertex_indices", "vertex_index", *names) if name in names)
-    found = faces[name]
-    if isinstance(faces, dict):
-        return list(found)
-    sizes = found["f0"]
-    if (sizes != sizes[0]).any():
-        raise ValueError("its faces differ in their number of corners")
-    return list(found["f1"])

@@ -6,6 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from cageik_cli.errors import InputError
+from cageik_cli.sequence.files import stem_of
 
 _NUMBERED = re.compile(r"(.*?)(\d+)(\D*)")
 
@@ -20,7 +21,7 @@ def refuse_gaps(paths: list[Path]) -> None:
     InputError
         Naming the first file that is missing.
     """
-    found = [_NUMBERED.fullmatch(path.stem) for path in paths]
+    found = [_NUMBERED.fullmatch(stem_of(path)) for path in paths]
     matches = [match for match in found if match]
     around = {(path.parent, m[1], m[3]) for path, m in zip(paths, matches, strict=False)}
     if len(matches) < len(paths) or len(around) != 1:
@@ -32,7 +33,7 @@ def refuse_gaps(paths: list[Path]) -> None:
     if gaps:
         first = matches[gaps[0]]
         number = str(int(first[2]) + usual).zfill(len(first[2]))
-        lost = f"{first[1]}{number}{first[3]}{paths[0].suffix}"
+        lost = f"{first[1]}{number}{first[3]}{paths[0].name[len(stem_of(paths[0])) :]}"
         raise InputError(
             f"{paths[gaps[0]].parent / lost}: missing between {paths[gaps[0]].name} and "
             f"{paths[gaps[0] + 1].name}, where frames are numbered in steps of {usual} "

@@ -3,18 +3,13 @@
 import codecs
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import pyarrow
-import pyarrow.csv
-from numpy.typing import NDArray
 
 from cageik_cli.errors import InputError
 from cageik_cli.mesh import Floats, Integers, TriMesh
-from cageik_cli.sequence.polygons import fans
-
-_PREAMBLE = (b"#", b"o", b"g", b"s", b"mtllib", b"usemtl")
+from cageik_cli.sequence.obj_words import polygons_of, vertices_of, words_of
+from cageik_cli.sequence.polygons import fans, fans_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,29 +47,6 @@ class FileMesh:
         return (f"{self.polygons} polygon{plural} cut into triangles",) if self.polygons else ()
 
 
-class FrameParser:
-    """Reads OBJ frames whose face block is, byte for byte, that of a first frame.
-
-    Only the vertices of such a file need parsing, by a CSV engine; anything else is left to
-    `parse_obj`.
-
-    Parameters
-    ----------
-    first : bytes
-        The frame whose faces are known.
-    """
-
-    def __init__(self, first: bytes) -> None:
-        _, self._tail = _split(first)
-        if _has_vertices(self._tail):
-            self._tail = b""
-
-    def positions(self, data: bytes) -> Floats | None:
-        """Vertices (m, 3) if the file is plain and its faces are the first frame's, else None."""
-        head, tail = _split(data)
-        return plain_vertices(head) if tail and tail == self._tail else None
-
-
 def parse_obj(data: bytes) -> FileMesh:
     """Read any OBJ file.
 
@@ -88,25 +60,17 @@ def parse_obj(data: bytes) -> FileMesh:
         raise InputError("the file is empty, expected an OBJ mesh; export it again")
     if b"\0" in data:
         raise InputError("the file is binary, expected OBJ text; export it again")
-    return _plain_mesh(data) or _mesh_by_lines(data)
+    return _regular_mesh(data) or _mesh_by_lines(data)
 
 
-def plain_vertices(head: bytes) -> Floats | None:
-    """Vertices of a block of nothing but `v x y z` lines after comments and names, else None."""
-    start = 0 if head.startswith(b"v ") else head.find(b"\nv ") + 1
-    if not _is_preamble(head[:start]):
+def _regular_mesh(data: bytes) -> FileMesh | None:
+    """The mesh if its text is regular enough to be converted as a whole, else None."""
+    words, parts = words_of(data), words_of(data, parts=True)
+    vertices = vertices_of(words) if words else None
+    polygons = polygons_of(parts) if parts else None
+    if vertices is None or polygons is None:
         return None
-    return _columns(head[start:], b"v ", np.float64)
-
-
-def _plain_mesh(data: bytes) -> FileMesh | None:
-    """The mesh if it is but a block of vertices and a block of triangles, else None."""
-    head, tail = _split(data)
-    vertices = plain_vertices(head)
-    faces = _columns(tail, b"f ", np.int64)
-    if vertices is None or faces is None or faces.min() < 1 or faces.max() > len(vertices):
-        return None
-    return FileMesh(vertices, faces - 1, np.full(len(faces), 3))
+    return FileMesh(vertices, fans_of(*polygons), polygons[1])
 
 
 def _mesh_by_lines(data: bytes) -> FileMesh:
@@ -134,41 +98,6 @@ def _mesh_by_lines(data: bytes) -> FileMesh:
     return FileMesh(np.array(vertices), *fans(polygons))
 
 
-def _columns(block: bytes, start: bytes, kind: type[np.generic]) -> NDArray[Any] | None:
-    """The three numbers of lines that all begin with `start`, (count, 3); None of other lines."""
-    if not block.startswith(start):
-        return None
-    names = ["start", "a", "b", "c"]
-    numbers = names[1:]
-    try:
-        table = pyarrow.csv.read_csv(
-            pyarrow.py_buffer(block),
-            read_options=pyarrow.csv.ReadOptions(
-                use_threads=False, block_size=len(block) + 1, column_names=names
-            ),
-            parse_options=pyarrow.csv.ParseOptions(delimiter=" ", quote_char=False),
-            convert_options=pyarrow.csv.ConvertOptions(
-                include_columns=numbers,
-                column_types=dict.fromkeys(numbers, pyarrow.from_numpy_dtype(kind)),
-                null_values=[],
-            ),
-        )
-    except pyarrow.ArrowInvalid:
-        return None
-    count = len(table)
-    if block.count(b"\n" + start) + 1 != count:
-        return None
-    # Out of the buffers, for pyarrow's own conversion imports pandas where it is installed.
-    columns = [column.chunk(0).buffers()[1] for column in table.columns]
-    return np.stack([np.frombuffer(column, kind, count) for column in columns], axis=1)
-
-
-def _split(data: bytes) -> tuple[bytes, bytes]:
-    """What stands before the first face, and from it on."""
-    cut = data.find(b"\nf ") + 1
-    return (data[:cut], data[cut:]) if cut else (data, b"")
-
-
 def _logical_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Lines and their numbers from 1; one that ends in a backslash goes on in the next."""
     lines = iter(enumerate(data.splitlines(), start=1))
@@ -176,17 +105,6 @@ def _logical_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
         while line.endswith(b"\\") and b"#" not in line:
             line = line[:-1] + b" " + next(lines, (0, b""))[1]
         yield number, line
-
-
-def _has_vertices(tail: bytes) -> bool:
-    return any(line.split(maxsplit=1)[:1] == [b"v"] for line in tail.splitlines())
-
-
-def _is_preamble(text: bytes) -> bool:
-    if b"\\" in text or b"\0" in text:
-        return False
-    words = (line.split(maxsplit=1)[0] for line in text.splitlines() if line.strip())
-    return all(word in _PREAMBLE or word.startswith(b"#") for word in words)
 
 
 def _position(words: list[bytes]) -> tuple[float, ...]:

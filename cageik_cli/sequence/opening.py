@@ -11,6 +11,7 @@ from natsort import natsort_keygen, ns
 from cageik_cli.errors import InputError
 from cageik_cli.sequence import readers
 from cageik_cli.sequence.clip import ClipRequest, ClipSettings, MeshSequence
+from cageik_cli.sequence.files import kind_of
 from cageik_cli.sequence.mesh_file import LoadedMesh
 from cageik_cli.sequence.numbering import refuse_gaps
 
@@ -40,12 +41,12 @@ def open_sequence(
     arguments, member = _parted(arguments)
     paths = frame_paths(arguments, tuple(by_suffix))
     for path in paths:
-        if path.suffix.lower() not in by_suffix:
+        if kind_of(path) not in by_suffix:
             raise InputError(
-                f"{path}: `{path.suffix}` is not a kind of clip read here, expected "
+                f"{path}: `{kind_of(path)}` is not a kind of clip read here, expected "
                 f"{', '.join(by_suffix)}"
             )
-    kinds = sorted({path.suffix.lower() for path in paths})
+    kinds = sorted({kind_of(path) for path in paths})
     if len(kinds) > 1:
         raise InputError(
             f"{arguments[0]}: files of kinds {', '.join(kinds)} are mixed; "
@@ -85,9 +86,9 @@ def _parted(arguments: list[str]) -> tuple[list[str], str | None]:
 
 def _named_by(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
     path = Path(argument)
-    if path.is_dir() and path.suffix.lower() not in suffixes:
+    if path.is_dir() and kind_of(path) not in suffixes:
         inside = [p for p in path.iterdir() if not p.name.startswith(".")]
-        found = [p for p in inside if p.suffix.lower() in suffixes]
+        found = [p for p in inside if kind_of(p) in suffixes]
     elif path.exists():
         return [path]
     elif glob.has_magic(argument):

@@ -21,16 +21,27 @@ def fans(polygons: Sequence[Sequence[int] | Integers]) -> tuple[Integers, Intege
         Naming a polygon of fewer than three corners.
     """
     sizes = np.array([len(polygon) for polygon in polygons], np.int64)
+    corners = np.fromiter(chain.from_iterable(polygons), np.int64, sizes.sum())
+    return fans_of(corners, sizes), sizes
+
+
+def fans_of(corners: Integers, sizes: Integers) -> Integers:
+    """Fans, (f, 3), of polygons whose `corners` follow one another, `sizes` of them each.
+
+    Raises
+    ------
+    InputError
+        Naming a polygon of fewer than three corners.
+    """
     small = np.flatnonzero(sizes < 3)
     if len(small):
         raise InputError(
             f"face {small[0]} has {sizes[small[0]]} corners, expected 3 or more; export it again"
         )
-    corners = np.fromiter(chain.from_iterable(polygons), np.int64, sizes.sum())
     counts = sizes - 2
     first = np.repeat(np.cumsum(sizes) - sizes, counts)
     place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    return corners[np.stack([first, first + place + 1, first + place + 2], axis=1)], sizes
+    return np.asarray(corners[np.stack([first, first + place + 1, first + place + 2], axis=1)])
 
 
 def unfolded(mesh: TriMesh, sizes: Integers) -> TriMesh:

@@ -7,8 +7,10 @@ from cageik_cli.errors import located
 from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.sequence.clip import ClipRequest, MeshSequence, refuse_other_connectivity
+from cageik_cli.sequence.files import kind_of, unpacked
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES, file_mesh, read_bytes
-from cageik_cli.sequence.obj import FrameParser
+from cageik_cli.sequence.obj_frames import FrameParser
+from cageik_cli.sequence.ply import PlyFrameParser
 from cageik_cli.sequence.polygons import unfolded
 
 
@@ -20,26 +22,30 @@ class Reader(MeshSequence):
     def __init__(self, request: ClipRequest) -> None:
         paths = [request.paths[k] for k in request.chosen(len(request.paths))]
         self._paths = paths
-        self._suffix = paths[0].suffix.lower()
+        self._kind = kind_of(paths[0])
         self.names = tuple(printable(path.name) for path in paths)
         self._digests: dict[int, bytes] = {}
         with located(paths[0]):
-            data = read_bytes(paths[0])
-            mesh = file_mesh(data, self._suffix)
+            data = self._read(0)
+            mesh = file_mesh(data, self._kind)
             self._fanned = mesh.fanned
             # Its shape decides how polygons are cut, for all frames.
             self.first = unfolded(self._fanned, mesh.sizes)
         self.notes = tuple(f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
-        self._plain = FrameParser(data) if self._suffix == ".obj" else None
+        self._plain = (
+            FrameParser(data, mesh.vertices)
+            if self._kind.startswith(".obj")
+            else PlyFrameParser(data)
+        )
 
     def positions(self, index: int) -> Floats:
         """Vertices of one file, its faces compared with the first frame's."""
         with located(self._paths[index]):
             data = self._read(index)
-            vertices = self._plain.positions(data) if self._plain else None
+            vertices = self._plain.positions(data)
             if vertices is not None:
                 return vertices
-            mesh = file_mesh(data, self._suffix)
+            mesh = file_mesh(data, self._kind)
             refuse_other_connectivity(len(mesh.vertices), mesh.faces, self.fanned, "the rest pose")
             return mesh.vertices
 
@@ -71,4 +77,4 @@ class Reader(MeshSequence):
     def _read(self, index: int) -> bytes:
         data = read_bytes(self._paths[index])
         self._digests[index] = hashlib.sha256(data).digest()
-        return data
+        return unpacked(data, self._kind)
