@@ -117,6 +117,8 @@ class MeshSequence(ABC):
         Lower case, with the dot.
     has_members : bool
         Whether a file may hold several clips, named by `FILE::CLIP`.
+    has_layout : bool
+        Whether a file may have its axes in any order, said by `--layout`.
     names : tuple of str
         Where each frame comes from, F of them: a file's name, or the clip's name and an index.
     first : TriMesh
@@ -129,6 +131,7 @@ class MeshSequence(ABC):
 
     suffixes: tuple[str, ...]
     has_members: bool = False
+    has_layout: bool = False
     names: tuple[str, ...]
     first: TriMesh
     scene: SceneHints = SceneHints()
@@ -137,6 +140,11 @@ class MeshSequence(ABC):
     @abstractmethod
     def __init__(self, request: ClipRequest) -> None:
         """Open the clip."""
+
+    @classmethod
+    def outline(cls, request: ClipRequest) -> list[tuple[str, str]]:
+        """What files hold that are no clip by themselves, in labelled lines; none for a clip."""
+        return []
 
     @abstractmethod
     def positions(self, index: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Clips in the SPLOCS layout: `mean` and `scale` undone, strangers' files distrusted."""
+"""Clips in HDF5: SPLOCS' scale undone, D-FAUST's clips chosen, strangers' files distrusted."""
 
 import hashlib
 
@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.errors import InputError
-from cageik_cli.sequence import open_sequence
-from cageik_cli.sequence.readers import splocs
+from cageik_cli.sequence import ClipSettings, open_sequence, runs
+from cageik_cli.sequence.readers import hdf5_clips
 from tests.clips import frames_of
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
@@ -74,7 +74,7 @@ class Counting:
 
 
 @pytest.mark.parametrize(
-    ("chunks", "bound", "runs"),
+    ("chunks", "bound", "count"),
     [
         ((1, 4, 3), 1 << 26, 10),
         ((4, 4, 3), 1 << 26, 3),
@@ -85,18 +85,18 @@ class Counting:
         (None, 1 << 26, 10),
     ],
 )
-def test_chunks_are_read_once_and_the_file_stays_open(path, monkeypatch, chunks, bound, runs):
+def test_chunks_are_read_once_and_the_file_stays_open(path, monkeypatch, chunks, bound, count):
     frames = np.random.default_rng(0).normal(size=(10, 4, 3))
     with h5py.File(path, "r+") as file:
         compression = "gzip" if chunks else None
         _replace(file, "verts", data=frames, chunks=chunks, compression=compression)
-    monkeypatch.setattr(splocs, "LARGEST_RUN", bound)
+    monkeypatch.setattr(runs, "LARGEST_RUN", bound)
     sequence = open_sequence([str(path)])
-    monkeypatch.setattr(splocs, "open_file", lambda path: pytest.fail("opened again"))
-    counting = sequence._frames = Counting(sequence._frames)
-    sequence._kept.clear()
+    monkeypatch.setattr(hdf5_clips, "open_file", lambda path: pytest.fail("opened again"))
+    counting = sequence._frames._stored = Counting(sequence._frames._stored)
+    sequence._frames._runs._kept.clear()
     np.testing.assert_array_equal(frames_of(sequence, 3, 1), frames)
-    assert len(counting.reads) == runs
+    assert len(counting.reads) == count
     np.testing.assert_array_equal(frames_of(sequence, 3, 4), frames)
 
 
@@ -151,7 +151,7 @@ def _components(file, name):
 
 
 DAMAGES = {
-    "no verts": (lambda f: f.__delitem__("verts"), "holds no clip; expected datasets `verts`"),
+    "no verts": (lambda f: f.__delitem__("verts"), "holds no clip; expected datasets `verts` and"),
     "no tris": (lambda f: f.__delitem__("tris"), "has no dataset `tris`"),
     "components": (lambda f: _components(f, "verts"), "holds components of a model, not a clip"),
     "link out of the file": (lambda f: _link_out(f, "verts"), "has no dataset `verts`"),
@@ -180,8 +180,12 @@ DAMAGES = {
     "empty": (lambda f: _replace(f, "verts", data=h5py.Empty("f8")), "`verts` has shape None"),
     "quads": (lambda f: _replace(f, "tris", data=np.zeros((2, 4), int)), "expected any x 3"),
     "other vertices": (
+        lambda f: f["tris"].write_direct(FACES + 2),
+        "face 0 names vertices 2, 3, 4 (counted from 0), but there are 4",
+    ),
+    "counted from 1": (
         lambda f: f["tris"].write_direct(FACES + 1),
-        "face 1 names vertices 1, 3, 4 (counted from 0), but there are 4",
+        "faces name vertices 1 to 4 of 4, so they are counted from 1; take 1 off them",
     ),
     "first frame not finite": (
         lambda f: f["verts"].__setitem__((0, 1, 2), np.nan),
