@@ -69,7 +69,7 @@ class ClipRequest:
         wanted = self.how.selection
         numbers = range(count)[wanted]
         if not numbers:
-            bounds = (wanted.start, wanted.stop, wanted.step)
+            bounds = (wanted.start, wanted.stop, *([wanted.step] if wanted.step else []))
             typed = ":".join("" if bound is None else str(bound) for bound in bounds)
             raise InputError(f"--frames {typed} takes none of the {count} frames")
         return numbers

@@ -10,7 +10,7 @@ from cageik_cli.errors import InputError, first_few
 from cageik_cli.hdf5 import dataset, numeric_shapes
 from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats
-from cageik_cli.sequence.runs import Runs, run_size
+from cageik_cli.sequence.runs import FramesInRuns
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,38 +86,33 @@ def chosen(names: list[str], member: str | None) -> str:
     return names[0]
 
 
-class Hdf5Frames:
+class Hdf5Frames(FramesInRuns):
     """Frames of a dataset in a file that stays open.
 
     Those that share chunks are read together, so that no chunk is decompressed for each of them.
-
-    Attributes
-    ----------
-    count, vertices : int
     """
 
     def __init__(self, file: Any, name: str, layout: Layout) -> None:
         self._is_last = layout.frame_axis == 2
-        self._stored = dataset(
-            file, name, "f", (None, 3, None) if self._is_last else (None, None, 3)
-        )
-        self.count = self._stored.shape[layout.frame_axis]
-        self.vertices = self._stored.shape[0 if self._is_last else 1]
+        shape = (None, 3, None) if self._is_last else (None, None, 3)
+        self._stored = stored = dataset(file, name, "f", shape)
         self._scale, self._mean = np.ones(1), np.zeros(1)
         if layout.is_scaled:
             self._scale = _attribute(file, name, "scale", 1.0)
             self._mean = _attribute(file, name, "mean", 0.0)
-        chunks = self._stored.chunks or ((1, 1, self.count) if self._is_last else (1, 1, 1))
-        size = run_size(chunks[layout.frame_axis], self._stored.nbytes // self.count)
-        self._runs = Runs(self._run, self.count, size)
+        count, vertices = stored.shape[layout.frame_axis], stored.shape[0 if self._is_last else 1]
+        unchunked = count if self._is_last else 1
+        layer = stored.chunks[layout.frame_axis] if stored.chunks else unchunked
+        super().__init__(count, vertices, layer, stored.dtype.itemsize)
 
     def frame(self, index: int) -> Floats:
         """Positions of one frame, (m, 3), with `scale` and `mean` undone."""
-        stored = self._runs.frame(index)
+        stored = super().frame(index)
         with np.errstate(over="ignore", invalid="ignore"):  # frames are checked where they enter
             return np.asarray(stored, np.float64) * self._scale + self._mean
 
-    def _run(self, start: int, stop: int) -> np.ndarray:
+    def run(self, start: int, stop: int) -> np.ndarray:
+        """Read frames `start` to `stop`, that left out: (k, m, 3)."""
         if self._is_last:
             return np.moveaxis(self._stored[:, :, start:stop], 2, 0)
         return np.asarray(self._stored[start:stop])

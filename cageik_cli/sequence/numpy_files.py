@@ -183,4 +183,5 @@ def _refusals(expected: str) -> Iterator[None]:
     try:
         yield
     except _DAMAGES as error:
-        raise InputError(f"is not {expected} ({error}); write it again") from error
+        said = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"is not {expected} ({said}); write it again") from error

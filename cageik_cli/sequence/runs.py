@@ -1,7 +1,7 @@
-"""Frames that lie interleaved in a file, read many at a time."""
+"""Frames read in runs: as many at a time as lie together in a file."""
 
+from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable
 from threading import Lock
 
 import numpy as np
@@ -10,37 +10,43 @@ LARGEST_RUN = 1 << 25
 """Bytes of a run, unless a frame alone has more; two runs are kept."""
 
 
-class Runs:
+class FramesInRuns(ABC):
     """Frames read in runs, for any thread.
 
-    The last two are kept, for threads that read ahead ask for both sides of a border.
+    The last two runs are kept, for threads that read ahead ask for both sides of a border.
 
     Parameters
     ----------
-    read : callable
-        Takes the first frame and the one after the last, gives them as (k, m, 3).
-    count : int
-        Frames there are.
-    size : int
-        Frames to a run.
+    count, vertices : int
+        Frames there are, and vertices of each.
+    layer : int
+        Frames that lie together: a run is as many, or what fits.
+    itemsize : int
+        Bytes of a coordinate.
     """
 
-    def __init__(self, read: Callable[[int, int], np.ndarray], count: int, size: int) -> None:
-        self._read, self._count, self._size = read, count, size
+    def __init__(self, count: int, vertices: int, layer: int, itemsize: int) -> None:
+        self.count, self.vertices = count, vertices
+        self._size = max(1, min(layer, LARGEST_RUN // (3 * vertices * itemsize)))
         self._kept: deque[tuple[int, np.ndarray]] = deque(maxlen=2)
         self._lock = Lock()
 
+    @abstractmethod
+    def run(self, start: int, stop: int) -> np.ndarray:
+        """Read frames `start` to `stop`, that left out: (k, m, 3)."""
+
     def frame(self, index: int) -> np.ndarray:
-        """One frame, (m, 3)."""
+        """Positions of one frame, (m, 3).
+
+        Raises
+        ------
+        InputError
+            When it cannot be read.
+        """
         start = index - index % self._size
         with self._lock:
             run = next((run for first, run in self._kept if first == start), None)
             if run is None:
-                run = self._read(start, min(start + self._size, self._count))
+                run = self.run(start, min(start + self._size, self.count))
                 self._kept.append((start, run))
         return np.asarray(run[index - start])
-
-
-def run_size(layer: int, frame_bytes: int) -> int:
-    """Frames to a run, where `layer` of them lie together and as many as fit are read at once."""
-    return max(1, min(layer, LARGEST_RUN // frame_bytes))

@@ -11,7 +11,7 @@ from threading import Lock
 import numpy as np
 
 from cageik_cli.errors import InputError
-from cageik_cli.sequence.runs import Runs, run_size
+from cageik_cli.sequence.runs import FramesInRuns
 
 
 class BinaryFile:
@@ -103,55 +103,38 @@ class Packing:
     order: str = "fvx"
 
 
-class StoredFrames:
-    """Frames of an array in a file.
-
-    Where the frames are the slowest axis they are read one by one, else in runs.
-
-    Attributes
-    ----------
-    count : int
-        Frames.
-    vertices : int
-        Vertices of each.
-    """
+class StoredFrames(FramesInRuns):
+    """Frames of an array in a file, read one by one unless they are its fastest axis."""
 
     def __init__(self, file: BinaryFile, packing: Packing) -> None:
         self._file, self._packing = file, packing
-        self.count, self.vertices = packing.frames, packing.vertices
-        self._frame_bytes = 3 * self.vertices * packing.kind.itemsize
-        size = run_size(self.count, self._frame_bytes)
-        self._runs = Runs(self._run, self.count, size) if packing.order[2] == "f" else None
+        self._is_last = packing.order[2] == "f"
+        layer = packing.frames if self._is_last else 1
+        super().__init__(packing.frames, packing.vertices, layer, packing.kind.itemsize)
 
-    def frame(self, index: int) -> np.ndarray:
-        """Positions of one frame, (m, 3).
+    def run(self, start: int, stop: int) -> np.ndarray:
+        """Read frames `start` to `stop`, that left out: (k, m, 3)."""
+        order = self._packing.order
+        lengths = {"f": stop - start, "v": self.vertices, "x": 3}
+        stored = self._rows(start, stop) if self._is_last else self._together(start, stop)
+        stored = stored.reshape([lengths[axis] for axis in order])
+        return stored.transpose([order.index(axis) for axis in "fvx"])
 
-        Raises
-        ------
-        InputError
-            When it cannot be read.
-        """
-        if self._runs is not None:
-            return self._runs.frame(index)
-        packing, inner = self._packing, self._packing.order[1:]
-        place = packing.offset + index * self._frame_bytes
-        shape = (self.vertices, 3) if inner == "vx" else (3, self.vertices)
-        array = self._file.numbers(place, packing.kind, shape)
-        return array if inner == "vx" else array.T
+    def _together(self, start: int, stop: int) -> np.ndarray:
+        packing, numbers = self._packing, 3 * self.vertices
+        place = packing.offset + start * numbers * packing.kind.itemsize
+        return self._file.numbers(place, packing.kind, ((stop - start) * numbers,))
 
-    def _run(self, start: int, stop: int) -> np.ndarray:
-        """Frames that are the fastest axis: a stretch of each coordinate's row, as (k, m, 3)."""
-        packing, rows = self._packing, 3 * self.vertices
+    def _rows(self, start: int, stop: int) -> np.ndarray:
+        """A stretch of the row that each coordinate has."""
         if stop - start == self.count:
-            run = self._file.numbers(packing.offset, packing.kind, (rows, self.count))
-        else:
-            run = np.empty((rows, stop - start), packing.kind)
-            for row in range(rows):
-                place = packing.offset + (row * self.count + start) * packing.kind.itemsize
-                self._file.fill(run[row], place)
-        if packing.order == "vxf":
-            return run.reshape(self.vertices, 3, -1).transpose(2, 0, 1)
-        return run.reshape(3, self.vertices, -1).transpose(2, 1, 0)
+            return self._together(start, stop)
+        packing = self._packing
+        stretches = np.empty((3 * self.vertices, stop - start), packing.kind)
+        for row, stretch in enumerate(stretches):
+            place = packing.offset + (row * self.count + start) * packing.kind.itemsize
+            self._file.fill(stretch, place)
+        return stretches
 
 
 def refuse_other_size(file: BinaryFile, expected: int, counts: dict[str, int]) -> None:

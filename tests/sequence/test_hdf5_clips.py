@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.errors import InputError
-from cageik_cli.sequence import ClipSettings, open_sequence, runs
+from cageik_cli.scene import SceneHints
+from cageik_cli.sequence import ClipSettings, open_sequence, outline, runs
 from cageik_cli.sequence.readers import hdf5_clips
 from tests.clips import frames_of
 
@@ -94,7 +95,7 @@ def test_chunks_are_read_once_and_the_file_stays_open(path, monkeypatch, chunks,
     sequence = open_sequence([str(path)])
     monkeypatch.setattr(hdf5_clips, "open_file", lambda path: pytest.fail("opened again"))
     counting = sequence._frames._stored = Counting(sequence._frames._stored)
-    sequence._frames._runs._kept.clear()
+    sequence._frames._kept.clear()
     np.testing.assert_array_equal(frames_of(sequence, 3, 1), frames)
     assert len(counting.reads) == count
     np.testing.assert_array_equal(frames_of(sequence, 3, 4), frames)
@@ -109,6 +110,113 @@ def test_a_chunk_that_is_damaged_is_an_error_of_the_file(path):
         stream.write(b"\xff" * place.size)
     with pytest.raises(InputError, match=r"clip\.h5: is not a sound HDF5 file"):
         frames_of(open_sequence([str(path)]))
+
+
+@pytest.fixture
+def bodies(tmp_path):
+    """A file of three clips in the layout of D-FAUST, and their frames."""
+    rng = np.random.default_rng(0)
+    names = {"50002_chicken_wings": 4, "50002_hips": 7, "50004_hips": 1}
+    frames = {name: rng.normal(size=(count, 4, 3)).astype("f4") for name, count in names.items()}
+    with h5py.File(tmp_path / "bodies.hdf5", "w") as file:
+        file["faces"] = FACES.astype("u4")
+        for name, clip in frames.items():
+            file[name] = clip.transpose(1, 2, 0)
+        file["betas"], file["about/more"] = np.zeros((3, 8)), np.zeros((4, 3, 5))
+    return tmp_path / "bodies.hdf5", frames
+
+
+@pytest.mark.parametrize("selection", [slice(None), slice(0, 3, 2), slice(-1, None)])
+def test_a_clip_is_chosen_by_its_name(bodies, selection):
+    path, clips = bodies
+    for name, frames in clips.items():
+        sequence = open_sequence([f"{path}::{name}"], ClipSettings(selection))
+        numbers = range(len(frames))[selection]
+        assert sequence.names == tuple(f"bodies.hdf5::{name}[{k}]" for k in numbers)
+        np.testing.assert_array_equal(sequence.first.faces, FACES)
+        np.testing.assert_array_equal(frames_of(sequence), frames[selection])
+
+
+@pytest.mark.parametrize(
+    ("member", "says"),
+    [
+        ("", "holds 3 clips: 50002_chicken_wings, 50002_hips, 50004_hips; name one of them as "),
+        ("::50002_hip", "no clip `50002_hip`; the nearest names are 50002_hips, 50004_hips, 500"),
+        ("::betas", "holds no clip `betas`; the nearest names are "),
+        ("::about/more", "holds no clip `about/more`"),
+        ("::", "holds no clip ``; the nearest names are "),
+    ],
+)
+def test_no_name_or_a_wrong_one_is_refused_with_names(bodies, member, says):
+    with pytest.raises(InputError) as caught:
+        open_sequence([f"{bodies[0]}{member}"])
+    assert str(caught.value).startswith(f"{bodies[0]}: ")
+    assert says in str(caught.value)
+
+
+def test_the_clips_are_listed(bodies):
+    assert outline([str(bodies[0])], ClipSettings()) == [
+        ("holds", "3 clips, each named as FILE::CLIP"),
+        ("clip", "50002_chicken_wings, 4 frames of 4 vertices"),
+        ("clip", "50002_hips, 7 frames of 4 vertices"),
+        ("clip", "50004_hips, 1 frames of 4 vertices"),
+    ]
+    assert outline([f"{bodies[0]}::50002_hips"], ClipSettings()) == []
+
+
+def test_the_only_clip_needs_no_name(bodies):
+    path, clips = bodies
+    with h5py.File(path, "r+") as file:
+        del file["50002_hips"], file["50004_hips"]
+    for typed in (str(path), f"{path}::50002_chicken_wings"):
+        found = frames_of(open_sequence([typed]))
+        np.testing.assert_array_equal(found, clips["50002_chicken_wings"])
+    assert outline([str(path)], ClipSettings()) == []
+
+
+@pytest.mark.parametrize(
+    ("chunks", "bound", "count"),
+    [
+        (None, 1 << 26, 1),
+        (None, 3 * 4 * 3 * 8, 4),
+        ((4, 3, 5), 1 << 26, 2),
+        ((2, 1, 5), 1 << 26, 2),
+        ((4, 3, 1), 1 << 26, 10),
+        ((4, 3, 10), 1, 10),
+    ],
+)
+def test_frames_that_come_last_are_read_in_runs(bodies, monkeypatch, chunks, bound, count):
+    path, name = bodies[0], "50002_hips"
+    frames = np.random.default_rng(0).normal(size=(10, 4, 3))
+    with h5py.File(path, "r+") as file:
+        _replace(file, name, data=frames.transpose(1, 2, 0), chunks=chunks)
+    monkeypatch.setattr(runs, "LARGEST_RUN", bound)
+    sequence = open_sequence([f"{path}::{name}"])
+    counting = sequence._frames._stored = Counting(sequence._frames._stored)
+    sequence._frames._kept.clear()
+    np.testing.assert_array_equal(frames_of(sequence, 3, 1), frames)
+    assert len(counting.reads) == count
+    np.testing.assert_array_equal(frames_of(sequence, 3, 4), frames)
+
+
+def test_hints_of_the_scene_are_taken_if_they_are_sound(path):
+    assert open_sequence([str(path)]).scene == SceneHints()
+    with h5py.File(path, "r+") as file:
+        file.attrs.update(fps=30.0, start=np.float32(5), up_axis="Z", metres_per_unit=-1)
+    sequence = open_sequence([str(path)], ClipSettings(slice(1, None)))
+    assert sequence.scene == SceneHints(30.0, 6.0, "Z")
+    assert sequence.notes == (
+        "clip.h5: `metres_per_unit` is passed by: -1 metres a unit, expected a number above zero",
+    )
+    del sequence
+    with h5py.File(path, "r+") as file:
+        file.attrs.update(fps="fast", start=[1, 2], up_axis=3, metres_per_unit=h5py.Empty("f8"))
+    assert open_sequence([str(path)]).scene == SceneHints()
+
+
+def _dfaust(file):
+    del file["verts"], file["tris"]
+    file["faces"], file["a"] = FACES, FRAMES.transpose(1, 2, 0)
 
 
 def _replace(file, name, **how):
@@ -152,6 +260,39 @@ def _components(file, name):
 
 DAMAGES = {
     "no verts": (lambda f: f.__delitem__("verts"), "holds no clip; expected datasets `verts` and"),
+    "clips without faces": (
+        lambda f: (_dfaust(f), f.__delitem__("faces")),
+        "holds no clip; expected datasets `verts` and `tris`, or clips of (vertices, 3, frames)",
+    ),
+    "faces without clips": (lambda f: (_dfaust(f), f.__delitem__("a")), "holds no clip"),
+    "clip linked": (lambda f: (_dfaust(f), _link_out(f, "a")), "holds no clip"),
+    "clip elsewhere": (
+        lambda f: (
+            _dfaust(f),
+            _replace(f, "a", shape=(4, 3, 5), dtype="f8", external=[("raw.bin", 0, 1 << 20)]),
+        ),
+        "`a` is not a dataset held in",
+    ),
+    "clip empty": (
+        lambda f: (_dfaust(f), _replace(f, "a", shape=(4, 3, 0), dtype="f8")),
+        "`a` has shape (4, 3, 0)",
+    ),
+    "clip of a huge claim": (
+        lambda f: (_dfaust(f), _replace(f, "a", shape=(10**6, 3, 10**6), dtype="f8", chunks=True)),
+        "`a` claims 24000000000000 bytes and holds next to none",
+    ),
+    "faces of D-FAUST from 1": (
+        lambda f: (_dfaust(f), f["faces"].write_direct(FACES + 1)),
+        "faces name vertices 1 to 4 of 4, so they are counted from 1",
+    ),
+    "binding": (
+        lambda f: f.attrs.update(format="cageik.binding"),
+        "is a binding of cageik bind, not a clip; name the frames",
+    ),
+    "result cut short": (
+        lambda f: f.attrs.update(format="cageik.result", complete=False),
+        "is not complete: the run that wrote it was interrupted; extract it again",
+    ),
     "no tris": (lambda f: f.__delitem__("tris"), "has no dataset `tris`"),
     "components": (lambda f: _components(f, "verts"), "holds components of a model, not a clip"),
     "link out of the file": (lambda f: _link_out(f, "verts"), "has no dataset `verts`"),
