@@ -111,7 +111,10 @@ def outcomes(folder, kind):
     write(path)
     sound = path.read_bytes()
     rng = np.random.default_rng(len(sound))
-    for _ in range(COUNT):
+    for number in range(COUNT):
+        # HDF5 has what it knows of a file from the last time, if it is still open somewhere.
+        path.unlink()
+        path = path.with_name(f"{number}.{name}")
         path.write_bytes(damaged(sound, rng))
         try:
             frames = frames_of(open_sequence([str(path)], None, REST))
