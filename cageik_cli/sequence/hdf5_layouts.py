@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from difflib import get_close_matches
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,9 @@ class Layout:
     frame_axis: int
     is_scaled: bool
 
+
+LARGEST_CHUNK = 1 << 28
+"""Bytes of a chunk, which HDF5 unpacks whole for whatever is read of it."""
 
 SPLOCS = Layout("tris", 0, True)
 DFAUST = Layout("faces", 2, False)
@@ -102,6 +106,12 @@ class Hdf5Frames(FramesInRuns):
             self._mean = _attribute(file, name, "mean", 0.0)
         count, vertices = stored.shape[layout.frame_axis], stored.shape[0 if self._is_last else 1]
         unchunked = count if self._is_last else 1
+        chunk = prod(stored.chunks or (1,)) * stored.dtype.itemsize
+        if chunk > LARGEST_CHUNK:
+            raise InputError(
+                f"`{printable(name)}` is in chunks of {chunk} bytes, expected {LARGEST_CHUNK} at "
+                "most; write it in smaller ones, such as a frame each (h5repack -l)"
+            )
         layer = stored.chunks[layout.frame_axis] if stored.chunks else unchunked
         super().__init__(count, vertices, layer, stored.dtype.itemsize)
 

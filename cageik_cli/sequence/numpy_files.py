@@ -109,6 +109,7 @@ class Archive:
             if info.compress_type == zipfile.ZIP_STORED:
                 return _array(self._file, self._place(info), info.file_size)
             if info.compress_type == zipfile.ZIP_DEFLATED:
+                self._refuse_claims(info)
                 return _array(self._unpacked(info), 0, info.file_size)
             raise InputError(
                 f"is compressed by method {info.compress_type}, expected deflate or none; write "
@@ -135,8 +136,8 @@ class Archive:
             )
         return place
 
-    def _unpacked(self, info: zipfile.ZipInfo) -> BinaryFile:
-        """The bytes of a member, what it claims having been compared with what can be."""
+    def _refuse_claims(self, info: zipfile.ZipInfo) -> None:
+        """Refuse a member that claims more than deflate can give, or than the disk has room for."""
         size, folder = info.file_size, tempfile.gettempdir()
         if size > LARGEST_RATIO * min(info.compress_size, self._file.size) + LARGEST_HEADER:
             raise InputError(
@@ -148,12 +149,22 @@ class Archive:
                 f"takes {size} bytes unpacked, and {folder} has {free} left; name a larger folder "
                 "in TMPDIR, or write the file with numpy.savez"
             )
+
+    def _unpacked(self, info: zipfile.ZipInfo) -> BinaryFile:
+        """The bytes of a member."""
         with ExitStack() as stack:
-            target = stack.enter_context(tempfile.TemporaryFile())
-            with zipfile.ZipFile(self._path) as archive, archive.open(info) as member:
-                shutil.copyfileobj(member, target, _BLOCK)
-            if target.tell() != size:
-                raise InputError(f"ends after {target.tell()} of {size} bytes; write it again")
+            try:
+                target = stack.enter_context(tempfile.TemporaryFile())
+                with zipfile.ZipFile(self._path) as archive, archive.open(info) as member:
+                    shutil.copyfileobj(member, target, _BLOCK)
+                    size = target.tell()
+            except OSError as error:
+                raise InputError(
+                    f"cannot be unpacked into {tempfile.gettempdir()} ({error}); name another "
+                    "folder in TMPDIR, or write the file with numpy.savez"
+                ) from error
+            if size != info.file_size:
+                raise InputError(f"ends after {size} of {info.file_size} bytes; write it again")
             stack.pop_all()  # BinaryFile closes it
             return BinaryFile(target)
 

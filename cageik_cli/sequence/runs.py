@@ -7,13 +7,14 @@ from threading import Lock
 import numpy as np
 
 LARGEST_RUN = 1 << 25
-"""Bytes of a run, unless a frame alone has more; two runs are kept."""
+"""Bytes of a run, unless a frame alone has more."""
+
+KEPT = 2
+"""Runs that are kept: threads that read ahead ask for both sides of a border."""
 
 
 class FramesInRuns(ABC):
     """Frames read in runs, for any thread.
-
-    The last two runs are kept, for threads that read ahead ask for both sides of a border.
 
     Parameters
     ----------
@@ -28,7 +29,7 @@ class FramesInRuns(ABC):
     def __init__(self, count: int, vertices: int, layer: int, itemsize: int) -> None:
         self.count, self.vertices = count, vertices
         self._size = max(1, min(layer, LARGEST_RUN // (3 * vertices * itemsize)))
-        self._kept: deque[tuple[int, np.ndarray]] = deque(maxlen=2)
+        self._kept: deque[tuple[int, np.ndarray]] = deque()
         self._lock = Lock()
 
     @abstractmethod
@@ -47,6 +48,8 @@ class FramesInRuns(ABC):
         with self._lock:
             run = next((run for first, run in self._kept if first == start), None)
             if run is None:
+                if len(self._kept) == KEPT:
+                    self._kept.popleft()  # before there is a third
                 run = self.run(start, min(start + self._size, self.count))
                 self._kept.append((start, run))
         return np.asarray(run[index - start])

@@ -8,7 +8,7 @@ import pytest
 
 from cageik_cli.errors import InputError
 from cageik_cli.scene import SceneHints
-from cageik_cli.sequence import ClipSettings, open_sequence, outline, runs
+from cageik_cli.sequence import ClipSettings, hdf5_layouts, open_sequence, outline, runs
 from cageik_cli.sequence.readers import hdf5_clips
 from tests.clips import frames_of
 
@@ -99,6 +99,16 @@ def test_chunks_are_read_once_and_the_file_stays_open(path, monkeypatch, chunks,
     np.testing.assert_array_equal(frames_of(sequence, 3, 1), frames)
     assert len(counting.reads) == count
     np.testing.assert_array_equal(frames_of(sequence, 3, 4), frames)
+
+
+def test_chunks_that_memory_cannot_hold_are_refused(path, monkeypatch):
+    with h5py.File(path, "r+") as file:
+        _replace(file, "verts", data=FRAMES, chunks=(3, 4, 3), compression="gzip")
+    monkeypatch.setattr(hdf5_layouts, "LARGEST_CHUNK", 3 * 4 * 3 * 8)
+    np.testing.assert_array_equal(frames_of(open_sequence([str(path)])), FRAMES)
+    monkeypatch.setattr(hdf5_layouts, "LARGEST_CHUNK", 3 * 4 * 3 * 8 - 1)
+    with pytest.raises(InputError, match=r"clip\.h5: `verts` is in chunks of 288 bytes, expected"):
+        open_sequence([str(path)])
 
 
 def test_a_chunk_that_is_damaged_is_an_error_of_the_file(path):

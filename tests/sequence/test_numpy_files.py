@@ -169,6 +169,17 @@ def test_no_room_on_the_disk_is_said_before_it_is_written(tmp_path, monkeypatch)
     np.testing.assert_array_equal(Archive(path).array("verts").values(), VALUES)
 
 
+def test_a_disk_that_fills_all_the_same_is_no_fault_of_the_file(tmp_path, monkeypatch):
+    class Full(io.BytesIO):
+        def write(self, data):
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(numpy_files.tempfile, "TemporaryFile", Full)
+    path = zipped(tmp_path / "a.npz", npy(VALUES))
+    with pytest.raises(InputError, match=r"`verts`: cannot be unpacked into .* \(\[Errno 28\] No"):
+        Archive(path).array("verts")
+
+
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_another_compression_is_refused(tmp_path, method):
     path = zipped(tmp_path / "a.npz", npy(VALUES), method)
