@@ -80,12 +80,13 @@ def chosen(names: list[str], member: str | None) -> str:
     if member is not None:
         near = get_close_matches(member, names, cutoff=0.0)
         raise InputError(
-            f"holds no clip `{member}`; the nearest names are {_listed(near)}, and cageik info "
-            "lists all"
+            f"holds no clip `{printable(member)}`; the nearest names are "
+            f"{_listed(near)}, and cageik info lists all"
         )
     if len(names) > 1:
         raise InputError(
-            f"holds {len(names)} clips: {_listed(names)}; name one of them as FILE::{names[0]}"
+            f"holds {len(names)} clips: {_listed(names)}; name one of them as "
+            f"FILE::{printable(names[0])}"
         )
     return names[0]
 
