@@ -11,7 +11,7 @@ from cageik_cli.layout import page
 from cageik_cli.mesh import TriMesh
 from cageik_cli.report.text import accuracy_row, weights_row
 from cageik_cli.scene import Scene
-from cageik_cli.sequence import ClipSettings, MeshSequence, load_mesh, open_sequence
+from cageik_cli.sequence import ClipSettings, MeshSequence, load_mesh, open_sequence, outline
 from cageik_cli.sequence.files import kind_of
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
@@ -19,8 +19,10 @@ from cageik_cli.store.partial import is_partial, progress_of
 from cageik_cli.store.result import Result, is_result, read_result
 
 
-def describe(arguments: list[str]) -> str:
+def describe(arguments: list[str], layout: str | None = None) -> str:
     """Describe results, bindings, one mesh, or the clip that files, a folder or a glob name.
+
+    `layout` is the order of an array's axes, as in `ClipSettings`.
 
     Raises
     ------
@@ -38,8 +40,9 @@ def describe(arguments: list[str]) -> str:
         loaded = load_mesh(paths[0])
         rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
         return page(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
-    sequence = open_sequence(arguments, ClipSettings(allow_gaps=True))
-    return page(first_few(arguments, 3), _clip_rows(sequence))
+    how = ClipSettings(layout=layout, allow_gaps=True)
+    rows = outline(arguments, how) or _clip_rows(open_sequence(arguments, how))
+    return page(first_few(arguments, 3), rows)
 
 
 def binding_rows(stored: StoredBinding) -> list[tuple[str, str]]:
@@ -106,6 +109,8 @@ def _clip_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
         ("holds", "a clip"),
         ("frames", f"{len(sequence)}, {sequence.names[0]} to {sequence.names[-1]}"),
         *_mesh_rows(sequence.first),
+        *([("scene", sequence.scene.words)] if sequence.scene.words else []),
+        *(("note", note) for note in sequence.notes),
     ]
 
 

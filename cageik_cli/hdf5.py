@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -84,3 +85,20 @@ def dataset(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...
 def numbers(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> np.ndarray:
     """All of a small dataset, checked as by `dataset`."""
     return np.asarray(dataset(file, name, kinds, shape)[()])
+
+
+def numeric_shapes(file: h5py.File, kinds: str) -> dict[str, tuple[int, ...]]:
+    """Shapes of the datasets of numbers of these kinds that lie at the top of a file, by name."""
+    held = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
+    found = {name: file[name] for name in held if file.get(name, getclass=True) is h5py.Dataset}
+    return {
+        name: each.shape
+        for name, each in found.items()
+        if each.dtype.kind in kinds and each.shape is not None
+    }
+
+
+def lone_attributes(file: h5py.File, names: tuple[str, ...]) -> dict[str, Any]:
+    """The attributes of these names that are one value each."""
+    held = [name for name in names if name in file.attrs]
+    return {name: file.attrs[name] for name in held if file.attrs.get_id(name).shape == ()}

@@ -1,7 +1,11 @@
 """How an animation sits in a scene: what time and space its numbers mean."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from math import isfinite
+from typing import Any
+
+import numpy as np
 
 from cageik_cli.errors import InputError
 
@@ -72,3 +76,32 @@ class SceneHints:
         fps = None if self.fps is None else self.fps / frames.step
         start = None if self.start is None else self.start + frames.start
         return replace(self, fps=fps, start=start)
+
+    @property
+    def words(self) -> str:
+        """What is said, in a line; empty if nothing is."""
+        said = (
+            self.fps is not None and f"{self.fps:g} frames a second",
+            self.start is not None and f"from frame {self.start:g}",
+            self.up_axis is not None and f"{self.up_axis} up",
+            self.metres_per_unit is not None and f"{self.metres_per_unit:g} m a unit",
+        )
+        return ", ".join(word for word in said if word)
+
+
+def sound_hints(said: Mapping[str, Any]) -> tuple[SceneHints, tuple[str, ...]]:
+    """The hints among the values that a file has under their names, and what is wrong with others.
+
+    What is no single number (text for the axis) is somebody else's and passed by.
+    """
+    hints, notes = SceneHints(), []
+    for field in fields(SceneHints):
+        value = np.asarray(said.get(field.name))
+        if value.shape != () or value.dtype.kind not in ("U" if field.name == "up_axis" else "fiu"):
+            continue
+        try:
+            plain: Any = str(value) if field.name == "up_axis" else float(value)
+            hints = replace(hints, **{field.name: plain})
+        except InputError as error:
+            notes.append(f"`{field.name}` is passed by: {error}")
+    return hints, tuple(notes)

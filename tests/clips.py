@@ -1,5 +1,7 @@
 """Frames of a clip, for tests."""
 
+from contextlib import closing
+
 import numpy as np
 
 
@@ -13,5 +15,6 @@ def positions_of(blocks):
 
 
 def frames_of(sequence, size=2, jobs=2):
-    """Positions (F, m, 3) of a clip."""
-    return positions_of(sequence.blocks(size, jobs))
+    """Positions (F, m, 3) of a clip; its threads have ended, also when a frame is refused."""
+    with closing(sequence.blocks(size, jobs)) as blocks:
+        return positions_of(blocks)

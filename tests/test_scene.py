@@ -1,11 +1,12 @@
 """Time and space of an animation: who says what, and what cannot be."""
 
+import numpy as np
 import pytest
 
 from cageik_cli.cli.clip_options import LAYOUTS, UP_AXES
 from cageik_cli.errors import InputError
 from cageik_cli.scene import UP_AXES as KNOWN_AXES
-from cageik_cli.scene import Scene, SceneHints
+from cageik_cli.scene import Scene, SceneHints, sound_hints
 from cageik_cli.sequence.clip import LAYOUTS as KNOWN_LAYOUTS
 
 
@@ -36,6 +37,31 @@ def test_part_of_a_clip_keeps_its_place_and_speed():
     hints = SceneHints(fps=24.0, start=1001.0)
     assert hints.chosen(range(10, 20, 2)) == SceneHints(fps=12.0, start=1011.0)
     assert SceneHints(up_axis="Z").chosen(range(4, 8, 3)) == SceneHints(up_axis="Z")
+
+
+def test_only_what_is_sound_of_a_files_words_is_taken():
+    said = {"fps": np.float32(30), "start": np.int64(-2), "up_axis": "Z", "metres_per_unit": 0.01}
+    assert sound_hints(said) == (SceneHints(30.0, -2.0, "Z", 0.01), ())
+    assert sound_hints({}) == (SceneHints(), ())
+    others = {"fps": [30.0], "start": "first", "up_axis": 1, "metres_per_unit": object()}
+    assert sound_hints(others) == (SceneHints(), ())
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("fps", 0), ("fps", np.nan), ("start", np.inf), ("up_axis", "X"), ("metres_per_unit", -1)],
+)
+def test_what_cannot_be_is_passed_by_with_a_note(name, value):
+    hints, (note,) = sound_hints({name: value})
+    assert hints == SceneHints()
+    assert note.startswith(f"`{name}` is passed by: ")
+
+
+def test_hints_in_words():
+    assert SceneHints().words == ""
+    assert SceneHints(start=0).words == "from frame 0"
+    words = "23.976 frames a second, from frame 1, Z up, 0.01 m a unit"
+    assert SceneHints(23.976, 1.0, "Z", 0.01).words == words
 
 
 def test_the_commands_words_are_the_packages():

@@ -37,18 +37,21 @@ class Selection(click.ParamType):  # type: ignore[type-arg]  # not subscriptable
         return slice(*(None if bound is None else int(bound) for bound in match.groups()))
 
 
+layout_option = click.option(
+    "--layout",
+    type=click.Choice(LAYOUTS),
+    help="Order of an array's axes: f frames, v vertices, x coordinates.  "
+    "[default: by their lengths]",
+)
+
+
 def clip_options(command: Command) -> Command:
     """--frames, --layout and --allow-gaps: how a clip is taken."""
     for option in (
         click.option(
             "--allow-gaps", is_flag=True, help="Take frames although a number is missing."
         ),
-        click.option(
-            "--layout",
-            type=click.Choice(LAYOUTS),
-            help="Order of an array's axes: f frames, v vertices, x coordinates.  "
-            "[default: by their lengths]",
-        ),
+        layout_option,
         click.option(
             "--frames",
             "selection",

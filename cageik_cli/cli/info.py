@@ -2,16 +2,18 @@
 
 import click
 
+from cageik_cli.cli.clip_options import layout_option
 from cageik_cli.cli.options import common
 
 
 @click.command("info")
 @click.argument("files", nargs=-1, required=True)
+@layout_option
 @common
-def info_command(files: tuple[str, ...], quiet: bool) -> None:
+def info_command(files: tuple[str, ...], layout: str | None, quiet: bool) -> None:
     """Say what FILES hold: a result, a clip (files, folder, glob) or one mesh, such as a cage."""
     from cageik_cli.describing import describe
 
-    text = describe(list(files))
+    text = describe(list(files), layout)
     if not quiet:
         click.echo(text)

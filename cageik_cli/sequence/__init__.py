@@ -8,7 +8,7 @@ from cageik_cli.sequence.clip import (
     refuse_other_connectivity,
 )
 from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh
-from cageik_cli.sequence.opening import files_read, open_sequence
+from cageik_cli.sequence.opening import files_read, open_sequence, outline
 from cageik_cli.sequence.rest_pose import clip_and_rest
 from cageik_cli.sequence.weights_file import load_vertex_weights
 
@@ -23,5 +23,6 @@ __all__ = [
     "load_mesh",
     "load_vertex_weights",
     "open_sequence",
+    "outline",
     "refuse_other_connectivity",
 ]

@@ -70,7 +70,7 @@ class ClipRequest:
         wanted = self.how.selection
         numbers = range(count)[wanted]
         if not numbers:
-            bounds = (wanted.start, wanted.stop, wanted.step)
+            bounds = (wanted.start, wanted.stop, *([wanted.step] if wanted.step else []))
             typed = ":".join("" if bound is None else str(bound) for bound in bounds)
             raise InputError(f"--frames {typed} takes none of the {count} frames")
         return numbers
@@ -118,6 +118,8 @@ class MeshSequence(ABC):
         Lower case, with the dot.
     has_members : bool
         Whether a file may hold several clips, named by `FILE::CLIP`.
+    has_layout : bool
+        Whether a file may have its axes in any order, said by `--layout`.
     names : tuple of str
         Where each frame comes from, F of them: a file's name, or the clip's name and an index.
     first : TriMesh
@@ -130,6 +132,7 @@ class MeshSequence(ABC):
 
     suffixes: tuple[str, ...]
     has_members: bool = False
+    has_layout: bool = False
     names: tuple[str, ...]
     first: TriMesh
     scene: SceneHints = SceneHints()
@@ -138,6 +141,11 @@ class MeshSequence(ABC):
     @abstractmethod
     def __init__(self, request: ClipRequest) -> None:
         """Open the clip."""
+
+    @classmethod
+    def outline(cls, request: ClipRequest) -> list[tuple[str, str]]:
+        """What files hold that are no clip by themselves, in labelled lines; none for a clip."""
+        return []
 
     @abstractmethod
     def positions(self, index: int) -> np.ndarray:

@@ -5,9 +5,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cageik_cli.errors import InputError, first_few, located
 from cageik_cli.layout import printable
 from cageik_cli.mesh import TriMesh
+from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.clip import ClipRequest, MeshSequence
 
 
@@ -25,37 +28,41 @@ class ClipFile(MeshSequence):
     numbers: range
     _fanned: TriMesh | None = None
 
-    def take(self, request: ClipRequest, count: int) -> None:
-        """Take those of the file's `count` frames that are asked for, and name them."""
+    def take(self, request: ClipRequest, count: int, scene: SceneHints | None = None) -> None:
+        """Take those of the file's `count` frames that are asked for, and name them.
+
+        `scene` is what the file says of all of them.
+        """
         self.path = only(request.paths)
         self.numbers = request.chosen(count)
+        self.scene = (scene or SceneHints()).chosen(self.numbers)
         member = f"::{request.member}" if request.member is not None else ""
         name = printable(self.path.name + member)
         self.names = tuple(f"{name}[{k}]" for k in self.numbers)
 
-    def take_faces(self, request: ClipRequest) -> None:
-        """Take the rest pose's faces, for a file that holds positions alone.
+    def take_faces(self, request: ClipRequest, vertices: int) -> None:
+        """Take the rest pose's faces, for a file that holds positions alone, of `vertices`.
 
         Raises
         ------
         InputError
-            When no rest pose is given.
+            When no rest pose is given, or it has not as many vertices.
         """
-        if request.rest is None:
-            raise InputError("holds positions and no faces; give a mesh that has them with --rest")
-        positions = self.frame_of(0, len(request.rest.mesh.vertices))
-        self.first = TriMesh(positions, request.rest.mesh.faces)
-        self._fanned = TriMesh(positions, request.rest.fanned.faces)
-
-    def frame_of(self, index: int, count: int) -> Any:
-        """Positions of a frame, which has `count` vertices."""
-        positions = self.positions(index)
-        if len(positions) != count:
-            raise InputError(
-                f"{len(positions)} vertices, the rest pose has {count}; all must share one "
-                "connectivity"
-            )
-        return positions
+        rest = request.rest
+        with located(self.path):
+            if rest is None:
+                raise InputError(
+                    "holds positions and no faces; give a mesh that has them with --rest"
+                )
+            if vertices != len(rest.mesh.vertices):
+                raise InputError(
+                    f"{vertices} vertices, the rest pose has {len(rest.mesh.vertices)}; all must "
+                    "share one connectivity"
+                )
+        positions = self.positions(0)
+        with located(self.names[0]):
+            self.first = TriMesh(positions, rest.mesh.faces)
+        self._fanned = TriMesh(self.first.vertices, rest.fanned.faces)
 
     @property
     def fanned(self) -> TriMesh:
@@ -78,6 +85,20 @@ class ClipFile(MeshSequence):
                     return hashlib.file_digest(stream, "sha256").digest()
             except OSError as error:
                 raise InputError(f"cannot be read: {error.strerror or error}") from error
+
+
+def refuse_counted_from_one(faces: np.ndarray, vertices: int) -> None:
+    """Refuse faces that name one vertex more than there are `vertices`, and never vertex 0.
+
+    Raises
+    ------
+    InputError
+    """
+    if faces.size and faces.min() > 0 and faces.max() == vertices:
+        raise InputError(
+            f"faces name vertices {faces.min()} to {vertices} of {vertices}, so they are counted "
+            "from 1; take 1 off them and write the file again"
+        )
 
 
 def only(paths: tuple[Path, ...]) -> Path:

@@ -15,6 +15,15 @@ from cageik_cli.sequence.files import kind_of
 from cageik_cli.sequence.mesh_file import LoadedMesh
 from cageik_cli.sequence.numbering import refuse_gaps
 
+_SKELETAL = "holds the motion of a skeleton, no mesh; export the mesh it moves, as OBJ frames"
+_SCENE = "is a scene of another program; export the mesh from there, as USD, Alembic or OBJ frames"
+_OTHERS = {
+    **dict.fromkeys((".bvh", ".c3d", ".asf", ".amc"), _SKELETAL),
+    **dict.fromkeys((".blend", ".fbx", ".glb", ".gltf", ".ma", ".max", ".mb"), _SCENE),
+    **dict.fromkeys((".hip", ".hipnc", ".hiplc", ".bgeo"), _SCENE),
+}
+"""Why files that one might take for clips are none."""
+
 _NATURAL = natsort_keygen(key=str, alg=ns.PATH)
 
 
@@ -36,11 +45,31 @@ def open_sequence(
     InputError
         When nothing matches, kinds are mixed, or the first frame cannot be read.
     """
-    how = how or ClipSettings()
+    reader, request = _requested(arguments, how or ClipSettings(), rest)
+    return reader(request)
+
+
+def outline(arguments: list[str], how: ClipSettings) -> list[tuple[str, str]]:
+    """What files hold that are no clip by themselves, in labelled lines; none for a clip.
+
+    Raises
+    ------
+    InputError
+        As `open_sequence` does.
+    """
+    reader, request = _requested(arguments, how, None)
+    return reader.outline(request)
+
+
+def _requested(
+    arguments: list[str], how: ClipSettings, rest: LoadedMesh | None
+) -> tuple[type[MeshSequence], ClipRequest]:
     by_suffix = _readers()
     arguments, member = _parted(arguments)
     paths = frame_paths(arguments, tuple(by_suffix))
     for path in paths:
+        if kind_of(path) in _OTHERS:
+            raise InputError(f"{path}: {_OTHERS[kind_of(path)]}")
         if kind_of(path) not in by_suffix:
             raise InputError(
                 f"{path}: `{kind_of(path)}` is not a kind of clip read here, expected "
@@ -57,9 +86,14 @@ def open_sequence(
         raise InputError(
             f"{arguments[0]}::{member}: a `{kinds[0]}` file holds one clip; leave `::{member}` out"
         )
+    if how.layout is not None and not reader.has_layout:
+        raise InputError(
+            f"{arguments[0]}: the axes of `{kinds[0]}` files have one order; leave "
+            f"--layout {how.layout} out"
+        )
     if not how.allow_gaps:
         refuse_gaps(paths)
-    return reader(ClipRequest(tuple(paths), member, rest, how))
+    return reader, ClipRequest(tuple(paths), member, rest, how)
 
 
 def files_read(arguments: list[str]) -> list[Path]:

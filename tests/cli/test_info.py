@@ -59,6 +59,58 @@ def test_another_hdf5_file_is_a_clip(run, folder, animation):
     assert rows_of(run("info", "clip.h5"))[1]["holds"] == "a clip"
 
 
+def test_positions_without_faces_are_outlined(run, folder, animation):
+    frames = animation.frames.astype(">f4")
+    times = (np.arange(5) / 30).astype(">f4").tobytes()
+    Path("clip.mdd").write_bytes(
+        np.array(frames.shape[:2], ">i4").tobytes() + times + frames.tobytes()
+    )
+    headline, rows = rows_of(run("info", "clip.mdd"))
+    assert headline == "clip.mdd"
+    assert rows == {
+        "holds": "positions without faces, which --rest gives",
+        "frames": "5",
+        "vertices": "18",
+        "scene": "30 frames a second, from frame 0",
+    }
+
+
+def test_an_array_of_two_readings_is_asked_about(run, folder, animation):
+    np.save("clip.npy", animation.frames.transpose(1, 2, 0))
+    outcome = run("info", "clip.npy")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.rstrip().endswith(
+        "clip.npy: positions can be read as vxf (5 frames of 18 vertices) or fxv (18 frames of 5 "
+        "vertices); say which with --layout"
+    )
+    _, rows = rows_of(run("info", "clip.npy", "--layout", "vxf"))
+    assert (rows["frames"], rows["vertices"]) == ("5", "18")
+
+
+def test_a_clip_tells_its_scene_and_its_notes(run, folder, animation):
+    np.savez("clip.npz", v=animation.frames, f=animation.rest.faces, fps=30.0, up_axis="up")
+    _, rows = rows_of(run("info", "clip.npz"))
+    assert rows["scene"] == "30 frames a second"
+    assert rows["note"].startswith("clip.npz: `up_axis` is passed by: the up axis is up")
+
+
+def test_several_clips_are_listed(run, folder, animation):
+    import h5py
+
+    with h5py.File("clip.hdf5", "w") as file:
+        file["faces"] = animation.rest.faces
+        file["run"], file["walk"] = [animation.frames[k:].transpose(1, 2, 0) for k in (3, 0)]
+    outcome = run("info", "clip.hdf5")
+    assert outcome.out.splitlines() == [
+        "clip.hdf5",
+        "  holds          2 clips, each named as FILE::CLIP",
+        "  clip           run, 2 frames of 18 vertices",
+        "  clip           walk, 5 frames of 18 vertices",
+    ]
+    _, rows = rows_of(run("info", "clip.hdf5::walk"))
+    assert rows["frames"] == "5, clip.hdf5::walk[0] to clip.hdf5::walk[4]"
+
+
 def test_a_sound_cage_is_said_to_be_one(run, folder):
     _, rows = rows_of(run("info", "cage.obj"))
     assert rows["holds"] == "a mesh"

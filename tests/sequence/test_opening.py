@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.errors import InputError
-from cageik_cli.sequence import ClipSettings, open_sequence
+from cageik_cli.sequence import ClipSettings, open_sequence, outline
 from cageik_cli.sequence.opening import frame_paths
 
+WALKS = ["walk.bvh", "walk.C3D", "walk.fbx", "walk.blend", "walk.glb"]
 NUMBERS = ["frame_1.obj", "frame_2.obj", "frame_10.obj", "frame_11.obj"]
 
 
@@ -96,17 +97,36 @@ def test_a_glob_may_name_folders_as_the_shell_would(frames):
         (["nowhere"], "nowhere: no such file or folder"),
         (["frames", "nowhere.obj"], "nowhere.obj: no such file or folder"),
         (["frames/*.ply"], "frames/*.ply: no frame found"),
-        (["empty"], "empty: no frame found, expected files of kinds .npz, .obj"),
+        (["empty"], "empty: no frame found, expected files of kinds ."),
         (["frames/notes.txt"], "frames/notes.txt: `.txt` is not a kind of clip read here"),
         (["frames", "clip.npz"], "files of kinds .npz, .obj are mixed"),
         (["clip.npz", "clop.npz"], "clip.npz: 2 files that each hold a clip were named"),
+        (["clip.npz::walk"], "clip.npz::walk: a `.npz` file holds one clip; leave `::walk` out"),
+        (["walk.bvh"], "walk.bvh: holds the motion of a skeleton, no mesh; export the mesh"),
+        (["walk.C3D"], "walk.C3D: holds the motion of a skeleton"),
+        (["walk.fbx"], "walk.fbx: is a scene of another program; export the mesh from there"),
+        (["walk.blend"], "as USD, Alembic or OBJ frames"),
+        (["walk.glb"], "walk.glb: is a scene of another program"),
         (["frames"], "frame_3.obj: missing between frame_2.obj and frame_10.obj"),
     ],
 )
 def test_what_cannot_be_a_clip_is_refused_with_the_argument(frames, arguments, says):
     Path("empty").mkdir()
-    for name in ("frames/notes.txt", "clip.npz", "clop.npz"):
+    for name in ("frames/notes.txt", "clip.npz", "clop.npz", *WALKS):
         Path(name).touch()
     with pytest.raises(InputError) as caught:
         open_sequence(arguments)
     assert says in str(caught.value)
+
+
+def test_a_layout_is_for_arrays_alone(frames):
+    with pytest.raises(
+        InputError, match=r"frames: the axes of `\.obj` files have one order; leave"
+    ):
+        open_sequence(["frames"], ClipSettings(layout="vxf", allow_gaps=True))
+
+
+def test_only_what_is_no_clip_by_itself_is_outlined(frames):
+    assert outline(["frames"], ClipSettings(allow_gaps=True)) == []
+    with pytest.raises(InputError, match="nowhere: no such file"):
+        outline(["nowhere"], ClipSettings())

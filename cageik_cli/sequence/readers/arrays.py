@@ -1,97 +1,85 @@
-"""A clip in a numpy `.npz`: an array of positions and one of faces, by their usual names."""
+"""Clips in numpy's files: an array of positions, and in a `.npz` maybe one of faces, by name."""
 
-import io
-import zipfile
-import zlib
-from tokenize import TokenError
-from zipfile import BadZipFile
+from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.errors import InputError, located
-from cageik_cli.mesh import TriMesh
+from cageik_cli.errors import InputError
+from cageik_cli.scene import SceneHints, sound_hints
+from cageik_cli.sequence.axes import likeliest, readings_of
 from cageik_cli.sequence.clip import ClipRequest
-from cageik_cli.sequence.clip_file import ClipFile, only
-from cageik_cli.sequence.mesh_file import read_bytes
-
-# What numpy and zipfile raise for archives that are cut, encrypted or not of arrays.
-_DAMAGES = (OSError, ValueError, EOFError, MemoryError, RuntimeError, SyntaxError, TokenError,
-            zlib.error, BadZipFile)  # fmt: skip
+from cageik_cli.sequence.clip_file import only, refuse_counted_from_one
+from cageik_cli.sequence.numpy_files import Archive, FileArray, lone_array
+from cageik_cli.sequence.packed_clip import PackedClip, PackedClipFile
+from cageik_cli.sequence.stored_frames import Packing, StoredFrames
 
 VERTEX_NAMES = ("vertices", "verts", "V", "v")
 FACE_NAMES = ("faces", "tris", "F", "f")
 
 
-class Reader(ClipFile):
-    """Frames of one `.npz`; the array of positions is in memory, for it is compressed as one."""
+class Reader(PackedClipFile):
+    """Frames of one `.npz` or `.npy`, whose axes may be in any order of `LAYOUTS`."""
 
-    suffixes = (".npz",)
+    suffixes = (".npz", ".npy")
+    has_layout = True
 
-    def __init__(self, request: ClipRequest) -> None:
+    @classmethod
+    def opened(cls, request: ClipRequest) -> PackedClip:
+        """Find the arrays, and which axis is which."""
         path = only(request.paths)
-        with located(path):
-            arrays = _members(read_bytes(path))
-            faces = _faces(arrays)
-            self._frames = _frames_first(_named(arrays, VERTEX_NAMES, "f"), int(faces.max()))
-            self.take(request, len(self._frames))
-            self.first = TriMesh(self.positions(0), faces)
-
-    def positions(self, index: int) -> np.ndarray:
-        """Vertices of one frame."""
-        return np.asarray(self._frames[self.numbers[index]])
+        if path.suffix.lower() == ".npy":
+            return PackedClip(_frames(lone_array(path), None, request))
+        archive = _clip_archive(path)
+        positions, faces = _named(archive, VERTEX_NAMES), None
+        if archive.names.intersection(FACE_NAMES):
+            faces = _faces(_named(archive, FACE_NAMES))
+        said = {name: archive.scalar(name) for name in SceneHints.__slots__}
+        return PackedClip(_frames(positions, faces, request), faces, *sound_hints(said))
 
 
-def _members(data: bytes) -> dict[str, np.ndarray]:
-    if not zipfile.is_zipfile(io.BytesIO(data)):
-        raise InputError("is not a .npz archive of arrays; write it with numpy.savez")
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            wanted = [name for name in file.files if name in VERTEX_NAMES + FACE_NAMES]
-            if {"poses", "betas", "trans"} <= set(file.files) and not wanted:
-                raise InputError(
-                    "holds body parameters (AMASS), not vertices; evaluate the body model first"
-                )
-            return {name: np.asarray(file[name]) for name in wanted}
-    except _DAMAGES as error:
-        raise InputError(f"is not a sound .npz of plain arrays ({error})") from error
+def _clip_archive(path: Path) -> Archive:
+    archive = Archive(path)
+    if not archive.names.intersection(VERTEX_NAMES) and "poses" in archive.names:
+        raise InputError(
+            "holds body parameters (AMASS or SMPL: poses, betas, trans), not vertices; evaluate "
+            "the body model, and write its vertices"
+        )
+    return archive
 
 
-def _named(arrays: dict[str, np.ndarray], names: tuple[str, ...], kinds: str) -> np.ndarray:
-    found = [name for name in names if name in arrays]
+def _named(archive: Archive, names: tuple[str, ...]) -> FileArray:
+    found = [name for name in names if name in archive.names]
     if len(found) != 1:
         held = ", ".join(found) or "none"
         raise InputError(f"holds {held} of the arrays {', '.join(names)}; expected just one")
-    array = arrays[found[0]]
-    if array.dtype.kind not in kinds or array.size == 0:
+    return archive.array(found[0])
+
+
+def _faces(array: FileArray) -> np.ndarray:
+    if array.kind.kind not in "iu" or len(array.shape) != 2 or array.shape[1] != 3:
         raise InputError(
-            f"`{found[0]}` is {array.dtype} of shape {array.shape}, expected "
-            f"{'floating-point numbers' if kinds == 'f' else 'integers'}"
+            f"faces are {array.kind} of shape {array.shape}, expected integers of shape (count, 3)"
         )
-    return array
-
-
-def _faces(arrays: dict[str, np.ndarray]) -> np.ndarray:
-    faces = _named(arrays, FACE_NAMES, "iu")
-    if faces.ndim != 2 or faces.shape[1] != 3:
-        raise InputError(f"faces have shape {faces.shape}, expected (count, 3)")
+    faces = array.values()
+    if not faces.size:
+        raise InputError("faces are none, expected one at least")
     return faces
 
 
-def _frames_first(array: np.ndarray, last_vertex: int) -> np.ndarray:
-    """Positions as (F, m, 3), whichever of (F, m, 3) and (m, 3, F) they came in.
-
-    The axis of length 3 decides; when two are, the faces do: they must find their vertices.
-    """
-    layouts = []
-    if array.ndim == 3 and array.shape[2] == 3 and array.shape[1] > last_vertex:
-        layouts.append(array)
-    if array.ndim == 3 and array.shape[1] == 3 and array.shape[0] > last_vertex:
-        layouts.append(array.transpose(2, 0, 1))
-    if len(layouts) != 1:
-        found = "could be either" if layouts else "is neither"
+def _frames(array: FileArray, faces: np.ndarray | None, request: ClipRequest) -> StoredFrames:
+    """The frames of an array of positions, of the vertices that faces or the rest pose name."""
+    if array.kind.kind != "f":
         raise InputError(
-            f"positions of shape {array.shape} {found} of (frames, vertices, 3) and "
-            f"(vertices, 3, frames) for faces that name vertex {last_vertex} (from 0; faces "
-            "counted from 1 must have 1 taken off)"
+            f"positions are {array.kind} of shape {array.shape}, expected floating-point numbers"
         )
-    return layouts[0]
+    readings, named = readings_of(array.shape, request.how.layout), None
+    if faces is not None:
+        for reading in readings:
+            refuse_counted_from_one(faces, reading.vertices)
+        named = int(faces.max()) + 1
+    elif request.rest is not None:
+        named = len(request.rest.mesh.vertices)
+    found = likeliest(readings, named)
+    order = found.layout[::-1] if array.is_reversed else found.layout
+    packing = Packing(array.offset, array.kind, found.frames, found.vertices, order)
+    return StoredFrames(array.file, packing)

@@ -1,0 +1,55 @@
+"""PC2 point caches: a header of 32 bytes and float32 positions, little-endian."""
+
+import struct
+from math import isfinite
+
+import numpy as np
+
+from cageik_cli.errors import InputError
+from cageik_cli.scene import SceneHints
+from cageik_cli.sequence.clip import ClipRequest
+from cageik_cli.sequence.clip_file import only
+from cageik_cli.sequence.packed_clip import PackedClip, PackedClipFile
+from cageik_cli.sequence.stored_frames import BinaryFile, Packing, StoredFrames, refuse_other_size
+
+_HEADER = struct.Struct("<12siiffi")
+_MAGIC = b"POINTCACHE2\0"
+
+
+class Reader(PackedClipFile):
+    """Frames of one `.pc2`."""
+
+    suffixes = (".pc2",)
+
+    @classmethod
+    def opened(cls, request: ClipRequest) -> PackedClip:
+        """Find frames, and the first one's number."""
+        file = BinaryFile.at(only(request.paths))
+        if file.size < _HEADER.size:
+            raise InputError(f"{file.size} bytes, a PC2 file has 32 at least; export it again")
+        header = file.numbers(0, np.dtype(np.uint8), (_HEADER.size,)).tobytes()
+        magic, version, vertices, start, rate, frames = _HEADER.unpack(header)
+        if magic != _MAGIC or version != 1:
+            raise InputError(
+                f"begins with {magic!r} and version {version}, expected {_MAGIC!r} and version 1; "
+                "it is no PC2 file of a kind read here"
+            )
+        refuse_other_size(
+            file, 32 + 12 * frames * vertices, {"frames": frames, "vertices": vertices}
+        )
+        if not isfinite(start) or not 0 < rate < float("inf"):
+            raise InputError(
+                f"starts at frame {start} with a sample every {rate} frames, expected a finite "
+                "start and a rate above zero; export it again"
+            )
+        packing = Packing(32, np.dtype("<f4"), frames, vertices)
+        return PackedClip(StoredFrames(file, packing), None, SceneHints(start=start), _notes(rate))
+
+
+def _notes(rate: float) -> tuple[str, ...]:
+    if rate == 1:
+        return ()
+    return (
+        f"holds a sample every {rate:g} frames of its scene, and each is taken as a frame; the "
+        f"frames a second are those of the scene divided by {rate:g}: give --fps",
+    )
