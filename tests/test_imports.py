@@ -20,8 +20,8 @@ ORDER = (
     "shape", "findings", "intersections", "enclosure", "weaknesses", "diagnosis",
     "binding", "alignment", "dual_laplacian", "metrics",
     "outputs", "hdf5", "sequence", "store.parts", "store.result", "store.binding_file",
-    "store.cache", "export", "binding_run", "extraction", "report", "checking", "describing",
-    "cli", "__main__",
+    "store.cache", "export", "binding_run", "extraction", "exporting", "deforming", "report",
+    "checking", "describing", "cli", "__main__",
 )  # fmt: skip
 """Each imports only from those before it; a folder named here keeps its own order."""
 
@@ -33,6 +33,7 @@ OWNERS = {
     "igl": {"coordinates.surface", "enclosure", "intersections"},
     "pyarrow": {"sequence.obj"},
     "trimesh": {"sequence.mesh_file"},
+    "pygltflib": {"export.writers.gltf"},
     "natsort": {"sequence.opening"},
     "threadpoolctl": {"threads"},
 }

@@ -7,6 +7,7 @@ from pathlib import Path
 from cageik_cli.errors import located
 from cageik_cli.export.animation import Animation
 from cageik_cli.export.opening import Maker, created, place_of, prepare_animation
+from cageik_cli.layout import bytes_text
 from cageik_cli.mesh import Floats
 from cageik_cli.observer import Observer
 
@@ -54,6 +55,12 @@ class Written:
     frames: int
     vertices: int
     size: int
+
+    @property
+    def line(self) -> str:
+        """What to tell the user."""
+        counts = f"{self.frames} frames of {self.vertices} vertices"
+        return f"wrote {self.path}: {counts}, {bytes_text(self.size)}"
 
 
 def write_animation(
