@@ -19,11 +19,14 @@ from cageik_cli.sequence.vertex_order import refuse_other_order
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
 from cageik_cli.threads import blas_threads
 
+GROUP = 4
+"""Frames to a product, always: its last digits depend on how many there are."""
+
 LARGEST_BLOCK = 16
-"""Frames to a product at most; it gains nothing from more."""
+"""Frames to a block at most, a few groups; nothing is gained from more."""
 
 ARRAYS_PER_FRAME = 4
-"""Arrays (m, 3) that a frame has at once: the product, as the writer has it, as bytes."""
+"""Arrays (m, 3) that a frame has at once: of its group, of its block, as the writer has it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,20 +94,30 @@ def deform(settings: DeformSettings, observer: Observer | None = None) -> Writte
     size = block_size(settings.memory, len(binding.rest.vertices))
     cages = read_cages(result.path, size) if clip is None else _cages(clip, size, settings.jobs)
     frames = (deformed(binding.weights, block) for block in cages)
-    with blas_threads(settings.jobs):
+    # One thread: the last digits depend on how many, and the writer takes longer anyway.
+    with blas_threads(1):
         return write_animation(settings.output, animation, frames, watch)
 
 
 def deformed(weights: Floats, cages: Floats) -> Floats:
     """The meshes (k, m, 3) that cages (k, n, 3) give by weights (m, n)."""
-    k, n, _ = cages.shape
-    columns = weights @ cages.transpose(1, 0, 2).reshape(n, 3 * k)
-    return np.asarray(columns.reshape(-1, k, 3).transpose(1, 0, 2))
+    starts = range(0, len(cages), GROUP)
+    return np.concatenate([_product(weights, cages[start : start + GROUP]) for start in starts])
 
 
 def block_size(memory: int, vertices: int) -> int:
-    """Frames to a block, such that blocks take no more than `memory` bytes."""
-    return int(np.clip(memory // (ARRAYS_PER_FRAME * 24 * vertices), 1, LARGEST_BLOCK))
+    """Frames to a block of whole groups, such that it takes no more than `memory` bytes.
+
+    One group at least.
+    """
+    groups = memory // (ARRAYS_PER_FRAME * 24 * vertices * GROUP)
+    return GROUP * int(np.clip(groups, 1, LARGEST_BLOCK // GROUP))
+
+
+def _product(weights: Floats, cages: Floats) -> Floats:
+    k, n, _ = cages.shape
+    columns = weights @ cages.transpose(1, 0, 2).reshape(n, 3 * k)
+    return np.asarray(columns.reshape(-1, k, 3).transpose(1, 0, 2))
 
 
 def _clip(settings: DeformSettings, result: Result) -> MeshSequence | None:

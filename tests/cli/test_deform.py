@@ -172,18 +172,31 @@ def test_the_results_own_settings_hold_unless_others_are_given(run, result, monk
     assert np.abs(frames_in("3.npz") - frames_in("2.npz")).max() > 1e-3
 
 
-def test_neither_threads_nor_memory_change_the_bytes(run, result):
-    assert run("deform", "cages.h5", *OUT).code == 0
-    for k, words in enumerate((["--jobs", "1"], ["--jobs", "2"], ["--memory", "10K"])):
-        assert run("deform", "cages.h5", *words, "-o", f"{k}.npz").code == 0
-        np.testing.assert_allclose(frames_in(f"{k}.npz"), frames_in(), rtol=0, atol=1e-15)
+@pytest.mark.parametrize("frames", [5, 21])
+def test_neither_threads_nor_memory_change_the_bytes(run, result, write_obj, animation, frames):
+    random = np.random.default_rng(3)
+    cages = animation.cage.vertices + random.normal(0, 0.1, (frames, 8, 3))
+    np.savez("e.npz", vertices=cages, faces=animation.cage.faces)
+    fine = finer(animation.rest, 3)
+    write_obj(Path("fine.obj"), fine.vertices, fine.faces)
+    words = ["deform", "cages.h5", "--cages", "e.npz", "--mesh", "fine.obj"]
+    assert run(*words, *OUT).code == 0
+    for k, more in enumerate((["--jobs", "1"], ["--jobs", "2"], ["--memory", "10K"])):
+        assert run(*words, *more, "-o", f"{k}.npz").code == 0
+        assert Path(f"{k}.npz").read_bytes() == Path("m.npz").read_bytes()
 
 
 @pytest.mark.parametrize(
     ("memory", "vertices", "expected"),
-    [(1 << 30, 10_000, 16), (1 << 20, 10_000, 1), (1, 10_000, 1), (4 * 96 * 100, 100, 4)],
+    [
+        (1 << 30, 10_000, 16),
+        (1 << 20, 10_000, 4),
+        (1, 10_000, 4),
+        (8 * 96 * 100, 100, 8),
+        (12 * 96 * 100 - 1, 100, 8),
+    ],
 )
-def test_blocks_are_bounded(memory, vertices, expected):
+def test_blocks_are_bounded_and_of_whole_groups(memory, vertices, expected):
     assert deforming.block_size(memory, vertices) == expected
 
 
@@ -320,7 +333,7 @@ def test_a_file_may_hold_every_option(run, result, animation, write_obj):
 
 def test_a_product_of_blocks_is_that_of_frames():
     random = np.random.default_rng(1)
-    weights, cages = random.random((7, 4)), random.random((3, 4, 3))
+    weights, cages = random.random((7, 4)), random.random((11, 4, 3))
     found = deforming.deformed(weights, cages)
     np.testing.assert_allclose(found, [weights @ cage for cage in cages], rtol=1e-14)
 
