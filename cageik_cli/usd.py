@@ -1,10 +1,11 @@
 """USD's own voice: its errors become ours, its warnings are kept instead of printed."""
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from cageik_cli.extras import needing
+from cageik_cli.optional import needing
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
@@ -25,6 +26,8 @@ def quiet(failed: Callable[[str], Exception]) -> Iterator[Any]:
             yield trap
         except Tf.ErrorException as error:
             raise failed(_sentence(error.args[0].commentary)) from error
+        except UnicodeDecodeError as error:
+            raise failed("its text is not UTF-8") from error
 
 
 def warnings_of(trap: Any) -> list[str]:
@@ -33,4 +36,5 @@ def warnings_of(trap: Any) -> list[str]:
 
 
 def _sentence(text: str) -> str:
-    return " ".join(text.split())
+    """On one line, and without the names of the parser's rules."""
+    return re.sub(r" matching pxrInternal.*? at ", " at ", " ".join(text.split()))

@@ -6,8 +6,8 @@ import numpy as np
 
 from cageik_cli.export.animation import Animation, AnimationWriter
 from cageik_cli.export.single_precision import single_precision
-from cageik_cli.extras import needing
 from cageik_cli.mesh import Floats
+from cageik_cli.optional import needing
 
 
 class Writer(AnimationWriter):

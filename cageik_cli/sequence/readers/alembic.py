@@ -2,14 +2,15 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from cageik_cli.errors import InputError, located
-from cageik_cli.extras import needing
 from cageik_cli.mesh import Floats
+from cageik_cli.optional import needing
 from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.clip import ClipRequest
 from cageik_cli.sequence.clip_file import ClipFile, only
@@ -30,6 +31,7 @@ class Reader(ClipFile):
         with located(path):
             with needing("alembic3d", "abc", "reading .abc"):
                 import alembic3d  # noqa: F401
+            _refuse_cut(path)
             self._lock = Lock()  # the library's streams are not for several threads
             with _sound():
                 notes = self._open(str(path), request)
@@ -87,7 +89,7 @@ class Reader(ClipFile):
     def _polygons(self) -> Polygons:
         """The faces, which must be the same at all times."""
         properties = (self._schema.getFaceCountsProperty(), self._schema.getFaceIndicesProperty())
-        first, *others = range(max(p.getNumSamples() for p in properties))
+        first, *others = range(max(1 if p.isConstant() else p.getNumSamples() for p in properties))
         found = _polygons_at(properties, first)
         for sample in others:
             if _polygons_at(properties, sample).differ(found):
@@ -97,13 +99,32 @@ class Reader(ClipFile):
         return found
 
 
+def _refuse_cut(path: Path) -> None:
+    """Refuse what the library would take for an archive without objects, or not know."""
+    try:
+        with path.open("rb") as stream:
+            header = stream.read(16)
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}") from error
+    if header.startswith(b"\x89HDF"):
+        raise InputError(
+            "is Alembic of the older kind in HDF5; convert it with abcconvert -toOgawa"
+        )
+    if not header.startswith(b"Ogawa"):
+        raise InputError("is not an Alembic file; export it again")
+    # A byte that is set when the file is closed, and where its root is: at the end.
+    if header[5:6] != b"\xff" or int.from_bytes(header[8:], "little") >= path.stat().st_size:
+        raise InputError("is cut short, or was not closed by what wrote it; export it again")
+
+
 @contextmanager
 def _sound() -> Iterator[None]:
     """Make of whatever Alembic raises inside an InputError."""
     try:
         yield
-    except (RuntimeError, IndexError) as error:
-        cause = " ".join(str(error).split())
+    except (RuntimeError, IndexError, UnicodeDecodeError) as error:
+        # Exceptions are wrapped in one another there: the innermost says what it is about.
+        cause = " ".join(str(error).rpartition("EXCEPTION:")[2].split())
         raise InputError(f"is not a sound Alembic file ({cause}); export it again") from error
 
 
