@@ -1,5 +1,8 @@
 """Alembic: one polygon mesh, in single precision."""
 
+import errno
+import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +25,7 @@ class Writer(AnimationWriter):
             from alembic3d.AbcGeom import OPolyMesh
             from imath import IntArray, IntArrayFromBuffer
 
+        _refuse_full_disk(target, animation)
         scene, faces = animation.scene, animation.rest.faces
         corners = np.ascontiguousarray(faces[:, ::-1], np.int32).ravel()
         self._faces = (IntArrayFromBuffer(corners), IntArray(3, len(faces)))
@@ -54,3 +58,10 @@ class Writer(AnimationWriter):
     def abandon(self) -> None:
         """Close the file."""
         self.__dict__.pop("_schema", None)
+
+
+def _refuse_full_disk(target: Path, animation: Animation) -> None:
+    """Refuse what will not fit: Alembic ends the process when a last write fails."""
+    size = 12 * animation.count * len(animation.rest.vertices) + 16 * len(animation.rest.faces)
+    if size > shutil.disk_usage(target.parent).free:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -10,7 +10,10 @@ from cageik_cli.usd import SUFFIXES, quiet
 
 
 class Writer(AnimationWriter):
-    """Frame k at time code start + k of the mesh `/NAME/mesh`."""
+    """Frame k at time code start + k of the mesh `/NAME/NAME`.
+
+    Blender calls the object by the mesh, others by its parent.
+    """
 
     suffixes = SUFFIXES
 
@@ -21,7 +24,9 @@ class Writer(AnimationWriter):
         with quiet(OSError):
             # A mesh as the default prim would be hidden by the type of whatever references it.
             UsdGeom.Xform.Define(self._file.stage, self._file.root)
-            mesh = define_mesh(self._file.stage, f"{self._file.root}/mesh", animation.rest)
+            mesh = define_mesh(
+                self._file.stage, f"{self._file.root}/{animation.name}", animation.rest
+            )
             self._points, self._extent = mesh.CreatePointsAttr(), mesh.CreateExtentAttr()
 
     def append(self, frames: Floats) -> None:
