@@ -12,14 +12,14 @@ import cageik_cli
 PACKAGE = Path(cageik_cli.__file__).parent
 
 ORDER = (
-    "errors", "layout", "threads", "observer", "scene", "mesh",
+    "errors", "optional", "layout", "threads", "observer", "scene", "mesh",
     "coordinates.weights", "coordinates.polynomials", "coordinates.panel_geometry",
     "coordinates.panels", "coordinates.higher_terms", "coordinates.boundary_mesh",
     "coordinates.surface", "coordinates.boundary_equation", "coordinates.error_estimate",
     "coordinates.harmonic", "coordinates.mean_value",
     "shape", "findings", "intersections", "enclosure", "weaknesses", "diagnosis",
     "binding", "alignment", "dual_laplacian", "metrics",
-    "outputs", "hdf5", "sequence", "store.parts", "store.result", "store.binding_file",
+    "outputs", "hdf5", "usd", "sequence", "store.parts", "store.result", "store.binding_file",
     "store.cache", "export", "binding_run", "extraction", "exporting", "deforming", "report",
     "checking", "describing", "cli", "__main__",
 )  # fmt: skip
@@ -36,8 +36,17 @@ OWNERS = {
     "pygltflib": {"export.writers.gltf"},
     "natsort": {"sequence.opening"},
     "threadpoolctl": {"threads"},
+    "pxr": {
+        "usd",
+        "sequence.readers.usd",
+        "export.usd_file",
+        "export.writers.usd",
+        "export.skeleton",
+    },
+    "alembic3d": {"sequence.readers.alembic", "export.writers.alembic"},
+    "imath": {"export.writers.alembic"},
 }
-"""Who may import a library; numpy and scipy are for all."""
+"""Who may import a library, `imath` being alembic3d's; numpy and scipy are for all."""
 
 NUMERICS = (
     "mesh",
@@ -49,6 +58,7 @@ NUMERICS = (
     "alignment",
     "dual_laplacian",
     "metrics",
+    "export.skinning",
 )
 NO_NUMERICS = {"click", "io", "logging", "os", "pathlib", "sys", "time", "tqdm", "warnings"}
 LOUD = {"print", "open", "input"}

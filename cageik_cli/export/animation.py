@@ -4,10 +4,6 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cageik_cli.errors import InputError
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.scene import Scene
 
@@ -33,22 +29,6 @@ class Animation:
     name: str
 
 
-@dataclass(frozen=True, slots=True)
-class Library:
-    """A library that a writer cannot do without.
-
-    Attributes
-    ----------
-    module : str
-        What is imported.
-    extra : str
-        The extra of this package that installs it.
-    """
-
-    module: str
-    extra: str
-
-
 class AnimationWriter(ABC):
     """Writes one animation: its frames are appended in order, then it is completed.
 
@@ -62,16 +42,17 @@ class AnimationWriter(ABC):
         Lower case, with the dot.
     into_folder : bool
         Whether it writes a folder of files, a frame each, instead of a file.
-    library : Library, optional
-        What it needs beside this package's own requirements.
     notes : tuple of str
         What to mind about what is written, one sentence each.
     """
 
     suffixes: tuple[str, ...]
     into_folder: bool = False
-    library: Library | None = None
     notes: tuple[str, ...] = ()
+
+    @classmethod  # noqa: B027  # most need no other library
+    def require(cls) -> None:
+        """Refuse to go on without a library that is needed, with what to install."""
 
     @abstractmethod
     def __init__(self, target: Path, animation: Animation) -> None:
@@ -95,21 +76,3 @@ class AnimationWriter(ABC):
 
     def abandon(self) -> None:  # noqa: B027  # most have nothing to let go of
         """Close what is open, after a failure; what was written is thrown away."""
-
-
-def single_precision(positions: Floats, kind: str = "<f4") -> NDArray[np.float32]:
-    """Positions as contiguous float32, in the byte order that numpy's name `kind` says.
-
-    Raises
-    ------
-    InputError
-        When a coordinate is too large for it.
-    """
-    with np.errstate(over="ignore"):  # found below
-        single = np.ascontiguousarray(positions, kind)
-    if not np.isfinite(single).all():
-        raise InputError(
-            f"a coordinate is {np.abs(positions).max():.3g}, and this format holds numbers up to "
-            f"{np.finfo(np.float32).max:.3g}; scale the scene, or write .npz"
-        )
-    return single

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
 
@@ -42,12 +41,8 @@ def prepare_animation(path: Path, overwrite: bool, kind: str | None = None) -> N
         Naming the output and what to do.
     """
     target = _target_of(path, kind)
-    library = target.writer.library
-    if library is not None and find_spec(library.module) is None:
-        raise InputError(
-            f"{path}: {library.module} is needed to write `{path.suffix}` and not installed; "
-            f"pip install 'cageik[{library.extra}]'"
-        )
+    with located(path):
+        target.writer.require()
     if target.names is None:
         prepare(path, overwrite)
     else:

@@ -4,7 +4,8 @@ from abc import abstractmethod
 from contextlib import ExitStack
 from pathlib import Path
 
-from cageik_cli.export.animation import Animation, AnimationWriter, single_precision
+from cageik_cli.export.animation import Animation, AnimationWriter
+from cageik_cli.export.single_precision import single_precision
 from cageik_cli.mesh import Floats
 
 
@@ -31,7 +32,7 @@ class PointCacheWriter(AnimationWriter):
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
-        self._file.write(single_precision(frames, self.kind).data)
+        self._file.write(single_precision(frames).astype(self.kind, copy=False).data)
 
     def complete(self) -> None:
         """Close the file."""

@@ -47,12 +47,24 @@ def test_what_to_mind_stands_below(run, result):
     ]
 
 
-@pytest.mark.parametrize("out", ["c.npz", "c/c_####.ply", "c/c.$F3.obj", "c"])
-def test_the_cages_come_back(run, result, out):
+@pytest.mark.parametrize(
+    ("out", "tolerance"),
+    [
+        ("c.npz", 0),
+        ("c/c_####.ply", 0),
+        ("c/c.$F3.obj", 1e-8),
+        ("c", 1e-8),
+        ("c.usdc", 1e-6),
+        ("c.abc", 1e-6),
+    ],
+)
+def test_the_cages_come_back(run, result, out, tolerance):
+    """Read in the space of the result, whose scene is in centimetres with z up."""
     assert run("export", "cages.h5", out).code == 0
     clip = open_sequence([str(opening.place_of(Path(out)))])
-    np.testing.assert_allclose(frames_of(clip), verts(), rtol=1e-8, atol=1e-8)
-    np.testing.assert_array_equal(clip.first.faces, h5py.File("cages.h5")["tris"][:])
+    np.testing.assert_allclose(frames_of(clip), verts(), rtol=0, atol=tolerance)
+    with h5py.File("cages.h5") as file:
+        np.testing.assert_array_equal(clip.first.faces, file["tris"][:])
 
 
 def test_the_scene_is_the_results(run, result):
@@ -165,6 +177,18 @@ def test_wrong_usage_is_exit_code_2(run, result, words, says):
     outcome = run("export", *words)
     assert (outcome.code, outcome.out) == (2, "")
     assert says in outcome.err
+
+
+def test_a_skeleton_says_what_it_costs(run, result):
+    outcome = run("export", "cages.h5", "c.usda", "--skeleton")
+    assert outcome.code == 0, outcome.err
+    first, note = outcome.err.splitlines()
+    assert first.startswith("wrote c.usda: 5 frames of 8 vertices, ")
+    assert note.startswith("  note           c.usda: 8 joints at most move a vertex; no vertex is")
+    assert "def Skeleton" in Path("c.usda").read_text()
+    words = ["--skeleton", "--max-influences", "3", "--overwrite"]
+    outcome = run("export", "cages.h5", "c.usda", *words)
+    assert "c.usda: 3 joints at most move a vertex" in outcome.err
 
 
 def test_a_skeleton_needs_weights(run, folder):

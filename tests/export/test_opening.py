@@ -68,11 +68,20 @@ def test_what_cannot_be_is_refused_before_any_work(tmp_path, monkeypatch, name, 
     assert [item.name for item in Path().iterdir()] == ["there.txt"]
 
 
-def test_a_library_that_is_missing_is_named_before_any_work(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pygltflib", None)
-    with pytest.raises(InputError, match=r"pygltflib is needed .*; pip install 'cageik\[gltf\]'"):
-        prepare_animation(tmp_path / "a.glb", False)
-    prepare_animation(tmp_path / "a.pc2", False)
+@pytest.mark.parametrize(
+    ("module", "name", "says"),
+    [
+        ("pygltflib", "a.glb", "a.glb: writing .glb needs pygltflib: pip install 'cageik[gltf]'"),
+        ("pxr", "a.usdc", "a.usdc: writing USD needs usd-core: pip install 'cageik[usd]'"),
+        ("alembic3d", "a.abc", "a.abc: writing .abc needs alembic3d: pip install 'cageik[abc]'"),
+    ],
+)
+def test_a_library_that_is_missing_is_named_before_any_work(monkeypatch, module, name, says):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(InputError) as caught:
+        prepare_animation(Path(name), False)
+    assert str(caught.value) == says
+    prepare_animation(Path("a.pc2"), False)
 
 
 def test_nothing_is_left_of_preparing(tmp_path):

@@ -11,8 +11,10 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.errors import InputError
-from cageik_cli.export.animation import Animation, AnimationWriter, Library, single_precision
+from cageik_cli.export.animation import Animation, AnimationWriter
+from cageik_cli.export.single_precision import single_precision
 from cageik_cli.mesh import Floats
+from cageik_cli.optional import needing
 from cageik_cli.scene import Scene
 
 LARGEST_FILE = 2**32 - 1
@@ -32,7 +34,12 @@ class Writer(AnimationWriter):
     """
 
     suffixes = (".glb",)
-    library = Library("pygltflib", "gltf")
+
+    @classmethod
+    def require(cls) -> None:
+        """Refuse to go on without pygltflib."""
+        with needing("pygltflib", "gltf", "writing .glb"):
+            import pygltflib  # noqa: F401
 
     def __init__(self, target: Path, animation: Animation) -> None:
         vertices, faces = len(animation.rest.vertices), len(animation.rest.faces)
