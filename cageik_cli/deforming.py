@@ -82,7 +82,7 @@ def deform(settings: DeformSettings, observer: Observer | None = None) -> Writte
     watch = observer or Observer()
     settings.output.prepare()
     result = read_result(settings.result)
-    clip = _clip(settings, result)
+    clip = _clip(settings, result, watch)
     binding = _binding(settings, result, watch)
     scene = result.scene if clip is None else clip.scene.applied(result.scene)
     animation = Animation(
@@ -120,13 +120,15 @@ def _product(weights: Floats, cages: Floats) -> Floats:
     return np.asarray(columns.reshape(-1, k, 3).transpose(1, 0, 2))
 
 
-def _clip(settings: DeformSettings, result: Result) -> MeshSequence | None:
+def _clip(settings: DeformSettings, result: Result, watch: Observer) -> MeshSequence | None:
     """The cages that are not the result's own, of its connectivity."""
     if settings.cages is None:
         return None
     clip = open_sequence([settings.cages], settings.clip, _rest_cage(result))
     with located(settings.cages):
         refuse_other_order(clip, result.cage, "the result's cage")
+    for note in clip.notes:
+        watch.remark("note", note)
     return clip
 
 

@@ -98,8 +98,12 @@ def keep_apart(outputs: list[Path | None], inputs: list[Path | None]) -> None:
         if path is None or str(path) == "-":
             continue
         place = path.resolve()
-        if any(place == t or place in t.parents or t in place.parents for t in taken):
+        if not taken.isdisjoint([place, *place.parents]):
             raise InputError(f"{path}: is read or written by this command already; choose another")
+        if any(place in other.parents for other in taken):
+            raise InputError(
+                f"{path}: is a folder with files that this command reads or writes; choose another"
+            )
         taken.add(place)
 
 

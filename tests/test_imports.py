@@ -165,13 +165,14 @@ def test_every_owner_still_uses_its_library():
     assert {(library, owner) for library, owners in OWNERS.items() for owner in owners} <= used
 
 
-def test_readers_are_not_imported_by_name():
-    """A new kind of clip is one file among the readers, and nothing else."""
+@pytest.mark.parametrize("folder", ["sequence.readers", "export.writers"])
+def test_readers_and_writers_are_not_imported_by_name(folder):
+    """A new kind of clip is one file among the readers or writers, and nothing else."""
     users = {
         name
         for name, tree in modules_of(PACKAGE).items()
         for imported in _imports(tree, name, "cageik_cli")
-        if imported.startswith("cageik_cli.sequence.readers.")
+        if imported.startswith(f"cageik_cli.{folder}.")
     }
     assert users == set()
 

@@ -301,6 +301,8 @@ def test_a_folder_that_cannot_be_made_is_refused_before_any_work():
 def test_an_output_folder_holds_no_input_and_no_other_output(tmp_path):
     inside, folder = tmp_path / "a" / "b" / "frame_1", tmp_path / "a"
     outputs.keep_apart([folder, tmp_path / "ab"], [tmp_path / "abc" / "frame_1"])
-    for written, read in (([folder], [inside]), ([folder, inside], []), ([inside, folder], [])):
-        with pytest.raises(InputError, match="read or written by this command already"):
+    for written, read in (([folder], [inside]), ([inside, folder], [])):
+        with pytest.raises(InputError, match="is a folder with files that this command reads or w"):
             outputs.keep_apart(written, read)
+    with pytest.raises(InputError, match="frame_1: is read or written by this command already"):
+        outputs.keep_apart([folder, inside], [])

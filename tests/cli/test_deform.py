@@ -248,6 +248,17 @@ def test_cages_in_another_order_are_refused(run, result, write_obj, animation):
     )
 
 
+def test_cages_may_come_back_as_quads(run, result, write_obj, animation):
+    """Programs that edit quads write quads, from whatever corner."""
+    quads = np.array([(3, 2, 0, 1), (4, 6, 7, 5), (0, 4, 5, 1), (7, 6, 2, 3), (0, 2, 6, 4),
+                      (1, 5, 7, 3)])  # fmt: skip
+    edited(write_obj, 2 * animation.cage.vertices, quads)
+    outcome = run("deform", "cages.h5", "--cages", "edit", *OUT)
+    assert outcome.code == 0, outcome.err
+    assert "note           c_1.obj: 6 polygons cut into triangles, as in all frames" in outcome.err
+    np.testing.assert_allclose(frames_in()[0], 2 * animation.rest.vertices, rtol=0, atol=1e-13)
+
+
 def test_another_cage_is_refused(run, result, write_obj, animation):
     edited(write_obj, animation.rest.vertices, animation.rest.faces)
     outcome = run("deform", "cages.h5", "--cages", "edit", *OUT)
@@ -282,9 +293,9 @@ def test_a_result_whose_settings_are_damaged_is_refused(run, result):
         (["cages.h5", "--cages", "none", *OUT], "none: no such file or folder"),
         (["cages.h5", "-o", "frames/frame_#.obj"], "frames: exists already"),
         (["cages.h5", "--cages", "frames", "-o", "frames/frame_#.obj", "--overwrite"],
-         "frames: is read or written by this command already"),
+         "frames: is a folder with files that this command reads or writes"),
         (["cages.h5", "--mesh", "frames/frame_1.obj", "-o", "frames/frame_#.obj", "--overwrite"],
-         "frames: is read or written by this command already"),
+         "frames: is a folder with files that this command reads or writes"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_fails_with_a_sentence(run, result, words, says):

@@ -135,7 +135,7 @@ def test_no_format_here_replaces_a_result(run, result):
     Path("cages.npz").rename("r/r_1.obj")
     outcome = run("export", "r/r_1.obj", "r/r_#.obj", "--overwrite")
     assert outcome.code == 1
-    assert "r: is read or written by this command already" in outcome.err
+    assert "r: is a folder with files that this command reads or writes" in outcome.err
     assert Path("r/r_1.obj").read_bytes() == before
 
 
@@ -185,6 +185,7 @@ def test_a_skeleton_says_what_it_costs(run, result):
     first, note = outcome.err.splitlines()
     assert first.startswith("wrote c.usda: 5 frames of 8 vertices, ")
     assert note.startswith("  note           c.usda: 8 joints at most move a vertex; no vertex is")
+    assert note.endswith(" % of the diagonal from where our own weights have it")
     assert "def Skeleton" in Path("c.usda").read_text()
     words = ["--skeleton", "--max-influences", "3", "--overwrite"]
     outcome = run("export", "cages.h5", "c.usda", *words)
@@ -231,11 +232,32 @@ def test_extract_exports_too(run, folder):
 
 
 @pytest.mark.parametrize(
+    ("value", "made"), [('"c.npz"', ["c.npz"]), ('["c.npz", "d.pc2"]', ["c.npz", "d.pc2"])]
+)
+def test_a_file_may_hold_one_export_or_several(run, folder, value, made):
+    Path("cageik.toml").write_text(f"[extract]\nexport = {value}\n")
+    before = set(folder.iterdir())
+    assert run(*EXTRACT, "--config", "cageik.toml").code == 0
+    assert {p.name for p in set(folder.iterdir()) - before} == {"cages.h5", *made}
+
+
+@pytest.mark.parametrize("value", ["5", "[5]", '[["c.npz"]]', "true"])
+def test_other_values_of_export_are_wrong_usage(run, folder, value):
+    Path("cageik.toml").write_text(f"[extract]\nexport = {value}\n")
+    outcome = run(*EXTRACT, "--config", "cageik.toml")
+    assert outcome.code == 2
+    assert "is not a value of --export" in outcome.err
+
+
+@pytest.mark.parametrize(
     ("out", "says"),
     [
         ("c.gif", "c.gif: `.gif` is not a kind of animation written here"),
         ("there.npz", "there.npz: exists already"),
-        ("frames/frame_#.obj", "frames: is read or written by this command already"),
+        (
+            "frames/frame_#.obj",
+            "frames: is a folder with files that this command reads or writes; choose another",
+        ),
         ("no/c.npz", "no/c.npz: the folder no does not exist"),
         ("cages.h5/c_#.obj", "cages.h5: is read or written by this command already"),
     ],
