@@ -163,12 +163,15 @@ def _matrix_at(transform: Any, time: float) -> Floats:
     count, sampling = transform.getNumSamples(), transform.getTimeSampling()
     if count == 0:
         return np.eye(4)
-    low, high = sampling.getFloorIndex(time, count), sampling.getCeilIndex(time, count)
-    before, after = (
-        np.array([list(row) for row in transform.getValue(ISampleSelector(k)).getMatrix()])
-        for k in (low, high)
+    # By their times: a selector takes a whole number for seconds, too.
+    start, stop = (
+        sampling.getSampleTime(find(time, count))
+        for find in (sampling.getFloorIndex, sampling.getCeilIndex)
     )
-    start, stop = sampling.getSampleTime(low), sampling.getSampleTime(high)
+    before, after = (
+        np.array([list(row) for row in transform.getValue(ISampleSelector(at)).getMatrix()])
+        for at in (start, stop)
+    )
     part = (time - start) / (stop - start) if stop > start else 0.0
     return np.asarray(before + min(max(part, 0.0), 1.0) * (after - before))
 
