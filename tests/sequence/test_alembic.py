@@ -239,6 +239,19 @@ def test_a_file_that_was_never_closed_is_a_sentence(archive):
         open_sequence([str(archive.path)])
 
 
+def test_a_sample_that_is_missing_is_a_sentence(archive):
+    """The library itself would crash; a sample is found by where its size and digest begin."""
+    archive.mesh()
+    archive.opened()
+    data = archive.path.read_bytes()
+    place = data.index(FRAMES[1].tobytes()) - 16 - 8
+    there = (place | 1 << 63).to_bytes(8, "little")
+    assert data.count(there) == 1
+    archive.path.write_bytes(data.replace(there, bytes(8)))
+    with pytest.raises(InputError, match=r"clip\.abc\[1\]: sample 1 of `P` is missing"):
+        frames_of(open_sequence([str(archive.path)]))
+
+
 @pytest.mark.parametrize(
     ("data", "sentence"),
     [
