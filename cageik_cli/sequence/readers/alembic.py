@@ -77,7 +77,7 @@ class Reader(ClipFile):
 
     def _placed(self, time: float) -> Floats:
         index = self._points.getTimeSampling().getNearIndex(time, self._points.getNumSamples())
-        points = np.array(self._points.getValue(index), np.float32)
+        points = np.array(_sample(self._points, index), np.float32)
         return moved(points.reshape(-1, 3), self._matrix(time))
 
     def _matrix(self, time: float) -> Floats:
@@ -163,19 +163,29 @@ def _matrix_at(transform: Any, time: float) -> Floats:
     count, sampling = transform.getNumSamples(), transform.getTimeSampling()
     if count == 0:
         return np.eye(4)
-    low, high = sampling.getFloorIndex(time, count), sampling.getCeilIndex(time, count)
-    before, after = (
-        np.array([list(row) for row in transform.getValue(ISampleSelector(k)).getMatrix()])
-        for k in (low, high)
+    # By their times: a selector takes a whole number for seconds, too.
+    start, stop = (
+        sampling.getSampleTime(find(time, count))
+        for find in (sampling.getFloorIndex, sampling.getCeilIndex)
     )
-    start, stop = sampling.getSampleTime(low), sampling.getSampleTime(high)
+    before, after = (
+        np.array([list(row) for row in transform.getValue(ISampleSelector(at)).getMatrix()])
+        for at in (start, stop)
+    )
     part = (time - start) / (stop - start) if stop > start else 0.0
     return np.asarray(before + min(max(part, 0.0), 1.0) * (after - before))
 
 
 def _polygons_at(properties: tuple[Any, Any], sample: int) -> Polygons:
-    counts, corners = (p.getValue(min(sample, p.getNumSamples() - 1)) for p in properties)
+    counts, corners = (_sample(p, min(sample, p.getNumSamples() - 1)) for p in properties)
     return Polygons(np.array(counts, np.int64), np.array(corners, np.int64))
+
+
+def _sample(sampled: Any, index: int) -> Any:
+    """One array; the library would not survive one that is not there, which has no digest."""
+    if not sampled.getKey(index):
+        raise InputError(f"sample {index} of `{sampled.getName()}` is missing; export it again")
+    return sampled.getValue(index)
 
 
 def _hints(sampling: Sampling) -> SceneHints:

@@ -17,7 +17,7 @@ from cageik_cli.sequence.members import picked
 from cageik_cli.sequence.placed import Polygons, mirrors, moved, transform_notes
 from cageik_cli.sequence.polygons import unfolded
 from cageik_cli.sequence.sampling import Sampling, rate
-from cageik_cli.usd import SUFFIXES, need_usd, quiet, warnings_of
+from cageik_cli.usd import SUFFIXES, need_usd, quiet
 
 LARGEST_SPAN = 100_000
 """Most whole time codes that are taken, a frame each, between samples that are not even."""
@@ -33,9 +33,9 @@ class Reader(ClipFile):
         path = only(request.paths)
         with located(path):
             need_usd(f"reading {path.suffix.lower()}")
-            with quiet(_unsound) as trap:
+            with quiet(_unsound) as warnings:
                 notes = self._open(path, request)
-            said = [f"USD warns: {text}" for text in warnings_of(trap)]
+            said = [f"USD warns: {warning}" for warning in warnings]
         self.notes = tuple(f"{path.name}: {note}" for note in [*notes, *said])
 
     def positions(self, index: int) -> Floats:
@@ -74,10 +74,10 @@ class Reader(ClipFile):
         return [*notes, *transform_notes(matrix, bool(moving)), *mesh.notes]
 
     def _placed(self, time: float) -> Floats:
-        points = self._mesh.GetPointsAttr().Get(time)
-        if points is None:
+        points = _values(self._mesh.GetPointsAttr(), time, "f", (3,))
+        if len(points) == 0:
             raise InputError(f"the mesh has no points at time {time:g}; export it again")
-        return moved(np.asarray(points).reshape(-1, 3), self._matrix(time))
+        return moved(points, self._matrix(time))
 
     def _matrix(self, time: float) -> Floats:
         return np.array(self._mesh.ComputeLocalToWorldTransform(time), np.float64)
@@ -90,21 +90,13 @@ class Reader(ClipFile):
         )
         sampled = {time for attribute in attributes for time in attribute.GetTimeSamples()}
         first, *others = sorted(sampled or {self._times[0]})
-        found = self._polygons_at(attributes, first)
+        found = _polygons_at(attributes, first)
         for time in others:
-            if self._polygons_at(attributes, time).differ(found):
+            if _polygons_at(attributes, time).differ(found):
                 raise InputError(
                     f"the faces change at time {time:g}; all frames must share one connectivity"
                 )
         return found
-
-    @staticmethod
-    def _polygons_at(attributes: tuple[Any, Any], time: float) -> Polygons:
-        counts, corners = (attribute.Get(time) for attribute in attributes)
-        return Polygons(
-            np.array([] if counts is None else counts, np.int64),
-            np.array([] if corners is None else corners, np.int64),
-        )
 
     @cached_property
     def _files(self) -> list[Path]:
@@ -119,6 +111,23 @@ class Reader(ClipFile):
     def _digest(self) -> bytes:
         digests = [digest_of(file) for file in self._files]
         return digests[0] if len(digests) == 1 else hashlib.sha256(b"".join(digests)).digest()
+
+
+def _polygons_at(attributes: tuple[Any, Any], time: float) -> Polygons:
+    counts, corners = (_values(attribute, time, "i", ()) for attribute in attributes)
+    return Polygons(counts, corners)
+
+
+def _values(attribute: Any, time: float, kind: str, shape: tuple[int, ...]) -> np.ndarray:
+    """An array attribute at a time, empty without a value; a layer may give it any type."""
+    value = attribute.Get(time)
+    array = np.zeros((0, *shape), kind) if value is None else np.asarray(value)
+    if array.dtype.kind != kind or array.ndim != 1 + len(shape) or array.shape[1:] != shape:
+        raise InputError(
+            f"`{attribute.GetName()}` is not of type {attribute.GetTypeName()} at time {time:g}; "
+            "export it again"
+        )
+    return array
 
 
 def _unsound(cause: str) -> InputError:
