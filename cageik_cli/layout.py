@@ -18,3 +18,10 @@ def row(labelled: tuple[str, str]) -> str:
 def printable(name: str | Path) -> str:
     """A name as Unicode text; what in it is none (bytes that are not UTF-8) is replaced."""
     return str(name).encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+
+
+def bytes_text(count: int) -> str:
+    """A number of bytes, to three digits in the unit that suits it."""
+    units = ("bytes", "kB", "MB", "GB", "TB")
+    step = next(k for k in range(len(units)) if count < 999.5 * 1000**k or k == len(units) - 1)
+    return f"{count / 1000**step:.3g} {units[step]}"

@@ -3,7 +3,8 @@
 import io
 import os
 import secrets
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -39,8 +40,53 @@ def prepare(path: Path, overwrite: bool) -> None:
         ) from error
 
 
+def prepare_folder(path: Path, overwrite: bool, is_ours: Callable[[str], bool]) -> None:
+    """Refuse, before any work, a folder of files that exists or cannot be written.
+
+    Parameters
+    ----------
+    path : Path
+        It is to hold what is written and nothing else.
+    overwrite : bool
+        Whether it may be replaced.
+    is_ours : callable
+        Whether a file of this name is one of those to be written; a folder that holds another is
+        not replaced in any case.
+
+    Raises
+    ------
+    InputError
+        Naming the folder and what to do.
+    """
+    place, here = path.resolve(), Path.cwd()
+    if place == here or place in here.parents:
+        raise InputError(
+            f"{path}: is the folder of this command; name one for these files alone, such as frames"
+        )
+    if place.exists() and not place.is_dir():
+        raise InputError(f"{path}: is a file, expected the name of a folder to write")
+    with _refused(path):
+        entries = sorted(place.iterdir()) if place.exists() else []
+    for entry in entries:
+        if entry.is_symlink() or not entry.is_file() or not is_ours(entry.name):
+            raise InputError(
+                f"{path}: holds {entry.name}, which is none of the files to be written; "
+                "choose a folder for these alone"
+            )
+    if entries and not overwrite:
+        raise InputError(
+            f"{path}: exists already; choose another name, or replace it with --overwrite"
+        )
+    if not place.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
+    partial = _partial(place)
+    with _refused(path):
+        partial.mkdir()
+        partial.rmdir()
+
+
 def keep_apart(outputs: list[Path | None], inputs: list[Path | None]) -> None:
-    """Refuse an output that is an input, or another output; None and `-` are neither.
+    """Refuse an output that is an input, or another output, or a folder with one; `-` is neither.
 
     Raises
     ------
@@ -51,9 +97,14 @@ def keep_apart(outputs: list[Path | None], inputs: list[Path | None]) -> None:
     for path in outputs:
         if path is None or str(path) == "-":
             continue
-        if path.resolve() in taken:
+        place = path.resolve()
+        if not taken.isdisjoint([place, *place.parents]):
             raise InputError(f"{path}: is read or written by this command already; choose another")
-        taken.add(path.resolve())
+        if any(place in other.parents for other in taken):
+            raise InputError(
+                f"{path}: is a folder with files that this command reads or writes; choose another"
+            )
+        taken.add(place)
 
 
 class PatientFile(io.FileIO):
@@ -146,16 +197,67 @@ def whole_path(path: Path, overwrite: bool) -> Iterator[Path]:
         When it cannot be written, or another file has come to have the name meanwhile.
     """
     partial = path.with_name(f"{path.stem}.{secrets.token_hex(8)}.partial{path.suffix}")
-    try:
+    with _refused(path):
         try:
             yield partial
-            with partial.open("rb") as stream:
-                os.fsync(stream.fileno())
+            _sync(partial)
             if path.exists() and not overwrite:
                 raise InputError(f"{path}: another run has written it meanwhile; choose another")
             partial.replace(path)
         finally:
             partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: Path, overwrite: bool, is_ours: Callable[[str], bool]) -> Iterator[Path]:
+    """A folder beside `path` that takes its name if the block ends without an error.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written, or the folder of that name may not be replaced (any more).
+    """
+    place = path.resolve()
+    partial = _partial(place)
+    with _refused(path):
+        partial.mkdir()
+        try:
+            yield partial
+            for file in partial.iterdir():
+                _sync(file)
+            prepare_folder(path, overwrite, is_ours)
+            _replace_folder(place, partial)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+
+
+def _replace_folder(place: Path, new: Path) -> None:
+    """Let `new` take the name of the folder `place`, if there is one, of nothing but files."""
+    if not place.exists():
+        new.rename(place)
+        return
+    old = _partial(place)
+    place.rename(old)
+    try:
+        new.rename(place)
+    except OSError:
+        old.rename(place)
+        raise
+    for file in old.iterdir():
+        file.unlink()
+    old.rmdir()
+
+
+def _sync(path: Path) -> None:
+    with path.open("rb") as stream:
+        os.fsync(stream.fileno())
+
+
+@contextmanager
+def _refused(path: Path) -> Iterator[None]:
+    """Make of whatever the system refuses inside a sentence about the output `path`."""
+    try:
+        yield
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
 

@@ -12,17 +12,17 @@ import cageik_cli
 PACKAGE = Path(cageik_cli.__file__).parent
 
 ORDER = (
-    "errors", "layout", "threads", "observer", "scene", "mesh",
+    "errors", "optional", "layout", "threads", "observer", "scene", "mesh",
     "coordinates.weights", "coordinates.polynomials", "coordinates.panel_geometry",
     "coordinates.panels", "coordinates.higher_terms", "coordinates.boundary_mesh",
     "coordinates.surface", "coordinates.boundary_equation", "coordinates.error_estimate",
     "coordinates.harmonic", "coordinates.mean_value",
     "shape", "findings", "intersections", "enclosure", "weaknesses", "diagnosis",
     "binding", "alignment", "dual_laplacian", "metrics",
-    "locks", "outputs", "hdf5", "sequence", "store.parts", "store.result", "store.result_writer",
-    "store.solved_block", "store.partial", "store.binding_file",
+    "locks", "outputs", "hdf5", "usd", "sequence", "store.parts", "store.result",
+    "store.result_writer", "store.solved_block", "store.partial", "store.binding_file",
     "store.cache", "export", "binding_run", "inputs", "resuming", "solving", "extraction",
-    "report", "checking", "describing", "cli", "__main__",
+    "exporting", "deforming", "report", "checking", "describing", "cli", "__main__",
 )  # fmt: skip
 """Each imports only from those before it; a folder named here keeps its own order."""
 
@@ -34,10 +34,20 @@ OWNERS = {
     "igl": {"coordinates.surface", "enclosure", "intersections"},
     "pyarrow": {"sequence.obj_words"},
     "trimesh": {"sequence.mesh_file"},
+    "pygltflib": {"export.writers.gltf"},
     "natsort": {"sequence.opening"},
     "threadpoolctl": {"threads"},
+    "pxr": {
+        "usd",
+        "sequence.readers.usd",
+        "export.usd_file",
+        "export.writers.usd",
+        "export.skeleton",
+    },
+    "alembic3d": {"sequence.readers.alembic", "export.writers.alembic"},
+    "imath": {"export.writers.alembic"},
 }
-"""Who may import a library; numpy and scipy are for all."""
+"""Who may import a library, `imath` being alembic3d's; numpy and scipy are for all."""
 
 NUMERICS = (
     "mesh",
@@ -49,6 +59,7 @@ NUMERICS = (
     "alignment",
     "dual_laplacian",
     "metrics",
+    "export.skinning",
 )
 NO_NUMERICS = {"click", "io", "logging", "os", "pathlib", "sys", "time", "tqdm", "warnings"}
 LOUD = {"print", "open", "input"}
@@ -155,13 +166,14 @@ def test_every_owner_still_uses_its_library():
     assert {(library, owner) for library, owners in OWNERS.items() for owner in owners} <= used
 
 
-def test_readers_are_not_imported_by_name():
-    """A new kind of clip is one file among the readers, and nothing else."""
+@pytest.mark.parametrize("folder", ["sequence.readers", "export.writers"])
+def test_readers_and_writers_are_not_imported_by_name(folder):
+    """A new kind of clip is one file among the readers or writers, and nothing else."""
     users = {
         name
         for name, tree in modules_of(PACKAGE).items()
         for imported in _imports(tree, name, "cageik_cli")
-        if imported.startswith("cageik_cli.sequence.readers.")
+        if imported.startswith(f"cageik_cli.{folder}.")
     }
     assert users == set()
 

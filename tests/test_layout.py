@@ -1,10 +1,10 @@
-"""Names as text."""
+"""Names and sizes as text."""
 
 from pathlib import Path
 
 import pytest
 
-from cageik_cli.layout import printable
+from cageik_cli.layout import bytes_text, printable
 
 
 @pytest.mark.parametrize(
@@ -20,3 +20,21 @@ from cageik_cli.layout import printable
 def test_names_become_text_that_can_be_written(name, shown):
     assert printable(name) == shown
     shown.encode()
+
+
+@pytest.mark.parametrize(
+    ("count", "text"),
+    [
+        (0, "0 bytes"),
+        (999, "999 bytes"),
+        (1000, "1 kB"),
+        (1234, "1.23 kB"),
+        (999_499, "999 kB"),
+        (999_500, "1 MB"),
+        (42_100_000, "42.1 MB"),
+        (3 * 10**9, "3 GB"),
+        (5 * 10**15, "5e+03 TB"),
+    ],
+)
+def test_bytes(count, text):
+    assert bytes_text(count) == text

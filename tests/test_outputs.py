@@ -174,3 +174,135 @@ def test_an_output_is_no_input_and_no_other_output(tmp_path):
 def test_what_is_not_a_plain_file_is_never_replaced():
     with pytest.raises(InputError, match="is not a plain file"):
         outputs.prepare(Path("/dev/null"), overwrite=True)
+
+
+def numbered(name):
+    """Whether a file is one of the frames of these tests."""
+    return name.startswith("frame_")
+
+
+def write_frames(path, texts, overwrite=False):
+    with outputs.whole_folder(path, overwrite, numbered) as folder:
+        for k, text in enumerate(texts):
+            (folder / f"frame_{k}").write_text(text)
+
+
+def texts_in(path):
+    return {file.name: file.read_text() for file in path.iterdir()}
+
+
+def test_a_folder_is_replaced_as_a_whole(tmp_path):
+    path = tmp_path / "frames"
+    write_frames(path, "abc")
+    with pytest.raises(InputError, match="frames: exists already; choose another name, or"):
+        write_frames(path, "x")
+    write_frames(path, "de", overwrite=True)
+    assert texts_in(path) == {"frame_0": "d", "frame_1": "e"}
+    assert [item.name for item in tmp_path.iterdir()] == ["frames"]
+
+
+def test_an_empty_folder_is_nothing_to_lose(tmp_path):
+    (tmp_path / "frames").mkdir()
+    outputs.prepare_folder(tmp_path / "frames", False, numbered)
+    write_frames(tmp_path / "frames", "a")
+    assert texts_in(tmp_path / "frames") == {"frame_0": "a"}
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+@pytest.mark.parametrize("other", ["file", "hidden", "folder", "link"])
+def test_a_folder_with_anything_else_stays(tmp_path, other, overwrite):
+    path = tmp_path / "frames"
+    write_frames(path, "a")
+    name = {"file": "notes.txt", "hidden": ".hidden"}.get(other, "frame_7")
+    if other == "folder":
+        (path / name).mkdir()
+    elif other == "link":
+        (path / name).symlink_to(tmp_path)
+    else:
+        (path / name).write_text("mine")
+    before = sorted(path.iterdir())
+    says = f"frames: holds {name}, which is none of the files to be written; choose a folder"
+    with pytest.raises(InputError, match=says):
+        outputs.prepare_folder(path, overwrite, numbered)
+    with pytest.raises(InputError, match=says):
+        write_frames(path, "b", overwrite)
+    assert sorted(path.iterdir()) == before
+    assert (path / "frame_0").read_text() == "a"
+    assert [item.name for item in tmp_path.iterdir()] == ["frames"]
+
+
+def test_what_comes_into_the_folder_meanwhile_stays(tmp_path):
+    path = tmp_path / "frames"
+    write_frames(path, "a")
+
+    def interfere():
+        with outputs.whole_folder(path, True, numbered) as folder:
+            (folder / "frame_0").write_text("b")
+            (path / "notes.txt").write_text("mine")
+
+    with pytest.raises(InputError, match=r"frames: holds notes\.txt"):
+        interfere()
+    assert texts_in(path) == {"frame_0": "a", "notes.txt": "mine"}
+    assert [item.name for item in tmp_path.iterdir()] == ["frames"]
+
+
+def test_a_folder_that_fails_leaves_the_old_one(tmp_path):
+    path = tmp_path / "frames"
+    write_frames(path, "ab")
+
+    def fail(error):
+        with outputs.whole_folder(path, True, numbered) as folder:
+            (folder / "frame_0").write_text("c")
+            raise error
+
+    for error in (RuntimeError, KeyboardInterrupt):
+        with pytest.raises(error):
+            fail(error)
+    assert texts_in(path) == {"frame_0": "a", "frame_1": "b"}
+    assert [item.name for item in tmp_path.iterdir()] == ["frames"]
+
+
+@pytest.mark.parametrize("refused", [1, 2])
+def test_a_rename_that_is_refused_brings_the_old_folder_back(tmp_path, monkeypatch, refused):
+    """The old one moves away first, then the new one moves in."""
+    path = tmp_path / "frames"
+    write_frames(path, "ab")
+    rename, calls = Path.rename, []
+
+    def fail_once(self, target):
+        calls.append(target)
+        if len(calls) == refused:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", fail_once)
+    with pytest.raises(InputError, match=r"frames: cannot be written \(Permission denied\)"):
+        write_frames(path, "c", overwrite=True)
+    assert texts_in(path) == {"frame_0": "a", "frame_1": "b"}
+    assert [item.name for item in tmp_path.iterdir()] == ["frames"]
+
+
+def test_a_folder_behind_a_link_is_written_where_it_is(tmp_path):
+    (tmp_path / "far").mkdir()
+    write_frames(tmp_path / "far" / "frames", "a")
+    (tmp_path / "near").symlink_to(tmp_path / "far" / "frames")
+    write_frames(tmp_path / "near", "b", overwrite=True)
+    assert (tmp_path / "near").is_symlink()
+    assert texts_in(tmp_path / "far" / "frames") == {"frame_0": "b"}
+    assert [item.name for item in (tmp_path / "far").iterdir()] == ["frames"]
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="no such folder")
+def test_a_folder_that_cannot_be_made_is_refused_before_any_work():
+    with pytest.raises(InputError, match=r"^/proc/frames: cannot be written \("):
+        outputs.prepare_folder(Path("/proc/frames"), True, numbered)
+
+
+def test_an_output_folder_holds_no_input_and_no_other_output(tmp_path):
+    inside, folder = tmp_path / "a" / "b" / "frame_1", tmp_path / "a"
+    outputs.keep_apart([folder, tmp_path / "ab"], [tmp_path / "abc" / "frame_1"])
+    for written, read in (([folder], [inside]), ([inside, folder], [])):
+        with pytest.raises(InputError, match="is a folder with files that this command reads or w"):
+            outputs.keep_apart(written, read)
+    with pytest.raises(InputError, match="frame_1: is read or written by this command already"):
+        outputs.keep_apart([folder, inside], [])

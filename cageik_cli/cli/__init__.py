@@ -5,6 +5,8 @@ import click
 from cageik_cli import __version__
 from cageik_cli.cli.bind import bind_command
 from cageik_cli.cli.check import check_command
+from cageik_cli.cli.deform import deform_command
+from cageik_cli.cli.export import export_command
 from cageik_cli.cli.extract import extract_command
 from cageik_cli.cli.failures import CageikGroup
 from cageik_cli.cli.info import info_command
@@ -13,7 +15,15 @@ from cageik_cli.cli.report import report_command
 
 @click.group(
     cls=CageikGroup,
-    commands=[extract_command, report_command, bind_command, check_command, info_command],
+    commands=[
+        extract_command,
+        report_command,
+        export_command,
+        deform_command,
+        bind_command,
+        check_command,
+        info_command,
+    ],
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(__version__, prog_name="cageik")

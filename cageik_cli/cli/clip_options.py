@@ -67,11 +67,17 @@ def clip_options(command: Command) -> Command:
 def scene_options(command: Command) -> Command:
     """--fps, --start, --up-axis and --metres-per-unit: time and space, if not as the source's."""
     for option in (
-        click.option("--metres-per-unit", type=float, help="Length of a unit.  [default: 1]"),
         click.option(
-            "--up-axis", type=click.Choice(UP_AXES), help="Which axis is up.  [default: Y]"
+            "--metres-per-unit", type=float, help="Length of a unit.  [default: the source's, or 1]"
         ),
-        click.option("--start", type=float, help="Number of the first frame.  [default: 1]"),
+        click.option(
+            "--up-axis",
+            type=click.Choice(UP_AXES),
+            help="Which axis is up.  [default: the source's, or Y]",
+        ),
+        click.option(
+            "--start", type=float, help="Number of the first frame.  [default: the source's, or 1]"
+        ),
         click.option("--fps", type=float, help="Frames a second.  [default: the source's, or 24]"),
     ):
         command = option(command)

@@ -32,9 +32,10 @@ def read_config(ctx: click.Context, param: click.Parameter, path: Path | None) -
                 f"{path}: [{ctx.info_name}] has no option {key}; expected some of "
                 f"{', '.join(map(str, known))}"
             )
-        if not _is_value_of(option, value):
+        values = value if option.multiple and isinstance(value, list) else [value]
+        if not all(_is_value_of(option, one) for one in values):
             raise click.BadParameter(f"{path}: {key} = {value!r} is not a value of --{key}")
-        chosen[option.name] = value
+        chosen[option.name] = values if option.multiple else value
     ctx.default_map = {**(ctx.default_map or {}), **chosen}
 
 

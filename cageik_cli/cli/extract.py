@@ -9,12 +9,12 @@ import click
 from cageik_cli.cli.clip_options import clip_of, clip_options, scene_of, scene_options
 from cageik_cli.cli.options import (
     PATH,
-    Size,
     binding_options,
     cache_folder,
     common,
     is_typed,
     jobs,
+    memory_option,
     timings_option,
     verbosity,
 )
@@ -55,7 +55,6 @@ from cageik_cli.errors import CageikError
     "--no-weights", is_flag=True, help="Leave the weights out of the result (a smaller file)."
 )
 @clip_options
-@click.option("--overwrite", is_flag=True, help="Replace an existing result.")
 @click.option(
     "--resume",
     is_flag=True,
@@ -69,12 +68,14 @@ from cageik_cli.errors import CageikError
     help="A frame that cannot be read: stop, or leave a gap and say so.",
 )
 @click.option(
-    "--memory",
-    type=Size(),
-    default="1GiB",
-    show_default=True,
-    help="Most for the weights and blocks of frames.",
+    "--export",
+    "exports",
+    type=PATH,
+    multiple=True,
+    help="Write the cages there too, as cageik export does; may be repeated.",
 )
+@click.option("--overwrite", is_flag=True, help="Replace existing outputs.")
+@memory_option
 @timings_option
 @jobs
 @common
@@ -86,9 +87,12 @@ def extract_command(**options: Any) -> None:
     """
     timings: Path | None = options.pop("timings")
     quiet: bool = options.pop("quiet")
+    exports: tuple[Path, ...] = options.pop("exports")
     settings = _settings(options)
 
     from cageik_cli.cli.watching import watched
+    from cageik_cli.export import Output
+    from cageik_cli.exporting import ExportSettings, export, prepare_export
     from cageik_cli.extraction import extract
     from cageik_cli.layout import row
     from cageik_cli.outputs import keep_apart
@@ -96,11 +100,20 @@ def extract_command(**options: Any) -> None:
     from cageik_cli.sequence import files_read
 
     inputs = [settings.cage, settings.binding, settings.rest, settings.vertex_weights]
-    keep_apart([settings.output, timings], inputs + files_read(list(settings.frames)))
+    also = [
+        ExportSettings(settings.output, Output(path, overwrite=settings.overwrite))
+        for path in exports
+    ]
+    outputs = [settings.output, timings, *(one.output.place for one in also)]
+    keep_apart(outputs, inputs + files_read(list(settings.frames)))
+    for one in also:
+        prepare_export(one)
     with watched(not quiet, timings, settings.overwrite) as watch:
         result = extract(settings, watch)
+        written = [export(one, watch) for one in also]
     if not quiet:
         lines = [as_text(report_of(result)), *map(row, watch.rows())]
+        lines += [one.line for one in written]
         click.echo("\n".join(lines), err=True)
         click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
     if verbosity():

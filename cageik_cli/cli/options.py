@@ -20,6 +20,7 @@ PATH = click.Path(path_type=Path)
 COORDINATES = ("harmonic", "mean-value")
 ACCURACIES = {"preview": 0.03, "standard": 0.005, "fine": 0.001}
 OUTSIDE = ("refuse", "project")
+FRAME_KINDS = ("obj", "ply")
 
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
@@ -82,6 +83,16 @@ def timings_option(command: Command) -> Command:
 
 def binding_options(command: Command) -> Command:
     """--coordinates, --accuracy, --outside, --cache and --no-cache: how weights come about."""
+    return _binding_options(command, (COORDINATES[0], "standard", OUTSIDE[0]))
+
+
+def rebinding_options(command: Command) -> Command:
+    """The same options, where there is a result whose own settings hold unless others are given."""
+    return _binding_options(command, (None, None, None))
+
+
+def _binding_options(command: Command, defaults: tuple[str | None, ...]) -> Command:
+    coordinates, accuracy, outside = map(_default, defaults)
     tolerances = ", ".join(f"{error} {name}" for name, error in ACCURACIES.items())
     for option in (
         click.option("--no-cache", is_flag=True, help="Compute the weights, and do not keep them."),
@@ -93,24 +104,51 @@ def binding_options(command: Command) -> Command:
         click.option(
             "--outside",
             type=click.Choice(OUTSIDE),
-            default=OUTSIDE[0],
-            show_default=True,
             help="What to do with vertices outside the cage; projected ones take the weights of "
             "the nearest point of the cage.",
+            **outside,
         ),
         click.option(
             "--accuracy",
             type=click.Choice(list(ACCURACIES)),
-            default="standard",
-            show_default=True,
             help=f"Mean over vertices of the error of a row of weights, summed: {tolerances}.",
+            **accuracy,
         ),
         click.option(
             "--coordinates",
             type=click.Choice(COORDINATES),
-            default=COORDINATES[0],
-            show_default=True,
             help="What the weights are.",
+            **coordinates,
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def _default(value: str | None) -> dict[str, Any]:
+    return {"default": value, "show_default": value or "the result's"}
+
+
+def memory_option(command: Command) -> Command:
+    """--memory."""
+    return click.option(
+        "--memory",
+        type=Size(),
+        default="1GiB",
+        show_default=True,
+        help="Most for the weights and blocks of frames.",
+    )(command)
+
+
+def animation_options(command: Command) -> Command:
+    """--format and --overwrite: how an animation is written."""
+    for option in (
+        click.option("--overwrite", is_flag=True, help="Replace what is there."),
+        click.option(
+            "--format",
+            "kind",
+            type=click.Choice(FRAME_KINDS),
+            help="Of the files in a folder that is but named.  [default: obj]",
         ),
     ):
         command = option(command)

@@ -15,7 +15,11 @@ from cageik_cli.observer import Observer
 from cageik_cli.outputs import prepare, write_text
 
 # What each stage's bar counts; the stages of a frame share one.
-_BARS = {"bind": ("bind", "vertices"), "read": ("frames", "frames")}
+_BARS = {
+    "bind": ("bind", "vertices"),
+    "read": ("frames", "frames"),
+    "export": ("export", "frames"),
+}
 
 
 class Watch(Observer):

@@ -42,14 +42,23 @@ class AnimationWriter(ABC):
         Lower case, with the dot.
     into_folder : bool
         Whether it writes a folder of files, a frame each, instead of a file.
+    notes : tuple of str
+        What to mind about what is written, one sentence each.
     """
 
     suffixes: tuple[str, ...]
     into_folder: bool = False
+    notes: tuple[str, ...] = ()
+
+    @classmethod  # noqa: B027  # most need no other library
+    def require(cls) -> None:
+        """Refuse to go on without a library that is needed, with what to install."""
 
     @abstractmethod
     def __init__(self, target: Path, animation: Animation) -> None:
         """Begin to write to `target`, whose suffix is one of `suffixes`.
+
+        The name of a `target` in a folder of files is their pattern, see `FrameNames`.
 
         Raises
         ------

@@ -1,7 +1,8 @@
 """From the name of an output to its writer."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -9,34 +10,77 @@ from pkgutil import iter_modules
 from cageik_cli.errors import InputError, located
 from cageik_cli.export import writers
 from cageik_cli.export.animation import Animation, AnimationWriter
-from cageik_cli.outputs import prepare, whole_path
+from cageik_cli.export.frame_names import FrameNames
+from cageik_cli.outputs import prepare, prepare_folder, whole_folder, whole_path
+
+USUAL_KIND = "obj"
+"""Of the files of a folder, where nobody says."""
+
+USUAL_DIGITS = 4
+"""Of the numbers of files in a folder that is but named."""
+
+Maker = Callable[[Path, Animation], AnimationWriter]
 
 
-def prepare_animation(path: Path, overwrite: bool) -> None:
+def prepare_animation(path: Path, overwrite: bool, kind: str | None = None) -> None:
     """Refuse, before any work, an output of no known kind, that exists or cannot be written.
+
+    Parameters
+    ----------
+    path : Path
+        A file; the files of a folder by a pattern, see `FrameNames`; or a folder alone, whose
+        files get its name and a number.
+    overwrite : bool
+        Whether what is there may be replaced: a file, or a folder of nothing but such files.
+    kind : str, optional
+        Of the files of a folder that is but named: their suffix without the dot.
 
     Raises
     ------
     InputError
         Naming the output and what to do.
     """
-    _writer_of(path)
-    prepare(path, overwrite)
+    target = _target_of(path, kind)
+    with located(path):
+        target.writer.require()
+    if target.names is None:
+        prepare(path, overwrite)
+    else:
+        prepare_folder(target.place, overwrite, target.names.has)
+
+
+def place_of(path: Path, kind: str | None = None) -> Path:
+    """The file or the folder that is written for the output `path`."""
+    return _target_of(path, kind).place
 
 
 @contextmanager
-def created(path: Path, animation: Animation, overwrite: bool) -> Iterator[AnimationWriter]:
+def created(
+    path: Path,
+    animation: Animation,
+    overwrite: bool,
+    kind: str | None = None,
+    make: Maker | None = None,
+) -> Iterator[AnimationWriter]:
     """A writer of the kind of `path`, which gets its name when the block ends without an error.
+
+    Parameters
+    ----------
+    path, overwrite, kind
+        As of `prepare_animation`.
+    animation : Animation
+    make : callable, optional
+        Makes the writer, if it is not to be the usual one of that suffix.
 
     Raises
     ------
     InputError
         When it cannot be written, or cannot hold the animation.
     """
-    kind = _writer_of(path)
-    with whole_path(path, overwrite) as target:
+    target = _target_of(path, kind)
+    with target.whole(overwrite) as name:
         with located(path):
-            writer = kind(target, animation)
+            writer = (make or target.writer)(name, animation)
         try:
             yield writer
             writer.complete()
@@ -45,14 +89,59 @@ def created(path: Path, animation: Animation, overwrite: bool) -> Iterator[Anima
             raise
 
 
-def _writer_of(path: Path) -> type[AnimationWriter]:
-    by_suffix = _writers()
-    if path.suffix.lower() not in by_suffix:
-        raise InputError(
-            f"{path}: `{path.suffix}` is not a kind of animation written here, expected "
-            f"{', '.join(by_suffix)}"
-        )
-    return by_suffix[path.suffix.lower()]
+@dataclass(frozen=True, slots=True)
+class _Target:
+    """What an output's name means.
+
+    Attributes
+    ----------
+    place : Path
+        The file or the folder that is written.
+    writer : type of AnimationWriter
+    names : FrameNames, optional
+        Of the files in a folder.
+    """
+
+    place: Path
+    writer: type[AnimationWriter]
+    names: FrameNames | None
+
+    def whole(self, overwrite: bool) -> AbstractContextManager[Path]:
+        """The name to give the writer; what it writes takes the output's own when whole."""
+        if self.names is None:
+            return whole_path(self.place, overwrite)
+        return self._whole_files(self.names, overwrite)
+
+    @contextmanager
+    def _whole_files(self, names: FrameNames, overwrite: bool) -> Iterator[Path]:
+        with whole_folder(self.place, overwrite, names.has) as folder:
+            yield folder / names.pattern
+
+
+def _target_of(path: Path, kind: str | None) -> _Target:
+    with located(path):
+        names, place = FrameNames.of(path.name), path.parent
+        suffix = path.suffix.lower()
+        by_suffix = _writers()
+        if names is None and suffix not in by_suffix and (kind or not suffix):
+            suffix = f".{kind or USUAL_KIND}"
+            names, place = FrameNames(f"{path.name}_", USUAL_DIGITS, suffix), path
+        if suffix not in by_suffix:
+            raise InputError(
+                f"`{path.suffix}` is not a kind of animation written here, expected "
+                f"{', '.join(by_suffix)}"
+            )
+        writer = by_suffix[suffix]
+        if kind and suffix != f".{kind}":
+            raise InputError(f"has the suffix of another format than {kind}; leave --format out")
+        if writer.into_folder and names is None:
+            raise InputError(
+                f"a `{suffix}` file holds one frame; name a folder of them, "
+                f"such as {path.stem}/{path.stem}_####{suffix}"
+            )
+        if names is not None and not writer.into_folder:
+            raise InputError(f"a `{suffix}` file holds all frames; leave the frame's number out")
+    return _Target(path if names is None else place, writer, names)
 
 
 def _writers() -> dict[str, type[AnimationWriter]]:

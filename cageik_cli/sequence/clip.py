@@ -2,7 +2,7 @@
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -191,7 +191,7 @@ class MeshSequence(ABC):
             refuse_other_connectivity(len(positions), self.first.faces, self.first, "the rest pose")
             return checked_positions(positions)
 
-    def blocks(self, size: int, jobs: int, start: int = 0) -> Iterator[Block]:
+    def blocks(self, size: int, jobs: int, start: int = 0) -> Generator[Block]:
         """All frames from `start` on, in order, at most `size` in a block, read ahead by threads.
 
         At most two blocks of frames are in memory.

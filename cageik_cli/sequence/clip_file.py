@@ -79,12 +79,17 @@ class ClipFile(MeshSequence):
 
     @cached_property
     def _digest(self) -> bytes:
-        with located(self.path):
-            try:
-                with self.path.open("rb") as stream:
-                    return hashlib.file_digest(stream, "sha256").digest()
-            except OSError as error:
-                raise InputError(f"cannot be read: {error.strerror or error}") from error
+        return digest_of(self.path)
+
+
+def digest_of(path: Path) -> bytes:
+    """SHA-256 of a file."""
+    with located(path):
+        try:
+            with path.open("rb") as stream:
+                return hashlib.file_digest(stream, "sha256").digest()
+        except OSError as error:
+            raise InputError(f"cannot be read: {error.strerror or error}") from error
 
 
 def refuse_counted_from_one(faces: np.ndarray, vertices: int) -> None:

@@ -1,6 +1,7 @@
 """A numpy `.npz`: `vertices` (F, m, 3), `faces` (t, 3), and what the scene is."""
 
 import zipfile
+from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
 
@@ -19,7 +20,32 @@ class Writer(AnimationWriter):
     suffixes = (".npz",)
 
     def __init__(self, target: Path, animation: Animation) -> None:
-        self._archive = zipfile.ZipFile(target, "w")
+        with ExitStack() as stack:
+            self._archive = stack.enter_context(zipfile.ZipFile(target, "w"))
+            self._write_all_but_frames(animation)
+            self._frames = self._member("vertices")
+            shape = (animation.count, *animation.rest.vertices.shape)
+            header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+            np.lib.format.write_array_header_1_0(self._frames, header)
+            stack.pop_all()  # open from here on
+
+    def append(self, frames: Floats) -> None:
+        """Write the next frames."""
+        self._frames.write(np.ascontiguousarray(frames, "<f8").data)
+
+    def complete(self) -> None:
+        """Write the archive's directory."""
+        self._close()
+
+    def abandon(self) -> None:
+        """Close the file."""
+        self._close()
+
+    def _close(self) -> None:
+        with self._archive, self._frames:
+            pass  # each closes, whatever the other meets
+
+    def _write_all_but_frames(self, animation: Animation) -> None:
         scene = animation.scene
         for name, value in (
             ("faces", animation.rest.faces.astype(np.int32)),
@@ -30,24 +56,6 @@ class Writer(AnimationWriter):
         ):
             with self._member(name) as stream:
                 np.lib.format.write_array(stream, np.asarray(value), allow_pickle=False)
-        self._frames = self._member("vertices")
-        shape = (animation.count, *animation.rest.vertices.shape)
-        header = {"descr": "<f8", "fortran_order": False, "shape": shape}
-        np.lib.format.write_array_header_1_0(self._frames, header)
-
-    def append(self, frames: Floats) -> None:
-        """Write the next frames."""
-        self._frames.write(np.ascontiguousarray(frames, "<f8").data)
-
-    def complete(self) -> None:
-        """Write the archive's directory."""
-        self._frames.close()
-        self._archive.close()
-
-    def abandon(self) -> None:
-        """Close the file."""
-        self._frames.close()
-        self._archive.close()
 
     def _member(self, name: str) -> IO[bytes]:
         member = zipfile.ZipInfo(f"{name}.npy", _NO_TIME)

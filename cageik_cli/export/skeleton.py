@@ -1,0 +1,141 @@
+"""A cage animation as a USD skeleton: a joint a cage vertex, and our weights as skin weights."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cageik_cli.export.animation import Animation, AnimationWriter
+from cageik_cli.export.single_precision import single_precision
+from cageik_cli.export.skinning import SkinWeights, furthest, skin_weights
+from cageik_cli.export.usd_file import UsdFile, define_mesh, extent_of
+from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.usd import SUFFIXES, quiet
+
+_COMPARED = 1 << 26
+"""Bytes of frames that are compared at once."""
+
+
+class SkeletonWriter(AnimationWriter):
+    """Writes the rest mesh, bound to joints that only move, in whatever program can skin.
+
+    A skin moves a rest vertex p to p + Σ_k w_k (c_k − rest c_k), which is `H c` as long as its
+    weights are ours and `H` rebuilds the rest pose. Skin weights cannot be negative: see
+    `skinning.skin_weights` for what is done about ours.
+
+    Attributes
+    ----------
+    influences : int
+        The most joints that move one vertex; known from the beginning.
+    moved : float
+        Largest distance of a skinned vertex from `H c` over the rest pose and the frames appended
+        so far, file units; to be given in percent of the rest mesh's diagonal.
+    """
+
+    suffixes = SUFFIXES
+    influences: int
+    moved: float
+
+    def __init__(
+        self,
+        target: Path,
+        animation: Animation,
+        rest: TriMesh,
+        weights: Floats,
+        max_influences: int | None = None,
+    ) -> None:
+        """Begin to write to `target`, whose suffix is one of `suffixes`.
+
+        Parameters
+        ----------
+        target : Path
+        animation : Animation
+            Of the cage: its `rest` is the rest cage.
+        rest : TriMesh
+            The mesh that is bound, m vertices.
+        weights : (m, n) float64
+            H, rows summing to one; read, never changed.
+        max_influences : int, optional
+            How many joints may move a vertex at most, 1 or more; all if absent.
+
+        Raises
+        ------
+        InputError
+            When usd-core is not installed, or the format cannot hold the animation.
+        """
+        skin = skin_weights(weights, max_influences)
+        self.influences = skin.joints.shape[1]
+        self._cage = animation.rest.vertices
+        self._offsets = rest.vertices - weights @ self._cage
+        self._excess = skin.dense(len(self._cage)) - weights
+        self.moved = float(np.linalg.norm(self._offsets, axis=1).max())
+        self._file = UsdFile(target, animation, 12 * len(self._cage))
+        with quiet(OSError):
+            self._define_skeleton()
+            self._define_skin(rest, skin)
+
+    def append(self, frames: Floats) -> None:
+        """Write the cages of the next k frames, (k, n, 3)."""
+        from pxr import Vt
+
+        for cage in map(single_precision, frames):
+            time = self._file.next_time()
+            with quiet(OSError):
+                self._translations.Set(Vt.Vec3fArray.FromNumpy(cage), time)
+        size = max(1, _COMPARED // self._offsets.nbytes)
+        for start in range(0, len(frames), size):
+            moves = frames[start : start + size] - self._cage
+            self.moved = max(self.moved, furthest(self._offsets, self._excess, moves))
+
+    def complete(self) -> None:
+        """Save the file."""
+        self._file.complete()
+
+    def abandon(self) -> None:
+        """Close the file."""
+        self._file.abandon()
+
+    def _define_skeleton(self) -> None:
+        """A joint a cage vertex, none the parent of another, that only moves."""
+        from pxr import Gf, UsdSkel, Vt
+
+        stage, root, count = self._file.stage, self._file.root, len(self._cage)
+        UsdSkel.Root.Define(stage, root)
+        skeleton = UsdSkel.Skeleton.Define(stage, f"{root}/skeleton")
+        motion = UsdSkel.Animation.Define(stage, f"{root}/skeleton/motion")
+        digits = max(3, len(str(count - 1)))
+        joints = [f"cage_{k:0{digits}}" for k in range(count)]
+        places = Vt.Matrix4dArray.FromNumpy(_translations(self._cage))
+        skeleton.CreateJointsAttr(joints)
+        skeleton.CreateBindTransformsAttr(places)
+        skeleton.CreateRestTransformsAttr(places)
+        binding = UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
+        binding.CreateAnimationSourceRel().SetTargets([motion.GetPath()])
+        motion.CreateJointsAttr(joints)
+        motion.CreateRotationsAttr(Vt.QuatfArray(count, Gf.Quatf(1)))
+        motion.CreateScalesAttr(Vt.Vec3hArray(count, Gf.Vec3h(1)))
+        self._translations: Any = motion.CreateTranslationsAttr()
+
+    def _define_skin(self, rest: TriMesh, skin: SkinWeights) -> None:
+        """The rest mesh, bound to the skeleton."""
+        from pxr import Gf, UsdSkel, Vt
+
+        stage, root = self._file.stage, self._file.root
+        points = single_precision(rest.vertices)
+        mesh = define_mesh(stage, f"{root}/mesh", rest)
+        mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
+        mesh.CreateExtentAttr(extent_of(points))
+        binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+        binding.CreateSkeletonRel().SetTargets([f"{root}/skeleton"])
+        binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1))
+        joints = binding.CreateJointIndicesPrimvar(False, self.influences)
+        joints.Set(Vt.IntArray.FromNumpy(skin.joints.astype(np.int32).ravel()))
+        values = binding.CreateJointWeightsPrimvar(False, self.influences)
+        values.Set(Vt.FloatArray.FromNumpy(skin.values.astype(np.float32).ravel()))
+
+
+def _translations(points: Floats) -> Floats:
+    """Matrices (n, 4, 4) that move the origin to each point, as USD has them: rows times."""
+    matrices = np.tile(np.eye(4), (len(points), 1, 1))
+    matrices[:, 3, :3] = points
+    return matrices

@@ -1,0 +1,127 @@
+"""From a result file to its cages in another format."""
+
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from cageik_cli.errors import InputError, first_few
+from cageik_cli.export import Animation, Output, Written, write_animation
+from cageik_cli.export.opening import Maker
+from cageik_cli.export.skeleton import SkeletonWriter
+from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.observer import Observer
+from cageik_cli.scene import SceneHints
+from cageik_cli.store.result import Result, read_cages, read_result, read_weights
+
+BLOCK_BYTES = 1 << 26
+"""Most that a block of cages takes."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExportSettings:
+    """Which cages to write, where and how.
+
+    Attributes
+    ----------
+    result : Path
+    output : Output
+    scene : SceneHints
+        Time and space, where they are not to be the result's.
+    skeleton : bool
+        Write the rest pose with our weights as skin weights, moved by a joint a cage vertex.
+    max_influences : int, optional
+        How many joints may move a vertex at most.
+    """
+
+    result: Path
+    output: Output
+    scene: SceneHints = field(default_factory=SceneHints)
+    skeleton: bool = False
+    max_influences: int | None = None
+
+
+def export(settings: ExportSettings, observer: Observer | None = None) -> Written:
+    """Write the cage animation of a result.
+
+    Raises
+    ------
+    InputError
+        Naming the file at fault and what to do.
+    """
+    watch = observer or Observer()
+    prepare_export(settings)
+    result = read_result(settings.result)
+    animation = Animation(
+        rest=result.cage,
+        count=len(result.frames),
+        scene=settings.scene.applied(result.scene),
+        name="cage",
+    )
+    remark_gaps(result, watch)
+    blocks = read_cages(result, max(1, BLOCK_BYTES // result.cage.vertices.nbytes))
+    if not settings.skeleton:
+        return write_animation(settings.output, animation, blocks, watch)
+    make = _skeleton(result, settings.max_influences)
+    return write_animation(settings.output, animation, blocks, watch, make)
+
+
+def remark_gaps(result: Result, watch: Observer) -> None:
+    """Say which frames were skipped, and what is written in their stead."""
+    if result.skipped:
+        names = first_few((result.frames[k] for k in result.skipped), 5)
+        watch.remark(
+            "note",
+            f"{len(result.skipped)} frames were skipped ({names}); their cages are put between "
+            "those before and after",
+        )
+
+
+def prepare_export(settings: ExportSettings) -> None:
+    """Refuse, before any work, an export that cannot be.
+
+    Raises
+    ------
+    InputError
+        Naming the output and what to do.
+    """
+    path = settings.output.path
+    if settings.skeleton and path.suffix.lower() not in SkeletonWriter.suffixes:
+        raise InputError(
+            f"{path}: `{path.suffix}` holds no skeleton here, expected "
+            f"{', '.join(SkeletonWriter.suffixes)}"
+        )
+    settings.output.prepare()
+
+
+def _skeleton(result: Result, max_influences: int | None) -> Maker:
+    """What makes the writer of the result's skeleton."""
+    weights = read_weights(result)
+    if weights is None:
+        raise InputError(
+            f"{result.path}: holds no weights, which a skeleton needs; extract it again without "
+            "--no-weights"
+        )
+    return partial(_TellingWriter, rest=result.rest, weights=weights, max_influences=max_influences)
+
+
+class _TellingWriter(SkeletonWriter):
+    """Says at the end what it cost that skin weights cannot be ours."""
+
+    def __init__(
+        self,
+        target: Path,
+        animation: Animation,
+        rest: TriMesh,
+        weights: Floats,
+        max_influences: int | None = None,
+    ) -> None:
+        super().__init__(target, animation, rest, weights, max_influences)
+        self._unit = rest.diagonal / 100
+
+    def complete(self) -> None:
+        """Save the file."""
+        super().complete()
+        self.notes = (
+            f"{self.influences} joints at most move a vertex; no vertex is further than "
+            f"{self.moved / self._unit:.2g} % of the diagonal from where our own weights have it",
+        )

@@ -1,0 +1,76 @@
+"""Meshes that stand in a scene: polygons of either winding, moved by transforms."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.errors import InputError
+from cageik_cli.mesh import Floats
+from cageik_cli.sequence.obj import FileMesh
+from cageik_cli.sequence.polygons import fans
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polygons:
+    """Faces as scenes have them.
+
+    Attributes
+    ----------
+    counts : (p,) integers
+        How many corners each has.
+    corners : (sum of counts,) integers
+        One face's after the other's.
+    """
+
+    counts: NDArray[np.integer]
+    corners: NDArray[np.integer]
+
+    def differ(self, other: "Polygons") -> bool:
+        """Whether the others are not the same."""
+        return not (
+            np.array_equal(self.counts, other.counts)
+            and np.array_equal(self.corners, other.corners)
+        )
+
+    def mesh(self, points: Floats, turned: bool) -> FileMesh:
+        """The mesh they make of points; `turned` when they wind clockwise.
+
+        Raises
+        ------
+        InputError
+            When counts and corners do not agree.
+        """
+        total = int(self.counts.sum(dtype=np.int64))
+        if len(self.counts) == 0 or self.counts.min() < 0 or total != len(self.corners):
+            raise InputError(
+                f"{len(self.counts)} faces of {total} corners in all come with "
+                f"{len(self.corners)} corners; export the mesh again"
+            )
+        polygons = np.split(self.corners, np.cumsum(self.counts)[:-1])
+        if turned:
+            polygons = [polygon[::-1] for polygon in polygons]
+        return FileMesh(points, *fans(polygons))
+
+
+def moved(points: NDArray[np.floating], matrix: Floats) -> Floats:
+    """Points (m, 3) moved by a matrix (4, 4) that rows are multiplied with."""
+    exact = np.asarray(points, np.float64)
+    if np.array_equal(matrix, np.eye(4)):
+        return exact
+    with np.errstate(over="ignore", invalid="ignore"):  # frames are checked where they enter
+        return np.asarray(exact @ matrix[:3, :3] + matrix[3, :3])
+
+
+def mirrors(matrix: Floats) -> bool:
+    """Whether a matrix turns a surface inside out."""
+    return bool(np.linalg.det(matrix[:3, :3]) < 0)
+
+
+def transform_notes(matrix: Floats, is_animated: bool) -> list[str]:
+    """What is said of a mesh that its transform, `matrix` at the first frame, has moved."""
+    if is_animated:
+        return ["moved by its animated transform into the scene's space"]
+    if not np.array_equal(matrix, np.eye(4)):
+        return ["moved by its transform into the scene's space"]
+    return []

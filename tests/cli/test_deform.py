@@ -1,0 +1,368 @@
+"""`cageik deform`: what the cages of a result do to a mesh."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli import deforming
+from cageik_cli.mesh import TriMesh
+from cageik_cli.sequence import open_sequence
+from tests.clips import frames_of
+from tests.shapes import finer
+
+EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
+OUT = ("-o", "m.npz")
+
+
+@pytest.fixture
+def result(run, folder):
+    assert run(*EXTRACT).code == 0
+    return folder
+
+
+def arrays(*names, path="cages.h5"):
+    with h5py.File(path) as file:
+        return [file[name][:] for name in names]
+
+
+def frames_in(path="m.npz"):
+    return frames_of(open_sequence([str(path)]))
+
+
+def test_weights_times_cages(run, result):
+    outcome = run("deform", "cages.h5", *OUT)
+    assert (outcome.code, outcome.out) == (0, "")
+    size = Path("m.npz").stat().st_size
+    assert outcome.err == f"wrote m.npz: 5 frames of 18 vertices, {size / 1000:.3g} kB\n"
+    weights, cages, faces = arrays("weights", "verts", "rest/tris")
+    np.testing.assert_allclose(frames_in(), weights @ cages, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(open_sequence(["m.npz"]).first.faces, faces)
+
+
+def test_frames_made_from_cages_come_back(run, result, write_obj, animation):
+    """They are extracted without loss, and so deform gives what was extracted from."""
+    (weights,) = arrays("weights")
+    random = np.random.default_rng(5)
+    cages = animation.cage.vertices + random.normal(0, 0.3, (4, 8, 3))
+    cages[0] = animation.cage.vertices
+    for k, frame in enumerate(weights @ cages):
+        write_obj(Path("posed") / f"f_{k}.obj", frame, animation.rest.faces)
+    words = ["extract", "posed", "--cage", "cage.obj", "--alpha", "0", "-o", "posed.h5", "-q"]
+    assert run(*words, "--rest", "frames/frame_1.obj").code == 0
+    np.testing.assert_allclose(arrays("verts", path="posed.h5")[0], cages, rtol=0, atol=1e-12)
+    assert run("deform", "posed.h5", "-o", "back/b_#.ply").code == 0
+    np.testing.assert_allclose(frames_in("back"), weights @ cages, rtol=0, atol=1e-12)
+
+
+def test_rigid_cages_move_the_mesh_rigidly(run, result, write_obj, animation):
+    angle = np.radians(40)
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    )
+    moved = animation.cage.vertices @ turn.T + [3, -2, 5]
+    write_obj(Path("edit") / "c_1.obj", animation.cage.vertices, animation.cage.faces)
+    write_obj(Path("edit") / "c_2.obj", moved, animation.cage.faces)
+    assert run("deform", "cages.h5", "--cages", "edit", *OUT).code == 0
+    rest = animation.rest.vertices
+    np.testing.assert_allclose(frames_in()[0], rest, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(frames_in()[1], rest @ turn.T + [3, -2, 5], rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["e.npz", "e/e_%02d.ply", "e/e_####.obj"])
+def test_the_results_own_cages_change_nothing(run, result, name):
+    assert run("deform", "cages.h5", *OUT).code == 0
+    assert run("export", "cages.h5", name).code == 0
+    place = name.split("/")[0]
+    assert run("deform", "cages.h5", "--cages", place, "-o", "again.npz").code == 0
+    exact = name.endswith(("npz", "ply"))
+    tolerance = 0 if exact else 1e-8
+    np.testing.assert_allclose(frames_in("again.npz"), frames_in(), rtol=0, atol=tolerance)
+
+
+def test_frames_of_the_cages_are_chosen(run, result):
+    assert run("export", "cages.h5", "e.npz").code == 0
+    assert run("deform", "cages.h5", *OUT).code == 0
+    words = ["--cages", "e.npz", "--frames", "1::2", "--layout", "fvx", "--allow-gaps"]
+    assert run("deform", "cages.h5", *words, "-o", "some.npz").code == 0
+    np.testing.assert_allclose(frames_in("some.npz"), frames_in()[1::2], rtol=0, atol=1e-14)
+
+
+# --- other meshes
+
+
+def test_what_a_finer_mesh_shares_with_the_model_moves_with_it(run, result, write_obj, animation):
+    fine = finer(animation.rest, 1)
+    np.testing.assert_array_equal(fine.vertices[:18], animation.rest.vertices)
+    write_obj(Path("9 jacket.obj"), fine.vertices, fine.faces)
+    outcome = run("deform", "cages.h5", "--mesh", "9 jacket.obj", *OUT)
+    assert outcome.code == 0, outcome.err
+    assert run("deform", "cages.h5", "-o", "model.npz").code == 0
+    assert frames_in().shape == (5, len(fine.vertices), 3)
+    np.testing.assert_allclose(frames_in()[:, :18], frames_in("model.npz"), rtol=0, atol=1e-13)
+
+
+def test_any_mesh_follows_affine_cages(run, result, write_obj, animation):
+    """Weights of any mesh in the cage are exact on affine maps."""
+    random = np.random.default_rng(7)
+    points = random.uniform(-1.5, 1.5, (6, 3))
+    write_obj(Path("teeth.obj"), points, np.array([[0, 1, 2], [3, 4, 5]]))
+    affine = random.normal(0, 1, (3, 3))
+    write_obj(Path("edit") / "c_1.obj", animation.cage.vertices @ affine, animation.cage.faces)
+    assert run("deform", "cages.h5", "--mesh", "teeth.obj", "--cages", "edit", *OUT).code == 0
+    np.testing.assert_allclose(frames_in()[0], points @ affine, rtol=0, atol=1e-12)
+
+
+def test_polygons_are_cut_and_said_so(run, result, write_obj):
+    square = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]])
+    write_obj(Path("card.obj"), square, np.array([[0, 1, 2, 3]]))
+    outcome = run("deform", "cages.h5", "--mesh", "card.obj", *OUT)
+    assert outcome.code == 0
+    assert "  note           card.obj: 1 polygon cut into triangles" in outcome.err.splitlines()
+    assert len(open_sequence(["m.npz"]).first.faces) == 2
+
+
+def test_a_mesh_outside_is_refused_with_the_remedy(run, result, write_obj, animation):
+    vertices = animation.rest.vertices.copy()
+    vertices[4] *= 2.5
+    write_obj(Path("coat.obj"), vertices, animation.rest.faces)
+    outcome = run("deform", "cages.h5", "--mesh", "coat.obj", *OUT)
+    assert outcome.code == 1
+    assert outcome.err.startswith("Error: coat.obj: 1 of 18 vertices of the rest pose are outside")
+    assert "--outside project" in outcome.err
+    assert not Path("m.npz").exists()
+    outcome = run("deform", "cages.h5", "--mesh", "coat.obj", "--outside", "project", *OUT)
+    assert outcome.code == 0
+    assert "note           coat.obj: 1 of 18 vertices of the rest pose are outside" in outcome.err
+
+
+# --- weights
+
+
+def test_a_result_without_weights_is_bound_again(run, result, cache):
+    assert run("deform", "cages.h5", *OUT).code == 0
+    assert run(*EXTRACT, "--no-weights", "-o", "small.h5").code == 0
+    before = len(list(cache.glob("*.weights")))
+    outcome = run("deform", "small.h5", "-o", "small.npz")
+    assert outcome.code == 0
+    assert "  cache          " in outcome.err  # the weights that extract kept
+    assert len(list(cache.glob("*.weights"))) == before
+    assert Path("small.npz").read_bytes() == Path("m.npz").read_bytes()
+
+
+def test_the_results_own_settings_hold_unless_others_are_given(run, result, monkeypatch):
+    asked = []
+    made = deforming.made
+
+    def listen(mesh, cage, how, watch):
+        asked.append((how.bind.coordinates, how.bind.accuracy, how.bind.outside, how.cache))
+        return made(mesh, cage, how, watch)
+
+    monkeypatch.setattr(deforming, "made", listen)
+    words = ["--coordinates", "mean-value", "--accuracy", "preview", "--outside", "project"]
+    assert run(*EXTRACT, *words, "-o", "other.h5").code == 0
+    mesh = ["--mesh", "frames/frame_1.obj"]
+    assert run("deform", "other.h5", *mesh, "--no-cache", "-o", "1.npz").code == 0
+    assert run("deform", "other.h5", "-o", "2.npz").code == 0
+    assert asked == [("mean-value", "preview", "project", None)]
+    assert run("deform", "other.h5", "--coordinates", "harmonic", "--accuracy", "fine",
+               "--outside", "refuse", "--cache", "kept", "-o", "3.npz").code == 0  # fmt: skip
+    assert asked[1:] == [("harmonic", "fine", "refuse", Path("kept"))]
+    assert np.abs(frames_in("3.npz") - frames_in("2.npz")).max() > 1e-3
+
+
+@pytest.mark.parametrize("frames", [5, 21])
+def test_neither_threads_nor_memory_change_the_bytes(run, result, write_obj, animation, frames):
+    random = np.random.default_rng(3)
+    cages = animation.cage.vertices + random.normal(0, 0.1, (frames, 8, 3))
+    np.savez("e.npz", vertices=cages, faces=animation.cage.faces)
+    fine = finer(animation.rest, 3)
+    write_obj(Path("fine.obj"), fine.vertices, fine.faces)
+    words = ["deform", "cages.h5", "--cages", "e.npz", "--mesh", "fine.obj"]
+    assert run(*words, *OUT).code == 0
+    for k, more in enumerate((["--jobs", "1"], ["--jobs", "2"], ["--memory", "10K"])):
+        assert run(*words, *more, "-o", f"{k}.npz").code == 0
+        assert Path(f"{k}.npz").read_bytes() == Path("m.npz").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("memory", "vertices", "expected"),
+    [
+        (1 << 30, 10_000, 16),
+        (1 << 20, 10_000, 4),
+        (1, 10_000, 4),
+        (8 * 96 * 100, 100, 8),
+        (12 * 96 * 100 - 1, 100, 8),
+    ],
+)
+def test_blocks_are_bounded_and_of_whole_groups(memory, vertices, expected):
+    assert deforming.block_size(memory, vertices) == expected
+
+
+# --- the scene
+
+
+def scene_of(path):
+    with np.load(path) as file:
+        return [file[name].item() for name in ("fps", "start", "up_axis", "metres_per_unit")]
+
+
+def test_the_scene_is_the_results_unless_options_say_more(run, folder):
+    assert run(*EXTRACT, "--fps", "30", "--start", "7", "--up-axis", "Z").code == 0
+    assert run("deform", "cages.h5", *OUT).code == 0
+    assert scene_of("m.npz") == [30, 7, "Z", 1]
+    words = ["--fps", "25", "--start", "2", "--up-axis", "Y", "--metres-per-unit", "0.01"]
+    assert run("deform", "cages.h5", *words, "-o", "n.npz").code == 0
+    assert scene_of("n.npz") == [25, 2, "Y", 0.01]
+
+
+def test_what_the_clip_of_cages_says_of_the_scene_comes_first(run, result, monkeypatch):
+    from cageik_cli.scene import SceneHints
+    from cageik_cli.sequence.readers.arrays import Reader
+
+    monkeypatch.setattr(Reader, "scene", SceneHints(fps=60.0))
+    assert run("export", "cages.h5", "e.npz", "--start", "4").code == 0
+    assert run("deform", "cages.h5", "--cages", "e.npz", *OUT).code == 0
+    assert scene_of("m.npz") == [60, 1, "Y", 1]
+    assert run("deform", "cages.h5", "--cages", "e.npz", "--fps", "12", "-o", "n.npz").code == 0
+    assert scene_of("n.npz")[0] == 12
+
+
+# --- refusals
+
+
+def edited(write_obj, vertices, faces):
+    write_obj(Path("edit") / "c_1.obj", vertices, faces)
+
+
+def test_cages_in_another_order_are_refused(run, result, write_obj, animation):
+    cage = animation.cage
+    order = np.array([3, 0, 7, 1, 2, 6, 5, 4])
+    edited(write_obj, cage.vertices[order], np.argsort(order)[cage.faces])
+    outcome = run("deform", "cages.h5", "--cages", "edit", *OUT)
+    assert outcome.code == 1
+    assert outcome.err.startswith(
+        "Error: edit: the same number of vertices and triangles as the result's cage has, in "
+        "another order; "
+    )
+
+
+def test_cages_may_come_back_as_quads(run, result, write_obj, animation):
+    """Programs that edit quads write quads, from whatever corner."""
+    quads = np.array([(3, 2, 0, 1), (4, 6, 7, 5), (0, 4, 5, 1), (7, 6, 2, 3), (0, 2, 6, 4),
+                      (1, 5, 7, 3)])  # fmt: skip
+    edited(write_obj, 2 * animation.cage.vertices, quads)
+    outcome = run("deform", "cages.h5", "--cages", "edit", *OUT)
+    assert outcome.code == 0, outcome.err
+    assert "note           c_1.obj: 6 polygons cut into triangles, as in all frames" in outcome.err
+    np.testing.assert_allclose(frames_in()[0], 2 * animation.rest.vertices, rtol=0, atol=1e-13)
+
+
+def test_another_cage_is_refused(run, result, write_obj, animation):
+    edited(write_obj, animation.rest.vertices, animation.rest.faces)
+    outcome = run("deform", "cages.h5", "--cages", "edit", *OUT)
+    assert outcome.code == 1
+    assert "edit: 18 vertices, the result's cage has 8; all must share one" in outcome.err
+
+
+def test_a_damaged_frame_of_cages_is_named(run, result, write_obj, animation):
+    edited(write_obj, animation.cage.vertices, animation.cage.faces)
+    Path("edit/c_2.obj").write_text("v 0 0 nan\n")
+    outcome = run("deform", "cages.h5", "--cages", "edit", *OUT)
+    assert outcome.code == 1
+    assert outcome.err.startswith("Error: edit/c_2.obj: ")
+    assert not Path("m.npz").exists()
+
+
+def test_a_result_whose_settings_are_damaged_is_refused(run, result):
+    with h5py.File("cages.h5", "r+") as file:
+        file.attrs["settings"] = '{"coordinates": []}'
+    outcome = run("deform", "cages.h5", *OUT)
+    assert outcome.code == 1
+    assert outcome.err.startswith("Error: cages.h5: coordinates is '[]', expected one of harmonic")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["nothing.h5", *OUT], "nothing.h5: no such result"),
+        (["cages.h5", "-o", "m.gif"], "m.gif: `.gif` is not a kind of animation written here"),
+        (["cages.h5", "-o", "m.npz", "--format", "obj"], "m.npz: has the suffix of another format"),
+        (["cages.h5", "--mesh", "none.obj", *OUT], "none.obj: cannot be read: No such file"),
+        (["cages.h5", "--cages", "none", *OUT], "none: no such file or folder"),
+        (["cages.h5", "-o", "frames/frame_#.obj"], "frames: exists already"),
+        (["cages.h5", "--cages", "frames", "-o", "frames/frame_#.obj", "--overwrite"],
+         "frames: is a folder with files that this command reads or writes"),
+        (["cages.h5", "--mesh", "frames/frame_1.obj", "-o", "frames/frame_#.obj", "--overwrite"],
+         "frames: is a folder with files that this command reads or writes"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_fails_with_a_sentence(run, result, words, says):
+    before = sorted(result.rglob("*"))
+    outcome = run("deform", *words)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith(f"Error: {says}")
+    assert sorted(result.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["cages.h5"], "Missing option '-o' / '--output'"),
+        ([*OUT], "Missing argument 'RESULT'"),
+        (["cages.h5", *OUT, "--frames", ":2"], "--frames, --layout and --allow-gaps are for --cag"),
+        (["cages.h5", *OUT, "--layout", "fvx"], "--frames, --layout and --allow-gaps are for --c"),
+        (["cages.h5", *OUT, "--allow-gaps"], "--frames, --layout and --allow-gaps are for --cages"),
+        (["cages.h5", *OUT, "--accuracy", "best"], "'best' is not one of"),
+        (["cages.h5", *OUT, "--memory", "0"], "is not a size such as 512MiB or 1GiB"),
+        (["cages.h5", *OUT, "--cache", "a", "--no-cache"], "--cache and --no-cache exclude each"),
+        (["cages.h5", *OUT, "--fps", "nan"], "nan frames a second"),
+    ],
+)
+def test_wrong_usage_is_exit_code_2(run, result, words, says):
+    outcome = run("deform", *words)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert says in outcome.err
+    assert not Path("m.npz").exists()
+
+
+def test_a_file_may_hold_every_option(run, result, animation, write_obj):
+    edited(write_obj, animation.cage.vertices, animation.cage.faces)
+    Path("cageik.toml").write_text(
+        '[deform]\nmesh = "frames/frame_1.obj"\ncages = "edit"\noutput = "told"\nframes = ":1"\n'
+        'layout = "fvx"\nallow-gaps = true\nfps = 25\nstart = 3\nup-axis = "Z"\n'
+        'metres-per-unit = 0.5\ncoordinates = "mean-value"\naccuracy = "fine"\n'
+        'outside = "project"\ncache = "kept"\nno-cache = false\nformat = "ply"\n'
+        'overwrite = true\nmemory = "1MiB"\njobs = 1\nquiet = true\n'
+    )
+    outcome = run("deform", "cages.h5", "--config", "cageik.toml")
+    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+    assert [path.name for path in Path("told").iterdir()] == ["told_0003.ply"]
+    assert len(list(Path("kept").glob("*.weights"))) == 1
+
+
+def test_a_product_of_blocks_is_that_of_frames():
+    random = np.random.default_rng(1)
+    weights, cages = random.random((7, 4)), random.random((11, 4, 3))
+    found = deforming.deformed(weights, cages)
+    np.testing.assert_allclose(found, [weights @ cage for cage in cages], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("my jacket.obj", "my_jacket"), ("9.ply", "_9"), ("é-1.off", "__1"), (None, "mesh")],
+)
+def test_objects_are_called_what_all_formats_take(name, expected):
+    assert deforming._object_name(Path(name) if name else None) == expected
+
+
+def test_a_mesh_of_any_kind_is_driven(run, result, animation):
+    import trimesh
+
+    for suffix in (".ply", ".off"):
+        mesh = TriMesh(animation.rest.vertices, animation.rest.faces)
+        trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(f"a{suffix}")
+        assert (
+            run("deform", "cages.h5", "--mesh", f"a{suffix}", "-o", f"{suffix[1:]}.pc2").code == 0
+        )

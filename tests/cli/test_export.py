@@ -1,0 +1,285 @@
+"""`cageik export`: the cages of a result, in the formats of others."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import trimesh
+
+from cageik_cli import exporting
+from cageik_cli.cli import options
+from cageik_cli.export import opening
+from cageik_cli.sequence import open_sequence
+from tests.clips import frames_of
+from tests.export.test_writers import Glb
+
+EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
+
+
+@pytest.fixture
+def result(run, folder):
+    """A result with a scene of its own."""
+    assert run(*EXTRACT, "--fps", "30", "--start", "7", "--up-axis", "Z",
+               "--metres-per-unit", "0.01").code == 0  # fmt: skip
+    return folder
+
+
+def verts(path="cages.h5"):
+    with h5py.File(path) as file:
+        return file["verts"][:]
+
+
+def test_one_line_says_what_was_written(run, result):
+    outcome = run("export", "cages.h5", "cage.npz")
+    size = Path("cage.npz").stat().st_size
+    assert (outcome.code, outcome.out) == (0, "")
+    assert outcome.err == f"wrote cage.npz: 5 frames of 8 vertices, {size / 1000:.3g} kB\n"
+    assert run("export", "cages.h5", "other.npz", "-q").err == ""
+
+
+def test_what_to_mind_stands_below(run, result):
+    first, *notes = run("export", "cages.h5", "cage.pc2").err.splitlines()
+    assert first.startswith("wrote cage.pc2: 5 frames of 8 vertices, 512 bytes")
+    assert notes == [
+        "  note           cage.pc2: Blender's Mesh Cache puts the first frame at scene frame 0; "
+        "set its Frame Start to 7"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("out", "tolerance"),
+    [
+        ("c.npz", 0),
+        ("c/c_####.ply", 0),
+        ("c/c.$F3.obj", 1e-8),
+        ("c", 1e-8),
+        ("c.usdc", 1e-6),
+        ("c.abc", 1e-6),
+    ],
+)
+def test_the_cages_come_back(run, result, out, tolerance):
+    """Read in the space of the result, whose scene is in centimetres with z up."""
+    assert run("export", "cages.h5", out).code == 0
+    clip = open_sequence([str(opening.place_of(Path(out)))])
+    np.testing.assert_allclose(frames_of(clip), verts(), rtol=0, atol=tolerance)
+    with h5py.File("cages.h5") as file:
+        np.testing.assert_array_equal(clip.first.faces, file["tris"][:])
+
+
+def test_the_scene_is_the_results(run, result):
+    assert run("export", "cages.h5", "c.npz").code == 0
+    with np.load("c.npz") as file:
+        found = [file[name].item() for name in ("fps", "start", "up_axis", "metres_per_unit")]
+    assert found == [30, 7, "Z", 0.01]
+
+
+def test_options_win_over_the_results_scene(run, result):
+    words = ["--fps", "25", "--start", "0", "--up-axis", "Y", "--metres-per-unit", "1"]
+    assert run("export", "cages.h5", "c.npz", *words).code == 0
+    with np.load("c.npz") as file:
+        found = [file[name].item() for name in ("fps", "start", "up_axis", "metres_per_unit")]
+    assert found == [25, 0, "Y", 1]
+
+
+def test_files_are_numbered_from_the_scenes_start(run, result):
+    assert run("export", "cages.h5", "c", "--format", "ply").code == 0
+    assert sorted(p.name for p in Path("c").iterdir()) == [f"c_{k:04d}.ply" for k in range(7, 12)]
+    assert run("export", "cages.h5", "d/x.%03d.obj", "--start", "0").code == 0
+    assert sorted(p.name for p in Path("d").iterdir()) == [f"x.{k:03d}.obj" for k in range(5)]
+
+
+def test_the_cage_of_a_glb_moves_as_the_results(run, result):
+    assert run("export", "cages.h5", "c.glb").code == 0
+    file = Glb(Path("c.glb"))
+    _, frames = file.frames()
+    np.testing.assert_allclose(frames, verts(), rtol=0, atol=1e-6)
+    assert file.json["nodes"][0]["name"] == "cage"
+
+
+def test_blocks_of_cages_change_nothing(run, result, monkeypatch):
+    outputs = ("a.npz", "a.glb", "a.mdd", "a/a_#.obj")
+    for name in outputs:
+        assert run("export", "cages.h5", name).code == 0
+    monkeypatch.setattr(exporting, "BLOCK_BYTES", 2 * 8 * 24)
+    for name in outputs:
+        assert run("export", "cages.h5", name.replace("a", "b")).code == 0
+    for name in outputs[:3]:
+        assert Path(name).read_bytes() == Path(name.replace("a", "b")).read_bytes()
+    for path in Path("a").iterdir():
+        assert path.read_bytes() == Path("b", path.name.replace("a", "b")).read_bytes()
+
+
+def test_what_is_there_stays_unless_it_may_be_replaced(run, result):
+    for name in ("c.npz", "c/c_##.obj"):
+        assert run("export", "cages.h5", name).code == 0
+        outcome = run("export", "cages.h5", name)
+        assert outcome.code == 1
+        assert "exists already; choose another name, or replace it with --overwrite" in outcome.err
+        assert run("export", "cages.h5", name, "--overwrite").code == 0
+    Path("c/notes.txt").write_text("mine")
+    outcome = run("export", "cages.h5", "c/c_##.obj", "--overwrite")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith("Error: c: holds notes.txt, which is none of the files")
+    assert Path("c/notes.txt").read_text() == "mine"
+
+
+def test_no_format_here_replaces_a_result(run, result):
+    """A result is HDF5, which is none of them; even under another name it stays."""
+    Path("cages.h5").rename("cages.npz")
+    before = Path("cages.npz").read_bytes()
+    outcome = run("export", "cages.npz", "cages.npz", "--overwrite")
+    assert outcome.code == 1
+    assert "cages.npz: is read or written by this command already" in outcome.err
+    Path("r").mkdir()
+    Path("cages.npz").rename("r/r_1.obj")
+    outcome = run("export", "r/r_1.obj", "r/r_#.obj", "--overwrite")
+    assert outcome.code == 1
+    assert "r: is a folder with files that this command reads or writes" in outcome.err
+    assert Path("r/r_1.obj").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["nothing.h5", "c.npz"], "nothing.h5: no such result; make it with cageik extract"),
+        (["cage.obj", "c.npz"], "cage.obj: is not a sound HDF5 file"),
+        (["cages.h5", "c.gif"], "c.gif: `.gif` is not a kind of animation written here"),
+        (["cages.h5", "c.obj"], "c.obj: a `.obj` file holds one frame; name a folder of them"),
+        (["cages.h5", "no/c.npz"], "no/c.npz: the folder no does not exist"),
+        (["cages.h5", "c/c_#.obj", "--start", "-1"], "c/c_#.obj: the first frame's number is -1"),
+        (["cages.h5", "c.glb", "--skeleton"], "c.glb: `.glb` holds no skeleton here, expected"),
+        (["cages.h5", "c.npz", "--format", "ply"], "c.npz: has the suffix of another format"),
+    ],
+)
+def test_what_cannot_be_fails_with_a_sentence(run, result, words, says):
+    before = sorted(result.iterdir())
+    outcome = run("export", *words)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith(f"Error: {says}")
+    assert len(outcome.err.splitlines()) == 1
+    assert sorted(result.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["cages.h5"], "Missing argument 'OUT'"),
+        ([], "Missing argument 'RESULT'"),
+        (["cages.h5", "c", "--format", "stl"], "'stl' is not one of 'obj', 'ply'"),
+        (["cages.h5", "c.npz", "--fps", "0"], "0 frames a second, expected a number above zero"),
+        (["cages.h5", "c.npz", "--up-axis", "X"], "'X' is not one of 'Y', 'Z'"),
+        (["cages.h5", "c.usd", "--max-influences", "4"], "--max-influences is for --skeleton"),
+        (["cages.h5", "c.usd", "--skeleton", "--max-influences", "0"], "0 is not in the range"),
+    ],
+)
+def test_wrong_usage_is_exit_code_2(run, result, words, says):
+    outcome = run("export", *words)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert says in outcome.err
+
+
+def test_a_skeleton_says_what_it_costs(run, result):
+    outcome = run("export", "cages.h5", "c.usda", "--skeleton")
+    assert outcome.code == 0, outcome.err
+    first, note = outcome.err.splitlines()
+    assert first.startswith("wrote c.usda: 5 frames of 8 vertices, ")
+    assert note.startswith("  note           c.usda: 8 joints at most move a vertex; no vertex is")
+    assert note.endswith(" % of the diagonal from where our own weights have it")
+    assert "def Skeleton" in Path("c.usda").read_text()
+    words = ["--skeleton", "--max-influences", "3", "--overwrite"]
+    outcome = run("export", "cages.h5", "c.usda", *words)
+    assert "c.usda: 3 joints at most move a vertex" in outcome.err
+
+
+def test_a_skeleton_needs_weights(run, folder):
+    assert run(*EXTRACT, "--no-weights").code == 0
+    outcome = run("export", "cages.h5", "c.usda", "--skeleton")
+    assert outcome.code == 1
+    assert "cages.h5: holds no weights, which a skeleton needs; extract it again" in outcome.err
+
+
+def test_a_file_may_hold_every_option(run, result):
+    Path("cageik.toml").write_text(
+        '[export]\nfps = 25\nstart = 3\nup-axis = "Y"\nmetres_per_unit = 1\nformat = "ply"\n'
+        "skeleton = false\noverwrite = true\nquiet = true\n"
+    )
+    for _ in range(2):
+        outcome = run("export", "cages.h5", "c", "--config", "cageik.toml")
+        assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+    assert sorted(p.name for p in Path("c").iterdir()) == [f"c_{k:04d}.ply" for k in range(3, 8)]
+
+
+def test_kinds_of_frames_are_the_writers_own():
+    kinds = {suffix[1:] for suffix, kind in opening._writers().items() if kind.into_folder}
+    assert kinds == set(options.FRAME_KINDS)
+    assert opening.USUAL_KIND in kinds
+
+
+# --- extract --export
+
+
+def test_extract_exports_too(run, folder):
+    outcome = run(*EXTRACT[:-1], "--export", "c.npz", "--export", "c/c_####.obj", "--fps", "30")
+    assert outcome.code == 0, outcome.err
+    lines = outcome.err.splitlines()
+    assert lines[-3].startswith("wrote c.npz: 5 frames of 8 vertices, ")
+    assert lines[-2].startswith("wrote c/c_####.obj: 5 frames of 8 vertices, ")
+    assert lines[-1] == "wrote cages.h5; next: cageik report cages.h5"
+    assert run("export", "cages.h5", "later.npz").code == 0
+    assert Path("c.npz").read_bytes() == Path("later.npz").read_bytes()
+    assert len(list(Path("c").iterdir())) == 5
+
+
+@pytest.mark.parametrize(
+    ("value", "made"), [('"c.npz"', ["c.npz"]), ('["c.npz", "d.pc2"]', ["c.npz", "d.pc2"])]
+)
+def test_a_file_may_hold_one_export_or_several(run, folder, value, made):
+    Path("cageik.toml").write_text(f"[extract]\nexport = {value}\n")
+    before = set(folder.iterdir())
+    assert run(*EXTRACT, "--config", "cageik.toml").code == 0
+    assert {p.name for p in set(folder.iterdir()) - before} == {"cages.h5", *made}
+
+
+@pytest.mark.parametrize("value", ["5", "[5]", '[["c.npz"]]', "true"])
+def test_other_values_of_export_are_wrong_usage(run, folder, value):
+    Path("cageik.toml").write_text(f"[extract]\nexport = {value}\n")
+    outcome = run(*EXTRACT, "--config", "cageik.toml")
+    assert outcome.code == 2
+    assert "is not a value of --export" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("out", "says"),
+    [
+        ("c.gif", "c.gif: `.gif` is not a kind of animation written here"),
+        ("there.npz", "there.npz: exists already"),
+        (
+            "frames/frame_#.obj",
+            "frames: is a folder with files that this command reads or writes; choose another",
+        ),
+        ("no/c.npz", "no/c.npz: the folder no does not exist"),
+        ("cages.h5/c_#.obj", "cages.h5: is read or written by this command already"),
+    ],
+)
+def test_an_export_that_cannot_be_is_refused_before_any_work(run, folder, out, says):
+    Path("there.npz").write_text("old")
+    outcome = run(*EXTRACT, "--export", "fine.npz", "--export", out)
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"Error: {says}")
+    assert sorted(p.name for p in folder.iterdir()) == ["cage.obj", "frames", "there.npz"]
+    assert len(list(Path("frames").iterdir())) == 5
+
+
+def test_one_export_twice_is_refused(run, folder):
+    outcome = run(*EXTRACT, "--export", "c/c_#.obj", "--export", "c/d_#.ply")
+    assert outcome.code == 1
+    assert "c: is read or written by this command already" in outcome.err
+
+
+def test_frames_of_others_are_never_replaced_by_an_export(run, folder):
+    before = {path: path.read_bytes() for path in Path("frames").iterdir()}
+    assert run(*EXTRACT, "--export", "frames/frame_#.obj", "--overwrite").code == 1
+    assert {path: path.read_bytes() for path in Path("frames").iterdir()} == before
+    mesh = trimesh.load("frames/frame_1.obj", process=False)
+    assert len(mesh.vertices) == 18

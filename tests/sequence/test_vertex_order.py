@@ -1,0 +1,88 @@
+"""Whether a clip's vertices come in the order of a mesh: what may differ, and what may not."""
+
+import numpy as np
+import pytest
+
+from cageik_cli.errors import InputError
+from cageik_cli.mesh import TriMesh
+from cageik_cli.sequence import open_sequence
+from cageik_cli.sequence.vertex_order import refuse_other_order
+from tests.shapes import ball, box
+
+QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+
+
+@pytest.fixture
+def check(tmp_path, write_obj):
+    """Check a frame of these faces against a mesh."""
+
+    def of(vertices, faces, expected):
+        path = write_obj(tmp_path / "frame.obj", vertices, np.asarray(faces))
+        refuse_other_order(open_sequence([str(path)]), expected, "the result's cage")
+
+    return of
+
+
+def fanned(quads):
+    return np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+
+
+def test_the_same_faces_are_taken(check):
+    mesh = ball(levels=1, size=1.0)
+    check(3 * mesh.vertices, mesh.faces, mesh)
+
+
+def test_faces_in_another_order_turned_and_rotated_are_the_same(check):
+    mesh = ball(levels=1, size=1.0)
+    random = np.random.default_rng(1)
+    faces = random.permutation([np.roll(f, random.integers(3)) for f in mesh.faces])
+    check(mesh.vertices, faces, mesh)
+    check(mesh.vertices, faces[:, ::-1], mesh)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_quads_may_be_cut_along_either_diagonal(check, seed):
+    cage = box(1.0)
+    random = np.random.default_rng(seed)
+    expected = TriMesh(cage.vertices, fanned(QUADS))
+    turned = [tuple(np.roll(quad, random.integers(4))) for quad in QUADS]
+    check(cage.vertices, random.permutation(turned), expected)
+
+
+def test_vertices_in_another_order_are_refused(check):
+    mesh = ball(levels=1, size=1.0)
+    order = np.random.default_rng(2).permutation(len(mesh.vertices))
+    with pytest.raises(InputError, match="the same number of vertices and triangles as the resul"):
+        check(mesh.vertices[order], np.argsort(order)[mesh.faces], mesh)
+
+
+def test_two_vertices_swapped_are_enough(check):
+    mesh = ball(levels=1, size=1.0)
+    order = np.arange(len(mesh.vertices))
+    order[[3, 7]] = 7, 3
+    with pytest.raises(InputError, match=r"in another order; export it again from the mesh that"):
+        check(mesh.vertices, order[mesh.faces], mesh)
+
+
+def test_quads_in_another_order_are_refused(check):
+    cage = box(1.0)
+    order = np.array([1, 0, 2, 3, 4, 5, 6, 7])
+    with pytest.raises(InputError):
+        check(cage.vertices, order[np.array(QUADS)], TriMesh(cage.vertices, fanned(QUADS)))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda v, f: (v[:-1], f % (len(v) - 1)), "17 vertices, the result's cage has 18; all"),
+        (lambda v, f: (v, f[:-1]), "31 triangles, the result's cage has 32; all"),
+        (
+            lambda v, f: (v, np.where(f == f[0, 0], f[-1, 1], f)),
+            r"triangle 0 joins vertices .*, in the result's cage ",
+        ),
+    ],
+)
+def test_another_mesh_is_refused(check, change, says):
+    mesh = ball(levels=1, size=1.0)
+    with pytest.raises(InputError, match=says):
+        check(*change(mesh.vertices, mesh.faces), mesh)

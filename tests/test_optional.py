@@ -1,0 +1,42 @@
+"""A library that is not installed: one sentence on what to install."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from cageik_cli.errors import InputError
+from cageik_cli.export import Animation, created
+from cageik_cli.optional import needing
+from cageik_cli.scene import Scene
+from cageik_cli.sequence import open_sequence
+from tests.shapes import TETRAHEDRON
+
+
+def test_what_is_there_is_imported():
+    with needing("numpy", "none", "counting"):
+        import numpy as again
+    assert again is np
+
+
+@pytest.mark.parametrize(
+    ("library", "suffix", "remedy"),
+    [
+        ("pxr", ".usd", "usd-core: pip install 'cageik[usd]'"),
+        ("pxr", ".usdc", "usd-core: pip install 'cageik[usd]'"),
+        ("alembic3d", ".abc", "alembic3d: pip install 'cageik[abc]'"),
+    ],
+)
+def test_reading_and_writing_say_what_to_install(tmp_path, monkeypatch, library, suffix, remedy):
+    path = tmp_path / f"clip{suffix}"
+    path.touch()
+    for name in [library, *(name for name in sys.modules if name.startswith(f"{library}."))]:
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(InputError) as caught:
+        open_sequence([str(path)])
+    assert str(caught.value) == f"{path}: reading {suffix} needs {remedy}"
+    animation = Animation(TETRAHEDRON, 1, Scene(), "clip")
+    with pytest.raises(InputError) as caught, created(path, animation, True):
+        pass
+    assert str(caught.value) == f"{path}: writing {suffix} needs {remedy}"
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
