@@ -32,6 +32,11 @@ def test_warnings_before_an_error_are_not_printed(capfd):
     assert capfd.readouterr().err == ""
 
 
-def test_other_errors_pass(capfd):
+def test_names_that_are_not_text_are_an_error_too():
+    with pytest.raises(InputError, match="its text is not UTF-8"), quiet(InputError):
+        b"\xb8".decode()
+
+
+def test_other_errors_pass():
     with pytest.raises(KeyError), quiet(InputError):
         raise KeyError

@@ -63,16 +63,21 @@ class SkeletonWriter(AnimationWriter):
         InputError
             When usd-core is not installed, or the format cannot hold the animation.
         """
-        skin = skin_weights(weights, max_influences)
+        points, skin = single_precision(rest.vertices), skin_weights(weights, max_influences)
         self.influences = skin.joints.shape[1]
         self._cage = animation.rest.vertices
         self._offsets = rest.vertices - weights @ self._cage
         self._excess = skin.dense(len(self._cage)) - weights
         self.moved = float(np.linalg.norm(self._offsets, axis=1).max())
         self._file = UsdFile(target, animation, 12 * len(self._cage))
+        from pxr import Vt
+
         with quiet(OSError):
             self._define_skeleton()
-            self._define_skin(rest, skin)
+            mesh = define_mesh(self._file.stage, f"{self._file.root}/mesh", rest)
+            mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
+            mesh.CreateExtentAttr(extent_of(points))
+            self._bind(mesh, skin)
 
     def append(self, frames: Floats) -> None:
         """Write the cages of the next k frames, (k, n, 3)."""
@@ -116,17 +121,12 @@ class SkeletonWriter(AnimationWriter):
         motion.CreateScalesAttr(Vt.Vec3hArray(count, Gf.Vec3h(1)))
         self._translations: Any = motion.CreateTranslationsAttr()
 
-    def _define_skin(self, rest: TriMesh, skin: SkinWeights) -> None:
-        """The rest mesh, bound to the skeleton."""
+    def _bind(self, mesh: Any, skin: SkinWeights) -> None:
+        """Bind a mesh to the skeleton."""
         from pxr import Gf, UsdSkel, Vt
 
-        stage, root = self._file.stage, self._file.root
-        points = single_precision(rest.vertices)
-        mesh = define_mesh(stage, f"{root}/mesh", rest)
-        mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
-        mesh.CreateExtentAttr(extent_of(points))
         binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
-        binding.CreateSkeletonRel().SetTargets([f"{root}/skeleton"])
+        binding.CreateSkeletonRel().SetTargets([f"{self._file.root}/skeleton"])
         binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1))
         joints = binding.CreateJointIndicesPrimvar(False, self.influences)
         joints.Set(Vt.IntArray.FromNumpy(skin.joints.astype(np.int32).ravel()))

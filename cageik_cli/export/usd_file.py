@@ -40,7 +40,7 @@ class UsdFile:
     def __init__(self, target: Path, animation: Animation, frame_bytes: int) -> None:
         """Begin a file of `frame_bytes` a frame."""
         need_usd(f"writing {target.suffix}")
-        from pxr import Sdf, Usd, UsdGeom
+        from pxr import Sdf, Usd
 
         _refuse_too_large(target.suffix.lower(), animation.count * frame_bytes)
         self._target, self._frame_bytes, self._unsaved = target, frame_bytes, 0
@@ -53,12 +53,7 @@ class UsdFile:
         binary = {"format": "usdc"} if target.suffix.lower() == ".usd" else {}
         with quiet(OSError):
             self.stage = Usd.Stage.Open(Sdf.Layer.CreateNew(str(self._path), args=binary))
-            UsdGeom.SetStageUpAxis(self.stage, animation.scene.up_axis)
-            UsdGeom.SetStageMetersPerUnit(self.stage, animation.scene.metres_per_unit)
-            self.stage.SetTimeCodesPerSecond(animation.scene.fps)
-            self.stage.SetFramesPerSecond(animation.scene.fps)
-            self.stage.SetStartTimeCode(self._start)
-            self.stage.SetEndTimeCode(self._start + animation.count - 1)
+            _say_scene(self.stage, animation)
             self.root = f"/{animation.name}"
             self.stage.SetDefaultPrim(self.stage.OverridePrim(self.root))
 
@@ -107,6 +102,18 @@ def extent_of(points: NDArray[np.float32]) -> Any:
     from pxr import Vt
 
     return Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)]))
+
+
+def _say_scene(stage: Any, animation: Animation) -> None:
+    from pxr import UsdGeom
+
+    scene = animation.scene
+    UsdGeom.SetStageUpAxis(stage, scene.up_axis)
+    UsdGeom.SetStageMetersPerUnit(stage, scene.metres_per_unit)
+    stage.SetTimeCodesPerSecond(scene.fps)
+    stage.SetFramesPerSecond(scene.fps)
+    stage.SetStartTimeCode(scene.start)
+    stage.SetEndTimeCode(scene.start + animation.count - 1)
 
 
 def _refuse_too_large(suffix: str, size: int) -> None:

@@ -8,7 +8,9 @@ from alembic3d.Abc import GetArchiveInfo, IArchive
 from alembic3d.AbcGeom import IPolyMesh
 
 from cageik_cli.errors import InputError
-from tests.export.clips import FRAMES, REST, fail_halfway, write_huge, written
+from cageik_cli.export import Animation
+from cageik_cli.export.writers.alembic import Writer
+from tests.export.clips import FRAMES, REST, SCENE, fail_halfway, write_huge, written
 
 
 @pytest.fixture
@@ -57,6 +59,12 @@ def test_a_disk_without_room_is_refused_before_anything_is_written(tmp_path, mon
     with pytest.raises(InputError, match=r"a\.abc: cannot be written \(No space left on device\)"):
         written(tmp_path / "a.abc")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_cannot_be_made_is_an_error_of_the_disk(tmp_path):
+    (tmp_path / "a.abc").mkdir()
+    with pytest.raises(OSError, match="ERROR"):
+        Writer(tmp_path / "a.abc", Animation(REST, 1, SCENE, "hero"))
 
 
 def test_a_failure_leaves_nothing(tmp_path):

@@ -8,6 +8,7 @@ from cageik_cli.errors import InputError
 from cageik_cli.export import Animation, skeleton
 from cageik_cli.export.skeleton import SkeletonWriter
 from cageik_cli.export.skinning import skin_weights
+from cageik_cli.mesh import TriMesh
 from cageik_cli.scene import Scene
 from cageik_cli.sequence import open_sequence
 from cageik_cli.usd import SUFFIXES
@@ -122,6 +123,14 @@ def test_abandoned_it_lets_go_of_the_file(tmp_path):
     writer = SkeletonWriter(tmp_path / "rig.usdz", animation, REST, CONVEX)
     writer.append(CAGES)
     writer.abandon()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_mesh_too_large_for_single_precision_is_refused(tmp_path):
+    huge = TriMesh(REST.vertices * 1e40, REST.faces)
+    animation = Animation(CAGE, 5, SCENE, "hero")
+    with pytest.raises(InputError, match="too large for this format"):
+        SkeletonWriter(tmp_path / "rig.usdz", animation, huge, CONVEX)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -157,6 +157,14 @@ def test_transforms_of_other_times_are_taken_in_proportion(archive):
     np.testing.assert_allclose(shifts[:, :, 0], np.repeat([[0], [1], [2], [4]], 6, 1), atol=1e-12)
 
 
+def test_a_transform_without_samples_moves_nothing(archive):
+    archive.transform([])
+    archive.mesh(parent="move")
+    sequence = archive.opened()
+    np.testing.assert_array_equal(frames_of(sequence), FRAMES)
+    assert sequence.notes == ()
+
+
 def test_faces_of_a_mirrored_mesh_turn(archive):
     archive.transform([np.diag([-1, 1, 1, 1])])
     archive.mesh(parent="move", frames=[MESH.vertices])

@@ -52,10 +52,7 @@ class Writer(AnimationWriter):
 
         for points in map(single_precision, frames):
             positions = V3fArrayFromBuffer(points)
-            try:
-                self._schema.set(OPolyMeshSchemaSample(positions, *self._faces))
-            except RuntimeError as error:
-                raise OSError(str(error)) from error
+            self._schema.set(OPolyMeshSchemaSample(positions, *self._faces))
 
     def complete(self) -> None:
         """Close the file."""
