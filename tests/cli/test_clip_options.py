@@ -37,7 +37,7 @@ def extracted(run, *words):
     outcome = run("extract", *words, "--cage", "cage.obj", "-q", "--overwrite")
     assert outcome.code == 0, outcome.err
     result = read_result(Path("cages.h5"))
-    return result, np.concatenate(list(read_cages(Path("cages.h5"), 10)))
+    return result, np.concatenate(list(read_cages(result, 10)))
 
 
 REST = ("--rest", "frames/frame_1.obj")
