@@ -13,10 +13,10 @@ from cageik_cli.inputs import ExtractSettings, Inputs, bound_of, opened
 from cageik_cli.observer import Observer
 from cageik_cli.resuming import forget, going_on, prepare_result, take_up, whole_already
 from cageik_cli.scene import Scene
-from cageik_cli.sequence import LoadedMesh, MeshSequence, ReadAhead
-from cageik_cli.solving import BlockSolver, Budget, queue_length
+from cageik_cli.sequence import LoadedMesh, MeshSequence
+from cageik_cli.solving import BlockSolver, Budget
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.partial import PartialResult, Plan, progress_of
+from cageik_cli.store.partial import PartialResult, Plan
 from cageik_cli.store.result import Result, partial_name, read_result
 from cageik_cli.store.result_writer import Header, create
 from cageik_cli.threads import blas_threads
@@ -36,36 +36,30 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
     prepare_result(settings.output, settings.overwrite, settings.resume)
     with watch.stage("open"):
         inputs = opened(settings)
+    with watch.stage("bind"):
+        bound = bound_of(inputs, settings, watch)
+    # One thread: the matrix is small, and threads that wait for each other take longer.
+    with watch.stage("factor"), blas_threads(1):
+        solver = DualLaplacianSolver(bound.binding, settings.solve, inputs.vertex_weights)
+    sources, sequence = inputs.sources | bound.sources, inputs.sequence
+    header = _header(settings, inputs, bound, solver)
+    budget = Budget.of(settings.memory, bound.binding, settings.jobs)
+    plan = _plan(header, sources, inputs, budget.block)
     log = partial_name(settings.output)
-    start = progress_of(log)[0] if settings.resume and log.exists() else 0
-    ahead = queue_length(settings.memory, len(inputs.rest.mesh.vertices))
-    # Frames are read while the weights are computed.
-    with ReadAhead(inputs.sequence, settings.jobs, ahead, start) as frames:
-        with watch.stage("bind"):
-            bound = bound_of(inputs, settings, watch)
-        # One thread: the matrix is small, and threads that wait for each other take longer.
-        with watch.stage("factor"), blas_threads(1):
-            solver = DualLaplacianSolver(bound.binding, settings.solve, inputs.vertex_weights)
-        sources = inputs.sources | bound.sources
-        header = _header(settings, inputs, bound, solver)
-        budget = Budget.of(settings.memory, bound.binding, settings.jobs)
-        plan = _plan(header, sources, inputs, budget.block)
-        if settings.resume and not settings.overwrite:
-            result = whole_already(settings.output, header, inputs.sequence, sources)
-            if result is not None:
-                forget(log, plan)
-                watch.remark("resumed", "the result is whole already")
-                return result
-        work = BlockSolver(inputs.sequence, solver, settings.on_bad_frame == "skip", watch)
-        # One thread for the products: blocks are solved, and frames read, beside each other.
-        with going_on(log, plan, settings.resume) as partial, blas_threads(1):
-            with watch.stage("read"):
-                take_up(partial, inputs.sequence, work.skip, settings.jobs, watch)
-                frames.go_to(partial.done)
-            work.solve_all(frames, partial, budget.solvers)
-            with watch.stage("write"):
-                sources |= {"frames": inputs.sequence.source()}
-                _compose(partial, header, sources, settings)
+    if settings.resume and not settings.overwrite:
+        result = whole_already(settings.output, header, sequence, sources)
+        if result is not None:
+            forget(log, plan)
+            watch.remark("resumed", "the result is whole already")
+            return result
+    work = BlockSolver(sequence, solver, settings.on_bad_frame == "skip", watch)
+    # One thread for the products: blocks are solved, and frames read, beside each other.
+    with going_on(log, plan, settings.resume) as partial, blas_threads(1):
+        with watch.stage("read"):
+            take_up(partial, sequence, work.skip, settings.jobs, watch)
+        work.solve_all(partial, budget, settings.jobs)
+        with watch.stage("write"):
+            _compose(partial, header, sources | {"frames": sequence.source()}, settings)
     return read_result(settings.output)
 
 

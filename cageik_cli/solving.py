@@ -35,10 +35,13 @@ class Budget:
         Frames solved together; the number of threads does not change it, nor any figure.
     solvers : int
         Blocks that are solved at once.
+    queue : int
+        Frames that are read in advance.
     """
 
     block: int
     solvers: int
+    queue: int
 
     @staticmethod
     def of(memory: int, binding: Binding, jobs: int) -> "Budget":
@@ -46,12 +49,9 @@ class Budget:
         frame = ARRAYS_PER_FRAME * 24 * len(binding.rest.vertices)
         left = memory - binding.weights.nbytes
         block = int(np.clip(left // frame, 1, LARGEST_BLOCK))
-        return Budget(block, int(np.clip(left // (block * frame), 1, jobs)))
-
-
-def queue_length(memory: int, vertices: int) -> int:
-    """How many frames to read in advance."""
-    return int(max(1, min(memory // 8, LARGEST_QUEUE) // (24 * vertices)))
+        solvers = int(np.clip(left // (block * frame), 1, jobs))
+        queue = min(memory // 8, LARGEST_QUEUE) // binding.rest.vertices.nbytes
+        return Budget(block, solvers, max(1, queue))
 
 
 class BlockSolver:
@@ -72,10 +72,17 @@ class BlockSolver:
         self._sequence, self._solver, self._watch = sequence, solver, watch
         self.skip = skip
 
-    def solve_all(self, frames: ReadAhead, partial: PartialResult, solvers: int) -> None:
+    def solve_all(self, partial: PartialResult, budget: Budget, jobs: int) -> None:
         """Solve the frames that the log does not hold yet, and log them in order."""
-        blocks = self._awaited(frames.blocks(partial.plan.block))
-        with InOrder(self.solved, blocks, solvers, solvers) as made:
+        with (
+            ReadAhead(self._sequence, jobs, budget.queue, partial.done) as frames,
+            InOrder(
+                self.solved,
+                self._awaited(frames.blocks(partial.plan.block)),
+                budget.solvers,
+                budget.solvers,
+            ) as made,
+        ):
             for block in made:
                 with self._watch.stage("write"):
                     partial.append(block)

@@ -14,7 +14,7 @@ from cageik_cli.extraction import extract
 from cageik_cli.inputs import ExtractSettings
 from cageik_cli.observer import Observer
 from cageik_cli.report import as_text, report_of
-from cageik_cli.solving import ARRAYS_PER_FRAME, Budget, queue_length
+from cageik_cli.solving import ARRAYS_PER_FRAME, Budget
 from tests.shapes import ball, box, rotation
 
 TRUTH = SolveSettings(alpha=0.0)
@@ -120,13 +120,18 @@ def test_weights_and_blocks_fit_the_memory(frames, jobs, expected):
     binding = Binding(model, box(2.0), np.zeros((len(model.vertices), 8)))
     frame = ARRAYS_PER_FRAME * model.vertices.nbytes
     memory = binding.weights.nbytes + int(frames * frame)
-    assert Budget.of(memory, binding, jobs) == Budget(*expected)
+    found = Budget.of(memory, binding, jobs)
+    assert (found.block, found.solvers) == expected
 
 
-def test_the_queue_is_a_part_of_the_memory():
-    assert queue_length(8 * 24 * 1000, 100) == 10
-    assert queue_length(1, 100) == 1
-    assert queue_length(1 << 60, 1 << 10) == (1 << 26) // (24 << 10)
+@pytest.mark.parametrize(("memory", "frames"), [(1, 1), (8 * 10, 10), (1 << 60, 1 << 26)])
+def test_the_queue_is_a_part_of_the_memory(memory, frames):
+    """For a model of which a frame takes 24 bytes times its vertices."""
+    model = ball(2)
+    size = model.vertices.nbytes
+    binding = Binding(model, box(2.0), np.zeros((len(model.vertices), 8)))
+    expected = frames if frames < 1 << 26 else frames // size
+    assert Budget.of(memory * (size if memory < 1 << 50 else 1), binding, 1).queue == expected
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

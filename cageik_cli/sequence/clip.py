@@ -204,25 +204,14 @@ class ReadAhead:
     """The frames of a clip from `start` on, read by `jobs` threads, at most `ahead` in advance."""
 
     def __init__(self, sequence: MeshSequence, jobs: int, ahead: int, start: int = 0) -> None:
-        self._sequence, self._jobs, self._ahead = sequence, jobs, ahead
-        self._begin(start)
+        self._sequence, self._start = sequence, start
+        self._frames = InOrder(self._tried, range(start, len(sequence)), jobs, ahead)
 
     def __enter__(self) -> "ReadAhead":
         return self
 
     def __exit__(self, *error: object) -> None:
         self._frames.__exit__()
-
-    def go_to(self, start: int) -> None:
-        """Begin at another frame, if it is one."""
-        if start != self._start:
-            self._frames.__exit__()
-            self._begin(start)
-
-    def _begin(self, start: int) -> None:
-        self._start = start
-        numbers = range(start, len(self._sequence))
-        self._frames = InOrder(self._tried, numbers, self._jobs, self._ahead)
 
     def blocks(self, size: int) -> Iterator[Block]:
         """Them in blocks of at most `size`."""

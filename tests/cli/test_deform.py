@@ -326,7 +326,8 @@ def test_wrong_usage_is_exit_code_2(run, result, words, says):
 def test_a_file_may_hold_every_option(run, result):
     assert run("export", "cages.h5", "edit.npz").code == 0
     Path("cageik.toml").write_text(
-        '[deform]\nmesh = "frames/frame_1.obj"\ncages = "edit.npz"\noutput = "told"\nframes = ":1"\n'
+        '[deform]\nmesh = "frames/frame_1.obj"\ncages = "edit.npz"\noutput = "told"\n'
+        'frames = ":1"\n'
         'layout = "fvx"\nallow-gaps = true\nfps = 25\nstart = 3\nup-axis = "Z"\n'
         'metres-per-unit = 0.5\ncoordinates = "mean-value"\naccuracy = "fine"\n'
         'outside = "project"\ncache = "kept"\nno-cache = false\nformat = "ply"\n'
