@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import scipy.linalg
 
-from cageik_cli.alignment import best_rigid_motions, no_motions
+from cageik_cli.alignment import best_rotations, centroids
 from cageik_cli.binding import Binding, WeightQuality
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.mesh import Floats, uniform_laplacian
@@ -138,20 +138,22 @@ class DualLaplacianSolver:
 
     def solve(self, frames: Floats) -> Solution:
         """The cages of `frames`, (k, m, 3)."""
-        k, m = len(frames), len(self._rest)
-        motions = no_motions(k, self._origin)
+        centres = np.tile(self._origin, (len(frames), 1))
+        rotations = np.tile(np.eye(3), (len(frames), 1, 1))
         if self._align:
-            motions = best_rigid_motions(frames, self._rest, self._vertex_weights)
-        moved = motions.to_rest(frames)
+            centres = centroids(frames, self._vertex_weights)
+        centred = frames - centres[:, None]
+        if self._align:
+            rotations = best_rotations(centred, self._rest, self._vertex_weights)
+        moved = centred @ rotations.swapaxes(1, 2)
         moved -= self._rest
-        target = moved.transpose(1, 0, 2).reshape(m, 3 * k)
-        displaced = self._minimiser(target)
-        rebuilt = self._weights @ displaced
-
-        def in_frames(columns: Floats, rest: Floats) -> Floats:
-            return motions.from_rest(rest + columns.reshape(len(rest), k, 3).transpose(1, 0, 2))
-
-        return Solution(in_frames(displaced, self._rest_cage), in_frames(rebuilt, self._rest))
+        displaced = _in_frames(self._minimiser(_in_columns(moved)))
+        turned = (self._rest_cage + displaced) @ rotations
+        rebuilt = self._weights @ _in_columns(turned)
+        # Memory that is new costs more than the sums: what is no longer needed takes the rest.
+        moved[...] = _in_frames(rebuilt)
+        moved += centres[:, None]
+        return Solution(turned + centres[:, None], moved)
 
     def _minimiser(self, target: Floats) -> Floats:
         """Cage displacements (n, 3k) that best give vertex displacements (m, 3k).
@@ -186,6 +188,17 @@ class DualLaplacianSolver:
             roots = np.sqrt(self._vertex_weights[block, None]) * self._weights[block]
             data += roots.T @ roots
         return np.asarray(self._data_scale * data)
+
+
+def _in_columns(points: Floats) -> Floats:
+    """Points of k frames, (k, p, 3), as columns (p, 3k)."""
+    k, p, _ = points.shape
+    return points.transpose(1, 0, 2).reshape(p, 3 * k)
+
+
+def _in_frames(columns: Floats) -> Floats:
+    """Columns (p, 3k) as points of k frames, (k, p, 3); a view."""
+    return columns.reshape(len(columns), -1, 3).transpose(1, 0, 2)
 
 
 def normalised_weights(weights: Floats, count: int) -> Floats:

@@ -51,7 +51,8 @@ def measure(
     worst = squares.argmax(axis=1)
     numbers = np.arange(frames.shape[1])[counted]
     data = frames[:, counted]
-    centred = data - np.einsum("kjx->kx", data)[:, None] / len(numbers)
+    centroids = np.full(len(numbers), 1 / len(numbers)) @ data
+    centred = np.subtract(data, centroids[:, None], out=misses[:, : len(numbers)])
     if rest.is_closed and len(numbers) == frames.shape[1]:
         volume, volume_rebuilt = (signed_volumes(v, rest.faces) for v in (frames, rebuilt))
     else:

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli import dual_laplacian
-from cageik_cli.alignment import best_rigid_motions
+from cageik_cli.alignment import best_rotations, centroids
 from cageik_cli.binding import Binding, bind
 from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings, normalised_weights
 from cageik_cli.errors import InputError, NumericalError
@@ -43,16 +43,18 @@ def test_every_cage_is_the_least_squares_solution_of_the_stacked_system(binding,
     frames = clip(binding)
     solution = DualLaplacianSolver(binding, settings_, counts).solve(frames)
     origin = counts @ binding.rest.vertices / m
-    motions = best_rigid_motions(frames, binding.rest.vertices - origin, counts)
+    centres = centroids(frames, counts)
+    centred = frames - centres[:, None]
+    turns = best_rotations(centred, binding.rest.vertices - origin, counts)
     laplacian = np.sqrt(alpha / n) * uniform_laplacian(binding.cage)
     scale = np.sqrt(beta / m * counts)[:, None]
     for k, frame in enumerate(frames):
-        at_rest = motions.to_rest(frames)[k] + origin if align else frame
+        at_rest = centred[k] @ turns[k].T + origin if align else frame
         rows = np.vstack([laplacian, scale * weights])
         right = np.vstack([laplacian @ binding.cage.vertices, scale * at_rest])
         cage = np.linalg.lstsq(rows, right, rcond=None)[0]
         if align:
-            cage = motions.from_rest(np.tile(cage - origin, (len(frames), 1, 1)))[k]
+            cage = (cage - origin) @ turns[k] + centres[k]
         np.testing.assert_allclose(solution.cages[k], cage, atol=1e-10)
         np.testing.assert_allclose(solution.reconstructions[k], weights @ cage, atol=1e-10)
 
