@@ -22,6 +22,7 @@ from cageik_cli.alignment import best_rotations, centroids
 from cageik_cli.binding import Binding, WeightQuality
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.mesh import Floats, uniform_laplacian
+from cageik_cli.scratch import Scratch
 
 WORST_CONDITION = 1e12
 """Normal matrices of a larger condition number are refused."""
@@ -136,23 +137,29 @@ class DualLaplacianSolver:
         normal = self._smoothness + data
         self._factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
 
-    def solve(self, frames: Floats) -> Solution:
-        """The cages of `frames`, (k, m, 3)."""
+    def solve(self, frames: Floats, scratch: Scratch | None = None) -> Solution:
+        """The cages of `frames`, (k, m, 3).
+
+        With `scratch`, the reconstructions are good until the next call that is given it.
+        """
+        scratch = scratch or Scratch()
         centres = np.tile(self._origin, (len(frames), 1))
         rotations = np.tile(np.eye(3), (len(frames), 1, 1))
         if self._align:
             centres = centroids(frames, self._vertex_weights)
-        centred = frames - centres[:, None]
+        centred = scratch.array("centred", *frames.shape)
+        np.subtract(frames, centres[:, None], out=centred)
         if self._align:
             rotations = best_rotations(centred, self._rest, self._vertex_weights)
-        moved = centred @ rotations.swapaxes(1, 2)
+        moved = scratch.array("moved", *frames.shape)
+        np.matmul(centred, rotations.swapaxes(1, 2), out=moved)
         moved -= self._rest
-        displaced = _in_frames(self._minimiser(_in_columns(moved)))
+        columns = scratch.array("columns", len(self._rest), 3 * len(frames))
+        _in_frames(columns)[...] = moved
+        displaced = _in_frames(self._minimiser(columns))
         turned = (self._rest_cage + displaced) @ rotations
-        rebuilt = self._weights @ _in_columns(turned)
-        # Memory that is new costs more than the sums: what is no longer needed takes the rest.
-        moved[...] = _in_frames(rebuilt)
-        moved += centres[:, None]
+        np.matmul(self._weights, _in_columns(turned), out=columns)
+        np.add(_in_frames(columns), centres[:, None], out=moved)
         return Solution(turned + centres[:, None], moved)
 
     def _minimiser(self, target: Floats) -> Floats:

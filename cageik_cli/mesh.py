@@ -139,9 +139,8 @@ def checked_positions(positions: ArrayLike) -> Floats:
             f"vertex {vertex} is ({x:g}, {y:g}, {z:g}) and {np.count_nonzero(~finite)} of "
             f"{len(array)} vertices are not finite; expected finite numbers, export the file again"
         )
-    is_small = np.abs(array) <= LARGEST_COORDINATE
-    if not is_small.all():
-        vertex = int(np.argmin(is_small.all(axis=1)))
+    if max(array.max(), -array.min()) > LARGEST_COORDINATE:
+        vertex = int(np.argmax(np.abs(array).max(axis=1) > LARGEST_COORDINATE))
         x, y, z = array[vertex]
         raise InputError(
             f"vertex {vertex} is ({x:g}, {y:g}, {z:g}), expected coordinates of "

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.mesh import Floats, Integers, TriMesh, signed_volumes
+from cageik_cli.scratch import Scratch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +35,11 @@ class FrameFigures:
 
 
 def measure(
-    rest: TriMesh, frames: Floats, rebuilt: Floats, counted: slice | Integers
+    rest: TriMesh,
+    frames: Floats,
+    rebuilt: Floats,
+    counted: slice | Integers,
+    scratch: Scratch | None = None,
 ) -> FrameFigures:
     """Compare reconstructions with their frames.
 
@@ -45,8 +50,11 @@ def measure(
     frames, rebuilt : (k, m, 3)
     counted : slice or (c,) int64
         The vertices that are data; all but those of vertex weight 0.
+    scratch : Scratch, optional
+        Memory to use.
     """
-    misses = rebuilt - frames
+    misses = (scratch or Scratch()).array("misses", *frames.shape)
+    np.subtract(rebuilt, frames, out=misses)
     squares = np.einsum("kjx,kjx->kj", misses, misses)[:, counted]
     worst = squares.argmax(axis=1)
     numbers = np.arange(frames.shape[1])[counted]

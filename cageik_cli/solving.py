@@ -1,5 +1,6 @@
 """Frames through the solver, in blocks, measured, into the log of the run."""
 
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import DualLaplacianSolver
 from cageik_cli.metrics import measure
 from cageik_cli.observer import Observer
+from cageik_cli.scratch import Scratch
 from cageik_cli.sequence import Block, MeshSequence, ReadAhead
 from cageik_cli.store.partial import PartialResult
 from cageik_cli.store.result_writer import refuse_unsound
@@ -21,7 +23,7 @@ LARGEST_BLOCK = 16
 ARRAYS_PER_FRAME = 12
 """Arrays (m, 3) that a frame has at once: read, moved, target, rebuilt, measured."""
 
-LARGEST_QUEUE = 1 << 26
+LARGEST_QUEUE = 1 << 24
 """Bytes of frames read in advance at most, and an eighth of the memory."""
 
 
@@ -70,6 +72,7 @@ class BlockSolver:
         self, sequence: MeshSequence, solver: DualLaplacianSolver, skip: bool, watch: Observer
     ) -> None:
         self._sequence, self._solver, self._watch = sequence, solver, watch
+        self._own = threading.local()
         self.skip = skip
 
     def solve_all(self, partial: PartialResult, budget: Budget, jobs: int) -> None:
@@ -100,11 +103,13 @@ class BlockSolver:
         """
         if not self.skip:
             block.refuse_faults()
+        scratch = self._own.__dict__.setdefault("scratch", Scratch())
         with self._watch.stage("solve"):
-            solution = self._solver.solve(block.positions)
+            solution = self._solver.solve(block.positions, scratch)
         with self._watch.stage("measure"):
             rest, counted = self._solver.binding.rest, self._solver.counted
-            figures = measure(rest, block.positions, solution.reconstructions, counted)
+            rebuilt = solution.reconstructions
+            figures = measure(rest, block.positions, rebuilt, counted, scratch)
         refuse_unsound(block.start, solution.cages, figures)
         stamps = tuple(map(self._sequence.stamp, range(block.start, block.stop)))
         return solved(block, solution.cages, figures, stamps)

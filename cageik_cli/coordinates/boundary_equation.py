@@ -21,7 +21,6 @@ from scipy.spatial import cKDTree
 from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.higher_terms import higher_moments
 from cageik_cli.coordinates.panels import (
-    Scratch,
     close_angles,
     distances,
     double_layer,
@@ -31,6 +30,7 @@ from cageik_cli.coordinates.panels import (
 )
 from cageik_cli.coordinates.polynomials import LINEAR, basis, gauss_rule, monomials
 from cageik_cli.mesh import Floats, Integers
+from cageik_cli.scratch import Scratch
 from cageik_cli.threads import blas_threads
 
 FADE = 1.25

@@ -19,7 +19,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from cageik_cli.coordinates.panel_geometry import Panels
-from cageik_cli.coordinates.panels import Scratch, View
+from cageik_cli.coordinates.panels import View
 from cageik_cli.coordinates.polynomials import (
     LINEAR,
     basis,
@@ -28,6 +28,7 @@ from cageik_cli.coordinates.polynomials import (
     of_degree,
 )
 from cageik_cli.mesh import Floats, Integers
+from cageik_cli.scratch import Scratch
 
 
 @dataclass(frozen=True, eq=False)

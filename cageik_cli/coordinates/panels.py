@@ -26,13 +26,13 @@ Arrays have panels along the first axis and points along the last, so that gathe
 whole rows.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from cageik_cli.coordinates.panel_geometry import Panels
-from cageik_cli.mesh import Floats, Integers
+from cageik_cli.mesh import Floats
+from cageik_cli.scratch import Scratch
 
 EDGE_ON = 1e-13
 """A panel whose plane passes a point within this (in units of the cage) is seen edge-on: Ω = 0."""
@@ -51,29 +51,6 @@ INSIDE = 1e-3
 
 SMALL_TANGENT = 0.03
 """Tangents z below which z − z³/3 + z⁵/5 − z⁷/7 + z⁹/9 is arctan z to the last bit."""
-
-
-class Scratch:
-    """Arrays that are used again block after block, so that memory is asked for once.
-
-    Fresh arrays of a block's size cost more in page faults than in arithmetic. One thread's own.
-    """
-
-    def __init__(self) -> None:
-        self._arrays: dict[str, Floats] = {}
-
-    def array(self, name: str, *shape: int) -> Floats:
-        """The array of that name, of that shape, with anything in it."""
-        size = math.prod(shape)
-        held = self._arrays.get(name)
-        if held is None or held.size < size:
-            held = self._arrays[name] = np.empty(size)
-        return held[:size].reshape(shape)
-
-    def rows(self, name: str, source: Floats, chosen: Integers) -> Floats:
-        """`source[chosen]` in the array of that name."""
-        out = self.array(name, len(chosen), source.shape[1])
-        return np.take(source, chosen, axis=0, out=out, mode="clip")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -118,9 +118,11 @@ class Hdf5Frames(FramesInRuns):
 
     def frame(self, index: int) -> Floats:
         """Positions of one frame, (m, 3), with `scale` and `mean` undone."""
-        stored = super().frame(index)
+        positions = np.array(super().frame(index), np.float64)
         with np.errstate(over="ignore", invalid="ignore"):  # frames are checked where they enter
-            return np.asarray(stored, np.float64) * self._scale + self._mean
+            positions *= self._scale
+            positions += self._mean
+        return positions
 
     def run(self, start: int, stop: int) -> np.ndarray:
         """Read frames `start` to `stop`, that left out: (k, m, 3)."""

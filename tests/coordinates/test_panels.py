@@ -4,7 +4,6 @@ import pytest
 from cageik_cli.coordinates.panel_geometry import Panels
 from cageik_cli.coordinates.panels import (
     SMALL_TANGENT,
-    Scratch,
     _arctan2,
     close_angles,
     double_layer,
@@ -13,6 +12,7 @@ from cageik_cli.coordinates.panels import (
     view,
 )
 from cageik_cli.coordinates.polynomials import monomials
+from cageik_cli.scratch import Scratch
 from tests.shapes import ball, box, concave, inside
 
 
