@@ -24,8 +24,11 @@ def shown(case: dict, folder: Path, count: int) -> Iterator[tuple[np.ndarray, np
             yield evaluated(only_mesh())
         return
     empty_scene(case["fps"])
-    if case["kind"] in ("mdd", "pc2"):
-        put_cache(folder / f"{case['truth']}_rest.obj", path, case["first"])
+    if case["on_model"]:
+        bpy.ops.wm.obj_import(filepath=str(folder / f"{case['truth']}_rest.obj"))
+        if case["kind"] == "alembic":  # its points come with z up already
+            bpy.ops.object.transform_apply()
+        CACHES[case["kind"]](only_mesh().modifiers, path, case)
     else:
         IMPORTERS[case["kind"]](filepath=str(path))
         refuse_other_range(case["kind"], case["first"], case["first"] + count - 1)
@@ -55,13 +58,29 @@ def empty_scene(fps: float) -> None:
     bpy.context.scene.render.fps = int(fps)
 
 
-def put_cache(rest: Path, path: Path, first: float) -> None:
-    """Let a Mesh Cache modifier move the imported rest pose from scene frame `first` on."""
-    bpy.ops.wm.obj_import(filepath=str(rest))
-    modifier = only_mesh().modifiers.new("cache", "MESH_CACHE")
-    modifier.cache_format = path.suffix[1:].upper()
+def put_mesh_cache(modifiers: bpy.types.ObjectModifiers, path: Path, case: dict) -> None:
+    """Let a point cache move the model, from the scene frame that is said."""
+    modifier = modifiers.new("cache", "MESH_CACHE")
+    modifier.cache_format = case["kind"].upper()
     modifier.filepath = str(path)
-    modifier.frame_start = first
+    modifier.frame_start = case["first"]
+
+
+def put_sequence_cache(modifiers: bpy.types.ObjectModifiers, path: Path, case: dict) -> None:
+    """Let a scene file move the model, at its own times."""
+    bpy.ops.cachefile.open(filepath=str(path))
+    modifier = modifiers.new("cache", "MESH_SEQUENCE_CACHE")
+    modifier.cache_file = bpy.data.cache_files[path.name]
+    name = case["truth"]
+    modifier.object_path = f"/{name}" if case["kind"] == "alembic" else f"/{name}/{name}"
+
+
+CACHES = {
+    "mdd": put_mesh_cache,
+    "pc2": put_mesh_cache,
+    "usd": put_sequence_cache,
+    "alembic": put_sequence_cache,
+}
 
 
 def only_mesh() -> bpy.types.Object:

@@ -15,7 +15,7 @@ import numpy as np
 from comparing import Clip, furthest, have_same_faces, in_file_axes, wrong_clips
 from importing import ShownWrongError, shown
 
-ROW = "{:<15} {:<20} {:>6} {:>7} {:>8} {:>10} {:>6}  {}"
+ROW = "{:<19} {:<20} {:>6} {:>7} {:>8} {:>10} {:>6}  {}"
 TITLES = ("file", "held against", "frames", "from", "vertices", "difference", "limit", "verdict")
 WRONG_BY = 10
 """Limits by which a vertex is moved in what is wrong."""
@@ -36,21 +36,26 @@ def rows_of(case: dict, folder: Path, wrong: bool) -> list[tuple]:
     """The rows of one file: a single one, or one for each wrong expectation."""
     expected, limit = expected_of(case, folder), case["tolerance"]
     frames, vertices, _ = expected.frames.shape
-    size = (frames, case["first"], vertices)
+    size, name = (frames, case["first"], vertices), name_of(case)
     try:
         found = found_in(case, folder, expected)
     except (ShownWrongError, RuntimeError) as error:  # the latter when bpy cannot import it
-        return [(case["path"], "", *size, "", f"{limit:.0e}", f"FAIL: {str(error).strip()}")]
+        return [(name, "", *size, "", f"{limit:.0e}", f"FAIL: {str(error).strip()}")]
     held = {"what was written": expected}
     if wrong:
         held = dict(wrong_clips(expected, WRONG_BY * limit))
     rows = []
-    for name, clip in held.items():
+    for other, clip in held.items():
         difference, same_faces = furthest(found, clip), have_same_faces(found, clip)
         agrees = difference <= limit and same_faces
         verdict = "pass" if agrees != wrong else "FAIL" if same_faces else "FAIL: other faces"
-        rows.append((case["path"], name, *size, f"{difference:.1e}", f"{limit:.0e}", verdict))
+        rows.append((name, other, *size, f"{difference:.1e}", f"{limit:.0e}", verdict))
     return rows
+
+
+def name_of(case: dict) -> str:
+    """The file, and where it was put if it was not imported."""
+    return f"{case['path']}, on model" if case["on_model"] else case["path"]
 
 
 def expected_of(case: dict, folder: Path) -> Clip:

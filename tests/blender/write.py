@@ -4,7 +4,7 @@
 
 `FOLDER/cases.json` lists the files and how each is to be read; `FOLDER/TRUTH.npz` has `frames`
 (F, m, 3), `rest` (m, 3) and `faces` (f, 3), computed here from the arrays of the result alone;
-`FOLDER/TRUTH_rest.obj` is the model on which a point cache is put.
+`FOLDER/TRUTH_rest.obj` is the model on which caches are put.
 """
 
 import json
@@ -38,6 +38,8 @@ class Case:
         The importer: obj, ply, usd, alembic, gltf, mdd or pc2.
     path, truth : str
         The file, or folder of files, and its positions; within the folder.
+    on_model : bool
+        Whether the file is put on the model, as a cache, instead of being imported.
     first : float
         Scene frame of sample 0.
     fps : float
@@ -51,6 +53,7 @@ class Case:
     kind: str
     path: str
     truth: str
+    on_model: bool = False
     first: float = 1
     fps: float = 24
     up_axis: str = "Y"
@@ -65,8 +68,10 @@ CAGES_AND_MESHES = (
     Case("ply", "{}_ply", "{}", up_axis="Z"),  # its importer turns nothing
     *(Case("usd", f"{{}}.{suffix}", "{}") for suffix in USD),
     Case("alembic", "{}.abc", "{}"),
-    Case("mdd", "{}.mdd", "{}"),
-    Case("pc2", "{}.pc2", "{}"),
+    Case("usd", "{}.usdc", "{}", on_model=True),
+    Case("alembic", "{}.abc", "{}", on_model=True),
+    Case("mdd", "{}.mdd", "{}", on_model=True),
+    Case("pc2", "{}.pc2", "{}", on_model=True),
     Case("gltf", "{}.glb", "{}", first=0),
     Case("usd", "{}_z.usdc", "{}", first=101, **Z_UP),  # the scene's frames are time codes
     Case("alembic", "{}_z.abc", "{}", first=101, fps=30),  # states neither axis nor unit
