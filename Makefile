@@ -1,14 +1,20 @@
 # Every target makes the virtual environment it needs: a clone, Python 3.11 and make are enough.
+# `test-blender` needs Python 3.11 itself, for Blender as a module; nothing else here depends on it.
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 OUT    ?= out
 
-.PHONY: help run test check format bench growth fixtures clean
+PYTHON311     ?= python3.11
+BLENDER_VENV  ?= .venv-blender
+BLENDER_READY := $(BLENDER_VENV)/.ready
+READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/blender
+
+.PHONY: help run test test-blender check format bench growth fixtures clean
 
 help:  ## Show the targets
-	@sed -n 's/^\([a-z]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 12
+	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
 
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -23,6 +29,20 @@ run: $(READY)  ## Extract the cages of the walking figure, and report on them
 
 test: $(READY)  ## Run the tests, with the coverage of the package
 	$(BIN)/python -m pytest --cov --cov-report=term-missing:skip-covered --cov-fail-under=95
+
+$(BLENDER_READY):
+	@$(PYTHON311) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || { \
+		echo "$(PYTHON311): is not Python 3.11, which bpy 5.0.1 needs; install it, or name it:" \
+			"make test-blender PYTHON311=/path/to/python3.11" >&2; exit 1; }
+	$(PYTHON311) -m venv $(BLENDER_VENV)
+	$(BLENDER_VENV)/bin/python -m pip install --quiet --disable-pip-version-check bpy==5.0.1 'numpy<2'
+	@touch $@
+
+test-blender: $(BLENDER_READY) $(READY)  ## Read every format back in Blender, and compare each frame
+	@mkdir -p $(OUT)/blender
+	$(BIN)/python tests/blender/write.py $(OUT)/blender
+	$(READ_BACK) --wrong > $(OUT)/blender/wrong.log
+	$(READ_BACK) > $(OUT)/blender/imports.log
 
 check: $(READY)  ## Format, lint, types, and the order of imports
 	$(BIN)/ruff format --check .
@@ -46,5 +66,5 @@ fixtures: $(READY)  ## Make data_fixtures again, byte for byte, and the pictures
 	$(BIN)/python data_fixtures/make_picture.py
 
 clean:  ## Remove what was built and written here
-	rm -rf $(VENV) $(OUT) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .coverage .hypothesis
+	rm -rf $(VENV) $(BLENDER_VENV) $(OUT) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .coverage .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
