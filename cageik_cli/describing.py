@@ -93,8 +93,16 @@ def _result_rows(result: Result) -> list[tuple[str, str]]:
         ("scene", _scene(result.scene)),
         ("settings", ", ".join(f"{key} {value}" for key, value in result.settings.items())),
         *((f"from {key}", str(source.get("name"))) for key, source in result.sources.items()),
+        *_skipped_rows(result),
         *(("note", note) for note in result.notes),
     ]
+
+
+def _skipped_rows(result: Result) -> list[tuple[str, str]]:
+    if not result.skipped:
+        return []
+    names = first_few((result.frames[k] for k in result.skipped), 5)
+    return [("skipped", f"{names}; cageik report says why")]
 
 
 def _scene(scene: Scene) -> str:
