@@ -9,6 +9,7 @@ import numpy as np
 from cageik_cli.binding import BindSettings, bind
 from cageik_cli.enclosure import checked_cage
 from cageik_cli.errors import InputError, located
+from cageik_cli.hdf5 import refuse_other_suffix
 from cageik_cli.mesh import TriMesh
 from cageik_cli.observer import Observer
 from cageik_cli.outputs import prepare
@@ -66,6 +67,7 @@ def bind_files(settings: BindRunSettings, observer: Observer | None = None) -> S
     """
     watch = observer or Observer()
     prepare(settings.output, settings.overwrite)
+    refuse_other_suffix(settings.output)
     with watch.stage("open"):
         rest, cage = load_mesh(settings.rest), load_mesh(settings.cage)
         for note in rest.notes:

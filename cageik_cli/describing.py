@@ -7,6 +7,7 @@ import numpy as np
 
 from cageik_cli.enclosure import cage_findings
 from cageik_cli.errors import first_few
+from cageik_cli.hdf5 import SUFFIXES as HDF5_SUFFIXES
 from cageik_cli.layout import page
 from cageik_cli.mesh import TriMesh
 from cageik_cli.report.text import accuracy_row, weights_row
@@ -32,7 +33,7 @@ def describe(arguments: list[str], layout: str | None = None) -> str:
     paths = [Path(argument) for argument in arguments]
     if paths and all(map(is_partial, paths)):
         return "\n\n".join(page(str(path), _log_rows(path)) for path in paths)
-    if all(path.is_file() and path.suffix.lower() in (".h5", ".hdf5") for path in paths):
+    if all(path.is_file() and path.suffix.lower() in HDF5_SUFFIXES for path in paths):
         pages = [_own_page(path) for path in paths]
         if all(pages):
             return "\n\n".join(pages)
@@ -93,8 +94,16 @@ def _result_rows(result: Result) -> list[tuple[str, str]]:
         ("scene", _scene(result.scene)),
         ("settings", ", ".join(f"{key} {value}" for key, value in result.settings.items())),
         *((f"from {key}", str(source.get("name"))) for key, source in result.sources.items()),
+        *_skipped_rows(result),
         *(("note", note) for note in result.notes),
     ]
+
+
+def _skipped_rows(result: Result) -> list[tuple[str, str]]:
+    if not result.skipped:
+        return []
+    names = first_few((result.frames[k] for k in result.skipped), 5)
+    return [("skipped", f"{names}; cageik report says why")]
 
 
 def _scene(scene: Scene) -> str:

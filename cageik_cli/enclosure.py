@@ -207,7 +207,10 @@ def _misfit(cage: TriMesh, rest: TriMesh) -> str:
     """What is likely wrong between a cage and a model most of which is outside it."""
     ratio = cage.diagonal / rest.diagonal
     if not 0.2 < ratio < 5:
-        return f"the cage is {ratio:.3g} times as large as the model: export both in one unit"
+        return (
+            f"the cage is {ratio:.3g} times as large as the model: export both in one unit, or "
+            "move a model that is to be so into the cage"
+        )
     low = np.maximum(cage.vertices.min(axis=0), rest.vertices.min(axis=0))
     high = np.minimum(cage.vertices.max(axis=0), rest.vertices.max(axis=0))
     if (low > high).any():

@@ -71,8 +71,8 @@ def remark_gaps(result: Result, watch: Observer) -> None:
         names = first_few((result.frames[k] for k in result.skipped), 5)
         watch.remark(
             "note",
-            f"{len(result.skipped)} frames were skipped ({names}); their cages are put between "
-            "those before and after",
+            f"{len(result.skipped)} of {len(result.frames)} frames skipped ({names}); their "
+            "cages are put between those before and after, or are the nearest at either end",
         )
 
 

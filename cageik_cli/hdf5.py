@@ -13,14 +13,32 @@ from cageik_cli.errors import InputError, located
 LARGEST_RATIO = 1100
 """Most that HDF5's filters compress; a dataset that claims more than it can hold is damaged."""
 
+SUFFIXES = (".h5", ".hdf5")
 
 _KINDS = {"f": "floating-point numbers", "iu": "integers", "O": "text"}
+
+
+def refuse_other_suffix(path: Path) -> None:
+    """Refuse to write HDF5 to a file whose name says that it is something else.
+
+    Raises
+    ------
+    InputError
+        Naming the output and what to do.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(
+            f"{path}: is to be an HDF5 file, expected a name that ends in {' or '.join(SUFFIXES)} "
+            "(cageik export writes cages in other formats)"
+        )
 
 
 def open_file(path: Path) -> h5py.File:
     """Open a file for reading, to be closed by the caller."""
     if not path.is_file():
         raise InputError("is a folder, expected a file" if path.is_dir() else "no such file")
+    if not h5py.is_hdf5(path):
+        raise InputError("is not an HDF5 file; name one, or write it again")
     return h5py.File(path, "r")
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.errors import InputError
+from cageik_cli.hdf5 import refuse_other_suffix
 from cageik_cli.observer import Observer
 from cageik_cli.outputs import prepare
 from cageik_cli.sequence import MeshSequence
@@ -24,6 +25,7 @@ def prepare_result(output: Path, overwrite: bool, resume: bool) -> None:
         Naming the file and what to do.
     """
     prepare(output, overwrite or resume)
+    refuse_other_suffix(output)
     log = partial_name(output)
     if log.exists() and not (overwrite or resume):
         done, count = progress_of(log)

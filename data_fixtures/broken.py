@@ -280,7 +280,7 @@ def result_cases() -> list[Case]:
         ("other_schema", "is of schema 99", result_file(schema=99)),
         ("truncated", "is not a sound hdf5 file", whole[: len(whole) * 6 // 10]),
         ("not_complete", "is not complete", result_file(complete=False)),
-        ("not_hdf5", "is not a sound hdf5 file", b"This is no HDF5 file.\n"),
+        ("not_hdf5", "is not an hdf5 file", b"This is no HDF5 file.\n"),
     ]
     return [
         Case(f"result_{name}", ["result.h5", says], {"result.h5": data}, ["report", "result.h5"])

@@ -279,7 +279,8 @@ def test_the_verdict_does_not_depend_on_place_turn_or_scale(seed, scale, shift):
 
 
 MISPLACED = {
-    "other units": (1000.0, np.zeros(3), r"the cage is 0\.001 times as large as the model"),
+    "other units": (1000.0, np.zeros(3), r"the cage is 0\.001 times as large .* in one unit"),
+    "small, beside": (0.1, np.array([5.0, 0, 0]), r"the cage is .* move a model that is to be so"),
     "moved": (1.0, np.array([5.0, 0, 0]), "their boxes do not meet: move the cage"),
     "other scale": (3.0, np.zeros(3), "most of the model is outside: give the rest pose"),
 }

@@ -1,11 +1,13 @@
 """Strangers' HDF5 files: every claim is checked, and every refusal names the file."""
 
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
 
 from cageik_cli.errors import InputError
-from cageik_cli.hdf5 import dataset, numbers, opened
+from cageik_cli.hdf5 import dataset, numbers, opened, refuse_other_suffix
 
 VALUES = np.arange(12.0).reshape(4, 3)
 
@@ -75,8 +77,8 @@ def test_what_is_not_as_expected_is_refused(path, name, kinds, shape, says):
     [
         (lambda path: path.unlink(), "no such file"),
         (lambda path: (path.unlink(), path.mkdir()), "is a folder, expected a file"),
-        (lambda path: path.write_bytes(b""), "is not a sound HDF5 file"),
-        (lambda path: path.write_text("hello"), "is not a sound HDF5 file"),
+        (lambda path: path.write_bytes(b""), "is not an HDF5 file; name one"),
+        (lambda path: path.write_text("hello"), "is not an HDF5 file; name one"),
         (lambda path: path.write_bytes(path.read_bytes()[:3000]), "is not a sound HDF5 file"),
     ],
 )
@@ -85,6 +87,17 @@ def test_what_is_no_hdf5_file_is_refused(path, make, says):
     with pytest.raises(InputError) as caught, opened(path):
         pytest.fail("opened")
     assert str(caught.value).startswith(f"{path}: {says}")
+
+
+@pytest.mark.parametrize("name", ["cages.npz", "cages", "cages.h5.partial"])
+def test_a_name_of_another_kind_is_refused(name):
+    with pytest.raises(InputError, match=rf"{name}: is to be an HDF5 file, .* \.h5 or \.hdf5"):
+        refuse_other_suffix(Path(name))
+
+
+@pytest.mark.parametrize("name", ["cages.h5", "CAGES.H5", "cages.0001.hdf5"])
+def test_a_name_of_the_kind_is_taken(name):
+    refuse_other_suffix(Path(name))
 
 
 @pytest.mark.parametrize("error", [OSError("x"), RuntimeError("x"), KeyError("x"), ValueError("x")])

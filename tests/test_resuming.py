@@ -267,3 +267,11 @@ def test_the_command_says_what_is_kept_and_goes_on(run, gapped):
     assert outcome.code == 0
     assert "resumed        from frame 1 of 5" in outcome.err
     assert "skipped        2 of 5 frames" in outcome.err
+    assert "skipped        frame_2.obj, frame_4.obj; cageik report" in run("info", "cages.h5").out
+
+
+def test_a_gap_is_remarked_once_however_many_exports_there_are(run, gapped):
+    exports = ("--export", "cages.npz", "--export", "cages.mdd")
+    outcome = run(*TYPED, "--on-bad-frame", "skip", *exports)
+    assert outcome.code == 0
+    assert outcome.err.count("2 of 5 frames skipped (frame_2.obj, frame_4.obj)") == 1

@@ -12,8 +12,8 @@ from cageik_cli.cli.options import PATH, common, jobs, write_or_print
 @click.command("check")
 @click.argument("frames", nargs=-1)
 @click.option("--cage", type=PATH, required=True, help="The cage to look at.")
-@click.option("--rest", type=PATH, help="The rest pose.  [default: the first frame]")
-@click.option("--rest-frame", type=int, help="The frame that is the rest pose, from 0.")
+@click.option("--rest", type=PATH, help="The rest pose.  [default: the first frame taken]")
+@click.option("--rest-frame", type=int, help="Which of the frames taken is the rest pose, from 0.")
 @click.option("--json", type=PATH, help="Write the record as JSON; - is stdout.")
 @click.option("--overwrite", is_flag=True, help="Replace an existing file.")
 @clip_options

@@ -42,7 +42,8 @@ from cageik_cli.cli.options import (
 def deform_command(result: Path, quiet: bool, **options: Any) -> None:
     """Write the animation of a mesh that the cages of RESULT move, in the format of its suffix.
 
-    --frames, --layout and --allow-gaps say how --cages are taken.
+    It is a file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a folder of frames (.obj, .ply), or such
+    files by a pattern. --frames, --layout and --allow-gaps say how --cages are taken.
     """
     settings = _settings(result, options)
 

@@ -28,7 +28,8 @@ from cageik_cli.cli.options import PATH, animation_options, common
 def export_command(result: Path, out: Path, quiet: bool, **options: Any) -> None:
     """Write the cage animation of RESULT in the format of OUT's suffix.
 
-    OUT is a file, a folder, or files in a folder by a pattern, such as cage/cage_####.obj.
+    OUT is a file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a folder of frames (.obj, .ply), or such
+    files by a pattern, cage/cage_####.obj.
     """
     if options["max_influences"] is not None and not options["skeleton"]:
         raise click.UsageError("--max-influences is for --skeleton; give both, or neither")

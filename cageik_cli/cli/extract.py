@@ -30,8 +30,8 @@ from cageik_cli.errors import CageikError
 @click.option(
     "-o", "--output", type=PATH, default="cages.h5", show_default=True, help="The result file."
 )
-@click.option("--rest", type=PATH, help="The rest pose.  [default: the first frame]")
-@click.option("--rest-frame", type=int, help="The frame that is the rest pose, from 0.")
+@click.option("--rest", type=PATH, help="The rest pose.  [default: the first frame taken]")
+@click.option("--rest-frame", type=int, help="Which of the frames taken is the rest pose, from 0.")
 @binding_options
 @click.option(
     "--alpha",
@@ -82,9 +82,15 @@ from cageik_cli.errors import CageikError
 def extract_command(**options: Any) -> None:
     """Extract the cage of every frame of an animation.
 
-    FRAMES are meshes of one connectivity: files, folders and globs, in natural order of their
-    names, or one file that holds a clip (.h5, .npz).
-    """
+    FRAMES are meshes of one connectivity: files, folders and globs (.obj, .ply, .off, each also
+    .gz), in natural order of their names, or one file that holds a clip (.h5, .npz, .npy, .mdd,
+    .pc2, .anime, .usd*, .abc), of several FILE::CLIP.
+
+    \b
+    cageik extract frames --cage cage.obj --on-bad-frame skip
+    cageik extract body.pc2 --rest body.obj --cage cage.obj --resume
+    cageik extract shot.usdc::/hero/body --cage cage.obj --frames 0:48
+    """  # noqa: D301
     timings: Path | None = options.pop("timings")
     quiet: bool = options.pop("quiet")
     exports: tuple[Path, ...] = options.pop("exports")

@@ -62,8 +62,9 @@ class Watch(Observer):
             self._bar.update(done - self._bar.n)
 
     def remark(self, topic: str, text: str) -> None:
-        """Keep it for the end: a line would break the bar."""
-        self.remarks.append((topic, text))
+        """Keep it for the end, as a line would break the bar; once, if several exports say it."""
+        if (topic, text) not in self.remarks:
+            self.remarks.append((topic, text))
 
     def close(self) -> None:
         """End the bar, and take the seconds in all as `total`."""

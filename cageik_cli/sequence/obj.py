@@ -87,7 +87,8 @@ def _mesh_by_lines(data: bytes) -> FileMesh:
             raise InputError(f"line {number}: `{_shown(line)}` {error}; export it again") from error
     if not vertices or not polygons:
         raise InputError(
-            f"{len(vertices)} vertices and {len(polygons)} faces found, expected a mesh in OBJ text"
+            f"{len(vertices)} vertices and {len(polygons)} faces found, expected a mesh in OBJ "
+            "text; export it again"
         )
     last = max(map(max, polygons)) + 1
     if last > len(vertices):

@@ -17,9 +17,11 @@ from cageik_cli.sequence.numbering import refuse_gaps
 
 _SKELETAL = "holds the motion of a skeleton, no mesh; export the mesh it moves, as OBJ frames"
 _SCENE = "is a scene of another program; export the mesh from there, as USD, Alembic or OBJ frames"
+_GLTF = "is glTF, which is written here and not read; export USD, Alembic or OBJ frames instead"
 _OTHERS = {
     **dict.fromkeys((".bvh", ".c3d", ".asf", ".amc"), _SKELETAL),
-    **dict.fromkeys((".blend", ".fbx", ".glb", ".gltf", ".ma", ".max", ".mb"), _SCENE),
+    **dict.fromkeys((".blend", ".fbx", ".ma", ".max", ".mb"), _SCENE),
+    **dict.fromkeys((".glb", ".gltf"), _GLTF),
     **dict.fromkeys((".hip", ".hipnc", ".hiplc", ".bgeo"), _SCENE),
 }
 """Why files that one might take for clips are none."""

@@ -214,7 +214,7 @@ def _skipped(file: h5py.File, frames: int) -> dict[int, str]:
         raise InputError("attribute `skipped` does not say which frames were and why")
     if len(held) == frames:
         raise InputError("every frame was skipped; extract it again")
-    return {int(key): printable(text) for key, text in held.items()}
+    return {int(key): printable(held[key]) for key in sorted(held, key=int)}
 
 
 def _figures(file: h5py.File, frames: int, vertices: int, skipped: list[int]) -> FrameFigures:

@@ -126,6 +126,13 @@ def test_no_input_is_written_over(run, folder, name):
     assert Path(name).read_bytes() == before
 
 
+def test_a_binding_is_not_written_under_the_name_of_another_format(run, folder):
+    outcome = run(*TYPED, "-o", "binding.npz")
+    assert outcome.code == 1
+    assert "binding.npz: is to be an HDF5 file" in outcome.err
+    assert not Path("binding.npz").exists()
+
+
 def test_two_names_of_one_binding_hold_the_same_bytes_from_the_cache_or_not(run, folder):
     for name, words in (("one.h5", []), ("two.h5", []), ("three.h5", ["--no-cache"])):
         assert run(*TYPED, "-o", name, *words).code == 0

@@ -143,7 +143,7 @@ def test_no_format_here_replaces_a_result(run, result):
     ("words", "says"),
     [
         (["nothing.h5", "c.npz"], "nothing.h5: no such result; make it with cageik extract"),
-        (["cage.obj", "c.npz"], "cage.obj: is not a sound HDF5 file"),
+        (["cage.obj", "c.npz"], "cage.obj: is not an HDF5 file"),
         (["cages.h5", "c.gif"], "c.gif: `.gif` is not a kind of animation written here"),
         (["cages.h5", "c.obj"], "c.obj: a `.obj` file holds one frame; name a folder of them"),
         (["cages.h5", "no/c.npz"], "no/c.npz: the folder no does not exist"),

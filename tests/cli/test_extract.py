@@ -118,6 +118,13 @@ def test_an_output_that_cannot_be_written_is_refused_at_once(run, folder, output
     assert sorted(item.name for item in folder.iterdir()) == ["cage.obj", "frames"]
 
 
+def test_a_result_is_not_written_under_the_name_of_another_format(run, folder):
+    outcome = run(*TYPED, "-o", "cages.npz")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "cages.npz: is to be an HDF5 file" in outcome.err
+    assert not Path("cages.npz").exists()
+
+
 def test_two_names_of_one_run_hold_the_same_bytes(run, folder):
     for name in ("one.h5", "other.h5"):
         assert run(*TYPED, "-o", name).code == 0

@@ -143,7 +143,7 @@ def test_polygons_are_noted(run, fixtures_folder):
         (["nowhere"], "nowhere: no such file or folder"),
         (["notes.txt"], "`.txt` is not a kind of clip"),
         (["empty.obj"], "empty.obj: the file is empty"),
-        (["bad.h5"], "bad.h5: is not a sound HDF5 file"),
+        (["bad.h5"], "bad.h5: is not an HDF5 file"),
     ],
 )
 def test_what_cannot_be_described_is_refused(run, folder, words, says):

@@ -8,6 +8,9 @@ from pathlib import Path
 import h5py
 import pytest
 
+from cageik_cli.export import opening as export_opening
+from cageik_cli.sequence import opening
+
 TYPED = ("extract", "frames", "--cage", "cage.obj")
 
 WRONG = {
@@ -76,6 +79,22 @@ def test_help(run, words):
     assert (outcome.code, outcome.err) == (0, "")
     assert outcome.out.startswith("Usage: ")
     assert max(map(len, outcome.out.splitlines())) <= 80
+
+
+def test_help_names_every_kind_of_clip(run):
+    """Of USD as one, and of what gzip may pack as .gz."""
+    said = run("extract", "--help").out
+    for suffix in opening._readers():
+        shown = ".usd*" if suffix.startswith(".usd") else suffix
+        shown = ".h5" if suffix == ".hdf5" else shown
+        assert Path(shown).suffix in said
+
+
+@pytest.mark.parametrize("command", ["export", "deform"])
+def test_help_names_every_kind_of_file_that_is_written(run, command):
+    said = run(command, "--help").out
+    for suffix in export_opening._writers():
+        assert (".usd*" if suffix.startswith(".usd") else suffix) in said
 
 
 def test_help_is_quick_to_come(run_process):

@@ -107,7 +107,7 @@ def test_one_bad_result_spoils_no_output(run, results):
     Path("other.h5").write_text("bad")
     outcome = run("report", "cages.h5", "other.h5", "--json", "r.json")
     assert (outcome.code, outcome.out) == (1, "")
-    assert "other.h5: is not a sound HDF5 file" in outcome.err
+    assert "other.h5: is not an HDF5 file" in outcome.err
     assert not Path("r.json").exists()
 
 

@@ -243,6 +243,7 @@ FAULTS = {
     "vertex 0": (HEAD + b"f 0 1 2\n", "line 7: `f 0 1 2` names vertex 0"),
     "back too far": (HEAD + b"f 1 2 -5\n", "line 7: `f 1 2 -5` names vertex -5"),
     "beyond the last": (HEAD + b"f 1 2 5\n", "names vertex 5, the file has 4"),
+    "cut before the faces": (HEAD, "4 vertices and 0 faces found, expected a mesh in OBJ text; ex"),
     "a long line": (HEAD + b"f " + b"1/2/x " * 40 + b"x\n", "..."),
 }
 

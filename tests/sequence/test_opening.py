@@ -106,7 +106,7 @@ def test_a_glob_may_name_folders_as_the_shell_would(frames):
         (["walk.C3D"], "walk.C3D: holds the motion of a skeleton"),
         (["walk.fbx"], "walk.fbx: is a scene of another program; export the mesh from there"),
         (["walk.blend"], "as USD, Alembic or OBJ frames"),
-        (["walk.glb"], "walk.glb: is a scene of another program"),
+        (["walk.glb"], "walk.glb: is glTF, which is written here and not read; export USD"),
         (["frames"], "frame_3.obj: missing between frame_2.obj and frame_10.obj"),
     ],
 )

@@ -235,7 +235,7 @@ def test_a_damaged_binding_is_refused_by_name(path, damage, says):
 def test_a_binding_cut_short_is_refused(path, share):
     data = path.read_bytes()
     path.write_bytes(data[: int(share * len(data))])
-    with pytest.raises(InputError, match="is not a sound HDF5 file"):
+    with pytest.raises(InputError, match=r"is not an? (sound )?HDF5 file"):
         store.read_binding(path)
 
 
