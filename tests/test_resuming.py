@@ -211,7 +211,39 @@ def test_a_run_that_stops_does_not_go_on_over_a_gap(gapped):
     interrupted(replace(gapped, on_bad_frame="skip"), 3)
     with pytest.raises(InputError, match=r"frame_2\.obj: 0 vertices") as caught:
         extract(replace(gapped, resume=True))
-    assert "1 of 5 frames are kept" in caught.value.__notes__[-1]
+    assert "3 of 5 frames are kept" in caught.value.__notes__[-1]
+
+
+def test_a_gap_that_stops_a_run_costs_nothing_of_what_was_solved_behind_it(gapped):
+    interrupted(replace(gapped, on_bad_frame="skip"), 5)
+    log = LOG.read_bytes()
+    with pytest.raises(InputError, match=r"frame_2\.obj: 0 vertices"):
+        extract(replace(gapped, resume=True))
+    assert LOG.read_bytes() == log
+
+
+def test_a_frame_that_is_damaged_meanwhile_costs_nothing_either(plain, whole):
+    interrupted(plain, 4)
+    log, frame = LOG.read_bytes(), Path("frames/frame_3.obj")
+    sound = frame.read_bytes()
+    frame.write_bytes(sound[:-9])
+    with pytest.raises(InputError, match=r"frame_3\.obj: "):
+        extract(replace(plain, resume=True))
+    assert LOG.read_bytes() == log
+    frame.write_bytes(sound)
+    assert extract(replace(plain, resume=True)).path.read_bytes() == whole
+
+
+def test_a_whole_result_with_gaps_is_none_for_a_run_that_stops(gapped):
+    result = extract(replace(gapped, on_bad_frame="skip"))
+    data = result.path.read_bytes()
+    with pytest.raises(
+        InputError, match=r"2 frames were skipped in it, .*frame_2\.obj: 0 vertices"
+    ):
+        extract(replace(gapped, resume=True))
+    assert result.path.read_bytes() == data
+    again = extract(replace(gapped, resume=True, on_bad_frame="skip"))
+    assert list(again.skipped) == [1, 3]
 
 
 def test_nothing_but_gaps_is_refused(plain):
