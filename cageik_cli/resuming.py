@@ -6,13 +6,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from cageik_cli import __version__
 from cageik_cli.errors import InputError
 from cageik_cli.inputs import ExtractSettings
 from cageik_cli.observer import Observer
 from cageik_cli.outputs import prepare
 from cageik_cli.sequence import MeshSequence
 from cageik_cli.store.partial import PartialResult, Plan, progress_of
-from cageik_cli.store.result import Result, partial_name, read_result
+from cageik_cli.store.result import Result, has_weights, partial_name, read_result
 from cageik_cli.store.result_writer import Header
 
 
@@ -49,7 +50,9 @@ def whole_already(
         return None
     result = read_result(output)
     differences = (
+        ("another version of cageik", result.version != __version__),
         ("other settings", result.settings != header.settings),
+        ("other settings", has_weights(result) != header.keep_weights),
         ("other frames", result.frames != header.frames),
         ("another scene", result.scene != header.scene),
         ("other files", result.sources != sources | {"frames": sequence.source()}),

@@ -142,6 +142,7 @@ def test_a_run_killed_between_its_last_two_steps_is_done(plain, whole):
     ("change", "says"),
     [
         ({"solve": SolveSettings(alpha=0.5)}, "other settings"),
+        ({"keep_weights": False}, "other settings"),
         ({"frames": ("frames/frame_1.obj", "frames/frame_2.obj")}, "other frames"),
         ({"cage": Path("other.obj")}, "other files"),
     ],
@@ -151,6 +152,14 @@ def test_another_result_is_not_replaced_by_going_on(plain, whole, change, says):
     Path("other.obj").write_text(Path("cage.obj").read_text() + "# other\n")
     with pytest.raises(InputError, match=f"is the result of {says}; choose another name"):
         extract(replace(plain, resume=True, **change))
+    assert Path("cages.h5").read_bytes() == whole
+
+
+def test_a_result_of_another_version_is_not_taken_for_this_ones(plain, whole, monkeypatch):
+    extract(plain)
+    monkeypatch.setattr("cageik_cli.resuming.__version__", "9.9")
+    with pytest.raises(InputError, match="is the result of another version of cageik; choose"):
+        extract(replace(plain, resume=True))
     assert Path("cages.h5").read_bytes() == whole
 
 

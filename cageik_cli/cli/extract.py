@@ -31,7 +31,11 @@ from cageik_cli.errors import CageikError
     "-o", "--output", type=PATH, default="cages.h5", show_default=True, help="The result file."
 )
 @click.option("--rest", type=PATH, help="The rest pose.  [default: the first frame]")
-@click.option("--rest-frame", type=int, help="The frame that is the rest pose, from 0.")
+@click.option(
+    "--rest-frame",
+    type=int,
+    help="The frame that is the rest pose, from 0 among those that --frames takes.",
+)
 @binding_options
 @click.option(
     "--alpha",
