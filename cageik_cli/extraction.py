@@ -47,7 +47,7 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
     plan = _plan(header, sources, inputs, budget.block)
     log = partial_name(settings.output)
     if settings.resume and not settings.overwrite:
-        result = whole_already(settings.output, header, sequence, sources)
+        result = whole_already(settings, header, sequence, sources)
         if result is not None:
             forget(log, plan)
             watch.remark("resumed", "the result is whole already")

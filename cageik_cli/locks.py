@@ -38,14 +38,23 @@ def open_locked(path: Path) -> io.FileIO | None:
             file.close()
             return None
         # Who had it may have ended, and taken the name away, while it was opened here.
-        if path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat()):
+        if _has_name(file, path):
             return file
         file.close()
 
 
 def remove_locked(path: Path, file: io.FileIO) -> None:
-    """Delete the file of `open_locked` and close it."""
+    """Close the file of `open_locked`, and delete it if it still has its name."""
+    is_there = _has_name(file, path)
     if sys.platform == "win32":
         file.close()  # an open file cannot be deleted there
-    path.unlink()
+    if is_there:
+        path.unlink()
     file.close()
+
+
+def _has_name(file: io.FileIO, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except FileNotFoundError:
+        return False

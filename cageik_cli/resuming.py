@@ -6,13 +6,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from cageik_cli import __version__
 from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import refuse_other_suffix
+from cageik_cli.inputs import ExtractSettings
 from cageik_cli.observer import Observer
 from cageik_cli.outputs import prepare
 from cageik_cli.sequence import MeshSequence
 from cageik_cli.store.partial import PartialResult, Plan, progress_of
-from cageik_cli.store.result import Result, partial_name, read_result
+from cageik_cli.store.result import Result, has_weights, partial_name, read_result
 from cageik_cli.store.result_writer import Header
 
 
@@ -36,20 +38,23 @@ def prepare_result(output: Path, overwrite: bool, resume: bool) -> None:
 
 
 def whole_already(
-    output: Path, header: Header, sequence: MeshSequence, sources: dict[str, Any]
+    settings: ExtractSettings, header: Header, sequence: MeshSequence, sources: dict[str, Any]
 ) -> Result | None:
-    """The result at `output` if it is what this run would make of the same files; None without one.
+    """The result that is there if it is what this run would make of the same files, else None.
 
     Raises
     ------
     InputError
-        When there is another result, or no result.
+        When there is another result, or no result, or one with gaps that are not to be.
     """
+    output = settings.output
     if not output.exists():
         return None
     result = read_result(output)
     differences = (
+        ("another version of cageik", result.version != __version__),
         ("other settings", result.settings != header.settings),
+        ("other settings", has_weights(result) != header.keep_weights),
         ("other frames", result.frames != header.frames),
         ("another scene", result.scene != header.scene),
         ("other files", result.sources != sources | {"frames": sequence.source()}),
@@ -60,6 +65,12 @@ def whole_already(
                 f"{output}: is the result of {what}; choose another name, or replace it with "
                 "--overwrite"
             )
+    if result.skipped and settings.on_bad_frame != "skip":
+        raise InputError(
+            f"{output}: {len(result.skipped)} frames were skipped in it, the first: "
+            f"{next(iter(result.skipped.values()))}; mend them and replace it with --overwrite, "
+            "or take it as it is with --on-bad-frame skip"
+        )
     return result
 
 
@@ -94,11 +105,23 @@ def take_up(
     """Say where the run goes on: at the first block of which a frame's file is another by now.
 
     Or at the first block with a gap, unless gaps are kept.
+
+    Raises
+    ------
+    InputError
+        When a frame of that block cannot be read, and gaps are not kept; nothing is lost of what
+        was solved behind it.
     """
     with ThreadPoolExecutor(jobs) as pool:
         for block in partial.blocks():
-            stamps = tuple(pool.map(sequence.stamp, range(block.start, block.stop)))
-            if stamps != block.digests or (block.faults and not keep_gaps):
+            stamps = pool.map(sequence.stamp, range(block.start, block.stop))
+            pairs = enumerate(zip(stamps, block.digests, strict=True), block.start)
+            stale = [k for k, (now, then) in pairs if now != then]
+            if not keep_gaps:
+                stale += block.faults
+                for k in sorted(stale):
+                    sequence.frame(k)  # the run would end at it, and what is cut be lost
+            if stale:
                 partial.cut(block.start)
                 break
     if partial.done:

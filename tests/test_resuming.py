@@ -142,6 +142,7 @@ def test_a_run_killed_between_its_last_two_steps_is_done(plain, whole):
     ("change", "says"),
     [
         ({"solve": SolveSettings(alpha=0.5)}, "other settings"),
+        ({"keep_weights": False}, "other settings"),
         ({"frames": ("frames/frame_1.obj", "frames/frame_2.obj")}, "other frames"),
         ({"cage": Path("other.obj")}, "other files"),
     ],
@@ -151,6 +152,14 @@ def test_another_result_is_not_replaced_by_going_on(plain, whole, change, says):
     Path("other.obj").write_text(Path("cage.obj").read_text() + "# other\n")
     with pytest.raises(InputError, match=f"is the result of {says}; choose another name"):
         extract(replace(plain, resume=True, **change))
+    assert Path("cages.h5").read_bytes() == whole
+
+
+def test_a_result_of_another_version_is_not_taken_for_this_ones(plain, whole, monkeypatch):
+    extract(plain)
+    monkeypatch.setattr("cageik_cli.resuming.__version__", "9.9")
+    with pytest.raises(InputError, match="is the result of another version of cageik; choose"):
+        extract(replace(plain, resume=True))
     assert Path("cages.h5").read_bytes() == whole
 
 
@@ -211,7 +220,39 @@ def test_a_run_that_stops_does_not_go_on_over_a_gap(gapped):
     interrupted(replace(gapped, on_bad_frame="skip"), 3)
     with pytest.raises(InputError, match=r"frame_2\.obj: 0 vertices") as caught:
         extract(replace(gapped, resume=True))
-    assert "1 of 5 frames are kept" in caught.value.__notes__[-1]
+    assert "3 of 5 frames are kept" in caught.value.__notes__[-1]
+
+
+def test_a_gap_that_stops_a_run_costs_nothing_of_what_was_solved_behind_it(gapped):
+    interrupted(replace(gapped, on_bad_frame="skip"), 5)
+    log = LOG.read_bytes()
+    with pytest.raises(InputError, match=r"frame_2\.obj: 0 vertices"):
+        extract(replace(gapped, resume=True))
+    assert LOG.read_bytes() == log
+
+
+def test_a_frame_that_is_damaged_meanwhile_costs_nothing_either(plain, whole):
+    interrupted(plain, 4)
+    log, frame = LOG.read_bytes(), Path("frames/frame_3.obj")
+    sound = frame.read_bytes()
+    frame.write_bytes(sound[:-9])
+    with pytest.raises(InputError, match=r"frame_3\.obj: "):
+        extract(replace(plain, resume=True))
+    assert LOG.read_bytes() == log
+    frame.write_bytes(sound)
+    assert extract(replace(plain, resume=True)).path.read_bytes() == whole
+
+
+def test_a_whole_result_with_gaps_is_none_for_a_run_that_stops(gapped):
+    result = extract(replace(gapped, on_bad_frame="skip"))
+    data = result.path.read_bytes()
+    with pytest.raises(
+        InputError, match=r"2 frames were skipped in it, .*frame_2\.obj: 0 vertices"
+    ):
+        extract(replace(gapped, resume=True))
+    assert result.path.read_bytes() == data
+    again = extract(replace(gapped, resume=True, on_bad_frame="skip"))
+    assert list(again.skipped) == [1, 3]
 
 
 def test_nothing_but_gaps_is_refused(plain):

@@ -21,11 +21,8 @@ from cageik_cli.sequence.polygons import fans, fans_of, unfolded
 _PLAIN = (".obj", ".ply", ".off")
 MESH_SUFFIXES = (*_PLAIN, *(suffix + PACKED for suffix in _PLAIN))
 
-# Where the headers announce how many vertices and faces follow.
-_DECLARED = {
-    ".ply": re.compile(rb"(?ms)^element vertex (\d+)\s.*?^element face (\d+)\s"),
-    ".off": re.compile(rb"(?m)^[ \t]*(?:OFF[ \t]+)?(\d+)[ \t]+(\d+)[ \t]+\d+\s"),
-}
+# Where a PLY header announces how many vertices and faces follow.
+_ANNOUNCED = re.compile(rb"(?ms)^element vertex (\d+)\s.*?^element face (\d+)\s")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,13 +94,6 @@ def file_mesh(data: bytes, kind: str) -> FileMesh:
         vertices, corners, sizes = parse_binary_ply(data)
         return FileMesh(vertices, fans_of(corners, sizes), sizes)
     vertices, polygons = parse_off(data) if suffix == ".off" else _ply_by_trimesh(data)
-    declared = _DECLARED[suffix].search(data)
-    announced = tuple(map(int, declared.groups())) if declared else (len(vertices), len(polygons))
-    if announced != (len(vertices), len(polygons)):
-        raise InputError(
-            f"announces {announced[0]} vertices and {announced[1]} faces, holds {len(vertices)} "
-            f"and {len(polygons)}; it is cut short, export it again"
-        )
     return FileMesh(vertices, *fans(polygons))
 
 
@@ -118,6 +108,14 @@ def _ply_by_trimesh(data: bytes) -> tuple[Floats, list[Integers]]:
         faces = loaded["metadata"]["_ply_raw"].get("face", {"length": 0})
         lists = faces["data"] if faces["length"] else {"none": []}
         name = next(name for name in ("vertex_indices", "vertex_index", *lists) if name in lists)
-        return np.asarray(loaded["vertices"]), list(lists[name])
+        vertices, polygons = np.asarray(loaded["vertices"]), list(lists[name])
     except Exception as error:  # whatever a damaged file makes trimesh raise
         raise InputError(f"no PLY mesh can be read from it: {error}") from error
+    announced = _ANNOUNCED.search(data)
+    counts = (len(vertices), len(polygons))
+    if announced is not None and counts != tuple(map(int, announced.groups())):
+        raise InputError(
+            f"announces {int(announced[1])} vertices and {int(announced[2])} faces, holds "
+            f"{counts[0]} and {counts[1]}; it is cut short, export it again"
+        )
+    return vertices, polygons

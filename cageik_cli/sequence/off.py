@@ -28,6 +28,11 @@ def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
         count, faces = map(int, counts[:2])
         vertices = np.array([words[:3] for words in islice(lines, count)], np.float64)
         polygons = [_polygon(words) for words in islice(lines, faces)]
+        if (len(vertices), len(polygons)) != (count, faces):
+            raise ValueError(
+                f"it announces {count} vertices and {faces} faces, holds {len(vertices)} and "
+                f"{len(polygons)}, so it is cut short"
+            )
     except (ValueError, OverflowError) as error:
         raise InputError(f"no OFF mesh can be read from it: {error}") from error
     return vertices, polygons

@@ -112,6 +112,12 @@ def _between(cages: h5py.Dataset, known: Integers, frame: int) -> Floats:
     return np.asarray((1 - share) * cages[before] + share * cages[after])
 
 
+def has_weights(result: Result) -> bool:
+    """Whether a result was written with its weights."""
+    with opened(result.path) as file:
+        return "weights" in file
+
+
 def read_weights(result: Result) -> Floats | None:
     """The weights of a result, (m, n); None if it was written without.
 

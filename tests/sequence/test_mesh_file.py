@@ -135,6 +135,8 @@ OFF = "OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n"
         OFF.replace("OFF\n", "OFF "),
         OFF.replace("OFF\n", "OFF\n# a comment\n"),
         OFF.replace("\n", "\r\n"),
+        OFF.replace("4 2 0\n", "4 2\n"),
+        OFF.replace("OFF\n", "COFF "),
         OFF.replace("1 2\n", "1 2 255 0 0\n"),
         OFF.replace("OFF", "COFF").replace(" 0\n", " 0 9 9 9 9\n").replace("2 0 9 9 9 9", "2 0"),
         OFF.replace("3 0 1 2", "\n  3 0 1 2  # a comment\n"),
@@ -218,6 +220,6 @@ def test_what_is_no_mesh_is_refused(tmp_path, name, content, says):
 
 def test_an_off_file_that_ends_inside_its_faces_is_refused(tmp_path):
     path = tmp_path / "short.off"
-    path.write_text(OFF[:-4])
-    with pytest.raises(InputError):
+    path.write_text(OFF[:-8])
+    with pytest.raises(InputError, match="announces 4 vertices and 2 faces, holds 4 and 1"):
         load_mesh(path)

@@ -192,15 +192,15 @@ def test_a_name_taken_away_while_it_was_opened_is_made_again(tmp_path, monkeypat
     path = tmp_path / "a.partial"
     path.write_text("of a run that ends just now")
     seen = []
-    exists = Path.exists
+    stat = Path.stat
 
-    def ends(self):
+    def ends(self, **how):
         if not seen:
             path.unlink()
         seen.append(self)
-        return exists(self)
+        return stat(self, **how)
 
-    monkeypatch.setattr(Path, "exists", ends)
+    monkeypatch.setattr(Path, "stat", ends)
     with open_locked(path) as file:
         assert file.read() == b""
     assert len(seen) == 2
@@ -238,3 +238,18 @@ def test_a_frame_that_could_not_be_read_becomes_a_gap():
     assert found.figures.worst_vertex.tolist() == [0, -1, 2]
     np.testing.assert_array_equal(found.cages[[0, 2]], block.cages[[0, 2]])
     assert np.isfinite(block.cages).all()
+
+
+def test_a_log_that_was_deleted_meanwhile_is_as_good_as_discarded(log):
+    partial = PartialResult.opened(log, PLAN, resume=True)
+    log.unlink()
+    partial.discard()
+    assert not log.exists()
+
+
+def test_a_log_that_another_run_has_begun_meanwhile_stays(log):
+    partial = PartialResult.opened(log, PLAN, resume=True)
+    log.unlink()
+    log.write_bytes(b"of another run")
+    partial.discard()
+    assert log.read_bytes() == b"of another run"
