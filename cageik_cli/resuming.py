@@ -112,6 +112,7 @@ def take_up(
         When a frame of that block cannot be read, and gaps are not kept; nothing is lost of what
         was solved behind it.
     """
+    reason = ""
     with ThreadPoolExecutor(jobs) as pool:
         for block in partial.blocks():
             stamps = pool.map(sequence.stamp, range(block.start, block.stop))
@@ -123,8 +124,9 @@ def take_up(
                     sequence.frame(k)  # the run would end at it, and what is cut be lost
             if stale:
                 partial.cut(block.start)
+                reason = f", for {sequence.names[min(stale)]} is not what it was"
                 break
-    if partial.done:
-        count = len(partial.plan.frames)
-        watch.remark("resumed", f"from frame {partial.done} of {count}")
+    count = len(partial.plan.frames)
+    if partial.done or reason:
+        watch.remark("resumed", f"from frame {partial.done} of {count}{reason}")
         watch.advance(partial.done, count)

@@ -108,7 +108,8 @@ def test_frames_that_changed_are_solved_again(plain, animation, write_obj):
     write_obj(Path("frames/frame_3.obj"), animation.frames[2] + 0.25, animation.rest.faces)
     watch = Stopped()
     resumed = extract(replace(plain, resume=True), watch).path.read_bytes()
-    assert watch.remarks == [("resumed", "from frame 2 of 5")]
+    text = "from frame 2 of 5, for frame_3.obj is not what it was"
+    assert watch.remarks == [("resumed", text)]
     assert resumed == extract(replace(plain, output=Path("whole.h5"))).path.read_bytes()
 
 
