@@ -28,7 +28,7 @@ run: $(READY)  ## Extract the cages of the walking figure, and report on them
 	$(BIN)/cageik report $(OUT)/walker.h5 --json $(OUT)/report.json --csv $(OUT)/frames.csv --overwrite
 
 test: $(READY)  ## Run the tests, with the coverage of the package
-	$(BIN)/python -m pytest --cov --cov-report=term-missing:skip-covered --cov-fail-under=95
+	$(BIN)/python -m pytest --numprocesses=auto --cov --cov-report=term-missing:skip-covered --cov-fail-under=95
 
 $(BLENDER_READY):
 	@$(PYTHON311) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || { \

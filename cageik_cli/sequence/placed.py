@@ -1,6 +1,8 @@
 """Meshes that stand in a scene: polygons of either winding, moved by transforms."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +11,8 @@ from cageik_cli.errors import InputError
 from cageik_cli.mesh import Floats
 from cageik_cli.sequence.obj import FileMesh
 from cageik_cli.sequence.polygons import fans
+
+Time = TypeVar("Time", int, float)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +55,24 @@ class Polygons:
         if turned:
             polygons = [polygon[::-1] for polygon in polygons]
         return FileMesh(points, *fans(polygons))
+
+
+def unchanging(at: Callable[[Time], Polygons], times: Iterable[Time]) -> Polygons:
+    """The faces `at` the first of some times, which must be those at all others.
+
+    Raises
+    ------
+    InputError
+        Naming the time at which they are not.
+    """
+    first, *others = times
+    found = at(first)
+    for time in others:
+        if at(time).differ(found):
+            raise InputError(
+                f"the faces change at time {time:g}; all frames must share one connectivity"
+            )
+    return found
 
 
 def moved(points: NDArray[np.floating], matrix: Floats) -> Floats:

@@ -203,7 +203,7 @@ def test_faces_that_change_are_refused(archive):
     corners[1], corners[2] = 1, 2
     faces = (corners, imath.IntArray(3, 1))
     archive.objects["mesh"].set(OPolyMeshSchemaSample(imath.V3fArray(6), *faces))
-    sentence = "the faces change at sample 4; all frames must share one connectivity"
+    sentence = "the faces change at time 4; all frames must share one connectivity"
     assert archive.refused() == sentence
 
 

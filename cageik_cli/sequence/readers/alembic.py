@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -15,7 +16,7 @@ from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.clip import ClipRequest
 from cageik_cli.sequence.clip_file import ClipFile, only
 from cageik_cli.sequence.members import picked
-from cageik_cli.sequence.placed import Polygons, mirrors, moved, transform_notes
+from cageik_cli.sequence.placed import Polygons, mirrors, moved, transform_notes, unchanging
 from cageik_cli.sequence.polygons import unfolded
 from cageik_cli.sequence.sampling import Sampling, rate
 
@@ -89,14 +90,8 @@ class Reader(ClipFile):
     def _polygons(self) -> Polygons:
         """The faces, which must be the same at all times."""
         properties = (self._schema.getFaceCountsProperty(), self._schema.getFaceIndicesProperty())
-        first, *others = range(max(1 if p.isConstant() else p.getNumSamples() for p in properties))
-        found = _polygons_at(properties, first)
-        for sample in others:
-            if _polygons_at(properties, sample).differ(found):
-                raise InputError(
-                    f"the faces change at sample {sample}; all frames must share one connectivity"
-                )
-        return found
+        samples = range(max(1 if p.isConstant() else p.getNumSamples() for p in properties))
+        return unchanging(partial(_polygons_at, properties), samples)
 
 
 def _refuse_cut(path: Path) -> None:

@@ -1,7 +1,7 @@
 """A clip in USD: a mesh whose points, or whose transforms, have time samples."""
 
 import hashlib
-from functools import cached_property
+from functools import cached_property, partial
 from math import ceil, floor
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.clip import ClipRequest
 from cageik_cli.sequence.clip_file import ClipFile, digest_of, only
 from cageik_cli.sequence.members import picked
-from cageik_cli.sequence.placed import Polygons, mirrors, moved, transform_notes
+from cageik_cli.sequence.placed import Polygons, mirrors, moved, transform_notes, unchanging
 from cageik_cli.sequence.polygons import unfolded
 from cageik_cli.sequence.sampling import Sampling, rate
 from cageik_cli.usd import SUFFIXES, need_usd, quiet
@@ -89,14 +89,7 @@ class Reader(ClipFile):
             self._mesh.GetFaceVertexIndicesAttr(),
         )
         sampled = {time for attribute in attributes for time in attribute.GetTimeSamples()}
-        first, *others = sorted(sampled or {self._times[0]})
-        found = _polygons_at(attributes, first)
-        for time in others:
-            if _polygons_at(attributes, time).differ(found):
-                raise InputError(
-                    f"the faces change at time {time:g}; all frames must share one connectivity"
-                )
-        return found
+        return unchanging(partial(_polygons_at, attributes), sorted(sampled or {self._times[0]}))
 
     @cached_property
     def _files(self) -> list[Path]:
