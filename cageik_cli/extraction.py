@@ -54,7 +54,7 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
             return result
     work = BlockSolver(sequence, solver, settings.on_bad_frame == "skip", watch)
     # One thread for the products: blocks are solved, and frames read, beside each other.
-    with going_on(log, plan, settings.resume) as partial, blas_threads(1):
+    with going_on(log, plan, settings.resume, settings.overwrite) as partial, blas_threads(1):
         with watch.stage("read"):
             take_up(partial, sequence, work.skip, settings.jobs, watch)
         work.solve_all(partial, budget, settings.jobs)

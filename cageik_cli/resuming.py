@@ -75,9 +75,9 @@ def whole_already(
 
 
 @contextmanager
-def going_on(log: Path, plan: Plan, resume: bool) -> Iterator[PartialResult]:
+def going_on(log: Path, plan: Plan, resume: bool, overwrite: bool) -> Iterator[PartialResult]:
     """The log of this run: what is there of it, or a new one. An error tells how to go on."""
-    partial = PartialResult.opened(log, plan, resume)
+    partial = PartialResult.opened(log, plan, resume, overwrite)
     try:
         yield partial
     except BaseException as error:

@@ -93,8 +93,10 @@ class PartialResult:
         self.done = min((len(starts) - 1) * plan.block, len(plan.frames))
 
     @staticmethod
-    def opened(path: Path, plan: Plan, resume: bool) -> "PartialResult":
+    def opened(path: Path, plan: Plan, resume: bool, overwrite: bool = False) -> "PartialResult":
         """Begin a log, or go on with the one of an interrupted run of the same plan.
+
+        One that is there is begun anew only to `overwrite` it.
 
         What is not whole at the end of one is cut off. One whose run was killed before it had
         written its plan is begun again.
@@ -111,6 +113,11 @@ class PartialResult:
         if file is None:
             raise InputError(f"{path}: another run is writing it; wait for it, or stop it")
         try:
+            if not (resume or overwrite or os.fstat(file.fileno()).st_size == 0):
+                raise InputError(
+                    f"{path}: another run has left it meanwhile; go on with --resume, or begin "
+                    "again with --overwrite"
+                )
             held = _plan(path, file) if resume else None
             if held is None:
                 return _begun(path, file, plan)

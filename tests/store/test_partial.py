@@ -125,8 +125,15 @@ def test_blocks_are_forgotten_from_a_frame_on(log):
     partial.close()
 
 
-def test_a_new_run_begins_anew(log):
-    partial = PartialResult.opened(log, PLAN, resume=False)
+def test_a_log_that_was_left_meanwhile_is_not_begun_anew_unasked(log):
+    data = log.read_bytes()
+    with pytest.raises(InputError, match="another run has left it meanwhile; go on with --resume"):
+        PartialResult.opened(log, PLAN, resume=False)
+    assert log.read_bytes() == data
+
+
+def test_a_new_run_begins_anew_where_it_may(log):
+    partial = PartialResult.opened(log, PLAN, resume=False, overwrite=True)
     assert (partial.done, list(partial.blocks())) == (0, [])
     partial.close()
     assert progress_of(log) == (0, 5)
