@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.enclosure import cage_findings
 from cageik_cli.errors import first_few
 from cageik_cli.hdf5 import SUFFIXES as HDF5_SUFFIXES
 from cageik_cli.layout import page
@@ -15,6 +14,7 @@ from cageik_cli.scene import Scene
 from cageik_cli.sequence import ClipSettings, MeshSequence, load_mesh, open_sequence, outline
 from cageik_cli.sequence.files import kind_of
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
+from cageik_cli.soundness import cage_findings
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.partial import is_partial, progress_of
 from cageik_cli.store.result import Result, is_result, read_result

@@ -1,9 +1,7 @@
-"""Is this cage fit to hold this model? Every fault, with numbers that count from 0."""
+"""Does this cage hold this model? Every vertex that is outside, with its number from 0."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
-import igl
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,13 +12,9 @@ from cageik_cli.coordinates.surface import (
     winding_numbers,
 )
 from cageik_cli.errors import InputError, first_few
-from cageik_cli.findings import Finding, at, plural
-from cageik_cli.intersections import self_intersections
+from cageik_cli.findings import Finding
 from cageik_cli.mesh import Floats, Integers, TriMesh
-from cageik_cli.shape import bounds_volume, face_areas, is_flat
-
-FLATTEST = 1e-9
-"""Smallest volume of a cage over its area and diagonal; below it there is no inside."""
+from cageik_cli.soundness import checked_cage
 
 TOUCHING = 1e-8
 """A vertex outside by no more than this, in diagonals, is on the cage but for rounding."""
@@ -30,19 +24,6 @@ OUTSIDE = ("refuse", "project")
 
 MISPLACED = 0.5
 """A cage with more than this share of the vertices outside is another's; they are not projected."""
-
-_REMEDIES = {
-    "repeated-vertex": "delete {it}",
-    "degenerate-face": "move or merge vertices there",
-    "duplicate-face": "delete {it}",
-    "unreferenced-vertex": "delete {it}",
-    "non-manifold-edge": "remove the inner faces",
-    "open-edge": "close the hole",
-    "unmerged-edge": "merge the vertices that lie at one place, then close what is left",
-    "orientation": "recalculate its normals",
-    "pinched-vertex": "separate them there",
-    "self-intersection": "move vertices until its faces meet at common edges and corners alone",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,58 +90,6 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> En
             f"{error}; the cage has {len(cage.vertices)} vertices and the model "
             f"{len(rest.vertices)}: are they swapped?"
         ) from error
-
-
-def checked_cage(cage: TriMesh) -> tuple[TriMesh, tuple[str, ...]]:
-    """The cage with its faces turned outward, and notes on what was changed.
-
-    Raises
-    ------
-    InputError
-        Unless the cage is a closed, manifold, consistently oriented surface of one component that
-        does not cross itself, without degenerate or repeated faces and unreferenced vertices.
-    """
-    findings = cage_findings(cage)
-    for finding in findings:
-        if finding.severity == "unfit":
-            raise InputError(finding.sentence)
-    if findings:
-        return cage.flipped(), tuple(finding.message for finding in findings)
-    return cage, ()
-
-
-def cage_findings(cage: TriMesh) -> tuple[Finding, ...]:
-    """Everything that is wrong with a cage itself, causes before what may follow from them.
-
-    Faces that are to be deleted (a vertex twice, a repetition) are left out of what is looked at
-    after them.
-    """
-    corners = np.sort(cage.faces, axis=1)
-    pointed = (corners[:, 1:] == corners[:, :-1]).any(axis=1)
-    _, first = np.unique(corners, axis=0, return_index=True)
-    again = ~pointed & ~np.isin(np.arange(len(corners)), first)
-    flat = is_flat(cage) & ~pointed & ~again
-    lone = np.setdiff1d(np.arange(len(cage.vertices)), cage.faces)
-    found = [
-        _fault("repeated-vertex", "has a vertex twice in a face:", "face", pointed),
-        _fault("degenerate-face", "is degenerate, corners on a line, at", "face", flat),
-        _fault("duplicate-face", "has faces that repeat others:", "face", again),
-        _fault(
-            "unreferenced-vertex",
-            "has vertices in no face, which can move nothing:",
-            "vertex",
-            lone,
-        ),
-    ]
-    kept = np.flatnonzero(~(pointed | again))
-    if len(kept):
-        surface = TriMesh(cage.vertices, cage.faces[kept])
-        # An open cage may have yet to be merged: vertices at one place are then taken as one.
-        joined = surface if surface.is_closed else _merged(surface)
-        found += [*_edge_findings(surface, joined), _pinch_finding(surface)]
-        found += [*_part_findings(joined), *_volume_findings(surface)]
-        found += [_crossing_finding(joined, kept, flat[kept])]
-    return tuple(finding for finding in found if finding is not None)
 
 
 def place(cage: TriMesh, rest: TriMesh) -> Placement:
@@ -251,103 +180,3 @@ def _held(cage: TriMesh, rest: TriMesh, notes: tuple[str, ...], allowed: str) ->
     moved = placement.outside[:, None]
     points = np.where(moved, placement.nearest.position, rest.vertices)
     return Enclosure(cage, points, placement.far, notes)
-
-
-def _fault(
-    kind: str, what: str, noun: str, wrong: NDArray[np.bool_] | Integers, remedy: str = ""
-) -> Finding | None:
-    """A fault of the cage at the elements where `wrong` is true, or that it lists; or None."""
-    numbers = np.flatnonzero(wrong) if wrong.dtype == np.bool_ else wrong
-    if len(numbers) == 0:
-        return None
-    remedy = _REMEDIES[remedy or kind].format(it="it" if len(numbers) == 1 else "them")
-    message = f"the cage {what} {at(noun, numbers)}"
-    return Finding(
-        kind, "unfit", message, remedy, plural(noun), numbers.astype(np.int64), float(len(numbers))
-    )
-
-
-def _edge_findings(surface: TriMesh, joined: TriMesh) -> Iterator[Finding | None]:
-    edges = surface.edges
-    unmerged = "" if np.array_equal(joined.faces, surface.faces) else "unmerged-edge"
-    for kind, what, bad, remedy in (
-        ("non-manifold-edge", "is not manifold: more than two faces meet at", edges.uses > 2, ""),
-        ("open-edge", "is open: no second face at", edges.uses < 2, unmerged),
-        (
-            "orientation",
-            "has neighbours facing opposite ways at",
-            (edges.uses == 2) & ~edges.is_balanced,
-            "",
-        ),
-    ):
-        yield _fault(kind, what, "edge", edges.ends[bad], remedy)
-
-
-def _pinch_finding(surface: TriMesh) -> Finding | None:
-    used = np.unique(surface.faces)
-    pinched = used[~np.asarray(igl.is_vertex_manifold(surface.faces))[used]]
-    return _fault(
-        "pinched-vertex", "is not manifold: its parts touch in a point at", "vertex", pinched
-    )
-
-
-def _part_findings(surface: TriMesh) -> Iterator[Finding]:
-    used = np.unique(surface.faces)
-    parts, of_vertex = np.unique(surface.components[used], return_inverse=True)
-    if len(parts) > 1:
-        sizes = np.bincount(of_vertex)
-        small = used[of_vertex != sizes.argmax()]
-        yield Finding(
-            kind="components",
-            severity="unfit",
-            message=f"the cage has {len(parts)} components (of {first_few(sizes)} vertices), "
-            "expected one connected surface",
-            remedy="join them or delete the loose ones",
-            elements="vertices",
-            numbers=small,
-            value=float(len(parts)),
-        )
-
-
-def _volume_findings(surface: TriMesh) -> Iterator[Finding]:
-    if not bounds_volume(surface):
-        return
-    area = face_areas(surface).sum()
-    none = np.empty(0, np.int64)
-    if abs(surface.volume) <= FLATTEST * area * surface.diagonal:
-        yield Finding(
-            kind="no-volume",
-            severity="unfit",
-            message=f"the cage bounds no volume ({surface.volume:.3g} in an area of {area:.3g})",
-            remedy="give it thickness",
-            elements="",
-            numbers=none,
-            value=surface.volume,
-        )
-    elif surface.volume < 0:
-        yield Finding(
-            kind="inward",
-            severity="usable",
-            message="the cage's faces turn inward; it is used turned outward",
-            remedy="recalculate its normals to be rid of this note",
-            elements="",
-            numbers=none,
-            value=surface.volume,
-        )
-
-
-def _crossing_finding(surface: TriMesh, kept: Integers, flat: NDArray[np.bool_]) -> Finding | None:
-    """Faces that cross or touch; none at the vertices of faces without a plane, which do that."""
-    faces = surface.faces
-    judged = np.flatnonzero(~np.isin(faces, faces[flat]).any(axis=1))
-    if len(judged) == 0:
-        return None
-    pairs = self_intersections(TriMesh(surface.vertices, faces[judged]))
-    what = "crosses or touches itself at"
-    return _fault("self-intersection", what, "face pair", kept[judged[pairs]])
-
-
-def _merged(surface: TriMesh) -> TriMesh:
-    """The same vertices, and faces that name the first of those at one place."""
-    _, first, place_of = np.unique(surface.vertices, axis=0, return_index=True, return_inverse=True)
-    return TriMesh(surface.vertices, first[place_of.ravel()][surface.faces])

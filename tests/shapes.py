@@ -36,6 +36,13 @@ def ball(levels: int = 2, size: float = 0.5) -> TriMesh:
     )
 
 
+def changed(mesh, faces=None, vertices=None) -> TriMesh:
+    """The mesh with other faces, or other vertices."""
+    return TriMesh(
+        mesh.vertices if vertices is None else vertices, mesh.faces if faces is None else faces
+    )
+
+
 def finer(mesh: TriMesh, levels: int) -> TriMesh:
     """Every face divided in four, `levels` times."""
     for _ in range(levels):

@@ -151,7 +151,7 @@ def test_without_an_inside_nothing_is_said_of_the_model(cage):
 
 
 def test_a_pinched_cage_has_no_genus():
-    from tests.test_enclosure import pinched
+    from tests.test_soundness import pinched
 
     assert diagnose(pinched()).cage.genus is None
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.binding import WORST_PRECISION, Binding, BindSettings, WeightQuality
-from cageik_cli.enclosure import checked_cage
 from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import numbers, opened
 from cageik_cli.outputs import whole_file
+from cageik_cli.soundness import checked_cage
 from cageik_cli.store.parts import (
     as_json,
     calls_itself,

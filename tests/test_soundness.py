@@ -1,0 +1,186 @@
+import numpy as np
+import pytest
+
+from cageik_cli.errors import InputError
+from cageik_cli.mesh import TriMesh
+from cageik_cli.soundness import cage_findings, checked_cage
+from tests.exact import improper_pairs
+from tests.shapes import ball, box, changed, concave, finer, octahedron
+
+
+def two_boxes(shift):
+    a = box()
+    return TriMesh(
+        np.concatenate([a.vertices, a.vertices + shift]), np.concatenate([a.faces, a.faces + 8])
+    )
+
+
+def pinched():
+    """Two boxes that share one corner: every edge has two faces, the corner two fans."""
+    mesh = two_boxes(np.array([2.0, 2, 2]))
+    shared = int(np.flatnonzero((mesh.vertices[:8] == 1).all(axis=1))[0])
+    other = 8 + int(np.flatnonzero((mesh.vertices[8:] == 1).all(axis=1))[0])
+    faces = np.where(mesh.faces == other, shared, mesh.faces)
+    faces = np.where(faces > other, faces - 1, faces)
+    return TriMesh(np.delete(mesh.vertices, other, axis=0), faces)
+
+
+def zero_area():
+    """A divided box with the middle of an edge moved onto its end's line, beside a corner."""
+    mesh = finer(box(), 1)
+    a, b, c = mesh.faces[0]
+    vertices = mesh.vertices.copy()
+    vertices[a] = (vertices[b] + vertices[c]) / 2
+    return changed(mesh, vertices=vertices)
+
+
+def crossed():
+    """A divided box whose top middle is pulled out through the bottom."""
+    mesh = finer(box(), 1)
+    vertices = mesh.vertices.copy()
+    vertices[(vertices == [0, 0, 1]).all(axis=1), 2] = -1.5
+    return changed(mesh, vertices=vertices)
+
+
+def folded():
+    """A box with a flat fin, neighbours on the same side of their edge."""
+    mesh = finer(box(), 1)
+    vertices = mesh.vertices.copy()
+    vertices[(vertices == [0, 0, 1]).all(axis=1)] = [1.5, 0, 1]
+    return changed(mesh, vertices=vertices)
+
+
+def unmerged():
+    """A box whose faces have vertices of their own."""
+    return TriMesh(box().vertices[box().faces].reshape(-1, 3), np.arange(36).reshape(-1, 3))
+
+
+FAULTS = {
+    "open": (changed(box(), box().faces[2:]), r"is open: no second face at 4 edges \(.*\); close"),
+    "doubled face": (
+        changed(box(), np.vstack([box().faces, box().faces[:1]])),
+        "has faces that repeat others: face 12; delete it",
+    ),
+    "third face at an edge": (
+        TriMesh(np.vstack([box().vertices, [[3.0, 0, 0]]]), np.vstack([box().faces, [[0, 1, 8]]])),
+        "more than two faces meet at edge 0-1",
+    ),
+    "repeated vertex": (
+        changed(box(), np.vstack([box().faces, [[0, 0, 1]]])),
+        "has a vertex twice in a face: face 12; delete it",
+    ),
+    "no area": (zero_area(), "degenerate, corners on a line, at face 0"),
+    "two components": (two_boxes(np.array([5.0, 0, 0])), r"has 2 components \(of 8, 8 vertices\)"),
+    "turned face": (
+        changed(box(), np.vstack([box().faces[:1, ::-1], box().faces[1:]])),
+        "has neighbours facing opposite ways at 3 edges",
+    ),
+    "lone vertex": (
+        changed(box(), vertices=np.vstack([box().vertices, [[0, 0, 0]]])),
+        "can move nothing: vertex 8; delete it",
+    ),
+    "pinched": (pinched(), "parts touch in a point at vertex 7"),
+    "crossed": (crossed(), r"crosses or touches itself at 18 face pairs .*; move vertices until"),
+    "folded": (folded(), "crosses or touches itself at"),
+    "no volume": (
+        changed(octahedron(), vertices=octahedron().vertices * [1, 1, 0]),
+        r"bounds no volume \(0 in an area of 1\); give it thickness",
+    ),
+    "unmerged": (unmerged(), "36 edges .*; merge the vertices that lie at one place"),
+}
+
+
+@pytest.mark.parametrize(("cage", "says"), FAULTS.values(), ids=FAULTS.keys())
+def test_every_fault_has_its_sentence(cage, says):
+    with pytest.raises(InputError, match=says) as caught:
+        checked_cage(cage)
+    assert "\n" not in str(caught.value)
+
+
+NUMBERS = {
+    "open": {"open-edge": [[0, 1], [1, 3], [2, 3], [0, 2]]},
+    "doubled face": {"duplicate-face": [12]},
+    "third face at an edge": {
+        "non-manifold-edge": [[0, 1]],
+        "open-edge": [[1, 8], [0, 8]],
+        "self-intersection": None,
+    },
+    "repeated vertex": {"repeated-vertex": [12]},
+    "no area": {"degenerate-face": None},
+    "two components": {"components": list(range(8, 16))},
+    "turned face": {"orientation": [[0, 1], [1, 3], [0, 3]]},
+    "lone vertex": {"unreferenced-vertex": [8]},
+    "pinched": {"pinched-vertex": [7]},
+    "crossed": {"self-intersection": improper_pairs(crossed())},
+    "folded": {"self-intersection": improper_pairs(folded())},
+    "no volume": {"no-volume": [], "self-intersection": None},
+    "unmerged": {"open-edge": None},
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_fault_is_found_with_its_numbers_and_no_other(name):
+    found = {finding.kind: finding for finding in cage_findings(FAULTS[name][0])}
+    assert found.keys() == NUMBERS[name].keys()
+    for kind, numbers in NUMBERS[name].items():
+        assert found[kind].severity == "unfit"
+        if numbers is not None:
+            assert sorted(found[kind].numbers.tolist()) == sorted(numbers)
+            assert found[kind].elements or not numbers
+
+
+def test_all_faults_of_one_cage_are_found_at_once():
+    """A cage with a hole, a repeated face, a lone vertex and a second component."""
+    mesh = two_boxes(np.array([5.0, 0, 0]))
+    faces = np.vstack([mesh.faces[1:], mesh.faces[5:6]])
+    found = cage_findings(TriMesh(np.vstack([mesh.vertices, [[9.0, 9, 9]]]), faces))
+    assert [(finding.kind, finding.value) for finding in found] == [
+        ("duplicate-face", 1),
+        ("unreferenced-vertex", 1),
+        ("open-edge", 3),
+        ("components", 2),
+    ]
+    assert found[0].numbers.tolist() == [23]
+
+
+def test_nothing_is_left_of_a_cage_of_points():
+    (found,) = cage_findings(TriMesh(box().vertices, [[0, 0, 1], [2, 2, 2]]))[:1]
+    assert (found.kind, found.numbers.tolist()) == ("repeated-vertex", [0, 1])
+
+
+def test_a_face_without_a_plane_does_not_count_as_crossing_its_neighbours():
+    """Its corner lies on a neighbour's edge; what crosses elsewhere is still found."""
+    kinds = [finding.kind for finding in cage_findings(zero_area())]
+    assert kinds == ["degenerate-face"]
+
+
+@pytest.mark.parametrize("shift", [1e-6, -1e-6])
+def test_parts_that_nearly_touch_are_told_from_those_that_cross(shift):
+    """A dent whose tip ends just before the wall opposite, or just behind it."""
+    mesh = finer(box(), 1)
+    vertices = mesh.vertices.copy()
+    vertices[(vertices == [0, 0, 1]).all(axis=1)] = [0.3, 0.2, -1 + shift]
+    found = [finding.kind for finding in cage_findings(changed(mesh, vertices=vertices))]
+    assert found == ([] if shift > 0 else ["self-intersection"])
+
+
+@pytest.mark.parametrize("cage", [box(), concave(), ball(1)], ids=["box", "concave", "ball"])
+def test_clean_cages_pass_unchanged(cage):
+    checked, notes = checked_cage(cage)
+    assert checked is cage
+    assert notes == ()
+
+
+def test_an_inward_cage_is_turned_and_said_so():
+    checked, notes = checked_cage(concave().flipped())
+    assert checked.volume == pytest.approx(3)
+    assert len(notes) == 1
+    assert "turned outward" in notes[0]
+
+
+def test_many_numbers_are_cut_to_ten():
+    cage = changed(box(), vertices=np.vstack([box().vertices, np.zeros((12, 3))]))
+    with pytest.raises(
+        InputError, match=r"nothing: 12 vertices \(8, 9, .*, 17, \.\.\.\); delete them$"
+    ):
+        checked_cage(cage)
