@@ -1,5 +1,7 @@
 """Whether a clip's vertices come in the order of a mesh: what may differ, and what may not."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -13,12 +15,16 @@ QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (
 
 
 @pytest.fixture
-def check(tmp_path, write_obj):
-    """Check a frame of these faces against a mesh."""
+def refusal(tmp_path, write_obj):
+    """What is said against a frame of these faces in place of a mesh; empty if it is taken."""
 
     def of(vertices, faces, expected):
         path = write_obj(tmp_path / "frame.obj", vertices, np.asarray(faces))
-        refuse_other_order(open_sequence([str(path)]), expected, "the result's cage")
+        try:
+            refuse_other_order(open_sequence([str(path)]), expected, "the result's cage")
+        except InputError as error:
+            return str(error)
+        return ""
 
     return of
 
@@ -27,48 +33,48 @@ def fanned(quads):
     return np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
 
 
-def test_the_same_faces_are_taken(check):
+def test_the_same_faces_are_taken(refusal):
     mesh = ball(levels=1, size=1.0)
-    check(3 * mesh.vertices, mesh.faces, mesh)
+    assert refusal(3 * mesh.vertices, mesh.faces, mesh) == ""
 
 
-def test_faces_in_another_order_turned_and_rotated_are_the_same(check):
+def test_faces_in_another_order_turned_and_rotated_are_the_same(refusal):
     mesh = ball(levels=1, size=1.0)
     random = np.random.default_rng(1)
     faces = random.permutation([np.roll(f, random.integers(3)) for f in mesh.faces])
-    check(mesh.vertices, faces, mesh)
-    check(mesh.vertices, faces[:, ::-1], mesh)
+    assert refusal(mesh.vertices, faces, mesh) == ""
+    assert refusal(mesh.vertices, faces[:, ::-1], mesh) == ""
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_quads_may_be_cut_along_either_diagonal(check, seed):
+def test_quads_may_be_cut_along_either_diagonal(refusal, seed):
     cage = box(1.0)
     random = np.random.default_rng(seed)
     expected = TriMesh(cage.vertices, fanned(QUADS))
     turned = [tuple(np.roll(quad, random.integers(4))) for quad in QUADS]
-    check(cage.vertices, random.permutation(turned), expected)
+    assert refusal(cage.vertices, random.permutation(turned), expected) == ""
 
 
-def test_vertices_in_another_order_are_refused(check):
+def test_vertices_in_another_order_are_refused(refusal):
     mesh = ball(levels=1, size=1.0)
     order = np.random.default_rng(2).permutation(len(mesh.vertices))
-    with pytest.raises(InputError, match="the same number of vertices and triangles as the resul"):
-        check(mesh.vertices[order], np.argsort(order)[mesh.faces], mesh)
+    said = refusal(mesh.vertices[order], np.argsort(order)[mesh.faces], mesh)
+    assert said.startswith("the same number of vertices and triangles as the result's cage has")
 
 
-def test_two_vertices_swapped_are_enough(check):
+def test_two_vertices_swapped_are_enough(refusal):
     mesh = ball(levels=1, size=1.0)
     order = np.arange(len(mesh.vertices))
     order[[3, 7]] = 7, 3
-    with pytest.raises(InputError, match=r"in another order; export it again from the mesh that"):
-        check(mesh.vertices, order[mesh.faces], mesh)
+    said = refusal(mesh.vertices, order[mesh.faces], mesh)
+    assert "in another order; export it again from the mesh that" in said
 
 
-def test_quads_in_another_order_are_refused(check):
+def test_quads_in_another_order_are_refused(refusal):
     cage = box(1.0)
     order = np.array([1, 0, 2, 3, 4, 5, 6, 7])
-    with pytest.raises(InputError):
-        check(cage.vertices, order[np.array(QUADS)], TriMesh(cage.vertices, fanned(QUADS)))
+    expected = TriMesh(cage.vertices, fanned(QUADS))
+    assert refusal(cage.vertices, order[np.array(QUADS)], expected) != ""
 
 
 @pytest.mark.parametrize(
@@ -82,7 +88,6 @@ def test_quads_in_another_order_are_refused(check):
         ),
     ],
 )
-def test_another_mesh_is_refused(check, change, says):
+def test_another_mesh_is_refused(refusal, change, says):
     mesh = ball(levels=1, size=1.0)
-    with pytest.raises(InputError, match=says):
-        check(*change(mesh.vertices, mesh.faces), mesh)
+    assert re.search(says, refusal(*change(mesh.vertices, mesh.faces), mesh))
