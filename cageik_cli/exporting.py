@@ -8,7 +8,6 @@ from cageik_cli.errors import InputError, first_few
 from cageik_cli.export import Animation, Output, Written, write_animation
 from cageik_cli.export.opening import Maker
 from cageik_cli.export.skeleton import SkeletonWriter
-from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.observer import Observer
 from cageik_cli.scene import SceneHints
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
@@ -101,27 +100,4 @@ def _skeleton(result: Result, max_influences: int | None) -> Maker:
             f"{result.path}: holds no weights, which a skeleton needs; extract it again without "
             "--no-weights"
         )
-    return partial(_TellingWriter, rest=result.rest, weights=weights, max_influences=max_influences)
-
-
-class _TellingWriter(SkeletonWriter):
-    """Says at the end what it cost that skin weights cannot be ours."""
-
-    def __init__(
-        self,
-        target: Path,
-        animation: Animation,
-        rest: TriMesh,
-        weights: Floats,
-        max_influences: int | None = None,
-    ) -> None:
-        super().__init__(target, animation, rest, weights, max_influences)
-        self._unit = rest.diagonal / 100
-
-    def complete(self) -> None:
-        """Save the file."""
-        super().complete()
-        self.notes = (
-            f"{self.influences} joints at most move a vertex; no vertex is further than "
-            f"{self.moved / self._unit:.2g} % of the diagonal from where our own weights have it",
-        )
+    return partial(SkeletonWriter, rest=result.rest, weights=weights, max_influences=max_influences)

@@ -156,20 +156,16 @@ def whole_file(path: Path, overwrite: bool, beside: Path | None = None) -> Itera
         When it cannot be written, or another file has come to have the name meanwhile.
     """
     partial = beside or _partial(path)
-    try:
+    with _refused(path):
         if beside is not None:
             beside.unlink(missing_ok=True)
         new = PatientFile(partial)
         try:
             with _brought_to_disk(new):
                 yield new
-            if path.exists() and not overwrite:
-                raise InputError(f"{path}: another run has written it meanwhile; choose another")
-            partial.replace(path)
+            _take_name(path, partial, overwrite)
         finally:
             partial.unlink(missing_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
 @contextmanager
@@ -201,9 +197,7 @@ def whole_path(path: Path, overwrite: bool) -> Iterator[Path]:
         try:
             yield partial
             _sync(partial)
-            if path.exists() and not overwrite:
-                raise InputError(f"{path}: another run has written it meanwhile; choose another")
-            partial.replace(path)
+            _take_name(path, partial, overwrite)
         finally:
             partial.unlink(missing_ok=True)
 
@@ -229,6 +223,13 @@ def whole_folder(path: Path, overwrite: bool, is_ours: Callable[[str], bool]) ->
             _replace_folder(place, partial)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
+
+
+def _take_name(path: Path, new: Path, overwrite: bool) -> None:
+    """Let the file `new` be called `path`."""
+    if path.exists() and not overwrite:
+        raise InputError(f"{path}: another run has written it meanwhile; choose another")
+    new.replace(path)
 
 
 def _replace_folder(place: Path, new: Path) -> None:

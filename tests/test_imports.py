@@ -12,7 +12,7 @@ import cageik_cli
 PACKAGE = Path(cageik_cli.__file__).parent
 
 ORDER = (
-    "errors", "optional", "layout", "threads", "observer", "scene", "mesh", "scratch",
+    "errors", "optional", "layout", "threads", "observer", "kinds", "scene", "mesh", "scratch",
     "coordinates.weights", "coordinates.polynomials", "coordinates.panel_geometry",
     "coordinates.panels", "coordinates.higher_terms", "coordinates.boundary_mesh",
     "coordinates.surface", "coordinates.boundary_equation", "coordinates.error_estimate",

@@ -3,14 +3,13 @@
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 
 from cageik_cli.errors import InputError, located
 from cageik_cli.export import writers
 from cageik_cli.export.animation import Animation, AnimationWriter
 from cageik_cli.export.frame_names import FrameNames
+from cageik_cli.kinds import by_suffix
 from cageik_cli.outputs import prepare, prepare_folder, whole_folder, whole_path
 
 USUAL_KIND = "obj"
@@ -122,16 +121,16 @@ def _target_of(path: Path, kind: str | None) -> _Target:
     with located(path):
         names, place = FrameNames.of(path.name), path.parent
         suffix = path.suffix.lower()
-        by_suffix = _writers()
-        if names is None and suffix not in by_suffix and (kind or not suffix):
+        kinds = _writers()
+        if names is None and suffix not in kinds and (kind or not suffix):
             suffix = f".{kind or USUAL_KIND}"
             names, place = FrameNames(f"{path.name}_", USUAL_DIGITS, suffix), path
-        if suffix not in by_suffix:
+        if suffix not in kinds:
             raise InputError(
                 f"`{path.suffix}` is not a kind of animation written here, expected "
-                f"{', '.join(by_suffix)}"
+                f"{', '.join(kinds)}"
             )
-        writer = by_suffix[suffix]
+        writer = kinds[suffix]
         if kind and suffix != f".{kind}":
             raise InputError(f"has the suffix of another format than {kind}; leave --format out")
         if writer.into_folder and names is None:
@@ -146,6 +145,4 @@ def _target_of(path: Path, kind: str | None) -> _Target:
 
 def _writers() -> dict[str, type[AnimationWriter]]:
     """The writers by the suffixes they take."""
-    names = sorted(module.name for module in iter_modules(writers.__path__))
-    found = [import_module(f"{writers.__name__}.{name}").Writer for name in names]
-    return {suffix: writer for writer in found for suffix in writer.suffixes}
+    return by_suffix(writers, "Writer")

@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from cageik_cli.errors import InputError
 from cageik_cli.export.animation import Animation
+from cageik_cli.export.undated import undated
 from cageik_cli.mesh import TriMesh
 from cageik_cli.usd import need_usd, quiet
-
-# Zip cannot do without a time; its first is as good as any, and always the same.
-_NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 LARGEST_UNSAVED = 1 << 26
 """Bytes of time samples that are held before they are brought to the file; of `.usda`, which USD
@@ -130,7 +128,7 @@ def _package(path: Path, target: Path, name: str) -> None:
 
     USD's own packager would write the time of day.
     """
-    member = zipfile.ZipInfo(name, _NO_TIME)
+    member = undated(name)
     header = 30 + len(name.encode()) + 4
     padding = -header % 64
     member.extra = b"\x86\x19" + padding.to_bytes(2, "little") + bytes(padding)

@@ -2,13 +2,12 @@
 
 import glob
 import os
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 
 from natsort import natsort_keygen, ns
 
 from cageik_cli.errors import InputError
+from cageik_cli.kinds import by_suffix
 from cageik_cli.sequence import readers
 from cageik_cli.sequence.clip import ClipRequest, ClipSettings, MeshSequence
 from cageik_cli.sequence.files import kind_of
@@ -66,16 +65,16 @@ def outline(arguments: list[str], how: ClipSettings) -> list[tuple[str, str]]:
 def _requested(
     arguments: list[str], how: ClipSettings, rest: LoadedMesh | None
 ) -> tuple[type[MeshSequence], ClipRequest]:
-    by_suffix = _readers()
+    kinds_read = _readers()
     arguments, member = _parted(arguments)
-    paths = frame_paths(arguments, tuple(by_suffix))
+    paths = frame_paths(arguments, tuple(kinds_read))
     for path in paths:
         if kind_of(path) in _OTHERS:
             raise InputError(f"{path}: {_OTHERS[kind_of(path)]}")
-        if kind_of(path) not in by_suffix:
+        if kind_of(path) not in kinds_read:
             raise InputError(
                 f"{path}: `{kind_of(path)}` is not a kind of clip read here, expected "
-                f"{', '.join(by_suffix)}"
+                f"{', '.join(kinds_read)}"
             )
     kinds = sorted({kind_of(path) for path in paths})
     if len(kinds) > 1:
@@ -83,7 +82,7 @@ def _requested(
             f"{arguments[0]}: files of kinds {', '.join(kinds)} are mixed; "
             "name one kind, for instance with a quoted glob"
         )
-    reader = by_suffix[kinds[0]]
+    reader = kinds_read[kinds[0]]
     if member is not None and not reader.has_members:
         raise InputError(
             f"{arguments[0]}::{member}: a `{kinds[0]}` file holds one clip; leave `::{member}` out"
@@ -148,6 +147,4 @@ def _with_literal_folders(pattern: Path) -> str:
 
 def _readers() -> dict[str, type[MeshSequence]]:
     """The readers by the suffixes they take."""
-    names = sorted(module.name for module in iter_modules(readers.__path__))
-    found = [import_module(f"{readers.__name__}.{name}").Reader for name in names]
-    return {suffix: reader for reader in found for suffix in reader.suffixes}
+    return by_suffix(readers, "Reader")

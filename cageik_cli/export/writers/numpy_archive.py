@@ -8,10 +8,8 @@ from typing import IO
 import numpy as np
 
 from cageik_cli.export.animation import Animation, AnimationWriter
+from cageik_cli.export.undated import undated
 from cageik_cli.mesh import Floats
-
-# Zip cannot do without a time; its first is as good as any, and always the same.
-_NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 class Writer(AnimationWriter):
@@ -58,5 +56,4 @@ class Writer(AnimationWriter):
                 np.lib.format.write_array(stream, np.asarray(value), allow_pickle=False)
 
     def _member(self, name: str) -> IO[bytes]:
-        member = zipfile.ZipInfo(f"{name}.npy", _NO_TIME)
-        return self._archive.open(member, "w", force_zip64=True)
+        return self._archive.open(undated(f"{name}.npy"), "w", force_zip64=True)

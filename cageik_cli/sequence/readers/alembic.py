@@ -56,9 +56,8 @@ class Reader(ClipFile):
         self._points = self._schema.getPositionsProperty()
         self._transforms = _transforms(found)
         sampling, notes = self._sampling()
-        self.take(request, len(sampling.times))
+        self.take(request, len(sampling.times), _hints(sampling))
         self._times = sampling.times[list(self.numbers)].tolist()
-        self.scene = _hints(sampling).chosen(self.numbers)
         matrix = self._matrix(self._times[0])
         # Alembic's faces wind clockwise.
         mesh = self._polygons().mesh(self._placed(self._times[0]), turned=not mirrors(matrix))

@@ -60,9 +60,8 @@ class Reader(ClipFile):
         self._mesh = UsdGeom.Mesh(prim)
         moving = _transform_times(prim)
         sampling, notes = _frames({*self._mesh.GetPointsAttr().GetTimeSamples(), *moving})
-        self.take(request, len(sampling.times))
+        self.take(request, len(sampling.times), _hints(self._stage, sampling))
         self._times = sampling.times[list(self.numbers)].tolist()
-        self.scene = _hints(self._stage, sampling).chosen(self.numbers)
         matrix = self._matrix(self._times[0])
         is_left = self._mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
         mesh = self._polygons().mesh(
