@@ -6,24 +6,39 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.binding import Binding
+from cageik_cli.binding import BindSettings
 from cageik_cli.dual_laplacian import DualLaplacianSolver
 from cageik_cli.errors import InputError
-from cageik_cli.inputs import ExtractSettings, Inputs, bound_of, opened
+from cageik_cli.inputs import ExtractSettings, Inputs, bound_of, opened, scene_of
+from cageik_cli.mesh import Floats
 from cageik_cli.observer import Observer
-from cageik_cli.resuming import forget, going_on, prepare_result, take_up, whole_already
-from cageik_cli.scene import Scene
-from cageik_cli.sequence import LoadedMesh, MeshSequence
-from cageik_cli.solving import BlockSolver, Budget
+from cageik_cli.resuming import going_on, prepare_result, take_up, whole_already
+from cageik_cli.sequence import MeshSequence
+from cageik_cli.solving import BlockSolver, Budget, Crew, Threads
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.partial import PartialResult, Plan
+from cageik_cli.store.partial import PartialResult, Plan, told_of
 from cageik_cli.store.result import Result, partial_name, read_result
-from cageik_cli.store.result_writer import Header, create
+from cageik_cli.store.result_writer import Ending, Header, create
 from cageik_cli.threads import blas_threads
 
 
-def extract(settings: ExtractSettings, observer: Observer | None = None) -> Result:
+def extract(
+    settings: ExtractSettings,
+    observer: Observer | None = None,
+    bound: StoredBinding | None = None,
+    crew: Crew | None = None,
+) -> Result:
     """Extract the cage of every frame and write the result file.
+
+    Parameters
+    ----------
+    settings : ExtractSettings
+    observer : Observer, optional
+        Told how it goes on.
+    bound : StoredBinding, optional
+        The weights, if they are known: of this rest pose, cage and settings.
+    crew : Crew, optional
+        Who solves the blocks of frames; threads of this process by default.
 
     Raises
     ------
@@ -36,48 +51,40 @@ def extract(settings: ExtractSettings, observer: Observer | None = None) -> Resu
     prepare_result(settings.output, settings.overwrite, settings.resume)
     with watch.stage("open"):
         inputs = opened(settings)
+    recorded = _recorded(settings, inputs.bind_settings(settings))
+    if settings.resume:
+        result = whole_already(settings, inputs, recorded)
+        if result is not None:
+            watch.remark("resumed", "the result is whole already")
+            return result
     with watch.stage("bind"):
-        bound = bound_of(inputs, settings, watch)
+        bound = bound or bound_of(inputs, settings, watch)
     # One thread: the matrix is small, and threads that wait for each other take longer.
     with watch.stage("factor"), blas_threads(1):
         solver = DualLaplacianSolver(bound.binding, settings.solve, inputs.vertex_weights)
-    sources, sequence = inputs.sources | bound.sources, inputs.sequence
-    header = _header(settings, inputs, bound, solver)
-    budget = Budget.of(settings.memory, bound.binding, settings.jobs)
-    plan = _plan(header, sources, inputs, budget.block)
-    log = partial_name(settings.output)
-    if settings.resume and not settings.overwrite:
-        result = whole_already(settings, header, sequence, sources)
-        if result is not None:
-            forget(log, plan)
-            watch.remark("resumed", "the result is whole already")
-            return result
-    work = BlockSolver(sequence, solver, settings.on_bad_frame == "skip", watch)
-    # One thread for the products: blocks are solved, and frames read, beside each other.
-    with going_on(log, plan, settings.resume, settings.overwrite) as partial, blas_threads(1):
-        with watch.stage("read"):
-            take_up(partial, sequence, work.skip, settings.jobs, watch)
-        work.solve_all(partial, budget, settings.jobs)
-        with watch.stage("write"):
-            _compose(partial, header, sources | {"frames": sequence.source()}, settings)
-    return read_result(settings.output)
-
-
-def _header(
-    settings: ExtractSettings, inputs: Inputs, bound: StoredBinding, solver: DualLaplacianSolver
-) -> Header:
-    return Header(
+    header = Header(
         binding=bound.binding,
         quality=solver.quality,
         frames=inputs.sequence.names,
-        scene=settings.scene.applied(inputs.sequence.scene.applied(Scene())),
-        settings=_recorded(settings, bound.binding),
-        notes=_notes(inputs.sequence, inputs.rest, bound, solver.missing),
+        scene=scene_of(settings, inputs),
+        settings=recorded,
+        notes=_notes(inputs, bound, solver.missing),
         keep_weights=settings.keep_weights,
     )
+    budget = Budget.of(settings.memory, bound.binding, settings.jobs)
+    log, plan = partial_name(settings.output), _plan(header, inputs, budget.block)
+    work = BlockSolver(inputs.sequence, solver, settings.on_bad_frame == "skip", watch)
+    # One thread for the products: blocks are solved, and frames read, beside each other.
+    with going_on(log, plan, settings.resume, settings.overwrite) as partial, blas_threads(1):
+        with watch.stage("read"):
+            take_up(partial, inputs.sequence, work.skip, settings.jobs, watch)
+        work.solve_all(partial, budget, crew or Threads(settings.jobs))
+        with watch.stage("write"):
+            _compose(partial, header, inputs, settings)
+    return read_result(settings.output)
 
 
-def _plan(header: Header, sources: dict[str, Any], inputs: Inputs, block: int) -> Plan:
+def _plan(header: Header, inputs: Inputs, block: int) -> Plan:
     binding, weights = header.binding, inputs.vertex_weights
     arrays = [binding.rest.vertices, binding.rest.faces, binding.cage.vertices, binding.cage.faces]
     arrays += [binding.weights] if weights is None else [binding.weights, weights]
@@ -87,52 +94,69 @@ def _plan(header: Header, sources: dict[str, Any], inputs: Inputs, block: int) -
     return Plan(
         frames=list(header.frames),
         settings=header.settings,
-        sources=sources,
+        sources=inputs.sources,
         key=digest.hexdigest(),
+        vertices=len(binding.rest.vertices),
         cage_vertices=len(binding.cage.vertices),
         block=block,
     )
 
 
 def _compose(
-    partial: PartialResult, header: Header, sources: dict[str, Any], settings: ExtractSettings
+    partial: PartialResult, header: Header, inputs: Inputs, settings: ExtractSettings
 ) -> None:
-    """Write the result from the log, in one pass."""
+    """Write the result from the log, which is gone through twice."""
     output = settings.output
     beside = output.with_name(f"{output.name}.whole.partial")
-    skipped: dict[int, str] = {}
-    for block in partial.blocks():
-        skipped |= block.faults
-    if len(skipped) == len(header.frames):
-        raise InputError(f"no frame can be read, the first: {skipped[0]}")
+    told = told_of(partial.blocks())
+    if len(told.skipped) == len(header.frames):
+        raise InputError(f"no frame can be read, the first: {told.skipped[0]}")
     replaces = settings.overwrite or settings.resume
     with create(output, header, replaces, beside) as result:
+        posed: dict[int, Floats] = {}
         for block in partial.blocks():
             result.append(block.cages, block.figures)
-        result.complete(sources, skipped)
+            posed |= {k: block.cage(k) for k in told.posed if block.start <= k < block.stop}
+        misses = [
+            _read_again(inputs.sequence, k, told.digests[k]) - header.binding.weights @ posed[k]
+            for k in told.posed
+        ]
+        sources = inputs.sources | {"frames": inputs.sequence.source()}
+        result.complete(
+            Ending(sources, told.skipped, told.vertex_rms, told.posed, np.array(misses))
+        )
 
 
-def _recorded(settings: ExtractSettings, binding: Binding) -> dict[str, Any]:
+def _read_again(sequence: MeshSequence, index: int, digest: bytes) -> Floats:
+    """A frame that was solved, unless it is another by now."""
+    vertices = sequence.frame(index)
+    if sequence.digest(index) != digest:
+        raise InputError(
+            f"{sequence.place(index)}: changed while the run went on; run again with --resume"
+        )
+    return vertices
+
+
+def _recorded(settings: ExtractSettings, bind: BindSettings) -> dict[str, Any]:
     """The settings on which the numbers depend."""
     solve = settings.solve
     return {
         "alpha": solve.alpha,
         "beta": solve.beta,
         "align": solve.align,
-        **asdict(binding.settings),
+        **asdict(bind),
         "rest_frame": settings.rest_frame if settings.rest is None else None,
         "vertex_weights": settings.vertex_weights is not None,
     }
 
 
-def _notes(
-    sequence: MeshSequence, rest: LoadedMesh, bound: StoredBinding, missing: int
-) -> tuple[str, ...]:
+def _notes(inputs: Inputs, bound: StoredBinding, missing: int) -> tuple[str, ...]:
+    rest = inputs.rest
     cage = bound.sources["cage"]["name"]
     notes = [
         *(f"{cage}: {note}" for note in bound.binding.notes),
         *(f"{rest.source['name']}: {note}" for note in rest.notes),
-        *sequence.notes,
+        *inputs.sequence.notes,
     ]
     if not rest.mesh.is_closed:
         holes = np.count_nonzero(~rest.mesh.edges.is_balanced)

@@ -10,7 +10,7 @@ from cageik_cli.dual_laplacian import SolveSettings, normalised_weights
 from cageik_cli.errors import InputError, located
 from cageik_cli.mesh import Floats
 from cageik_cli.observer import Observer
-from cageik_cli.scene import SceneHints
+from cageik_cli.scene import Scene, SceneHints
 from cageik_cli.sequence import (
     ClipSettings,
     LoadedMesh,
@@ -90,17 +90,24 @@ class Inputs:
     rest : LoadedMesh
     cage : LoadedMesh, optional
         None when it comes with a binding.
+    bound : StoredBinding, optional
+        That of the binding file, if one is named.
     vertex_weights : (m,) float64, optional
         Of mean one.
     sources : dict
-        Name and digest of the file of vertex weights, if there is one.
+        Name and digest of each file that was read, all but the frames.
     """
 
     sequence: MeshSequence
     rest: LoadedMesh
     cage: LoadedMesh | None
+    bound: StoredBinding | None
     vertex_weights: Floats | None
     sources: dict[str, Any]
+
+    def bind_settings(self, settings: ExtractSettings) -> BindSettings:
+        """Those of the binding file, or those asked for."""
+        return settings.bind if self.bound is None else self.bound.binding.settings
 
 
 def opened(settings: ExtractSettings) -> Inputs:
@@ -109,23 +116,34 @@ def opened(settings: ExtractSettings) -> Inputs:
         settings.frames, settings.clip, settings.rest, settings.rest_frame
     )
     cage = load_mesh(settings.cage) if settings.cage is not None else None
-    if settings.vertex_weights is None:
-        return Inputs(sequence, rest, cage, None, {})
-    loaded, source = load_vertex_weights(settings.vertex_weights)
-    with located(settings.vertex_weights):
-        weights = normalised_weights(loaded, len(rest.mesh.vertices))
-    return Inputs(sequence, rest, cage, weights, {"vertex_weights": source})
+    if settings.binding is not None:
+        bound = from_file(settings.binding, rest, cage)
+        sources = dict(bound.sources)
+    else:
+        bound, sources = None, {"rest": rest.source}
+        if cage is not None:
+            sources["cage"] = cage.source
+    weights = None
+    if settings.vertex_weights is not None:
+        loaded, sources["vertex_weights"] = load_vertex_weights(settings.vertex_weights)
+        with located(settings.vertex_weights):
+            weights = normalised_weights(loaded, len(rest.mesh.vertices))
+    return Inputs(sequence, rest, cage, bound, weights, sources)
+
+
+def scene_of(settings: ExtractSettings, inputs: Inputs) -> Scene:
+    """Time and space: as asked, else as the clip says, else as usual."""
+    return settings.scene.applied(inputs.sequence.scene.applied(Scene()))
 
 
 def bound_of(inputs: Inputs, settings: ExtractSettings, watch: Observer) -> StoredBinding:
-    """The weights: of the file that is named, out of the cache, or computed."""
-    rest, cage = inputs.rest, inputs.cage
-    if settings.binding is not None:
-        bound = from_file(settings.binding, rest, cage)
+    """The weights: of the file that was named, out of the cache, or computed."""
+    rest = inputs.rest
+    if inputs.bound is not None:
         watch.advance(len(rest.mesh.vertices), len(rest.mesh.vertices))
-        return bound
-    if cage is None:
+        return inputs.bound
+    if inputs.cage is None:
         raise InputError("neither a cage nor a binding is given, expected one of them")
     with located(settings.cage):
         how = WeightSettings(settings.bind, settings.cache, settings.jobs)
-        return made(rest, cage, how, watch)
+        return made(rest, inputs.cage, how, watch)

@@ -34,13 +34,28 @@ class FrameFigures:
     spread: Floats
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What is known of k frames when they are measured.
+
+    Attributes
+    ----------
+    figures : FrameFigures
+    squares : (k, m) float64
+        |v̂_i − v_i|², nan for vertices that are missing data.
+    """
+
+    figures: FrameFigures
+    squares: Floats
+
+
 def measure(
     rest: TriMesh,
     frames: Floats,
     rebuilt: Floats,
     counted: slice | Integers,
     scratch: Scratch | None = None,
-) -> FrameFigures:
+) -> Measured:
     """Compare reconstructions with their frames.
 
     Parameters
@@ -55,7 +70,8 @@ def measure(
     """
     misses = (scratch or Scratch()).array("misses", *frames.shape)
     np.subtract(rebuilt, frames, out=misses)
-    squares = np.einsum("kjx,kjx->kj", misses, misses)[:, counted]
+    all_squares = np.einsum("kjx,kjx->kj", misses, misses)
+    squares = all_squares[:, counted]
     worst = squares.argmax(axis=1)
     numbers = np.arange(frames.shape[1])[counted]
     data = frames[:, counted]
@@ -65,7 +81,7 @@ def measure(
         volume, volume_rebuilt = (signed_volumes(v, rest.faces) for v in (frames, rebuilt))
     else:
         volume = volume_rebuilt = np.full(len(frames), np.nan)
-    return FrameFigures(
+    figures = FrameFigures(
         rms=np.sqrt(squares.mean(axis=1)),
         max_deviation=np.sqrt(np.take_along_axis(squares, worst[:, None], axis=1)[:, 0]),
         worst_vertex=numbers[worst].astype(np.int64),
@@ -73,3 +89,7 @@ def measure(
         volume_reconstructed=volume_rebuilt,
         spread=np.sqrt(np.einsum("kjx,kjx->k", centred, centred) / len(numbers)),
     )
+    if len(numbers) < frames.shape[1]:
+        missing = np.delete(np.arange(frames.shape[1]), numbers)
+        all_squares[:, missing] = np.nan
+    return Measured(figures, all_squares)

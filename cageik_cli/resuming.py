@@ -9,13 +9,12 @@ from typing import Any
 from cageik_cli import __version__
 from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import refuse_other_suffix
-from cageik_cli.inputs import ExtractSettings
+from cageik_cli.inputs import ExtractSettings, Inputs, scene_of
 from cageik_cli.observer import Observer
 from cageik_cli.outputs import prepare
 from cageik_cli.sequence import MeshSequence
-from cageik_cli.store.partial import PartialResult, Plan, progress_of
+from cageik_cli.store.partial import PartialResult, Plan, forget, progress_of
 from cageik_cli.store.result import Result, has_weights, partial_name, read_result
-from cageik_cli.store.result_writer import Header
 
 
 def prepare_result(output: Path, overwrite: bool, resume: bool) -> None:
@@ -38,40 +37,56 @@ def prepare_result(output: Path, overwrite: bool, resume: bool) -> None:
 
 
 def whole_already(
-    settings: ExtractSettings, header: Header, sequence: MeshSequence, sources: dict[str, Any]
+    settings: ExtractSettings, inputs: Inputs, recorded: dict[str, Any]
 ) -> Result | None:
     """The result that is there if it is what this run would make of the same files, else None.
+
+    What the run that made it left beside it is deleted.
 
     Raises
     ------
     InputError
-        When there is another result, or no result, or one with gaps that are not to be.
+        When there is another result, or no result, or one with gaps that are not to be; unless it
+        may be overwritten.
     """
     output = settings.output
     if not output.exists():
         return None
-    result = read_result(output)
+    try:
+        result = read_result(output)
+        _refuse_other(result, settings, inputs, recorded)
+    except InputError:
+        if settings.overwrite:
+            return None
+        raise
+    forget(partial_name(output))
+    return result
+
+
+def _refuse_other(
+    result: Result, settings: ExtractSettings, inputs: Inputs, recorded: dict[str, Any]
+) -> None:
+    sequence = inputs.sequence
     differences = (
         ("another version of cageik", result.version != __version__),
-        ("other settings", result.settings != header.settings),
-        ("other settings", has_weights(result) != header.keep_weights),
-        ("other frames", result.frames != header.frames),
-        ("another scene", result.scene != header.scene),
-        ("other files", result.sources != sources | {"frames": sequence.source()}),
+        ("other settings", result.settings != recorded),
+        ("other settings", has_weights(result) != settings.keep_weights),
+        ("other frames", result.frames != sequence.names),
+        ("another scene", result.scene != scene_of(settings, inputs)),
+        ("other files", result.sources != inputs.sources | {"frames": sequence.source()}),
     )
     for what, differs in differences:
         if differs:
             raise InputError(
-                f"{output}: is the result of {what}; choose another name, or replace it with "
+                f"{result.path}: is the result of {what}; choose another name, or replace it with "
                 "--overwrite"
             )
     if result.skipped and settings.on_bad_frame != "skip":
         raise InputError(
-            f"{output}: {len(result.skipped)} frames were skipped in it, the first: "
+            f"{result.path}: {len(result.skipped)} frames were skipped in it, the first: "
             f"{next(iter(result.skipped.values()))}; mend them and replace it with --overwrite, "
             "or take it as it is with --on-bad-frame skip"
         )
-    return result
 
 
 @contextmanager
@@ -91,12 +106,6 @@ def going_on(log: Path, plan: Plan, resume: bool, overwrite: bool) -> Iterator[P
             partial.discard()
         raise
     partial.discard()
-
-
-def forget(log: Path, plan: Plan) -> None:
-    """Delete the log that a run of this plan has left, if there is one."""
-    if log.exists():
-        PartialResult.opened(log, plan, resume=True).discard()
 
 
 def take_up(

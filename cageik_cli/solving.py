@@ -2,7 +2,9 @@
 
 import threading
 from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -64,32 +66,27 @@ class BlockSolver:
     sequence : MeshSequence
     solver : DualLaplacianSolver
     skip : bool
-        Leave a gap for a frame that cannot be read; else it is refused. An attribute, too.
+        Leave a gap for a frame that cannot be read; else it is refused.
     watch : Observer
+
+    All are attributes, too.
     """
 
     def __init__(
         self, sequence: MeshSequence, solver: DualLaplacianSolver, skip: bool, watch: Observer
     ) -> None:
-        self._sequence, self._solver, self._watch = sequence, solver, watch
+        self.sequence, self.solver, self.watch = sequence, solver, watch
         self._own = threading.local()
         self.skip = skip
 
-    def solve_all(self, partial: PartialResult, budget: Budget, jobs: int) -> None:
-        """Solve the frames that the log does not hold yet, and log them in order."""
-        with (
-            ReadAhead(self._sequence, jobs, budget.queue, partial.done) as frames,
-            InOrder(
-                self.solved,
-                self._awaited(frames.blocks(partial.plan.block)),
-                budget.solvers,
-                budget.solvers,
-            ) as made,
-        ):
+    def solve_all(self, partial: PartialResult, budget: Budget, crew: "Crew") -> None:
+        """Let the crew solve the frames that the log does not hold yet, and log them in order."""
+        start, size = partial.done, partial.plan.block
+        with crew.solving(self, range(start, len(self.sequence), size), budget) as made:
             for block in made:
-                with self._watch.stage("write"):
+                with self.watch.stage("write"):
                     partial.append(block)
-                self._watch.advance(block.stop, len(self._sequence))
+                self.watch.advance(block.stop, len(self.sequence))
 
     def solved(self, block: Block) -> SolvedBlock:
         """The cages and figures of a block.
@@ -104,21 +101,55 @@ class BlockSolver:
         if not self.skip:
             block.refuse_faults()
         scratch = self._own.__dict__.setdefault("scratch", Scratch())
-        with self._watch.stage("solve"):
-            solution = self._solver.solve(block.positions, scratch)
-        with self._watch.stage("measure"):
-            rest, counted = self._solver.binding.rest, self._solver.counted
+        with self.watch.stage("solve"):
+            solution = self.solver.solve(block.positions, scratch)
+        with self.watch.stage("measure"):
+            rest, counted = self.solver.binding.rest, self.solver.counted
             rebuilt = solution.reconstructions
-            figures = measure(rest, block.positions, rebuilt, counted, scratch)
-        refuse_unsound(block.start, solution.cages, figures)
-        stamps = tuple(map(self._sequence.stamp, range(block.start, block.stop)))
-        return solved(block, solution.cages, figures, stamps)
+            measured = measure(rest, block.positions, rebuilt, counted, scratch)
+        refuse_unsound(block.start, solution.cages, measured.figures)
+        stamps = tuple(map(self.sequence.stamp, range(block.start, block.stop)))
+        return solved(block, solution.cages, measured, stamps)
 
-    def _awaited(self, blocks: Iterator[Block]) -> Iterator[Block]:
-        """Blocks, the time that is spent waiting for them taken as the stage `read`."""
-        while True:
-            with self._watch.stage("read"):
-                block = next(blocks, None)
-            if block is None:
-                return
-            yield block
+
+class Crew(Protocol):
+    """Who solves the blocks of a clip."""
+
+    def solving(
+        self, work: BlockSolver, starts: range, budget: Budget
+    ) -> AbstractContextManager[Iterator[SolvedBlock]]:
+        """The blocks that begin at `starts`, in order, solved before they are asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Threads:
+    """Threads of this process, which read frames ahead and solve blocks beside each other."""
+
+    jobs: int
+
+    @contextmanager
+    def solving(
+        self, work: BlockSolver, starts: range, budget: Budget
+    ) -> Iterator[Iterator[SolvedBlock]]:
+        """The blocks that begin at `starts`, in order."""
+        frames = range(starts.start, starts.stop)
+        with (
+            ReadAhead(work.sequence, self.jobs, budget.queue, frames) as read,
+            InOrder(
+                work.solved,
+                _awaited(read.blocks(starts.step), work.watch),
+                budget.solvers,
+                budget.solvers,
+            ) as made,
+        ):
+            yield made
+
+
+def _awaited(blocks: Iterator[Block], watch: Observer) -> Iterator[Block]:
+    """Blocks, the time that is spent waiting for them taken as the stage `read`."""
+    while True:
+        with watch.stage("read"):
+            block = next(blocks, None)
+        if block is None:
+            return
+        yield block

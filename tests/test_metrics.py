@@ -2,12 +2,16 @@ import numpy as np
 import pytest
 import trimesh
 
+from cageik_cli import metrics
 from cageik_cli.mesh import TriMesh
-from cageik_cli.metrics import measure
 from tests.shapes import ball, rotation
 
 REST = ball(1)
 ALL = slice(None)
+
+
+def measure(rest, frames, rebuilt, counted):
+    return metrics.measure(rest, frames, rebuilt, counted).figures
 
 
 def clip():
@@ -76,3 +80,14 @@ def test_figures_do_not_change_with_a_rigid_motion():
     np.testing.assert_allclose(moved.rms, still.rms, rtol=1e-10)
     np.testing.assert_allclose(moved.volume, still.volume, rtol=1e-10)
     np.testing.assert_array_equal(moved.worst_vertex, still.worst_vertex)
+
+
+def test_squares_are_those_of_each_vertex_and_missing_for_missing_data():
+    frames, rebuilt = clip()
+    expected = np.linalg.norm(rebuilt - frames, axis=2) ** 2
+    found = metrics.measure(REST, frames, rebuilt, ALL).squares
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    counted = np.array([0, 4, 9])
+    some = metrics.measure(REST, frames, rebuilt, counted).squares
+    np.testing.assert_allclose(some[:, counted], expected[:, counted], rtol=1e-12)
+    assert np.isnan(np.delete(some, counted, axis=1)).all()

@@ -196,16 +196,16 @@ class MeshSequence(ABC):
 
         At most two blocks of frames are in memory.
         """
-        with ReadAhead(self, jobs, size, start) as frames:
+        with ReadAhead(self, jobs, size, range(start, len(self))) as frames:
             yield from frames.blocks(size)
 
 
 class ReadAhead:
-    """The frames of a clip from `start` on, read by `jobs` threads, at most `ahead` in advance."""
+    """Frames of a clip, `wanted` of them, read by `jobs` threads, at most `ahead` in advance."""
 
-    def __init__(self, sequence: MeshSequence, jobs: int, ahead: int, start: int = 0) -> None:
-        self._sequence, self._start = sequence, start
-        self._frames = InOrder(self._tried, range(start, len(sequence)), jobs, ahead)
+    def __init__(self, sequence: MeshSequence, jobs: int, ahead: int, wanted: range) -> None:
+        self._sequence, self._wanted = sequence, wanted
+        self._frames = InOrder(self._tried, wanted, jobs, ahead)
 
     def __enter__(self) -> "ReadAhead":
         return self
@@ -215,7 +215,7 @@ class ReadAhead:
 
     def blocks(self, size: int) -> Iterator[Block]:
         """Them in blocks of at most `size`."""
-        for start in range(self._start, len(self._sequence), size):
+        for start in self._wanted[::size]:
             yield self._block(start, list(islice(self._frames, size)))
 
     def _tried(self, index: int) -> Floats | InputError:

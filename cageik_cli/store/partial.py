@@ -13,14 +13,17 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cageik_cli import __version__
 from cageik_cli.errors import InputError
 from cageik_cli.locks import open_locked, remove_locked
+from cageik_cli.mesh import Floats, Integers
 from cageik_cli.store.solved_block import SolvedBlock, packed, unpacked
 
 MAGIC = b"cageik.partial 1\n"
@@ -42,7 +45,7 @@ class Plan:
         What is asked; name and digest of what was read beside the frames.
     key : str
         Digest of weights, meshes and vertex weights.
-    cage_vertices : int
+    vertices, cage_vertices : int
     block : int
         Frames solved together; it changes the last digits, so a run that goes on keeps it.
     version : str
@@ -53,6 +56,7 @@ class Plan:
     settings: dict[str, Any]
     sources: dict[str, Any]
     key: str
+    vertices: int
     cage_vertices: int
     block: int
     version: str = __version__
@@ -96,7 +100,7 @@ class PartialResult:
     def opened(path: Path, plan: Plan, resume: bool, overwrite: bool = False) -> "PartialResult":
         """Begin a log, or go on with the one of an interrupted run of the same plan.
 
-        One that is there is begun anew only to `overwrite` it.
+        One that is there and cannot be gone on with is begun anew only to `overwrite` it.
 
         What is not whole at the end of one is cut off. One whose run was killed before it had
         written its plan is begun again.
@@ -122,10 +126,12 @@ class PartialResult:
             if held is None:
                 return _begun(path, file, plan)
             difference = plan.difference(held)
+            if difference and overwrite:
+                return _begun(path, file, plan)
             if difference:
                 raise InputError(
                     f"{path}: is of another run: {difference}; give the same files and options, "
-                    "or begin again with --overwrite and without --resume"
+                    "or begin again with --overwrite"
                 )
             places = [file.tell()]
             places += [file.tell() for _ in _blocks(file, held)]
@@ -172,6 +178,59 @@ class PartialResult:
     def discard(self) -> None:
         """Delete the log; other runs may have its name from then on."""
         remove_locked(self.path, self._file)
+
+
+def forget(path: Path) -> None:
+    """Delete the log of a run that has ended, if there is one and no other run has it.
+
+    Raises
+    ------
+    InputError
+        When what is there is no log.
+    """
+    if not path.exists():
+        return
+    progress_of(path)
+    file = open_locked(path)
+    if file is not None:
+        remove_locked(path, file)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Told:
+    """What a log of F frames tells of them together.
+
+    Attributes
+    ----------
+    skipped : dict
+        By number in the clip, why a frame was.
+    digests : list of bytes
+        SHA-256 of the file of each frame.
+    vertex_rms : (m,) float64
+        sqrt(mean |v̂ − v|²) over the frames that were not skipped; nan for missing data.
+    posed : (3,) int64
+        Numbers of the worst, the median and the best frame, by rms.
+    """
+
+    skipped: dict[int, str]
+    digests: list[bytes]
+    vertex_rms: Floats
+    posed: Integers
+
+
+def told_of(blocks: Iterable[SolvedBlock]) -> Told:
+    """Gather what all blocks of a clip tell."""
+    skipped: dict[int, str] = {}
+    digests: list[bytes] = []
+    squares, rms = np.zeros(()), []
+    for block in blocks:
+        skipped |= block.faults
+        digests += block.digests
+        squares = squares + block.squares
+        rms.append(block.figures.rms)
+    ranked = np.argsort(np.concatenate(rms), kind="stable")[: len(digests) - len(skipped)]
+    posed = ranked[[-1, (len(ranked) - 1) // 2, 0]] if len(ranked) else ranked
+    return Told(skipped, digests, np.sqrt(squares / max(1, len(ranked))), posed)
 
 
 def is_partial(path: Path) -> bool:
@@ -239,7 +298,7 @@ def _blocks(file: io.FileIO, plan: Plan) -> Iterator[SolvedBlock]:
         data = file.read(length) if length <= left else b""
         if len(data) < length or zlib.crc32(data) != checksum:
             return
-        block = unpacked(data, plan.cage_vertices)
+        block = unpacked(data, plan.vertices, plan.cage_vertices)
         if block.start != done:
             return
         done = block.stop

@@ -31,6 +31,9 @@ SCHEMA = 1
 FIGURES = tuple(field.name for field in fields(FrameFigures))
 WHOLE_FIGURES = ("worst_vertex",)
 LOG_SUFFIX = ".partial"
+POSED = 3
+"""Frames that are held in full: the worst, the median and the best."""
+
 LARGEST_LENGTH = 1e60
 """Far above any figure of positions that are taken; its square does not overflow."""
 
@@ -56,6 +59,9 @@ class Result:
         The rest pose, m vertices, and its cage, n vertices.
     figures : FrameFigures
         nan for a frame that was skipped, and a worst vertex of -1.
+    vertex_rms : (m,) float64
+        sqrt(mean |v̂ − v|²) of each vertex over the frames that were not skipped; nan for vertices
+        that are missing data.
     skipped : dict
         By number in the clip, why a frame was skipped.
     """
@@ -71,7 +77,29 @@ class Result:
     rest: TriMesh
     cage: TriMesh
     figures: FrameFigures
+    vertex_rms: Floats
     skipped: dict[int, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosedFrames:
+    """The worst, the median and the best frame, as their cages rebuild them and as they were.
+
+    Attributes
+    ----------
+    frames : (3,) int64
+        Their numbers in the clip.
+    cages : (3, n, 3) float64
+    rebuilt : (3, m, 3) float64
+        v̂, the weights times the cages.
+    misses : (3, m, 3) float32
+        v − v̂, in diagonals of the rest model.
+    """
+
+    frames: Integers
+    cages: Floats
+    rebuilt: Floats
+    misses: np.ndarray
 
 
 def partial_name(path: Path) -> Path:
@@ -137,6 +165,27 @@ def read_weights(result: Result) -> Floats | None:
         return weights
 
 
+def read_posed_frames(result: Result, weights: Floats) -> PosedFrames:
+    """The frames that a result written with its weights holds in full.
+
+    Raises
+    ------
+    InputError
+        When they are not there, or are no frames of it.
+    """
+    m, n, count = *weights.shape, len(result.frames)
+    with opened(result.path) as file:
+        frames = numbers(file, "poses/frame", "iu", (POSED,)).astype(np.int64)
+        misses = numbers(file, "poses/misses", "f", (POSED, m, 3))
+        if not ((frames >= 0) & (frames < count)).all():
+            raise InputError(f"`poses/frame` names other frames than the {count} there are")
+        cages = dataset(file, "verts", "f", (count, n, 3))
+        posed = np.stack([np.asarray(cages[k], np.float64) for k in frames])
+        if not (np.isfinite(posed).all() and np.isfinite(misses).all()):
+            raise InputError("`poses` are not finite; extract it again")
+    return PosedFrames(frames, posed, weights @ posed, misses)
+
+
 def is_result(path: Path) -> bool:
     """Whether an HDF5 file calls itself one of our results."""
     with opened(path) as file:
@@ -175,6 +224,7 @@ def read_result(path: Path) -> Result:
             rest=rest,
             cage=cage,
             figures=_figures(file, frames, len(rest.vertices), list(skipped)),
+            vertex_rms=_vertex_rms(file, len(rest.vertices)),
             skipped=skipped,
         )
 
@@ -235,6 +285,13 @@ def _figures(file: h5py.File, frames: int, vertices: int, skipped: list[int]) ->
     if not ((held.worst_vertex >= 0) & (held.worst_vertex < vertices)).all():
         raise InputError(f"`metrics/worst_vertex` names more than {vertices} vertices")
     return figures
+
+
+def _vertex_rms(file: h5py.File, vertices: int) -> Floats:
+    values = numbers(file, "metrics/vertex_rms", "f", (vertices,)).astype(np.float64)
+    if not (np.isnan(values) | ((values >= 0) & (values <= LARGEST_LENGTH))).all():
+        raise InputError("holds `metrics/vertex_rms` that is no length; extract it again")
+    return values
 
 
 def _column(file: h5py.File, name: str, frames: int) -> Any:

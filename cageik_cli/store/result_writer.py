@@ -13,12 +13,14 @@ from cageik_cli import __version__
 from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import Quality
 from cageik_cli.errors import NumericalError
-from cageik_cli.mesh import Floats
+from cageik_cli.mesh import Floats, Integers
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.outputs import PatientFile, whole_file
 from cageik_cli.scene import Scene
 from cageik_cli.store.parts import as_json, new_file, write_deflated, write_meshes
 from cageik_cli.store.result import FIGURES, FORMAT, SCHEMA, WHOLE_FIGURES, fault_of
+
+LARGEST_MISS = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +47,31 @@ class Header:
     keep_weights: bool
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Ending:
+    """What is known of a result when its last frame is solved.
+
+    Attributes
+    ----------
+    sources : dict
+    skipped : dict
+        By number in the clip, why a frame was.
+    vertex_rms : (m,) float64
+        sqrt(mean |v̂ − v|²) of each vertex over the frames that were not skipped; nan for missing
+        data.
+    posed : (3,) int64
+        Numbers of the worst, the median and the best frame, by rms.
+    misses : (3, m, 3) float64
+        Their v − v̂. A report draws them, and reads no frames.
+    """
+
+    sources: dict[str, Any]
+    skipped: dict[int, str]
+    vertex_rms: Floats
+    posed: Integers
+    misses: Floats
+
+
 class ResultWriter:
     """Appends blocks of cages and figures to an open file, in order."""
 
@@ -55,6 +82,7 @@ class ResultWriter:
         self._weights = header.binding.weights if header.keep_weights else None
         binding = header.binding
         cage, rest = binding.cage, binding.rest
+        self._diagonal = rest.diagonal
         file.create_dataset("verts", (self._count, *cage.vertices.shape), "f8")
         write_meshes(file, rest, cage)
         file.create_dataset("frames/name", data=header.frames, dtype=h5py.string_dtype())
@@ -77,14 +105,20 @@ class ResultWriter:
         self._sink.check()
         self._done = done.stop
 
-    def complete(self, sources: dict[str, Any], skipped: dict[int, str]) -> None:
-        """Write the weights, say what was read and skipped, and that all is there."""
+    def complete(self, ending: Ending) -> None:
+        """Write the weights and what they rebuild, what was read and skipped; say it is all."""
         if self._done != self._count:
             raise ValueError(f"{self._done} of {self._count} frames were appended")
         if self._weights is not None:
             write_deflated(self._file, "weights", self._weights)
-        self._file.attrs["sources"] = as_json(sources)
-        self._file.attrs["skipped"] = as_json({str(k): text for k, text in skipped.items()})
+            self._file.create_dataset("poses/frame", data=ending.posed, dtype="i8")
+            # Of the diagonal, they fit whatever the scene's units are.
+            misses = np.clip(ending.misses / self._diagonal, -LARGEST_MISS, LARGEST_MISS)
+            self._file.create_dataset("poses/misses", data=misses, dtype="f4")
+        self._file.create_dataset("metrics/vertex_rms", data=ending.vertex_rms, dtype="f8")
+        skipped = {str(k): text for k, text in ending.skipped.items()}
+        self._file.attrs["sources"] = as_json(ending.sources)
+        self._file.attrs["skipped"] = as_json(skipped)
         self._file.attrs["complete"] = True
 
 

@@ -264,9 +264,9 @@ def test_a_disk_with_room_for_the_result_alone(run_process, folder, cache, anima
     resource = pytest.importorskip("resource")
     from tests.shapes import finer
 
-    fine = finer(animation.rest, 3)
+    fine = finer(animation.rest, 4)
     np.savez("clip.npz", verts=fine.vertices[None], faces=fine.faces)
-    room = 64_000
+    room = 250_000
     assert fine.vertices.size // 3 * 8 * 8 > room
     outcome = run_process(
         "-m", "cageik_cli", "extract", "clip.npz", "--cage", "cage.obj", "--no-weights",

@@ -8,9 +8,17 @@ import pytest
 
 from cageik_cli.errors import InputError
 from cageik_cli.locks import open_locked
-from cageik_cli.metrics import FrameFigures
+from cageik_cli.metrics import FrameFigures, Measured
 from cageik_cli.sequence import Block
-from cageik_cli.store.partial import MAGIC, PartialResult, Plan, is_partial, progress_of
+from cageik_cli.store.partial import (
+    MAGIC,
+    PartialResult,
+    Plan,
+    forget,
+    is_partial,
+    progress_of,
+    told_of,
+)
 from cageik_cli.store.solved_block import SolvedBlock, packed, solved, unpacked
 
 PLAN = Plan(
@@ -18,6 +26,7 @@ PLAN = Plan(
     settings={"alpha": 0.5, "vertex_weights": False},
     sources={"cage": {"name": "cage.obj", "sha256": "ab"}},
     key="00",
+    vertices=6,
     cage_vertices=4,
     block=2,
 )
@@ -29,7 +38,8 @@ def block_of(start, count, faults=()):
     columns["worst_vertex"] = np.arange(count)
     digests = tuple(bytes([start + k]) * 32 for k in range(count))
     cages = generator.normal(size=(count, 4, 3))
-    return SolvedBlock(start, cages, FrameFigures(**columns), digests, dict(faults))
+    squares = generator.uniform(1, 2, 6)
+    return SolvedBlock(start, cages, FrameFigures(**columns), squares, digests, dict(faults))
 
 
 BLOCKS = [block_of(0, 2), block_of(2, 2, {3: "frame_3: not a mesh ü"}), block_of(4, 1)]
@@ -39,6 +49,7 @@ def assert_same(found, expected):
     assert (found.start, found.stop) == (expected.start, expected.stop)
     assert (found.digests, found.faults) == (expected.digests, expected.faults)
     np.testing.assert_array_equal(found.cages, expected.cages)
+    np.testing.assert_array_equal(found.squares, expected.squares)
     for field in fields(FrameFigures):
         one, other = (getattr(block.figures, field.name) for block in (found, expected))
         np.testing.assert_array_equal(one, other)
@@ -66,7 +77,7 @@ def held(path):
 
 @pytest.mark.parametrize("block", BLOCKS)
 def test_a_block_is_its_bytes(block):
-    assert_same(unpacked(packed(block), 4), block)
+    assert_same(unpacked(packed(block), 6, 4), block)
 
 
 def test_all_blocks_are_found_again(log):
@@ -238,7 +249,9 @@ def test_a_block_that_cannot_be_written_leaves_those_before(log, monkeypatch):
 def test_a_frame_that_could_not_be_read_becomes_a_gap():
     block = block_of(2, 3)
     read = Block(2, np.zeros((3, 1, 3)), {3: InputError("frame_3: missing")})
-    found = solved(read, block.cages, block.figures, block.digests)
+    squares = np.array([[1.0, 2.0], [10.0, 10.0], [3.0, 5.0]])
+    found = solved(read, block.cages, Measured(block.figures, squares), block.digests)
+    np.testing.assert_array_equal(found.squares, [4.0, 7.0])
     assert found.faults == {3: "frame_3: missing"}
     assert np.isnan(found.cages[1]).all()
     assert np.isnan(found.figures.rms[1])
@@ -260,3 +273,30 @@ def test_a_log_that_another_run_has_begun_meanwhile_stays(log):
     log.write_bytes(b"of another run")
     partial.discard()
     assert log.read_bytes() == b"of another run"
+
+
+def test_a_log_is_forgotten_unless_another_run_has_it(log):
+    mine = open_locked(log)
+    forget(log)
+    assert log.exists()
+    mine.close()
+    forget(log)
+    assert not log.exists()
+    forget(log)
+    log.write_text("a novel")
+    with pytest.raises(InputError, match="is not what an interrupted run leaves"):
+        forget(log)
+    assert log.read_text() == "a novel"
+
+
+def test_what_a_log_tells_of_all_its_frames():
+    blocks = [replace(block, figures=replace(block.figures)) for block in BLOCKS]
+    rms = [np.array([2.0, 9.0]), np.array([1.0, np.nan]), np.array([4.0])]
+    for block, column in zip(blocks, rms, strict=True):
+        object.__setattr__(block.figures, "rms", column)
+    told = told_of(blocks)
+    assert told.skipped == BLOCKS[1].faults
+    assert told.digests == [digest for block in BLOCKS for digest in block.digests]
+    assert told.posed.tolist() == [1, 0, 2]  # of 1, 2, 4 and 9 the lower median is 2
+    squares = sum(block.squares for block in BLOCKS)
+    np.testing.assert_allclose(told.vertex_rms, np.sqrt(squares / 4), rtol=1e-15)

@@ -43,6 +43,10 @@ FIGURES = FrameFigures(
 )
 
 
+MISSES = GENERATOR.normal(size=(3, len(ball(1).vertices), 3))
+VERTEX_RMS = GENERATOR.uniform(1, 2, len(ball(1).vertices))
+ENDING = result_writer.Ending(SOURCES, {}, VERTEX_RMS, np.array([4, 1, 0]), MISSES)
+
 QUALITY = Quality(1e-15, 2e-15, -0.5, 944, 4e-3, 0, 123.0)
 
 
@@ -58,7 +62,7 @@ def written(path, cuts=(0, 2, 5), overwrite=False, **options):
     with result_writer.create(path, header(**options), overwrite) as result:
         for first, last in pairwise(cuts):
             result.append(CAGES[first:last], part(slice(first, last)))
-        result.complete(SOURCES, {})
+        result.complete(ENDING)
     return path
 
 
@@ -78,6 +82,9 @@ def test_the_schema(path):
         "weights": ("f8", BINDING.weights),
         "frames/name": ("O", np.array(NAMES, object)),
         "metrics/worst_vertex": ("i8", FIGURES.worst_vertex),
+        "metrics/vertex_rms": ("f8", VERTEX_RMS),
+        "poses/frame": ("i8", [4, 1, 0]),
+        "poses/misses": ("f4", (MISSES / BINDING.rest.diagonal).astype("f4")),
     } | {
         f"metrics/{name}": ("f8", getattr(FIGURES, name))
         for name in ("rms", "max_deviation", "volume", "volume_reconstructed", "spread")
@@ -143,6 +150,39 @@ def test_what_is_written_is_read(path):
         found, put = (getattr(figures, field.name) for figures in (result.figures, FIGURES))
         np.testing.assert_array_equal(found, put)
     assert store.is_result(path)
+    np.testing.assert_array_equal(result.vertex_rms, VERTEX_RMS)
+    posed = store.read_posed_frames(result, BINDING.weights)
+    np.testing.assert_array_equal(posed.frames, [4, 1, 0])
+    np.testing.assert_array_equal(posed.cages, CAGES[[4, 1, 0]])
+    np.testing.assert_allclose(posed.misses, MISSES / BINDING.rest.diagonal, rtol=1e-7)
+    for cage, rebuilt in zip(posed.cages, posed.rebuilt, strict=True):
+        np.testing.assert_allclose(rebuilt, BINDING.weights @ cage, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("poses/frame", [5, 1, 0], "names other frames than the 5"),
+        ("poses/frame", [4, -1, 0], "names other frames than the 5"),
+        ("poses/misses", np.full(MISSES.shape, np.nan, "f4"), "`poses` are not finite"),
+        ("poses/misses", MISSES[:2], "poses/misses"),
+        ("verts", np.full(CAGES.shape, np.inf), "`poses` are not finite"),
+    ],
+)
+def test_poses_that_cannot_be_are_refused(path, name, value, says):
+    with h5py.File(path, "r+") as file:
+        del file[name]
+        file[name] = value
+    with pytest.raises(InputError, match=says):
+        store.read_posed_frames(store.read_result(path), BINDING.weights)
+
+
+@pytest.mark.parametrize("value", [-1.0, np.inf])
+def test_the_rms_of_a_vertex_is_a_length(path, value):
+    with h5py.File(path, "r+") as file:
+        file["metrics/vertex_rms"][3] = value
+    with pytest.raises(InputError, match="`metrics/vertex_rms` that is no length"):
+        store.read_result(path)
 
 
 def test_the_cages_are_a_clip_of_the_splocs_layout(path):
@@ -162,6 +202,7 @@ def test_weights_can_be_left_out(tmp_path, path):
     smaller = written(tmp_path / "small.h5", keep_weights=False)
     with h5py.File(smaller) as file:
         assert "weights" not in file
+        assert "poses" not in file
     assert smaller.stat().st_size < path.stat().st_size
     np.testing.assert_array_equal(store.read_result(smaller).figures.rms, FIGURES.rms)
 
@@ -171,7 +212,7 @@ def test_an_old_result_is_replaced_only_when_the_new_one_is_whole(tmp_path):
     path.write_text("old")
     with result_writer.create(path, header(), overwrite=True) as result:
         result.append(CAGES, FIGURES)
-        result.complete(SOURCES, {})
+        result.complete(ENDING)
         assert path.read_text() == "old"
     assert store.read_result(path).frames == NAMES
     assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
@@ -183,7 +224,7 @@ def test_a_result_that_came_meanwhile_is_not_replaced(tmp_path):
     def race():
         with result_writer.create(path, header(), overwrite=False) as result:
             result.append(CAGES, FIGURES)
-            result.complete(SOURCES, {})
+            result.complete(ENDING)
             path.write_text("somebody else's")
 
     with pytest.raises(InputError, match=r"cages\.h5: another run has written it meanwhile"):
@@ -407,7 +448,7 @@ def test_an_interrupted_write_is_not_taken_for_a_result(tmp_path):
         result._file.flush()
         (partial,) = tmp_path.glob("*.partial")
         (tmp_path / "copy.h5").write_bytes(partial.read_bytes())
-        result.complete(SOURCES, {})
+        result.complete(ENDING)
     with pytest.raises(InputError, match=r"copy\.h5: is not"):
         store.read_result(tmp_path / "copy.h5")
 
@@ -439,7 +480,7 @@ def test_gaps_come_back_in_the_order_of_the_frames(tmp_path):
     path = tmp_path / "cages.h5"
     with result_writer.create(path, replace(header(), frames=frames), overwrite=False) as writer:
         writer.append(cages, FrameFigures(*figures))
-        writer.complete(SOURCES, gaps)
+        writer.complete(replace(ENDING, skipped=gaps))
     assert list(store.read_result(path).skipped) == [2, 9, 10]
 
 
@@ -455,7 +496,7 @@ def test_gaps_among_the_cages_lie_between_their_neighbours(tmp_path, size):
     path = tmp_path / "cages.h5"
     with result_writer.create(path, header(), overwrite=False) as writer:
         writer.append(cages, FrameFigures(**columns))
-        writer.complete(SOURCES, gaps)
+        writer.complete(replace(ENDING, skipped=gaps))
     result = store.read_result(path)
     assert result.skipped == gaps
     found = np.concatenate(list(store.read_cages(result, size)))
