@@ -25,6 +25,27 @@ def located(place: object) -> Iterator[None]:
         raise type(error)(f"{place}: {error}") from error
 
 
+def sentence_of(error: BaseException) -> str:
+    """What went wrong, in a sentence, and what was noted on the error on its way.
+
+    Notes say what is kept, and how to go on.
+    """
+    if isinstance(error, CageikError):
+        text = str(error)
+    elif isinstance(error, KeyboardInterrupt):
+        text = "interrupted"
+    elif isinstance(error, OSError):
+        text = f"{error.filename or 'the system'}: {error.strerror or error}"
+    elif isinstance(error, MemoryError):
+        text = "out of memory; use a coarser cage, or a smaller --memory"
+    else:
+        text = (
+            f"a fault of cageik itself ({type(error).__name__}: {error}); "
+            "please report it with the output of the same command with -vv"
+        )
+    return " ".join("; ".join([text, *getattr(error, "__notes__", ())]).split())
+
+
 def first_few(things: Iterable[object], limit: int = 10) -> str:
     """List the first `limit` of them, with a mark when there are more."""
     listed = [str(thing) for thing in things]

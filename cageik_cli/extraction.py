@@ -55,7 +55,7 @@ def extract(
     if settings.resume:
         result = whole_already(settings, inputs, recorded)
         if result is not None:
-            watch.remark("resumed", "the result is whole already")
+            watch.remark("unchanged", "the result is whole already")
             return result
     with watch.stage("bind"):
         bound = bound or bound_of(inputs, settings, watch)

@@ -22,7 +22,7 @@ ORDER = (
     "locks", "outputs", "hdf5", "usd", "sequence", "store.parts", "store.result",
     "store.result_writer", "store.solved_block", "store.partial", "store.binding_file",
     "store.cache", "export", "binding_run", "inputs", "resuming", "solving", "extraction",
-    "exporting", "deforming", "report", "checking", "describing", "cli", "__main__",
+    "exporting", "deforming", "report", "batch", "checking", "describing", "cli", "__main__",
 )  # fmt: skip
 """Each imports only from those before it; a folder named here keeps its own order."""
 

@@ -128,7 +128,52 @@ def test_a_whole_result_is_left_as_it_is(plain, whole):
     extract(plain)
     watch = Stopped()
     assert extract(replace(plain, resume=True), watch).path.read_bytes() == whole
-    assert watch.remarks == [("resumed", "the result is whole already")]
+    assert watch.remarks == [("unchanged", "the result is whole already")]
+
+
+def test_a_whole_result_is_told_before_anything_is_bound(plain, whole, monkeypatch):
+    extract(plain)
+
+    def bind(*given):
+        raise AssertionError("bound")
+
+    monkeypatch.setattr("cageik_cli.extraction.bound_of", bind)
+    assert extract(replace(plain, resume=True)).path.read_bytes() == whole
+    with pytest.raises(AssertionError, match="bound"):
+        extract(replace(plain, resume=True, overwrite=True, keep_weights=False))
+
+
+def test_going_on_may_replace_what_is_another_runs(plain, whole):
+    """--resume with --overwrite takes what is this run's, and replaces what is not."""
+    other = replace(plain, solve=SolveSettings(alpha=0.5))
+    both = replace(plain, resume=True, overwrite=True)
+    interrupted(other, 2)
+    assert extract(both).path.read_bytes() == whole
+    extract(replace(other, overwrite=True))
+    assert extract(both).path.read_bytes() == whole
+    watch = Stopped()
+    extract(both, watch)
+    assert watch.remarks == [("unchanged", "the result is whole already")]
+    Path("cages.h5").unlink()
+    interrupted(plain, 3)
+    extract(both, watch)
+    assert watch.remarks[1:] == [("resumed", "from frame 3 of 5")]
+
+
+def test_a_frame_that_changes_before_it_is_drawn_is_refused(plain, animation, write_obj):
+    class Changing(Stopped):
+        def advance(self, done, total):
+            if total == done == 5:
+                for k in range(1, 6):
+                    write_obj(
+                        Path(f"frames/frame_{k}.obj"), animation.frames[0] * k, animation.rest.faces
+                    )
+
+    with pytest.raises(
+        InputError, match=r"frame_\d\.obj: changed while the run went on; run again"
+    ):
+        extract(plain, Changing())
+    assert not Path("cages.h5").exists()
 
 
 def test_a_run_killed_between_its_last_two_steps_is_done(plain, whole):

@@ -3,12 +3,12 @@
 import io
 import sys
 import traceback
-from typing import Any, NoReturn
+from typing import Any
 
 import click
 
 from cageik_cli.cli.options import verbosity
-from cageik_cli.errors import CageikError
+from cageik_cli.errors import sentence_of
 
 
 class CageikGroup(click.Group):
@@ -21,30 +21,11 @@ class CageikGroup(click.Group):
                 stream.reconfigure(errors="backslashreplace")  # names of files may be any bytes
         try:
             return super().invoke(ctx)
-        except CageikError as error:
-            _fail(str(error), error)
         except BrokenPipeError:
             raise  # the reader of our output has gone; click ends without a word
-        except KeyboardInterrupt as error:
-            _fail("interrupted", error)
-        except OSError as error:
-            _fail(f"{error.filename or 'the system'}: {error.strerror or error}", error)
-        except MemoryError as error:
-            _fail("out of memory; use a coarser cage, or a smaller --memory", error)
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
-        except Exception as error:
-            _fail(
-                f"a fault of cageik itself ({type(error).__name__}: {error}); "
-                "please report it with the output of the same command with -vv",
-                error,
-            )
-
-
-def _fail(message: str, error: BaseException) -> NoReturn:
-    """Show the message, and what was noted on the error on its way (what is kept, how to go on)."""
-    if verbosity() > 1:
-        click.echo(traceback.format_exc(), err=True)
-    raise click.ClickException(
-        " ".join("; ".join([message, *getattr(error, "__notes__", ())]).split())
-    )  # its exit code is 1
+        except (Exception, KeyboardInterrupt) as error:
+            if verbosity() > 1:
+                click.echo(traceback.format_exc(), err=True)
+            raise click.ClickException(sentence_of(error)) from error  # its exit code is 1

@@ -1,12 +1,4 @@
-"""The record that every view of a result shows; views compute nothing.
-
-Error definitions, for F frames of m vertices, D the rest bounding box's diagonal:
-
-- rms of a frame: sqrt(mean_i |v̂_i − v_i|²); of the clip: the root of the mean square over frames.
-- e_rms = 2000/√3 · rms/D = 1154.70 · rms/D (Kavan, Sloan and O'Sullivan 2010, eq. 8).
-- kg_error = 100 |V − V̂|_F / |V − E(V)|_F, E(V) each frame's centroid (Karni and Gotsman 2004).
-- volume_change = 100 (V̂ − V)/V and volume_drift = 100 (V − V_rest)/V_rest, percent; signed.
-"""
+"""The record that every view of a result shows; views compute nothing."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,71 +8,18 @@ import numpy as np
 from cageik_cli.dual_laplacian import Quality
 from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats
+from cageik_cli.report.figures import Clip, Frame, Summary, VertexFigures, WorstVertex
+from cageik_cli.report.gates import Gate, Limits, judged
 from cageik_cli.store.result import Result
 
 SCHEMA = 1
 E_RMS = 2000 / np.sqrt(3)
 
+BINS = 40
+"""Of the histogram over vertices."""
 
-@dataclass(frozen=True, slots=True)
-class Clip:
-    """What was extracted: counts, the diagonal in file units, and whether the model is closed."""
-
-    frames: int
-    vertices: int
-    cage_vertices: int
-    diagonal: float
-    closed: bool
-    fps: float
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """Figures of one frame: lengths in file units and percent of the diagonal, changes in percent.
-
-    What depends on a volume is None for an open model, or when vertices are missing data. Of a
-    frame that was skipped all figures are None, and `skipped` says why it was.
-    """
-
-    index: int
-    name: str
-    rms: float | None
-    rms_percent: float | None
-    max_deviation: float | None
-    max_deviation_percent: float | None
-    worst_vertex: int | None
-    volume: float | None
-    volume_reconstructed: float | None
-    volume_change: float | None
-    volume_drift: float | None
-    skipped: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class Summary:
-    """Figures of the clip, over the frames that were not skipped.
-
-    `volume_change_percent_max` is the change of largest size, with its sign.
-    `fixed_floats` counts the weights, `floats_per_frame` the coordinates of a cage.
-    """
-
-    rms: float
-    rms_percent: float
-    worst_frame: str
-    worst_frame_index: int
-    worst_frame_rms_percent: float
-    max_deviation: float
-    max_deviation_percent: float
-    max_deviation_frame: str
-    max_deviation_vertex: int
-    volume_change_percent_max: float | None
-    volume_change_frame: str | None
-    volume_drift_percent_max: float | None
-    e_rms: float
-    kg_error: float | None
-    frames_skipped: int
-    floats_per_frame: int
-    fixed_floats: int
+WORST = 10
+"""Vertices that are named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,18 +35,29 @@ class Report:
     clip: Clip
     binding: Quality
     summary: Summary
+    vertices: VertexFigures
     frames: tuple[Frame, ...]
-    gates: tuple[dict[str, Any], ...] = ()
+    gates: tuple[Gate, ...]
 
 
-def report_of(result: Result) -> Report:
-    """Compute the report of a result."""
-    rest = result.rest
+def report_of(result: Result, limits: Limits | None = None, name: str | None = None) -> Report:
+    """Compute the report of a result.
+
+    Parameters
+    ----------
+    result : Result
+    limits : Limits, optional
+        What it is to keep; nothing by default.
+    name : str, optional
+        What it is called; its file's name by default.
+    """
+    rest, called = result.rest, printable(name or result.path.name)
     frames = _frames(result)
+    summary = _summary(result, frames)
     return Report(
         schema=SCHEMA,
         tool={"name": "cageik", "version": result.version},
-        result=printable(result.path.name),
+        result=called,
         sources=result.sources,
         settings=result.settings,
         notes=result.notes,
@@ -120,8 +70,10 @@ def report_of(result: Result) -> Report:
             fps=result.scene.fps,
         ),
         binding=result.quality,
-        summary=_summary(result, frames),
+        summary=summary,
+        vertices=_vertices(result),
         frames=frames,
+        gates=judged(called, summary, limits or Limits()),
     )
 
 
@@ -167,6 +119,7 @@ def _summary(result: Result, frames: tuple[Frame, ...]) -> Summary:
         rms_percent=100 * rms / diagonal,
         worst_frame=frames[worst].name,
         worst_frame_index=worst,
+        worst_frame_rms=worst_rms,
         worst_frame_rms_percent=100 * worst_rms / diagonal,
         max_deviation=deviation,
         max_deviation_percent=100 * deviation / diagonal,
@@ -181,6 +134,28 @@ def _summary(result: Result, frames: tuple[Frame, ...]) -> Summary:
         floats_per_frame=3 * len(result.cage.vertices),
         fixed_floats=len(result.rest.vertices) * len(result.cage.vertices),
     )
+
+
+def _vertices(result: Result) -> VertexFigures:
+    rms, percent = result.vertex_rms, 100 / result.rest.diagonal
+    known = np.flatnonzero(np.isfinite(rms))
+    counts, edges = np.histogram(percent * rms[known], BINS, (0.0, _above_zero(percent * rms)))
+    worst = known[np.argsort(-rms[known], kind="stable")[:WORST]]
+    return VertexFigures(
+        edges_percent=tuple(edges.tolist()),
+        counts=tuple(counts.tolist()),
+        worst=tuple(
+            WorstVertex(
+                int(k), float(rms[k]), float(percent * rms[k]), tuple(result.rest.vertices[k])
+            )
+            for k in worst
+        ),
+    )
+
+
+def _above_zero(values: Floats) -> float:
+    """The largest of them, or one if that is zero."""
+    return float(np.nanmax(values)) or 1.0
 
 
 def _percent_change(new: Floats, old: Floats) -> Floats:

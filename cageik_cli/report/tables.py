@@ -6,7 +6,8 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, fields
 
-from cageik_cli.report.record import Frame, Report
+from cageik_cli.report.figures import Frame
+from cageik_cli.report.record import Report
 
 
 def as_json(reports: Sequence[Report]) -> str:

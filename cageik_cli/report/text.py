@@ -3,6 +3,7 @@
 from cageik_cli.binding import WeightQuality
 from cageik_cli.errors import first_few
 from cageik_cli.layout import page
+from cageik_cli.report.figures import percent_text, units_text
 from cageik_cli.report.record import Report
 
 
@@ -14,12 +15,20 @@ def as_text(report: Report) -> str:
         f"{clip.cage_vertices}, diagonal {clip.diagonal:.6g}"
     )
     rows = [
-        ("error", f"{summary.rms_percent:.4f} % of the diagonal (rms {summary.rms:.6g})"),
-        ("worst frame", f"{summary.worst_frame_rms_percent:.4f} % at {summary.worst_frame}"),
+        (
+            "error",
+            f"{percent_text(summary.rms_percent)} % of the diagonal "
+            f"(rms {units_text(summary.rms)})",
+        ),
+        (
+            "worst frame",
+            f"{percent_text(summary.worst_frame_rms_percent)} % at {summary.worst_frame}",
+        ),
         (
             "max deviation",
-            f"{summary.max_deviation_percent:.4f} % ({summary.max_deviation:.6g}) at vertex "
-            f"{summary.max_deviation_vertex} of {summary.max_deviation_frame}",
+            f"{percent_text(summary.max_deviation_percent)} % "
+            f"({units_text(summary.max_deviation)}) at vertex {summary.max_deviation_vertex} "
+            f"of {summary.max_deviation_frame}",
         ),
         ("volume change", _volume(report)),
         ("literature", f"E_RMS {summary.e_rms:.4g}, KG error {_number(summary.kg_error)}"),

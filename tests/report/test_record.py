@@ -73,6 +73,7 @@ def test_the_summary(closed, report):
         {
             "rms": rms,
             "rms_percent": 100 * rms / diagonal,
+            "worst_frame_rms": np.sqrt(squares.mean(axis=1).max()),
             "worst_frame_rms_percent": 100 * np.sqrt(squares.mean(axis=1).max()) / diagonal,
             "max_deviation": np.sqrt(squares.max()),
             "max_deviation_percent": 100 * np.sqrt(squares.max()) / diagonal,

@@ -12,7 +12,7 @@ from cageik_cli.report.record import Frame
 
 KEYS = {
     "schema", "tool", "result", "sources", "settings", "notes", "clip", "binding", "summary",
-    "frames", "gates",
+    "vertices", "frames", "gates",
 }  # fmt: skip
 CLIP = {"frames", "vertices", "cage_vertices", "diagonal", "closed"}
 BINDING = {"partition_of_unity", "linear_precision", "min_weight", "condition_number"}

@@ -1,0 +1,52 @@
+"""What a batch is to do, and what came of it."""
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+from cageik_cli.inputs import ExtractSettings
+from cageik_cli.report import Entry, Limits
+
+
+@dataclass(frozen=True, slots=True)
+class ClipJob:
+    """One clip of a batch.
+
+    Attributes
+    ----------
+    name : str
+        Its path under the folder of the batch, with forward slashes; no other job has it.
+    settings : ExtractSettings
+        All paths are absolute. `resume` goes on with what this run has left; with `overwrite`,
+        results of other files or settings are replaced.
+    limits : Limits
+    has_page : bool
+        Whether a page is written beside the result.
+    """
+
+    name: str
+    settings: ExtractSettings
+    limits: Limits = field(default_factory=Limits)
+    has_page: bool = True
+
+
+class State(Enum):
+    """What became of a clip in this run."""
+
+    DONE = "done"
+    UNCHANGED = "unchanged"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of a job.
+
+    Attributes
+    ----------
+    entry : Entry
+        What the report over all shows; it does not depend on how often the batch was interrupted.
+    state : State
+    """
+
+    entry: Entry
+    state: State

@@ -1,0 +1,113 @@
+"""The figures of a report, and how they are printed.
+
+Error definitions, for F frames of m vertices, D the rest bounding box's diagonal:
+
+- rms of a frame: sqrt(mean_i |v̂_i − v_i|²); of the clip: the root of the mean square over frames;
+  of a vertex: the root of its mean square over frames.
+- e_rms = 2000/√3 · rms/D = 1154.70 · rms/D (Kavan, Sloan and O'Sullivan 2010, eq. 8).
+- kg_error = 100 |V − V̂|_F / |V − E(V)|_F, E(V) each frame's centroid (Karni and Gotsman 2004).
+- volume_change = 100 (V̂ − V)/V and volume_drift = 100 (V − V_rest)/V_rest, percent; signed.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """What was extracted: counts, the diagonal in file units, and whether the model is closed."""
+
+    frames: int
+    vertices: int
+    cage_vertices: int
+    diagonal: float
+    closed: bool
+    fps: float
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """Figures of one frame: lengths in file units and percent of the diagonal, changes in percent.
+
+    What depends on a volume is None for an open model, or when vertices are missing data. Of a
+    frame that was skipped all figures are None, and `skipped` says why it was.
+    """
+
+    index: int
+    name: str
+    rms: float | None
+    rms_percent: float | None
+    max_deviation: float | None
+    max_deviation_percent: float | None
+    worst_vertex: int | None
+    volume: float | None
+    volume_reconstructed: float | None
+    volume_change: float | None
+    volume_drift: float | None
+    skipped: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Figures of the clip, over the frames that were not skipped.
+
+    `volume_change_percent_max` is the change of largest size, with its sign.
+    `fixed_floats` counts the weights, `floats_per_frame` the coordinates of a cage.
+    """
+
+    rms: float
+    rms_percent: float
+    worst_frame: str
+    worst_frame_index: int
+    worst_frame_rms: float
+    worst_frame_rms_percent: float
+    max_deviation: float
+    max_deviation_percent: float
+    max_deviation_frame: str
+    max_deviation_vertex: int
+    volume_change_percent_max: float | None
+    volume_change_frame: str | None
+    volume_drift_percent_max: float | None
+    e_rms: float
+    kg_error: float | None
+    frames_skipped: int
+    floats_per_frame: int
+    fixed_floats: int
+
+
+@dataclass(frozen=True, slots=True)
+class WorstVertex:
+    """A vertex of the model, its rms over the frames, and where it is in the rest pose."""
+
+    vertex: int
+    rms: float
+    rms_percent: float
+    position: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class VertexFigures:
+    """How the error is spread over the model.
+
+    Attributes
+    ----------
+    edges_percent : tuple of float
+        Of the histogram's k bins, k + 1 of them, in percent of the diagonal.
+    counts : tuple of int
+        How many vertices have their rms in each bin; missing data is in none.
+    worst : tuple of WorstVertex
+        The worst first.
+    """
+
+    edges_percent: tuple[float, ...]
+    counts: tuple[int, ...]
+    worst: tuple[WorstVertex, ...]
+
+
+def percent_text(value: float) -> str:
+    """A figure in percent as it is printed everywhere."""
+    return f"{value:.4f}"
+
+
+def units_text(value: float) -> str:
+    """A length in file units as it is printed everywhere."""
+    return f"{value:.6g}"

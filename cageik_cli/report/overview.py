@@ -1,0 +1,129 @@
+"""One report over many clips: what an index page, JUnit and Markdown show."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli import __version__
+from cageik_cli.dual_laplacian import Quality
+from cageik_cli.report.figures import Clip, Frame, Summary
+from cageik_cli.report.gates import Gate
+from cageik_cli.report.record import SCHEMA, Report
+
+POINTS = 120
+"""Of a curve at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """The figure of a clip in little: the largest values of each of at most `POINTS` spans.
+
+    Attributes
+    ----------
+    rms_percent : tuple of float or None
+        None where all frames of a span were skipped.
+    other : tuple of float or None
+        Volume change in percent, signed, of largest size; of open models the max deviation.
+    worst : int
+        The span with the worst frame.
+    """
+
+    rms_percent: tuple[float | None, ...]
+    other: tuple[float | None, ...]
+    worst: int
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A clip: its figures, or why it has none.
+
+    Attributes
+    ----------
+    name : str
+    fault : str, optional
+        The sentence it failed with; what follows but `gates` is then None.
+    result, page : str, optional
+        Its files, relative to the overview's; slashes are forward.
+    clip, binding, summary, curve
+        As in its report.
+    gates : tuple of Gate
+    notes : tuple of str
+    """
+
+    name: str
+    fault: str | None = None
+    result: str | None = None
+    page: str | None = None
+    clip: Clip | None = None
+    binding: Quality | None = None
+    summary: Summary | None = None
+    curve: Curve | None = None
+    gates: tuple[Gate, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether it has no result."""
+        return self.fault is not None
+
+    @property
+    def exceeds(self) -> bool:
+        """Whether a limit was passed."""
+        return any(gate.passed is False for gate in self.gates)
+
+
+@dataclass(frozen=True, slots=True)
+class Overview:
+    """All clips of a run, in order of their names; it owns the exit code."""
+
+    schema: int
+    tool: dict[str, str]
+    clips: tuple[Entry, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """0 all is well, 1 all clips failed, 4 some did, 3 none did and a limit was passed."""
+        failed = sum(entry.has_failed for entry in self.clips)
+        if failed:
+            return 1 if failed == len(self.clips) else 4
+        return 3 if any(entry.exceeds for entry in self.clips) else 0
+
+
+def overview_of(entries: Sequence[Entry]) -> Overview:
+    """The overview of clips, in the order given."""
+    return Overview(SCHEMA, {"name": "cageik", "version": __version__}, tuple(entries))
+
+
+def entry_of(report: Report, result: str | None = None, page: str | None = None) -> Entry:
+    """What an overview shows of a report."""
+    return Entry(
+        name=report.result,
+        result=result,
+        page=page,
+        clip=report.clip,
+        binding=report.binding,
+        summary=report.summary,
+        curve=_curve(report),
+        gates=report.gates,
+        notes=report.notes,
+    )
+
+
+def _curve(report: Report) -> Curve:
+    count = len(report.frames)
+    spans = np.array_split(np.arange(count), min(count, POINTS))
+    other = "volume_change" if report.summary.volume_change_percent_max is not None else None
+    return Curve(
+        rms_percent=tuple(_largest(report.frames, span, "rms_percent") for span in spans),
+        other=tuple(
+            _largest(report.frames, span, other or "max_deviation_percent") for span in spans
+        ),
+        worst=next(k for k, span in enumerate(spans) if report.summary.worst_frame_index in span),
+    )
+
+
+def _largest(frames: Sequence[Frame], span: np.ndarray, name: str) -> float | None:
+    """The value of largest size, with its sign, of the frames that have one."""
+    values = [getattr(frames[k], name) for k in span]
+    return max((value for value in values if value is not None), key=abs, default=None)
