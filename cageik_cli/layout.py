@@ -20,6 +20,13 @@ def printable(name: str | Path) -> str:
     return str(name).encode("utf-16", "surrogatepass").decode("utf-16", "replace")
 
 
+def shown(text: str) -> str:
+    """Text on one line, for files of any kind: what has no glyph of its own is replaced."""
+    return "".join(
+        " " if mark.isspace() else mark if mark.isprintable() else "\ufffd" for mark in text
+    )
+
+
 def bytes_text(count: int) -> str:
     """A number of bytes, to three digits in the unit that suits it."""
     units = ("bytes", "kB", "MB", "GB", "TB")

@@ -77,6 +77,12 @@ def cache(tmp_path_factory, monkeypatch) -> Path:
     return folder
 
 
+@pytest.fixture(autouse=True)
+def no_step_summary(monkeypatch) -> None:
+    """No test writes into the summary of the run that it is part of."""
+    monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
+
+
 @pytest.fixture
 def coarse_panels(monkeypatch) -> None:
     """Linear densities on the cage's faces: quick, exact still on affine maps and on the cage."""

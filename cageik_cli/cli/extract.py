@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from cageik_cli.cli.clip_options import clip_of, clip_options, scene_of, scene_options
+from cageik_cli.cli.gate_options import echo_over_limits, exit_by, gate_options, limits_of
 from cageik_cli.cli.options import (
     PATH,
     binding_options,
@@ -74,6 +75,7 @@ from cageik_cli.errors import CageikError
     multiple=True,
     help="Write the cages there too, as cageik export does; may be repeated.",
 )
+@gate_options
 @click.option("--overwrite", is_flag=True, help="Replace existing outputs.")
 @memory_option
 @timings_option
@@ -94,6 +96,8 @@ def extract_command(**options: Any) -> None:
     timings: Path | None = options.pop("timings")
     quiet: bool = options.pop("quiet")
     exports: tuple[Path, ...] = options.pop("exports")
+    baseline: Path | None = options["baseline"]
+    limits = limits_of(options)
     settings = _settings(options)
 
     from cageik_cli.cli.watching import watched
@@ -102,10 +106,10 @@ def extract_command(**options: Any) -> None:
     from cageik_cli.extraction import extract
     from cageik_cli.layout import row
     from cageik_cli.outputs import keep_apart
-    from cageik_cli.report import as_text, report_of
+    from cageik_cli.report import as_text, entry_of, overview_of, report_of
     from cageik_cli.sequence import files_read
 
-    inputs = [settings.cage, settings.binding, settings.rest, settings.vertex_weights]
+    inputs = [settings.cage, settings.binding, settings.rest, settings.vertex_weights, baseline]
     also = [
         ExportSettings(settings.output, Output(path, overwrite=settings.overwrite))
         for path in exports
@@ -117,8 +121,11 @@ def extract_command(**options: Any) -> None:
     with watched(not quiet, timings, settings.overwrite) as watch:
         result = extract(settings, watch)
         written = [export(one, watch) for one in also]
-    if not quiet:
-        lines = [as_text(report_of(result)), *map(row, watch.rows())]
+    report = report_of(result, limits)
+    if quiet:
+        echo_over_limits([report])
+    else:
+        lines = [as_text(report), *map(row, watch.rows())]
         lines += [one.line for one in written]
         click.echo("\n".join(lines), err=True)
         click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
@@ -126,6 +133,7 @@ def extract_command(**options: Any) -> None:
         click.echo(f"cache: {settings.cache}", err=True)
         click.echo(f"settings: {json.dumps(result.settings)}", err=True)
         click.echo(f"sources: {json.dumps(result.sources)}", err=True)
+    exit_by(overview_of([entry_of(report)]))
 
 
 def _settings(options: dict[str, Any]) -> Any:

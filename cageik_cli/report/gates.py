@@ -3,8 +3,11 @@
 A figure is compared as it is printed, so that what one reads is what was judged.
 """
 
-from dataclasses import dataclass
-from decimal import Decimal
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from decimal import ROUND_FLOOR, Decimal, localcontext
+from pathlib import Path
 
 from cageik_cli.report.figures import Summary, percent_text, units_text
 
@@ -12,6 +15,9 @@ METRICS = ("rms", "frame_rms", "max_deviation", "volume_change")
 """The clip's rms, that of its worst frame, the largest deviation, the largest volume change."""
 
 PERCENT, UNITS = "%", "units"
+
+DIGITS = 1000
+"""Enough for the product of any two floats to be exact before it is rounded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +40,47 @@ class Limit:
 
 
 @dataclass(frozen=True, slots=True)
+class Baseline:
+    """Figures of an earlier run, and by how much they may be passed.
+
+    Attributes
+    ----------
+    path : Path
+        The file that they came from.
+    figures : mapping of str to mapping of str to float or None
+        In percent, by the result's name and the metric; a change without its sign, None where
+        the figure was not defined.
+    regression : Decimal
+        Percent of a figure.
+    by_name : bool
+        Whether a result is compared with that of its name alone; else the only one of the file is
+        compared with whatever result there is.
+    """
+
+    path: Path
+    figures: Mapping[str, Mapping[str, float | None]]
+    regression: Decimal
+    by_name: bool = False
+
+    def counterpart(self, name: str) -> Mapping[str, float | None] | None:
+        """The earlier figures of a result; None if there are none."""
+        if len(self.figures) == 1 and not self.by_name:
+            return next(iter(self.figures.values()))
+        return self.figures.get(name)
+
+
+@dataclass(frozen=True, slots=True)
 class Limits:
     """All that a result is to keep."""
 
     limits: tuple[Limit, ...] = ()
+    baseline: Baseline | None = None
+
+    def by_name(self) -> "Limits":
+        """The same for each of several results: a baseline then holds for those of its names."""
+        if self.baseline is None:
+            return self
+        return replace(self, baseline=replace(self.baseline, by_name=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +98,8 @@ class Gate:
         Where the figure is worst.
     passed : bool, optional
         Whether what was found is no more than the limit; None when there is nothing to judge.
+    baseline : float, optional
+        The earlier figure, as it is printed, that the limit was made of; None if it was typed.
     """
 
     metric: str
@@ -63,11 +108,49 @@ class Gate:
     found: float | None
     frame: str | None
     passed: bool | None
+    baseline: float | None = None
 
 
 def judged(name: str, summary: Summary, limits: Limits) -> tuple[Gate, ...]:
-    """What a result of this name and summary makes of the limits."""
-    return tuple(_gate(limit, summary) for limit in limits.limits)
+    """What a result of this name and summary makes of the limits.
+
+    A limit made of an earlier figure is that figure as printed, times 1 + regression/100, rounded
+    down to the digits in which figures are printed. Rounding changes no verdict, since what is
+    compared has no more digits; and a figure that has not changed always passes.
+    """
+    gates = [_gate(limit, summary) for limit in limits.limits]
+    baseline = limits.baseline
+    if baseline is not None:
+        earlier = baseline.counterpart(name) or {}
+        for metric, value in earlier.items():
+            if value is not None:
+                old = Decimal(percent_text(value))
+                limit = Limit(metric, _raised(old, baseline.regression))
+                gates.append(replace(_gate(limit, summary), baseline=float(old)))
+    return tuple(gates)
+
+
+def not_compared(name: str, summary: Summary, limits: Limits) -> tuple[str, ...]:
+    """Sentences on what a baseline has no figure for."""
+    baseline = limits.baseline
+    if baseline is None:
+        return ()
+    earlier = baseline.counterpart(name)
+    if earlier is None:
+        return (f"not compared with {baseline.path}, which has no figures of a result of its name",)
+    missing = [
+        metric.replace("_", " ")
+        for metric, value in earlier.items()
+        if value is None and _printed(summary, metric, PERCENT) is not None
+    ]
+    return tuple(f"{metric} not compared: not defined in {baseline.path}" for metric in missing)
+
+
+def _raised(old: Decimal, regression: Decimal) -> Decimal:
+    """The most that may become of a printed figure; a float, as records hold it."""
+    with localcontext(prec=DIGITS):
+        raised = (old + old * regression / 100).quantize(Decimal(percent_text(0)), ROUND_FLOOR)
+    return min(raised, Decimal(sys.float_info.max))
 
 
 def _gate(limit: Limit, summary: Summary) -> Gate:

@@ -9,7 +9,7 @@ from cageik_cli.dual_laplacian import Quality
 from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats
 from cageik_cli.report.figures import Clip, Frame, Summary, VertexFigures, WorstVertex
-from cageik_cli.report.gates import Gate, Limits, judged
+from cageik_cli.report.gates import Gate, Limits, judged, not_compared
 from cageik_cli.store.result import Result
 
 SCHEMA = 1
@@ -52,6 +52,7 @@ def report_of(result: Result, limits: Limits | None = None, name: str | None = N
         What it is called; its file's name by default.
     """
     rest, called = result.rest, printable(name or result.path.name)
+    limits = limits or Limits()
     frames = _frames(result)
     summary = _summary(result, frames)
     return Report(
@@ -60,7 +61,7 @@ def report_of(result: Result, limits: Limits | None = None, name: str | None = N
         result=called,
         sources=result.sources,
         settings=result.settings,
-        notes=result.notes,
+        notes=(*result.notes, *not_compared(called, summary, limits)),
         clip=Clip(
             frames=len(frames),
             vertices=len(rest.vertices),
@@ -73,7 +74,7 @@ def report_of(result: Result, limits: Limits | None = None, name: str | None = N
         summary=summary,
         vertices=_vertices(result),
         frames=frames,
-        gates=judged(called, summary, limits or Limits()),
+        gates=judged(called, summary, limits),
     )
 
 

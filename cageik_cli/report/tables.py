@@ -1,4 +1,4 @@
-"""The report for programs: JSON of the whole record, CSV of its frames."""
+"""The report for programs: JSON of the whole record, CSV of its frames or of a run's clips."""
 
 import csv
 import io
@@ -6,7 +6,8 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, fields
 
-from cageik_cli.report.figures import Frame
+from cageik_cli.report.figures import Clip, Frame, Summary
+from cageik_cli.report.overview import Overview
 from cageik_cli.report.record import Report
 
 
@@ -27,4 +28,23 @@ def as_csv(reports: Sequence[Report]) -> str:
     for report in reports:
         for frame in report.frames:
             writer.writerow([report.result, *(getattr(frame, column) for column in columns)])
+    return stream.getvalue()
+
+
+def overview_json(overview: Overview) -> str:
+    """The record of a run as JSON; undefined figures are null."""
+    return json.dumps(asdict(overview), indent=1, allow_nan=False) + "\n"
+
+
+def overview_csv(overview: Overview) -> str:
+    """A line a clip: its fault if it failed, the limits it is over, its counts and summary."""
+    stream = io.StringIO()
+    parts = (("clip", Clip), ("summary", Summary))
+    columns = [(part, field.name) for part, record in parts for field in fields(record)]
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(["name", "fault", "over_limit", *(name for _, name in columns)])
+    for entry in overview.clips:
+        over = dict.fromkeys(gate.metric for gate in entry.gates if gate.passed is False)
+        figures = (getattr(getattr(entry, part), name, None) for part, name in columns)
+        writer.writerow([entry.name, entry.fault, " ".join(over), *figures])
     return stream.getvalue()

@@ -2,8 +2,9 @@
 
 from cageik_cli.binding import WeightQuality
 from cageik_cli.errors import first_few
-from cageik_cli.layout import page
+from cageik_cli.layout import page, shown
 from cageik_cli.report.figures import percent_text, units_text
+from cageik_cli.report.gates import PERCENT, Gate
 from cageik_cli.report.record import Report
 
 
@@ -39,6 +40,7 @@ def as_text(report: Report) -> str:
         ),
         *_trust(report),
         *_skipped(report),
+        *map(gate_row, report.gates),
         *(("note", note) for note in report.notes),
     ]
     return page(headline, rows)
@@ -60,6 +62,20 @@ def accuracy_row(quality: WeightQuality, accuracy: object) -> tuple[str, str]:
         f"{accuracy}: {quality.panels} panels, mean row L1 error {quality.estimated_error:.1e} "
         "(estimated)"
     )
+
+
+def gate_row(gate: Gate) -> tuple[str, str]:
+    """The verdict on a figure, and what it was of: metric, what was found, limit, frame."""
+    metric = gate.metric.replace("_", " ")
+    limit = f"limit {gate.limit:.10g} {gate.unit}"
+    if gate.baseline is not None:
+        limit += f" (baseline {percent_text(gate.baseline)} %)"
+    if gate.found is None:
+        return "not judged", f"{metric} not defined, {limit}"
+    found = percent_text(gate.found) if gate.unit == PERCENT else units_text(gate.found)
+    place = "worst frame" if gate.metric == "rms" else "at"
+    verdict = "within limit" if gate.passed else "over limit"
+    return verdict, f"{metric} {found} {gate.unit}, {limit}, {place} {shown(gate.frame or '')}"
 
 
 def _skipped(report: Report) -> list[tuple[str, str]]:

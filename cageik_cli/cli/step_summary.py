@@ -1,0 +1,39 @@
+"""The page that GitHub Actions shows of a step."""
+
+import os
+from pathlib import Path
+
+import click
+
+MOST_BYTES = 1 << 20
+"""Of the page; GitHub shows none that is larger."""
+
+
+def append_step_summary(text: str) -> None:
+    """Append Markdown to the file that GITHUB_STEP_SUMMARY names, if it is set.
+
+    What prevents it is a warning: the work is done by then, and its exit code stands.
+    """
+    named = os.environ.get("GITHUB_STEP_SUMMARY")
+    if not named:
+        return
+    try:
+        size = _append(Path(named), f"{text}\n".encode())
+    except OSError as error:
+        _warn(named, f"cannot be written ({error.strerror or error})")
+        return
+    if size > MOST_BYTES:
+        _warn(named, f"has {size} bytes of the {MOST_BYTES} that GitHub shows, nothing was added")
+
+
+def _append(path: Path, data: bytes) -> int:
+    """Append what fits, all or nothing; return the bytes that the file has or would have."""
+    size = (path.stat().st_size if path.exists() else 0) + len(data)
+    if size <= MOST_BYTES:
+        with path.open("ab") as stream:
+            stream.write(data)
+    return size
+
+
+def _warn(named: str, what: str) -> None:
+    click.echo(f"Warning: {named} (GITHUB_STEP_SUMMARY): {what}", err=True)

@@ -1,0 +1,73 @@
+"""The report for test runners: JUnit's XML, a suite a clip and a case a limit.
+
+The elements and attributes are those that the schema of Ant's JUnit task demands.
+"""
+
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from cageik_cli.layout import shown
+from cageik_cli.report.gates import Gate
+from cageik_cli.report.overview import Entry, Overview
+from cageik_cli.report.text import gate_row
+
+# The schema demands a time and a host; the same input is to give the same bytes.
+_FIXED = {"timestamp": "1970-01-01T00:00:00", "hostname": "localhost", "time": "0"}
+
+
+def as_junit(overview: Overview) -> str:
+    """Every clip is a suite, with a case `extracted` and one for each limit.
+
+    A clip that failed is an error, a figure over its limit a failure, and one that is not defined
+    is skipped. Notes are the suite's output.
+    """
+    root = Element("testsuites", name=overview.tool["name"])
+    for k, entry in enumerate(overview.clips):
+        _add_suite(root, k, entry)
+    ElementTree.indent(root, " ")
+    head = '<?xml version="1.0" encoding="UTF-8"?>'
+    return f"{head}\n{ElementTree.tostring(root, encoding='unicode')}\n"
+
+
+def _add_suite(root: Element, number: int, entry: Entry) -> None:
+    name = shown(entry.name).strip() or "unnamed"
+    verdicts = [gate.passed for gate in entry.gates]
+    counts = {
+        "tests": 1 + len(verdicts),
+        "failures": verdicts.count(False),
+        "errors": int(entry.has_failed),
+        "skipped": verdicts.count(None),
+    }
+    numbers = {key: str(value) for key, value in counts.items()}
+    suite = SubElement(
+        root, "testsuite", name=name, package="", id=str(number), **numbers, **_FIXED
+    )
+    SubElement(suite, "properties")
+    extracted = SubElement(suite, "testcase", classname=name, name="extracted", time="0")
+    if entry.fault is not None:
+        _add_fault(extracted, "error", shown(entry.fault))
+    for gate in entry.gates:
+        _add_case(suite, name, gate)
+    SubElement(suite, "system-out").text = "\n".join(map(shown, entry.notes))
+    SubElement(suite, "system-err")
+
+
+def _add_case(suite: Element, clip: str, gate: Gate) -> None:
+    case = SubElement(suite, "testcase", classname=clip, name=_name(gate), time="0")
+    verdict, line = gate_row(gate)
+    if gate.passed is None:
+        SubElement(case, "skipped", message=line)
+    elif not gate.passed:
+        _add_fault(case, "failure", f"{verdict}: {line}")
+
+
+def _name(gate: Gate) -> str:
+    """What is asked, without what was found, so that it stays the same from run to run."""
+    metric = gate.metric.replace("_", " ")
+    if gate.baseline is not None:
+        return f"{metric} against the baseline"
+    return f"{metric} at most {gate.limit:.10g} {gate.unit}"
+
+
+def _add_fault(case: Element, kind: str, sentence: str) -> None:
+    SubElement(case, kind, message=sentence, type=kind).text = sentence

@@ -1,0 +1,117 @@
+"""The report as Markdown, for the summary page of a run in continuous integration."""
+
+import re
+from collections import Counter
+from collections.abc import Iterable
+
+from cageik_cli.layout import shown
+from cageik_cli.report.figures import percent_text
+from cageik_cli.report.overview import Entry, Overview
+from cageik_cli.report.text import gate_row
+
+ROOM = {"clips": 24_000, "failed": 12_000, "limits": 12_000, "notes": 8_000}
+"""Bytes of the lines of each part; with headings all is under 60 000."""
+
+LONGEST = 300
+"""Characters of a name or a sentence that are shown."""
+
+_HEADER = (
+    "| clip | verdict | rms, % | worst frame, % | at | max deviation, % | volume change, % |",
+    "|---|---|---:|---:|---|---:|---:|",
+)
+
+
+def as_markdown(overview: Overview) -> str:
+    """The verdict, a table of the clips, worst first, and what failed or is over its limit.
+
+    Each part has a share of 60 000 bytes; what has no room is counted. Percentages are of the
+    diagonal, volumes' of the volume.
+    """
+    clips = sorted(overview.clips, key=_badness)
+    table = [*_HEADER, *_fitting((_row(entry) for entry in clips), ROOM["clips"], "| {} |")]
+    failed = [f"- {_plain(entry.name)}: {_plain(entry.fault)}" for entry in clips if entry.fault]
+    limits = [
+        f"- {_plain(entry.name)}: {_plain(gate_row(gate)[1])}"
+        for entry in clips
+        for gate in entry.gates
+        if gate.passed is False
+    ]
+    parts = {"Failed": (failed, "failed"), "Over a limit": (limits, "limits"),
+             "Notes": (_notes(clips), "notes")}  # fmt: skip
+    blocks = [f"## cageik: {_verdict(overview)}", "\n".join(table)]
+    for heading, (lines, room) in parts.items():
+        if lines:
+            blocks += [f"### {heading}", "\n".join(_fitting(lines, ROOM[room], "- {}"))]
+    return "\n\n".join(blocks) + "\n"
+
+
+def _verdict(overview: Overview) -> str:
+    """The run in a line."""
+    clips = overview.clips
+    failed = sum(entry.has_failed for entry in clips)
+    over = sum(entry.exceeds for entry in clips)
+    of = f"{len(clips)} clip" + ("s" if len(clips) != 1 else "")
+    found = [f"{failed} failed"] * bool(failed) + [f"{over} over a limit"] * bool(over)
+    if found:
+        return f"{', '.join(found)}, of {of}"
+    return f"{of}, {'within all limits' if any(e.gates for e in clips) else 'all extracted'}"
+
+
+def _badness(entry: Entry) -> tuple[bool, bool, float]:
+    """What sorts the worst clips first."""
+    error = entry.summary.rms_percent if entry.summary else 0.0
+    return not entry.has_failed, not entry.exceeds, -error
+
+
+def _row(entry: Entry) -> str:
+    summary = entry.summary
+    if summary is None:
+        cells = ["", "", "", "", ""]
+    else:
+        change = summary.volume_change_percent_max
+        cells = [
+            percent_text(summary.rms_percent),
+            percent_text(summary.worst_frame_rms_percent),
+            _plain(summary.worst_frame),
+            percent_text(summary.max_deviation_percent),
+            "not defined" if change is None else f"{change:+.4f}",
+        ]
+    return f"| {' | '.join([_plain(entry.name), _clip_verdict(entry), *cells])} |"
+
+
+def _clip_verdict(entry: Entry) -> str:
+    if entry.has_failed:
+        return "**failed**"
+    if entry.exceeds:
+        return "**over limit**"
+    return "within limits" if any(gate.passed for gate in entry.gates) else "extracted"
+
+
+def _notes(clips: Iterable[Entry]) -> list[str]:
+    """Each note once, and how many clips have it."""
+    counts = Counter(note for entry in clips for note in entry.notes)
+    return [
+        f"- {_plain(note)}" + (f" ({count} clips)" if count > 1 else "")
+        for note, count in counts.most_common()
+    ]
+
+
+def _fitting(lines: Iterable[str], room: int, rest: str) -> list[str]:
+    """As many of the lines as have room, and one that counts the others."""
+    waiting = list(lines)
+    shown_lines: list[str] = []
+    for line in waiting:
+        room -= len(line.encode()) + 1
+        if room < 0:
+            break
+        shown_lines.append(line)
+    left = len(waiting) - len(shown_lines)
+    return [*shown_lines, rest.format(f"and {left} more")] if left else shown_lines
+
+
+def _plain(text: str | None) -> str:
+    """Text that Markdown and HTML leave as it is, on one line, cut when very long."""
+    line = shown(text or "")
+    if len(line) > LONGEST:
+        line = line[: LONGEST - 1] + "…"
+    return re.sub(r"([\\`*_{}\[\]<>&|~$@:!#])", r"\\\1", line)
