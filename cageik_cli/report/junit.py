@@ -38,10 +38,9 @@ def _add_suite(root: Element, number: int, entry: Entry) -> None:
         "errors": int(entry.has_failed),
         "skipped": verdicts.count(None),
     }
-    numbers = {key: str(value) for key, value in counts.items()}
-    suite = SubElement(
-        root, "testsuite", name=name, package="", id=str(number), **numbers, **_FIXED
-    )
+    attributes = {"name": name, "package": "", "id": str(number)}
+    attributes |= {key: str(count) for key, count in counts.items()}
+    suite = SubElement(root, "testsuite", attributes | _FIXED)
     SubElement(suite, "properties")
     extracted = SubElement(suite, "testcase", classname=name, name="extracted", time="0")
     if entry.fault is not None:

@@ -46,15 +46,11 @@ def as_markdown(overview: Overview) -> str:
 
 
 def _verdict(overview: Overview) -> str:
-    """The run in a line."""
-    clips = overview.clips
-    failed = sum(entry.has_failed for entry in clips)
-    over = sum(entry.exceeds for entry in clips)
-    of = f"{len(clips)} clip" + ("s" if len(clips) != 1 else "")
-    found = [f"{failed} failed"] * bool(failed) + [f"{over} over a limit"] * bool(over)
-    if found:
-        return f"{', '.join(found)}, of {of}"
-    return f"{of}, {'within all limits' if any(e.gates for e in clips) else 'all extracted'}"
+    """The run in a line: how many clips there are of each verdict, the worst first."""
+    clips = sorted(overview.clips, key=_badness)
+    counts = Counter(map(_clip_verdict, clips))
+    found = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    return f"{len(clips)} clip{'' if len(clips) == 1 else 's'}: {found}"
 
 
 def _badness(entry: Entry) -> tuple[bool, bool, float]:
@@ -76,14 +72,17 @@ def _row(entry: Entry) -> str:
             percent_text(summary.max_deviation_percent),
             "not defined" if change is None else f"{change:+.4f}",
         ]
-    return f"| {' | '.join([_plain(entry.name), _clip_verdict(entry), *cells])} |"
+    verdict = _clip_verdict(entry)
+    if entry.has_failed or entry.exceeds:
+        verdict = f"**{verdict}**"
+    return f"| {' | '.join([_plain(entry.name), verdict, *cells])} |"
 
 
 def _clip_verdict(entry: Entry) -> str:
     if entry.has_failed:
-        return "**failed**"
+        return "failed"
     if entry.exceeds:
-        return "**over limit**"
+        return "over limit"
     return "within limits" if any(gate.passed for gate in entry.gates) else "extracted"
 
 

@@ -69,7 +69,7 @@ def gate_row(gate: Gate) -> tuple[str, str]:
     metric = gate.metric.replace("_", " ")
     limit = f"limit {gate.limit:.10g} {gate.unit}"
     if gate.baseline is not None:
-        limit += f" (baseline {percent_text(gate.baseline)} %)"
+        limit = f"limit {percent_text(gate.limit)} % (baseline {percent_text(gate.baseline)} %)"
     if gate.found is None:
         return "not judged", f"{metric} not defined, {limit}"
     found = percent_text(gate.found) if gate.unit == PERCENT else units_text(gate.found)
