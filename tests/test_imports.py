@@ -46,6 +46,7 @@ OWNERS = {
     },
     "alembic3d": {"sequence.readers.alembic", "export.writers.alembic"},
     "imath": {"export.writers.alembic"},
+    "matplotlib": {"report.figure"},
 }
 """Who may import a library, `imath` being alembic3d's; numpy and scipy are for all."""
 
