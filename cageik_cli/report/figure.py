@@ -18,7 +18,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from cageik_cli.mesh import Floats, Integers
@@ -28,11 +27,11 @@ from cageik_cli.report.record import Report
 
 SIZE, DPI = (7.2, 3.6), 200
 """Inches across and down, and pixels to the inch."""
-LEFT, RIGHT, BOTTOM, TOP = 0.1, 0.9, 0.14, 0.84
+LEFT, RIGHT, BOTTOM, TOP = 0.1, 0.9, 0.14, 0.87
 """Where the axes are, as shares of the picture from its lower left corner."""
 
 INK, MUTED, GRID, GAP = "#20242a", "#59626d", "#e3e6e9", "#eceef0"
-HEADROOM = 1.3
+HEADROOM = 1.25
 """The axes end so far above the highest figure, for the label of the worst frame."""
 REACH = 2.5
 """A limit is drawn up to so many times as high as the highest figure; beyond it is named alone."""
@@ -86,7 +85,7 @@ class _Look:
     """How a line looks, in matplotlib's words."""
 
     colour: str
-    style: str
+    style: tuple[int, tuple[float, ...]]
     marker: str
 
 
@@ -188,14 +187,14 @@ def _series(report: Report) -> tuple[_Series, _Series]:
         "RMS error, % of the diagonal",
         ("rms", "frame_rms"),
         0,
-        _Look("#0a7d4b", "-", "o"),
+        _Look("#0a7d4b", (0, ()), "o"),
     )
     changes = [frame.volume_change for frame in frames]
     if report.clip.closed and any(change is not None for change in changes):
-        look = _Look("#1f4fa3", "--", "s")
+        look = _Look("#1f4fa3", (0, (3.4, 1.1)), "s")
         return error, _Series(_values(changes), "volume change, %", ("volume_change",), 1, look)
     deviations = _values([frame.max_deviation_percent for frame in frames])
-    name, look = "max deviation, % of the diagonal", _Look("#8a3a8f", "-.", "^")
+    name, look = "max deviation, % of the diagonal", _Look("#8a3a8f", (0, (4, 1, 1, 1)), "^")
     return error, _Series(deviations, name, ("max_deviation",), 1, look)
 
 
@@ -246,13 +245,13 @@ def _draw_series(axes: Axes, series: _Series) -> None:
     axes.plot(
         np.arange(len(series.values)),
         series.values,
-        series.look.style,
+        linestyle=series.look.style,
         color=series.look.colour,
         linewidth=1.4,
         marker=series.look.marker,
         markersize=3.2,
         markevery=_marked(series.values).tolist(),
-        label=series.name,
+        label=series.name.split(",")[0],
         gid=series.metrics[0],
     )
 
@@ -279,9 +278,11 @@ def _fit(axes: Axes, series: _Series, limits: list[tuple[Gate, float]]) -> None:
 
 def _draw_limits(axes: Axes, series: _Series, limits: list[tuple[Gate, float]]) -> None:
     """Dashed lines, each with its label at a place of its own along it."""
+    if series.is_signed:
+        axes.axhline(0, color=series.look.colour, linewidth=0.5, dashes=(1, 3), gid="zero")
     for k, (gate, height) in enumerate(limits):
         for place in (-height, height) if series.is_signed else (height,):
-            axes.axhline(place, color=series.look.colour, linewidth=1.0, dashes=(6, 3), gid="limit")
+            axes.axhline(place, color=series.look.colour, linewidth=0.9, dashes=(8, 4), gid="limit")
             axes.annotate(
                 _limit_text(gate),
                 (abs(series.side - 0.012 - 0.26 * k), place),
@@ -292,12 +293,13 @@ def _draw_limits(axes: Axes, series: _Series, limits: list[tuple[Gate, float]]) 
                 va="bottom",
                 fontsize=7.5,
                 color=series.look.colour,
+                bbox={"boxstyle": "square,pad=0.1", "fc": "white", "lw": 0, "alpha": 0.75},
             )
 
 
 def _limit_text(gate: Gate) -> str:
     unit = "%" if gate.unit == PERCENT else "units"
-    verdict = {True: "kept", False: "passed", None: "not judged"}[gate.passed]
+    verdict = {True: "kept", False: "exceeded", None: "not judged"}[gate.passed]
     return f"limit {gate.metric.replace('_', ' ')} {gate.limit:g} {unit}, {verdict}"
 
 
@@ -306,7 +308,7 @@ def _draw_clip(axes: Axes, series: _Series, report: Report) -> None:
         report.summary.rms_percent,
         color=series.look.colour,
         linewidth=0.7,
-        label=f"RMS of the clip, {percent_text(report.summary.rms_percent)} %",
+        label=f"RMS of the clip {percent_text(report.summary.rms_percent)} %",
         gid="clip",
     )
 
@@ -320,12 +322,18 @@ def _draw_worst(axes: Axes, series: _Series, report: Report) -> None:
     axes.annotate(
         f"worst {percent_text(summary.worst_frame_rms_percent)} %, {_shown(summary.worst_frame)}",
         place,
-        xytext=(0, 8),
-        textcoords="offset points",
+        xytext=(place[0], 0.99),
+        textcoords=axes.get_xaxis_transform(),
         ha=side,
-        va="bottom",
+        va="top",
         fontsize=8.5,
-        bbox={"boxstyle": "square,pad=0.15", "facecolor": "white", "linewidth": 0, "alpha": 0.85},
+        arrowprops={
+            "arrowstyle": "-",
+            "color": MUTED,
+            "linewidth": 0.7,
+            "shrinkB": 4,
+            "relpos": (("left", "center", "right").index(side) / 2, 0),
+        },
     )
 
 
@@ -348,22 +356,22 @@ def _tick_text(value: float, _: int | None) -> str:
 def _draw_legend(figure: Figure, both: tuple[Axes, Axes], named: list[Gate]) -> None:
     """Above the axes: what the lines are, and the limits that no line shows."""
     drawn = [axes.get_legend_handles_labels() for axes in both]
-    handles = [handle for found, _ in drawn for handle in found]
-    labels = [label for _, found in drawn for label in found]
-    for gate in named:
-        handles.append(Line2D([], [], linestyle="none"))
-        labels.append(f"{_limit_text(gate)} (not drawn)")
     figure.legend(
-        handles,
-        labels,
-        loc="upper center",
-        ncols=3,
-        fontsize=8,
+        [handle for handles, _ in drawn for handle in handles],
+        [label for _, labels in drawn for label in labels],
+        loc="upper left",
+        bbox_to_anchor=(LEFT, 1.0),
+        ncols=4,
+        fontsize=8.5,
         frameon=False,
         handlelength=2.8,
         columnspacing=1.6,
-        borderaxespad=0.2,
+        borderpad=0.6,
+        borderaxespad=0,
     )
+    if named:
+        text = "not drawn: " + "; ".join(map(_limit_text, named))
+        figure.text(LEFT, TOP + 0.015, text, fontsize=7.5, color=MUTED, gid="not-drawn")
 
 
 def _shown(name: str) -> str:
