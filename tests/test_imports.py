@@ -35,6 +35,8 @@ OWNERS = {
     "pyarrow": {"sequence.obj_words"},
     "trimesh": {"sequence.mesh_file"},
     "pygltflib": {"export.writers.gltf"},
+    "jinja2": {"report.templating"},
+    "markupsafe": {"report.templating", "report.page"},
     "natsort": {"sequence.opening"},
     "threadpoolctl": {"threads"},
     "pxr": {
