@@ -35,6 +35,8 @@ OWNERS = {
     "pyarrow": {"sequence.obj_words"},
     "trimesh": {"sequence.mesh_file"},
     "pygltflib": {"export.writers.gltf"},
+    "jinja2": {"report.templating"},
+    "markupsafe": {"report.templating", "report.page"},
     "natsort": {"sequence.opening"},
     "threadpoolctl": {"threads"},
     "pxr": {
@@ -46,6 +48,7 @@ OWNERS = {
     },
     "alembic3d": {"sequence.readers.alembic", "export.writers.alembic"},
     "imath": {"export.writers.alembic"},
+    "matplotlib": {"report.figure"},
 }
 """Who may import a library, `imath` being alembic3d's; numpy and scipy are for all."""
 

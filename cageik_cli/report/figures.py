@@ -111,3 +111,13 @@ def percent_text(value: float) -> str:
 def units_text(value: float) -> str:
     """A length in file units as it is printed everywhere."""
     return f"{value:.6g}"
+
+
+def change_text(value: float) -> str:
+    """A change in percent, with its sign, as it is printed everywhere."""
+    return f"{value:+.4f}"
+
+
+def figure_text(value: float) -> str:
+    """A figure of the literature as it is printed everywhere."""
+    return f"{value:.4g}"

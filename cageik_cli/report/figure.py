@@ -1,0 +1,383 @@
+"""The figure that the method is known by: the error and the volume over the frames.
+
+It is drawn without pyplot and without the reader's matplotlibrc; the same report gives the same
+bytes.
+"""
+
+import io
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from cageik_cli.mesh import Floats, Integers
+from cageik_cli.report.figures import percent_text
+from cageik_cli.report.gates import PERCENT, Gate
+from cageik_cli.report.record import Report
+
+SIZE, DPI = (7.2, 3.6), 200
+"""Inches across and down, and pixels to the inch."""
+LEFT, RIGHT, BOTTOM, TOP = 0.1, 0.9, 0.14, 0.87
+"""Where the axes are, as shares of the picture from its lower left corner."""
+
+INK, MUTED, GRID, GAP = "#20242a", "#59626d", "#e3e6e9", "#eceef0"
+HEADROOM = 1.25
+"""The axes end so far above the highest figure, for the label of the worst frame."""
+REACH = 2.5
+"""A limit is drawn up to so many times as high as the highest figure; beyond it is named alone."""
+MARKED = 60
+"""Up to so many frames each has a marker."""
+LARGEST = 1e150
+"""A line leaves the picture here; no axis could be drawn."""
+LONGEST = 40
+"""Characters of a name that are shown."""
+
+SETTINGS: Any = {
+    "font.size": 9.0,
+    "axes.edgecolor": MUTED,
+    "axes.linewidth": 0.8,
+    "axes.unicode_minus": True,
+    "text.color": INK,
+    "text.parse_math": False,
+    "xtick.color": MUTED,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "cageik",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """The figure for a page.
+
+    Attributes
+    ----------
+    svg : str
+        One element, as wide as the page lets it be; text is text.
+    left, right, top, bottom : float
+        Where its axes are, as shares of the picture's width from the left and of its height from
+        the top.
+    first, last : float
+        The frames, from 0, at the left and at the right end of the axes; fractions, for there is
+        room beside the first and the last.
+    """
+
+    svg: str
+    left: float
+    right: float
+    top: float
+    bottom: float
+    first: float
+    last: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """How a line looks, in matplotlib's words."""
+
+    colour: str
+    style: tuple[int, tuple[float, ...]]
+    marker: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Series:
+    """A line over the frames: its figures, nan in gaps, and how it looks.
+
+    Attributes
+    ----------
+    metrics : tuple of str
+        Limits on these are drawn with it.
+    side : int
+        Of its axis: 0 for left, 1 for right.
+    """
+
+    values: Floats
+    name: str
+    metrics: tuple[str, ...]
+    side: int
+    look: _Look
+
+    @property
+    def is_signed(self) -> bool:
+        """Whether limits hold on both sides of zero."""
+        return self.metrics == ("volume_change",)
+
+
+def plot_of(report: Report) -> Plot:
+    """The figure of a report for a page."""
+    first, last = _x_limits(len(report.frames))
+    svg = as_svg(report)
+    svg = re.sub(r' width="[^"]*"| height="[^"]*"', "", svg[svg.index("<svg") :], count=2)
+    return Plot(svg, LEFT, RIGHT, 1 - TOP, 1 - BOTTOM, first, last)
+
+
+def as_svg(report: Report) -> str:
+    """The figure of a report as an SVG file."""
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    return _saved(report, "svg", nothing).decode()
+
+
+def as_png(report: Report) -> bytes:
+    """The figure of a report as a PNG file, 1440 pixels wide."""
+    return _saved(report, "png", {"Software": None})
+
+
+def figure_of(report: Report) -> Figure:
+    """The error of each frame, and the change of its volume or its largest deviation.
+
+    The latter is drawn where the model is open, or no frame has a volume. Frames that were skipped
+    are gaps, and shaded.
+    """
+    with _own_style():
+        return _drawn(report)
+
+
+def _saved(report: Report, kind: str, metadata: dict[str, None]) -> bytes:
+    stream = io.BytesIO()
+    with _own_style():
+        _drawn(report).savefig(stream, format=kind, dpi=DPI, metadata=metadata)
+    return stream.getvalue()
+
+
+@contextmanager
+def _own_style() -> Iterator[None]:
+    with matplotlib.style.context("default"), mpl.rc_context(SETTINGS):
+        yield
+
+
+def _drawn(report: Report) -> Figure:
+    error, other = _series(report)
+    figure = Figure(SIZE)
+    figure.subplots_adjust(LEFT, BOTTOM, RIGHT, TOP)
+    left = figure.add_subplot()
+    right = left.twinx()
+    left.set(zorder=right.get_zorder() + 1, frame_on=False)
+    _draw_gaps(right, error.values)
+    named = []
+    for axes, series in ((left, error), (right, other)):
+        _draw_series(axes, series)
+        near, far = _limits(report, series)
+        _fit(axes, series, near)
+        _draw_limits(axes, series, near)
+        named += far
+    _draw_clip(left, error, report)
+    _draw_worst(left, error, report)
+    _dress(left, error, report)
+    _dress(right, other, report)
+    named += [gate for gate in report.gates if gate.metric not in error.metrics + other.metrics]
+    _draw_legend(figure, (left, right), named)
+    return figure
+
+
+def _series(report: Report) -> tuple[_Series, _Series]:
+    """The error, and what is drawn beside it."""
+    frames = report.frames
+    error = _Series(
+        _values([frame.rms_percent for frame in frames]),
+        "RMS error, % of the diagonal",
+        ("rms", "frame_rms"),
+        0,
+        _Look("#0a7d4b", (0, ()), "o"),
+    )
+    changes = [frame.volume_change for frame in frames]
+    if report.clip.closed and any(change is not None for change in changes):
+        look = _Look("#1f4fa3", (0, (3.4, 1.1)), "s")
+        return error, _Series(_values(changes), "volume change, %", ("volume_change",), 1, look)
+    deviations = _values([frame.max_deviation_percent for frame in frames])
+    name, look = "max deviation, % of the diagonal", _Look("#8a3a8f", (0, (4, 1, 1, 1)), "^")
+    return error, _Series(deviations, name, ("max_deviation",), 1, look)
+
+
+def _values(figures: Sequence[float | None]) -> Floats:
+    values = np.array([np.nan if figure is None else figure for figure in figures])
+    return np.asarray(np.clip(values, -LARGEST, LARGEST))
+
+
+def _x_limits(count: int) -> tuple[float, float]:
+    """Where the axes of a clip of so many frames start and end."""
+    room = max(0.5, 0.01 * count)
+    return -room, count - 1 + room
+
+
+def _limits(report: Report, series: _Series) -> tuple[list[tuple[Gate, float]], list[Gate]]:
+    """The limits on a series that are drawn, with their heights, and those far above it."""
+    reach = REACH * (np.nanmax(np.abs(series.values), initial=0) or 1.0)
+    to_percent = 100 / report.clip.diagonal
+    heights = [
+        (gate, gate.limit if gate.unit == PERCENT else to_percent * gate.limit)
+        for gate in report.gates
+        if gate.metric in series.metrics
+    ]
+    near = [(gate, height) for gate, height in heights if height <= reach]
+    return near, [gate for gate, height in heights if height > reach]
+
+
+def _draw_gaps(axes: Axes, values: Floats) -> None:
+    """Shade the frames that were skipped."""
+    runs = [
+        list(frames)
+        for is_gap, frames in groupby(range(len(values)), lambda k: bool(np.isnan(values[k])))
+        if is_gap
+    ]
+    if runs:
+        axes.broken_barh(
+            [(run[0] - 0.5, len(run)) for run in runs],
+            (0, 1),
+            transform=axes.get_xaxis_transform(),
+            color=GAP,
+            linewidth=0,
+            label="skipped",
+            zorder=0,
+        )
+
+
+def _draw_series(axes: Axes, series: _Series) -> None:
+    axes.plot(
+        np.arange(len(series.values)),
+        series.values,
+        linestyle=series.look.style,
+        color=series.look.colour,
+        linewidth=1.4,
+        marker=series.look.marker,
+        markersize=3.2,
+        markevery=_marked(series.values).tolist(),
+        label=series.name.split(",")[0],
+        gid=series.metrics[0],
+    )
+
+
+def _marked(values: Floats) -> Integers:
+    """The frames with a marker: all of a short clip, else those that stand between gaps."""
+    known = np.isfinite(values)
+    if len(values) <= MARKED:
+        return np.flatnonzero(known)
+    padded = np.pad(known, 1)
+    return np.flatnonzero(known & ~padded[:-2] & ~padded[2:])
+
+
+def _fit(axes: Axes, series: _Series, limits: list[tuple[Gate, float]]) -> None:
+    """Let the axes hold zero, all figures and the limits."""
+    heights = [height for _, height in limits]
+    lowest = float(np.nanmin(series.values, initial=0))
+    if series.is_signed:
+        lowest = min(lowest, *(-height for height in heights), 0.0)
+    highest = float(np.nanmax(series.values, initial=max(heights, default=0)))
+    size = (highest - lowest) or 1.0
+    axes.set_ylim(lowest - 0.08 * size if lowest < 0 else 0, lowest + HEADROOM * size)
+
+
+def _draw_limits(axes: Axes, series: _Series, limits: list[tuple[Gate, float]]) -> None:
+    """Dashed lines, each with its label at a place of its own along it."""
+    if series.is_signed:
+        axes.axhline(0, color=series.look.colour, linewidth=0.5, dashes=(1, 3), gid="zero")
+    for k, (gate, height) in enumerate(limits):
+        for place in (-height, height) if series.is_signed else (height,):
+            axes.axhline(place, color=series.look.colour, linewidth=0.9, dashes=(8, 4), gid="limit")
+            axes.annotate(
+                _limit_text(gate),
+                (abs(series.side - 0.012 - 0.26 * k), place),
+                xycoords=axes.get_yaxis_transform(),
+                xytext=(0, 2),
+                textcoords="offset points",
+                ha="right" if series.side else "left",
+                va="bottom",
+                fontsize=7.5,
+                color=series.look.colour,
+                bbox={"boxstyle": "square,pad=0.1", "fc": "white", "lw": 0, "alpha": 0.75},
+            )
+
+
+def _limit_text(gate: Gate) -> str:
+    unit = "%" if gate.unit == PERCENT else "units"
+    verdict = {True: "kept", False: "exceeded", None: "not judged"}[gate.passed]
+    return f"limit {gate.metric.replace('_', ' ')} {gate.limit:g} {unit}, {verdict}"
+
+
+def _draw_clip(axes: Axes, series: _Series, report: Report) -> None:
+    axes.axhline(
+        report.summary.rms_percent,
+        color=series.look.colour,
+        linewidth=0.7,
+        label=f"RMS of the clip {percent_text(report.summary.rms_percent)} %",
+        gid="clip",
+    )
+
+
+def _draw_worst(axes: Axes, series: _Series, report: Report) -> None:
+    """Ring the worst frame, and name it to that side where there is room."""
+    summary, count = report.summary, len(report.frames)
+    place = (summary.worst_frame_index, series.values[summary.worst_frame_index])
+    side = ("left", "center", "right")[int(np.digitize(place[0] / count, (0.3, 0.7)))]
+    axes.plot(*place, "o", markersize=7.5, markerfacecolor="none", markeredgecolor=INK, gid="worst")
+    axes.annotate(
+        f"worst {percent_text(summary.worst_frame_rms_percent)} %, {_shown(summary.worst_frame)}",
+        place,
+        xytext=(place[0], 0.99),
+        textcoords=axes.get_xaxis_transform(),
+        ha=side,
+        va="top",
+        fontsize=8.5,
+        arrowprops={
+            "arrowstyle": "-",
+            "color": MUTED,
+            "linewidth": 0.7,
+            "shrinkB": 4,
+            "relpos": (("left", "center", "right").index(side) / 2, 0),
+        },
+    )
+
+
+def _dress(axes: Axes, series: _Series, report: Report) -> None:
+    """Name and number the axes."""
+    axes.set_xlim(*_x_limits(len(report.frames)))
+    axes.set_xlabel(f"frame of {_shown(report.result)}, numbered from 0")
+    axes.set_ylabel(series.name, color=series.look.colour)
+    axes.tick_params(axis="y", labelcolor=series.look.colour, color=series.look.colour)
+    axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_formatter(FuncFormatter(_tick_text))
+    axes.spines["top"].set_visible(False)
+
+
+def _tick_text(value: float, _: int | None) -> str:
+    return f"{value:g}".replace("-", "−")
+
+
+def _draw_legend(figure: Figure, both: tuple[Axes, Axes], named: list[Gate]) -> None:
+    """Above the axes: what the lines are, and the limits that no line shows."""
+    drawn = [axes.get_legend_handles_labels() for axes in both]
+    figure.legend(
+        [handle for handles, _ in drawn for handle in handles],
+        [label for _, labels in drawn for label in labels],
+        loc="upper left",
+        bbox_to_anchor=(LEFT, 1.0),
+        ncols=4,
+        fontsize=8.5,
+        frameon=False,
+        handlelength=2.8,
+        columnspacing=1.6,
+        borderpad=0.6,
+        borderaxespad=0,
+    )
+    if named:
+        text = "not drawn: " + "; ".join(map(_limit_text, named))
+        figure.text(LEFT, TOP + 0.015, text, fontsize=7.5, color=MUTED, gid="not-drawn")
+
+
+def _shown(name: str) -> str:
+    """A name as far as it fits and the font has letters for it."""
+    font = get_font(findfont(FontProperties()))
+    text = "".join(letter if font.get_char_index(ord(letter)) else "\ufffd" for letter in name)
+    if len(text) <= LONGEST:
+        return text
+    return f"{text[: LONGEST // 2 - 1]}…{text[-LONGEST // 2 :]}"
