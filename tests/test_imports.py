@@ -35,6 +35,7 @@ OWNERS = {
     "pyarrow": {"sequence.obj_words"},
     "trimesh": {"sequence.mesh_file"},
     "pygltflib": {"export.writers.gltf"},
+    "distributed": {"batch.cluster", "batch.pieces"},
     "natsort": {"sequence.opening"},
     "threadpoolctl": {"threads"},
     "pxr": {
