@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.binding import BindSettings
 from cageik_cli.dual_laplacian import DualLaplacianSolver
 from cageik_cli.errors import InputError
 from cageik_cli.inputs import ExtractSettings, Inputs, bound_of, opened, scene_of
@@ -50,13 +49,10 @@ def extract(
     watch = observer or Observer()
     prepare_result(settings.output, settings.overwrite, settings.resume)
     with watch.stage("open"):
-        inputs = opened(settings)
-    recorded = _recorded(settings, inputs.bind_settings(settings))
-    if settings.resume:
-        result = whole_already(settings, inputs, recorded)
-        if result is not None:
-            watch.remark("unchanged", "the result is whole already")
-            return result
+        inputs, held = held_result(settings, bound)
+    if held is not None:
+        watch.remark("unchanged", "the result is whole already")
+        return held
     with watch.stage("bind"):
         bound = bound or bound_of(inputs, settings, watch)
     # One thread: the matrix is small, and threads that wait for each other take longer.
@@ -67,7 +63,7 @@ def extract(
         quality=solver.quality,
         frames=inputs.sequence.names,
         scene=scene_of(settings, inputs),
-        settings=recorded,
+        settings=_recorded(settings, inputs),
         notes=_notes(inputs, bound, solver.missing),
         keep_weights=settings.keep_weights,
     )
@@ -82,6 +78,22 @@ def extract(
         with watch.stage("write"):
             _compose(partial, header, inputs, settings)
     return read_result(settings.output)
+
+
+def held_result(
+    settings: ExtractSettings, bound: StoredBinding | None = None
+) -> tuple[Inputs, Result | None]:
+    """What a run would be given; and the result, if there is a whole one of just that already.
+
+    Raises
+    ------
+    InputError
+        Naming the file at fault; or when there is another result that may not be overwritten.
+    """
+    inputs = opened(settings, bound)
+    if not settings.resume:
+        return inputs, None
+    return inputs, whole_already(settings, inputs, _recorded(settings, inputs))
 
 
 def _plan(header: Header, inputs: Inputs, block: int) -> Plan:
@@ -137,14 +149,14 @@ def _read_again(sequence: MeshSequence, index: int, digest: bytes) -> Floats:
     return vertices
 
 
-def _recorded(settings: ExtractSettings, bind: BindSettings) -> dict[str, Any]:
+def _recorded(settings: ExtractSettings, inputs: Inputs) -> dict[str, Any]:
     """The settings on which the numbers depend."""
     solve = settings.solve
     return {
         "alpha": solve.alpha,
         "beta": solve.beta,
         "align": solve.align,
-        **asdict(bind),
+        **asdict(inputs.bind_settings(settings)),
         "rest_frame": settings.rest_frame if settings.rest is None else None,
         "vertex_weights": settings.vertex_weights is not None,
     }

@@ -1,8 +1,12 @@
 """What a run is given: its settings, and what it reads before the first frame is solved."""
 
-from dataclasses import dataclass, field
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from cageik_cli.binding import BindSettings
 from cageik_cli.binding_run import WeightSettings, from_file, made
@@ -109,16 +113,35 @@ class Inputs:
         """Those of the binding file, or those asked for."""
         return settings.bind if self.bound is None else self.bound.binding.settings
 
+    def weights_key(self, settings: ExtractSettings) -> str:
+        """A digest of what the weights come from: runs of one key may share a `StoredBinding`.
 
-def opened(settings: ExtractSettings) -> Inputs:
-    """Open the clip, and read what is named beside it."""
+        The name of the rest pose's file is not of it, for the frames of two clips have different
+        names; nor are the threads.
+        """
+        shared = {name: self.sources[name] for name in ("cage", "binding") if name in self.sources}
+        said = asdict(self.bind_settings(settings)) | shared
+        digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
+        for array in (self.rest.mesh.vertices, self.rest.mesh.faces):
+            digest.update(np.ascontiguousarray(array).data)
+        return digest.hexdigest()
+
+
+def opened(settings: ExtractSettings, bound: StoredBinding | None = None) -> Inputs:
+    """Open the clip, and read what is named beside it; not the binding file again if it is known.
+
+    Raises
+    ------
+    InputError
+        Naming the file at fault.
+    """
     sequence, rest = clip_and_rest(
         settings.frames, settings.clip, settings.rest, settings.rest_frame
     )
     cage = load_mesh(settings.cage) if settings.cage is not None else None
     if settings.binding is not None:
-        bound = from_file(settings.binding, rest, cage)
-        sources = dict(bound.sources)
+        bound = bound or from_file(settings.binding, rest, cage)
+        sources = bound.sources | {"rest": rest.source}
     else:
         bound, sources = None, {"rest": rest.source}
         if cage is not None:

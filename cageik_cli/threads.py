@@ -47,6 +47,16 @@ def blas_threads(count: int) -> AbstractContextManager[object]:
     return limits
 
 
+def limit_blas_for_good(count: int = 1) -> None:
+    """Let the linear algebra of this process use `count` threads from now on.
+
+    For processes that work beside others: each has its share of the processors.
+    """
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(limits=count, user_api="blas")
+
+
 class InOrder(Generic[Item, Made]):
     """What `work` makes of items, in their order, made by threads before it is asked for.
 

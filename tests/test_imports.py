@@ -37,6 +37,7 @@ OWNERS = {
     "pygltflib": {"export.writers.gltf"},
     "jinja2": {"report.templating"},
     "markupsafe": {"report.templating", "report.page"},
+    "distributed": {"batch.cluster", "batch.pieces"},
     "natsort": {"sequence.opening"},
     "threadpoolctl": {"threads"},
     "pxr": {

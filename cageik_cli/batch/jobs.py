@@ -1,10 +1,15 @@
 """What a batch is to do, and what came of it."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Protocol
 
 from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report import Entry, Limits
+
+CLIPS = "clips"
+"""The folder of the clips' results, in the batch's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,3 +55,14 @@ class Outcome:
 
     entry: Entry
     state: State
+
+
+class Scheduler(Protocol):
+    """Who does jobs; a context manager, at whose end nothing of it is left."""
+
+    def __enter__(self) -> "Scheduler": ...
+
+    def __exit__(self, *error: object) -> None: ...
+
+    def outcomes(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
+        """What came of each, as they end."""

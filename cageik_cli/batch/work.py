@@ -1,13 +1,16 @@
 """The work on one clip, wherever it is done: extract, report, draw the page."""
 
 from cageik_cli.batch.jobs import ClipJob, Outcome, State
-from cageik_cli.errors import sentence_of
-from cageik_cli.extraction import extract
+from cageik_cli.errors import CageikError, sentence_of
+from cageik_cli.extraction import extract, held_result
+from cageik_cli.inputs import bound_of, opened
 from cageik_cli.layout import printable
 from cageik_cli.observer import Observer
 from cageik_cli.report import Entry, entry_of, report_of
+from cageik_cli.resuming import prepare_result
 from cageik_cli.solving import Crew
 from cageik_cli.store.binding_file import StoredBinding
+from cageik_cli.store.result import Result
 
 
 class _Heard(Observer):
@@ -33,8 +36,36 @@ def work_on(job: ClipJob, bound: StoredBinding | None = None, crew: Crew | None 
     heard = _Heard()
     try:
         result = extract(job.settings, heard, bound, crew)
-        report = report_of(result, job.limits, job.name)
+        return _reported(job, result, State.UNCHANGED if heard.was_whole else State.DONE)
     except Exception as error:
-        return Outcome(Entry(job.name, fault=printable(sentence_of(error))), State.FAILED)
-    entry = entry_of(report, result=f"{job.name}{job.settings.output.suffix}")
-    return Outcome(entry, State.UNCHANGED if heard.was_whole else State.DONE)
+        return failed(job, sentence_of(error))
+
+
+def looked_at(job: ClipJob) -> Outcome | str:
+    """What came of a job of which nothing is left to do; else the key of the weights it needs."""
+    try:
+        prepare_result(job.settings.output, job.settings.overwrite, job.settings.resume)
+        inputs, held = held_result(job.settings)
+        if held is not None:
+            return _reported(job, held, State.UNCHANGED)
+        return inputs.weights_key(job.settings)
+    except Exception as error:
+        return failed(job, sentence_of(error))
+
+
+def bound_for(job: ClipJob) -> StoredBinding | None:
+    """The weights that a job needs; None if there are none, for each job then says why itself."""
+    try:
+        return bound_of(opened(job.settings), job.settings, Observer())
+    except CageikError:
+        return None
+
+
+def failed(job: ClipJob, sentence: str) -> Outcome:
+    """The outcome of a job that ended with a sentence."""
+    return Outcome(Entry(job.name, fault=printable(sentence)), State.FAILED)
+
+
+def _reported(job: ClipJob, result: Result, state: State) -> Outcome:
+    report = report_of(result, job.limits, job.name)
+    return Outcome(entry_of(report, result=f"{job.name}{job.settings.output.suffix}"), state)

@@ -2,7 +2,7 @@
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -161,6 +161,10 @@ class MeshSequence(ABC):
             return self.digest(index)
         except InputError:
             return bytes(hashlib.sha256().digest_size)
+
+    @abstractmethod
+    def recall(self, start: int, stamps: Sequence[bytes]) -> None:
+        """Take the stamps of frames from `start` on from who has read them: not to read again."""
 
     @abstractmethod
     def source(self) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """A clip that is one mesh file a frame, in the natural order of the names."""
 
 import hashlib
+from collections.abc import Sequence
 from typing import Any
 
 from cageik_cli.errors import located
@@ -64,6 +65,10 @@ class Reader(MeshSequence):
             with located(self._paths[index]):
                 self._read(index)
         return self._digests[index]
+
+    def recall(self, start: int, stamps: Sequence[bytes]) -> None:
+        """Take digests of files from who has read them; a stamp of zeros says nothing."""
+        self._digests |= {k: stamp for k, stamp in enumerate(stamps, start) if any(stamp)}
 
     def source(self) -> dict[str, Any]:
         """Names of the first and last file, their count, and a digest over all in order."""

@@ -1,0 +1,264 @@
+"""The jobs of a batch on a Dask cluster."""
+
+import asyncio
+import logging
+import time
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from importlib import metadata
+from itertools import islice
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from cageik_cli import __version__
+from cageik_cli.batch.jobs import ClipJob, Outcome
+from cageik_cli.batch.pieces import PIECE_SECONDS, Pieces, WeightsTask, sentence_of_killed
+from cageik_cli.batch.work import failed, looked_at, work_on
+from cageik_cli.errors import InputError, sentence_of
+from cageik_cli.locks import open_locked
+from cageik_cli.optional import needing
+from cageik_cli.store.binding_file import StoredBinding
+from cageik_cli.store.result import partial_name
+from cageik_cli.threads import limit_blas_for_good
+
+CONNECT_SECONDS = 10.0
+"""For the scheduler to answer."""
+
+PATIENCE = 60.0
+"""Seconds without any worker after which a batch gives up."""
+
+LOG_SECONDS = 30.0
+"""A worker that the scheduler has given up may go on for a moment, and have the log of a clip."""
+
+PAUSE = 0.1
+"""Seconds between two looks at such a log."""
+
+NOISY = ("distributed", "tornado", "asyncio")
+"""Loggers that speak of what is told in sentences here."""
+
+
+class Cluster:
+    """A Dask cluster that is there already.
+
+    Every clip is a task, and the weights that clips share are one; the scheduler brings them to
+    each worker once. Long clips are solved in pieces, by all workers. What a worker that dies had
+    under way is done again by another: a clip from where its log ends.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler: "tcp://host:8786".
+    patience : float
+        Seconds to wait for a first worker, or for another when the last has gone.
+    piece_seconds : float
+        Work of a piece of a clip, at least.
+    """
+
+    def __init__(
+        self, address: str, patience: float = PATIENCE, piece_seconds: float = PIECE_SECONDS
+    ) -> None:
+        self._address, self._patience, self._seconds = address, patience, piece_seconds
+        self._stack = ExitStack()
+
+    def __enter__(self) -> "Cluster":
+        """Connect.
+
+        Raises
+        ------
+        InputError
+            When the scheduler does not answer, or the workers are none or not fit.
+        """
+        with needing("distributed", "dask", f"the scheduler {self._address}"):
+            import distributed  # noqa: F401  its loggers are there from now on
+        with self._stack as stack:
+            stack.enter_context(_quiet())
+            self._client = stack.enter_context(self._connected())
+            self._refuse_unfit()
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def outcomes(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
+        """What came of each job, as they end.
+
+        Raises
+        ------
+        InputError
+            When the scheduler, or all workers, are gone.
+        """
+        by_key: dict[str, list[ClipJob]] = {}
+        for job, seen in self._done(self._looks(jobs)):
+            if isinstance(seen, Outcome):
+                yield seen
+            else:
+                by_key.setdefault(seen, []).append(job)
+        for _, outcome in self._done(self._clips(by_key)):
+            yield outcome
+
+    def _looks(self, jobs: Iterable[ClipJob]) -> Iterator[tuple[ClipJob, Any]]:
+        for job in jobs:
+            # A worker has one processor; others are there for other clips.
+            alone = replace(job, settings=replace(job.settings, jobs=1))
+            yield alone, self._client.submit(looked_at, alone, pure=False)
+
+    def _clips(self, by_key: dict[str, list[ClipJob]]) -> Iterator[tuple[ClipJob, Any]]:
+        """Tasks of jobs, those with the same weights one after the other."""
+        for jobs in by_key.values():
+            # The weights are kept as long as this future, or a task that needs them.
+            task = WeightsTask(f"weights-{uuid4().hex}", jobs[0])
+            weights = task.asked_of(self._client)
+            for job in jobs:
+                arguments = (job, weights, task, self._seconds)
+                yield job, self._client.submit(clip_done, *arguments, pure=False)
+
+    def _done(self, tasks: Iterator[tuple[ClipJob, Any]]) -> Iterator[tuple[ClipJob, Any]]:
+        """Jobs and what their tasks gave, as they end; twice as many as workers are under way."""
+        pending: dict[Any, ClipJob] = {}
+        try:
+            while True:
+                with self._reachable():
+                    room = 2 * max(1, len(self._client.nthreads())) - len(pending)
+                    pending |= {future: job for job, future in islice(tasks, max(0, room))}
+                if not pending:
+                    return
+                for future in self._first_of(list(pending)):
+                    job = pending.pop(future)
+                    yield job, self._result(job, future)
+        finally:
+            self._client.cancel(list(pending))
+
+    def _first_of(self, futures: list[Any]) -> list[Any]:
+        """Those that have ended, at least one."""
+        from distributed import wait
+
+        while True:
+            try:
+                with self._reachable():
+                    done = wait(futures, timeout=self._patience, return_when="FIRST_COMPLETED").done
+            except TimeoutError:
+                self._await_worker()
+            else:
+                return list(done)
+
+    def _result(self, job: ClipJob, future: Any) -> Any:
+        """What a task gave, or the outcome of a job whose task failed."""
+        from distributed import KilledWorker
+
+        with self._reachable():
+            if future.status != "error":
+                return future.result()
+            error = future.exception()
+        is_killed = isinstance(error, KilledWorker)
+        return failed(job, sentence_of_killed(error) if is_killed else sentence_of(error))
+
+    @contextmanager
+    def _connected(self) -> Iterator[Any]:
+        """A client, if there is a scheduler."""
+        from distributed import Client
+        from distributed.comm import connect
+
+        async def reach() -> None:
+            await (await connect(self._address, timeout=CONNECT_SECONDS)).close()
+
+        try:
+            asyncio.run(reach())  # a client that cannot connect would not end cleanly
+            with warnings.catch_warnings(action="ignore"):  # on versions, which are compared below
+                client = Client(self._address, timeout=CONNECT_SECONDS)
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"{self._address}: no Dask scheduler answers ({error}); give the address that "
+                "`dask scheduler` prints when it starts, as tcp://HOST:8786"
+            ) from error
+        with client:
+            yield client
+
+    @contextmanager
+    def _reachable(self) -> Iterator[None]:
+        """Make a sentence of a connection that is lost; not of a wait that takes too long."""
+        from distributed import CancelledError
+
+        try:
+            yield
+        except TimeoutError:
+            raise
+        except (OSError, CancelledError) as error:
+            raise InputError(
+                f"{self._address}: the scheduler is gone, or has dropped what it was given; see "
+                "its log, start it again, and go on with --resume"
+            ) from error
+
+    def _await_worker(self) -> None:
+        try:
+            with self._reachable():
+                self._client.wait_for_workers(1, timeout=self._patience)
+        except TimeoutError as error:
+            raise InputError(
+                f"{self._address}: the scheduler has had no worker for {self._patience:g} s; start "
+                f"some with `dask worker {self._address} --nthreads 1 --nworkers N`, and go on "
+                "with --resume"
+            ) from error
+
+    def _refuse_unfit(self) -> None:
+        """Refuse workers of other versions, and those whose threads would share a clip's limits."""
+        self._await_worker()
+        with self._reachable():
+            threads = self._client.nthreads()
+            versions = self._client.run(metadata.version, "cageik", on_error="return")
+        for worker, count in threads.items():
+            if count > 1:
+                raise InputError(
+                    f"worker {worker} has {count} threads, expected 1, since the threads of a "
+                    "process share one setting of the linear algebra, on which last digits "
+                    "depend; start more workers instead: `dask worker --nthreads 1 --nworkers "
+                    f"{count}`"
+                )
+        for worker, version in versions.items():
+            if version != __version__:
+                is_there = isinstance(version, str)
+                raise InputError(
+                    f"worker {worker} has {f'cageik {version}' if is_there else 'no cageik'} "
+                    f"({'' if is_there else f'{version}; '}here is {__version__}); install the "
+                    "same version in the environment of all workers"
+                )
+
+
+def clip_done(
+    job: ClipJob, bound: StoredBinding | None, weights: WeightsTask, seconds: float
+) -> Outcome:
+    """A task: what came of a job, pieces of which take `seconds` at least."""
+    limit_blas_for_good()
+    await_log(partial_name(job.settings.output), LOG_SECONDS)
+    return work_on(job, bound, Pieces(job.settings, weights, seconds))
+
+
+def await_log(path: Path, seconds: float) -> None:
+    """Wait until no other process has a clip's log, but not for long: who wants it then, says so.
+
+    A worker that the scheduler has given up may still be at it.
+    """
+    end = time.monotonic() + seconds
+    while path.exists() and time.monotonic() < end:
+        file = open_locked(path)
+        if file is not None:
+            file.close()
+            return
+        time.sleep(PAUSE)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep other libraries' logs from the terminal."""
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in NOISY]
+    levels = {name: logging.getLogger(name).level for name in {*names, *NOISY}}
+    for name in levels:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
