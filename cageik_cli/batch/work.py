@@ -1,6 +1,6 @@
 """The work on one clip, wherever it is done: extract, report, draw the page."""
 
-from cageik_cli.batch.jobs import ClipJob, Outcome, State
+from cageik_cli.batch.jobs import CLIPS, ClipJob, Outcome, State
 from cageik_cli.errors import CageikError, sentence_of
 from cageik_cli.extraction import extract, held_result
 from cageik_cli.inputs import bound_of, opened
@@ -67,5 +67,5 @@ def failed(job: ClipJob, sentence: str) -> Outcome:
 
 
 def _reported(job: ClipJob, result: Result, state: State) -> Outcome:
-    report = report_of(result, job.limits, job.name)
-    return Outcome(entry_of(report, result=f"{job.name}{job.settings.output.suffix}"), state)
+    report, place = report_of(result, job.limits, job.name), f"{CLIPS}/{job.name}"
+    return Outcome(entry_of(report, f"{place}.h5"), state)

@@ -3,6 +3,7 @@
 import click
 
 from cageik_cli import __version__
+from cageik_cli.cli.batch import batch_command
 from cageik_cli.cli.bind import bind_command
 from cageik_cli.cli.check import check_command
 from cageik_cli.cli.deform import deform_command
@@ -17,6 +18,7 @@ from cageik_cli.cli.report import report_command
     cls=CageikGroup,
     commands=[
         extract_command,
+        batch_command,
         report_command,
         export_command,
         deform_command,

@@ -6,6 +6,9 @@ from typing import Any
 
 import click
 
+CLIPS = "clips"
+"""The table of tables by clips' names, for `cageik batch`."""
+
 
 def read_config(ctx: click.Context, param: click.Parameter, path: Path | None) -> None:
     """Make the entries of the file's table for this command its defaults.
@@ -17,26 +20,51 @@ def read_config(ctx: click.Context, param: click.Parameter, path: Path | None) -
     """
     if path is None:
         return
+    tables, name = read_tables(path), str(ctx.info_name)
+    _refuse_other_tables(ctx, path, tables)
+    chosen = options_of(path, name, tables.get(name, {}), ctx.command)
+    ctx.default_map = {**(ctx.default_map or {}), **chosen}
+
+
+def read_tables(path: Path) -> dict[str, Any]:
+    """What a TOML file holds.
+
+    Raises
+    ------
+    click.BadParameter
+        Naming the file, when it is not TOML.
+    """
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as error:
         raise click.BadParameter(f"{path}: cannot be read as TOML: {error}") from error
-    _refuse_other_tables(ctx, path, tables)
-    options = {_typed(option): option for option in ctx.command.params if option.name != "config"}
+
+
+def options_of(path: Path, title: str, table: Any, command: click.Command) -> dict[str, Any]:
+    """The values that a file's table called `title` gives to options, by their parameters' names.
+
+    Raises
+    ------
+    click.BadParameter
+        Naming the file, when it is no table, or an entry is not an option or not a value of it.
+    """
+    if not isinstance(table, dict):
+        raise click.BadParameter(f"{path}: `{title}` is not a table of options")
+    options = {_typed(option): option for option in command.params if option.name != "config"}
     chosen = {}
-    for key, value in tables.get(str(ctx.info_name), {}).items():
+    for key, value in table.items():
         option = options.get(key.replace("-", "_"))
         if not isinstance(option, click.Option):
             known = sorted(name for name, p in options.items() if isinstance(p, click.Option))
             raise click.BadParameter(
-                f"{path}: [{ctx.info_name}] has no option {key}; expected some of "
+                f"{path}: [{title}] has no option {key}; expected some of "
                 f"{', '.join(map(str, known))}"
             )
         values = value if option.multiple and isinstance(value, list) else [value]
         if not all(_is_value_of(option, one) for one in values):
             raise click.BadParameter(f"{path}: {key} = {value!r} is not a value of --{key}")
-        chosen[option.name] = values if option.multiple else value
-    ctx.default_map = {**(ctx.default_map or {}), **chosen}
+        chosen[str(option.name)] = values if option.multiple else value
+    return chosen
 
 
 def _typed(param: click.Parameter) -> str:
@@ -49,7 +77,7 @@ def _refuse_other_tables(ctx: click.Context, path: Path, tables: dict[str, Any])
     group = ctx.parent.command if ctx.parent else None
     commands = group.commands if isinstance(group, click.Group) else {str(ctx.info_name): None}
     for name, table in tables.items():
-        if name not in commands:
+        if name not in [*commands, CLIPS]:
             raise click.BadParameter(
                 f"{path}: {name} is not a command; expected tables of options, "
                 f"{', '.join(f'[{command}]' for command in commands)}"

@@ -98,7 +98,7 @@ def extract_command(**options: Any) -> None:
     exports: tuple[Path, ...] = options.pop("exports")
     baseline: Path | None = options["baseline"]
     limits = limits_of(options)
-    settings = _settings(options)
+    settings = extract_settings(options)
 
     from cageik_cli.cli.watching import watched
     from cageik_cli.export import Output
@@ -122,8 +122,9 @@ def extract_command(**options: Any) -> None:
         result = extract(settings, watch)
         written = [export(one, watch) for one in also]
     report = report_of(result, limits)
+    overview = overview_of([entry_of(report)])
     if quiet:
-        echo_over_limits([report])
+        echo_over_limits(overview)
     else:
         lines = [as_text(report), *map(row, watch.rows())]
         lines += [one.line for one in written]
@@ -133,11 +134,17 @@ def extract_command(**options: Any) -> None:
         click.echo(f"cache: {settings.cache}", err=True)
         click.echo(f"settings: {json.dumps(result.settings)}", err=True)
         click.echo(f"sources: {json.dumps(result.sources)}", err=True)
-    exit_by(overview_of([entry_of(report)]))
+    exit_by(overview)
 
 
-def _settings(options: dict[str, Any]) -> Any:
-    """The settings that the options mean; values that contradict are wrong usage."""
+def extract_settings(options: dict[str, Any]) -> Any:
+    """The settings that the options mean.
+
+    Raises
+    ------
+    click.UsageError
+        When values contradict each other.
+    """
     from cageik_cli.binding import BindSettings
     from cageik_cli.dual_laplacian import SolveSettings
     from cageik_cli.inputs import ExtractSettings

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -37,6 +37,8 @@ class MostType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable 
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Parse the text."""
+        if isinstance(value, Most):
+            return value
         number = r"(\d+\.?\d*|\.\d+)(e[+-]?\d{1,3})?"
         match = re.fullmatch(rf"\+?({number})\s*(%?)", str(value).strip(), re.ASCII | re.IGNORECASE)
         if not match or not math.isfinite(float(match[1])):
@@ -129,14 +131,14 @@ def limits_of(options: dict[str, Any]) -> Any:
     return Limits(limits, read_baseline(path, regression.value if regression else REGRESSION))
 
 
-def echo_over_limits(reports: Sequence[Any]) -> None:
+def echo_over_limits(overview: Any) -> None:
     """Say on stderr which figures are over their limits, a line each."""
     from cageik_cli.report import gate_row
 
-    for report in reports:
-        for gate in report.gates:
+    for entry in overview.clips:
+        for gate in entry.gates:
             if gate.passed is False:
-                click.echo(f"{report.result}: {': '.join(gate_row(gate))}", err=True)
+                click.echo(f"{entry.name}: {': '.join(gate_row(gate))}", err=True)
 
 
 def exit_by(overview: Any) -> None:

@@ -67,7 +67,7 @@ def report_command(results: tuple[Path, ...], overwrite: bool, quiet: bool, **op
             write_or_print(views[name](), path, overwrite)
     append_step_summary(as_markdown(overview))
     if quiet:
-        echo_over_limits(reports)
+        echo_over_limits(overview)
     else:
         click.echo("\n\n".join(map(as_text, reports)), err=is_stdout_taken)
     exit_by(overview)

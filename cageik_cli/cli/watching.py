@@ -11,6 +11,7 @@ from typing import NoReturn
 
 from tqdm import tqdm
 
+from cageik_cli.layout import row
 from cageik_cli.observer import Observer
 from cageik_cli.outputs import prepare, write_text
 
@@ -19,6 +20,7 @@ _BARS = {
     "bind": ("bind", "vertices"),
     "read": ("frames", "frames"),
     "export": ("export", "frames"),
+    "batch": ("batch", "clips"),
 }
 
 
@@ -84,12 +86,27 @@ class Watch(Observer):
         self._bar = tqdm(desc=label, unit=f" {unit}", file=sys.stderr, dynamic_ncols=True)
 
 
+class Lines(Watch):
+    """Shows what is remarked at once, a line each, if it draws at all."""
+
+    def __init__(self, draw: bool) -> None:
+        super().__init__(draw)
+        self._speaks = draw
+
+    def remark(self, topic: str, text: str) -> None:
+        """Show it."""
+        if self._speaks:
+            tqdm.write(row((topic, text)), file=sys.stderr)
+
+
 @contextmanager
-def watched(draw: bool, timings: Path | None, overwrite: bool) -> Iterator[Watch]:
+def watched(
+    draw: bool, timings: Path | None, overwrite: bool, kind: type[Watch] = Watch
+) -> Iterator[Watch]:
     """A watch over the block, closed at its end; its seconds are written if the block succeeds."""
     if timings is not None:
         prepare(timings, overwrite)
-    watch = Watch(draw)
+    watch = kind(draw)
     try:
         yield watch
     finally:

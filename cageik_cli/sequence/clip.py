@@ -147,6 +147,11 @@ class MeshSequence(ABC):
         """What files hold that are no clip by themselves, in labelled lines; none for a clip."""
         return []
 
+    @classmethod
+    def members(cls, path: Path) -> list[str]:
+        """Names of the clips in a file of several; none if the file is a clip itself."""
+        return []
+
     @abstractmethod
     def positions(self, index: int) -> np.ndarray:
         """Vertices of one frame as the file has them, in the connectivity of `first`."""

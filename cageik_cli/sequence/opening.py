@@ -2,6 +2,7 @@
 
 import glob
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 from natsort import natsort_keygen, ns
@@ -48,6 +49,24 @@ def open_sequence(
     """
     reader, request = _requested(arguments, how or ClipSettings(), rest)
     return reader(request)
+
+
+def members_of(path: Path) -> list[str]:
+    """Names of the clips in a file of several; none if the file is a clip itself, or unsound."""
+    try:
+        return _readers()[kind_of(path)].members(path)
+    except InputError:
+        return []  # whoever opens it is told
+
+
+def clip_suffixes() -> tuple[str, ...]:
+    """The kinds of files that are read."""
+    return tuple(_readers())
+
+
+def in_natural_order(paths: Iterable[Path]) -> list[Path]:
+    """Paths as people count: 2 before 10. Those alike but for leading zeros, by their text."""
+    return sorted(paths, key=lambda path: (_NATURAL(path), str(path)))
 
 
 def outline(arguments: list[str], how: ClipSettings) -> list[tuple[str, str]]:
@@ -107,8 +126,7 @@ def frame_paths(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:
     named = [path for argument in arguments for path in _named_by(argument, suffixes)]
     # A link to a frame is a frame of its own (a hold); another spelling of its path is not.
     once = {os.path.abspath(path): path for path in named}
-    # Names that differ only in leading zeros are alike in natural order: their text decides.
-    return sorted(once.values(), key=lambda path: (_NATURAL(path), str(path)))
+    return in_natural_order(once.values())
 
 
 def _parted(arguments: list[str]) -> tuple[list[str], str | None]:

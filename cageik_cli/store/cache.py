@@ -15,8 +15,8 @@ import stat
 import struct
 import tempfile
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -25,10 +25,14 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.binding import ALGORITHMS, Binding, BindSettings
+from cageik_cli.locks import open_locked, remove_locked
 from cageik_cli.mesh import TriMesh
 
 LARGEST = 2 << 30
 """Bytes that the entries of a cache may take; those used longest ago make room."""
+
+PAUSE = 0.05
+"""Seconds between two looks whether another process has computed an entry."""
 
 STALE = 3600.0
 """Seconds after which a file that is still being written was left by a process that was killed."""
@@ -77,7 +81,7 @@ class WeightCache:
     Parameters
     ----------
     folder : Path
-        Made when the first entry is written. Files in it that are not of the cache are left alone.
+        Made when the first entry is computed. Files in it that are not of the cache are left alone.
     remark : callable
         Told, in a sentence, what could not be read or written, and what was saved.
     largest : int
@@ -93,25 +97,53 @@ class WeightCache:
     ) -> Binding:
         """The binding that `compute` gives, from the cache if it is there."""
         key = key_of(rest, cage, settings)
+        entry = self._timed(key)
+        if entry is None:
+            with self._alone(key):
+                entry = self._timed(key)  # who was waited for has written it
+                if entry is None:
+                    start = time.perf_counter()
+                    binding = compute()
+                    self.write(key, _entry_of(binding, time.perf_counter() - start))
+                    return binding
+        return Binding(
+            rest=rest,
+            cage=TriMesh(cage.vertices, entry.faces),
+            weights=entry.weights,
+            settings=settings,
+            panels=entry.panels,
+            estimated_error=entry.estimated_error,
+            projected=entry.projected,
+            notes=entry.notes,
+        )
+
+    def _timed(self, key: str) -> Entry | None:
+        """The entry of a key, if it is there; what that saved is remarked."""
         start = time.perf_counter()
         entry = self.read(key)
         if entry is not None:
             saved = max(0.0, entry.seconds - (time.perf_counter() - start))
             self._remark(f"weights taken from it, {saved:.1f} s saved")
-            return Binding(
-                rest=rest,
-                cage=TriMesh(cage.vertices, entry.faces),
-                weights=entry.weights,
-                settings=settings,
-                panels=entry.panels,
-                estimated_error=entry.estimated_error,
-                projected=entry.projected,
-                notes=entry.notes,
-            )
-        start = time.perf_counter()
-        binding = compute()
-        self.write(key, _entry_of(binding, time.perf_counter() - start))
-        return binding
+        return entry
+
+    @contextmanager
+    def _alone(self, key: str) -> Iterator[None]:
+        """Wait for the process that computes this entry, and be it then.
+
+        In a folder that cannot be written nobody waits.
+        """
+        path = self.folder / f"{key}.lock.partial"
+        try:
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            while (file := open_locked(path)) is None:
+                time.sleep(PAUSE)
+        except OSError:
+            yield
+            return
+        try:
+            yield
+        finally:
+            remove_locked(path, file)
 
     def read(self, key: str) -> Entry | None:
         """The entry of a key, if it is there; one that is damaged is deleted, and remarked."""

@@ -1,25 +1,16 @@
 """A batch on a cluster of two processes: the same bytes as one process, whoever dies."""
 
-import os
-import signal
-import threading
-import time
 from dataclasses import replace
 
 import pytest
 
 distributed = pytest.importorskip("distributed")
 
-from cageik_cli.batch import cluster as module
-from cageik_cli.batch.cluster import Cluster, await_log
+from cageik_cli.batch.cluster import Cluster
 from cageik_cli.batch.jobs import ClipJob, State
-from cageik_cli.batch.pieces import cut
-from cageik_cli.batch.work import bound_for, looked_at, work_on
+from cageik_cli.batch.work import work_on
 from cageik_cli.binding import BindSettings
-from cageik_cli.errors import InputError
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.locks import open_locked
-from cageik_cli.threads import limit_blas_for_good
 
 ONE_FRAME = 16_000
 """Bytes that the weights, and blocks of one frame of the little animation, have room for."""

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.binding import ALGORITHMS, COORDINATES, Binding, BindSettings, bind
+from cageik_cli.locks import open_locked, remove_locked
 from cageik_cli.mesh import TriMesh
 from cageik_cli.store import cache as module
 from cageik_cli.store.cache import Entry, WeightCache, key_of
@@ -101,7 +102,8 @@ def test_a_hit_gives_the_binding_that_was_computed(kept, said, coarse_panels, na
 
 
 def test_the_seconds_saved_are_those_of_the_computation(kept, said, monkeypatch):
-    clock = iter([0.0, 10.0, 12.5, 20.0, 20.5])
+    # Looked for, and again when nobody else computes it; computed; found.
+    clock = iter([0.0, 5.0, 10.0, 12.5, 20.0, 20.5])
     monkeypatch.setattr(module.time, "perf_counter", lambda: next(clock))
     bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
     for _ in range(2):
@@ -115,7 +117,41 @@ def test_what_is_refused_is_not_kept(kept):
 
     with pytest.raises(ValueError, match="no"):
         kept.bound(ball(1), box(), SETTINGS, refuse)
-    assert not kept.folder.exists()
+    assert list(kept.folder.iterdir()) == []
+
+
+def test_one_process_at_a_time_computes_an_entry(kept, monkeypatch):
+    """Who waits takes what the other has written."""
+    bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
+    given = (TETRAHEDRON, TETRAHEDRON, SETTINGS)
+    path = kept.folder / f"{module.key_of(*given)}.lock.partial"
+    kept.folder.mkdir(parents=True)
+    other, waited = open_locked(path), []
+
+    def wait(seconds):
+        waited.append(seconds)
+        if len(waited) == 2:
+            kept.write(module.key_of(*given), module._entry_of(bound, 1.0))
+            remove_locked(path, other)
+
+    monkeypatch.setattr(module.time, "sleep", wait)
+
+    def compute():
+        raise AssertionError("computed")
+
+    found = kept.bound(*given, compute)
+    np.testing.assert_array_equal(found.weights, bound.weights)
+    assert waited == [module.PAUSE] * 2
+    assert [path.suffix for path in kept.folder.iterdir()] == [".weights"]
+
+
+def test_in_a_folder_that_cannot_be_written_nobody_waits(kept, monkeypatch):
+    def full(path):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(module, "open_locked", full)
+    bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
+    assert kept.bound(TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound) is bound
 
 
 def moved(mesh, vertex, by):

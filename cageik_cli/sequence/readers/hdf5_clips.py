@@ -1,6 +1,7 @@
 """Clips in HDF5 files, in the layouts of SPLOCS and of D-FAUST."""
 
 from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 
@@ -32,6 +33,13 @@ class Reader(ClipFile):
             refuse_counted_from_one(faces, self._frames.vertices)
             self.first = TriMesh(self._frames.frame(self.numbers[0]), faces)
             stack.pop_all()  # open from here on
+
+    @classmethod
+    def members(cls, path: Path) -> list[str]:
+        """The clips of a file that holds several."""
+        with opened(path) as file:
+            _, names = clips_of(file)
+        return names if len(names) > 1 else []
 
     @classmethod
     def outline(cls, request: ClipRequest) -> list[tuple[str, str]]:

@@ -1,0 +1,159 @@
+"""Clips under folders: folders of frames, and files that hold clips."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatch
+from pathlib import Path
+
+from cageik_cli.errors import InputError
+from cageik_cli.hdf5 import SUFFIXES
+from cageik_cli.layout import printable
+from cageik_cli.sequence import clip_suffixes, in_natural_order, kind_of, members_of
+from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
+from cageik_cli.store.binding_file import is_binding
+from cageik_cli.store.result import is_result
+
+FEWEST_FRAMES = 2
+"""Mesh files in a folder that are taken for a clip: one alone is a rest pose, a cage or a prop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A clip.
+
+    Attributes
+    ----------
+    name : str
+        Its path under the folder it was looked for in, with forward slashes.
+    home : Path
+        The folder it is in.
+    place : Path
+        The folder that is the clip, or its file, or the file and the clip's name in it.
+    frames : tuple of str
+        What `cageik extract` would be given.
+    """
+
+    name: str
+    home: Path
+    place: Path
+    frames: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """What is not looked at.
+
+    Attributes
+    ----------
+    named : frozenset of Path
+        Files that are cages, rest poses and the like; resolved.
+    output : Path
+        The folder of the batch's own results.
+    exclude : tuple of str
+        Patterns of clips' names.
+    """
+
+    named: frozenset[Path]
+    output: Path
+    exclude: tuple[str, ...] = ()
+
+
+def folders_under(root: Path, output: Path) -> Iterator[Path]:
+    """A folder and all in it that are not hidden, each once, in natural order; not `output`.
+
+    Raises
+    ------
+    InputError
+        When it is none, or one cannot be read.
+    """
+    if not root.is_dir():
+        raise InputError(f"{root}: no such folder; name one with animations")
+    seen = {output.resolve()}
+    waiting = [root]
+    while waiting:
+        folder = waiting.pop()
+        place = folder.resolve()
+        if place in seen:
+            continue  # the output, or a link back to what was seen
+        seen.add(place)
+        yield folder
+        try:
+            inside = [path for path in folder.iterdir() if path.is_dir()]
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be read ({error.strerror or error})") from error
+        visible = [path for path in inside if not path.name.startswith(".")]
+        waiting += reversed(in_natural_order(visible))
+
+
+def clips_under(roots: Sequence[Path], search: Search) -> list[Found]:
+    """All clips under the folders, in natural order; with several, names begin with theirs.
+
+    Raises
+    ------
+    InputError
+        When two clips would have one name, or there is none.
+    """
+    found: list[Found] = []
+    for root in roots:
+        prefix = f"{root.resolve().name}/" if len(roots) > 1 else ""
+        for folder in folders_under(root, search.output):
+            for clip in _clips_in(folder, root, search):
+                if not any(fnmatch(clip.name, pattern) for pattern in search.exclude):
+                    found.append(replace(clip, name=prefix + clip.name))
+    if not found:
+        raise InputError(
+            f"{', '.join(map(str, roots))}: no clip found, expected folders of frames "
+            f"({', '.join(MESH_SUFFIXES)}), or files of kinds {', '.join(_clip_files())}"
+        )
+    places: dict[str, Found] = {}
+    for clip in found:
+        other = places.setdefault(clip.name.casefold(), clip)
+        if other is not clip:
+            raise InputError(
+                f"{clip.frames[0]}: its results would have the name of those of "
+                f"{other.frames[0]}, {clip.name}; rename one of them"
+            )
+    return found
+
+
+def _clips_in(folder: Path, root: Path, search: Search) -> Iterator[Found]:
+    """The clip that the folder's mesh files are, and those that its other files hold."""
+    files = [path for path in folder.iterdir() if path.is_file() and path.name[0] != "."]
+    files = in_natural_order([path for path in files if path.resolve() not in search.named])
+    frames = [str(path) for path in files if kind_of(path) in MESH_SUFFIXES]
+    if len(frames) >= FEWEST_FRAMES:
+        yield Found(_name(folder, root), folder, folder, tuple(frames))
+    for path in files:
+        if kind_of(path) not in _clip_files() or _is_ours(path):
+            continue
+        name, members = _name(path, root), members_of(path)
+        if not members:
+            yield Found(name, folder, path, (str(path),))
+        for member in members:
+            plain = _plain(member)
+            yield Found(f"{name}/{plain}", folder, path / plain, (f"{path}::{member}",))
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether it is a result or a binding of this program; one lies where results are kept."""
+    if path.suffix.lower() not in SUFFIXES:
+        return False
+    try:
+        return is_result(path) or is_binding(path)
+    except InputError:
+        return False  # whoever opens it is told
+
+
+def _clip_files() -> list[str]:
+    return [suffix for suffix in clip_suffixes() if suffix not in MESH_SUFFIXES]
+
+
+def _name(path: Path, root: Path) -> str:
+    parts = path.relative_to(root).parts or (root.resolve().name or "clip",)
+    return "/".join(_plain(part) for part in parts)
+
+
+def _plain(name: str) -> str:
+    """A name as part of a path that stays where it is put."""
+    text = "".join("_" if c in '/\\:*?"<>|' or c < " " else c for c in printable(name))
+    return text.strip(". ") or "_"

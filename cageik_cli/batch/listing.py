@@ -1,0 +1,41 @@
+"""What a batch would do, without doing it."""
+
+from collections.abc import Iterator
+
+from cageik_cli.batch.jobs import ClipJob
+from cageik_cli.batch.running import Batch
+from cageik_cli.errors import CageikError
+from cageik_cli.extraction import held_result
+from cageik_cli.layout import page
+from cageik_cli.store.result import partial_name
+
+
+def listed(batch: Batch) -> Iterator[str]:
+    """A few lines a clip: what it is, its cage, where its result would be and what is there."""
+    refused = {entry.name: entry.fault for entry in batch.refused}
+    jobs = {job.name: job for job in batch.jobs}
+    for name in batch.order:
+        rows = [("refused", str(refused[name]))] if name in refused else _rows(jobs[name])
+        yield page(name, rows)
+
+
+def _rows(job: ClipJob) -> list[tuple[str, str]]:
+    settings = job.settings
+    try:
+        inputs, held = held_result(settings)
+    except CageikError as error:
+        return [("would fail", str(error))]
+    if held is not None:
+        state = "is whole and unchanged, and stays"
+    elif partial_name(settings.output).exists():
+        state = "has been begun"
+    elif settings.output.exists():
+        state = "would be replaced"
+    else:
+        state = "would be new"
+    vertices = len(inputs.sequence.first.vertices)
+    return [
+        ("frames", f"{len(inputs.sequence)} of {vertices} vertices, {inputs.sequence.names[0]} on"),
+        ("cage", str(settings.cage or settings.binding)),
+        ("result", f"{settings.output}, {state}"),
+    ]

@@ -1,0 +1,116 @@
+"""The jobs of a batch in processes of this machine."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import replace
+from queue import SimpleQueue
+
+from cageik_cli.batch.jobs import ClipJob, Outcome, State
+from cageik_cli.batch.work import work_on
+from cageik_cli.report import Entry
+from cageik_cli.threads import limit_blas_for_good
+
+ATTEMPTS = 2
+"""A job whose process ends without a word is begun again, so many times in all."""
+
+
+class Processes:
+    """`jobs` processes, each with one clip at a time.
+
+    One that is killed, or that a library takes down, costs the clip it had one attempt, and the
+    others nothing.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+        self._workers: list[_Worker] = []
+
+    def __enter__(self) -> "Processes":
+        return self
+
+    def __exit__(self, kind: object, *error: object) -> None:
+        for worker in self._workers:
+            worker.end(at_once=kind is not None)
+
+    def outcomes(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
+        """What came of each job, as they end."""
+        count = max(1, min(self._jobs, len(jobs)))
+        share = max(1, self._jobs // count)
+        self._workers = [_Worker() for _ in range(count)]
+        free: SimpleQueue[_Worker] = SimpleQueue()
+        for worker in self._workers:
+            free.put(worker)
+
+        def done(job: ClipJob) -> Outcome:
+            worker = free.get()
+            try:
+                return worker.done(replace(job, settings=replace(job.settings, jobs=share)))
+            finally:
+                free.put(worker)
+
+        pool = ThreadPoolExecutor(count)
+        try:
+            for future in as_completed([pool.submit(done, job) for job in jobs]):
+                yield future.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+class _Worker:
+    """One process at a time, begun again when it has died."""
+
+    def __init__(self) -> None:
+        self._has_ended = False
+        self._begin()
+
+    def done(self, job: ClipJob) -> Outcome:
+        """Do a job in the process."""
+        for _ in range(ATTEMPTS):
+            future: Future[Outcome] = self._pool.submit(work_on, job)
+            try:
+                return future.result()
+            except BrokenProcessPool:
+                if self._has_ended:
+                    raise
+                self._pool.shutdown()
+                self._begin()
+        fault = (
+            f"its process ended without a word, {ATTEMPTS} times: killed from outside, out of "
+            "memory (use fewer --jobs), or a damaged file took it down"
+        )
+        return Outcome(Entry(job.name, fault=fault), State.FAILED)
+
+    def end(self, at_once: bool) -> None:
+        """End the process, `at_once` whatever it is at; a run that is cut can be gone on with."""
+        self._has_ended = True
+        with suppress(BrokenProcessPool):
+            pid = self._pid.result()
+            for child in multiprocessing.active_children() if at_once else ():
+                if child.pid == pid:
+                    child.kill()
+        self._pool.shutdown()
+
+    def _begin(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pool = ProcessPoolExecutor(1, context, _prepare)
+        self._pid = self._pool.submit(os.getpid)
+
+
+def _prepare() -> None:
+    """Make a new process one that ends with its parent, and leaves others their processors."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it, and ends this process
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    limit_blas_for_good()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,145 @@
+"""A batch: jobs done, and one report over all."""
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from cageik_cli.batch.jobs import ClipJob, Outcome, Scheduler, State
+from cageik_cli.errors import InputError
+from cageik_cli.locks import open_locked, remove_locked
+from cageik_cli.observer import Observer
+from cageik_cli.outputs import write_text
+from cageik_cli.report import (
+    Entry,
+    Overview,
+    as_junit,
+    as_markdown,
+    overview_csv,
+    overview_json,
+    overview_of,
+)
+from cageik_cli.report.index import as_index
+
+VIEWS = {
+    "index.html": as_index,
+    "report.json": overview_json,
+    "clips.csv": overview_csv,
+    "junit.xml": as_junit,
+    "report.md": as_markdown,
+}
+"""What is written over all clips, by the files' names."""
+
+WEIGHTS = ".weights"
+"""The cache of a batch that is to use no other, deleted at its end."""
+
+LOCK = ".cageik-batch.lock"
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """What is to be done.
+
+    Attributes
+    ----------
+    output : Path
+        The folder of all results.
+    jobs : tuple of ClipJob
+    refused : tuple of Entry
+        Clips that cannot be begun, and why.
+    order : tuple of str
+        Names of all clips, as reports list them.
+    """
+
+    output: Path
+    jobs: tuple[ClipJob, ...]
+    refused: tuple[Entry, ...]
+    order: tuple[str, ...]
+
+
+def run_batch(batch: Batch, scheduler: Scheduler, watch: Observer) -> Overview:
+    """Do all jobs, and write the report over all; failures are in it, and no error.
+
+    The observer is told of each clip as it ends, in a remark by its name.
+
+    Raises
+    ------
+    InputError
+        When the folder of results cannot be written, or another batch has it.
+    """
+    entries = {entry.name: entry for entry in batch.refused}
+    with _alone_in(batch.output):
+        for job in batch.jobs:
+            _make_folder(job.settings.output.parent)
+        with watch.stage("batch"), _counted(batch) as done, scheduler as crew:
+            for entry in batch.refused:
+                _tell(Outcome(entry, State.FAILED), watch)
+            for outcome in crew.outcomes(batch.jobs):
+                entries[outcome.entry.name] = outcome.entry
+                done.append(outcome)
+                _tell(outcome, watch)
+                watch.advance(len(done), len(batch.jobs))
+        shutil.rmtree(batch.output / WEIGHTS, ignore_errors=True)
+        overview = overview_of([entries[name] for name in batch.order])
+        with watch.stage("write"):
+            for name, view in VIEWS.items():
+                write_text(batch.output / name, view(overview), overwrite=True)
+    return overview
+
+
+def refuse_used(folder: Path) -> None:
+    """Refuse a folder of results that holds something.
+
+    Raises
+    ------
+    InputError
+        Saying what to do.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file, expected the name of a folder for the results")
+    if folder.is_dir() and any(folder.iterdir()):
+        raise InputError(
+            f"{folder}: holds something already; go on with --resume, replace what is there with "
+            "--overwrite, or choose another folder"
+        )
+
+
+def _tell(outcome: Outcome, watch: Observer) -> None:
+    entry = outcome.entry
+    watch.remark(entry.name, entry.fault or outcome.state.value)
+
+
+@contextmanager
+def _counted(batch: Batch) -> Iterator[list[Outcome]]:
+    """What is done so far; an error says how much of it there is."""
+    done: list[Outcome] = []
+    try:
+        yield done
+    except BaseException as error:
+        error.add_note(f"{len(done)} of {len(batch.jobs)} clips were done; go on with --resume")
+        raise
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Be the only batch that writes to a folder, which is made."""
+    _make_folder(folder)
+    path = folder / LOCK
+    try:
+        lock = open_locked(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    if lock is None:
+        raise InputError(f"{folder}: another batch is writing to it; wait for it, or stop it")
+    try:
+        yield
+    finally:
+        remove_locked(path, lock)
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror or error})") from error

@@ -1,0 +1,17 @@
+"""What an overview shows of a clip that was extracted."""
+
+import numpy as np
+import pytest
+
+from cageik_cli.extraction import extract
+from cageik_cli.inputs import ExtractSettings
+from cageik_cli.report import Entry, entry_of, report_of
+
+
+@pytest.fixture(scope="session")
+def entry(tmp_path_factory, animation, write_obj) -> Entry:
+    folder = tmp_path_factory.mktemp("entry")
+    np.savez(folder / "clip.npz", verts=animation.frames, faces=animation.rest.faces)
+    cage = write_obj(folder / "cage.obj", animation.cage.vertices, animation.cage.faces)
+    result = extract(ExtractSettings((str(folder / "clip.npz"),), cage, folder / "cages.h5"))
+    return entry_of(report_of(result))

@@ -1,0 +1,121 @@
+"""What is taken for a clip under folders, and what it is called."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli.batch.finding import Search, _plain, clips_under, folders_under
+from cageik_cli.errors import InputError
+
+NOWHERE = Search(frozenset(), Path("out"))
+
+
+def put(*names):
+    for name in names:
+        Path(name).parent.mkdir(parents=True, exist_ok=True)
+        Path(name).write_text("")
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def names(*roots, **options):
+    search = Search(frozenset(), Path("out"), **options)
+    return [clip.name for clip in clips_under([Path(root) for root in roots], search)]
+
+
+def test_folders_of_frames_and_files_that_hold_clips_in_natural_order():
+    put("a/walk10/f_2.obj", "a/walk10/f_10.obj", "a/walk10/f_1.obj")
+    put("a/walk2/sub/1.ply.gz", "a/walk2/sub/2.ply.gz", "a/face.pc2", "a/notes.txt", "a/b.MDD")
+    found = clips_under([Path("a")], NOWHERE)
+    assert [clip.name for clip in found] == ["b.MDD", "face.pc2", "walk2/sub", "walk10"]
+    assert [Path(frame).name for frame in found[3].frames] == ["f_1.obj", "f_2.obj", "f_10.obj"]
+    assert found[1].frames == (str(Path("a/face.pc2")),)
+    assert [clip.home for clip in found] == [
+        Path("a"),
+        *map(Path, ("a", "a/walk2/sub", "a/walk10")),
+    ]
+    assert found[3].place == Path("a/walk10")
+    assert found[1].place == Path("a/face.pc2")
+
+
+def test_what_is_no_clip_is_left_out():
+    put("a/one/prop.obj", "a/.hidden/1.obj", "a/.hidden/2.obj", "a/walk/1.obj", "a/walk/2.obj")
+    put("a/walk/.3.obj", "a/walk/cage.obj", "a/out/1.obj", "a/out/2.obj")
+    search = Search(frozenset([Path("a/walk/cage.obj").resolve()]), Path("a/out"))
+    (clip,) = clips_under([Path("a")], search)
+    assert (clip.name, len(clip.frames)) == ("walk", 2)
+
+
+def test_a_root_that_is_a_clip_has_its_own_name():
+    put("a/walk/1.obj", "a/walk/2.obj")
+    assert names("a/walk") == ["walk"]
+
+
+def test_names_begin_with_the_root_if_there_are_several():
+    put("a/walk/1.obj", "a/walk/2.obj", "b/walk/1.obj", "b/walk/2.obj")
+    assert names("a", "b") == ["a/walk", "b/walk"]
+    put("c/a/walk/1.obj", "c/a/walk/2.obj")
+    with pytest.raises(InputError, match=r"would have the name of those of .*, a/walk; rename one"):
+        names("a", "c/a")
+
+
+def test_patterns_leave_clips_out():
+    put("a/walk/1.obj", "a/walk/2.obj", "a/run/1.obj", "a/run/2.obj", "a/face.pc2")
+    assert names("a", exclude=("r*", "*.pc2")) == ["walk"]
+
+
+def test_a_link_back_is_gone_once():
+    put("a/walk/1.obj", "a/walk/2.obj")
+    Path("a/walk/again").symlink_to(Path("a").resolve())
+    assert names("a") == ["walk"]
+    assert len(list(folders_under(Path("a"), Path("out")))) == 2
+
+
+def test_every_clip_of_a_file_is_one():
+    with h5py.File("bodies.hdf5", "w") as file:
+        file["50002_jump"] = np.zeros((4, 3, 2))
+        file["run: fast"] = np.zeros((4, 3, 2))
+        file["faces"] = np.zeros((2, 3), int)
+    clips = clips_under([Path()], NOWHERE)
+    assert [clip.name for clip in clips] == ["bodies.hdf5/50002_jump", "bodies.hdf5/run_ fast"]
+    assert clips[1].frames == ("bodies.hdf5::run: fast",)
+
+
+@pytest.mark.parametrize(
+    ("name", "plain"),
+    [("..", "_"), ("a/b", "a_b"), ("c:\\d", "c__d"), ("x\n", "x_"), (" . ", "_"), ("é", "é")],
+)
+def test_a_name_stays_where_it_is_put(name, plain):
+    assert _plain(name) == plain
+
+
+def test_results_and_bindings_of_this_program_are_no_clips():
+    for kind in ("cageik.result", "cageik.binding", "other"):
+        with h5py.File(f"{kind}.h5", "w") as file:
+            file.attrs["format"] = kind
+            file["verts"] = np.zeros((2, 4, 3))
+            file["tris"] = np.zeros((2, 3), int)
+    put("damaged.h5")
+    assert names(".") == ["damaged.h5", "other.h5"]
+
+
+def test_folders_in_which_nothing_is_found_or_that_are_none_are_refused():
+    put("a/notes.txt", "a/one.obj")
+    with pytest.raises(InputError, match=r"a: no clip found, expected folders of frames \(\.obj"):
+        names("a")
+    with pytest.raises(InputError, match=r"nowhere: no such folder"):
+        names("nowhere")
+    with pytest.raises(InputError, match=r"notes\.txt: no such folder"):
+        names("a/notes.txt")
+
+
+def test_names_that_differ_in_case_alone_are_refused():
+    """On some disks their results would be one file."""
+    put("a/Walk/1.obj", "a/Walk/2.obj", "a/walk/1.obj", "a/walk/2.obj")
+    with pytest.raises(InputError, match="rename one of them"):
+        names("a")

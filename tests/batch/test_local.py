@@ -1,0 +1,98 @@
+"""Processes of this machine: as good as one, whatever becomes of them."""
+
+import multiprocessing
+import os
+import signal
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from cageik_cli.batch.jobs import ClipJob, State
+from cageik_cli.batch.local import Processes
+from cageik_cli.batch.work import work_on
+from cageik_cli.inputs import ExtractSettings
+from cageik_cli.report import Limits
+
+
+@dataclass(frozen=True)
+class Deadly(Limits):
+    """Limits that kill the process that looks at them, the first so many times."""
+
+    log: Path = Path()
+    parent: int = 0
+    times: int = 0
+
+    def __getattribute__(self, name):
+        if name == "baseline" or name == "limits":
+            log, parent, times = (
+                object.__getattribute__(self, key) for key in ("log", "parent", "times")
+            )
+            deaths = len(log.read_text()) if log.exists() else 0
+            if os.getpid() != parent and deaths < times:
+                log.write_text("x" * (deaths + 1))
+                os.kill(os.getpid(), signal.SIGKILL)
+        return object.__getattribute__(self, name)
+
+
+@pytest.fixture
+def jobs(folder):
+    """Three jobs of the little animation; the second cannot be done."""
+
+    def job(name, **changes):
+        settings = ExtractSettings(
+            frames=(str(folder / "frames"),),
+            cage=folder / "cage.obj",
+            output=folder / f"{name}.h5",
+            cache=folder / "weights",
+            resume=True,
+        )
+        return ClipJob(name, replace(settings, **changes), has_page=False)
+
+    return [job("a"), job("b", cage=folder / "none.obj"), job("c")]
+
+
+def by_name(outcomes):
+    return {outcome.entry.name: outcome for outcome in outcomes}
+
+
+def test_what_processes_do_is_what_this_one_does(jobs, folder):
+    with Processes(2) as processes:
+        found = by_name(processes.outcomes(jobs))
+    assert multiprocessing.active_children() == []
+    states = {name: outcome.state for name, outcome in found.items()}
+    assert states == {"a": State.DONE, "b": State.FAILED, "c": State.DONE}
+    assert "none.obj: cannot be read" in found["b"].entry.fault
+    data = (folder / "a.h5").read_bytes()
+    assert (folder / "c.h5").read_bytes() == data
+    again = by_name(work_on(job) for job in jobs)
+    assert again["a"].state is State.UNCHANGED
+    assert {name: outcome.entry for name, outcome in again.items()} == {
+        name: outcome.entry for name, outcome in found.items()
+    }
+    assert len(list((folder / "weights").iterdir())) == 1
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
+@pytest.mark.parametrize("times", [1, 5])
+def test_a_process_that_dies_costs_its_clip_one_attempt(jobs, tmp_path, times):
+    deadly = Deadly(log=tmp_path / "deaths", parent=os.getpid(), times=times)
+    with Processes(1) as processes:
+        found = by_name(processes.outcomes([replace(jobs[0], limits=deadly), jobs[2]]))
+    assert found["c"].state is State.DONE
+    if times == 1:
+        assert found["a"].state is State.UNCHANGED  # the result was whole when it died
+    else:
+        assert found["a"].entry.fault.startswith("its process ended without a word, 2 times")
+        assert (tmp_path / "deaths").read_text() == "xx"
+
+
+def test_an_error_of_who_asks_ends_the_processes(jobs):
+    def asked():
+        with Processes(2) as processes:
+            for _ in processes.outcomes(jobs):
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        asked()
+    assert multiprocessing.active_children() == []

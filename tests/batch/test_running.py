@@ -1,0 +1,127 @@
+"""A batch from its jobs to the report over all, whatever becomes of them."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cageik_cli.batch.jobs import ClipJob, Outcome, State
+from cageik_cli.batch.running import LOCK, VIEWS, WEIGHTS, Batch, refuse_used, run_batch
+from cageik_cli.errors import InputError
+from cageik_cli.inputs import ExtractSettings
+from cageik_cli.locks import open_locked
+from cageik_cli.observer import Observer
+from cageik_cli.report import Entry
+
+
+class Scripted:
+    """A scheduler that gives these outcomes, or raises them."""
+
+    def __init__(self, *outcomes):
+        self.made, self.has_ended = outcomes, False
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self.has_ended = True
+
+    def outcomes(self, jobs):
+        for outcome in self.made:
+            if isinstance(outcome, BaseException):
+                raise outcome
+            yield outcome
+
+
+class Heard(Observer):
+    def __init__(self):
+        self.remarks, self.steps = [], []
+
+    def remark(self, topic, text):
+        self.remarks.append((topic, text))
+
+    def advance(self, done, total):
+        self.steps.append((done, total))
+
+
+@pytest.fixture
+def done(entry):
+    return lambda name: Outcome(replace(entry, name=name), State.DONE)
+
+
+def failed(name):
+    return Outcome(Entry(name, fault=f"{name}: is broken"), State.FAILED)
+
+
+def batch_of(output, *names, refused=()):
+    jobs = tuple(
+        ClipJob(name, ExtractSettings(("x",), None, output / "clips" / f"{name}.h5"))
+        for name in names
+    )
+    entries = tuple(Entry(name, fault="no cage") for name in refused)
+    return Batch(output, jobs, entries, tuple(sorted([*names, *refused])))
+
+
+def test_outcomes_are_told_as_they_end_and_reported_in_order(tmp_path, done):
+    heard, scheduler = Heard(), Scripted(done("c"), failed("a"))
+    overview = run_batch(batch_of(tmp_path / "o", "a", "c", refused=["b"]), scheduler, heard)
+    assert [entry.name for entry in overview.clips] == ["a", "b", "c"]
+    assert [entry.fault for entry in overview.clips] == ["a: is broken", "no cage", None]
+    assert heard.remarks == [("b", "no cage"), ("c", "done"), ("a", "a: is broken")]
+    assert heard.steps == [(1, 2), (2, 2)]
+    assert scheduler.has_ended
+    held = json.loads((tmp_path / "o" / "report.json").read_text())
+    assert [entry["name"] for entry in held["clips"]] == ["a", "b", "c"]
+    assert sorted(path.name for path in (tmp_path / "o").iterdir()) == sorted([*VIEWS, "clips"])
+    assert overview.exit_code == 4
+
+
+def test_the_order_in_which_clips_end_does_not_change_the_reports(tmp_path, done):
+    outcomes = [done("a"), failed("b"), done("c")]
+    for name, order in (("one", outcomes), ("two", outcomes[::-1])):
+        run_batch(batch_of(tmp_path / name, "a", "b", "c"), Scripted(*order), Heard())
+    for view in VIEWS:
+        assert (tmp_path / "one" / view).read_bytes() == (tmp_path / "two" / view).read_bytes()
+
+
+def test_an_interruption_says_how_far_it_got_and_leaves_the_folder_free(tmp_path, done):
+    scheduler = Scripted(done("a"), KeyboardInterrupt())
+    with pytest.raises(KeyboardInterrupt) as caught:
+        run_batch(batch_of(tmp_path / "o", "a", "b"), scheduler, Heard())
+    assert caught.value.__notes__ == ["1 of 2 clips were done; go on with --resume"]
+    assert scheduler.has_ended
+    assert not (tmp_path / "o" / LOCK).exists()
+    run_batch(batch_of(tmp_path / "o", "a", "b"), Scripted(done("a"), done("b")), Heard())
+
+
+def test_one_batch_at_a_time_has_the_folder(tmp_path, done):
+    lock = open_locked(tmp_path / LOCK)
+    with pytest.raises(InputError, match="another batch is writing to it"):
+        run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Heard())
+    lock.close()
+    assert run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Heard()).exit_code == 0
+
+
+def test_weights_of_this_batch_alone_are_deleted(tmp_path, done):
+    (tmp_path / WEIGHTS).mkdir()
+    (tmp_path / WEIGHTS / "x.weights").write_text("")
+    run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Heard())
+    assert not (tmp_path / WEIGHTS).exists()
+
+
+def test_folders_that_cannot_be_made_are_refused(tmp_path, done):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"file: cannot be made \("):
+        run_batch(batch_of(tmp_path / "file", "a"), Scripted(done("a")), Heard())
+
+
+def test_folders_that_hold_something_are_refused(tmp_path):
+    refuse_used(tmp_path / "new")
+    refuse_used(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"holds something already; go on with --resume"):
+        refuse_used(tmp_path)
+    with pytest.raises(InputError, match=r"file: is a file, expected the name of a folder"):
+        refuse_used(tmp_path / "file")
+    assert Path(tmp_path / "file").exists()

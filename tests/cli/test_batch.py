@@ -1,0 +1,297 @@
+"""`cageik batch`: every clip under a folder, whatever becomes of one of them."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import cageik_cli.cli.batch as command
+from cageik_cli.batch.work import work_on
+
+BATCH = ("batch", "anim", "-o", "out")
+
+
+class Here:
+    """Does jobs in this process, one after the other, and remembers their names."""
+
+    done: ClassVar[list[str]] = []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        pass
+
+    def outcomes(self, jobs):
+        for job in jobs:
+            self.done.append(job.name)
+            yield work_on(job)
+
+
+@pytest.fixture
+def here(monkeypatch) -> list[str]:
+    """Jobs are done in this process; the names of those that were."""
+    monkeypatch.setattr(command, "_scheduler", lambda options: Here())
+    monkeypatch.setattr(Here, "done", [])
+    return Here.done
+
+
+@pytest.fixture
+def anim(folder, animation, write_obj) -> Path:
+    """Clips `walk`, `runs/fast` and `face.npz` of the little animation, with their cage above."""
+    for name in ("walk", "runs/fast"):
+        for k, vertices in enumerate(animation.frames, start=1):
+            write_obj(Path("anim") / name / f"f_{k}.obj", vertices, animation.rest.faces)
+    np.savez("anim/face.npz", verts=animation.frames[:3], faces=animation.rest.faces)
+    write_obj(Path("anim/cage.obj"), animation.cage.vertices, animation.cage.faces)
+    Path("anim/cageik.toml").write_text('[extract]\ncage = "cage.obj"\n')
+    return Path("anim")
+
+
+def report():
+    return {
+        entry["name"]: entry for entry in json.loads(Path("out/report.json").read_text())["clips"]
+    }
+
+
+def test_every_clip_is_extracted_as_if_alone(run, anim, here):
+    outcome = run(*BATCH)
+    assert (outcome.code, outcome.out) == (0, "")
+    assert "3 clips: 3 done, 0 failed, 0 over a limit" in outcome.err
+    assert "wrote out/index.html" in outcome.err
+    assert list(report()) == ["face.npz", "runs/fast", "walk"]
+    assert report()["walk"]["result"] == "clips/walk.h5"
+    run("extract", "anim/walk", "--cage", "anim/cage.obj", "-o", "alone.h5")
+    assert Path("out/clips/walk.h5").read_bytes() == Path("alone.h5").read_bytes()
+    names = {"index.html", "report.json", "clips.csv", "junit.xml", "report.md", "clips"}
+    assert {path.name for path in Path("out").iterdir()} == names
+
+
+def test_one_that_fails_leaves_the_others_alone(run, anim, here):
+    Path("anim/walk/f_3.obj").write_text("no mesh")
+    outcome = run(*BATCH)
+    assert outcome.code == 4
+    assert "2 done, 1 failed" in outcome.err
+    assert "f_3.obj: 0 vertices" in report()["walk"]["fault"]
+    assert report()["walk"]["result"] is None
+    assert "f_3.obj: 0 vertices" in outcome.err
+
+
+def test_all_that_fail_are_a_failure(run, anim, here):
+    Path("anim/cage.obj").write_text("no mesh")
+    assert run(*BATCH, "-q").code == 1
+    assert all(entry["fault"] for entry in report().values())
+
+
+def test_quiet_says_what_failed_alone(run, anim, here):
+    Path("anim/walk/f_3.obj").write_text("no mesh")
+    outcome = run(*BATCH, "-q")
+    (line,) = outcome.err.splitlines()
+    assert line.startswith("walk: ")
+
+
+def test_going_on_does_what_is_new_changed_or_failed(run, anim, here, animation, write_obj):
+    Path("anim/walk/f_3.obj").write_text("no mesh")
+    run(*BATCH)
+    walk, faces = animation.frames[2], animation.rest.faces
+    write_obj(Path("anim/walk/f_3.obj"), walk, faces)
+    write_obj(Path("anim/runs/fast/f_2.obj"), walk, faces)
+    face = Path("out/clips/face.npz.h5").stat()
+    outcome = run(*BATCH, "--resume")
+    assert outcome.code == 0
+    said = {line.split()[0]: line.split()[1] for line in outcome.err.splitlines()[:3]}
+    assert said == {"face.npz": "unchanged", "runs/fast": "done", "walk": "done"}
+    assert Path("out/clips/face.npz.h5").stat() == face
+    held = {name: Path("out", name).read_bytes() for name in ("report.json", "index.html")}
+    assert run("batch", "anim", "-o", "new").code == 0
+    for name, data in held.items():
+        assert Path("new", name).read_bytes() == data
+
+
+def test_other_settings_are_done_again(run, anim, here):
+    run(*BATCH)
+    assert "walk           done" in run(*BATCH, "--resume", "--alpha", "0.5").err
+    assert "walk           unchanged" in run(*BATCH, "--resume", "--alpha", "0.5").err
+
+
+def test_what_is_there_is_not_lost_unasked(run, anim, here):
+    run(*BATCH)
+    outcome = run(*BATCH)
+    assert outcome.code == 1
+    assert "out: holds something already; go on with --resume" in outcome.err
+    assert "walk           done" in run(*BATCH, "--overwrite").err
+
+
+def test_options_for_some_clips(run, anim, here):
+    """The command line, then the nearest file, then the later table."""
+    with Path("anim/cageik.toml").open("a") as file:
+        file.write('alpha = 0.1\nbeta = 0.2\n[clips."runs/*"]\nbeta = 0.3\n')
+    Path("anim/walk/cageik.toml").write_text("[extract]\nbeta = 0.4\nalign = false\n")
+    Path("options.toml").write_text("[batch]\nalpha = 7\nfps = 50\n")
+    assert run(*BATCH, "--config", "options.toml", "--alpha", "0.5").code == 0
+    for name, beta in (("walk", 0.4), ("runs/fast", 0.3), ("face.npz", 0.2)):
+        said = json.loads(run("report", f"out/clips/{name}.h5", "--json", "-", "-q").out)
+        assert (said["settings"]["alpha"], said["settings"]["beta"]) == (0.5, beta)
+        assert said["settings"]["align"] is (name != "walk")
+        assert said["clip"]["fps"] == 50
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "no cage is named for it; give --cage, or name one in a cageik.toml"),
+        ("[extract", "cannot be read as TOML"),
+        ('[extract]\noutput = "x.h5"\n', "output is an option of cageik batch, not of a clip"),
+        ("[extract]\nalfa = 1\n", "has no option alfa"),
+        ('[extract]\ncage = "cage.obj"\nalpha = -1\n', "alpha"),
+        ('[extract]\ncage = "none.obj"\n', "none.obj: cannot be read"),
+    ],
+)
+def test_a_clip_whose_options_cannot_be_fails_alone(run, anim, here, text, says):
+    Path("anim/walk/cageik.toml").write_text(text)
+    Path("anim/cageik.toml").write_text('[clips."[rf]*"]\ncage = "cage.obj"\n')
+    outcome = run(*BATCH)
+    assert outcome.code == 4
+    assert says in report()["walk"]["fault"]
+    assert sum(entry["fault"] is None for entry in report().values()) == 2
+
+
+def test_limits_are_kept_by_each_clip(run, anim, here):
+    Path("anim/walk/cageik.toml").write_text('[extract]\nmax-rms = "1e-9%"\n')
+    outcome = run(*BATCH, "--max-deviation", "90%")
+    assert outcome.code == 3
+    assert "3 done, 0 failed, 1 over a limit" in outcome.err
+    (line,) = [line for line in outcome.err.splitlines() if line.startswith("walk: ")]
+    assert "rms" in line
+    assert [gate["passed"] for gate in report()["walk"]["gates"]] == [False, True]
+    assert [gate["metric"] for gate in report()["face.npz"]["gates"]] == ["max_deviation"]
+    # The command line wins, and the same results are judged anew.
+    again = run(*BATCH, "--resume", "--max-rms", "90%")
+    assert again.code == 0
+    assert "walk           unchanged" in again.err
+
+
+def test_an_earlier_report_is_a_baseline_by_names(run, anim, here):
+    run(*BATCH)
+    Path("out/report.json").rename("old.json")
+    same = ("--baseline", "old.json", "--max-regression", "0%")
+    assert run(*BATCH, "--resume", *same).code == 0
+    assert run(*BATCH, "--resume", "--alpha", "10", *same).code == 3
+    assert any(gate["baseline"] is not None for gate in report()["runs/fast"]["gates"])
+
+
+def test_the_markdown_is_appended_to_the_steps_page(run, anim, here, monkeypatch):
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", "summary.md")
+    Path("summary.md").write_text("# before\n")
+    run(*BATCH)
+    page = Path("summary.md").read_text()
+    assert page.startswith("# before\n")
+    assert page.count(Path("out/report.md").read_text()) == 1
+
+
+def test_a_cage_on_the_command_line_is_no_frame(run, anim, here):
+    Path("anim/cageik.toml").unlink()
+    Path("anim/cage.obj").rename("anim/walk/cage.obj")
+    assert run(*BATCH, "--cage", "anim/walk/cage.obj").code == 0
+    assert report()["walk"]["clip"]["frames"] == 5
+
+
+def test_clips_can_be_left_out(run, anim, here):
+    assert run(*BATCH, "--exclude", "runs/*", "--exclude", "*.npz").code == 0
+    assert list(report()) == ["walk"]
+    outcome = run("batch", "anim", "-o", "none", "--exclude", "*")
+    assert outcome.code == 1
+    assert "no clip found" in outcome.err
+    assert not Path("none").exists()
+
+
+def test_without_pages_there_are_none(run, anim, here):
+    assert run(*BATCH, "--no-pages", "--no-cache").code == 0
+    assert report()["walk"]["page"] is None
+    assert not list(Path("out").rglob("walk.html"))
+    assert not Path("out/.weights").exists()
+
+
+def test_a_dry_run_lists_what_would_be_done(run, anim, here):
+    Path("anim/walk/cageik.toml").write_text("[extract]\nalfa = 1\n")
+    Path("anim/runs/fast/f_1.obj").write_text("no mesh")
+    outcome = run(*BATCH, "--dry-run")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert not Path("out").exists()
+    face, fast, walk = outcome.out.split("\nruns/fast\n")[0], *outcome.out.split("\nwalk\n")
+    assert "3 of 18 vertices, face.npz[0] on" in face
+    assert "face.npz.h5, would be new" in face
+    assert "would fail" in fast
+    assert "has no option alfa" in walk
+    assert here == []
+
+
+def test_a_dry_run_tells_what_is_there(run, anim, here):
+    run(*BATCH)
+    Path("out/clips/walk.h5").rename("out/clips/walk.h5.partial")
+    assert run(*BATCH, "--dry-run", "--resume").out.count("is whole and unchanged, and stays") == 2
+    assert "has been begun" in run(*BATCH, "--dry-run", "--resume").out
+    assert "would be replaced" in run(*BATCH, "--dry-run", "--resume", "--alpha", "2").out
+
+
+def test_jobs_are_not_of_a_cluster(run, anim):
+    outcome = run(*BATCH, "--scheduler", "tcp://127.0.0.1:1", "--jobs", "2")
+    assert outcome.code == 2
+    assert "--jobs is of this machine" in outcome.err
+
+
+def test_files_of_options_are_told_what_a_batch_has(run, anim):
+    Path("options.toml").write_text("[batch]\nspeed = 7\n")
+    outcome = run(*BATCH, "--config", "options.toml")
+    assert outcome.code == 2
+    assert "[batch] has no option speed" in outcome.err
+
+
+def test_processes_bind_once(run_process, anim, cache):
+    outcome = run_process("-m", "cageik_cli", *BATCH, "--jobs", "2", "--no-pages")
+    assert outcome.code == 0, outcome.err
+    assert len(list(cache.glob("*.weights"))) == 1
+    assert not list(Path("out").rglob("*partial"))
+
+
+@pytest.fixture
+def long(anim, animation):
+    """A clip that takes a while."""
+    np.savez(
+        "anim/long.npz", verts=np.tile(animation.frames, (8000, 1, 1)), faces=animation.rest.faces
+    )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
+def test_what_is_done_stays_when_a_batch_is_stopped(run_process, long, sent):
+    """And nothing goes on without it."""
+    words = [sys.executable, "-m", "cageik_cli", *BATCH, "--jobs", "1", "--no-pages"]
+    batch = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+    log = Path("out/clips/long.npz.h5.partial")
+    while not log.exists():
+        assert batch.poll() is None
+        time.sleep(0.01)
+    batch.send_signal(sent)
+    said = batch.communicate(timeout=60)[1]
+    if sent == signal.SIGINT:
+        assert batch.returncode == 1
+        assert said.splitlines()[-1] == (
+            "Error: interrupted; 1 of 4 clips were done; go on with --resume"
+        )
+    size = -1
+    while size != log.stat().st_size:
+        size = log.stat().st_size
+        time.sleep(0.3)
+    assert Path("out/clips/face.npz.h5").exists()
+    assert not Path("out/clips/long.npz.h5").exists()
+    again = run_process("-m", "cageik_cli", *BATCH, "--resume", "--no-pages", "--jobs", "1")
+    assert again.code == 0, again.err
+    assert "face.npz       unchanged" in again.err
+    assert not log.exists()

@@ -1,0 +1,73 @@
+"""Options of clips from `cageik.toml`: layer over layer, the nearest on top."""
+
+from pathlib import Path
+
+import click
+import pytest
+
+from cageik_cli.cli.clip_tables import ClipTables
+from cageik_cli.cli.extract import extract_command
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def write(path, text):
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_text(text)
+
+
+def given(home, place=None):
+    return ClipTables(extract_command).given(Path(home).absolute(), Path(place or home).absolute())
+
+
+def test_the_nearer_file_and_the_later_table_win():
+    write("cageik.toml", '[extract]\nalpha = 1\nbeta = 2\nfps = 30\n[clips."a/walk*"]\nbeta = 3\n')
+    write("a/walk1/cageik.toml", "[extract]\nfps = 25\n")
+    assert given("a/walk1") == {"alpha": 1, "beta": 3, "fps": 25}
+    assert given("a/run") == {"alpha": 1, "beta": 2, "fps": 30}
+
+
+def test_files_are_matched_by_their_path():
+    write("a/cageik.toml", '[clips."f*.pc2"]\nfps = 25\n[clips."bodies.hdf5/*jump"]\nfps = 60\n')
+    assert given("a", "a/face.pc2") == {"fps": 25}
+    assert given("a", "a/bodies.hdf5/high_jump") == {"fps": 60}
+    assert given("a", "a/body.pc2") == {}
+
+
+def test_paths_are_from_the_files_folder():
+    write("a/cageik.toml", '[extract]\ncage = "cages/cage.obj"\nmemory = "2GiB"\n')
+    root = Path.cwd()
+    expected = {"cage": str(root / "a" / "cages" / "cage.obj"), "memory": "2GiB"}
+    assert given("a/walk") == expected
+    assert ClipTables(extract_command).paths(root / "a/walk") == {Path(expected["cage"]).resolve()}
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[extract", r"cageik\.toml: cannot be read as TOML"),
+        ("[extract]\nalfa = 1\n", r"cageik\.toml: \[extract\] has no option alfa; expected some"),
+        ('[extract]\nalpha = "a\\u0000"\n', "alpha = .* is not a value of --alpha"),
+        ('[clips."w*"]\nfps = []\n', r"fps = \[\] is not a value of --fps"),
+        ('clips = "w"\n', r"cageik\.toml: `clips` is not a table of tables"),
+        ('extract = "w"\n', r"cageik\.toml: `extract` is not a table of options"),
+        ("[clips]\nwalk = 3\n", r"cageik\.toml: `clips\.walk` is not a table of options"),
+    ],
+)
+def test_what_is_no_option_is_refused_by_the_files_name(text, says):
+    write("cageik.toml", text)
+    with pytest.raises(click.BadParameter, match=says):
+        given("walk")
+    assert ClipTables(extract_command).paths(Path("walk")) == set()
+
+
+def test_a_table_of_clips_may_stand_beside_those_of_commands(run):
+    write("cageik.toml", '[clips."w*"]\nfps = 25\n[info]\nquiet = true\n[nonsense]\n')
+    outcome = run("info", "--config", "cageik.toml", "x")
+    assert outcome.code == 2
+    assert "nonsense is not a command" in outcome.err
+    write("cageik.toml", '[clips."w*"]\nfps = 25\n')
+    assert "x: no such file" in run("info", "--config", "cageik.toml", "x").err
