@@ -24,6 +24,9 @@ from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import partial_name
 from cageik_cli.threads import limit_blas_for_good
 
+PACKAGE = "cageik"
+"""As it is called where packages are installed."""
+
 CONNECT_SECONDS = 10.0
 """For the scheduler to answer."""
 
@@ -208,7 +211,7 @@ class Cluster:
         self._await_worker()
         with self._reachable():
             threads = self._client.nthreads()
-            versions = self._client.run(metadata.version, "cageik", on_error="return")
+            versions = self._client.run(metadata.version, PACKAGE, on_error="return")
         for worker, count in threads.items():
             if count > 1:
                 raise InputError(

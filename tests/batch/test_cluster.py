@@ -1,31 +1,58 @@
 """A batch on a cluster of two processes: the same bytes as one process, whoever dies."""
 
+import logging
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
+import distributed
+import numpy as np
 import pytest
 
-distributed = pytest.importorskip("distributed")
-
-from cageik_cli.batch.cluster import Cluster
+import cageik_cli
+from cageik_cli.batch import cluster as module
+from cageik_cli.batch.cluster import Cluster, await_log
 from cageik_cli.batch.jobs import ClipJob, State
-from cageik_cli.batch.work import work_on
+from cageik_cli.batch.pieces import Common, cut, pickled_without, unpickled_with
+from cageik_cli.batch.work import bound_for, looked_at, work_on
 from cageik_cli.binding import BindSettings
-from cageik_cli.inputs import ExtractSettings
+from cageik_cli.dual_laplacian import DualLaplacianSolver
+from cageik_cli.errors import InputError
+from cageik_cli.extraction import held_result
+from cageik_cli.inputs import ExtractSettings, bound_of
+from cageik_cli.locks import open_locked
+from cageik_cli.observer import Observer
+from cageik_cli.solving import BlockSolver, Budget
+from cageik_cli.store.binding_file import write_binding
+from cageik_cli.store.partial import progress_of
+from cageik_cli.store.result import partial_name
 
-ONE_FRAME = 16_000
+ONE_FRAME = 7_000
 """Bytes that the weights, and blocks of one frame of the little animation, have room for."""
+
+
+def two_processes():
+    """Two worker processes of one thread, and their scheduler, which is in this process."""
+    return distributed.LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address="127.0.0.1:0",
+        silence_logs=False,
+    )
 
 
 @pytest.fixture(scope="module")
 def workers():
-    """Two worker processes of one thread, and their scheduler, which is in this process."""
-    with distributed.LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        processes=True,
-        dashboard_address=None,
-        silence_logs=False,
-    ) as local:
+    with two_processes() as local:
         yield local
 
 
@@ -81,3 +108,371 @@ def test_results_are_the_bytes_of_one_process(workers, job):
         assert each.settings.output.read_bytes() == local_bytes(each)
         assert found[each.name].entry == replace(work_on(each).entry)
     assert tasks_done(workers, "solved_piece")
+
+
+def test_a_long_clip_is_solved_in_pieces_and_few_are_under_way(workers, job):
+    workers.scheduler.transition_log.clear()
+    found = outcomes(workers, [job("long", 100)], piece_seconds=0.0)
+    assert found["long"].state is State.DONE
+    assert len(tasks_done(workers, "solved_piece")) == 99
+    alive, most = set(), 0
+    for key, _, end, *_ in workers.scheduler.transition_log:
+        if str(key).startswith("solved_piece"):
+            (alive.discard if end == "forgotten" else alive.add)(key)
+            most = max(most, len(alive))
+    assert most <= 12  # four, and those of which the scheduler has not heard yet
+
+
+def test_short_clips_are_not_cut(workers, job):
+    workers.scheduler.transition_log.clear()
+    found = outcomes(workers, [job("short", 20)], piece_seconds=60.0)
+    assert found["short"].state is State.DONE
+    assert tasks_done(workers, "solved_piece") == []
+
+
+def test_weights_are_made_once_and_travel_once(job, animation, write_obj, tmp_path):
+    other = write_obj(tmp_path / "other.obj", 1.1 * animation.cage.vertices, animation.cage.faces)
+    jobs = [job(name, 50) for name in "abc"] + [job("d", cage=other)]
+    # Workers that know nothing yet of how quick such clips are share them evenly.
+    with two_processes() as fresh, distributed.Client(fresh.scheduler_address) as client:
+        for some in (jobs[:3], jobs[3:]):
+            found = outcomes(fresh, some, piece_seconds=0.0)
+            assert {outcome.state for outcome in found.values()} == {State.DONE}
+        weights = tasks_done(fresh, "weights-")
+        assert len(weights) == len(set(weights)) == 2
+        travelled = [
+            [key for key in keys if key in weights] for keys in client.run(received).values()
+        ]
+    assert sorted(map(len, travelled)) == [0, 1]
+
+
+def received(dask_worker):
+    return [str(key) for entry in dask_worker.transfer_incoming_log for key in entry["keys"]]
+
+
+def test_what_is_whole_is_left_alone(workers, job):
+    jobs = [job("a"), job("b", 7)]
+    first = outcomes(workers, jobs)
+    stamps = [each.settings.output.stat().st_mtime_ns for each in jobs]
+    workers.scheduler.transition_log.clear()
+    again = outcomes(workers, jobs)
+    assert {outcome.state for outcome in again.values()} == {State.UNCHANGED}
+    assert {name: o.entry for name, o in again.items()} == {n: o.entry for n, o in first.items()}
+    assert [each.settings.output.stat().st_mtime_ns for each in jobs] == stamps
+    assert tasks_done(workers, "weights-") == []
+
+
+def test_a_worker_is_killed_in_the_middle(workers, job):
+    """First the one that keeps the log of the clip, then another of those that solve pieces."""
+    jobs = [job("long", 250), job("short")]
+    killed = []
+
+    def kill():
+        while len(killed) < 2:
+            time.sleep(0.02)
+            done = len(tasks_done(workers, "solved_piece"))
+            holders = [
+                task.processing_on
+                for key, task in list(workers.scheduler.tasks.items())
+                if str(key).startswith("clip_done") and task.processing_on
+            ]
+            if done > 30 * (1 + len(killed)) and holders:
+                pid = workers.workers[holders[0].name].pid
+                os.kill(pid, signal.SIGKILL)
+                killed.append(pid)
+
+    workers.scheduler.transition_log.clear()
+    killer = threading.Thread(target=kill, daemon=True)
+    killer.start()
+    found = outcomes(workers, jobs, piece_seconds=0.0)
+    killer.join(1)
+    assert len(set(killed)) == 2
+    for each in jobs:
+        assert found[each.name].entry.fault is None
+        assert each.settings.output.read_bytes() == local_bytes(each)
+
+
+def test_clips_of_one_file_and_binding_files(workers, job, animation, tmp_path):
+    """What is read once for all frames, and weights that nobody computes."""
+    clip = tmp_path / "clip.npz"
+    np.savez(clip, verts=np.concatenate([animation.frames] * 6), tris=animation.rest.faces)
+    stored = tmp_path / "binding.h5"
+    first = job("first")
+    write_binding(stored, bound_for(first), overwrite=False)
+    jobs = [
+        job("packed", 0, frames=(str(clip),)),
+        job("bound", 30, cage=None, binding=stored),
+        job("again", cage=None, binding=stored),
+    ]
+    (tmp_path / "packed").mkdir()
+    workers.scheduler.transition_log.clear()
+    found = outcomes(workers, jobs, piece_seconds=0.0)
+    assert [found[each.name].entry.fault for each in jobs] == [None] * 3
+    assert len(tasks_done(workers, "solved_piece")) == 29 * 2 + 4
+    assert len(tasks_done(workers, "weights-")) == 2
+    for each in jobs:
+        assert each.settings.output.read_bytes() == local_bytes(each)
+
+
+def test_a_bad_frame_far_into_a_clip(workers, job):
+    """It ends the clip with the sentence of a local run, or is skipped as there."""
+    jobs = [job("stops", 40), job("skips", 40, on_bad_frame="skip"), job("sound")]
+    for each in jobs[:2]:
+        Path(each.settings.frames[0], "frame_33.obj").write_text("v 1 2 3\n")
+    found = outcomes(workers, jobs, piece_seconds=0.0)
+    assert [found[each.name].state.value for each in jobs] == ["failed", "done", "done"]
+    fault = found["stops"].entry.fault
+    assert "frame_33.obj" in fault
+    assert "33 of 40 frames are kept" in fault
+    assert work_on(jobs[0]).entry.fault == fault
+    assert jobs[1].settings.output.read_bytes() == local_bytes(jobs[1])
+
+
+def test_jobs_that_fail_say_what_a_local_run_says(workers, job, animation, write_obj, tmp_path):
+    small = write_obj(tmp_path / "small.obj", animation.cage.vertices / 4, animation.cage.faces)
+    jobs = [
+        job("nothing", frames=(str(tmp_path / "no.obj"),)),
+        job("outside", cage=small),
+        job("sound"),
+        job("also outside", cage=small),
+    ]
+    found = outcomes(workers, jobs)
+    assert [found[each.name].state.value for each in jobs] == ["failed", "failed", "done", "failed"]
+    for each in (jobs[0], jobs[1], jobs[3]):
+        assert found[each.name] == work_on(each)
+
+
+def test_a_clip_that_ends_every_worker_fails_alone(workers, job, monkeypatch):
+    monkeypatch.setattr(module, "looked_at", deadly)
+    monkeypatch.setattr(workers.scheduler, "allowed_failures", 1)
+    found = outcomes(workers, [job("deadly"), job("sound")])
+    assert found["sound"].state is State.DONE
+    fault = found["deadly"].entry.fault
+    assert found["deadly"].state is State.FAILED
+    assert fault.startswith("2 workers ended while they worked on it, the last of them tcp://")
+    assert "a smaller --memory" in fault
+
+
+def deadly(job):
+    if job.name == "deadly":
+        os._exit(1)
+    return looked_at(job)
+
+
+def test_what_is_stopped_ends(workers, job):
+    """What is done stays; the worker that keeps a log lets it go, and its result is not written."""
+    short, long = job("short"), job("long", 400)
+    with Cluster(workers.scheduler_address, piece_seconds=0.0) as cluster:
+        stopped = cluster.outcomes([short, long])
+        assert next(stopped).entry.name == "short"
+        stopped.close()  # as when an interrupt unwinds it
+    assert short.settings.output.exists()
+    log = partial_name(long.settings.output)
+    await_log(log, 20.0)
+    assert progress_of(log)[0] < 400
+    assert not long.settings.output.exists()
+    found = outcomes(workers, [short, long])
+    assert (found["short"].state, found["long"].state) == (State.UNCHANGED, State.DONE)
+    assert long.settings.output.read_bytes() == local_bytes(long)
+
+
+@pytest.fixture
+def threaded():
+    """Make a cluster in this process, which has so many workers of so many threads."""
+    with ExitStack() as stack:
+
+        def made(workers, threads=1):
+            local = distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=threads,
+                processes=False,
+                dashboard_address="127.0.0.1:0",
+            )
+            return stack.enter_context(local)
+
+        yield made
+
+
+def test_pieces_that_end_every_worker(threaded, job, monkeypatch):
+    monkeypatch.setattr("cageik_cli.batch.pieces.solved_piece", killing)
+    found = outcomes(threaded(1), [job("long", 30)], piece_seconds=0.0)
+    fault = found["long"].entry.fault
+    assert fault.startswith("4 workers ended while they worked on it, the last of them tcp://w:1;")
+    assert "1 of 30 frames are kept" in fault
+
+
+def killing(common, bound, starts):
+    last = SimpleNamespace(address="tcp://w:1")
+    raise distributed.KilledWorker("solved_piece", last, 3)
+
+
+def test_a_fault_of_a_task_is_one_of_its_clip(threaded, job, monkeypatch):
+    monkeypatch.setattr(module, "clip_done", faulty)
+    found = outcomes(threaded(1), [job("a")])
+    assert found["a"].state is State.FAILED
+    assert "a fault of cageik itself (ZeroDivisionError" in found["a"].entry.fault
+
+
+def faulty(*arguments):
+    raise ZeroDivisionError("by zero")
+
+
+def refusal(address, **options):
+    with pytest.raises(InputError) as caught, Cluster(address, **options):
+        pass
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("address", "reason"),
+    [
+        ("tcp://127.0.0.1:1", "Timed out"),
+        ("127.0.0.1", "missing port number"),
+        ("odd://127.0.0.1:8786", "unknown address scheme"),
+    ],
+)
+def test_no_scheduler_answers(monkeypatch, address, reason):
+    monkeypatch.setattr(module, "CONNECT_SECONDS", 0.3)
+    found = refusal(address)
+    assert found.startswith(f"{address}: no Dask scheduler answers ({reason}")
+    assert found.endswith("as tcp://HOST:8786")
+
+
+def test_no_worker_comes(threaded):
+    address = threaded(0).scheduler_address
+    found = refusal(address, patience=0.2)
+    assert found.startswith(f"{address}: the scheduler has had no worker for 0.2 s; start some")
+    assert f"dask worker {address} --nthreads 1" in found
+
+
+def test_workers_have_one_thread(threaded):
+    found = refusal(threaded(1, 3).scheduler_address)
+    assert "has 3 threads, expected 1" in found
+    assert found.endswith("`dask worker --nthreads 1 --nworkers 3`")
+
+
+def test_workers_have_this_version(workers, monkeypatch):
+    monkeypatch.setattr(module, "__version__", "9.9")
+    found = refusal(workers.scheduler_address)
+    assert found.startswith("worker tcp://")
+    assert f"has cageik {cageik_cli.__version__} (here is 9.9); install the same" in found
+
+
+def test_workers_have_cageik_at_all(workers, monkeypatch):
+    monkeypatch.setattr(module, "PACKAGE", "no-such-package")
+    assert "has no cageik (No package metadata was found" in refusal(workers.scheduler_address)
+
+
+def test_distributed_is_not_installed(monkeypatch):
+    for name in [name for name in sys.modules if name.split(".")[0] == "distributed"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    found = refusal("tcp://127.0.0.1:8786")
+    assert found == (
+        "the scheduler tcp://127.0.0.1:8786 needs distributed: pip install 'cageik[dask]'"
+    )
+
+
+OTHER_CLUSTER = """
+import sys, time
+from distributed import LocalCluster
+with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0") as local:
+    print(local.scheduler_address, flush=True)
+    time.sleep({seconds})
+    local.scale(0)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture
+def elsewhere():
+    """Start a cluster in a process of its own, whose worker leaves after some seconds."""
+    started = []
+
+    def start(seconds):
+        words = [sys.executable, "-c", OTHER_CLUSTER.format(seconds=seconds)]
+        process = subprocess.Popen(
+            words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        started.append(process)
+        return process, process.stdout.readline().strip()
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def test_the_scheduler_is_lost(elsewhere, job):
+    process, address = elsewhere(60)
+    with Cluster(address, piece_seconds=0.0) as cluster:
+        found = cluster.outcomes([job("short"), job("long", 300)])
+        assert next(found).entry.name == "short"
+        process.kill()
+        with pytest.raises(InputError, match=f"{address}: the scheduler is gone.*--resume"):
+            next(found)
+
+
+def test_the_last_worker_leaves(elsewhere, job):
+    _, address = elsewhere(1.5)
+    with Cluster(address, patience=0.5, piece_seconds=0.0) as cluster:
+        found = cluster.outcomes([job("long", 3000)])
+        with pytest.raises(InputError, match=r"no worker for 0\.5 s"):
+            next(found)
+
+
+def test_a_log_is_waited_for_a_while(job):
+    clip = job("a")
+    log = partial_name(clip.settings.output)
+    held = open_locked(log)
+    await_log(log, 0.2)
+    assert "another run is writing it" in work_on(clip).entry.fault
+    timer = threading.Timer(0.3, held.close)
+    timer.start()
+    await_log(log, 20.0)
+    timer.join()
+    assert work_on(clip).state is State.DONE
+
+
+def test_other_files_than_when_the_work_began(job):
+    settings = job("a").settings
+    inputs, _ = held_result(settings)
+    bound = bound_of(inputs, settings, Observer())
+    solver = DualLaplacianSolver(bound.binding, settings.solve)
+    work = BlockSolver(inputs.sequence, solver, False, Observer())
+    common = Common.of(settings, work, Budget(1, 1, 1))
+    copy = pickle.loads(pickle.dumps(common))
+    assert copy.work_with(bound.binding).sequence.names == inputs.sequence.names
+    Path(settings.frames[0], "frame_4.obj").unlink()
+    with pytest.raises(InputError, match="has 4 frames, or others, where it had 5"):
+        pickle.loads(pickle.dumps(common)).work_with(bound.binding)
+
+
+def test_a_solver_travels_without_its_weights(job, animation):
+    settings = job("a").settings
+    inputs, _ = held_result(settings)
+    binding = bound_of(inputs, settings, Observer()).binding
+    solver = DualLaplacianSolver(binding, settings.solve)
+    data = pickled_without(binding, solver)
+    assert binding.weights.tobytes() not in data
+    again = unpickled_with(binding, data)
+    assert again.binding is binding
+    assert np.array_equal(again.solve(animation.frames).cages, solver.solve(animation.frames).cages)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 50])
+@pytest.mark.parametrize("starts", [range(0, 50, 16), range(32, 50, 1), range(7, 8, 5)])
+def test_pieces_hold_every_block_once(starts, size):
+    pieces = list(cut(starts, size))
+    assert [start for piece in pieces for start in piece] == list(starts)
+    assert [piece.start for piece in pieces[1:]] == [piece.stop for piece in pieces[:-1]]
+    assert pieces[-1].stop == starts.stop
+    assert max(map(len, pieces)) <= size
+
+
+def test_others_logs_are_kept_from_the_terminal(workers):
+    names = ("distributed", "distributed.client", "tornado", "asyncio")
+    loggers = [logging.getLogger(name) for name in names]
+    before = [logger.level for logger in loggers]
+    with Cluster(workers.scheduler_address):
+        assert not any(logger.isEnabledFor(logging.CRITICAL) for logger in loggers)
+    assert [logger.level for logger in loggers] == before
