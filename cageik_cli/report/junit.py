@@ -30,7 +30,7 @@ def as_junit(overview: Overview) -> str:
 
 
 def _add_suite(root: Element, number: int, entry: Entry) -> None:
-    name = shown(entry.name).strip() or "unnamed"
+    name = " ".join(shown(entry.name).split()) or "unnamed"
     verdicts = [gate.passed for gate in entry.gates]
     counts = {
         "tests": 1 + len(verdicts),

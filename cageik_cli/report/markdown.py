@@ -29,7 +29,9 @@ def as_markdown(overview: Overview) -> str:
     """
     clips = sorted(overview.clips, key=_badness)
     table = [*_HEADER, *_fitting((_row(entry) for entry in clips), ROOM["clips"], "| {} |")]
-    failed = [f"- {_plain(entry.name)}: {_plain(entry.fault)}" for entry in clips if entry.fault]
+    failed = [
+        f"- {_plain(entry.name)}: {_plain(entry.fault)}" for entry in clips if entry.has_failed
+    ]
     limits = [
         f"- {_plain(entry.name)}: {_plain(gate_row(gate)[1])}"
         for entry in clips
@@ -110,7 +112,8 @@ def _fitting(lines: Iterable[str], room: int, rest: str) -> list[str]:
 
 def _plain(text: str | None) -> str:
     """Text that Markdown and HTML leave as it is, on one line, cut when very long."""
-    line = shown(text or "")
+    line = shown(text or "").strip()
     if len(line) > LONGEST:
         line = line[: LONGEST - 1] + "…"
-    return re.sub(r"([\\`*_{}\[\]<>&|~$@:!#])", r"\\\1", line)
+    line = re.sub(r"([\\`*_{}\[\]<>&|~$@:!#])", r"\\\1", line)
+    return re.sub(r"^(\d*)([-+=.)])", r"\1\\\2", line)  # what begins a list, or underlines

@@ -1,0 +1,349 @@
+"""Limits through the command line: what is judged, what is said, and the exit code."""
+
+import json
+import sys
+from decimal import Decimal
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import yaml
+
+from cageik_cli.report.figures import percent_text, units_text
+
+TYPED = ("extract", "frames", "--cage", "cage.obj")
+EXTRACT = (*TYPED, "--overwrite")
+
+FIELDS = {
+    ("max-rms", "%"): "rms_percent",
+    ("max-rms", ""): "rms",
+    ("max-frame-rms", "%"): "worst_frame_rms_percent",
+    ("max-frame-rms", ""): "worst_frame_rms",
+    ("max-deviation", "%"): "max_deviation_percent",
+    ("max-deviation", ""): "max_deviation",
+    ("max-volume-change", "%"): "volume_change_percent_max",
+    ("max-volume-change", ""): "volume_change_percent_max",
+}
+
+
+@pytest.fixture
+def result(run, folder) -> dict:
+    """The record of `cages.h5`, of the little animation, in the current folder."""
+    assert run(*TYPED, "-q").code == 0
+    return json.loads(run("report", "--json", "-", "-q").out)
+
+
+@pytest.fixture
+def opened(folder, animation, write_obj) -> Path:
+    """`frames` of an open model."""
+    for k, vertices in enumerate(animation.frames, start=1):
+        write_obj(folder / "frames" / f"frame_{k}.obj", vertices, animation.rest.faces[2:])
+    return folder
+
+
+def printed_figure(record, option, sign) -> Decimal:
+    value = abs(record["summary"][FIELDS[option, sign]])
+    is_length = sign == "" and option != "max-volume-change"
+    return Decimal(units_text(value) if is_length else percent_text(value))
+
+
+@pytest.mark.parametrize(("option", "sign"), FIELDS)
+def test_a_limit_holds_for_what_is_printed(run, result, option, sign):
+    """At the printed figure and just over it a result keeps the limit, just under it does not."""
+    figure = printed_figure(result, option, sign)
+    assert figure > 0
+    step = Decimal(1).scaleb(figure.as_tuple().exponent)
+    for most, code in ((figure, 0), (figure + step, 0), (figure - step, 3)):
+        outcome = run("report", f"--{option}", f"{most}{sign}")
+        assert outcome.code == code
+        (line,) = [row for row in outcome.out.splitlines() if "limit" in row]
+        assert line.startswith("  within limit   " if code == 0 else "  over limit     ")
+        assert f"{figure}" in line
+        assert f"limit {float(most):.10g} " in line
+        assert "frame_" in line
+
+
+@pytest.mark.parametrize("sign", ["%", ""])
+def test_extract_judges_too_and_writes_all_the_same(run, result, sign):
+    figure = printed_figure(result, "max-rms", sign)
+    under = figure - Decimal(1).scaleb(figure.as_tuple().exponent)
+    before = Path("cages.h5").read_bytes()
+    kept = run(*EXTRACT, "--max-rms", f"{figure}{sign}")
+    assert (kept.code, "  within limit   rms " in kept.err) == (0, True)
+    Path("cages.h5").unlink()
+    over = run(*TYPED, "--max-rms", f"{under}{sign}", "--export", "cage.npz")
+    assert (over.code, over.out) == (3, "")
+    assert "  over limit     rms " in over.err
+    assert "wrote cages.h5" in over.err
+    assert Path("cages.h5").read_bytes() == before
+    assert Path("cage.npz").exists()
+
+
+@pytest.mark.parametrize("words", [EXTRACT, ("report",)])
+def test_quiet_says_what_is_over_its_limit_and_nothing_else(run, result, words):
+    outcome = run(
+        *words, "-q", "--max-rms", "0", "--max-deviation", "1000%", "--max-frame-rms", "0"
+    )
+    assert (outcome.code, outcome.out) == (3, "")
+    first, second = outcome.err.splitlines()
+    assert first.startswith("cages.h5: over limit: rms ")
+    assert second.startswith("cages.h5: over limit: frame rms ")
+    outcome = run(*words, "-q", "--max-rms", "1000%")
+    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+
+
+def test_what_an_open_model_lacks_is_not_judged(run, opened):
+    outcome = run(*TYPED, "--max-volume-change", "0")
+    assert outcome.code == 0
+    assert "  not judged     volume change not defined, limit 0 %" in outcome.err
+    outcome = run("report", "--max-volume-change", "0", "--json", "-")
+    (gate,) = json.loads(outcome.out)["gates"]
+    assert gate == {
+        "metric": "volume_change", "unit": "%", "limit": 0.0, "found": None, "frame": None,
+        "passed": None, "baseline": None,
+    }  # fmt: skip
+    assert run("report", "--max-volume-change", "0", "--max-rms", "0").code == 3
+
+
+def test_each_of_several_results_is_judged(run, result, animation):
+    """A result without error beside one with."""
+    np.savez("still.npz", verts=animation.frames[:1].repeat(2, 0), faces=animation.rest.faces)
+    assert run("extract", "still.npz", "--cage", "cage.obj", "-o", "still.h5", "-q").code == 0
+    for names, code in (
+        (["still.h5"], 0), (["cages.h5"], 3), (["still.h5", "cages.h5"], 3),
+        (["cages.h5", "still.h5"], 3),
+    ):  # fmt: skip
+        outcome = run("report", *names, "--max-rms", "0.0001%", "--json", "-")
+        assert outcome.code == code
+        assert outcome.err.count("over limit") == (1 if code else 0)
+        assert outcome.err.count("within limit") == (1 if "still.h5" in names else 0)
+
+
+WRONG = ["", "%", "-1", "-0.5%", "nan", "inf%", "1e400", "0.5 percent", "1_0", "1,5", "0x1", "%5",
+         "1%%", "٣", "1e", "1e9999"]  # fmt: skip
+
+
+@pytest.mark.parametrize("value", WRONG)
+@pytest.mark.parametrize(
+    "option", ["max-rms", "max-frame-rms", "max-deviation", "max-volume-change", "max-regression"]
+)
+def test_anything_else_is_wrong_usage(run, folder, option, value):
+    """Said before any work."""
+    outcome = run(*TYPED, f"--{option}", value)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "is not a limit; expected a finite number, zero or above, such as" in " ".join(
+        outcome.err.split()
+    )
+    assert not Path("cages.h5").exists()
+
+
+@pytest.mark.parametrize("value", ["1000", "1e3", "1000.", "+1000", " 1000% ", "1000 %", ".5e4%"])
+def test_numbers_are_typed_as_one_likes(run, result, value):
+    assert run("report", "--max-rms", value).code == 0
+
+
+def test_a_regression_is_of_a_baseline(run, result):
+    outcome = run("report", "--max-regression", "5%")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "--max-regression is of a --baseline; name one" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("table", "code"),
+    [
+        ("max-rms = '0%'", 3), ("max_rms = 0", 3), ("max-rms = 0.0", 3), ("max-rms = 1e3", 0),
+        ("max-rms = '1000%'", 0), ("max-volume-change = 0.0001", 3), ("max-rms = -1", 2),
+        ("max-rms = nan", 2), ("max-rms = inf", 2), ("max-rms = true", 2), ("max-rms = [1]", 2),
+        ("max-rms = 'much'", 2), ("max-regression = 5", 2), ("baseline = 5", 2),
+        ("baseline = 'nowhere.json'", 1),
+    ],
+)  # fmt: skip
+def test_limits_come_from_the_file_of_options_too(run, result, table, code):
+    Path("cageik.toml").write_text(f"[report]\n{table}\n[extract]\n{table}\n")
+    assert run("report", "--config", "cageik.toml").code == code
+    assert run(*EXTRACT, "--config", "cageik.toml").code == code
+
+
+def test_the_command_line_wins(run, result):
+    Path("cageik.toml").write_text("[report]\nmax-rms = 0\n")
+    assert run("report", "--config", "cageik.toml", "--max-rms", "1000").code == 0
+
+
+def halved(record: dict, name: str = "cages.h5") -> str:
+    """A report whose figures are half of another's."""
+    summary = {
+        key: value / 2 if isinstance(value, float) else value
+        for key, value in record["summary"].items()
+    }
+    return json.dumps(record | {"summary": summary, "result": name})
+
+
+def test_an_earlier_run_is_a_limit(run, result):
+    assert run("report", "--json", "old.json", "-q").code == 0
+    for words in (EXTRACT, ("report",)):
+        outcome = run(*words, "--baseline", "old.json", "--max-regression", "0")
+        assert outcome.code == 0
+        assert (outcome.out + outcome.err).count("  within limit   ") == 4
+    Path("half.json").write_text(halved(result, "another.h5"))
+    for words in (EXTRACT, ("report",)):
+        outcome = run(*words, "--baseline", "half.json")
+        assert outcome.code == 3
+        assert (outcome.out + outcome.err).count("  over limit     ") == 4
+        assert run(*words, "--baseline", "half.json", "--max-regression", "101%").code == 0
+        assert run(*words, "--baseline", "half.json", "--max-regression", "99").code == 3
+
+
+def test_several_results_are_compared_by_name(run, result):
+    Path("other.h5").write_bytes(Path("cages.h5").read_bytes())
+    Path("half.json").write_text(halved(result))
+    outcome = run("report", "cages.h5", "other.h5", "--baseline", "half.json")
+    assert outcome.code == 3
+    first, second = outcome.out.split("\n\n")
+    assert first.count("over limit") == 4
+    assert "limit" not in second
+    assert "  note           not compared with half.json, which has no figures" in second
+    assert run("report", "other.h5", "--baseline", "half.json").code == 3
+
+
+def test_the_default_regression_is_ten_percent(run, result):
+    for factor, code in ((1.099, 3), (1.101, 0)):
+        old = json.loads(halved(result))
+        for name in set(FIELDS.values()):
+            old["summary"][name] = result["summary"][name] * factor / 1.21
+        Path("old.json").write_text(json.dumps(old))
+        assert run("report", "--baseline", "old.json").code == code
+
+
+@pytest.mark.parametrize("words", [TYPED, ("report", "cages.h5")])
+def test_a_bad_baseline_is_refused_before_any_work(run, folder, words):
+    Path("old.json").write_text("{}")
+    outcome = run(*words, "--baseline", "old.json")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith("Error: old.json: schema is null, expected 1; ")
+    assert len(outcome.err.splitlines()) == 1
+    assert not Path("cages.h5").exists()
+
+
+def test_a_baseline_is_not_replaced(run, result):
+    assert run("report", "--json", "old.json", "-q").code == 0
+    before = Path("old.json").read_text()
+    outcome = run("report", "--baseline", "old.json", "--json", "old.json", "--overwrite")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "old.json: is read or written by this command already" in outcome.err
+    assert run(*EXTRACT, "--baseline", "old.json", "--timings", "old.json").code == 1
+    assert Path("old.json").read_text() == before
+
+
+def test_results_of_one_file_name_are_called_by_their_paths(run, result):
+    for name in ("a", "b"):
+        Path(name).mkdir()
+        Path(name, "cages.h5").write_bytes(Path("cages.h5").read_bytes())
+    words = ("report", "a/cages.h5", "b/cages.h5")
+    assert run(*words, "--json", "old.json", "-q").code == 0
+    records = json.loads(Path("old.json").read_text())
+    assert [record["result"] for record in records] == ["a/cages.h5", "b/cages.h5"]
+    outcome = run(*words, "--baseline", "old.json")
+    assert outcome.code == 0
+    assert outcome.out.count("within limit") == 8
+
+
+def test_junit_and_markdown_are_alone_on_stdout(run, result):
+    outcome = run("report", "--junit", "-", "--max-rms", "0")
+    assert outcome.code == 3
+    (suite,) = ElementTree.fromstring(outcome.out)
+    assert (suite.get("name"), suite.get("failures")) == ("cages.h5", "1")
+    assert outcome.err.startswith("cages.h5: 5 frames")
+    outcome = run("report", "--markdown", "-", "--max-rms", "0", "-q")
+    assert outcome.code == 3
+    assert outcome.out.startswith("## cageik: 1 clip: 1 over limit\n")
+    assert len(outcome.err.splitlines()) == 1
+
+
+def test_reports_are_written_although_a_limit_is_passed(run, result):
+    words = ["--json", "r.json", "--csv", "f.csv", "--junit", "j.xml", "--markdown", "m.md"]
+    assert run("report", "--max-rms", "0", *words).code == 3
+    assert json.loads(Path("r.json").read_text())["gates"][0]["passed"] is False
+    for name, option in (("f.csv", "--csv"), ("j.xml", "--junit"), ("m.md", "--markdown")):
+        assert Path(name).read_text() == run("report", "--max-rms", "0", option, "-").out
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [("--json", "--junit"), ("--csv", "--markdown"), ("--junit", "--markdown")]
+)
+def test_two_on_stdout_are_wrong_usage(run, result, first, second):
+    outcome = run("report", second, "-", first, "-")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert f"{first} and {second} both go to stdout; name a file for one" in outcome.err
+
+
+def test_every_exit_code_of_the_installed_command(run_process, result):
+    """0 done, 1 failed, 2 wrong usage, 3 a limit was passed."""
+    here = {"cwd": Path.cwd()}
+    for words, code in (
+        (["report"], 0),
+        (["report", "--max-rms", "1000%"], 0),
+        (["report", "nowhere.h5", "--max-rms", "0"], 1),
+        (["report", "--max-rms", "low"], 2),
+        (["report", "--max-rms", "0"], 3),
+        ([*EXTRACT, "-q", "--max-rms", "0"], 3),
+        ([*TYPED, "--max-rms", "0"], 1),
+    ):
+        assert run_process("-m", "cageik_cli", *words, **here).code == code
+        if code == 3:
+            command = Path(sys.executable).with_name("cageik")
+            assert run_process(command, *words, **here).code == code
+
+
+class TestStepSummary:
+    """The page of a step on GitHub is appended to; it never spoils a run."""
+
+    @pytest.fixture
+    def page(self, result, tmp_path, monkeypatch) -> Path:
+        path = tmp_path / "summary.md"
+        monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(path))
+        return path
+
+    def test_it_is_appended_to(self, run, page):
+        page.write_text("before\n")
+        assert run("report", "--markdown", "m.md", "--max-rms", "0").code == 3
+        once = Path("m.md").read_text()
+        assert page.read_text() == f"before\n{once}\n"
+        assert run("report", "-q").err == ""
+        assert page.read_text().count("## cageik") == 2
+
+    def test_it_is_made(self, run, page):
+        assert run("report").code == 0
+        assert page.read_text().startswith("## cageik: 1 clip")
+
+    def test_no_name_is_no_page(self, run, page, monkeypatch):
+        monkeypatch.setenv("GITHUB_STEP_SUMMARY", "")
+        assert (run("report").code, run("report").err) == (0, "")
+        assert not page.exists()
+
+    @pytest.mark.parametrize("limits", [[], ["--max-rms", "0"]])
+    def test_what_prevents_it_is_a_warning(self, run, page, limits):
+        page.mkdir()
+        outcome = run("report", *limits)
+        assert outcome.code == (3 if limits else 0)
+        assert outcome.err.startswith(f"Warning: {page} (GITHUB_STEP_SUMMARY): cannot be written (")
+        assert len(outcome.err.splitlines()) == 1
+
+    def test_a_page_that_is_full_stays_as_it_is(self, run, page):
+        full = "x" * (1 << 20)
+        page.write_text(full)
+        outcome = run("report")
+        assert outcome.code == 0
+        assert "of the 1048576 that GitHub shows, nothing was added" in outcome.err
+        assert page.read_text() == full
+
+
+def test_the_workflow_of_the_readme_is_one():
+    """Its YAML is read, and every option in it is one of the command's."""
+    text = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    (block,) = [part.split("```")[0] for part in text.split("```yaml\n")[1:]]
+    workflow = yaml.safe_load(block)
+    (job,) = workflow["jobs"].values()
+    assert "runs-on" in job
+    assert any("cageik batch" in step.get("run", "") for step in job["steps"])
+    assert all(("run" in step) != ("uses" in step) for step in job["steps"])

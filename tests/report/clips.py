@@ -1,0 +1,52 @@
+"""Entries of an overview, made up."""
+
+from cageik_cli.report import Entry, Gate
+from cageik_cli.report.figures import Clip, Summary
+
+
+def summary(rms_percent: float = 0.25, **others) -> Summary:
+    """Figures of a clip whose diagonal is 2."""
+    figures = {
+        "rms": rms_percent / 50, "rms_percent": rms_percent, "worst_frame": "f_7.obj",
+        "worst_frame_index": 7, "worst_frame_rms": 0.006, "worst_frame_rms_percent": 0.3,
+        "max_deviation": 0.02, "max_deviation_percent": 1.0, "max_deviation_frame": "f_8.obj",
+        "max_deviation_vertex": 3, "volume_change_percent_max": -1.44,
+        "volume_change_frame": "f_9.obj", "volume_drift_percent_max": 2.0, "e_rms": 2.9,
+        "kg_error": None, "frames_skipped": 0, "floats_per_frame": 24, "fixed_floats": 144,
+    }  # fmt: skip
+    return Summary(**figures | others)
+
+
+def gate(passed: bool | None, **others) -> Gate:
+    """One on the clip's rms, of 0.5 %."""
+    found = {True: 0.25, False: 0.75, None: None}[passed]
+    fields = {"metric": "rms", "unit": "%", "limit": 0.5, "found": found, "frame": "f_7.obj"}
+    return Gate(**fields | {"passed": passed} | others)
+
+
+def clip(name: str, *gates: Gate, rms_percent: float = 0.25, notes=()) -> Entry:
+    """One that was extracted."""
+    figures = summary(rms_percent)
+    counts = Clip(frames=5, vertices=18, cage_vertices=8, diagonal=2.0, closed=True, fps=24.0)
+    return Entry(name, clip=counts, summary=figures, gates=gates, notes=tuple(notes))
+
+
+HOSTILE = {
+    "control": "walk\x00\x07\x1b[31m\n\trun",
+    "surrogate": "walk\ud800",
+    "no character": "walk\uffff\ufffe\u202e",
+    "xml": "<a b='c'>&amp;\"]]>",
+    "html": '<img src="x" onerror="alert(1)">',
+    "pipes": "a|b||c",
+    "backticks": "`a` ``b```",
+    "emphasis": "*a* _b_ **c** ~~d~~",
+    "a link": "[a](http://b.c) ![d](e) <http://f.g>",
+    "a list": "1. walk",
+    "another list": "- walk",
+    "a heading": "# walk",
+    "a backslash": "a\\|b\\",
+    "an entity": "&lt;b&gt;",
+    "empty": "",
+    "blank": " ",
+    "long": "x" * 5000,
+}

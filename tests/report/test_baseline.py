@@ -1,0 +1,158 @@
+"""A baseline is read from what report and batch write; anything else is a sentence."""
+
+import json
+import os
+from dataclasses import asdict
+from decimal import Decimal
+
+import pytest
+
+from cageik_cli.errors import InputError
+from cageik_cli.report import (
+    Entry,
+    as_json,
+    baseline,
+    entry_of,
+    overview_json,
+    overview_of,
+    read_baseline,
+    report_of,
+)
+from tests.report.clips import summary
+
+TEN = Decimal(10)
+
+
+@pytest.fixture
+def old(tmp_path):
+    return tmp_path / "old.json"
+
+
+def figures_of(report):
+    change = report.summary.volume_change_percent_max
+    return {
+        "rms": report.summary.rms_percent,
+        "frame_rms": report.summary.worst_frame_rms_percent,
+        "max_deviation": report.summary.max_deviation_percent,
+        "volume_change": None if change is None else abs(change),
+    }
+
+
+@pytest.mark.parametrize("case", ["closed", "opened"])
+def test_one_record(request, old, case):
+    report = report_of(request.getfixturevalue(case).result)
+    old.write_text(as_json([report]))
+    found = read_baseline(old, TEN)
+    assert found == baseline.Baseline(old, {"cages.h5": figures_of(report)}, TEN)
+
+
+def test_several_records_and_a_batch(closed, opened, old):
+    first, second = (
+        report_of(case.result, name=name) for case, name in ((closed, "a/b"), (opened, "ü"))
+    )
+    expected = {"a/b": figures_of(first), "ü": figures_of(second)}
+    old.write_text(as_json([first, second]))
+    assert read_baseline(old, TEN).figures == expected
+    failed = Entry("c", fault="it is broken")
+    old.write_text(overview_json(overview_of([entry_of(first), failed, entry_of(second)])))
+    assert read_baseline(old, TEN).figures == expected
+    old.write_text(old.read_text(), encoding="utf-8-sig")
+    assert read_baseline(old, TEN).figures == expected
+
+
+def record(**changes):
+    """A record with summary figures changed; `...` takes one away."""
+    figures = {key: v for key, v in (asdict(summary()) | changes).items() if v is not ...}
+    return {"schema": 1, "result": "a.h5", "summary": figures}
+
+
+def without(key):
+    return {name: value for name, value in record().items() if name != key}
+
+
+NAN = float("nan")
+FAULTS = {
+    "no JSON": ("{", "cannot be read as JSON (Expecting property name"),
+    "empty": ("", "cannot be read as JSON"),
+    "no text": (b"\xff\xfe\x00", "cannot be read as JSON ('utf-8' codec"),
+    "nan": (json.dumps(record(rms_percent=NAN)), "(NaN is not a number of JSON)"),
+    "infinite": (json.dumps(record(rms_percent=-float("inf"))), "-Infinity is not a number"),
+    "very deep": ("[" * 200_000, "cannot be read as JSON"),
+    "a number of many digits": ("1" * 5000, "cannot be read as JSON (Exceeds the limit"),
+    "a number": (5, "old.json: is 5, expected an object"),
+    "null": (None, "old.json: is null, expected an object"),
+    "nothing": ([], "holds no result with figures"),
+    "failed alone": ({"schema": 1, "clips": [{"name": "a"}]}, "holds no result with figures"),
+    "a list of others": ([record(), 7], "old.json: [1]: is 7, expected an object"),
+    "no schema": (without("schema"), "schema is null, expected 1"),
+    "schema 2": ({**record(), "schema": 2}, "schema is 2, expected 1; name the JSON of"),
+    "schema true": ({**record(), "schema": True}, "schema is true, expected 1"),
+    "schema of a batch": ({"schema": "x" * 99, "clips": []}, 'schema is "xxxxx'),
+    "no name": (without("result"), "result: is null, expected a text"),
+    "no summary": (without("summary"), "old.json: summary: is null, expected an object"),
+    "clips no list": ({"schema": 1, "clips": {}}, "clips: is {}, expected a list"),
+    "clip no object": ({"schema": 1, "clips": ["a"]}, 'clips[0]: is "a", expected an object'),
+    "clip no name": (
+        {"schema": 1, "clips": [{"name": 3, "summary": {}}]},
+        "clips[0]: name: is 3, expected a text",
+    ),
+    "clip no summary": (
+        {"schema": 1, "clips": [{"name": "a", "summary": 3}]},
+        "clips[0]: summary: is 3, expected an object",
+    ),
+    "twice": ([record(), record()], "holds two results of the name a.h5, expected one of each"),
+    "too large": ('{"schema": 1, "result": "a", "summary": {"rms_percent": 1e999}}', "Infinity"),
+    **{
+        f"{name} {value!r}": (
+            [record(), {**record(**{name: value}), "result": "b"}],
+            f"old.json: [1]: summary.{name} is ",
+        )
+        for name in baseline.FIGURES.values()
+        for value in ("1", True, [1], ..., 10**400)
+    },
+    **{
+        f"{name} {value!r}": (
+            record(**{name: value}),
+            f"old.json: summary.{name} is {json.dumps(value)}, expected a finite number, zero or",
+        )
+        for name in list(baseline.FIGURES.values())[:3]
+        for value in (None, -0.1)
+    },
+}
+
+
+@pytest.mark.parametrize(("content", "says"), FAULTS.values(), ids=FAULTS)
+def test_anything_else_is_a_sentence(old, content, says):
+    if isinstance(content, str | bytes):
+        old.write_bytes(content if isinstance(content, bytes) else content.encode())
+    else:
+        old.write_text(json.dumps(content))
+    with pytest.raises(InputError) as error:
+        read_baseline(old, TEN)
+    assert str(error.value).startswith(f"{old}: ")
+    assert says in str(error.value)
+    assert len(str(error.value)) < len(str(old)) + 250
+
+
+def test_a_file_that_is_too_large_is_not_read(old, monkeypatch):
+    old.write_text(json.dumps(record()))
+    monkeypatch.setattr(baseline, "MOST_BYTES", old.stat().st_size)
+    assert read_baseline(old, TEN).figures
+    monkeypatch.setattr(baseline, "MOST_BYTES", old.stat().st_size - 1)
+    with pytest.raises(InputError, match=r"old\.json: is of .* more than the .* that are read"):
+        read_baseline(old, TEN)
+
+
+def test_what_is_no_file_is_refused(old):
+    with pytest.raises(InputError, match=r"old\.json: cannot be read \(No such file"):
+        read_baseline(old, TEN)
+    old.mkdir()
+    with pytest.raises(InputError, match=r"old\.json: is not a plain file"):
+        read_baseline(old, TEN)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no such thing here")
+def test_a_pipe_does_not_wait(old):
+    os.mkfifo(old)
+    with pytest.raises(InputError, match=r"is not a plain file"):
+        read_baseline(old, TEN)

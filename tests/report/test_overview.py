@@ -1,0 +1,140 @@
+"""The overview of many clips: its exit code, its curves, its tables."""
+
+import csv
+import io
+import json
+from dataclasses import asdict, fields, replace
+
+import pytest
+
+from cageik_cli.report import (
+    Entry,
+    entry_of,
+    overview_csv,
+    overview_json,
+    overview_of,
+    report_of,
+)
+from cageik_cli.report.figures import Clip, Summary
+from tests.report.clips import clip, gate
+
+WELL, OVER, FAILED = clip("a", gate(True)), clip("b", gate(False)), Entry("c", fault="broken")
+UNJUDGED, BARE = clip("d", gate(None)), clip("e")
+
+
+@pytest.mark.parametrize(
+    ("entries", "code"),
+    [
+        ([], 0),
+        ([WELL], 0),
+        ([UNJUDGED, BARE, WELL], 0),
+        ([OVER], 3),
+        ([WELL, OVER, UNJUDGED], 3),
+        ([clip("a", gate(True), gate(None), gate(False))], 3),
+        ([FAILED], 1),
+        ([FAILED, FAILED], 1),
+        ([FAILED, WELL], 4),
+        ([WELL, FAILED, FAILED], 4),
+        ([OVER, FAILED], 4),
+        ([OVER, WELL, FAILED, UNJUDGED], 4),
+    ],
+)
+def test_the_exit_code(entries, code):
+    assert overview_of(entries).exit_code == code
+    assert overview_of(entries[::-1]).exit_code == code
+
+
+def curve_of(report, rms, other, worst):
+    """The curve of a report whose frames have these figures; None is a frame that was skipped."""
+    frame = report.frames[0]
+    frames = tuple(
+        replace(frame, rms_percent=a, volume_change=b, max_deviation_percent=b)
+        for a, b in zip(rms, other, strict=True)
+    )
+    figures = replace(report.summary, worst_frame_index=worst)
+    return entry_of(replace(report, frames=frames, summary=figures)).curve
+
+
+@pytest.fixture(params=["closed", "opened"])
+def report(request):
+    return report_of(request.getfixturevalue(request.param).result)
+
+
+def test_a_curve_of_one_frame(report):
+    curve = curve_of(report, [0.5], [-1.0], 0)
+    assert (curve.rms_percent, curve.other, curve.worst) == ((0.5,), (-1.0,), 0)
+
+
+def test_a_few_frames_are_all_there_and_gaps_stay(report):
+    curve = curve_of(report, [0.5, None, 0.25, 1.0], [-1.0, None, 2.0, None], 3)
+    assert curve.rms_percent == (0.5, None, 0.25, 1.0)
+    assert curve.other == (-1.0, None, 2.0, None)
+    assert curve.worst == 3
+
+
+@pytest.mark.parametrize("count", [120, 121, 239, 240, 1000])
+def test_a_span_has_the_largest_of_its_frames(report, count):
+    """Each frame is in one span, in order, and sizes differ by one at most."""
+    rms = [float((37 * k) % count) for k in range(count)]
+    other = [value if k % 2 else -value for k, value in enumerate(rms)]
+    worst = rms.index(max(rms))
+    curve = curve_of(report, rms, other, worst)
+    assert len(curve.rms_percent) == len(curve.other) == 120
+    long, size = count % 120, count // 120
+    start = 0
+    for k in range(120):
+        end = start + size + (k < long)
+        assert curve.rms_percent[k] == max(rms[start:end])
+        assert curve.other[k] == max(other[start:end], key=abs)
+        assert (start <= worst < end) is (k == curve.worst)
+        start = end
+    assert start == count
+
+
+def test_a_span_of_gaps_is_a_gap(report):
+    """Of 240 frames in spans of two: all of the second span, half of the third."""
+    rms = [1.0] * 240
+    rms[2] = rms[3] = rms[4] = None
+    curve = curve_of(report, rms, rms, 0)
+    assert curve.rms_percent[:4] == (1.0, None, 1.0, 1.0)
+    assert curve.other[:4] == (1.0, None, 1.0, 1.0)
+
+
+def test_the_other_curve_is_the_volumes_of_a_closed_model(closed, opened):
+    frames = report_of(closed.result).frames
+    assert entry_of(report_of(closed.result)).curve.other == tuple(f.volume_change for f in frames)
+    frames = report_of(opened.result).frames
+    assert entry_of(report_of(opened.result)).curve.other == tuple(
+        frame.max_deviation_percent for frame in frames
+    )
+
+
+def test_an_entry_is_what_its_report_says(closed):
+    report = report_of(closed.result, name="walk/run")
+    entry = entry_of(report, "walk/run.h5", "walk/run.html")
+    assert (entry.name, entry.result, entry.page) == ("walk/run", "walk/run.h5", "walk/run.html")
+    assert (entry.clip, entry.binding, entry.summary) == (
+        report.clip, report.binding, report.summary,
+    )  # fmt: skip
+    assert not entry.has_failed
+
+
+def test_json_is_the_whole_record(closed):
+    overview = overview_of([entry_of(report_of(closed.result)), OVER, FAILED, UNJUDGED])
+    record = json.loads(overview_json(overview))
+    assert record == json.loads(json.dumps(asdict(overview)))
+    assert record["schema"] == 1
+    assert [entry["fault"] for entry in record["clips"]] == [None, None, "broken", None]
+    assert record["clips"][1]["gates"][0]["passed"] is False
+
+
+def test_csv_is_a_line_a_clip():
+    both = clip("x,y\n", gate(False), gate(False, metric="frame_rms"), gate(False))
+    rows = list(csv.DictReader(io.StringIO(overview_csv(overview_of([WELL, both, FAILED])))))
+    columns = {field.name for record in (Clip, Summary) for field in fields(record)}
+    assert set(rows[0]) == {"name", "fault", "over_limit", *columns}
+    assert [row["name"] for row in rows] == ["a", "x,y\n", "c"]
+    assert [row["fault"] for row in rows] == ["", "", "broken"]
+    assert [row["over_limit"] for row in rows] == ["", "rms frame_rms", ""]
+    assert [row["rms_percent"] for row in rows] == ["0.25", "0.25", ""]
+    assert [row["frames"] for row in rows] == ["5", "5", ""]
