@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.layout import bytes_text, printable
+from cageik_cli.layout import bytes_text, printable, shown
 
 
 @pytest.mark.parametrize(
-    ("name", "shown"),
+    ("name", "expected"),
     [
         ("é_1.obj", "é_1.obj"),
         ("\U0001f40e.obj", "\U0001f40e.obj"),
@@ -17,9 +17,9 @@ from cageik_cli.layout import bytes_text, printable
         (Path("a") / "\udcfe", str(Path("a") / "\ufffd")),
     ],
 )
-def test_names_become_text_that_can_be_written(name, shown):
-    assert printable(name) == shown
-    shown.encode()
+def test_names_become_text_that_can_be_written(name, expected):
+    assert printable(name) == expected
+    expected.encode()
 
 
 @pytest.mark.parametrize(
@@ -38,3 +38,16 @@ def test_names_become_text_that_can_be_written(name, shown):
 )
 def test_bytes(count, text):
     assert bytes_text(count) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("walk_01 ü.obj", "walk_01 ü.obj"),
+        ("a\nb\tc\u00a0d\u2028e", "a b c d e"),
+        ("a\x00\x1b[31m\x7f", "a\ufffd\ufffd[31m\ufffd"),
+        ("\u202e\ufeff\uffff\ud800", "\ufffd" * 4),
+    ],
+)
+def test_what_has_no_glyph_is_replaced(text, expected):
+    assert shown(text) == expected

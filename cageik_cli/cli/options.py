@@ -49,7 +49,9 @@ def common(command: Command) -> Command:
             callback=read_config,
             help="A TOML file with options under [COMMAND]; the command line wins.",
         ),
-        click.option("-q", "--quiet", is_flag=True, help="Say nothing but errors."),
+        click.option(
+            "-q", "--quiet", is_flag=True, help="Say nothing but errors, and what is over a limit."
+        ),
         click.option(
             "-v",
             "--verbose",

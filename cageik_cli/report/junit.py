@@ -21,7 +21,7 @@ def as_junit(overview: Overview) -> str:
     A clip that failed is an error, a figure over its limit a failure, and one that is not defined
     is skipped. Notes are the suite's output.
     """
-    root = Element("testsuites", name=overview.tool["name"])
+    root = Element("testsuites")
     for k, entry in enumerate(overview.clips):
         _add_suite(root, k, entry)
     ElementTree.indent(root, " ")

@@ -339,7 +339,7 @@ class TestStepSummary:
 
 
 def test_the_workflow_of_the_readme_is_one():
-    """Its YAML is read, and every option in it is one of the command's."""
+    """Its YAML is read, and its steps are those of a job that makes a batch."""
     text = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
     (block,) = [part.split("```")[0] for part in text.split("```yaml\n")[1:]]
     workflow = yaml.safe_load(block)
