@@ -17,12 +17,12 @@ from cageik_cli import __version__
 from cageik_cli.batch.jobs import ClipJob, Outcome
 from cageik_cli.batch.pieces import PIECE_SECONDS, Pieces, WeightsTask, sentence_of_killed
 from cageik_cli.batch.work import failed, looked_at, work_on
+from cageik_cli.batch.worker import make_fit
 from cageik_cli.errors import InputError, sentence_of
 from cageik_cli.locks import open_locked
 from cageik_cli.optional import needing
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import partial_name
-from cageik_cli.threads import limit_blas_for_good
 
 PACKAGE = "cageik"
 """As it is called where packages are installed."""
@@ -234,7 +234,7 @@ def clip_done(
     job: ClipJob, bound: StoredBinding | None, weights: WeightsTask, seconds: float
 ) -> Outcome:
     """A task: what came of a job, pieces of which take `seconds` at least."""
-    limit_blas_for_good()
+    make_fit()
     await_log(partial_name(job.settings.output), LOG_SECONDS)
     return work_on(job, bound, Pieces(job.settings, weights, seconds))
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from cageik_cli.batch.jobs import ClipJob
 from cageik_cli.batch.work import bound_for
+from cageik_cli.batch.worker import make_fit
 from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import DualLaplacianSolver
 from cageik_cli.errors import InputError
@@ -21,7 +22,6 @@ from cageik_cli.sequence import MeshSequence, clip_and_rest
 from cageik_cli.solving import BlockSolver, Budget, Threads
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.solved_block import SolvedBlock
-from cageik_cli.threads import limit_blas_for_good
 
 PIECE_SECONDS = 0.5
 """Work of a piece at least; what a scheduler spends on a task is a hundredth of it."""
@@ -54,7 +54,7 @@ class WeightsTask:
 
 def made_weights(job: ClipJob) -> StoredBinding | None:
     """A task: the weights of a job, and of all that share them."""
-    limit_blas_for_good()
+    make_fit()
     return bound_for(job)
 
 
@@ -191,7 +191,7 @@ class Common:
 
 def solved_piece(common: Common, bound: StoredBinding, starts: range) -> list[SolvedBlock]:
     """A task: the blocks that begin at `starts`."""
-    limit_blas_for_good()
+    make_fit()
     with Threads(1).solving(common.work_with(bound.binding), starts, common.budget) as blocks:
         return list(blocks)
 

@@ -35,6 +35,9 @@ class Counted(MeshSequence):
     def digest(self, index):
         return b""
 
+    def recall(self, start, stamps):
+        raise NotImplementedError
+
     def source(self):
         return {}
 

@@ -110,3 +110,16 @@ def test_the_source_tells_contents_and_order(folder, animation, write_obj):
     write_obj(folder / "frames/frame_2.obj", animation.frames[2], animation.rest.faces)
     write_obj(folder / "frames/frame_3.obj", animation.frames[1], animation.rest.faces)
     assert digest()["sha256"] != before["sha256"]
+
+
+def test_stamps_that_are_told_are_not_read_again(folder):
+    told = open_sequence(["frames"])
+    known = open_sequence(["frames"])
+    stamps = [known.stamp(k) for k in range(5)]
+    source = known.source()
+    for k in range(1, 5):
+        Path("frames", f"frame_{k + 1}.obj").unlink()
+    told.recall(0, stamps)
+    assert told.source() == source
+    told.recall(2, [bytes(32)])  # a frame that could not be read there: nothing is known of it
+    assert told.stamp(2) == stamps[2]
