@@ -49,6 +49,7 @@ OWNERS = {
     "alembic3d": {"sequence.readers.alembic", "export.writers.alembic"},
     "imath": {"export.writers.alembic"},
     "matplotlib": {"report.figure"},
+    "PIL": {"report.pictures"},
 }
 """Who may import a library, `imath` being alembic3d's; numpy and scipy are for all."""
 
@@ -65,6 +66,7 @@ NUMERICS = (
     "dual_laplacian",
     "metrics",
     "export.skinning",
+    "report.shading",
 )
 NO_NUMERICS = {"click", "io", "logging", "os", "pathlib", "sys", "time", "tqdm", "warnings"}
 LOUD = {"print", "open", "input"}
