@@ -137,6 +137,15 @@ function makeCursor(plot) {
   });
 }
 
+// A pose takes the whole width, or gives it back.
+function makeSizable(button) {
+  button.addEventListener("click", () => {
+    const isLarge = button.closest(".pose").classList.toggle("large");
+    button.setAttribute("aria-pressed", isLarge);
+  });
+}
+
+document.querySelectorAll("button.size").forEach(makeSizable);
 document.querySelectorAll("#plot").forEach(makeCursor);
 document.querySelectorAll("table.sortable").forEach(makeSortable);
 document.querySelectorAll("input[data-filters]").forEach(makeFilter);
