@@ -13,7 +13,6 @@ BLENDER_READY := $(BLENDER_VENV)/.ready
 READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/blender
 
 CHROMIUM      ?= chromium
-BROWSER_READY := $(VENV)/.browser-ready
 
 .PHONY: help run test test-blender test-browser check format bench growth fixtures clean
 
@@ -49,14 +48,11 @@ test-blender: $(BLENDER_READY) $(READY)  ## Read every format back in Blender, a
 	$(READ_BACK) --wrong > $(OUT)/blender/wrong.log
 	$(READ_BACK) > $(OUT)/blender/imports.log
 
-$(BROWSER_READY): $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright
-	@touch $@
-
-test-browser: $(BROWSER_READY)  ## Open the pages in Chromium, and use them by mouse and keyboard
+test-browser: $(READY)  ## Open the pages in Chromium, and use them by mouse and keyboard
 	@command -v $(CHROMIUM) >/dev/null || { \
 		echo "$(CHROMIUM): no such program; install Chromium or Chrome, or name it:" \
 			"make test-browser CHROMIUM=/path/to/chrome" >&2; exit 1; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright
 	CHROMIUM="$$(command -v $(CHROMIUM))" $(BIN)/python -m pytest tests/browser -m browser
 
 check: $(READY)  ## Format, lint, types, and the order of imports

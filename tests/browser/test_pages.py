@@ -205,6 +205,31 @@ def test_nothing_is_wider_than_the_window(opened, html, index, kind, width, sche
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
+@pytest.mark.parametrize("kind", ["page", "index"])
+def test_long_names_are_broken(opened, report, pictures, kind):
+    long = 300 * "x"
+    summary = replace(
+        report.summary, worst_frame=long, max_deviation_frame=long, volume_change_frame=long
+    )
+    named = replace(
+        report,
+        result=long,
+        summary=summary,
+        notes=(long,),
+        settings={long: long},
+        sources={long: {"name": long, long: long}},
+        gates=tuple(replace(gate, frame=long) for gate in report.gates),
+        frames=tuple(replace(frame, name=long) for frame in report.frames),
+    )
+    entries = [entry_of(named, page="a.html"), Entry(long, fault=long)]
+    html = as_html(named, pictures) if kind == "page" else as_index(overview_of(entries))
+    page = opened(html, viewport={"width": 360, "height": 800}).page
+    if kind == "page":
+        page.locator("#plot").focus()
+        page.keyboard.press("End")
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
 LUMINANCE = """element => {
   const [r, g, b] = getComputedStyle(element).backgroundColor.match(/[\\d.]+/g).map(Number);
   return (0.2126 * r + 0.7152 * g + 0.0722 * b) / 255;
@@ -308,6 +333,19 @@ def test_clips_are_found_by_parts_of_their_names(opened, index):
     assert page.text_content("#status") == "3 of 13 shown"
     page.get_by_label("Show names with").fill("")
     assert page.locator("#clips tbody tr:visible").count() == 13
+
+
+def test_two_thousand_frames_can_be_sorted(opened, report, pictures):
+    frames = tuple(
+        replace(report.frames[k % 30], index=k, name=f"take_{k}.obj") for k in range(2000)
+    )
+    page = opened(as_html(replace(report, frames=frames), pictures)).page
+    page.get_by_role("button", name="RMS, %", exact=True).click()
+    figures = [float(text) for text in _column(page, "frames-table", 3)]
+    assert all(a >= b for a, b in pairwise(figures))
+    page.locator("#plot").focus()
+    page.keyboard.press("End")
+    assert _told(page)[0] == "take_1999.obj"
 
 
 def test_five_hundred_clips_are_there_in_time(opened, report):
