@@ -1,5 +1,6 @@
 # Every target makes the virtual environment it needs: a clone, Python 3.11 and make are enough.
-# `test-blender` needs Python 3.11 itself, for Blender as a module; nothing else here depends on it.
+# `test-blender` needs Python 3.11 itself, for Blender as a module, and `test-browser` needs Chromium;
+# nothing else here depends on them.
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
@@ -11,7 +12,9 @@ BLENDER_VENV  ?= .venv-blender
 BLENDER_READY := $(BLENDER_VENV)/.ready
 READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/blender
 
-.PHONY: help run test test-blender check format bench growth fixtures clean
+CHROMIUM      ?= chromium
+
+.PHONY: help run test test-blender test-browser check format bench growth fixtures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
@@ -25,7 +28,8 @@ run: $(READY)  ## Extract the cages of the walking figure, and report on them
 	@mkdir -p $(OUT)
 	$(BIN)/cageik extract data_fixtures/walker/frames/*.obj --cage data_fixtures/walker/cage.obj \
 		--output $(OUT)/walker.h5 --overwrite
-	$(BIN)/cageik report $(OUT)/walker.h5 --json $(OUT)/report.json --csv $(OUT)/frames.csv --overwrite
+	$(BIN)/cageik report $(OUT)/walker.h5 --html $(OUT)/walker.html \
+		--json $(OUT)/report.json --csv $(OUT)/frames.csv --overwrite
 
 test: $(READY)  ## Run the tests, with the coverage of the package
 	$(BIN)/python -m pytest --numprocesses=auto --cov --cov-report=term-missing:skip-covered --cov-fail-under=95
@@ -43,6 +47,13 @@ test-blender: $(BLENDER_READY) $(READY)  ## Read every format back in Blender, a
 	$(BIN)/python tests/blender/write.py $(OUT)/blender
 	$(READ_BACK) --wrong > $(OUT)/blender/wrong.log
 	$(READ_BACK) > $(OUT)/blender/imports.log
+
+test-browser: $(READY)  ## Open the pages in Chromium, and use them by mouse and keyboard
+	@command -v $(CHROMIUM) >/dev/null || { \
+		echo "$(CHROMIUM): no such program; install Chromium or Chrome, or name it:" \
+			"make test-browser CHROMIUM=/path/to/chrome" >&2; exit 1; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright
+	CHROMIUM="$$(command -v $(CHROMIUM))" $(BIN)/python -m pytest tests/browser -m browser
 
 check: $(READY)  ## Format, lint, types, and the order of imports
 	$(BIN)/ruff format --check .

@@ -50,6 +50,7 @@ OWNERS = {
     "alembic3d": {"sequence.readers.alembic", "export.writers.alembic"},
     "imath": {"export.writers.alembic"},
     "matplotlib": {"report.figure"},
+    "PIL": {"report.pictures"},
 }
 """Who may import a library, `imath` being alembic3d's; numpy and scipy are for all."""
 
@@ -66,6 +67,7 @@ NUMERICS = (
     "dual_laplacian",
     "metrics",
     "export.skinning",
+    "report.shading",
 )
 NO_NUMERICS = {"click", "io", "logging", "os", "pathlib", "sys", "time", "tqdm", "warnings"}
 LOUD = {"print", "open", "input"}

@@ -10,11 +10,18 @@ from cageik_cli.cli.gate_options import echo_over_limits, exit_by, gate_options,
 from cageik_cli.cli.options import PATH, common, write_or_print
 from cageik_cli.cli.step_summary import append_step_summary
 
-VIEWS = ("json", "csv", "junit", "markdown")
+OF_ALL = ("json", "csv", "junit", "markdown")
+"""Views of any number of results."""
+
+OF_ONE = ("html", "plot")
+
+PICTURES = (".png", ".svg")
 
 
 @click.command("report")
 @click.argument("results", nargs=-1, type=PATH)
+@click.option("--html", type=PATH, help="Write one result's page, which needs no other file.")
+@click.option("--plot", type=PATH, help="Draw error and volume over the frames, as .png or .svg.")
 @click.option("--json", type=PATH, help="Write the record as JSON; - is stdout.")
 @click.option("--csv", type=PATH, help="Write a line a frame as CSV; - is stdout.")
 @click.option("--junit", type=PATH, help="Write a test case a limit as JUnit XML; - is stdout.")
@@ -25,9 +32,14 @@ VIEWS = ("json", "csv", "junit", "markdown")
 def report_command(results: tuple[Path, ...], overwrite: bool, quiet: bool, **options: Any) -> None:
     """Report on RESULTS of cageik extract; on cages.h5 in this folder if none is named.
 
-    The text goes to stdout, or to stderr when JSON, CSV, JUnit or Markdown goes there. Markdown
-    is appended to the file that GITHUB_STEP_SUMMARY names, when it is set.
+    The text goes to stdout, or to stderr when another view goes there. Markdown is appended to
+    the file that GITHUB_STEP_SUMMARY names, when it is set.
     """
+    results = results or (Path("cages.h5"),)
+    targets: dict[str, Path | None] = {name: options.pop(name) for name in OF_ONE + OF_ALL}
+    is_stdout_taken = _is_stdout_taken(targets)
+    _refuse_views_of_one(targets, len(results))
+
     from cageik_cli.outputs import keep_apart, prepare
     from cageik_cli.report import (
         as_csv,
@@ -41,9 +53,6 @@ def report_command(results: tuple[Path, ...], overwrite: bool, quiet: bool, **op
     )
     from cageik_cli.store.result import read_result
 
-    targets: dict[str, Path | None] = {name: options.pop(name) for name in VIEWS}
-    is_stdout_taken = _is_stdout_taken(targets)
-    results = results or (Path("cages.h5"),)
     keep_apart(list(targets.values()), [*results, options["baseline"]])
     limits = limits_of(options)
     for path in targets.values():
@@ -51,12 +60,12 @@ def report_command(results: tuple[Path, ...], overwrite: bool, quiet: bool, **op
             prepare(path, overwrite)
     names = _names(results)
     limits = limits.by_name() if len(results) > 1 else limits
-    reports = [
-        report_of(read_result(path), limits, name)
-        for path, name in zip(results, names, strict=True)
-    ]
+    held = list(map(read_result, results))
+    reports = [report_of(*given) for given in zip(held, [limits] * len(held), names, strict=True)]
     overview = overview_of([entry_of(report) for report in reports])
     views = {
+        "html": partial(_page, held[0], reports[0]),
+        "plot": partial(_plot, targets["plot"], reports[0]),
         "json": partial(as_json, reports),
         "csv": partial(as_csv, reports),
         "junit": partial(as_junit, overview),
@@ -81,7 +90,33 @@ def _is_stdout_taken(targets: dict[str, Path | None]) -> bool:
     return bool(there)
 
 
+def _refuse_views_of_one(targets: dict[str, Path | None], results: int) -> None:
+    """Refuse what shows one result, of several; and a picture of no kind that is drawn."""
+    for name in OF_ONE:
+        if targets[name] is not None and results > 1:
+            raise click.UsageError(
+                f"--{name} shows one result, {results} were named; name one, or use cageik batch"
+            )
+    plot = targets["plot"]
+    if plot is not None and plot.suffix.lower() not in PICTURES:
+        raise click.UsageError(
+            f"--plot {plot}: expected a name that ends in {' or '.join(PICTURES)}"
+        )
+
+
 def _names(results: tuple[Path, ...]) -> list[str]:
     """What results are called: their files' names, or all their paths where two share a name."""
     names = [path.name for path in results]
     return names if len(set(names)) == len(names) else [path.as_posix() for path in results]
+
+
+def _page(result: Any, report: Any) -> str:
+    from cageik_cli.report.whole_page import page_of
+
+    return page_of(result, report)
+
+
+def _plot(path: Path, report: Any) -> str | bytes:
+    from cageik_cli.report.figure import as_png, as_svg
+
+    return as_png(report) if path.suffix.lower() == ".png" else as_svg(report)

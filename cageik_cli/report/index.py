@@ -75,6 +75,7 @@ def _row(entry: Entry, summary: Summary) -> dict[str, Any]:
         "deviation": percent_text(summary.max_deviation_percent),
         "volume": _undefined(entry.clip) if change is None else change_text(change),
         "frames": entry.clip.frames,
+        "skipped": summary.frames_skipped,
         "vertices": entry.clip.vertices,
         "cage_vertices": entry.clip.cage_vertices,
         "verdict": verdict,

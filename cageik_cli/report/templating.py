@@ -5,7 +5,6 @@ import hashlib
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from cageik_cli import __version__
 
@@ -28,8 +27,8 @@ def rendered(template: str, **values: Any) -> str:
     """
     script = _part("script.js")
     return _environment.get_template(template).render(
-        style=Markup(_part("style.css")),
-        script=Markup(script),
+        style=_part("style.css"),
+        script=script,
         script_digest=_policy_digest(script),
         generator=GENERATOR,
         **values,

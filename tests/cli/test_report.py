@@ -7,6 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from cageik_cli.report import report_of
+from cageik_cli.report.page import is_page_of
+from cageik_cli.store.result import read_result
+
 
 @pytest.fixture(scope="session")
 def result_bytes(tmp_path_factory, animation, write_obj):
@@ -68,7 +72,7 @@ def test_files_hold_what_stdout_would(run, results):
     assert Path("f.csv").read_text() == run("report", "--csv", "-").out
 
 
-@pytest.mark.parametrize("option", ["--json", "--csv"])
+@pytest.mark.parametrize("option", ["--json", "--csv", "--html"])
 def test_files_that_exist_are_refused_unless_they_may_be_replaced(run, results, option):
     Path("there").write_text("old")
     outcome = run("report", option, "there")
@@ -88,6 +92,65 @@ def test_a_refused_file_leaves_none_of_the_others(run, results):
 def test_the_remedy_is_one_that_report_has(run, results):
     Path("there").write_text("old")
     assert " -o" not in run("report", "--json", "there").err
+
+
+def test_the_page_is_that_of_the_record(run, results):
+    outcome = run("report", "--html", "page.html", "-q")
+    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+    report = report_of(read_result(Path("cages.h5")))
+    assert is_page_of(Path("page.html"), report)
+    assert Path("page.html").read_text().count("<img ") == 1 + 4 * 3 + 2
+    first = Path("page.html").read_bytes()
+    assert run("report", "--html", "page.html", "--overwrite", "-q").code == 0
+    assert Path("page.html").read_bytes() == first
+
+
+def test_the_page_may_go_to_stdout(run, results):
+    outcome = run("report", "--html", "-")
+    assert outcome.out.startswith("<!doctype html>")
+    assert outcome.err.startswith("cages.h5: 5 frames")
+
+
+def test_a_result_without_weights_has_a_page_without_pictures(run, folder):
+    assert run("extract", "frames", "--cage", "cage.obj", "--no-weights").code == 0
+    assert run("report", "--html", "page.html").code == 0
+    page = Path("page.html").read_text()
+    assert page.count("<img ") == 1
+    assert "--no-weights" in page
+
+
+def test_a_page_of_several_results_is_wrong_usage(run, results):
+    outcome = run("report", "cages.h5", "other.h5", "--html", "page.html")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "--html writes the page of one result, not of 2" in outcome.err
+    assert "name one, or use cageik batch" in outcome.err
+    assert not Path("page.html").exists()
+
+
+def test_a_page_is_not_written_over_its_result(run, results):
+    outcome = run("report", "cages.h5", "--html", "cages.h5", "--overwrite")
+    assert outcome.code == 1
+    assert "cages.h5: is read or written by this command already" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("words", "used"),
+    [
+        (["extract", "frames", "--cage", "cage.obj", "-o", "other.h5"], []),
+        (["report"], []),
+        (["report", "--html", "page.html"], ["jinja2", "matplotlib"]),
+    ],
+    ids=["extract", "report", "page"],
+)
+def test_only_a_page_needs_what_pages_are_made_with(run_process, folder, run, words, used):
+    assert run("extract", "frames", "--cage", "cage.obj").code == 0
+    code = (
+        f"import sys; from cageik_cli.cli import main; main({words}, standalone_mode=False); "
+        "print(sorted({'jinja2', 'matplotlib'} & set(sys.modules)))"
+    )
+    outcome = run_process("-c", code)
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.splitlines()[-1] == str(used)
 
 
 def test_both_on_stdout_is_wrong_usage(run, results):

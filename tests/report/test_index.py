@@ -101,6 +101,13 @@ def test_an_open_model_has_no_change_of_volume(opened):
     assert "max deviation up to" in svg.attributes["aria-label"]
 
 
+def test_skipped_frames_are_counted(report):
+    entry = entry_of(report)
+    skipping = replace(entry, summary=replace(entry.summary, frames_skipped=2))
+    (row,) = _rows(as_index(overview_of([skipping])))
+    assert [cell.text for cell in row.all("td")][6] == "5 2 skipped"
+
+
 def test_a_closed_model_with_missing_data_has_none_either(report):
     entry = entry_of(report)
     unknown = replace(entry, summary=replace(entry.summary, volume_change_percent_max=None))

@@ -116,12 +116,14 @@ function makeCursor(plot) {
   plot.setAttribute("aria-valuemax", rows.length - 1);
   plot.setAttribute("aria-valuenow", start);
   plot.setAttribute("aria-valuetext", rows[start].querySelector("th").textContent);
-  plot.addEventListener("pointermove", (event) => {
+  const point = (event) => {
     const box = plot.getBoundingClientRect();
     const across = ((event.clientX - box.left) / box.width - left) / (right - left);
     const frame = Math.round(first + across * (last - first));
     move(Math.max(0, Math.min(rows.length - 1, frame)));
-  });
+  };
+  plot.addEventListener("pointermove", point);
+  plot.addEventListener("pointerdown", point);
   plot.addEventListener("pointerleave", () => { if (document.activeElement !== plot) hide(); });
   plot.addEventListener("focus", () => move(current ?? start));
   plot.addEventListener("blur", hide);
@@ -137,6 +139,15 @@ function makeCursor(plot) {
   });
 }
 
+// A pose takes the whole width, or gives it back.
+function makeSizable(button) {
+  button.addEventListener("click", () => {
+    const isLarge = button.closest(".pose").classList.toggle("large");
+    button.setAttribute("aria-pressed", isLarge);
+  });
+}
+
+document.querySelectorAll("button.size").forEach(makeSizable);
 document.querySelectorAll("#plot").forEach(makeCursor);
 document.querySelectorAll("table.sortable").forEach(makeSortable);
 document.querySelectorAll("input[data-filters]").forEach(makeFilter);

@@ -1,0 +1,365 @@
+"""The report as a page: one HTML file that needs no other, for a browser or a printer."""
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cageik_cli.binding import LOWEST_WEIGHT
+from cageik_cli.coordinates.weights import ACCURACIES
+from cageik_cli.dual_laplacian import WORST_CONDITION
+from cageik_cli.report.explanations import MEANINGS, METRICS, SETTINGS
+from cageik_cli.report.figure import plot_of
+from cageik_cli.report.figures import (
+    Frame,
+    VertexFigures,
+    change_text,
+    figure_text,
+    percent_text,
+    units_text,
+)
+from cageik_cli.report.gates import PERCENT, Gate
+from cageik_cli.report.pictures import Pictures
+from cageik_cli.report.record import Report
+from cageik_cli.report.tables import as_json
+from cageik_cli.report.templating import data_url, rendered
+from cageik_cli.report.verdicts import found_text, gate_verdict, limit_text, verdict_of
+
+SECTIONS = (
+    ("verdict", "Verdict"),
+    ("course", "Error over the frames"),
+    ("poses", "Poses"),
+    ("spread", "Spread"),
+    ("where", "Where"),
+    ("weights", "Weights"),
+    ("settings", "Settings and sources"),
+    ("notes", "Notes"),
+    ("frames", "Frames"),
+    ("reading", "How to read"),
+)
+
+TICKS = 5
+"""Of a scale."""
+
+HEAD = 512
+"""Bytes of a page that hold its mark."""
+
+POSES = {
+    "rest": "Rest pose",
+    "worst": "Worst frame",
+    "median": "Median frame",
+    "best": "Best frame",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of the frames' table.
+
+    Attributes
+    ----------
+    name : str
+        Of the field of `Frame`.
+    label : str
+    kind : str
+        "number" or "name": how it is sorted and set.
+    told : str
+        What it is called beside the figure's cursor; "" if it is not shown there.
+    """
+
+    name: str
+    label: str
+    kind: str = "number"
+    told: str = ""
+
+
+FRAME, NAME = Column("index", "#"), Column("name", "Frame", "name")
+LENGTHS = (
+    Column("rms_percent", "RMS, %", told="rms, %"),
+    Column("rms", "RMS, units"),
+    Column("max_deviation_percent", "Max deviation, %", told="max deviation, %"),
+    Column("max_deviation", "Max deviation, units"),
+    Column("worst_vertex", "At vertex"),
+)
+VOLUMES = (
+    Column("volume_change", "Volume change, %", told="volume change, %"),
+    Column("volume", "Volume"),
+    Column("volume_reconstructed", "Volume rebuilt"),
+    Column("volume_drift", "Drift from rest, %"),
+)
+
+PRINTED: dict[str, Callable[[Any], str]] = {
+    "rms_percent": percent_text,
+    "rms": units_text,
+    "max_deviation_percent": percent_text,
+    "max_deviation": units_text,
+    "worst_vertex": str,
+    "volume_change": change_text,
+    "volume": units_text,
+    "volume_reconstructed": units_text,
+    "volume_drift": change_text,
+}
+
+
+def as_html(report: Report, pictures: Pictures | None) -> str:
+    """The page of a report.
+
+    Parameters
+    ----------
+    report : Report
+    pictures : Pictures, optional
+        None for a result without weights; the page then says why it has none.
+
+    Returns
+    -------
+    str
+        The same for the same arguments.
+    """
+    columns = _columns(report)
+    return rendered(
+        "page.html.j2",
+        report=report,
+        digest=record_digest(report),
+        sections=SECTIONS,
+        verdict=verdict_of(report.gates),
+        gates=[_gate_row(gate) for gate in report.gates],
+        plot=_plot(report),
+        pictures=pictures,
+        **(_picture_values(pictures) if pictures else {}),
+        histogram=_histogram(report.vertices),
+        quality=list(_quality(report)),
+        settings=[
+            (name, _plain(value), SETTINGS.get(name, "")) for name, value in report.settings.items()
+        ],
+        sources=[(role.replace("_", " "), _facts(source)) for role, source in _sorted(report)],
+        columns=(FRAME, NAME, *columns),
+        rows=[_row(frame, columns) for frame in report.frames],
+        meanings=MEANINGS,
+        percent=percent_text,
+        units=units_text,
+        change=change_text,
+        figure=figure_text,
+    )
+
+
+def record_digest(report: Report) -> str:
+    """SHA-256 of a report as `as_json` writes it, in hexadecimal digits."""
+    return hashlib.sha256(as_json([report]).encode()).hexdigest()
+
+
+def is_page_of(path: Path, report: Report) -> bool:
+    """Whether there is a page at `path`, and it shows this report.
+
+    Only the head of the file is read.
+    """
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return _mark(report).encode() in file.read(HEAD)
+
+
+def _mark(report: Report) -> str:
+    """What the head of a report's page holds."""
+    return f'<meta name="cageik-record" content="{record_digest(report)}">'
+
+
+def _gate_row(gate: Gate) -> dict[str, Any]:
+    whole = "volume" if gate.metric == "volume_change" else "diagonal"
+    return {
+        "metric": METRICS[gate.metric],
+        "limit": limit_text(gate),
+        "found": found_text(gate),
+        "unit": f"% of the {whole}" if gate.unit == PERCENT else "units of the file",
+        "frame": gate.frame or "",
+        "verdict": gate_verdict(gate),
+    }
+
+
+def _plot(report: Report) -> dict[str, Any]:
+    """The figure, where its axes are, and what it shows in words."""
+    plot, summary = plot_of(report), report.summary
+    changes = summary.volume_change_percent_max
+    other = (
+        "the largest deviation of each frame, at most "
+        f"{percent_text(summary.max_deviation_percent)} % at {summary.max_deviation_frame}"
+        if changes is None
+        else f"the change of its volume, at most {change_text(changes)} % at "
+        f"{summary.volume_change_frame}"
+    )
+    return {
+        "source": data_url(plot.svg.encode(), "svg+xml"),
+        "text": f"RMS error of {len(report.frames)} frames, at most "
+        f"{percent_text(summary.worst_frame_rms_percent)} % of the diagonal at "
+        f"{summary.worst_frame}, and {other}. The table of frames has all values.",
+        "left": plot.left,
+        "right": plot.right,
+        "top": plot.top,
+        "bottom": plot.bottom,
+        "first": plot.first,
+        "last": plot.last,
+    }
+
+
+def _picture_values(pictures: Pictures) -> dict[str, Any]:
+    poses = [
+        {
+            "title": POSES[pose.label],
+            "name": "" if pose.label == "rest" else pose.name,
+            "views": [
+                ("Input", _png(pose.given), f"{POSES[pose.label]}: the input"),
+                (
+                    "Reconstruction",
+                    _png(pose.rebuilt),
+                    f"{POSES[pose.label]}: the reconstruction, coloured by deviation",
+                ),
+                ("Cage", _png(pose.cage), f"{POSES[pose.label]}: the cage"),
+            ],
+        }
+        for pose in pictures.poses
+    ]
+    spread = [
+        (side, _png(picture), f"The rest pose {side.lower()}, coloured by each vertex's rms")
+        for side, picture in zip(("From the front", "From behind"), pictures.spread, strict=True)
+    ]
+    return {
+        "poses": poses,
+        "spread": spread,
+        "pose_ticks": _ticks(pictures.top_percent),
+        "spread_ticks": _ticks(pictures.spread_top_percent),
+    }
+
+
+def _png(picture: bytes) -> str:
+    return data_url(picture, "png")
+
+
+def _ticks(top: float) -> list[str]:
+    """The numbers under a scale that ends at `top`."""
+    return [f"{top * k / (TICKS - 1):.4g}" for k in range(TICKS)]
+
+
+def _histogram(vertices: VertexFigures) -> dict[str, Any]:
+    most = max(vertices.counts)
+    edges = [percent_text(edge) for edge in vertices.edges_percent]
+    bars = [
+        {
+            "low": low,
+            "high": high,
+            "count": count,
+            "text": f"{low} to {high} %: {count} vertices",
+            "height": f"{100 * count / (most or 1):.2f}",
+            "top": f"{100 - 100 * count / (most or 1):.2f}",
+        }
+        for low, high, count in zip(edges[:-1], edges[1:], vertices.counts, strict=True)
+    ]
+    peak = bars[vertices.counts.index(most)]
+    return {
+        "bars": bars,
+        "most": most,
+        "ticks": edges[:: len(bars) // (TICKS - 1)],
+        "text": f"Histogram of the rms of vertices, from {edges[0]} to {edges[-1]} % of the "
+        f"diagonal; most of them, {most}, are between {peak['low']} and {peak['high']} %. "
+        "The table below has all bins.",
+    }
+
+
+def _quality(report: Report) -> Iterator[dict[str, str]]:
+    """The figures of weights and system, what they mean, and what is good."""
+    found, accuracy = report.binding, ACCURACIES.get(str(report.settings.get("accuracy")))
+    is_harmonic = report.settings.get("coordinates") == "harmonic"
+    yield {
+        "label": "Rows sum to 1 within",
+        "found": f"{found.partition_of_unity:.1e}",
+        "meaning": "How far the sum of a vertex's weights is from one; where it is not one, moving "
+        "the cage does not move the model as far.",
+        "good": "rounding: 1e-10 or less",
+    }
+    yield {
+        "label": "Rest pose rebuilt within",
+        "found": f"{found.linear_precision:.1e}",
+        "meaning": "Largest distance of the weights times the rest cage from the rest pose, in "
+        "diagonals; affine motions come out as exactly.",
+        "good": "rounding: 1e-10 or less",
+    }
+    yield {
+        "label": "Smallest weight",
+        "found": f"{found.min_weight:.1e}",
+        "meaning": "Exact harmonic weights are never negative, so this is a measure of their error."
+        if is_harmonic
+        else "Mean value weights are negative across concave parts of a cage; the model moves "
+        "against the cage there.",
+        "good": f"{LOWEST_WEIGHT} or more" if is_harmonic else "close to zero",
+    }
+    if not found.panels:
+        yield {
+            "label": "Accuracy",
+            "found": "exact",
+            "meaning": "These weights are in closed form.",
+            "good": "",
+        }
+    else:
+        yield {
+            "label": "Mean row L1 error, estimated",
+            "found": f"{found.estimated_error:.1e}",
+            "meaning": "How far a vertex's weights are from exact ones, summed over the cage and "
+            "averaged over the vertices.",
+            "good": f"{accuracy.tolerance:g} or less, as asked for" if accuracy else "",
+        }
+        yield {
+            "label": "Panels",
+            "found": str(found.panels),
+            "meaning": "Triangles that the cage's faces were divided into to compute the weights.",
+            "good": "as many as the accuracy needs",
+        }
+    yield {
+        "label": "Projected vertices",
+        "found": str(found.projected),
+        "meaning": "They lay outside the cage, and have the weights of its nearest point.",
+        "good": "0",
+    }
+    yield {
+        "label": "Condition number",
+        "found": f"{found.condition_number:.4g}",
+        "meaning": "How much the system that gives the cages magnifies errors of its input.",
+        "good": f"far below {WORST_CONDITION:.0e}, where a run is refused",
+    }
+
+
+def _sorted(report: Report) -> list[tuple[str, Any]]:
+    return sorted(report.sources.items())
+
+
+def _facts(source: Any) -> list[tuple[str, str]]:
+    """What is known of a file; its name first."""
+    facts = sorted(source.items(), key=lambda fact: fact[0] != "name")
+    return [(str(name), _plain(value)) for name, value in facts]
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "none" if value is None else str(value)
+
+
+def _columns(report: Report) -> tuple[Column, ...]:
+    """Those that some frame has a figure for."""
+    return tuple(
+        column
+        for column in (*LENGTHS, *VOLUMES)
+        if any(getattr(frame, column.name) is not None for frame in report.frames)
+    )
+
+
+def _row(frame: Frame, columns: Sequence[Column]) -> dict[str, Any]:
+    return {
+        "index": frame.index,
+        "name": frame.name,
+        "skipped": frame.skipped,
+        "cells": [_cell(frame, column.name) for column in columns],
+    }
+
+
+def _cell(frame: Frame, name: str) -> str:
+    value = getattr(frame, name)
+    return "" if value is None else PRINTED[name](value)
