@@ -25,7 +25,8 @@ run: $(READY)  ## Extract the cages of the walking figure, and report on them
 	@mkdir -p $(OUT)
 	$(BIN)/cageik extract data_fixtures/walker/frames/*.obj --cage data_fixtures/walker/cage.obj \
 		--output $(OUT)/walker.h5 --overwrite
-	$(BIN)/cageik report $(OUT)/walker.h5 --json $(OUT)/report.json --csv $(OUT)/frames.csv --overwrite
+	$(BIN)/cageik report $(OUT)/walker.h5 --json $(OUT)/report.json --csv $(OUT)/frames.csv \
+		--plot $(OUT)/figure4.png --overwrite
 
 test: $(READY)  ## Run the tests, with the coverage of the package
 	$(BIN)/python -m pytest --numprocesses=auto --cov --cov-report=term-missing:skip-covered --cov-fail-under=95
