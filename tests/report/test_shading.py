@@ -83,8 +83,8 @@ def test_the_outline_of_a_sphere():
     places = np.stack([surface.pixels % 400, surface.pixels // 400], axis=1) + 0.5
     across = (places - 200) / (200 * 0.94) * (1, -1)
     # A unit sphere's normals are its points.
-    np.testing.assert_allclose(surface.normals[:, :2], across, atol=0.05)
-    assert (surface.normals[:, 2] >= 0).all()
+    np.testing.assert_allclose(surface.normals[:2].T, across, atol=0.05)
+    assert (surface.normals[2] >= 0).all()
 
 
 def test_values_are_interpolated():
@@ -97,14 +97,14 @@ def test_flat_faces_have_one_normal_and_both_sides_are_lit():
     corners = np.array([[0.0, 0, 0], [SIZE, 0, SIZE], [SIZE, SIZE, 0], [0, SIZE, SIZE]])
     for faces in (SQUARE, SQUARE[:, ::-1]):
         flat = surface_of(corners, faces, SIZE, is_smooth=False)
-        assert len(np.unique(flat.normals.round(12), axis=0)) == 2
-        assert (flat.normals[:, 2] > 0).all()
-        assert len(np.unique(surface_of(corners, faces, SIZE).normals.round(6), axis=0)) > 100
+        assert len(np.unique(flat.normals.round(12), axis=1)[0]) == 2
+        assert (flat.normals[2] > 0).all()
+        assert len(np.unique(surface_of(corners, faces, SIZE).normals.round(6), axis=1)[0]) > 100
 
 
 def test_light_falls_from_above_and_the_left():
     faces = np.array([[0, 1, 0], [0, -1, 0], [-1, 0, 0], [0, 0, 1.0], [-0.42, 0.66, 0.62]])
-    up, down, _, front, key = lit(faces)
+    up, down, _, front, key = lit(faces.T)
     assert 0 < down < up < key
     assert front < key < 1.1
 
