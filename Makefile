@@ -28,7 +28,7 @@ run: $(READY)  ## Extract the cages of the walking figure, and report on them
 	@mkdir -p $(OUT)
 	$(BIN)/cageik extract data_fixtures/walker/frames/*.obj --cage data_fixtures/walker/cage.obj \
 		--output $(OUT)/walker.h5 --overwrite
-	$(BIN)/cageik report $(OUT)/walker.h5 --html $(OUT)/walker.html \
+	$(BIN)/cageik report $(OUT)/walker.h5 --html $(OUT)/walker.html --plot $(OUT)/figure4.png \
 		--json $(OUT)/report.json --csv $(OUT)/frames.csv --overwrite
 
 test: $(READY)  ## Run the tests, with the coverage of the package

@@ -271,9 +271,20 @@ def write_text(path: Path, text: str, overwrite: bool) -> None:
     InputError
         When it exists and may not be replaced, or cannot be written.
     """
+    write_bytes(path, text.encode(), overwrite)
+
+
+def write_bytes(path: Path, data: bytes, overwrite: bool) -> None:
+    """Write a file, whole or not at all.
+
+    Raises
+    ------
+    InputError
+        As `write_text` does.
+    """
     prepare(path, overwrite)
     with whole_file(path, overwrite) as file:
-        file.write(text.encode())
+        file.write(data)
 
 
 def _partial(path: Path) -> Path:

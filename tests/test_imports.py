@@ -36,7 +36,6 @@ OWNERS = {
     "trimesh": {"sequence.mesh_file"},
     "pygltflib": {"export.writers.gltf"},
     "jinja2": {"report.templating"},
-    "markupsafe": {"report.templating"},
     "distributed": {"batch.cluster", "batch.pieces"},
     "natsort": {"sequence.opening"},
     "threadpoolctl": {"threads"},

@@ -6,7 +6,9 @@ from cageik_cli.extraction import extract, held_result
 from cageik_cli.inputs import bound_of, opened
 from cageik_cli.layout import printable
 from cageik_cli.observer import Observer
+from cageik_cli.outputs import write_text
 from cageik_cli.report import Entry, entry_of, report_of
+from cageik_cli.report.page import is_page_of, page_of
 from cageik_cli.resuming import prepare_result
 from cageik_cli.solving import Crew
 from cageik_cli.store.binding_file import StoredBinding
@@ -67,5 +69,11 @@ def failed(job: ClipJob, sentence: str) -> Outcome:
 
 
 def _reported(job: ClipJob, result: Result, state: State) -> Outcome:
+    """The outcome of a job that has a result; its page is written, unless it is there already."""
     report, place = report_of(result, job.limits, job.name), f"{CLIPS}/{job.name}"
-    return Outcome(entry_of(report, f"{place}.h5"), state)
+    if not job.has_page:
+        return Outcome(entry_of(report, f"{place}.h5"), state)
+    page = result.path.with_suffix(".html")
+    if not is_page_of(page, report):
+        write_text(page, page_of(result, report), overwrite=True)
+    return Outcome(entry_of(report, f"{place}.h5", f"{place}.html"), state)

@@ -189,14 +189,14 @@ def verbosity() -> int:
     return int(click.get_current_context().find_root().meta.get("verbosity", 0))
 
 
-def write_or_print(text: str, target: Path, overwrite: bool) -> None:
+def write_or_print(view: str | bytes, target: Path, overwrite: bool) -> None:
     """Write to a file, or to stdout for the name `-`."""
-    from cageik_cli.outputs import write_text
+    from cageik_cli.outputs import write_bytes
 
     if str(target) == "-":
-        click.echo(text, nl=False)
+        click.echo(view, nl=False)
     else:
-        write_text(target, text, overwrite)
+        write_bytes(target, view.encode() if isinstance(view, str) else view, overwrite)
 
 
 def _remember_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:

@@ -1,5 +1,6 @@
 """`cageik report`: what a result says about itself."""
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -63,9 +64,9 @@ def report_command(results: tuple[Path, ...], overwrite: bool, quiet: bool, **op
     held = list(map(read_result, results))
     reports = [report_of(*given) for given in zip(held, [limits] * len(held), names, strict=True)]
     overview = overview_of([entry_of(report) for report in reports])
-    views = {
+    views: dict[str, Callable[[], str | bytes]] = {
         "html": partial(_page, held[0], reports[0]),
-        "plot": partial(_plot, targets["plot"], reports[0]),
+        "plot": partial(_plot, reports[0], targets["plot"]),
         "json": partial(as_json, reports),
         "csv": partial(as_csv, reports),
         "junit": partial(as_junit, overview),
@@ -111,12 +112,13 @@ def _names(results: tuple[Path, ...]) -> list[str]:
 
 
 def _page(result: Any, report: Any) -> str:
-    from cageik_cli.report.whole_page import page_of
+    from cageik_cli.report.page import page_of
 
     return page_of(result, report)
 
 
-def _plot(path: Path, report: Any) -> str | bytes:
+def _plot(report: Any, path: Path | None) -> str | bytes:
     from cageik_cli.report.figure import as_png, as_svg
 
-    return as_png(report) if path.suffix.lower() == ".png" else as_svg(report)
+    is_png = path is not None and path.suffix.lower() == ".png"
+    return as_png(report) if is_png else as_svg(report)

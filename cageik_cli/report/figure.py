@@ -85,7 +85,7 @@ class _Look:
     """How a line looks, in matplotlib's words."""
 
     colour: str
-    style: tuple[int, tuple[float, ...]]
+    style: str | tuple[int, tuple[float, ...]]
     marker: str
 
 
@@ -187,7 +187,7 @@ def _series(report: Report) -> tuple[_Series, _Series]:
         "RMS error, % of the diagonal",
         ("rms", "frame_rms"),
         0,
-        _Look("#0a7d4b", (0, ()), "o"),
+        _Look("#0a7d4b", "-", "o"),
     )
     changes = [frame.volume_change for frame in frames]
     if report.clip.closed and any(change is not None for change in changes):

@@ -20,11 +20,13 @@ from cageik_cli.report.figures import (
     units_text,
 )
 from cageik_cli.report.gates import PERCENT, Gate
-from cageik_cli.report.pictures import Pictures
+from cageik_cli.report.pictures import Pictures, pictures_of
+from cageik_cli.report.poses import poses_of
 from cageik_cli.report.record import Report
 from cageik_cli.report.tables import as_json
 from cageik_cli.report.templating import data_url, rendered
 from cageik_cli.report.verdicts import found_text, gate_verdict, limit_text, verdict_of
+from cageik_cli.store.result import Result
 
 SECTIONS = (
     ("verdict", "Verdict"),
@@ -141,6 +143,18 @@ def as_html(report: Report, pictures: Pictures | None) -> str:
         change=change_text,
         figure=figure_text,
     )
+
+
+def page_of(result: Result, report: Report) -> str:
+    """The page of a result and its report, pictures and all.
+
+    Raises
+    ------
+    InputError
+        When the file is damaged.
+    """
+    poses = poses_of(result)
+    return as_html(report, None if poses is None else pictures_of(poses))
 
 
 def record_digest(report: Report) -> str:

@@ -172,5 +172,5 @@ def _png(picture: Floats) -> bytes:
     stream = io.BytesIO()
     levels = np.rint(255 * np.clip(reduced(picture), 0, 1)).astype(np.uint8)
     levels[..., :3] = (levels[..., :3] & 0xFC) * (levels[..., 3:] > 0)
-    Image.fromarray(levels, "RGBA").save(stream, "PNG", optimize=True)
+    Image.fromarray(levels, "RGBA").save(stream, "PNG", compress_level=7)
     return stream.getvalue()

@@ -86,11 +86,11 @@ class Surface:
     ----------
     pixels : (p,) int64
         Those with a face, row by row.
-    corners : (p, 3) int64
+    corners : (3, p) int64
         Vertices of the face there.
-    shares : (p, 3) float64
+    shares : (3, p) float64
         Of those corners in the pixel's middle; they sum to one.
-    normals : (p, 3) float64
+    normals : (3, p) float64
         Right, up, towards the viewer; of length one, on the side that is seen.
     depth : (s, s) float64
     """
@@ -103,7 +103,7 @@ class Surface:
 
     def interpolated(self, values: Floats) -> Floats:
         """Values of the vertices, (m,), in each pixel."""
-        return np.asarray(np.einsum("pk,pk->p", self.shares, values[self.corners]))
+        return _mixed(self.shares, values[self.corners])
 
 
 def rasterised(corners: Floats, size: int) -> Seen:
@@ -114,12 +114,15 @@ def rasterised(corners: Floats, size: int) -> Seen:
     """
     depth = np.full(size * size, np.inf)
     face = np.full(size * size, -1)
-    low = np.clip(np.ceil(corners[:, :, :2].min(axis=1) - 0.5), 0, size)
-    high = np.clip(np.ceil(corners[:, :, :2].max(axis=1) - 0.5), 0, size)
-    usable = np.isfinite(corners).all(axis=(1, 2)) & (high > low).all(axis=1)
+    first, second, third = (corners[:, k] for k in range(3))
+    least = np.minimum(np.minimum(first, second), third)[:, :2]
+    most = np.maximum(np.maximum(first, second), third)[:, :2]
+    low, high = (np.clip(np.ceil(ends - 0.5), 0, size) for ends in (least, most))
+    total = (first + second + third) @ np.ones(3)
+    usable = np.isfinite(total) & (high[:, 0] > low[:, 0]) & (high[:, 1] > low[:, 1])
     kept = np.flatnonzero(usable)
     boxes = np.stack([low[kept, 1], high[kept, 1]], axis=1).astype(np.int64)
-    areas = (high[kept] - low[kept]).prod(axis=1)
+    areas = (high[kept, 0] - low[kept, 0]) * (high[kept, 1] - low[kept, 1])
     for block in _blocks(areas):
         _draw(corners[kept[block]], boxes[block], kept[block], Seen(face, depth), size)
     return Seen(face.reshape(size, size), depth.reshape(size, size))
@@ -169,9 +172,9 @@ def _stretches(
     left, right = np.full(len(middle), np.inf), np.full(len(middle), -np.inf)
     for k in range(3):
         # From the lower end whichever triangle asks, so that neighbours find the same place.
-        ends = corners[:, (k, (k + 1) % 3), :2]
-        order = np.argsort(ends[:, :, 1], axis=1, kind="stable")
-        low, high = np.moveaxis(np.take_along_axis(ends, order[:, :, None], axis=1), 1, 0)
+        one, other = corners[:, k, :2], corners[:, (k + 1) % 3, :2]
+        is_lower = (one[:, 1] <= other[:, 1])[:, None]
+        low, high = np.where(is_lower, one, other), np.where(is_lower, other, one)
         height = high[:, 1] - low[:, 1]
         slope = (high[:, 0] - low[:, 0]) / np.where(height > 0, height, 1.0)
         low_y = low[triangle, 1]
@@ -194,57 +197,63 @@ def _planes(corners: Floats) -> tuple[Floats, Floats]:
 
 def surface_of(projected: Floats, faces: Integers, size: int, is_smooth: bool = True) -> Surface:
     """What is seen of a mesh whose vertices, (m, 3), are projected; both sides of its faces."""
-    corners = projected[faces]
-    seen = rasterised(corners, size)
+    seen = rasterised(projected[faces], size)
     pixels = np.flatnonzero(seen.face >= 0)
     names = seen.face.ravel()[pixels]
-    middles: Floats = np.stack([pixels % size + 0.5, pixels // size + 0.5], axis=1)
-    shares = _shares(corners[names, :, :2], middles)
-    # Depths and y grow the other way than normals are told.
-    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) * (1, -1, -1)
-    facing[~np.isfinite(facing)] = 0
+    corners = faces.T[:, names]
+    shares = _shares(projected, corners, np.stack([pixels % size, pixels // size]))
+    facing = _facing(projected, faces)
+    normals = facing[:, names]
+    away = normals[2] < 0
     if is_smooth:
-        normals = np.einsum(
-            "pk,pkd->pd", shares, _vertex_sums(facing, faces, len(projected))[faces[names]]
-        )
-    else:
-        normals = facing[names]
-    normals *= np.where(facing[names, 2] < 0, -1, 1)[:, None]
-    return Surface(pixels, faces[names], shares, _units(normals), seen.depth)
+        of_vertices = _vertex_sums(facing, faces, len(projected))
+        normals = np.stack([_mixed(shares, along[corners]) for along in of_vertices])
+    return Surface(pixels, corners, shares, _units(np.where(away, -normals, normals)), seen.depth)
 
 
-def _shares(corners: Floats, points: Floats) -> Floats:
-    """Barycentric coordinates of points, (p, 2), in their triangles, (p, 3, 2), held to [0, 1]."""
-    to = corners - points[:, None]
-    following, last = np.roll(to, -1, axis=1), np.roll(to, -2, axis=1)
-    areas = following[..., 0] * last[..., 1] - following[..., 1] * last[..., 0]
-    whole = areas.sum(axis=1, keepdims=True)
+def _mixed(shares: Floats, values: Floats) -> Floats:
+    """The sum of shares, (3, p), of values, (3, p)."""
+    return np.asarray(shares[0] * values[0] + shares[1] * values[1] + shares[2] * values[2])
+
+
+def _facing(projected: Floats, faces: Integers) -> Floats:
+    """Normals of faces, (3, t), right, up and towards the viewer, as long as twice their areas."""
+    first, second, third = (projected[faces[:, k]] for k in range(3))
+    normals = np.cross(second - first, third - first).T * np.array([[1], [-1], [-1]])
+    return np.where(np.isfinite(normals), normals, 0)
+
+
+def _shares(projected: Floats, corners: Integers, places: Integers) -> Floats:
+    """Barycentric coordinates, (3, p), of pixels, (2, p), in their triangles, held to [0, 1]."""
+    x, y = (projected[:, axis][corners] - (places[axis] + 0.5) for axis in range(2))
+    areas = np.stack(
+        [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
+    )
+    whole = areas[0] + areas[1] + areas[2]
     shares = np.clip(areas / np.where(whole == 0, np.inf, whole), 0, 1)
-    total = shares.sum(axis=1, keepdims=True)
-    return np.where(total > 0, shares / np.where(total > 0, total, 1.0), 1 / 3)
+    total = shares[0] + shares[1] + shares[2]
+    return np.where(total > 0, shares / np.where(total > 0, total, 1), 1 / 3)
 
 
 def _vertex_sums(vectors: Floats, faces: Integers, count: int) -> Floats:
-    """Of each vertex, (m, 3), the sum of the vectors, (t, 3), of its faces; of length one."""
-    sums = [
-        sum(np.bincount(faces[:, k], vectors[:, axis], count) for k in range(3))
-        for axis in range(3)
-    ]
-    return _units(np.stack(sums, axis=1))
+    """Of each vertex, (3, m), the sum of the vectors, (3, t), of its faces; of length one."""
+    corners = faces.T.ravel()
+    sums = [np.bincount(corners, np.tile(along, 3), count) for along in vectors]
+    return _units(np.stack(sums))
 
 
 def _units(vectors: Floats) -> Floats:
-    """Vectors of length one; those without length stay."""
-    vectors = vectors / np.maximum(np.abs(vectors).max(axis=1, keepdims=True), 1e-300)
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(vectors / np.where(lengths > 0, lengths, 1.0))
+    """Vectors, (3, p), of length one; those without length stay."""
+    vectors = vectors / np.maximum(np.abs(vectors).max(axis=0), 1e-300)
+    lengths = np.sqrt(vectors[0] ** 2 + vectors[1] ** 2 + vectors[2] ** 2)
+    return np.asarray(vectors / np.where(lengths > 0, lengths, 1))
 
 
 def lit(normals: Floats) -> Floats:
-    """How bright a surface with these normals is, (p,), about 0.3 to 1."""
-    key, fill = np.maximum(normals @ KEY, 0), np.maximum(normals @ FILL, 0)
+    """How bright a surface with these normals, (3, p), is, (p,), about 0.3 to 1."""
+    key, fill = np.maximum(KEY @ normals, 0), np.maximum(FILL @ normals, 0)
     bright = AMBIENT + KEY_LIGHT * key + FILL_LIGHT * fill
-    return np.asarray(bright * (1 - RIM * (1 - np.clip(normals[:, 2], 0, 1)) ** 2))
+    return np.asarray(bright * (1 - RIM * (1 - np.clip(normals[2], 0, 1)) ** 2))
 
 
 def coloured(values: Floats, top: float, stops: Floats, missing: Floats) -> Floats:

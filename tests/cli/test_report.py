@@ -83,6 +83,38 @@ def test_files_that_exist_are_refused_unless_they_may_be_replaced(run, results, 
     assert len(Path("there").read_text()) > 500
 
 
+@pytest.mark.parametrize(("name", "start"), [("f.png", b"\x89PNG"), ("f.SVG", b"<?xml")])
+def test_a_plot_is_of_the_kind_its_name_says(run, results, name, start):
+    outcome = run("report", "--plot", name, "-q")
+    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+    assert Path(name).read_bytes().startswith(start)
+    assert "exists already" in run("report", "--plot", name).err
+    assert run("report", "--plot", name, "--overwrite").code == 0
+
+
+@pytest.mark.parametrize("name", ["f.pdf", "-", "png"])
+def test_a_plot_of_another_kind_is_wrong_usage(run, results, name):
+    outcome = run("report", "--plot", name)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert f"--plot {name}: expected a name that ends in .png or .svg" in outcome.err
+
+
+def test_a_plot_keeps_away_from_other_files(run, results):
+    outcome = run("report", "--csv", "f.svg", "--plot", "f.svg")
+    assert outcome.code == 1
+    assert "f.svg: is read or written by this command already" in outcome.err
+    assert not Path("f.svg").exists()
+
+
+def test_only_pictures_need_the_libraries_that_draw(run_process, results):
+    for command in ("extract", "report"):
+        code = (
+            f"import sys, cageik_cli.cli.{command}, cageik_cli.extraction, cageik_cli.report; "
+            "print({'matplotlib', 'PIL'} & set(sys.modules))"
+        )
+        assert run_process("-c", code).out == "set()\n"
+
+
 def test_a_refused_file_leaves_none_of_the_others(run, results):
     Path("there").write_text("old")
     assert run("report", "--json", "new", "--csv", "there").code == 1
@@ -119,12 +151,12 @@ def test_a_result_without_weights_has_a_page_without_pictures(run, folder):
     assert "--no-weights" in page
 
 
-def test_a_page_of_several_results_is_wrong_usage(run, results):
-    outcome = run("report", "cages.h5", "other.h5", "--html", "page.html")
+@pytest.mark.parametrize("view", ["--html", "--plot"])
+def test_a_view_of_one_result_of_several_is_wrong_usage(run, results, view):
+    outcome = run("report", "cages.h5", "other.h5", view, "f.png")
     assert (outcome.code, outcome.out) == (2, "")
-    assert "--html writes the page of one result, not of 2" in outcome.err
-    assert "name one, or use cageik batch" in outcome.err
-    assert not Path("page.html").exists()
+    assert f"{view} shows one result, 2 were named; name one, or use cageik batch" in outcome.err
+    assert not Path("f.png").exists()
 
 
 def test_a_page_is_not_written_over_its_result(run, results):

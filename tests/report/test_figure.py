@@ -1,0 +1,208 @@
+"""The figure over the frames: its lines are the record's figures, and any record can be drawn."""
+
+import io
+import re
+from dataclasses import replace
+from decimal import Decimal
+from xml.etree import ElementTree
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from PIL import Image
+
+from cageik_cli.report import Limit, Limits, report_of
+from cageik_cli.report.figure import as_png, as_svg, figure_of, plot_of
+from cageik_cli.report.gates import judged
+
+
+@pytest.fixture(scope="module")
+def report(closed):
+    return report_of(closed.result)
+
+
+@pytest.fixture(scope="module")
+def made(report):
+    """A report of these errors, changes of volume and deviations; None is a skipped frame."""
+
+    def make(errors, changes=None, names="frame_{}", limits=()):
+        changes = [None] * len(errors) if changes is None else changes
+        frames = tuple(
+            replace(
+                report.frames[0],
+                index=k,
+                name=names.format(k),
+                rms_percent=error,
+                max_deviation_percent=None if error is None else 3 * error,
+                volume_change=change,
+                skipped="it is bad" if error is None else None,
+            )
+            for k, (error, change) in enumerate(zip(errors, changes, strict=True))
+        )
+        known = [-1.0 if error is None else error for error in errors]
+        worst = int(np.argmax(known))
+        summary = replace(
+            report.summary,
+            worst_frame=frames[worst].name,
+            worst_frame_index=worst,
+            worst_frame_rms_percent=known[worst],
+            rms_percent=known[worst] / 2,
+        )
+        gates = judged("made", summary, Limits(tuple(limits)))
+        return replace(report, frames=frames, summary=summary, gates=gates)
+
+    return make
+
+
+def lines(report, gid):
+    axes = figure_of(report).axes
+    return [line for axis in axes for line in axis.lines if line.get_gid() == gid]
+
+
+def texts(report):
+    root = ElementTree.fromstring(as_svg(report))
+    return [element.text for element in root.iter("{http://www.w3.org/2000/svg}text")]
+
+
+def test_the_lines_are_the_figures_of_the_record(report):
+    (error,), (change,) = lines(report, "rms"), lines(report, "volume_change")
+    frames = report.frames
+    np.testing.assert_array_equal(error.get_xydata()[:, 0], range(5))
+    np.testing.assert_array_equal(error.get_ydata(), [frame.rms_percent for frame in frames])
+    np.testing.assert_array_equal(change.get_ydata(), [frame.volume_change for frame in frames])
+    left, right = figure_of(report).axes
+    assert left.get_ylabel() == "RMS error, % of the diagonal"
+    assert right.get_ylabel() == "volume change, %"
+    assert left.get_xlabel() == "frame of cages.h5, numbered from 0"
+    assert error.get_color() != change.get_color()
+    assert error.get_linestyle() != change.get_linestyle()
+    assert error.get_marker() != change.get_marker()
+
+
+def test_the_worst_frame_is_ringed_and_named(report):
+    (ring,), (clip,) = lines(report, "worst"), lines(report, "clip")
+    summary = report.summary
+    place = (summary.worst_frame_index, summary.worst_frame_rms_percent)
+    assert tuple(ring.get_xydata()[0]) == pytest.approx(place)
+    assert set(clip.get_ydata()) == {summary.rms_percent}
+    name = f"worst {summary.worst_frame_rms_percent:.4f} %, {summary.worst_frame}"
+    assert name in texts(report)
+
+
+def test_an_open_model_shows_its_largest_deviations(opened):
+    report = report_of(opened.result)
+    assert lines(report, "volume_change") == []
+    (deviation,) = lines(report, "max_deviation")
+    expected = [frame.max_deviation_percent for frame in report.frames]
+    np.testing.assert_array_equal(deviation.get_ydata(), expected)
+    assert "max deviation, % of the diagonal" in texts(report)
+
+
+def test_skipped_frames_are_gaps(made):
+    report = made([0.0, 1.0, None, None, 2.0, 1.0], [0.0, -1.0, None, None, 1.0, None])
+    (error,) = lines(report, "rms")
+    np.testing.assert_array_equal(error.get_ydata(), [0, 1, np.nan, np.nan, 2, 1])
+    (shades,) = figure_of(report).axes[1].collections
+    (box,) = [path.get_extents() for path in shades.get_paths()]
+    assert (box.x0, box.x1) == (1.5, 3.5)
+    assert "skipped" in texts(report)
+    assert "skipped" not in texts(made([1.0, 2.0]))
+
+
+def test_limits_are_dashed_lines_with_labels(made):
+    typed = (("rms", "1.5", "%"), ("frame_rms", "1.9", "%"), ("volume_change", "2", "%"))
+    report = made([0.0, 2.0], [0.0, -1.0], limits=[Limit(m, Decimal(v), u) for m, v, u in typed])
+    drawn = lines(report, "limit")
+    assert sorted(line.get_ydata()[0] for line in drawn) == [-2, 1.5, 1.9, 2]
+    assert all(line.is_dashed() for line in drawn)
+    assert {"limit rms 1.5 %, kept", "limit frame rms 1.9 %, exceeded"} <= set(texts(report))
+
+
+def test_a_limit_in_units_stands_where_the_diagonal_puts_it(made):
+    report = made([0.0, 2.0], limits=[Limit("frame_rms", Decimal("0.02"), "units")])
+    (line,) = lines(report, "limit")
+    assert line.get_ydata()[0] == pytest.approx(100 * 0.02 / report.clip.diagonal)
+    assert any(text.startswith("limit frame rms 0.02 units") for text in texts(report))
+
+
+def test_limits_without_a_line_are_named(made):
+    far = made([1.0, 2.0], [0.0, 1.0], limits=[Limit("rms", Decimal(90))])
+    other = made([1.0, 2.0], [0.0, 1.0], limits=[Limit("max_deviation", Decimal(90))])
+    assert lines(far, "limit") == lines(other, "limit") == []
+    assert "not drawn: limit rms 90 %, kept" in texts(far)
+    assert "not drawn: limit max deviation 90 %, kept" in texts(other)
+    (error,) = lines(far, "rms")
+    assert error.axes.get_ylim()[1] < 5
+
+
+CLIPS = {
+    "one frame": ([0.5], [0.1]),
+    "no error": ([0.0] * 4, [0.0] * 4),
+    "one left": ([None, None, 0.3, None], [None, None, 0.1, None]),
+    "rounding": ([1e-15, 3e-15, 2e-15], [1e-13, -1e-13, 0.0]),
+    "tiny": ([1e-300, 2e-300], [1e-300, -1e-300]),
+    "huge": ([1e60, 1e120], [1e307, -1e307]),
+    "a peak": ([1e-9, 1e9], [1e-9, -1e9]),
+}
+
+
+@pytest.mark.parametrize(("errors", "changes"), CLIPS.values(), ids=CLIPS)
+def test_any_clip_is_drawn(made, errors, changes):
+    report = made(errors, changes)
+    assert as_png(report).startswith(b"\x89PNG")
+    assert len(texts(report)) > 8
+    (marked,) = lines(report, "rms")
+    assert marked.get_markevery() == [k for k, error in enumerate(errors) if error is not None]
+
+
+def test_frames_between_gaps_are_marked_in_long_clips(made):
+    errors = [1.0] * 100
+    errors[10] = errors[12] = errors[-2] = None
+    assert lines(made(errors), "rms")[0].get_markevery() == [11, 99]
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "$a_{}$ <&> \"'", "\x01\x7f\n{}", "動き{}", "{}%\\"])
+def test_any_name_is_shown(made, name):
+    report = replace(made([1.0, 2.0], names=name), result=name)
+    as_png(report)
+    (shown,) = [text for text in texts(report) if text.startswith("worst ")]
+    assert len(shown) < 60
+    if name.startswith("$"):
+        assert shown == "worst 2.0000 %, $a_1$ <&> \"'"
+
+
+def test_a_long_clip_is_small(made):
+    values = np.random.default_rng(1).random((2, 2000))
+    assert len(plot_of(made(values[0].tolist(), values[1].tolist())).svg) < 300_000
+
+
+def test_the_same_report_gives_the_same_bytes_whatever_the_settings(report):
+    png, svg = as_png(report), as_svg(report)
+    with mpl.rc_context({"font.size": 30, "lines.linewidth": 9, "svg.fonttype": "path"}):
+        assert (as_png(report), as_svg(report)) == (png, svg)
+    image = Image.open(io.BytesIO(png))
+    assert image.size == (1440, 720)
+    assert set(image.info) <= {"dpi"}
+    assert "date" not in svg
+
+
+def test_pyplot_is_not_needed(run_process):
+    code = "import sys, cageik_cli.report.figure; print('matplotlib.pyplot' in sys.modules)"
+    assert run_process("-c", code).out == "False\n"
+
+
+def test_a_page_knows_where_the_axes_are(report):
+    plot = plot_of(report)
+    root = ElementTree.fromstring(plot.svg)
+    assert plot.svg.startswith("<svg ")
+    assert {"width", "height"}.isdisjoint(root.attrib)
+    _, _, width, height = map(float, root.attrib["viewBox"].split())
+    axes = figure_of(report).axes[0]
+    assert axes.get_xlim() == (plot.first, plot.last)
+    # The first path of the axes is their background.
+    place = re.search(r'id="axes_1".*? d="(.*?)"', plot.svg, re.DOTALL)[1]
+    x, y = np.array(re.findall(r"[ML] ([\d.]+) ([\d.]+)", place), float).T
+    assert x.min() / width == pytest.approx(plot.left)
+    assert x.max() / width == pytest.approx(plot.right)
+    assert y.min() / height == pytest.approx(plot.top)
+    assert y.max() / height == pytest.approx(plot.bottom)
