@@ -141,7 +141,8 @@ class Cluster:
 
         while True:
             try:
-                with self._reachable():
+                # `wait` asks the client that is current, which may be another's.
+                with self._reachable(), self._client.as_current():
                     done = wait(futures, timeout=self._patience, return_when="FIRST_COMPLETED").done
             except TimeoutError:
                 self._await_worker()
@@ -171,7 +172,7 @@ class Cluster:
         try:
             asyncio.run(reach())  # a client that cannot connect would not end cleanly
             with warnings.catch_warnings(action="ignore"):  # on versions, which are compared below
-                client = Client(self._address, timeout=CONNECT_SECONDS)
+                client = Client(self._address, timeout=CONNECT_SECONDS, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(
                 f"{self._address}: no Dask scheduler answers ({error}); give the address that "
