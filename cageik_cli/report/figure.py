@@ -47,6 +47,7 @@ SETTINGS: Any = {
     "axes.edgecolor": MUTED,
     "axes.linewidth": 0.8,
     "axes.unicode_minus": True,
+    "path.simplify": False,
     "text.color": INK,
     "text.parse_math": False,
     "xtick.color": MUTED,
