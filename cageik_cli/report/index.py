@@ -21,7 +21,7 @@ def as_index(overview: Overview) -> str:
     Links are relative to the page. The same overview gives the same page.
     """
     failed = [entry for entry in overview.clips if entry.has_failed]
-    done = sorted((entry for entry in overview.clips if not entry.has_failed), key=_badness)
+    done = [entry for entry in overview.worst_first if not entry.has_failed]
     over = sum(entry.exceeds for entry in done)
     counts = [
         ("Failed", len(failed), "bad"),
@@ -34,19 +34,12 @@ def as_index(overview: Overview) -> str:
         verdict=_verdict(len(failed), over, len(overview.clips)),
         counts=counts,
         failed=failed,
-        rows=[_row(entry, _summary(entry)) for entry in done],
+        rows=[
+            _row(entry, entry.clip, entry.summary, entry.curve)
+            for entry in done
+            if entry.clip and entry.summary and entry.curve
+        ],
     )
-
-
-def _summary(entry: Entry) -> Summary:
-    """Of a clip that has not failed."""
-    assert entry.summary is not None
-    return entry.summary
-
-
-def _badness(entry: Entry) -> tuple[bool, float]:
-    """What clips are sorted by, the worst first."""
-    return not entry.exceeds, -_summary(entry).rms_percent
 
 
 def _verdict(failed: int, over: int, total: int) -> Verdict:
@@ -61,9 +54,7 @@ def _verdict(failed: int, over: int, total: int) -> Verdict:
     return Verdict("good", "All clips are done, and none is over a limit")
 
 
-def _row(entry: Entry, summary: Summary) -> dict[str, Any]:
-    assert entry.clip is not None
-    assert entry.curve is not None
+def _row(entry: Entry, clip: Clip, summary: Summary, curve: Curve) -> dict[str, Any]:
     change = summary.volume_change_percent_max
     verdict = verdict_of(entry.gates)
     return {
@@ -73,20 +64,20 @@ def _row(entry: Entry, summary: Summary) -> dict[str, Any]:
         "worst_rms": percent_text(summary.worst_frame_rms_percent),
         "worst_frame": summary.worst_frame,
         "deviation": percent_text(summary.max_deviation_percent),
-        "volume": _undefined(entry.clip) if change is None else change_text(change),
-        "frames": entry.clip.frames,
+        "volume": _undefined(clip) if change is None else change_text(change),
+        "frames": clip.frames,
         "skipped": summary.frames_skipped,
-        "vertices": entry.clip.vertices,
-        "cage_vertices": entry.clip.cage_vertices,
+        "vertices": clip.vertices,
+        "cage_vertices": clip.cage_vertices,
         "verdict": verdict,
         "rank": {"bad": 0, "none": 1, "good": 2}[verdict.state],
         "passed": [
-            f"{METRICS[gate.metric]} {found_text(gate)} > {limit_text(gate)} {gate.unit}"
+            f"{METRICS[gate.metric]} {found_text(gate)} > {limit_text(gate, f' {gate.unit}')}"
             for gate in entry.gates
             if gate.passed is False
         ],
         "text": _words(summary),
-        **_thumbnail(entry.curve),
+        **_thumbnail(curve),
     }
 
 

@@ -27,7 +27,7 @@ def as_markdown(overview: Overview) -> str:
     Each part has a share of 60 000 bytes; what has no room is counted. Percentages are of the
     diagonal, volumes' of the volume.
     """
-    clips = sorted(overview.clips, key=_badness)
+    clips = overview.worst_first
     table = [*_HEADER, *_fitting((_row(entry) for entry in clips), ROOM["clips"], "| {} |")]
     failed = [
         f"- {_plain(entry.name)}: {_plain(entry.fault)}" for entry in clips if entry.has_failed
@@ -49,16 +49,10 @@ def as_markdown(overview: Overview) -> str:
 
 def _verdict(overview: Overview) -> str:
     """The run in a line: how many clips there are of each verdict, the worst first."""
-    clips = sorted(overview.clips, key=_badness)
+    clips = overview.worst_first
     counts = Counter(map(_clip_verdict, clips))
     found = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
     return f"{len(clips)} clip{'' if len(clips) == 1 else 's'}: {found}"
-
-
-def _badness(entry: Entry) -> tuple[bool, bool, float]:
-    """What sorts the worst clips first."""
-    error = entry.summary.rms_percent if entry.summary else 0.0
-    return not entry.has_failed, not entry.exceeds, -error
 
 
 def _row(entry: Entry) -> str:

@@ -82,12 +82,23 @@ class Overview:
     clips: tuple[Entry, ...]
 
     @property
+    def worst_first(self) -> list[Entry]:
+        """Those that failed, those over a limit, and the others by error."""
+        return sorted(self.clips, key=_badness)
+
+    @property
     def exit_code(self) -> int:
         """0 all is well, 1 all clips failed, 4 some did, 3 none did and a limit was passed."""
         failed = sum(entry.has_failed for entry in self.clips)
         if failed:
             return 1 if failed == len(self.clips) else 4
         return 3 if any(entry.exceeds for entry in self.clips) else 0
+
+
+def _badness(entry: Entry) -> tuple[bool, bool, float]:
+    """What sorts the worst clips first: those that failed, those over a limit, then by error."""
+    error = entry.summary.rms_percent if entry.summary else 0.0
+    return not entry.has_failed, not entry.exceeds, -error
 
 
 def overview_of(entries: Sequence[Entry]) -> Overview:

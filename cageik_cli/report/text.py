@@ -3,9 +3,10 @@
 from cageik_cli.binding import WeightQuality
 from cageik_cli.errors import first_few
 from cageik_cli.layout import page, shown
-from cageik_cli.report.figures import percent_text, units_text
-from cageik_cli.report.gates import PERCENT, Gate
+from cageik_cli.report.figures import change_text, figure_text, percent_text, units_text
+from cageik_cli.report.gates import Gate
 from cageik_cli.report.record import Report
+from cageik_cli.report.verdicts import found_text, gate_verdict, limit_text
 
 
 def as_text(report: Report) -> str:
@@ -32,7 +33,7 @@ def as_text(report: Report) -> str:
             f"of {summary.max_deviation_frame}",
         ),
         ("volume change", _volume(report)),
-        ("literature", f"E_RMS {summary.e_rms:.4g}, KG error {_number(summary.kg_error)}"),
+        ("literature", f"E_RMS {figure_text(summary.e_rms)}, KG error {_number(summary.kg_error)}"),
         (
             "size",
             f"{summary.floats_per_frame} numbers a frame instead of {3 * clip.vertices}, "
@@ -66,15 +67,11 @@ def accuracy_row(quality: WeightQuality, accuracy: object) -> tuple[str, str]:
 
 def gate_row(gate: Gate) -> tuple[str, str]:
     """The verdict on a figure, and what it was of: metric, what was found, limit, frame."""
-    metric = gate.metric.replace("_", " ")
-    limit = f"limit {gate.limit:.10g} {gate.unit}"
-    if gate.baseline is not None:
-        limit = f"limit {percent_text(gate.limit)} % (baseline {percent_text(gate.baseline)} %)"
+    metric, verdict = gate.metric.replace("_", " "), gate_verdict(gate).text
+    found, limit = found_text(gate), f"limit {limit_text(gate, f' {gate.unit}')}"
     if gate.found is None:
-        return "not judged", f"{metric} not defined, {limit}"
-    found = percent_text(gate.found) if gate.unit == PERCENT else units_text(gate.found)
+        return verdict, f"{metric} {found}, {limit}"
     place = "worst frame" if gate.metric == "rms" else "at"
-    verdict = "within limit" if gate.passed else "over limit"
     return verdict, f"{metric} {found} {gate.unit}, {limit}, {place} {shown(gate.frame or '')}"
 
 
@@ -102,13 +99,15 @@ def _trust(report: Report) -> list[tuple[str, str]]:
 
 def _volume(report: Report) -> str:
     summary = report.summary
-    if summary.volume_change_percent_max is None:
+    change, drift = summary.volume_change_percent_max, summary.volume_drift_percent_max
+    if change is None:
         return "not defined" if report.clip.closed else "not defined, the model is open"
+    own = "unknown" if drift is None else f"{change_text(drift)} %"
     return (
-        f"{summary.volume_change_percent_max:+.4f} % at most, at {summary.volume_change_frame} "
-        f"(the input's own drift from rest: {_number(summary.volume_drift_percent_max, '+.4f')} %)"
+        f"{change_text(change)} % at most, at {summary.volume_change_frame} "
+        f"(the input's own drift from rest: {own})"
     )
 
 
-def _number(value: object, form: str = ".4g") -> str:
-    return format(value, form) if isinstance(value, (int, float)) else "unknown"
+def _number(value: object) -> str:
+    return figure_text(value) if isinstance(value, int | float) else "unknown"

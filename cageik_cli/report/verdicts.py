@@ -48,9 +48,11 @@ def verdict_of(gates: Sequence[Gate]) -> Verdict:
     return Verdict("none", "No limit could be judged")
 
 
-def limit_text(gate: Gate) -> str:
-    """The limit as it was typed."""
-    return f"{gate.limit:.10g}"
+def limit_text(gate: Gate, unit: str = "") -> str:
+    """The limit as it was typed, or with what it was made of; `unit` is put behind numbers."""
+    if gate.baseline is None:
+        return f"{gate.limit:.10g}{unit}"
+    return f"{percent_text(gate.limit)}{unit} (baseline {percent_text(gate.baseline)}{unit})"
 
 
 def found_text(gate: Gate) -> str:
