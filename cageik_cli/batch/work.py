@@ -8,7 +8,6 @@ from cageik_cli.layout import printable
 from cageik_cli.observer import Observer
 from cageik_cli.outputs import write_text
 from cageik_cli.report import Entry, entry_of, report_of
-from cageik_cli.report.page import is_page_of, page_of
 from cageik_cli.resuming import prepare_result
 from cageik_cli.solving import Crew
 from cageik_cli.store.binding_file import StoredBinding
@@ -73,6 +72,8 @@ def _reported(job: ClipJob, result: Result, state: State) -> Outcome:
     report, place = report_of(result, job.limits, job.name), f"{CLIPS}/{job.name}"
     if not job.has_page:
         return Outcome(entry_of(report, f"{place}.h5"), state)
+    from cageik_cli.report.page import is_page_of, page_of  # half a second, to draw
+
     page = result.path.with_suffix(".html")
     if not is_page_of(page, report):
         write_text(page, page_of(result, report), overwrite=True)
