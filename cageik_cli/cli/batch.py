@@ -11,8 +11,9 @@ from click.core import ParameterSource
 from cageik_cli.cli.clip_tables import NAME, ClipTables, is_path
 from cageik_cli.cli.extract import extract_command, extract_settings
 from cageik_cli.cli.gate_options import echo_over_limits, exit_by, limits_of
-from cageik_cli.cli.options import PATH, common, is_typed, jobs
+from cageik_cli.cli.options import PATH, common, is_typed
 from cageik_cli.errors import CageikError
+from cageik_cli.threads import processors
 
 OWN = ("output", "exports", "overwrite", "resume", "timings", "jobs", "quiet", "config", "verbose")
 """Options of `extract` that a batch has of its own, or that are not for one clip of many."""
@@ -47,7 +48,13 @@ PER_CLIP = [
     "[default: DASK_SCHEDULER_ADDRESS, or processes of this machine]",
 )
 @click.option("--dry-run", is_flag=True, help="List what would be done, and do nothing.")
-@jobs
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=processors,
+    show_default="processors",
+    help="Clips that are extracted at a time, each in a process of its own.",
+)
 @common
 def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     """Extract every clip under FOLDERS, in parallel, with one report over all.

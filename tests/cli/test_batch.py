@@ -261,6 +261,22 @@ def test_processes_bind_once(run_process, anim, cache):
     assert not list(Path("out").rglob("*partial"))
 
 
+def test_every_exit_code_of_the_installed_command(run_process, anim):
+    """0 done, 2 wrong usage, 3 a limit was passed, 4 some failed, 1 all did."""
+    command = Path(sys.executable).with_name("cageik")
+
+    def code(*words):
+        return run_process(command, *BATCH, "--no-pages", "-q", "--jobs", "1", *words).code
+
+    assert code("--exclude", "runs/*") == 0
+    assert code("--resume", "--max-rms", "low") == 2
+    assert code("--resume", "--max-rms", "0") == 3
+    Path("anim/walk/f_3.obj").write_text("no mesh")
+    assert code("--resume", "--max-rms", "0") == 4
+    Path("anim/cage.obj").write_text("no mesh")
+    assert code("--resume") == 1
+
+
 @pytest.fixture
 def long(anim, animation):
     """A clip that takes a while."""
