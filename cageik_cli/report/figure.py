@@ -39,6 +39,8 @@ REACH = 2.5
 """A limit is drawn up to so many times as high as the highest figure; beyond it is named alone."""
 MARKED = 60
 """Up to so many frames each has a marker."""
+LEAST = 0.001
+"""Percent: no axis ends lower, so that rounding is not made to look like error."""
 LARGEST = 1e150
 """A line leaves the picture here; no axis could be drawn."""
 LONGEST = 40
@@ -231,7 +233,7 @@ def _x_limits(count: int) -> tuple[float, float]:
 
 def _limits(report: Report, series: _Series) -> tuple[list[tuple[Gate, float]], list[Gate]]:
     """The limits on a series that are drawn, with their heights, and those far above it."""
-    reach = REACH * (np.nanmax(np.abs(series.values), initial=0) or 1.0)
+    reach = REACH * np.nanmax(np.abs(series.values), initial=LEAST)
     to_percent = 100 / report.clip.diagonal
     heights = [
         (gate, gate.limit if gate.unit == PERCENT else to_percent * gate.limit)
@@ -292,7 +294,7 @@ def _fit(axes: Axes, series: _Series, limits: list[tuple[Gate, float]]) -> None:
     if series.is_signed:
         lowest = min(lowest, *(-height for height in heights), 0.0)
     highest = float(np.nanmax(series.values, initial=max(heights, default=0)))
-    size = (highest - lowest) or 1.0
+    size = max(highest - lowest, LEAST)
     axes.set_ylim(lowest - 0.08 * size if lowest < 0 else 0, lowest + HEADROOM * size)
 
 
@@ -402,7 +404,7 @@ def _dress(axes: Axes, series: _Series, report: Report) -> None:
     axes.set_xlabel(f"frame of {_shown(report.result)}, numbered from 0")
     axes.set_ylabel(series.name, color=series.look.colour)
     axes.tick_params(axis="y", labelcolor=series.look.colour, color=series.look.colour)
-    axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, steps=[1, 2, 5, 10]))
+    axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, min_n_ticks=1, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_formatter(FuncFormatter(_tick_text))
     axes.spines["top"].set_visible(False)

@@ -186,6 +186,21 @@ def test_any_clip_is_drawn(made, errors, changes):
     assert marked.get_markevery() == [k for k, error in enumerate(errors) if error is not None]
 
 
+def test_rounding_does_not_look_like_error(made):
+    report = made([1e-15, 3e-15], [1e-13, -1e-13], limits=[Limit("rms", Decimal("0.3"))])
+    for axes in figure_of(report).axes:
+        assert 0.001 < axes.get_ylim()[1] < 0.002
+    assert "not drawn: limit rms 0.3 %, kept" in texts(report)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 40])
+def test_frames_are_numbered_in_whole_numbers(made, count):
+    axes = figure_of(made([1.0] * count)).axes[0]
+    places = [place for place in axes.get_xticks() if -0.5 <= place <= count - 0.5]
+    assert places
+    assert places == [round(place) for place in places]
+
+
 def test_frames_between_gaps_are_marked_in_long_clips(made):
     errors = [1.0] * 100
     errors[10] = errors[12] = errors[-2] = None
