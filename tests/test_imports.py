@@ -66,6 +66,7 @@ NUMERICS = (
     "dual_laplacian",
     "metrics",
     "export.skinning",
+    "report.labels",
     "report.shading",
 )
 NO_NUMERICS = {"click", "io", "logging", "os", "pathlib", "sys", "time", "tqdm", "warnings"}

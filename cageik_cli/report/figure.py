@@ -6,6 +6,7 @@ bytes.
 
 import io
 import re
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from cageik_cli.mesh import Floats, Integers
 from cageik_cli.report.figures import percent_text
 from cageik_cli.report.gates import PERCENT, Gate
+from cageik_cli.report.labels import Box, Label, placed
 from cageik_cli.report.record import Report
 
 SIZE, DPI = (7.2, 3.6), 200
@@ -37,10 +39,18 @@ REACH = 2.5
 """A limit is drawn up to so many times as high as the highest figure; beyond it is named alone."""
 MARKED = 60
 """Up to so many frames each has a marker."""
+LEAST = 0.001
+"""Percent: no axis ends lower, so that rounding is not made to look like error."""
 LARGEST = 1e150
 """A line leaves the picture here; no axis could be drawn."""
 LONGEST = 40
 """Characters of a name that are shown."""
+LETTER, BIG_LETTER = 0.0101, 0.0115
+"""How wide letters are, about, of limits and of the worst frame: shares of the axes."""
+SAMPLES = 600
+"""Points of a line that labels keep clear of."""
+ACROSS = 100
+"""Letters of limits that fit across the picture."""
 
 SETTINGS: Any = {
     "font.size": 9.0,
@@ -114,6 +124,16 @@ class _Series:
         return self.metrics == ("volume_change",)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shown:
+    """A limit whose lines, one or two, are drawn at these heights of its series' axes."""
+
+    axes: Axes
+    series: _Series
+    gate: Gate
+    heights: tuple[float, ...]
+
+
 def plot_of(report: Report) -> Plot:
     """The figure of a report for a page."""
     first, last = _x_limits(len(report.frames))
@@ -164,19 +184,20 @@ def _drawn(report: Report) -> Figure:
     right = left.twinx()
     left.set(zorder=right.get_zorder() + 1, frame_on=False)
     _draw_gaps(right, error.values)
-    named = []
+    named, shown = [], []
     for axes, series in ((left, error), (right, other)):
         _draw_series(axes, series)
         near, far = _limits(report, series)
         _fit(axes, series, near)
-        _draw_limits(axes, series, near)
+        shown += _draw_limits(axes, series, near)
         named += far
     _draw_clip(left, error, report)
-    _draw_worst(left, error, report)
+    worst = _draw_worst(left, error, report)
     _dress(left, error, report)
     _dress(right, other, report)
     named += [gate for gate in report.gates if gate.metric not in error.metrics + other.metrics]
     _draw_legend(figure, (left, right), named)
+    _draw_labels(((left, error), (right, other)), shown, worst)
     return figure
 
 
@@ -212,7 +233,7 @@ def _x_limits(count: int) -> tuple[float, float]:
 
 def _limits(report: Report, series: _Series) -> tuple[list[tuple[Gate, float]], list[Gate]]:
     """The limits on a series that are drawn, with their heights, and those far above it."""
-    reach = REACH * (np.nanmax(np.abs(series.values), initial=0) or 1.0)
+    reach = REACH * np.nanmax(np.abs(series.values), initial=LEAST)
     to_percent = 100 / report.clip.diagonal
     heights = [
         (gate, gate.limit if gate.unit == PERCENT else to_percent * gate.limit)
@@ -273,29 +294,63 @@ def _fit(axes: Axes, series: _Series, limits: list[tuple[Gate, float]]) -> None:
     if series.is_signed:
         lowest = min(lowest, *(-height for height in heights), 0.0)
     highest = float(np.nanmax(series.values, initial=max(heights, default=0)))
-    size = (highest - lowest) or 1.0
+    size = max(highest - lowest, LEAST)
     axes.set_ylim(lowest - 0.08 * size if lowest < 0 else 0, lowest + HEADROOM * size)
 
 
-def _draw_limits(axes: Axes, series: _Series, limits: list[tuple[Gate, float]]) -> None:
-    """Dashed lines, each with its label at a place of its own along it."""
+def _draw_limits(axes: Axes, series: _Series, limits: list[tuple[Gate, float]]) -> list[_Shown]:
+    """Dashed lines, without their labels."""
+    colour, shown = series.look.colour, []
     if series.is_signed:
-        axes.axhline(0, color=series.look.colour, linewidth=0.5, dashes=(1, 3), gid="zero")
-    for k, (gate, height) in enumerate(limits):
-        for place in (-height, height) if series.is_signed else (height,):
-            axes.axhline(place, color=series.look.colour, linewidth=0.9, dashes=(8, 4), gid="limit")
-            axes.annotate(
-                _limit_text(gate),
-                (abs(series.side - 0.012 - 0.26 * k), place),
-                xycoords=axes.get_yaxis_transform(),
-                xytext=(0, 2),
-                textcoords="offset points",
-                ha="right" if series.side else "left",
-                va="bottom",
-                fontsize=7.5,
-                color=series.look.colour,
-                bbox={"boxstyle": "square,pad=0.1", "fc": "white", "lw": 0, "alpha": 0.75},
-            )
+        axes.axhline(0, color=colour, linewidth=0.5, dashes=(1, 3), gid="zero")
+    for gate, height in limits:
+        places = (height, -height) if series.is_signed else (height,)
+        for place in places:
+            axes.axhline(place, color=colour, linewidth=0.9, dashes=(8, 4), gid="limit")
+        shown.append(_Shown(axes, series, gate, places))
+    return shown
+
+
+def _draw_labels(drawn: tuple[tuple[Axes, _Series], ...], shown: list[_Shown], worst: Box) -> None:
+    """Name the limits, above the lines of both axes and where they hide little."""
+    points = np.concatenate([_points(axes, series) for axes, series in drawn])
+    labels = [
+        Label(
+            LETTER * len(_limit_text(limit.gate)),
+            tuple(_shares(limit.axes, limit.heights)),
+            limit.series.side == 1,
+        )
+        for limit in shown
+    ]
+    levels = [level for label in labels for level in label.levels]
+    front = drawn[0][0]
+    for limit, box in zip(shown, placed(labels, points, levels, [worst]), strict=True):
+        is_right = limit.series.side == 1
+        front.text(
+            box[2 if is_right else 0],
+            box[1],
+            _limit_text(limit.gate),
+            transform=front.transAxes,
+            ha="right" if is_right else "left",
+            va="bottom",
+            fontsize=7.5,
+            color=limit.series.look.colour,
+            bbox={"boxstyle": "square,pad=0.1", "fc": "white", "lw": 0, "alpha": 0.75},
+        )
+
+
+def _points(axes: Axes, series: _Series) -> Floats:
+    """Places along a line, (k, 2), as shares of the axes."""
+    first, last = axes.get_xlim()
+    frames = np.linspace(0, len(series.values) - 1, SAMPLES)
+    heights = np.interp(frames, np.arange(len(series.values)), series.values)
+    return np.stack([(frames - first) / (last - first), _shares(axes, heights)], axis=1)
+
+
+def _shares(axes: Axes, heights: Sequence[float] | Floats) -> list[float]:
+    """Where heights are between the lower and the upper end of the axes."""
+    low, high = axes.get_ylim()
+    return [float(height / (high - low) - low / (high - low)) for height in heights]
 
 
 def _limit_text(gate: Gate) -> str:
@@ -314,14 +369,16 @@ def _draw_clip(axes: Axes, series: _Series, report: Report) -> None:
     )
 
 
-def _draw_worst(axes: Axes, series: _Series, report: Report) -> None:
-    """Ring the worst frame, and name it to that side where there is room."""
+def _draw_worst(axes: Axes, series: _Series, report: Report) -> Box:
+    """Ring the worst frame, and name it to that side where there is room; where its name is."""
     summary, count = report.summary, len(report.frames)
     place = (summary.worst_frame_index, series.values[summary.worst_frame_index])
-    side = ("left", "center", "right")[int(np.digitize(place[0] / count, (0.3, 0.7)))]
+    column = int(np.digitize(place[0] / count, (0.3, 0.7)))
+    side = ("left", "center", "right")[column]
+    text = f"worst {percent_text(summary.worst_frame_rms_percent)} %, {_shown(summary.worst_frame)}"
     axes.plot(*place, "o", markersize=7.5, markerfacecolor="none", markeredgecolor=INK, gid="worst")
     axes.annotate(
-        f"worst {percent_text(summary.worst_frame_rms_percent)} %, {_shown(summary.worst_frame)}",
+        text,
         place,
         xytext=(place[0], 0.99),
         textcoords=axes.get_xaxis_transform(),
@@ -333,9 +390,12 @@ def _draw_worst(axes: Axes, series: _Series, report: Report) -> None:
             "color": MUTED,
             "linewidth": 0.7,
             "shrinkB": 4,
-            "relpos": (("left", "center", "right").index(side) / 2, 0),
+            "relpos": (column / 2, 0),
         },
     )
+    first, last = _x_limits(count)
+    width, at = BIG_LETTER * len(text), (place[0] - first) / (last - first)
+    return at - width * column / 2, 0.92, at + width * (1 - column / 2), 1.0
 
 
 def _dress(axes: Axes, series: _Series, report: Report) -> None:
@@ -344,7 +404,7 @@ def _dress(axes: Axes, series: _Series, report: Report) -> None:
     axes.set_xlabel(f"frame of {_shown(report.result)}, numbered from 0")
     axes.set_ylabel(series.name, color=series.look.colour)
     axes.tick_params(axis="y", labelcolor=series.look.colour, color=series.look.colour)
-    axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, steps=[1, 2, 5, 10]))
+    axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, min_n_ticks=1, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_formatter(FuncFormatter(_tick_text))
     axes.spines["top"].set_visible(False)
@@ -372,6 +432,7 @@ def _draw_legend(figure: Figure, both: tuple[Axes, Axes], named: list[Gate]) -> 
     )
     if named:
         text = "not drawn: " + "; ".join(map(_limit_text, named))
+        text = textwrap.shorten(text, ACROSS, placeholder=" …")
         figure.text(LEFT, TOP + 0.015, text, fontsize=7.5, color=MUTED, gid="not-drawn")
 
 

@@ -44,6 +44,9 @@ SECTIONS = (
 TICKS = 5
 """Of a scale."""
 
+FINEST = 0.01
+"""Percent: a histogram that ends lower has more digits than percent are printed with elsewhere."""
+
 HEAD = 512
 """Bytes of a page that hold its mark."""
 
@@ -182,6 +185,9 @@ def _gate_row(gate: Gate) -> dict[str, Any]:
     whole = "volume" if gate.metric == "volume_change" else "diagonal"
     return {
         "metric": METRICS[gate.metric],
+        "baseline": ""
+        if gate.baseline is None
+        else f"against {percent_text(gate.baseline)} of the baseline",
         "limit": limit_text(gate),
         "found": found_text(gate),
         "unit": f"% of the {whole}" if gate.unit == PERCENT else "units of the file",
@@ -255,7 +261,8 @@ def _ticks(top: float) -> list[str]:
 
 def _histogram(vertices: VertexFigures) -> dict[str, Any]:
     most = max(vertices.counts)
-    edges = [percent_text(edge) for edge in vertices.edges_percent]
+    shown = percent_text if vertices.edges_percent[-1] >= FINEST else units_text
+    edges = [shown(edge) for edge in vertices.edges_percent]
     bars = [
         {
             "low": low,

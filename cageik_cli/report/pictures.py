@@ -11,6 +11,7 @@ from cageik_cli.report.poses import Pose, Poses
 from cageik_cli.report.shading import (
     SAMPLES,
     Camera,
+    Picture,
     Surface,
     coloured,
     drawn_over,
@@ -151,7 +152,9 @@ def _colours(surface: Surface, values: Floats, top: float) -> Floats:
     return coloured(surface.interpolated(values), top, stops, _colour(UNKNOWN))
 
 
-def _caged(picture: Floats, surface: Surface, camera: Camera, shown: tuple[Pose, Poses]) -> Floats:
+def _caged(
+    picture: Picture, surface: Surface, camera: Camera, shown: tuple[Pose, Poses]
+) -> Picture:
     """A picture of a model with its cage's edges over it, fainter where they are behind."""
     pose, poses = shown
     cage, size = camera.project(pose.cage), camera.size
@@ -167,10 +170,12 @@ def _colour(text: str) -> Floats:
     return np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255
 
 
-def _png(picture: Floats) -> bytes:
-    """A picture, (s, s, 4), as a PNG file; its colours in 64 levels, which halves it."""
+def _png(picture: Picture) -> bytes:
+    """A picture as a PNG file; its colours in 64 levels, which halves it."""
     stream = io.BytesIO()
     levels = np.rint(255 * np.clip(reduced(picture), 0, 1)).astype(np.uint8)
-    levels[..., :3] = (levels[..., :3] & 0xFC) * (levels[..., 3:] > 0)
-    Image.fromarray(levels, "RGBA").save(stream, "PNG", compress_level=7)
+    levels[:3] &= np.where(levels[3] > 0, 0xFC, 0).astype(np.uint8)
+    image = Image.fromarray(np.ascontiguousarray(levels.transpose(1, 2, 0)), "RGBA")
+    # Runs are most of what there is to find in shaded surfaces: a third of the time, 7 % larger.
+    image.save(stream, "PNG", compress_type=Image.RLE)
     return stream.getvalue()

@@ -9,14 +9,18 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.mesh import Floats, Integers
+
+Picture = NDArray[np.float32]
+"""(4, s, s): red, green and blue, each times the opacity, and the opacity, 0 to 1."""
 
 SAMPLES = 2
 """Of a pixel, across and down."""
 MARGIN = 0.03
 """Of the picture, free on each side."""
-BLOCK = 1 << 21
+BLOCK = 1 << 18
 """Pixels in the boxes around triangles that are gone through at once."""
 EDGE_ON = 1e-9
 """A triangle whose normal's share along the view is below this has one depth."""
@@ -114,17 +118,15 @@ def rasterised(corners: Floats, size: int) -> Seen:
     """
     depth = np.full(size * size, np.inf)
     face = np.full(size * size, -1)
-    first, second, third = (corners[:, k] for k in range(3))
-    least = np.minimum(np.minimum(first, second), third)[:, :2]
-    most = np.maximum(np.maximum(first, second), third)[:, :2]
-    low, high = (np.clip(np.ceil(ends - 0.5), 0, size) for ends in (least, most))
-    total = (first + second + third) @ np.ones(3)
-    usable = np.isfinite(total) & (high[:, 0] > low[:, 0]) & (high[:, 1] > low[:, 1])
+    places = np.ascontiguousarray(corners.T)
+    ends = (places[:2].min(axis=1), places[:2].max(axis=1))
+    low, high = (np.clip(np.ceil(end - 0.5), 0, size) for end in ends)
+    usable = np.isfinite(places).all(axis=(0, 1)) & (high > low).all(axis=0)
     kept = np.flatnonzero(usable)
-    boxes = np.stack([low[kept, 1], high[kept, 1]], axis=1).astype(np.int64)
-    areas = (high[kept, 0] - low[kept, 0]) * (high[kept, 1] - low[kept, 1])
-    for block in _blocks(areas):
-        _draw(corners[kept[block]], boxes[block], kept[block], Seen(face, depth), size)
+    places, low, high = places[..., kept], low[:, kept], high[:, kept]
+    rows = np.stack([low[1], high[1]]).astype(np.int64)
+    for block in _blocks((high - low).prod(axis=0)):
+        _draw(places[..., block], rows[:, block], kept[block], Seen(face, depth), size)
     return Seen(face.reshape(size, size), depth.reshape(size, size))
 
 
@@ -137,22 +139,25 @@ def _blocks(areas: Floats) -> Iterator[slice]:
         start = end
 
 
-def _draw(corners: Floats, rows: Integers, names: Integers, seen: Seen, size: int) -> None:
-    """Add triangles whose boxes span `rows` to what is seen, by the stretches of each row."""
-    count = rows[:, 1] - rows[:, 0]
-    triangle, row = np.repeat(np.arange(len(rows)), count), _counted(rows[:, 0], count)
-    start, end = _stretches(corners, triangle, row, size)
-    slope, depth = _planes(corners)
-    first = corners[triangle, 0]
+def _draw(places: Floats, rows: Integers, names: Integers, seen: Seen, size: int) -> None:
+    """Add triangles to what is seen, by the stretches of each of their rows, (2, t).
+
+    `places`, (3, 3, t), are x, y and depth of their three corners.
+    """
+    count = rows[1] - rows[0]
+    triangle, row = np.repeat(np.arange(len(count)), count), _counted(rows[0], count)
+    start, end = _stretches(places, triangle, row, size)
+    slopes, depth = _planes(places)
+    slope = slopes[0, triangle]
     depth_there = (
         depth[triangle]
-        + slope[triangle, 0] * (start + 0.5 - first[:, 0])
-        + slope[triangle, 1] * (row + 0.5 - first[:, 1])
+        + slope * (start + 0.5 - places[0, 0, triangle])
+        + slopes[1, triangle] * (row + 0.5 - places[1, 0, triangle])
     )
     width = np.maximum(end - start, 0)
     stretch, step = np.repeat(np.arange(len(width)), width), _counted(np.zeros_like(width), width)
     pixel = (row * size + start)[stretch] + step
-    depths = depth_there[stretch] + slope[triangle, 0][stretch] * step
+    depths = depth_there[stretch] + slope[stretch] * step
     np.minimum.at(seen.depth, pixel, depths)
     nearest = np.flatnonzero(depths == seen.depth[pixel])
     seen.face[pixel[nearest]] = names[triangle[stretch[nearest]]]
@@ -165,34 +170,37 @@ def _counted(starts: Integers, counts: Integers) -> Integers:
 
 
 def _stretches(
-    corners: Floats, triangle: Integers, row: Integers, size: int
+    places: Floats, triangle: Integers, row: Integers, size: int
 ) -> tuple[Integers, Integers]:
-    """The first pixel of a triangle in a row, and the one after its last."""
-    middle = row + 0.5
-    left, right = np.full(len(middle), np.inf), np.full(len(middle), -np.inf)
-    for k in range(3):
-        # From the lower end whichever triangle asks, so that neighbours find the same place.
-        one, other = corners[:, k, :2], corners[:, (k + 1) % 3, :2]
-        is_lower = (one[:, 1] <= other[:, 1])[:, None]
-        low, high = np.where(is_lower, one, other), np.where(is_lower, other, one)
-        height = high[:, 1] - low[:, 1]
-        slope = (high[:, 0] - low[:, 0]) / np.where(height > 0, height, 1.0)
-        low_y = low[triangle, 1]
-        x = low[triangle, 0] + slope[triangle] * (middle - low_y)
-        meets = (low_y <= middle) & (middle < high[triangle, 1])
-        left = np.where(meets, np.minimum(left, x), left)
-        right = np.where(meets, np.maximum(right, x), right)
-    pixels = [np.clip(np.ceil(x - 0.5), 0, size).astype(np.int64) for x in (left, right)]
-    return pixels[0], pixels[1]
+    """The first pixel of a triangle in a row, and the one after its last.
+
+    A row that a triangle has meets its longest edge upright, and one of the others.
+    """
+    # From the lower end whichever triangle asks, so that neighbours find the same place.
+    x, y = np.take_along_axis(places[:2], np.argsort(places[1], axis=0)[None], axis=1)
+    starts, ends = (0, 1, 0), (1, 2, 2)
+    rise = y[ends, :] - y[starts, :]
+    slope = ((x[ends, :] - x[starts, :]) / np.where(rise > 0, rise, 1.0)).ravel()
+    x, y, count = x[starts, :].ravel(), y[starts, :].ravel(), len(x[0])
+    at = row + 0.5
+    edges = (triangle + count * (at >= y[triangle + count]), triangle + 2 * count)
+    one, other = (x[edge] + slope[edge] * (at - y[edge]) for edge in edges)
+    sides = (np.minimum(one, other), np.maximum(one, other))
+    left, right = (np.clip(np.ceil(side - 0.5), 0, size).astype(np.int64) for side in sides)
+    return left, right
 
 
-def _planes(corners: Floats) -> tuple[Floats, Floats]:
-    """How the depth of triangles grows with x and y, (t, 2), and what it is at their corner 0."""
-    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    normal = np.cross(one, two)
-    edge_on = np.abs(normal[:, 2]) <= EDGE_ON * np.abs(normal).sum(axis=1)
-    slope = -normal[:, :2] / np.where(edge_on, np.inf, normal[:, 2])[:, None]
-    return slope, np.where(edge_on, corners[:, :, 2].mean(axis=1), corners[:, 0, 2])
+def _planes(places: Floats) -> tuple[Floats, Floats]:
+    """How the depth of triangles grows with x and y, (2, t), and what it is at their corner 0."""
+    normal = _crossed(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+    edge_on = np.abs(normal[2]) <= EDGE_ON * np.abs(normal).sum(axis=0)
+    slopes = -normal[:2] / np.where(edge_on, np.inf, normal[2])
+    return slopes, np.where(edge_on, places[2].mean(axis=0), places[2, 0])
+
+
+def _crossed(one: Floats, two: Floats) -> Floats:
+    """The cross products of vectors, (3, t)."""
+    return np.stack([one[k - 2] * two[k - 1] - one[k - 1] * two[k - 2] for k in range(3)])
 
 
 def surface_of(projected: Floats, faces: Integers, size: int, is_smooth: bool = True) -> Surface:
@@ -218,8 +226,8 @@ def _mixed(shares: Floats, values: Floats) -> Floats:
 
 def _facing(projected: Floats, faces: Integers) -> Floats:
     """Normals of faces, (3, t), right, up and towards the viewer, as long as twice their areas."""
-    first, second, third = (projected[faces[:, k]] for k in range(3))
-    normals = np.cross(second - first, third - first).T * np.array([[1], [-1], [-1]])
+    first, second, third = (projected[corner].T for corner in faces.T)
+    normals = _crossed(second - first, third - first) * np.array([[1], [-1], [-1]])
     return np.where(np.isfinite(normals), normals, 0)
 
 
@@ -251,7 +259,7 @@ def _units(vectors: Floats) -> Floats:
 
 def lit(normals: Floats) -> Floats:
     """How bright a surface with these normals, (3, p), is, (p,), about 0.3 to 1."""
-    key, fill = np.maximum(KEY @ normals, 0), np.maximum(FILL @ normals, 0)
+    key, fill = (np.maximum(_mixed(light, normals), 0) for light in (KEY, FILL))
     bright = AMBIENT + KEY_LIGHT * key + FILL_LIGHT * fill
     return np.asarray(bright * (1 - RIM * (1 - np.clip(normals[2], 0, 1)) ** 2))
 
@@ -268,13 +276,15 @@ def coloured(values: Floats, top: float, stops: Floats, missing: Floats) -> Floa
     return np.where(known[:, None], np.stack(colours, axis=1), missing)
 
 
-def painted(surface: Surface, colours: Floats) -> Floats:
-    """A picture, (s, s, 4), of a surface in light; red, green, blue and opacity, 0 to 1."""
+def painted(surface: Surface, colours: Floats) -> Picture:
+    """A surface of these colours, (p, 3), in light."""
     size = len(surface.depth)
-    picture = np.zeros((size * size, 4))
-    picture[surface.pixels, :3] = np.clip(colours * lit(surface.normals)[:, None], 0, 1)
-    picture[surface.pixels, 3] = 1
-    return picture.reshape(size, size, 4)
+    picture = np.zeros((4, size * size), np.float32)
+    bright = lit(surface.normals)
+    for plane, colour in zip(picture[:3], colours.T, strict=True):
+        plane[surface.pixels] = np.clip(colour * bright, 0, 1)
+    picture[3, surface.pixels] = 1
+    return picture.reshape(4, size, size)
 
 
 def lines(projected: Floats, edges: Integers, width: float, size: int) -> Floats:
@@ -293,18 +303,18 @@ def lines(projected: Floats, edges: Integers, width: float, size: int) -> Floats
     return rasterised(triangles, size).depth
 
 
-def drawn_over(picture: Floats, colour: Floats, opacity: Floats) -> Floats:
-    """A picture, (s, s, 4), under a colour, (3,), of an opacity in each pixel, (s, s)."""
-    alpha, under = opacity[..., None], picture[..., 3:] * (1 - opacity[..., None])
-    total = alpha + under
-    mixed = (alpha * colour + under * picture[..., :3]) / np.where(total > 0, total, 1)
-    return np.concatenate([mixed, total], axis=2)
+def drawn_over(picture: Picture, colour: Floats, opacity: Floats) -> Picture:
+    """A picture under a colour, (3,), of an opacity in each pixel, (s, s)."""
+    drawn = np.flatnonzero(opacity)
+    over = picture.reshape(4, -1).copy()
+    for plane, share in zip(over, (*colour, 1), strict=True):
+        plane[drawn] += opacity.ravel()[drawn] * (share - plane[drawn])
+    return over.reshape(picture.shape)
 
 
-def reduced(picture: Floats) -> Floats:
-    """A picture with the means of `SAMPLES` by `SAMPLES` pixels, weighed by their opacity."""
-    weighed = np.concatenate([picture[..., :3] * picture[..., 3:], picture[..., 3:]], axis=2)
-    samples = [weighed[k::SAMPLES, j::SAMPLES] for k in range(SAMPLES) for j in range(SAMPLES)]
-    means = np.asarray(np.mean(samples, axis=0), np.float64)
-    alpha = means[..., 3:]
-    return np.concatenate([means[..., :3] / np.where(alpha > 0, alpha, 1), alpha], axis=2)
+def reduced(picture: Picture) -> Picture:
+    """A picture with the means of `SAMPLES` by `SAMPLES` pixels; its colours without opacity."""
+    samples = [picture[:, k::SAMPLES, j::SAMPLES] for k in range(SAMPLES) for j in range(SAMPLES)]
+    means = sum(samples[1:], start=samples[0]) / np.float32(SAMPLES**2)
+    means[:3] /= np.where(means[3] > 0, means[3], 1)
+    return means

@@ -205,6 +205,32 @@ def test_nothing_is_wider_than_the_window(opened, html, index, kind, width, sche
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
+def test_all_columns_of_an_index_are_in_the_window(opened, index):
+    page = opened(index, viewport={"width": 1280, "height": 800}).page
+    assert page.eval_on_selector(".most", "one => one.scrollWidth <= one.clientWidth")
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_why_a_clip_failed_is_in_the_window_wherever_the_table_is(opened, report, width):
+    fault = "/srv/walks/broken/mesh_0020.obj: line 5180: 1 coordinates; " + 20 * "export it again "
+    entries = [entry_of(report, page="clip.html"), Entry("walks/broken", fault=fault)]
+    page = opened(as_index(overview_of(entries)), viewport={"width": width, "height": 800}).page
+    page.eval_on_selector(".most", "one => { one.scrollLeft = 160; }")
+    window = page.locator(".most").bounding_box()
+    sentence = page.locator(".sentence > div").bounding_box()
+    assert window["x"] <= sentence["x"]
+    assert sentence["x"] + sentence["width"] <= window["x"] + window["width"]
+
+
+def test_headings_are_below_the_contents_when_jumped_to(opened, html):
+    page = opened(html, reduced_motion="reduce").page
+    for link in page.locator(".contents a").all():
+        link.click()
+        bar = page.locator(".contents").bounding_box()
+        heading = page.locator(link.get_attribute("href") + " h2").bounding_box()
+        assert bar["y"] + bar["height"] < heading["y"] < 900
+
+
 @pytest.mark.parametrize("kind", ["page", "index"])
 def test_long_names_are_broken(opened, report, pictures, kind):
     long = 300 * "x"

@@ -52,6 +52,8 @@ class _Builder(HTMLParser):
         self.unbalanced: list[str] = []
 
     def handle_starttag(self, tag, attributes):
+        if tag == "wbr":
+            return  # where a word may be broken, which makes it no two words
         element = Element(tag, {name: value or "" for name, value in attributes})
         self.open[-1].children.append(element)
         if tag not in EMPTY:
@@ -71,7 +73,10 @@ class _Builder(HTMLParser):
             self.unbalanced.append(tag)
 
     def handle_data(self, data):
-        self.open[-1].children.append(data)
+        children = self.open[-1].children
+        if children and isinstance(children[-1], str):
+            data = children.pop() + data
+        children.append(data)
 
 
 def parsed(html: str) -> Element:

@@ -118,6 +118,37 @@ def test_limits_are_dashed_lines_with_labels(made):
     assert {"limit rms 1.5 %, kept", "limit frame rms 1.9 %, exceeded"} <= set(texts(report))
 
 
+def test_labels_of_limits_that_are_close_do_not_meet(made):
+    """Nor do they leave the axes, or meet the name of the worst frame."""
+    typed = [("rms", 1.5), ("rms", 1.52), ("frame_rms", 1.9), ("frame_rms", 1.93)]
+    typed += [("volume_change", 0.9), ("volume_change", 0.92), ("frame_rms", 2.2)]
+    limits = [Limit(metric, Decimal(str(most))) for metric, most in typed]
+    drawn = figure_of(made([0.0, 2.0, 1.0], [0.0, -1.0, 1.0], limits=limits))
+    drawn.draw_without_rendering()
+    boxes = [
+        text.get_window_extent()
+        for text in drawn.axes[0].texts
+        if text.get_text().startswith(("limit", "worst"))
+    ]
+    assert len(boxes) == 8
+    axes = drawn.axes[0].get_window_extent()
+    for k, box in enumerate(boxes):
+        assert axes.x0 <= box.x0 < box.x1 <= axes.x1
+        assert axes.y0 <= box.y0 < box.y1 <= axes.y1
+        assert not any(box.overlaps(other) for other in boxes[:k])
+
+
+def test_many_limits_without_a_line_are_cut_short(made):
+    limits = [Limit("max_deviation", Decimal(k)) for k in range(90, 99)]
+    (text,) = [
+        text
+        for text in texts(made([1.0, 2.0], [0.0, 1.0], limits=limits))
+        if text.startswith("not drawn: ")
+    ]
+    assert len(text) <= 100
+    assert text.endswith(" …")
+
+
 def test_a_limit_in_units_stands_where_the_diagonal_puts_it(made):
     report = made([0.0, 2.0], limits=[Limit("frame_rms", Decimal("0.02"), "units")])
     (line,) = lines(report, "limit")
@@ -153,6 +184,21 @@ def test_any_clip_is_drawn(made, errors, changes):
     assert len(texts(report)) > 8
     (marked,) = lines(report, "rms")
     assert marked.get_markevery() == [k for k, error in enumerate(errors) if error is not None]
+
+
+def test_rounding_does_not_look_like_error(made):
+    report = made([1e-15, 3e-15], [1e-13, -1e-13], limits=[Limit("rms", Decimal("0.3"))])
+    for axes in figure_of(report).axes:
+        assert 0.001 < axes.get_ylim()[1] < 0.002
+    assert "not drawn: limit rms 0.3 %, kept" in texts(report)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 40])
+def test_frames_are_numbered_in_whole_numbers(made, count):
+    axes = figure_of(made([1.0] * count)).axes[0]
+    places = [place for place in axes.get_xticks() if -0.5 <= place <= count - 0.5]
+    assert places
+    assert places == [round(place) for place in places]
 
 
 def test_frames_between_gaps_are_marked_in_long_clips(made):

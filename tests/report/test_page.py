@@ -112,6 +112,14 @@ def test_each_limit_has_its_row(page, report):
     ]
 
 
+def test_limits_of_a_baseline_are_told_from_those_typed(report):
+    gates = tuple(replace(gate, baseline=0.25) for gate in report.gates[:1]) + report.gates[1:]
+    table = next(parsed(as_html(replace(report, gates=gates), None)).by_id("verdict").all("table"))
+    names = [row.text for row in table.all("th") if row.attributes["scope"] == "row"]
+    assert names[0] == "error of the clip against 0.2500 of the baseline"
+    assert not any("baseline" in name for name in names[1:])
+
+
 def test_without_limits_it_says_so(report):
     verdict = parsed(as_html(replace(report, gates=()), None)).by_id("verdict")
     assert "No limits were stated" in verdict.text
@@ -292,6 +300,16 @@ def test_the_histogram_is_as_high_as_its_counts(page, report):
     counts = np.array(report.vertices.counts)
     np.testing.assert_allclose(heights, 100 * counts / counts.max(), rtol=0, atol=0.005)
     assert str(counts.max()) in svg.attributes["aria-label"]
+
+
+@pytest.mark.parametrize(("top", "shown"), [(3.0, "3.0000"), (3e-14, "3e-14")])
+def test_the_bins_of_the_histogram_can_be_told_apart(report, top, shown):
+    edges = tuple(np.linspace(0, top, len(report.vertices.counts) + 1).tolist())
+    vertices = replace(report.vertices, edges_percent=edges)
+    spread = parsed(as_html(replace(report, vertices=vertices), None)).by_id("spread")
+    rows = [[cell.text for cell in row.all("td")] for row in spread.all("tr")][1:]
+    assert rows[-1][1] == shown
+    assert len({low for low, _, _ in rows}) == len(rows)
 
 
 def test_the_figure_says_where_its_axes_are(page, report):

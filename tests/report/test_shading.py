@@ -126,15 +126,17 @@ def test_a_line_is_as_wide_as_asked():
 
 
 def test_pictures_are_laid_over_and_reduced_by_opacity():
-    empty, red = np.zeros((4, 4, 4)), np.array([1.0, 0, 0])
+    empty, red = np.zeros((4, 4, 4), np.float32), np.array([1.0, 0, 0])
     opacity = np.zeros((4, 4))
     opacity[0, 0] = 1
     small = reduced(drawn_over(empty, red, opacity))
-    np.testing.assert_allclose(small[0, 0], [1, 0, 0, 0.25])
-    assert not small[1, 1].any()
-    white = np.ones((4, 4, 4))
+    assert small.shape == (4, 2, 2)
+    np.testing.assert_allclose(small[:, 0, 0], [1, 0, 0, 0.25])
+    assert not small[:, 1, 1].any()
+    white = np.ones((4, 4, 4), np.float32)
     mixed = drawn_over(white, red, np.full((4, 4), 0.25))
-    np.testing.assert_allclose(mixed[0, 0], [1, 0.75, 0.75, 1])
+    np.testing.assert_allclose(mixed[:, 0, 0], [1, 0.75, 0.75, 1])
+    assert not empty.any()
 
 
 MODELS = {
