@@ -69,7 +69,7 @@ def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     output: Path = options["output"].absolute()
     if not (options["resume"] or options["overwrite"]):
         refuse_used(output)
-    batch = _batch([folder.absolute() for folder in folders], output, options)
+    batch = _batch([_placed(folder) for folder in folders], output, options)
     if options["dry_run"]:
         from cageik_cli.batch.listing import listed
 
@@ -97,15 +97,16 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
 
     tables = ClipTables(extract_command)
     own, base = _typed()
-    named = {Path(own[name]).resolve() for name in own if is_path(extract_command, name)}
+    files = [value for name, value in (base | own).items() if is_path(extract_command, name)]
+    named = {Path(file).resolve() for file in files if file is not None}
     for root in folders:
         named.update(*(tables.paths(folder) for folder in folders_under(root, output)))
     found = clips_under(folders, Search(frozenset(named), output, options["exclude"]))
     jobs, refused = [], []
     for clip in found:
         try:
-            given = base | tables.given(clip.home, clip.place) | own
-            settings, limits = _settings(clip, given)
+            given = base | tables.given(clip.home, clip.place)
+            settings, limits = _settings(clip, given, own)
         except (click.UsageError, CageikError) as error:
             text = error.format_message() if isinstance(error, click.UsageError) else str(error)
             refused.append(Entry(clip.name, fault=text))
@@ -138,16 +139,24 @@ def _typed() -> tuple[dict[str, Any], dict[str, Any]]:
     return own, base
 
 
-def _settings(clip: Any, given: dict[str, Any]) -> Any:
-    """What `cageik extract` would make of the clip and these options."""
+def _placed(folder: Path) -> Path:
+    """A folder's absolute path, whose parents are the folders above it."""
+    return folder.resolve() if ".." in folder.parts else folder.absolute()
+
+
+def _settings(clip: Any, given: dict[str, Any], own: dict[str, Any]) -> Any:
+    """What `cageik extract` would make of the clip, options of files, and those that are typed."""
     for name in given:
         if name in OWN:
             raise click.UsageError(f"{name} is an option of cageik batch, not of a clip in {NAME}")
+    given = given | own
     if given.get("cage") is None and given.get("binding") is None:
         raise click.UsageError(
             f"no cage is named for it; give --cage, or name one in a {NAME} in its folder or above"
         )
     with extract_command.make_context("extract", list(clip.frames), default_map=given) as context:
+        for name in own:
+            context.set_parameter_source(name, ParameterSource.COMMANDLINE)
         options = dict(context.params)
         for name in OWN:
             options.pop(name, None)

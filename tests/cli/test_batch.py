@@ -13,6 +13,7 @@ import pytest
 
 import cageik_cli.cli.batch as command
 from cageik_cli.batch.work import work_on
+from cageik_cli.store.result import read_result
 
 BATCH = ("batch", "anim", "-o", "out")
 
@@ -296,3 +297,37 @@ def test_what_is_done_stays_when_a_batch_is_stopped(run_process, long, sent):
     assert again.code == 0, again.err
     assert "face.npz       unchanged" in again.err
     assert not log.exists()
+
+
+def test_files_of_options_above_are_those_above_on_disk(run, anim, here, monkeypatch):
+    Path("beside").mkdir()
+    Path("beside/cageik.toml").write_text("[extract]\nnonsense = 1\n")
+    Path("cageik.toml").write_text("[extract]\nalpha = 0.25\n")
+    monkeypatch.chdir("beside")
+    assert run("batch", "../anim", "-o", "../out").code == 0
+    monkeypatch.chdir("..")
+    assert read_result(Path("out/clips/walk.h5")).settings["alpha"] == 0.25
+
+
+def test_a_cage_that_the_file_of_options_names_is_no_frame(run, anim, here):
+    Path("anim/cageik.toml").unlink()
+    Path("anim/cage.obj").rename("anim/walk/cage.obj")
+    Path("options.toml").write_text('[batch]\ncage = "anim/walk/cage.obj"\n')
+    assert run(*BATCH, "--config", "options.toml").code == 0
+    assert report()["walk"]["clip"]["frames"] == 5
+
+
+def test_what_is_typed_wins_over_what_excludes_it(run, anim, here):
+    table = '[extract]\ncage = "cage.obj"\nno-cache = true\n'
+    Path("anim/cageik.toml").write_text(table)
+    assert run(*BATCH, "--cache", "mine").code == 0
+    assert list(Path("mine").iterdir())
+    run(*BATCH, "--overwrite", "--cache", "mine", "--no-cache")
+    assert "--cache and --no-cache exclude each other" in report()["walk"]["fault"]
+
+
+def test_options_that_contradict_a_binding_are_refused_as_extract_does(run, anim, here):
+    run("bind", "--cage", "anim/cage.obj", "--rest", "anim/walk/f_1.obj", "-o", "b.h5")
+    assert run(*BATCH, "--binding", "b.h5", "--coordinates", "harmonic").code == 0
+    run(*BATCH, "--overwrite", "--binding", "b.h5", "--coordinates", "mean-value")
+    assert "b.h5 was made with harmonic" in report()["walk"]["fault"]
