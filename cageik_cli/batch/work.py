@@ -12,7 +12,7 @@ from cageik_cli.report.page import is_page_of, page_of
 from cageik_cli.resuming import prepare_result
 from cageik_cli.solving import Crew
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.result import Result
+from cageik_cli.store.result import Result, has_weights
 
 
 class _Heard(Observer):
@@ -74,6 +74,6 @@ def _reported(job: ClipJob, result: Result, state: State) -> Outcome:
     if not job.has_page:
         return Outcome(entry_of(report, f"{place}.h5"), state)
     page = result.path.with_suffix(".html")
-    if not is_page_of(page, report):
+    if not is_page_of(page, report, has_weights(result)):
         write_text(page, page_of(result, report), overwrite=True)
     return Outcome(entry_of(report, f"{place}.h5", f"{place}.html"), state)

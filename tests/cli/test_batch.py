@@ -331,3 +331,14 @@ def test_options_that_contradict_a_binding_are_refused_as_extract_does(run, anim
     assert run(*BATCH, "--binding", "b.h5", "--coordinates", "harmonic").code == 0
     run(*BATCH, "--overwrite", "--binding", "b.h5", "--coordinates", "mean-value")
     assert "b.h5 was made with harmonic" in report()["walk"]["fault"]
+
+
+def test_pages_have_pictures_once_there_are_weights(run, anim, here):
+    run(*BATCH, "--no-weights")
+    page = Path("out/clips/walk.html")
+    bare = page.read_bytes()
+    run(*BATCH, "--resume")
+    drawn = page.read_bytes()
+    assert len(drawn) > len(bare)
+    run(*BATCH, "--resume", "--no-weights")
+    assert page.read_bytes() == bare
