@@ -93,6 +93,7 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
     from cageik_cli.batch.finding import Search, clips_under, folders_under
     from cageik_cli.batch.jobs import CLIPS, ClipJob
     from cageik_cli.batch.running import WEIGHTS, Batch
+    from cageik_cli.layout import printable
     from cageik_cli.report import Entry
 
     tables = ClipTables(extract_command)
@@ -109,7 +110,7 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
             settings, limits = _settings(clip, given, own)
         except (click.UsageError, CageikError) as error:
             text = error.format_message() if isinstance(error, click.UsageError) else str(error)
-            refused.append(Entry(clip.name, fault=text))
+            refused.append(Entry(clip.name, fault=printable(" ".join(text.split()))))
             continue
         settings = replace(
             settings,

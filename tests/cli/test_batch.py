@@ -1,6 +1,7 @@
 """`cageik batch`: every clip under a folder, whatever becomes of one of them."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -149,6 +150,7 @@ def test_options_for_some_clips(run, anim, here):
     [
         ("", "no cage is named for it; give --cage, or name one in a cageik.toml"),
         ("[extract", "cannot be read as TOML"),
+        ("a = " + "[" * 20_000, "cannot be read as TOML"),
         ('[extract]\noutput = "x.h5"\n', "output is an option of cageik batch, not of a clip"),
         ("[extract]\nalfa = 1\n", "has no option alfa"),
         ('[extract]\ncage = "cage.obj"\nalpha = -1\n', "alpha"),
@@ -342,3 +344,25 @@ def test_pages_have_pictures_once_there_are_weights(run, anim, here):
     assert len(drawn) > len(bare)
     run(*BATCH, "--resume", "--no-weights")
     assert page.read_bytes() == bare
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode there")
+def test_names_of_any_bytes_are_told_where_a_clip_is_refused(run, anim, here):
+    place = os.fsdecode(b"an\xffim")
+    anim.rename(place)
+    Path(place, "runs/cageik.toml").write_text("[extract]\nnonsense = 1\n")
+    assert run("batch", place, "-o", "out").code == 4
+    assert "an\ufffdim/runs/cageik.toml: [extract] has no option" in report()["runs/fast"]["fault"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are shorter there")
+def test_a_clip_whose_result_would_have_too_long_a_name_fails_alone(run, anim, here):
+    long = os.fsdecode(b"\xff" * 150)  # of which each becomes three bytes
+    Path("anim", long).mkdir()
+    Path("anim/runs").rename(Path("anim", long, "runs"))
+    Path("anim/walk").rename(Path("anim", "w" * 253))
+    assert run(*BATCH, "--dry-run").code == 0
+    assert run(*BATCH).code == 4
+    faults = [entry["fault"] for entry in report().values()]
+    assert sum(fault is None for fault in faults) == 1
+    assert sum("File name too long" in fault for fault in faults if fault) == 2
