@@ -21,6 +21,7 @@ from cageik_cli.report import (
     overview_of,
 )
 from cageik_cli.report.index import as_index
+from cageik_cli.store.result import is_result
 
 VIEWS = {
     "index.html": as_index,
@@ -101,6 +102,37 @@ def refuse_used(folder: Path) -> None:
         raise InputError(
             f"{folder}: holds something already; go on with --resume, replace what is there with "
             "--overwrite, or choose another folder"
+        )
+
+
+def refuse_foreign(folder: Path) -> None:
+    """Refuse to go on in a folder whose files of a report's names no batch has written.
+
+    Raises
+    ------
+    InputError
+        Saying what to do.
+    """
+    for name in VIEWS:
+        if (folder / name).exists() and not (folder / CLIPS).is_dir():
+            raise InputError(
+                f"{folder}: holds {name} and no results of a batch to go on with; replace what is "
+                "there with --overwrite, or choose another folder"
+            )
+
+
+def refuse_no_result(path: Path) -> None:
+    """Refuse to go on with a file that is no result of ours.
+
+    Raises
+    ------
+    InputError
+        Saying what to do.
+    """
+    if path.exists() and not is_result(path):
+        raise InputError(
+            f"{path}: is no result of cageik extract to go on with; move it away, or replace it "
+            "with --overwrite"
         )
 
 

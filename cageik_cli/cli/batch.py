@@ -61,14 +61,14 @@ def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     cageik batch animations --cage rest_cage.obj -o out
     cageik batch walks runs -o out --resume --max-rms 0.5%
     """  # noqa: D301
-    from cageik_cli.batch.running import refuse_used, run_batch
+    from cageik_cli.batch.running import refuse_foreign, refuse_used, run_batch
     from cageik_cli.cli.step_summary import append_step_summary
     from cageik_cli.cli.watching import Lines, watched
     from cageik_cli.report import as_markdown
 
     output: Path = options["output"].absolute()
-    if not (options["resume"] or options["overwrite"]):
-        refuse_used(output)
+    if not options["overwrite"]:
+        (refuse_foreign if options["resume"] else refuse_used)(output)
     batch = _batch([_placed(folder) for folder in folders], output, options)
     if options["dry_run"]:
         from cageik_cli.batch.listing import listed
@@ -92,8 +92,9 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
     """What is to be done: a job a clip that is found."""
     from cageik_cli.batch.finding import Search, clips_under, folders_under
     from cageik_cli.batch.jobs import CLIPS, ClipJob
-    from cageik_cli.batch.running import WEIGHTS, Batch
+    from cageik_cli.batch.running import VIEWS, WEIGHTS, Batch, refuse_no_result
     from cageik_cli.layout import printable
+    from cageik_cli.outputs import keep_apart
     from cageik_cli.report import Entry
 
     tables = ClipTables(extract_command)
@@ -101,20 +102,25 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
     files = [value for name, value in (base | own).items() if is_path(extract_command, name)]
     named = {Path(file).resolve() for file in files if file is not None}
     for root in folders:
+        _refuse_results(root, output)
         named.update(*(tables.paths(folder) for folder in folders_under(root, output)))
+    keep_apart([output / name for name in VIEWS], list(named))
     found = clips_under(folders, Search(frozenset(named), output, options["exclude"]))
     jobs, refused = [], []
     for clip in found:
         try:
             given = base | tables.given(clip.home, clip.place)
             settings, limits = _settings(clip, given, own)
+            place = output / CLIPS / f"{clip.name}.h5"
+            if not options["overwrite"]:
+                refuse_no_result(place)
         except (click.UsageError, CageikError) as error:
             text = error.format_message() if isinstance(error, click.UsageError) else str(error)
             refused.append(Entry(clip.name, fault=printable(" ".join(text.split()))))
             continue
         settings = replace(
             settings,
-            output=output / CLIPS / f"{clip.name}.h5",
+            output=place,
             cache=settings.cache or output / WEIGHTS,
             resume=options["resume"] or not options["overwrite"],
             overwrite=options["resume"] or options["overwrite"],
@@ -122,6 +128,15 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
         jobs.append(ClipJob(clip.name, settings, limits, options["pages"]))
     order = tuple(clip.name for clip in found)
     return Batch(output, tuple(jobs), tuple(refused), order)
+
+
+def _refuse_results(folder: Path, output: Path) -> None:
+    """Refuse to look for clips where the results are to be."""
+    from cageik_cli.batch.jobs import CLIPS
+
+    place, results = folder.resolve(), output.resolve() / CLIPS
+    if place == output.resolve() or results in (place, *place.parents):
+        raise click.UsageError(f"{folder}: is where the results would be; name another with -o")
 
 
 def _typed() -> tuple[dict[str, Any], dict[str, Any]]:

@@ -1,5 +1,6 @@
 """`cageik batch`: every clip under a folder, whatever becomes of one of them."""
 
+import io
 import json
 import os
 import signal
@@ -9,6 +10,7 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
+import h5py
 import numpy as np
 import pytest
 
@@ -366,3 +368,45 @@ def test_a_clip_whose_result_would_have_too_long_a_name_fails_alone(run, anim, h
     faults = [entry["fault"] for entry in report().values()]
     assert sum(fault is None for fault in faults) == 1
     assert sum("File name too long" in fault for fault in faults if fault) == 2
+
+
+def test_going_on_replaces_nothing_that_no_batch_has_written(run, anim, here):
+    Path("out").mkdir()
+    Path("out/index.html").write_text("mine")
+    outcome = run(*BATCH, "--resume")
+    assert outcome.code == 1
+    assert "out: holds index.html and no results of a batch" in outcome.err
+    Path("out/index.html").unlink()
+    np.savez("mine.npz", mine=1)
+    for name, mine in (("walk", Path("mine.npz").read_bytes()), ("runs/fast", hdf5_of("mine"))):
+        Path("out/clips", name).parent.mkdir(parents=True, exist_ok=True)
+        Path("out/clips", f"{name}.h5").write_bytes(mine)
+    assert run(*BATCH, "--resume").code == 4
+    assert Path("out/clips/walk.h5").read_bytes() == Path("mine.npz").read_bytes()
+    assert "runs/fast.h5: is no result of cageik extract" in report()["runs/fast"]["fault"]
+    assert run(*BATCH, "--overwrite").code == 0
+
+
+def hdf5_of(name):
+    """The bytes of an HDF5 file that is no result."""
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        file[name] = 1
+    return buffer.getvalue()
+
+
+def test_a_report_that_is_compared_with_is_not_written_over(run, anim, here):
+    run(*BATCH)
+    before = Path("out/report.json").read_bytes()
+    outcome = run(*BATCH, "--resume", "--baseline", "out/report.json")
+    assert outcome.code == 1
+    assert "report.json: is read or written by this command already" in outcome.err
+    assert Path("out/report.json").read_bytes() == before
+
+
+@pytest.mark.parametrize("folder", ["out", "out/clips/runs"])
+def test_results_are_no_clips(run, anim, here, folder):
+    run(*BATCH)
+    outcome = run("batch", folder, "-o", "out", "--overwrite")
+    assert outcome.code == 2
+    assert "is where the results would be; name another with -o" in outcome.err
