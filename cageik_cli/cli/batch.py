@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -95,8 +96,9 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
     from cageik_cli.batch.running import VIEWS, WEIGHTS, Batch, refuse_no_result
     from cageik_cli.layout import printable
     from cageik_cli.outputs import keep_apart
-    from cageik_cli.report import Entry
+    from cageik_cli.report import Entry, read_baseline
 
+    read = cache(read_baseline)
     tables = ClipTables(extract_command)
     own, base = _typed()
     files = [value for name, value in (base | own).items() if is_path(extract_command, name)]
@@ -110,7 +112,7 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
     for clip in found:
         try:
             given = base | tables.given(clip.home, clip.place)
-            settings, limits = _settings(clip, given, own)
+            settings, limits = _settings(clip, given, own, read)
             place = output / CLIPS / f"{clip.name}.h5"
             if not options["overwrite"]:
                 refuse_no_result(place)
@@ -160,7 +162,7 @@ def _placed(folder: Path) -> Path:
     return folder.resolve() if ".." in folder.parts else folder.absolute()
 
 
-def _settings(clip: Any, given: dict[str, Any], own: dict[str, Any]) -> Any:
+def _settings(clip: Any, given: dict[str, Any], own: dict[str, Any], read: Any) -> Any:
     """What `cageik extract` would make of the clip, options of files, and those that are typed."""
     for name in given:
         if name in OWN:
@@ -176,7 +178,7 @@ def _settings(clip: Any, given: dict[str, Any], own: dict[str, Any]) -> Any:
         options = dict(context.params)
         for name in OWN:
             options.pop(name, None)
-        limits = limits_of(options).by_name()
+        limits = limits_of(options, read).by_name()
         return extract_settings(options | {"output": Path()}), limits
 
 

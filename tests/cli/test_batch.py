@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import cageik_cli.cli.batch as command
+import cageik_cli.report
 from cageik_cli.batch.work import work_on
 from cageik_cli.store.result import read_result
 
@@ -183,11 +184,18 @@ def test_limits_are_kept_by_each_clip(run, anim, here):
     assert "walk           unchanged" in again.err
 
 
-def test_an_earlier_report_is_a_baseline_by_names(run, anim, here):
+def test_an_earlier_report_is_a_baseline_by_names(run, anim, here, monkeypatch):
     run(*BATCH)
     Path("out/report.json").rename("old.json")
     same = ("--baseline", "old.json", "--max-regression", "0%")
-    assert run(*BATCH, "--resume", *same).code == 0
+    read = []
+    real = cageik_cli.report.read_baseline
+    with monkeypatch.context() as patched:
+        patched.setattr(
+            "cageik_cli.report.read_baseline", lambda *given: read.append(given) or real(*given)
+        )
+        assert run(*BATCH, "--resume", *same).code == 0
+    assert len(read) == 1
     assert run(*BATCH, "--resume", "--alpha", "10", *same).code == 3
     assert any(gate["baseline"] is not None for gate in report()["runs/fast"]["gates"])
 
