@@ -85,6 +85,20 @@ def prepare_folder(path: Path, overwrite: bool, is_ours: Callable[[str], bool]) 
         partial.rmdir()
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, if it is not there.
+
+    Raises
+    ------
+    InputError
+        When it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror or error})") from error
+
+
 def keep_apart(outputs: list[Path | None], inputs: list[Path | None]) -> None:
     """Refuse an output that is an input, or another output, or a folder with one; `-` is neither.
 

@@ -1,9 +1,9 @@
 """Clips under folders: folders of frames, and files that hold clips."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import SUFFIXES
@@ -15,6 +15,9 @@ from cageik_cli.store.result import is_result
 
 FEWEST_FRAMES = 2
 """Mesh files in a folder that are taken for a clip: one alone is a rest pose, a cage or a prop."""
+
+OUTPUTS = (".h5", ".h5.partial", ".html")
+"""What is added to a clip's name in those of its files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +116,21 @@ def clips_under(roots: Sequence[Path], search: Search) -> list[Found]:
                 f"{clip.frames[0]}: its results would have the name of those of "
                 f"{other.frames[0]}, {clip.name}; rename one of them"
             )
+    _refuse_names_of_folders(places)
     return found
+
+
+def _refuse_names_of_folders(places: Mapping[str, Found]) -> None:
+    """Refuse clips whose files would have the name of a folder with results of others."""
+    folders = {str(above): name for name in places for above in PurePosixPath(name).parents}
+    for name, clip in places.items():
+        for suffix in OUTPUTS:
+            if name + suffix in folders:
+                other = places[folders[name + suffix]]
+                raise InputError(
+                    f"{clip.frames[0]}: its result would be {clip.name}{suffix}, the folder of "
+                    f"those of {other.frames[0]}; rename one of them"
+                )
 
 
 def _clips_in(folder: Path, root: Path, search: Search) -> Iterator[Found]:

@@ -66,7 +66,7 @@ class _Worker:
     """One process at a time, begun again when it has died."""
 
     def __init__(self) -> None:
-        self._has_ended = False
+        self._has_ended, self._lock = False, threading.Lock()
         self._begin()
 
     def done(self, job: ClipJob) -> Outcome:
@@ -76,10 +76,8 @@ class _Worker:
             try:
                 return future.result()
             except BrokenProcessPool:
-                if self._has_ended:
+                if not self._has_begun_again():
                     raise
-                self._pool.shutdown()
-                self._begin()
         fault = (
             f"its process ended without a word, {ATTEMPTS} times: killed from outside, out of "
             "memory (use fewer --jobs), or a damaged file took it down"
@@ -88,13 +86,22 @@ class _Worker:
 
     def end(self, at_once: bool) -> None:
         """End the process, `at_once` whatever it is at; a run that is cut can be gone on with."""
-        self._has_ended = True
+        with self._lock:  # none is begun after this
+            self._has_ended = True
         with suppress(BrokenProcessPool):
             pid = self._pid.result()
             for child in multiprocessing.active_children() if at_once else ():
                 if child.pid == pid:
                     child.kill()
         self._pool.shutdown()
+
+    def _has_begun_again(self) -> bool:
+        """Begin a process in place of one that has died, unless this is the end."""
+        with self._lock:
+            if not self._has_ended:
+                self._pool.shutdown()
+                self._begin()
+            return not self._has_ended
 
     def _begin(self) -> None:
         context = multiprocessing.get_context("spawn")

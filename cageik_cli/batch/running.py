@@ -6,11 +6,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from cageik_cli.batch.jobs import ClipJob, Outcome, Scheduler, State
+from cageik_cli.batch.jobs import CLIPS, ClipJob, Outcome, Scheduler, State
 from cageik_cli.errors import InputError
 from cageik_cli.locks import open_locked, remove_locked
 from cageik_cli.observer import Observer
-from cageik_cli.outputs import write_text
+from cageik_cli.outputs import make_folder, write_text
 from cageik_cli.report import (
     Entry,
     Overview,
@@ -21,6 +21,7 @@ from cageik_cli.report import (
     overview_of,
 )
 from cageik_cli.report.index import as_index
+from cageik_cli.store.result import is_result
 
 VIEWS = {
     "index.html": as_index,
@@ -70,8 +71,7 @@ def run_batch(batch: Batch, scheduler: Scheduler, watch: Observer) -> Overview:
     """
     entries = {entry.name: entry for entry in batch.refused}
     with _alone_in(batch.output):
-        for job in batch.jobs:
-            _make_folder(job.settings.output.parent)
+        make_folder(batch.output / CLIPS)
         with watch.stage("batch"), _counted(batch) as done, scheduler as crew:
             for entry in batch.refused:
                 _tell(Outcome(entry, State.FAILED), watch)
@@ -105,6 +105,37 @@ def refuse_used(folder: Path) -> None:
         )
 
 
+def refuse_foreign(folder: Path) -> None:
+    """Refuse to go on in a folder whose files of a report's names no batch has written.
+
+    Raises
+    ------
+    InputError
+        Saying what to do.
+    """
+    for name in VIEWS:
+        if (folder / name).exists() and not (folder / CLIPS).is_dir():
+            raise InputError(
+                f"{folder}: holds {name} and no results of a batch to go on with; replace what is "
+                "there with --overwrite, or choose another folder"
+            )
+
+
+def refuse_no_result(path: Path) -> None:
+    """Refuse to go on with a file that is no result of ours.
+
+    Raises
+    ------
+    InputError
+        Saying what to do.
+    """
+    if path.exists() and not is_result(path):
+        raise InputError(
+            f"{path}: is no result of cageik extract to go on with; move it away, or replace it "
+            "with --overwrite"
+        )
+
+
 def _tell(outcome: Outcome, watch: Observer) -> None:
     entry = outcome.entry
     watch.remark(entry.name, entry.fault or outcome.state.value)
@@ -124,7 +155,7 @@ def _counted(batch: Batch) -> Iterator[list[Outcome]]:
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
     """Be the only batch that writes to a folder, which is made."""
-    _make_folder(folder)
+    make_folder(folder)
     path = folder / LOCK
     try:
         lock = open_locked(path)
@@ -136,10 +167,3 @@ def _alone_in(folder: Path) -> Iterator[None]:
         yield
     finally:
         remove_locked(path, lock)
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror or error})") from error

@@ -6,12 +6,12 @@ from cageik_cli.extraction import extract, held_result
 from cageik_cli.inputs import bound_of, opened
 from cageik_cli.layout import printable
 from cageik_cli.observer import Observer
-from cageik_cli.outputs import write_text
+from cageik_cli.outputs import make_folder, write_text
 from cageik_cli.report import Entry, entry_of, report_of
 from cageik_cli.resuming import prepare_result
 from cageik_cli.solving import Crew
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.result import Result
+from cageik_cli.store.result import Result, has_weights
 
 
 class _Heard(Observer):
@@ -36,6 +36,7 @@ def work_on(job: ClipJob, bound: StoredBinding | None = None, crew: Crew | None 
     """
     heard = _Heard()
     try:
+        make_folder(job.settings.output.parent)
         result = extract(job.settings, heard, bound, crew)
         return _reported(job, result, State.UNCHANGED if heard.was_whole else State.DONE)
     except Exception as error:
@@ -45,6 +46,7 @@ def work_on(job: ClipJob, bound: StoredBinding | None = None, crew: Crew | None 
 def looked_at(job: ClipJob) -> Outcome | str:
     """What came of a job of which nothing is left to do; else the key of the weights it needs."""
     try:
+        make_folder(job.settings.output.parent)
         prepare_result(job.settings.output, job.settings.overwrite, job.settings.resume)
         inputs, held = held_result(job.settings)
         if held is not None:
@@ -75,6 +77,6 @@ def _reported(job: ClipJob, result: Result, state: State) -> Outcome:
     from cageik_cli.report.page import is_page_of, page_of  # half a second, to draw
 
     page = result.path.with_suffix(".html")
-    if not is_page_of(page, report):
+    if not is_page_of(page, report, has_weights(result)):
         write_text(page, page_of(result, report), overwrite=True)
     return Outcome(entry_of(report, f"{place}.h5", f"{place}.html"), state)

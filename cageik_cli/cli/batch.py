@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -68,15 +69,15 @@ def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     cageik batch animations --cage rest_cage.obj -o out
     cageik batch walks runs -o out --resume --max-rms 0.5%
     """  # noqa: D301
-    from cageik_cli.batch.running import refuse_used, run_batch
+    from cageik_cli.batch.running import refuse_foreign, refuse_used, run_batch
     from cageik_cli.cli.step_summary import append_step_summary
     from cageik_cli.cli.watching import Lines, watched
     from cageik_cli.report import as_markdown
 
     output: Path = options["output"].absolute()
-    if not (options["resume"] or options["overwrite"]):
-        refuse_used(output)
-    batch = _batch([folder.absolute() for folder in folders], output, options)
+    if not options["overwrite"]:
+        (refuse_foreign if options["resume"] else refuse_used)(output)
+    batch = _batch([_placed(folder) for folder in folders], output, options)
     if options["dry_run"]:
         from cageik_cli.batch.listing import listed
 
@@ -99,27 +100,36 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
     """What is to be done: a job a clip that is found."""
     from cageik_cli.batch.finding import Search, clips_under, folders_under
     from cageik_cli.batch.jobs import CLIPS, ClipJob
-    from cageik_cli.batch.running import WEIGHTS, Batch
-    from cageik_cli.report import Entry
+    from cageik_cli.batch.running import VIEWS, WEIGHTS, Batch, refuse_no_result
+    from cageik_cli.layout import printable
+    from cageik_cli.outputs import keep_apart
+    from cageik_cli.report import Entry, read_baseline
 
+    read = cache(read_baseline)
     tables = ClipTables(extract_command)
     own, base = _typed()
-    named = {Path(own[name]).resolve() for name in own if is_path(extract_command, name)}
+    files = [value for name, value in (base | own).items() if is_path(extract_command, name)]
+    named = {Path(file).resolve() for file in files if file is not None}
     for root in folders:
+        _refuse_results(root, output)
         named.update(*(tables.paths(folder) for folder in folders_under(root, output)))
+    keep_apart([output / name for name in VIEWS], list(named))
     found = clips_under(folders, Search(frozenset(named), output, options["exclude"]))
     jobs, refused = [], []
     for clip in found:
         try:
-            given = base | tables.given(clip.home, clip.place) | own
-            settings, limits = _settings(clip, given)
+            given = base | tables.given(clip.home, clip.place)
+            settings, limits = _settings(clip, given, own, read)
+            place = output / CLIPS / f"{clip.name}.h5"
+            if not options["overwrite"]:
+                refuse_no_result(place)
         except (click.UsageError, CageikError) as error:
             text = error.format_message() if isinstance(error, click.UsageError) else str(error)
-            refused.append(Entry(clip.name, fault=text))
+            refused.append(Entry(clip.name, fault=printable(" ".join(text.split()))))
             continue
         settings = replace(
             settings,
-            output=output / CLIPS / f"{clip.name}.h5",
+            output=place,
             cache=settings.cache or output / WEIGHTS,
             resume=options["resume"] or not options["overwrite"],
             overwrite=options["resume"] or options["overwrite"],
@@ -127,6 +137,15 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
         jobs.append(ClipJob(clip.name, settings, limits, options["pages"]))
     order = tuple(clip.name for clip in found)
     return Batch(output, tuple(jobs), tuple(refused), order)
+
+
+def _refuse_results(folder: Path, output: Path) -> None:
+    """Refuse to look for clips where the results are to be."""
+    from cageik_cli.batch.jobs import CLIPS
+
+    place, results = folder.resolve(), output.resolve() / CLIPS
+    if place == output.resolve() or results in (place, *place.parents):
+        raise click.UsageError(f"{folder}: is where the results would be; name another with -o")
 
 
 def _typed() -> tuple[dict[str, Any], dict[str, Any]]:
@@ -145,20 +164,28 @@ def _typed() -> tuple[dict[str, Any], dict[str, Any]]:
     return own, base
 
 
-def _settings(clip: Any, given: dict[str, Any]) -> Any:
-    """What `cageik extract` would make of the clip and these options."""
+def _placed(folder: Path) -> Path:
+    """A folder's absolute path, whose parents are the folders above it."""
+    return folder.resolve() if ".." in folder.parts else folder.absolute()
+
+
+def _settings(clip: Any, given: dict[str, Any], own: dict[str, Any], read: Any) -> Any:
+    """What `cageik extract` would make of the clip, options of files, and those that are typed."""
     for name in given:
         if name in OWN:
             raise click.UsageError(f"{name} is an option of cageik batch, not of a clip in {NAME}")
+    given = given | own
     if given.get("cage") is None and given.get("binding") is None:
         raise click.UsageError(
             f"no cage is named for it; give --cage, or name one in a {NAME} in its folder or above"
         )
     with extract_command.make_context("extract", list(clip.frames), default_map=given) as context:
+        for name in own:
+            context.set_parameter_source(name, ParameterSource.COMMANDLINE)
         options = dict(context.params)
         for name in OWN:
             options.pop(name, None)
-        limits = limits_of(options).by_name()
+        limits = limits_of(options, read).by_name()
         return extract_settings(options | {"output": Path()}), limits
 
 

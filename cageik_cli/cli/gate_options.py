@@ -104,8 +104,15 @@ def gate_options(command: Command) -> Command:
     return command
 
 
-def limits_of(options: dict[str, Any]) -> Any:
+def limits_of(options: dict[str, Any], read: Callable[..., Any] | None = None) -> Any:
     """Take the limits' options out of `options`, as `Limits`; a baseline is read.
+
+    Parameters
+    ----------
+    options : dict
+        By parameters' names.
+    read : callable, optional
+        In place of `read_baseline`, for who asks for one baseline many times.
 
     Raises
     ------
@@ -128,7 +135,8 @@ def limits_of(options: dict[str, Any]) -> Any:
     )
     if path is None:
         return Limits(limits)
-    return Limits(limits, read_baseline(path, regression.value if regression else REGRESSION))
+    most = regression.value if regression else REGRESSION
+    return Limits(limits, (read or read_baseline)(path, most))
 
 
 def echo_over_limits(overview: Any) -> None:

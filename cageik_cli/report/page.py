@@ -165,20 +165,21 @@ def record_digest(report: Report) -> str:
     return hashlib.sha256(as_json([report]).encode()).hexdigest()
 
 
-def is_page_of(path: Path, report: Report) -> bool:
-    """Whether there is a page at `path`, and it shows this report.
+def is_page_of(path: Path, report: Report, has_pictures: bool) -> bool:
+    """Whether there is a page at `path`, and it shows this report, with pictures or without.
 
     Only the head of the file is read.
     """
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return _mark(report).encode() in file.read(HEAD)
+        return _mark(report, has_pictures).encode() in file.read(HEAD)
 
 
-def _mark(report: Report) -> str:
+def _mark(report: Report, has_pictures: bool) -> str:
     """What the head of a report's page holds."""
-    return f'<meta name="cageik-record" content="{record_digest(report)}">'
+    told = " pictures" if has_pictures else ""
+    return f'<meta name="cageik-record" content="{record_digest(report)}{told}">'
 
 
 def _gate_row(gate: Gate) -> dict[str, Any]:

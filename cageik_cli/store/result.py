@@ -92,14 +92,14 @@ class PosedFrames:
     cages : (3, n, 3) float64
     rebuilt : (3, m, 3) float64
         v̂, the weights times the cages.
-    misses : (3, m, 3) float32
+    misses : (3, m, 3) float64
         v − v̂, in diagonals of the rest model.
     """
 
     frames: Integers
     cages: Floats
     rebuilt: Floats
-    misses: np.ndarray
+    misses: Floats
 
 
 def partial_name(path: Path) -> Path:
@@ -159,9 +159,12 @@ def read_weights(result: Result) -> Floats | None:
         if "weights" not in file:
             return None
         weights = numbers(file, "weights", "f", shape).astype(np.float64, copy=False)
-        wrong = np.flatnonzero(~np.isfinite(weights).all(axis=1))
+        largest = np.maximum(weights.max(axis=1), -weights.min(axis=1))
+        wrong = np.flatnonzero(~_are_lengths(largest))
         if len(wrong):
-            raise InputError(f"`weights` are not finite at vertex {wrong[0]}; extract it again")
+            raise InputError(
+                f"`weights` are not finite at vertex {wrong[0]}, or far too large; extract it again"
+            )
         return weights
 
 
@@ -176,13 +179,13 @@ def read_posed_frames(result: Result, weights: Floats) -> PosedFrames:
     m, n, count = *weights.shape, len(result.frames)
     with opened(result.path) as file:
         frames = numbers(file, "poses/frame", "iu", (POSED,)).astype(np.int64)
-        misses = numbers(file, "poses/misses", "f", (POSED, m, 3))
+        misses = numbers(file, "poses/misses", "f", (POSED, m, 3)).astype(np.float64)
         if not ((frames >= 0) & (frames < count)).all():
             raise InputError(f"`poses/frame` names other frames than the {count} there are")
         cages = dataset(file, "verts", "f", (count, n, 3))
         posed = np.stack([np.asarray(cages[k], np.float64) for k in frames])
-        if not (np.isfinite(posed).all() and np.isfinite(misses).all()):
-            raise InputError("`poses` are not finite; extract it again")
+        if not all(_are_lengths(np.abs(held)).all() for held in (posed, misses)):
+            raise InputError("`poses` are not finite, or far too large; extract it again")
     return PosedFrames(frames, posed, weights @ posed, misses)
 
 
@@ -289,7 +292,8 @@ def _figures(file: h5py.File, frames: int, vertices: int, skipped: list[int]) ->
 
 def _vertex_rms(file: h5py.File, vertices: int) -> Floats:
     values = numbers(file, "metrics/vertex_rms", "f", (vertices,)).astype(np.float64)
-    if not (np.isnan(values) | ((values >= 0) & (values <= LARGEST_LENGTH))).all():
+    is_missing = np.isnan(values)
+    if is_missing.all() or not (is_missing | _are_lengths(values)).all():
         raise InputError("holds `metrics/vertex_rms` that is no length; extract it again")
     return values
 
@@ -301,11 +305,16 @@ def _column(file: h5py.File, name: str, frames: int) -> Any:
         return numbers(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
 
 
+def _are_lengths(values: Floats) -> np.ndarray:
+    """Which of them can be lengths; nan is none."""
+    return np.asarray((values >= 0) & (values <= LARGEST_LENGTH))
+
+
 def fault_of(figures: FrameFigures) -> str | None:
     """What cannot be a figure, in words; volumes may be nan."""
     for name in ("rms", "max_deviation", "spread"):
         column = getattr(figures, name)
-        if not ((column >= 0) & (column <= LARGEST_LENGTH)).all():
+        if not _are_lengths(column).all():
             return f"`metrics/{name}` that is no length"
     for name in ("volume", "volume_reconstructed"):
         if np.isinf(getattr(figures, name)).any():

@@ -119,3 +119,12 @@ def test_names_that_differ_in_case_alone_are_refused():
     put("a/Walk/1.obj", "a/Walk/2.obj", "a/walk/1.obj", "a/walk/2.obj")
     with pytest.raises(InputError, match="rename one of them"):
         names("a")
+
+
+@pytest.mark.parametrize("folder", ["walk.h5", "Walk.html/deep", "walk.h5.partial"])
+def test_no_result_has_the_name_of_a_folder_of_others(folder):
+    put("a/walk/1.obj", "a/walk/2.obj", f"a/{folder}/run/1.obj", f"a/{folder}/run/2.obj")
+    with pytest.raises(InputError, match=r"its result would be walk\.h.*, the folder of those of"):
+        names("a")
+    Path("a/walk").rename("a/stroll")
+    assert names("a") == [f"{folder}/run", "stroll"] or names("a") == ["stroll", f"{folder}/run"]

@@ -3,11 +3,13 @@
 import multiprocessing
 import os
 import signal
+import threading
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 
+from cageik_cli.batch import local
 from cageik_cli.batch.jobs import ClipJob, State
 from cageik_cli.batch.local import Processes
 from cageik_cli.batch.work import work_on
@@ -96,3 +98,32 @@ def test_an_error_of_who_asks_ends_the_processes(jobs):
     with pytest.raises(KeyboardInterrupt):
         asked()
     assert multiprocessing.active_children() == []
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
+def test_no_process_is_begun_after_the_end(monkeypatch):
+    """One that died just before is begun again at the same moment."""
+    worker, died, begin = local._Worker(), threading.Event(), local._Worker._begin
+
+    def begin_slowly(self):
+        died.set()
+        threading.Event().wait(0.3)
+        begin(self)
+
+    monkeypatch.setattr(local._Worker, "_begin", begin_slowly)
+    os.kill(worker._pid.result(), signal.SIGKILL)
+    done = []
+    asking = threading.Thread(target=lambda: done.append(outcome_or_error(worker)))
+    asking.start()
+    assert died.wait(30)
+    worker.end(at_once=True)
+    asking.join(30)
+    assert isinstance(done[0], Exception)
+    assert multiprocessing.active_children() == []
+
+
+def outcome_or_error(worker):
+    try:
+        return worker.done(None)
+    except Exception as error:
+        return error

@@ -1,6 +1,8 @@
 """`cageik batch`: every clip under a folder, whatever becomes of one of them."""
 
+import io
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -8,11 +10,14 @@ import time
 from pathlib import Path
 from typing import ClassVar
 
+import h5py
 import numpy as np
 import pytest
 
 import cageik_cli.cli.batch as command
+import cageik_cli.report
 from cageik_cli.batch.work import work_on
+from cageik_cli.store.result import read_result
 
 BATCH = ("batch", "anim", "-o", "out")
 
@@ -148,6 +153,7 @@ def test_options_for_some_clips(run, anim, here):
     [
         ("", "no cage is named for it; give --cage, or name one in a cageik.toml"),
         ("[extract", "cannot be read as TOML"),
+        ("a = " + "[" * 20_000, "cannot be read as TOML"),
         ('[extract]\noutput = "x.h5"\n', "output is an option of cageik batch, not of a clip"),
         ("[extract]\nalfa = 1\n", "has no option alfa"),
         ('[extract]\ncage = "cage.obj"\nalpha = -1\n', "alpha"),
@@ -178,11 +184,18 @@ def test_limits_are_kept_by_each_clip(run, anim, here):
     assert "walk           unchanged" in again.err
 
 
-def test_an_earlier_report_is_a_baseline_by_names(run, anim, here):
+def test_an_earlier_report_is_a_baseline_by_names(run, anim, here, monkeypatch):
     run(*BATCH)
     Path("out/report.json").rename("old.json")
     same = ("--baseline", "old.json", "--max-regression", "0%")
-    assert run(*BATCH, "--resume", *same).code == 0
+    read = []
+    real = cageik_cli.report.read_baseline
+    with monkeypatch.context() as patched:
+        patched.setattr(
+            "cageik_cli.report.read_baseline", lambda *given: read.append(given) or real(*given)
+        )
+        assert run(*BATCH, "--resume", *same).code == 0
+    assert len(read) == 1
     assert run(*BATCH, "--resume", "--alpha", "10", *same).code == 3
     assert any(gate["baseline"] is not None for gate in report()["runs/fast"]["gates"])
 
@@ -312,3 +325,112 @@ def test_what_is_done_stays_when_a_batch_is_stopped(run_process, long, sent):
     assert again.code == 0, again.err
     assert "face.npz       unchanged" in again.err
     assert not log.exists()
+
+
+def test_files_of_options_above_are_those_above_on_disk(run, anim, here, monkeypatch):
+    Path("beside").mkdir()
+    Path("beside/cageik.toml").write_text("[extract]\nnonsense = 1\n")
+    Path("cageik.toml").write_text("[extract]\nalpha = 0.25\n")
+    monkeypatch.chdir("beside")
+    assert run("batch", "../anim", "-o", "../out").code == 0
+    monkeypatch.chdir("..")
+    assert read_result(Path("out/clips/walk.h5")).settings["alpha"] == 0.25
+
+
+def test_a_cage_that_the_file_of_options_names_is_no_frame(run, anim, here):
+    Path("anim/cageik.toml").unlink()
+    Path("anim/cage.obj").rename("anim/walk/cage.obj")
+    Path("options.toml").write_text('[batch]\ncage = "anim/walk/cage.obj"\n')
+    assert run(*BATCH, "--config", "options.toml").code == 0
+    assert report()["walk"]["clip"]["frames"] == 5
+
+
+def test_what_is_typed_wins_over_what_excludes_it(run, anim, here):
+    table = '[extract]\ncage = "cage.obj"\nno-cache = true\n'
+    Path("anim/cageik.toml").write_text(table)
+    assert run(*BATCH, "--cache", "mine").code == 0
+    assert list(Path("mine").iterdir())
+    run(*BATCH, "--overwrite", "--cache", "mine", "--no-cache")
+    assert "--cache and --no-cache exclude each other" in report()["walk"]["fault"]
+
+
+def test_options_that_contradict_a_binding_are_refused_as_extract_does(run, anim, here):
+    run("bind", "--cage", "anim/cage.obj", "--rest", "anim/walk/f_1.obj", "-o", "b.h5")
+    assert run(*BATCH, "--binding", "b.h5", "--coordinates", "harmonic").code == 0
+    run(*BATCH, "--overwrite", "--binding", "b.h5", "--coordinates", "mean-value")
+    assert "b.h5 was made with harmonic" in report()["walk"]["fault"]
+
+
+def test_pages_have_pictures_once_there_are_weights(run, anim, here):
+    run(*BATCH, "--no-weights")
+    page = Path("out/clips/walk.html")
+    bare = page.read_bytes()
+    run(*BATCH, "--resume")
+    drawn = page.read_bytes()
+    assert len(drawn) > len(bare)
+    run(*BATCH, "--resume", "--no-weights")
+    assert page.read_bytes() == bare
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode there")
+def test_names_of_any_bytes_are_told_where_a_clip_is_refused(run, anim, here):
+    place = os.fsdecode(b"an\xffim")
+    anim.rename(place)
+    Path(place, "runs/cageik.toml").write_text("[extract]\nnonsense = 1\n")
+    assert run("batch", place, "-o", "out").code == 4
+    assert "an\ufffdim/runs/cageik.toml: [extract] has no option" in report()["runs/fast"]["fault"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names are shorter there")
+def test_a_clip_whose_result_would_have_too_long_a_name_fails_alone(run, anim, here):
+    long = os.fsdecode(b"\xff" * 150)  # of which each becomes three bytes
+    Path("anim", long).mkdir()
+    Path("anim/runs").rename(Path("anim", long, "runs"))
+    Path("anim/walk").rename(Path("anim", "w" * 253))
+    assert run(*BATCH, "--dry-run").code == 0
+    assert run(*BATCH).code == 4
+    faults = [entry["fault"] for entry in report().values()]
+    assert sum(fault is None for fault in faults) == 1
+    assert sum("File name too long" in fault for fault in faults if fault) == 2
+
+
+def test_going_on_replaces_nothing_that_no_batch_has_written(run, anim, here):
+    Path("out").mkdir()
+    Path("out/index.html").write_text("mine")
+    outcome = run(*BATCH, "--resume")
+    assert outcome.code == 1
+    assert "out: holds index.html and no results of a batch" in outcome.err
+    Path("out/index.html").unlink()
+    np.savez("mine.npz", mine=1)
+    for name, mine in (("walk", Path("mine.npz").read_bytes()), ("runs/fast", hdf5_of("mine"))):
+        Path("out/clips", name).parent.mkdir(parents=True, exist_ok=True)
+        Path("out/clips", f"{name}.h5").write_bytes(mine)
+    assert run(*BATCH, "--resume").code == 4
+    assert Path("out/clips/walk.h5").read_bytes() == Path("mine.npz").read_bytes()
+    assert "runs/fast.h5: is no result of cageik extract" in report()["runs/fast"]["fault"]
+    assert run(*BATCH, "--overwrite").code == 0
+
+
+def hdf5_of(name):
+    """The bytes of an HDF5 file that is no result."""
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        file[name] = 1
+    return buffer.getvalue()
+
+
+def test_a_report_that_is_compared_with_is_not_written_over(run, anim, here):
+    run(*BATCH)
+    before = Path("out/report.json").read_bytes()
+    outcome = run(*BATCH, "--resume", "--baseline", "out/report.json")
+    assert outcome.code == 1
+    assert "report.json: is read or written by this command already" in outcome.err
+    assert Path("out/report.json").read_bytes() == before
+
+
+@pytest.mark.parametrize("folder", ["out", "out/clips/runs"])
+def test_results_are_no_clips(run, anim, here, folder):
+    run(*BATCH)
+    outcome = run("batch", folder, "-o", "out", "--overwrite")
+    assert outcome.code == 2
+    assert "is where the results would be; name another with -o" in outcome.err

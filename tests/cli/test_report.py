@@ -130,7 +130,7 @@ def test_the_page_is_that_of_the_record(run, results):
     outcome = run("report", "--html", "page.html", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     report = report_of(read_result(Path("cages.h5")))
-    assert is_page_of(Path("page.html"), report)
+    assert is_page_of(Path("page.html"), report, has_pictures=True)
     assert Path("page.html").read_text().count("<img ") == 1 + 4 * 3 + 2
     first = Path("page.html").read_bytes()
     assert run("report", "--html", "page.html", "--overwrite", "-q").code == 0

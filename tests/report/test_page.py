@@ -357,19 +357,20 @@ def test_two_thousand_frames_with_pictures_are_under_5_mb(report):
 
 def test_a_page_knows_the_report_that_it_shows(tmp_path, page, report):
     path = tmp_path / "page.html"
-    assert not is_page_of(path, report)
+    assert not is_page_of(path, report, True)
     path.write_text(page)
-    assert is_page_of(path, report)
-    assert not is_page_of(path, replace(report, notes=("another",)))
-    assert not is_page_of(path, replace(report, gates=judged("", report.summary, Limits())))
-    assert not is_page_of(tmp_path, report)
+    assert is_page_of(path, report, True)
+    assert not is_page_of(path, replace(report, notes=("another",)), True)
+    assert not is_page_of(path, replace(report, gates=judged("", report.summary, Limits())), True)
+    assert not is_page_of(path, report, False)
+    assert not is_page_of(tmp_path, report, True)
 
 
 def test_the_mark_is_in_the_head_whatever_the_name_is(tmp_path, report):
     path = tmp_path / "page.html"
     named = replace(report, result="x" * 10_000)
     path.write_text(as_html(named, None))
-    assert is_page_of(path, named)
+    assert is_page_of(path, named, False)
 
 
 def test_the_digest_is_that_of_the_json(report):

@@ -165,8 +165,10 @@ def test_what_is_written_is_read(path):
         ("poses/frame", [5, 1, 0], "names other frames than the 5"),
         ("poses/frame", [4, -1, 0], "names other frames than the 5"),
         ("poses/misses", np.full(MISSES.shape, np.nan, "f4"), "`poses` are not finite"),
+        ("poses/misses", np.full(MISSES.shape, -1e61), "`poses` are not finite, or far too large"),
         ("poses/misses", MISSES[:2], "poses/misses"),
         ("verts", np.full(CAGES.shape, np.inf), "`poses` are not finite"),
+        ("verts", np.full(CAGES.shape, 1e61), "`poses` are not finite, or far too large"),
     ],
 )
 def test_poses_that_cannot_be_are_refused(path, name, value, says):
@@ -177,10 +179,10 @@ def test_poses_that_cannot_be_are_refused(path, name, value, says):
         store.read_posed_frames(store.read_result(path), BINDING.weights)
 
 
-@pytest.mark.parametrize("value", [-1.0, np.inf])
-def test_the_rms_of_a_vertex_is_a_length(path, value):
+@pytest.mark.parametrize(("where", "value"), [(3, -1.0), (3, np.inf), (slice(None), np.nan)])
+def test_the_rms_of_a_vertex_is_a_length(path, where, value):
     with h5py.File(path, "r+") as file:
-        file["metrics/vertex_rms"][3] = value
+        file["metrics/vertex_rms"][where] = value
     with pytest.raises(InputError, match="`metrics/vertex_rms` that is no length"):
         store.read_result(path)
 
@@ -505,14 +507,15 @@ def test_gaps_among_the_cages_lie_between_their_neighbours(tmp_path, size):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
 
 
-def test_cages_and_weights_are_read_and_must_be_finite(path):
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -1e61])
+def test_cages_and_weights_are_read_and_must_be_finite(path, wrong):
     result = store.read_result(path)
     np.testing.assert_array_equal(np.concatenate(list(store.read_cages(result, 2))), CAGES)
     np.testing.assert_array_equal(store.read_weights(result), BINDING.weights)
     with h5py.File(path, "r+") as file:
         file["verts"][3, 0, 0] = np.nan
         del file["weights"]
-        file["weights"] = np.where(np.arange(18)[:, None] == 7, np.inf, BINDING.weights)
+        file["weights"] = np.where(np.arange(18)[:, None] == 7, wrong, BINDING.weights)
     with pytest.raises(InputError, match=r"cages\.h5: the cage of frame 3 is not finite"):
         list(store.read_cages(result, 2))
     with pytest.raises(InputError, match="`weights` are not finite at vertex 7"):
