@@ -9,6 +9,7 @@ import click
 from click.core import ParameterSource
 
 from cageik_cli.cli.clip_tables import NAME, ClipTables, is_path
+from cageik_cli.cli.config import commands_of
 from cageik_cli.cli.extract import extract_command, extract_settings
 from cageik_cli.cli.gate_options import echo_over_limits, exit_by, limits_of
 from cageik_cli.cli.options import PATH, common, is_typed
@@ -31,16 +32,24 @@ PER_CLIP = [
     "-o", "--output", type=PATH, required=True, help="The folder of all results and reports."
 )
 @click.option(
-    "--exclude", multiple=True, help="Leave out clips of names like this; may be repeated."
+    "--exclude",
+    metavar="PATTERN",
+    multiple=True,
+    help="Leave out clips whose names, as they are listed, match this, such as 'tests/*'; may be "
+    "repeated.",
 )
 @click.option(
     "--resume",
     is_flag=True,
-    help="Leave what is done of the same files and settings; do the rest, and what changed.",
+    help="Go on: leave clips that are done and unchanged, do the rest and those whose files or "
+    "settings changed.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace what is there.")
+@click.option("--overwrite", is_flag=True, help="Replace what is there: do all clips again.")
 @click.option(
-    "--pages/--no-pages", default=True, show_default=True, help="Write a page a clip, too."
+    "--pages/--no-pages",
+    default=True,
+    show_default=True,
+    help="Write an HTML page a clip, which index.html links to.",
 )
 @click.option(
     "--scheduler",
@@ -59,10 +68,10 @@ PER_CLIP = [
 def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     """Extract every clip under FOLDERS, in parallel, with one report over all.
 
-    A clip is a folder of two or more frames, or a file that holds one. Options of extract hold for
-    all clips, or for some in a cageik.toml beside or above them. One that fails leaves the others
-    alone. In the folder of the output are index.html, report.json, clips.csv, junit.xml and
-    report.md, and under clips/ a result a clip.
+    A clip is a folder of two or more frames, or a file that holds one or more. Options of extract
+    given here are for all clips; a cageik.toml beside or above clips sets them for those. A clip
+    that fails leaves the others alone. The output holds index.html, report.json, clips.csv,
+    junit.xml and report.md, and under clips/ the result of each.
 
     \b
     cageik batch animations --cage rest_cage.obj -o out
@@ -102,7 +111,7 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
     from cageik_cli.batch.running import WEIGHTS, Batch
     from cageik_cli.report import Entry
 
-    tables = ClipTables(extract_command)
+    tables = ClipTables(extract_command, commands_of(click.get_current_context()), OWN)
     own, base = _typed()
     named = {Path(own[name]).resolve() for name in own if is_path(extract_command, name)}
     for root in folders:
@@ -114,8 +123,7 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
             given = base | tables.given(clip.home, clip.place) | own
             settings, limits = _settings(clip, given)
         except (click.UsageError, CageikError) as error:
-            text = error.format_message() if isinstance(error, click.UsageError) else str(error)
-            refused.append(Entry(clip.name, fault=text))
+            refused.append(Entry(clip.name, fault=_fault(error)))
             continue
         settings = replace(
             settings,
@@ -147,19 +155,27 @@ def _typed() -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _settings(clip: Any, given: dict[str, Any]) -> Any:
     """What `cageik extract` would make of the clip and these options."""
-    for name in given:
-        if name in OWN:
-            raise click.UsageError(f"{name} is an option of cageik batch, not of a clip in {NAME}")
     if given.get("cage") is None and given.get("binding") is None:
         raise click.UsageError(
             f"no cage is named for it; give --cage, or name one in a {NAME} in its folder or above"
         )
-    with extract_command.make_context("extract", list(clip.frames), default_map=given) as context:
+    parent = click.get_current_context().parent
+    with extract_command.make_context(
+        "extract", list(clip.frames), parent=parent, default_map=given
+    ) as context:
         options = dict(context.params)
         for name in OWN:
             options.pop(name, None)
         limits = limits_of(options).by_name()
         return extract_settings(options | {"output": Path()}), limits
+
+
+def _fault(error: click.UsageError | CageikError) -> str:
+    """Why a clip cannot be begun; values of the command line have been checked by then."""
+    if isinstance(error, click.BadParameter) and error.param is not None:
+        option = max(error.param.opts, key=len)
+        return f"{option} of a {NAME} in its folder or above: {error.message.rstrip('.')}"
+    return error.message if isinstance(error, click.UsageError) else str(error)
 
 
 def _scheduler(options: dict[str, Any]) -> Any:
@@ -184,6 +200,6 @@ def _show(overview: Any, quiet: bool) -> None:
         done = len(overview.clips) - len(failed)
         text = f"{len(overview.clips)} clips: {done} done, {len(failed)} failed"
         click.echo(f"{text}, {len(over)} over a limit", err=True)
-    for entry in failed if quiet else ():  # else each was told when it ended
+    for entry in failed:  # again, as they are far above in a long log
         click.echo(f"{entry.name}: {entry.fault}", err=True)
     echo_over_limits(overview)
