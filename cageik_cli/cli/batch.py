@@ -13,7 +13,7 @@ from cageik_cli.cli.config import commands_of
 from cageik_cli.cli.extract import extract_command, extract_settings
 from cageik_cli.cli.gate_options import echo_over_limits, exit_by, limits_of
 from cageik_cli.cli.options import PATH, common, is_typed
-from cageik_cli.errors import CageikError
+from cageik_cli.errors import CageikError, InputError
 from cageik_cli.threads import processors
 
 OWN = ("output", "exports", "overwrite", "resume", "timings", "jobs", "quiet", "config", "verbose")
@@ -133,6 +133,9 @@ def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
             overwrite=options["resume"] or options["overwrite"],
         )
         jobs.append(ClipJob(clip.name, settings, limits, options["pages"]))
+    faults = {entry.fault for entry in refused}
+    if not jobs and len(faults) == 1:
+        raise InputError(f"none of {len(found)} clips can be begun: {faults.pop()}")
     order = tuple(clip.name for clip in found)
     return Batch(output, tuple(jobs), tuple(refused), order)
 

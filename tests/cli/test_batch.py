@@ -91,6 +91,16 @@ def test_all_that_fail_are_a_failure(run, anim, here):
     assert all(entry["fault"] for entry in report().values())
 
 
+def test_what_keeps_all_from_beginning_is_said_once(run, anim, here):
+    outcome = run(*BATCH, "--baseline", "old.json")
+    assert outcome.code == 1
+    assert outcome.err.startswith("Error: none of 3 clips can be begun: ")
+    assert "old.json: cannot be read" in outcome.err
+    assert not Path("out").exists()
+    Path("anim/cageik.toml").write_text("")
+    assert "3 clips can be begun: no cage is named for it; give --cage" in run(*BATCH).err
+
+
 def test_quiet_says_what_failed_alone(run, anim, here):
     Path("anim/walk/f_3.obj").write_text("no mesh")
     outcome = run(*BATCH, "-q")
