@@ -69,6 +69,8 @@ def folders_under(root: Path, output: Path) -> Iterator[Path]:
     InputError
         When it is none, or one cannot be read.
     """
+    if root.is_file():
+        raise InputError(f"{root}: is a file; name the folder it is in, or use cageik extract")
     if not root.is_dir():
         raise InputError(f"{root}: no such folder; name one with animations")
     seen = {output.resolve()}
@@ -96,13 +98,22 @@ def clips_under(roots: Sequence[Path], search: Search) -> list[Found]:
     InputError
         When two clips would have one name, or there is none.
     """
+    _refuse_nested(roots)
     found: list[Found] = []
+    excluded = 0
     for root in roots:
         prefix = f"{root.resolve().name}/" if len(roots) > 1 else ""
         for folder in folders_under(root, search.output):
             for clip in _clips_in(folder, root, search):
-                if not any(fnmatch(clip.name, pattern) for pattern in search.exclude):
+                if any(fnmatch(clip.name, pattern) for pattern in search.exclude):
+                    excluded += 1
+                else:
                     found.append(replace(clip, name=prefix + clip.name))
+    if excluded and not found:
+        raise InputError(
+            f"{', '.join(map(str, roots))}: all {excluded} clips are left out by --exclude; "
+            "exclude fewer"
+        )
     if not found:
         raise InputError(
             f"{', '.join(map(str, roots))}: no clip found, expected folders of frames "
@@ -131,6 +142,15 @@ def _refuse_names_of_folders(places: Mapping[str, Found]) -> None:
                     f"{clip.frames[0]}: its result would be {clip.name}{suffix}, the folder of "
                     f"those of {other.frames[0]}; rename one of them"
                 )
+
+
+def _refuse_nested(roots: Sequence[Path]) -> None:
+    """Refuse folders whose clips would be found twice."""
+    places = [root.resolve() for root in roots]
+    for k, place in enumerate(places):
+        for other in places[:k] + places[k + 1 :]:
+            if other == place or other in place.parents:
+                raise InputError(f"{place}: is searched twice; name it, or {other}, once")
 
 
 def _clips_in(folder: Path, root: Path, search: Search) -> Iterator[Found]:

@@ -9,14 +9,19 @@ from cageik_cli.extraction import held_result
 from cageik_cli.layout import page
 from cageik_cli.store.result import partial_name
 
+FAULT = "would fail"
+
 
 def listed(batch: Batch) -> Iterator[str]:
     """A few lines a clip: what it is, its cage, where its result would be and what is there."""
     refused = {entry.name: entry.fault for entry in batch.refused}
     jobs = {job.name: job for job in batch.jobs}
+    failing = 0
     for name in batch.order:
-        rows = [("refused", str(refused[name]))] if name in refused else _rows(jobs[name])
+        rows = [(FAULT, str(refused[name]))] if name in refused else _rows(jobs[name])
+        failing += rows[0][0] == FAULT
         yield page(name, rows)
+    yield f"{len(batch.order)} clips, of which {failing} would fail at once"
 
 
 def _rows(job: ClipJob) -> list[tuple[str, str]]:
@@ -24,7 +29,7 @@ def _rows(job: ClipJob) -> list[tuple[str, str]]:
     try:
         inputs, held = held_result(settings)
     except CageikError as error:
-        return [("would fail", str(error))]
+        return [(FAULT, str(error))]
     if held is not None:
         state = "is whole and unchanged, and stays"
     elif partial_name(settings.output).exists():

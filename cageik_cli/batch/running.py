@@ -20,6 +20,7 @@ from cageik_cli.report import (
     overview_json,
     overview_of,
 )
+from cageik_cli.report.figures import percent_text
 from cageik_cli.report.index import as_index
 from cageik_cli.store.result import is_result
 
@@ -31,6 +32,9 @@ VIEWS = {
     "report.md": as_markdown,
 }
 """What is written over all clips, by the files' names."""
+
+WIDEST = 60
+"""Column of clips' names."""
 
 WEIGHTS = ".weights"
 """The cache of a batch that is to use no other, deleted at its end."""
@@ -70,15 +74,16 @@ def run_batch(batch: Batch, scheduler: Scheduler, watch: Observer) -> Overview:
         When the folder of results cannot be written, or another batch has it.
     """
     entries = {entry.name: entry for entry in batch.refused}
+    width = min(max(map(len, batch.order), default=0), WIDEST)
     with _alone_in(batch.output):
         make_folder(batch.output / CLIPS)
         with watch.stage("batch"), _counted(batch) as done, scheduler as crew:
             for entry in batch.refused:
-                _tell(Outcome(entry, State.FAILED), watch)
+                _tell(Outcome(entry, State.FAILED), width, watch)
             for outcome in crew.outcomes(batch.jobs):
                 entries[outcome.entry.name] = outcome.entry
                 done.append(outcome)
-                _tell(outcome, watch)
+                _tell(outcome, width, watch)
                 watch.advance(len(done), len(batch.jobs))
         shutil.rmtree(batch.output / WEIGHTS, ignore_errors=True)
         overview = overview_of([entries[name] for name in batch.order])
@@ -98,7 +103,7 @@ def refuse_used(folder: Path) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file, expected the name of a folder for the results")
-    if folder.is_dir() and any(folder.iterdir()):
+    if any(not path.is_dir() for path in folder.rglob("*")):
         raise InputError(
             f"{folder}: holds something already; go on with --resume, replace what is there with "
             "--overwrite, or choose another folder"
@@ -136,9 +141,13 @@ def refuse_no_result(path: Path) -> None:
         )
 
 
-def _tell(outcome: Outcome, watch: Observer) -> None:
-    entry = outcome.entry
-    watch.remark(entry.name, entry.fault or outcome.state.value)
+def _tell(outcome: Outcome, width: int, watch: Observer) -> None:
+    """A line a clip, as it ends: its error over all frames, or why there is none."""
+    entry, text = outcome.entry, outcome.state.value
+    if entry.summary is not None:
+        over = ", over a limit" if entry.exceeds else ""
+        text = f"{text}, error {percent_text(entry.summary.rms_percent)} %{over}"
+    watch.remark(f"{entry.name:<{width}}", entry.fault or text)
 
 
 @contextmanager

@@ -1,29 +1,15 @@
 """`cageik batch`: every clip under some folders, and one report over all."""
 
 import os
-from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 
-from cageik_cli.cli.clip_tables import NAME, ClipTables, is_path
-from cageik_cli.cli.extract import extract_command, extract_settings
-from cageik_cli.cli.gate_options import echo_over_limits, exit_by, limits_of
+from cageik_cli.cli.clip_jobs import PER_CLIP, batch_of
+from cageik_cli.cli.gate_options import echo_over_limits, exit_by
 from cageik_cli.cli.options import PATH, common, is_typed
-from cageik_cli.errors import CageikError
 from cageik_cli.threads import processors
-
-OWN = ("output", "exports", "overwrite", "resume", "timings", "jobs", "quiet", "config", "verbose")
-"""Options of `extract` that a batch has of its own, or that are not for one clip of many."""
-
-PER_CLIP = [
-    option
-    for option in extract_command.params
-    if isinstance(option, click.Option) and option.name not in OWN
-]
 
 
 @click.command("batch")
@@ -32,16 +18,24 @@ PER_CLIP = [
     "-o", "--output", type=PATH, required=True, help="The folder of all results and reports."
 )
 @click.option(
-    "--exclude", multiple=True, help="Leave out clips of names like this; may be repeated."
+    "--exclude",
+    metavar="PATTERN",
+    multiple=True,
+    help="Leave out clips whose names, as they are listed, match this, such as 'tests/*'; may be "
+    "repeated.",
 )
 @click.option(
     "--resume",
     is_flag=True,
-    help="Leave what is done of the same files and settings; do the rest, and what changed.",
+    help="Go on: leave clips that are done and unchanged, do the rest and those whose files or "
+    "settings changed.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace what is there.")
+@click.option("--overwrite", is_flag=True, help="Replace what is there: do all clips again.")
 @click.option(
-    "--pages/--no-pages", default=True, show_default=True, help="Write a page a clip, too."
+    "--pages/--no-pages",
+    default=True,
+    show_default=True,
+    help="Write an HTML page a clip, which index.html links to.",
 )
 @click.option(
     "--scheduler",
@@ -60,10 +54,10 @@ PER_CLIP = [
 def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     """Extract every clip under FOLDERS, in parallel, with one report over all.
 
-    A clip is a folder of two or more frames, or a file that holds one. Options of extract hold for
-    all clips, or for some in a cageik.toml beside or above them. One that fails leaves the others
-    alone. In the folder of the output are index.html, report.json, clips.csv, junit.xml and
-    report.md, and under clips/ a result a clip.
+    A clip is a folder of two or more frames, or a file that holds one or more. Options of extract
+    given here are for all clips; a cageik.toml beside or above clips sets them for those. A clip
+    that fails leaves the others alone. The output holds index.html, report.json, clips.csv,
+    junit.xml and report.md, and under clips/ the result of each.
 
     \b
     cageik batch animations --cage rest_cage.obj -o out
@@ -77,7 +71,7 @@ def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     output: Path = options["output"].absolute()
     if not options["overwrite"]:
         (refuse_foreign if options["resume"] else refuse_used)(output)
-    batch = _batch([_placed(folder) for folder in folders], output, options)
+    batch = batch_of(folders, output, options)
     if options["dry_run"]:
         from cageik_cli.batch.listing import listed
 
@@ -94,99 +88,6 @@ def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
 
 
 batch_command.params += PER_CLIP
-
-
-def _batch(folders: list[Path], output: Path, options: dict[str, Any]) -> Any:
-    """What is to be done: a job a clip that is found."""
-    from cageik_cli.batch.finding import Search, clips_under, folders_under
-    from cageik_cli.batch.jobs import CLIPS, ClipJob
-    from cageik_cli.batch.running import VIEWS, WEIGHTS, Batch, refuse_no_result
-    from cageik_cli.layout import printable
-    from cageik_cli.outputs import keep_apart
-    from cageik_cli.report import Entry, read_baseline
-
-    read = cache(read_baseline)
-    tables = ClipTables(extract_command)
-    own, base = _typed()
-    files = [value for name, value in (base | own).items() if is_path(extract_command, name)]
-    named = {Path(file).resolve() for file in files if file is not None}
-    for root in folders:
-        _refuse_results(root, output)
-        named.update(*(tables.paths(folder) for folder in folders_under(root, output)))
-    keep_apart([output / name for name in VIEWS], list(named))
-    found = clips_under(folders, Search(frozenset(named), output, options["exclude"]))
-    jobs, refused = [], []
-    for clip in found:
-        try:
-            given = base | tables.given(clip.home, clip.place)
-            settings, limits = _settings(clip, given, own, read)
-            place = output / CLIPS / f"{clip.name}.h5"
-            if not options["overwrite"]:
-                refuse_no_result(place)
-        except (click.UsageError, CageikError) as error:
-            text = error.format_message() if isinstance(error, click.UsageError) else str(error)
-            refused.append(Entry(clip.name, fault=printable(" ".join(text.split()))))
-            continue
-        settings = replace(
-            settings,
-            output=place,
-            cache=settings.cache or output / WEIGHTS,
-            resume=options["resume"] or not options["overwrite"],
-            overwrite=options["resume"] or options["overwrite"],
-        )
-        jobs.append(ClipJob(clip.name, settings, limits, options["pages"]))
-    order = tuple(clip.name for clip in found)
-    return Batch(output, tuple(jobs), tuple(refused), order)
-
-
-def _refuse_results(folder: Path, output: Path) -> None:
-    """Refuse to look for clips where the results are to be."""
-    from cageik_cli.batch.jobs import CLIPS
-
-    place, results = folder.resolve(), output.resolve() / CLIPS
-    if place == output.resolve() or results in (place, *place.parents):
-        raise click.UsageError(f"{folder}: is where the results would be; name another with -o")
-
-
-def _typed() -> tuple[dict[str, Any], dict[str, Any]]:
-    """The options for all clips: those of the command line, and those of its file of options."""
-    context = click.get_current_context()
-    values = {
-        name: str(value.absolute()) if isinstance(value, Path) else value
-        for name, value in context.params.items()
-        if name in {option.name for option in PER_CLIP}
-    }
-    sources = {name: context.get_parameter_source(name) for name in values}
-    own, base = (
-        {name: value for name, value in values.items() if sources[name] is source}
-        for source in (ParameterSource.COMMANDLINE, ParameterSource.DEFAULT_MAP)
-    )
-    return own, base
-
-
-def _placed(folder: Path) -> Path:
-    """A folder's absolute path, whose parents are the folders above it."""
-    return folder.resolve() if ".." in folder.parts else folder.absolute()
-
-
-def _settings(clip: Any, given: dict[str, Any], own: dict[str, Any], read: Any) -> Any:
-    """What `cageik extract` would make of the clip, options of files, and those that are typed."""
-    for name in given:
-        if name in OWN:
-            raise click.UsageError(f"{name} is an option of cageik batch, not of a clip in {NAME}")
-    given = given | own
-    if given.get("cage") is None and given.get("binding") is None:
-        raise click.UsageError(
-            f"no cage is named for it; give --cage, or name one in a {NAME} in its folder or above"
-        )
-    with extract_command.make_context("extract", list(clip.frames), default_map=given) as context:
-        for name in own:
-            context.set_parameter_source(name, ParameterSource.COMMANDLINE)
-        options = dict(context.params)
-        for name in OWN:
-            options.pop(name, None)
-        limits = limits_of(options, read).by_name()
-        return extract_settings(options | {"output": Path()}), limits
 
 
 def _scheduler(options: dict[str, Any]) -> Any:
@@ -211,6 +112,6 @@ def _show(overview: Any, quiet: bool) -> None:
         done = len(overview.clips) - len(failed)
         text = f"{len(overview.clips)} clips: {done} done, {len(failed)} failed"
         click.echo(f"{text}, {len(over)} over a limit", err=True)
-    for entry in failed if quiet else ():  # else each was told when it ended
+    for entry in failed:  # again, as they are far above in a long log
         click.echo(f"{entry.name}: {entry.fault}", err=True)
     echo_over_limits(overview)

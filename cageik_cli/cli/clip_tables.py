@@ -5,14 +5,14 @@ and tables `[clips."walks/*"]` for those whose path from that file's folder matc
 wins, in a file the later table, and the command line over all. Paths are from the file's folder.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
 import click
 
-from cageik_cli.cli.config import CLIPS, options_of, read_tables
+from cageik_cli.cli.config import CLIPS, options_of, read_tables, refuse_other_tables
 
 NAME = "cageik.toml"
 COMMAND = "extract"
@@ -25,10 +25,18 @@ class ClipTables:
     ----------
     command : click.Command
         With the options that a clip may be given.
+    commands : sequence of str
+        Whose tables a file may hold; only that of `command` is read.
+    of_batch : sequence of str
+        Options of `command` that are for the whole batch, by parameters' names.
     """
 
-    def __init__(self, command: click.Command) -> None:
+    def __init__(
+        self, command: click.Command, commands: Sequence[str], of_batch: Sequence[str]
+    ) -> None:
         self._command = command
+        self._commands = commands
+        self._of_batch = of_batch
         self._read: dict[Path, dict[str, Any]] = {}
 
     def given(self, home: Path, path: Path) -> dict[str, Any]:
@@ -74,18 +82,25 @@ class ClipTables:
 
     def _tables(self, file: Path) -> Iterator[tuple[str, Any]]:
         if file not in self._read:
-            self._read[file] = read_tables(file)
+            tables = read_tables(file)
+            refuse_other_tables(file, tables, self._commands)
+            self._read[file] = tables
         tables = self._read[file]
         if COMMAND in tables:
             yield COMMAND, tables[COMMAND]
-        clips = tables.get(CLIPS, {})
-        if not isinstance(clips, dict):
-            raise click.BadParameter(f"{file}: `{CLIPS}` is not a table of tables by clip")
-        yield from ((f"{CLIPS}.{pattern}", table) for pattern, table in clips.items())
+        yield from (
+            (f"{CLIPS}.{pattern}", table) for pattern, table in tables.get(CLIPS, {}).items()
+        )
 
     def _placed(self, file: Path, title: str, table: Any) -> dict[str, Any]:
         """A table's options, paths made absolute."""
         chosen = options_of(file, title, table, self._command)
+        for name in chosen:
+            if name in self._of_batch:
+                raise click.BadParameter(
+                    f"{file}: [{title}] sets {name}, which is not of one clip; give it to "
+                    "cageik batch, if it has it"
+                )
         return {
             name: str(file.parent / value) if is_path(self._command, name) else value
             for name, value in chosen.items()

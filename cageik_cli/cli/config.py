@@ -1,6 +1,8 @@
 """Options from a TOML file: a table a command, an entry an option; the command line wins."""
 
 import tomllib
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,7 @@ def read_config(ctx: click.Context, param: click.Parameter, path: Path | None) -
     if path is None:
         return
     tables, name = read_tables(path), str(ctx.info_name)
-    _refuse_other_tables(ctx, path, tables)
+    refuse_other_tables(path, tables, commands_of(ctx))
     chosen = options_of(path, name, tables.get(name, {}), ctx.command)
     ctx.default_map = {**(ctx.default_map or {}), **chosen}
 
@@ -50,15 +52,17 @@ def options_of(path: Path, title: str, table: Any, command: click.Command) -> di
     """
     if not isinstance(table, dict):
         raise click.BadParameter(f"{path}: `{title}` is not a table of options")
-    options = {_typed(option): option for option in command.params if option.name != "config"}
+    options = {
+        _typed(option): option
+        for option in command.params
+        if isinstance(option, click.Option) and option.name != "config"
+    }
     chosen = {}
     for key, value in table.items():
         option = options.get(key.replace("-", "_"))
-        if not isinstance(option, click.Option):
-            known = sorted(name for name, p in options.items() if isinstance(p, click.Option))
+        if option is None:
             raise click.BadParameter(
-                f"{path}: [{title}] has no option {key}; expected some of "
-                f"{', '.join(map(str, known))}"
+                f"{path}: [{title}] has no option {key}; {_hint(key, options)}"
             )
         values = value if option.multiple and isinstance(value, list) else [value]
         if not all(_is_value_of(option, one) for one in values):
@@ -67,20 +71,38 @@ def options_of(path: Path, title: str, table: Any, command: click.Command) -> di
     return chosen
 
 
+def _hint(key: str, options: Iterable[str]) -> str:
+    """The option that was meant, or all."""
+    known = sorted(name.replace("_", "-") for name in options)
+    near = get_close_matches(key.replace("_", "-"), known, n=1)
+    return f"did you mean {near[0]}?" if near else f"expected some of {', '.join(known)}"
+
+
 def _typed(param: click.Parameter) -> str:
     """What is typed for it, without dashes; an argument's name."""
     longest = max(param.opts, key=len)
     return longest.removeprefix("--").replace("-", "_")
 
 
-def _refuse_other_tables(ctx: click.Context, path: Path, tables: dict[str, Any]) -> None:
+def commands_of(ctx: click.Context) -> tuple[str, ...]:
+    """The names of all commands beside this one, and its own."""
     group = ctx.parent.command if ctx.parent else None
-    commands = group.commands if isinstance(group, click.Group) else {str(ctx.info_name): None}
+    return tuple(group.commands) if isinstance(group, click.Group) else (str(ctx.info_name),)
+
+
+def refuse_other_tables(path: Path, tables: dict[str, Any], commands: Sequence[str]) -> None:
+    """Refuse a file with anything but tables of commands, and of clips.
+
+    Raises
+    ------
+    click.BadParameter
+        Naming the file and what it is that stands there.
+    """
     for name, table in tables.items():
         if name not in [*commands, CLIPS]:
             raise click.BadParameter(
                 f"{path}: {name} is not a command; expected tables of options, "
-                f"{', '.join(f'[{command}]' for command in commands)}"
+                f'{", ".join(f"[{command}]" for command in commands)}, or [{CLIPS}."PATTERN"]'
             )
         if not isinstance(table, dict):
             raise click.BadParameter(f"{path}: `{name}` is not a table of options")

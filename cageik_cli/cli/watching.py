@@ -83,7 +83,7 @@ class Watch(Observer):
         if self._bar is not None:
             self._bar.close()
         self._shown = label
-        self._bar = tqdm(desc=label, unit=f" {unit}", file=sys.stderr, dynamic_ncols=True)
+        self._bar = tqdm(desc=label, unit=unit, file=sys.stderr, dynamic_ncols=True)
 
 
 class Lines(Watch):

@@ -137,7 +137,7 @@ def not_compared(name: str, summary: Summary, limits: Limits) -> tuple[str, ...]
         return ()
     earlier = baseline.counterpart(name)
     if earlier is None:
-        return (f"not compared with {baseline.path}, which has no figures of a result of its name",)
+        return (f"not compared with {baseline.path}, which has no result of this name",)
     missing = [
         metric.replace("_", " ")
         for metric, value in earlier.items()

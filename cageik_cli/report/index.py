@@ -56,7 +56,7 @@ def _verdict(failed: int, over: int, total: int) -> Verdict:
 
 def _row(entry: Entry, clip: Clip, summary: Summary, curve: Curve) -> dict[str, Any]:
     change = summary.volume_change_percent_max
-    verdict = verdict_of(entry.gates)
+    verdict = verdict_of(entry.gates) if entry.gates else Verdict("none", "none")
     return {
         "name": entry.name,
         "href": entry.page and "./" + quote(entry.page, errors="surrogateescape"),

@@ -110,7 +110,7 @@ def test_folders_in_which_nothing_is_found_or_that_are_none_are_refused():
         names("a")
     with pytest.raises(InputError, match=r"nowhere: no such folder"):
         names("nowhere")
-    with pytest.raises(InputError, match=r"notes\.txt: no such folder"):
+    with pytest.raises(InputError, match=r"notes\.txt: is a file; name the folder"):
         names("a/notes.txt")
 
 

@@ -68,7 +68,9 @@ def test_outcomes_are_told_as_they_end_and_reported_in_order(tmp_path, done):
     overview = run_batch(batch_of(tmp_path / "o", "a", "c", refused=["b"]), scheduler, heard)
     assert [entry.name for entry in overview.clips] == ["a", "b", "c"]
     assert [entry.fault for entry in overview.clips] == ["a: is broken", "no cage", None]
-    assert heard.remarks == [("b", "no cage"), ("c", "done"), ("a", "a: is broken")]
+    (entry,) = (entry for entry in overview.clips if entry.summary)
+    text = f"done, error {entry.summary.rms_percent:.4f} %"
+    assert heard.remarks == [("b", "no cage"), ("c", text), ("a", "a: is broken")]
     assert heard.steps == [(1, 2), (2, 2)]
     assert scheduler.has_ended
     held = json.loads((tmp_path / "o" / "report.json").read_text())

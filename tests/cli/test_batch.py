@@ -86,13 +86,24 @@ def test_one_that_fails_leaves_the_others_alone(run, anim, here):
     assert "2 done, 1 failed" in outcome.err
     assert "f_3.obj: 0 vertices" in report()["walk"]["fault"]
     assert report()["walk"]["result"] is None
-    assert "f_3.obj: 0 vertices" in outcome.err
+    assert outcome.err.splitlines()[-2].startswith("walk: ")  # where a log is looked at
+    assert "f_3.obj: 0 vertices" in outcome.err.splitlines()[-2]
 
 
 def test_all_that_fail_are_a_failure(run, anim, here):
     Path("anim/cage.obj").write_text("no mesh")
     assert run(*BATCH, "-q").code == 1
     assert all(entry["fault"] for entry in report().values())
+
+
+def test_what_keeps_all_from_beginning_is_said_once(run, anim, here):
+    outcome = run(*BATCH, "--baseline", "old.json")
+    assert outcome.code == 1
+    assert outcome.err.startswith("Error: none of 3 clips can be begun: ")
+    assert "old.json: cannot be read" in outcome.err
+    assert not Path("out").exists()
+    Path("anim/cageik.toml").write_text("")
+    assert "3 clips can be begun: no cage is named for it; give --cage" in run(*BATCH).err
 
 
 def test_quiet_says_what_failed_alone(run, anim, here):
@@ -112,7 +123,9 @@ def test_going_on_does_what_is_new_changed_or_failed(run, anim, here, animation,
     outcome = run(*BATCH, "--resume")
     assert outcome.code == 0
     said = {line.split()[0]: line.split()[1] for line in outcome.err.splitlines()[:3]}
-    assert said == {"face.npz": "unchanged", "runs/fast": "done", "walk": "done"}
+    assert said == {"face.npz": "unchanged,", "runs/fast": "done,", "walk": "done,"}
+    figure = report()["walk"]["summary"]["rms_percent"]
+    assert f"  walk           done, error {figure:.4f} %\n" in outcome.err
     assert Path("out/clips/face.npz.h5").stat() == face
     held = {name: Path("out", name).read_bytes() for name in ("report.json", "index.html")}
     assert run("batch", "anim", "-o", "new").code == 0
@@ -154,7 +167,12 @@ def test_options_for_some_clips(run, anim, here):
         ("", "no cage is named for it; give --cage, or name one in a cageik.toml"),
         ("[extract", "cannot be read as TOML"),
         ("a = " + "[" * 20_000, "cannot be read as TOML"),
-        ('[extract]\noutput = "x.h5"\n', "output is an option of cageik batch, not of a clip"),
+        ('[extract]\noutput = "x.h5"\n', "cageik.toml: [extract] sets output, which is not of one"),
+        (
+            '[extract]\ncage = "a"\naccuracy = "x"\n',
+            "--accuracy of a cageik.toml in its folder or above: ",
+        ),
+        ('cage = "cage.obj"\n', "walk/cageik.toml: cage is not a command"),
         ("[extract]\nalfa = 1\n", "has no option alfa"),
         ('[extract]\ncage = "cage.obj"\nalpha = -1\n', "alpha"),
         ('[extract]\ncage = "none.obj"\n', "none.obj: cannot be read"),
@@ -221,8 +239,25 @@ def test_clips_can_be_left_out(run, anim, here):
     assert list(report()) == ["walk"]
     outcome = run("batch", "anim", "-o", "none", "--exclude", "*")
     assert outcome.code == 1
-    assert "no clip found" in outcome.err
+    assert "anim: all 3 clips are left out by --exclude; exclude fewer" in outcome.err
     assert not Path("none").exists()
+
+
+def test_folders_that_are_none_or_searched_twice_are_refused(run, anim):
+    assert "cage.obj: is a file; name the folder" in run("batch", "anim/cage.obj", "-o", "x").err
+    assert "anim/walk: is searched twice" in run("batch", "anim/walk", "anim", "-o", "x").err
+    assert "anim: is searched twice" in run("batch", "anim", "anim", "-o", "x").err
+
+
+def test_a_folder_that_holds_no_file_is_not_in_use(run, anim, here):
+    Path("out/clips/walk").mkdir(parents=True)
+    assert run(*BATCH).code == 0
+
+
+def test_long_names_are_in_a_column(run, anim, here):
+    Path("anim/runs/fast").rename("anim/runs/the_fastest_of_all")
+    lines = run(*BATCH).err.splitlines()[:3]
+    assert len({line.index("done, ") for line in lines}) == 1
 
 
 def test_without_pages_there_are_none(run, anim, here):
@@ -243,6 +278,7 @@ def test_a_dry_run_lists_what_would_be_done(run, anim, here):
     assert "face.npz.h5, would be new" in face
     assert "would fail" in fast
     assert "has no option alfa" in walk
+    assert outcome.out.endswith("\n3 clips, of which 2 would fail at once\n")
     assert here == []
 
 
@@ -350,15 +386,17 @@ def test_what_is_typed_wins_over_what_excludes_it(run, anim, here):
     Path("anim/cageik.toml").write_text(table)
     assert run(*BATCH, "--cache", "mine").code == 0
     assert list(Path("mine").iterdir())
-    run(*BATCH, "--overwrite", "--cache", "mine", "--no-cache")
-    assert "--cache and --no-cache exclude each other" in report()["walk"]["fault"]
+    outcome = run(*BATCH, "--overwrite", "--cache", "mine", "--no-cache")
+    assert outcome.code == 1
+    assert "can be begun: --cache and --no-cache exclude each other" in outcome.err
 
 
 def test_options_that_contradict_a_binding_are_refused_as_extract_does(run, anim, here):
     run("bind", "--cage", "anim/cage.obj", "--rest", "anim/walk/f_1.obj", "-o", "b.h5")
     assert run(*BATCH, "--binding", "b.h5", "--coordinates", "harmonic").code == 0
-    run(*BATCH, "--overwrite", "--binding", "b.h5", "--coordinates", "mean-value")
-    assert "b.h5 was made with harmonic" in report()["walk"]["fault"]
+    outcome = run(*BATCH, "--overwrite", "--binding", "b.h5", "--coordinates", "mean-value")
+    assert outcome.code == 1
+    assert "b.h5 was made with harmonic" in outcome.err
 
 
 def test_pages_have_pictures_once_there_are_weights(run, anim, here):

@@ -1,5 +1,6 @@
 """Options of clips from `cageik.toml`: layer over layer, the nearest on top."""
 
+from functools import partial
 from pathlib import Path
 
 import click
@@ -7,6 +8,8 @@ import pytest
 
 from cageik_cli.cli.clip_tables import ClipTables
 from cageik_cli.cli.extract import extract_command
+
+TABLES = partial(ClipTables, extract_command, ("extract", "report"), ("output",))
 
 
 @pytest.fixture(autouse=True)
@@ -20,7 +23,7 @@ def write(path, text):
 
 
 def given(home, place=None):
-    return ClipTables(extract_command).given(Path(home).absolute(), Path(place or home).absolute())
+    return TABLES().given(Path(home).absolute(), Path(place or home).absolute())
 
 
 def test_the_nearer_file_and_the_later_table_win():
@@ -28,6 +31,11 @@ def test_the_nearer_file_and_the_later_table_win():
     write("a/walk1/cageik.toml", "[extract]\nfps = 25\n")
     assert given("a/walk1") == {"alpha": 1, "beta": 3, "fps": 25}
     assert given("a/run") == {"alpha": 1, "beta": 2, "fps": 30}
+
+
+def test_tables_of_other_commands_may_stand_in_the_file():
+    write("cageik.toml", '[report]\nmax-rms = "1%"\n[extract]\nfps = 25\n')
+    assert given("walk") == {"fps": 25}
 
 
 def test_files_are_matched_by_their_path():
@@ -42,17 +50,24 @@ def test_paths_are_from_the_files_folder():
     root = Path.cwd()
     expected = {"cage": str(root / "a" / "cages" / "cage.obj"), "memory": "2GiB"}
     assert given("a/walk") == expected
-    assert ClipTables(extract_command).paths(root / "a/walk") == {Path(expected["cage"]).resolve()}
+    assert TABLES().paths(root / "a/walk") == {Path(expected["cage"]).resolve()}
 
 
 @pytest.mark.parametrize(
     ("text", "says"),
     [
         ("[extract", r"cageik\.toml: cannot be read as TOML"),
-        ("[extract]\nalfa = 1\n", r"cageik\.toml: \[extract\] has no option alfa; expected some"),
+        (
+            "[extract]\nalfa = 1\n",
+            r"cageik\.toml: \[extract\] has no option alfa; did you mean alpha",
+        ),
+        ("[extract]\ngamma = 1\n", r"\[extract\] has no option gamma; expected some of accuracy"),
+        ('[extract]\noutput = "x.h5"\n', r"cageik\.toml: \[extract\] sets output, which is not of"),
+        ('cage = "cage.obj"\n', r"cageik\.toml: cage is not a command; expected tables"),
+        ('[clip."w*"]\nfps = 25\n', r'clip is not a command; .* or \[clips\."PATTERN"\]'),
         ('[extract]\nalpha = "a\\u0000"\n', "alpha = .* is not a value of --alpha"),
         ('[clips."w*"]\nfps = []\n', r"fps = \[\] is not a value of --fps"),
-        ('clips = "w"\n', r"cageik\.toml: `clips` is not a table of tables"),
+        ('clips = "w"\n', r"cageik\.toml: `clips` is not a table of options"),
         ('extract = "w"\n', r"cageik\.toml: `extract` is not a table of options"),
         ("[clips]\nwalk = 3\n", r"cageik\.toml: `clips\.walk` is not a table of options"),
     ],
@@ -61,7 +76,7 @@ def test_what_is_no_option_is_refused_by_the_files_name(text, says):
     write("cageik.toml", text)
     with pytest.raises(click.BadParameter, match=says):
         given("walk")
-    assert ClipTables(extract_command).paths(Path("walk")) == set()
+    assert TABLES().paths(Path("walk")) == set()
 
 
 def test_a_table_of_clips_may_stand_beside_those_of_commands(run):

@@ -202,7 +202,7 @@ def test_several_results_are_compared_by_name(run, result):
     first, second = outcome.out.split("\n\n")
     assert first.count("over limit") == 4
     assert "limit" not in second
-    assert "  note           not compared with half.json, which has no figures" in second
+    assert "  note           not compared with half.json, which has no result" in second
     assert run("report", "other.h5", "--baseline", "half.json").code == 3
 
 

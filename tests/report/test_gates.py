@@ -142,7 +142,7 @@ def test_every_metric_is_compared(metric):
 def test_one_result_is_compared_with_one_whatever_it_is_called():
     one = Limits((), baseline({"a": figures_of(summary())}, "0"))
     two = Limits((), baseline({"a": figures_of(summary()), "b": figures_of(summary())}, "0"))
-    says = ("not compared with old.json, which has no figures of a result of its name",)
+    says = ("not compared with old.json, which has no result of this name",)
     for limits, name, count in (
         (one, "a", 4), (one, "c", 4), (one.by_name(), "a", 4), (one.by_name(), "c", 0),
         (two, "b", 4), (two, "c", 0),
