@@ -26,10 +26,12 @@ def located(place: object) -> Iterator[None]:
 
 
 def sentence_of(error: BaseException) -> str:
-    """What went wrong, in a sentence, and what was noted on the error on its way.
+    """What went wrong, and what was noted on the error on its way: what is kept, how to go on."""
+    return "; ".join([cause_of(error), *getattr(error, "__notes__", ())])
 
-    Notes say what is kept, and how to go on.
-    """
+
+def cause_of(error: BaseException) -> str:
+    """What went wrong, in a sentence."""
     if isinstance(error, CageikError):
         text = str(error)
     elif isinstance(error, KeyboardInterrupt):
@@ -43,7 +45,7 @@ def sentence_of(error: BaseException) -> str:
             f"a fault of cageik itself ({type(error).__name__}: {error}); "
             "please report it with the output of the same command with -vv"
         )
-    return " ".join("; ".join([text, *getattr(error, "__notes__", ())]).split())
+    return " ".join(text.split())
 
 
 def first_few(things: Iterable[object], limit: int = 10) -> str:

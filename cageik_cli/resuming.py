@@ -13,7 +13,7 @@ from cageik_cli.inputs import ExtractSettings, Inputs, scene_of
 from cageik_cli.observer import Observer
 from cageik_cli.outputs import prepare
 from cageik_cli.sequence import MeshSequence
-from cageik_cli.store.partial import PartialResult, Plan, forget, progress_of
+from cageik_cli.store.partial import PartialResult, Plan, progress_of
 from cageik_cli.store.result import Result, has_weights, partial_name, read_result
 
 
@@ -41,8 +41,6 @@ def whole_already(
 ) -> Result | None:
     """The result that is there if it is what this run would make of the same files, else None.
 
-    What the run that made it left beside it is deleted.
-
     Raises
     ------
     InputError
@@ -59,7 +57,6 @@ def whole_already(
         if settings.overwrite:
             return None
         raise
-    forget(partial_name(output))
     return result
 
 

@@ -7,14 +7,24 @@ from pathlib import Path, PurePosixPath
 
 from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import SUFFIXES
-from cageik_cli.layout import printable
+from cageik_cli.layout import printable, shown
 from cageik_cli.sequence import clip_suffixes, in_natural_order, kind_of, members_of
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
+from cageik_cli.sequence.numbering import numbered_alike
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import is_result
 
 FEWEST_FRAMES = 2
-"""Mesh files in a folder that are taken for a clip: one alone is a rest pose, a cage or a prop."""
+"""Files numbered alike that are taken for a clip: one alone is a rest pose, a cage or a prop."""
+
+DEVICES = {
+    "CON",
+    "PRN",
+    "AUX",
+    "NUL",
+    *(f"{port}{k}" for port in ("COM", "LPT") for k in range(10)),
+}
+"""Names that no file may have on Windows, whatever its suffix."""
 
 OUTPUTS = (".h5", ".h5.partial", ".html")
 """What is added to a clip's name in those of its files."""
@@ -49,7 +59,7 @@ class Search:
     Attributes
     ----------
     named : frozenset of Path
-        Files that are cages, rest poses and the like; resolved.
+        Files that are cages and the like; resolved.
     output : Path
         The folder of the batch's own results.
     exclude : tuple of str
@@ -116,7 +126,7 @@ def clips_under(roots: Sequence[Path], search: Search) -> list[Found]:
         )
     if not found:
         raise InputError(
-            f"{', '.join(map(str, roots))}: no clip found, expected folders of frames "
+            f"{', '.join(map(str, roots))}: no clip found, expected folders of numbered frames "
             f"({', '.join(MESH_SUFFIXES)}), or files of kinds {', '.join(_clip_files())}"
         )
     places: dict[str, Found] = {}
@@ -154,12 +164,17 @@ def _refuse_nested(roots: Sequence[Path]) -> None:
 
 
 def _clips_in(folder: Path, root: Path, search: Search) -> Iterator[Found]:
-    """The clip that the folder's mesh files are, and those that its other files hold."""
+    """The clips that the folder's numbered mesh files are, and those that its other files hold."""
     files = [path for path in folder.iterdir() if path.is_file() and path.name[0] != "."]
     files = in_natural_order([path for path in files if path.resolve() not in search.named])
-    frames = [str(path) for path in files if kind_of(path) in MESH_SUFFIXES]
-    if len(frames) >= FEWEST_FRAMES:
-        yield Found(_name(folder, root), folder, folder, tuple(frames))
+    series = numbered_alike([path for path in files if kind_of(path) in MESH_SUFFIXES])
+    clips = {stem: frames for stem, frames in series.items() if len(frames) >= FEWEST_FRAMES}
+    for stem, frames in clips.items():
+        name, place = _name(folder, root), folder
+        if len(clips) > 1:
+            label = _plain(stem.replace("#", "").strip("._- ")) if stem != "#" else "frames"
+            name, place = f"{name}/{label}", folder / label
+        yield Found(name, folder, place, tuple(map(str, frames)))
     for path in files:
         if kind_of(path) not in _clip_files() or _is_ours(path):
             continue
@@ -192,5 +207,6 @@ def _name(path: Path, root: Path) -> str:
 
 def _plain(name: str) -> str:
     """A name as part of a path that stays where it is put."""
-    text = "".join("_" if c in '/\\:*?"<>|' or c < " " else c for c in printable(name))
-    return text.strip(". ") or "_"
+    text = "".join("_" if c in '/\\:*?"<>|' else c for c in shown(printable(name)))
+    text = text.strip(". ") or "_"
+    return f"_{text}" if text.split(".")[0].upper() in DEVICES else text

@@ -36,7 +36,7 @@ VIEWS = {
 WIDEST = 60
 """Column of clips' names."""
 
-WEIGHTS = ".weights"
+WEIGHTS = ".cageik-weights"
 """The cache of a batch that is to use no other, deleted at its end."""
 
 LOCK = ".cageik-batch.lock"
@@ -85,7 +85,8 @@ def run_batch(batch: Batch, scheduler: Scheduler, watch: Observer) -> Overview:
                 done.append(outcome)
                 _tell(outcome, width, watch)
                 watch.advance(len(done), len(batch.jobs))
-        shutil.rmtree(batch.output / WEIGHTS, ignore_errors=True)
+        if any(job.settings.cache == batch.output / WEIGHTS for job in batch.jobs):
+            shutil.rmtree(batch.output / WEIGHTS, ignore_errors=True)
         overview = overview_of([entries[name] for name in batch.order])
         with watch.stage("write"):
             for name, view in VIEWS.items():

@@ -1,7 +1,7 @@
 """The work on one clip, wherever it is done: extract, report, draw the page."""
 
 from cageik_cli.batch.jobs import CLIPS, ClipJob, Outcome, State
-from cageik_cli.errors import CageikError, sentence_of
+from cageik_cli.errors import CageikError, cause_of
 from cageik_cli.extraction import extract, held_result
 from cageik_cli.inputs import bound_of, opened
 from cageik_cli.layout import printable
@@ -11,7 +11,8 @@ from cageik_cli.report import Entry, entry_of, report_of
 from cageik_cli.resuming import prepare_result
 from cageik_cli.solving import Crew
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.result import Result, has_weights
+from cageik_cli.store.partial import forget
+from cageik_cli.store.result import Result, has_weights, partial_name
 
 
 class _Heard(Observer):
@@ -40,7 +41,7 @@ def work_on(job: ClipJob, bound: StoredBinding | None = None, crew: Crew | None 
         result = extract(job.settings, heard, bound, crew)
         return _reported(job, result, State.UNCHANGED if heard.was_whole else State.DONE)
     except Exception as error:
-        return failed(job, sentence_of(error))
+        return failed(job, cause_of(error))
 
 
 def looked_at(job: ClipJob) -> Outcome | str:
@@ -50,10 +51,11 @@ def looked_at(job: ClipJob) -> Outcome | str:
         prepare_result(job.settings.output, job.settings.overwrite, job.settings.resume)
         inputs, held = held_result(job.settings)
         if held is not None:
+            forget(partial_name(job.settings.output))
             return _reported(job, held, State.UNCHANGED)
         return inputs.weights_key(job.settings)
     except Exception as error:
-        return failed(job, sentence_of(error))
+        return failed(job, cause_of(error))
 
 
 def bound_for(job: ClipJob) -> StoredBinding | None:
@@ -65,7 +67,7 @@ def bound_for(job: ClipJob) -> StoredBinding | None:
 
 
 def failed(job: ClipJob, sentence: str) -> Outcome:
-    """The outcome of a job that ended with a sentence."""
+    """The outcome of a job that ended with a sentence; how much is kept of it is none of it."""
     return Outcome(Entry(job.name, fault=printable(sentence)), State.FAILED)
 
 

@@ -54,10 +54,10 @@ from cageik_cli.threads import processors
 def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     """Extract every clip under FOLDERS, in parallel, with one report over all.
 
-    A clip is a folder of two or more frames, or a file that holds one or more. Options of extract
-    given here are for all clips; a cageik.toml beside or above clips sets them for those. A clip
-    that fails leaves the others alone. The output holds index.html, report.json, clips.csv,
-    junit.xml and report.md, and under clips/ the result of each.
+    A clip is a series of numbered meshes in a folder, or a file that holds one or more. Options
+    of extract given here are for all clips; a cageik.toml beside or above clips sets them for
+    those. A clip that fails leaves the others alone. The output holds index.html, report.json,
+    clips.csv, junit.xml and report.md, and under clips/ the result of each.
 
     \b
     cageik batch animations --cage rest_cage.obj -o out

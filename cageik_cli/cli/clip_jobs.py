@@ -8,7 +8,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from cageik_cli.cli.clip_tables import NAME, ClipTables, is_path
+from cageik_cli.cli.clip_tables import NAME, ClipTables, is_no_frame
 from cageik_cli.cli.config import commands_of
 from cageik_cli.cli.extract import extract_command, extract_settings
 from cageik_cli.cli.gate_options import limits_of
@@ -44,7 +44,7 @@ def batch_of(folders: tuple[Path, ...], output: Path, options: dict[str, Any]) -
     read = cache(read_baseline)
     tables = ClipTables(extract_command, commands_of(click.get_current_context()), OWN)
     own, base = _typed()
-    files = [value for name, value in (base | own).items() if is_path(extract_command, name)]
+    files = [value for name, value in (base | own).items() if is_no_frame(extract_command, name)]
     named = {Path(file).resolve() for file in files if file is not None}
     roots = [_placed(folder) for folder in folders]
     for root in roots:

@@ -71,7 +71,7 @@ class ClipTables:
                 Path(value).resolve()
                 for table in tables
                 for name, value in table.items()
-                if is_path(self._command, name)
+                if is_no_frame(self._command, name)
             )
         return named
 
@@ -105,6 +105,11 @@ class ClipTables:
             name: str(file.parent / value) if is_path(self._command, name) else value
             for name, value in chosen.items()
         }
+
+
+def is_no_frame(command: click.Command, name: str) -> bool:
+    """Whether what a parameter names is a file beside a clip: a rest pose may be a frame of it."""
+    return name != "rest" and is_path(command, name)
 
 
 def is_path(command: click.Command, name: str) -> bool:

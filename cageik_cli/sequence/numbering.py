@@ -1,4 +1,4 @@
-"""Numbered files: which number is missing."""
+"""Numbered files: which belong together, and which number is missing."""
 
 import re
 from collections import Counter
@@ -9,6 +9,20 @@ from cageik_cli.errors import InputError
 from cageik_cli.sequence.files import stem_of
 
 _NUMBERED = re.compile(r"(.*?)(\d+)(\D*)")
+
+
+def numbered_alike(paths: list[Path]) -> dict[str, list[Path]]:
+    """Numbered files of one kind, by what is around the last number in their names; in order."""
+    found: dict[tuple[str, str], list[Path]] = {}
+    for path in paths:
+        match = _NUMBERED.fullmatch(stem_of(path))
+        if match:
+            kind = path.name[len(stem_of(path)) :].lower()
+            found.setdefault((f"{match[1]}#{match[3]}", kind), []).append(path)
+    stems = Counter(stem for stem, _ in found)
+    return {
+        stem + (kind if stems[stem] > 1 else ""): files for (stem, kind), files in found.items()
+    }
 
 
 def refuse_gaps(paths: list[Path]) -> None:

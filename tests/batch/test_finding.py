@@ -51,6 +51,24 @@ def test_what_is_no_clip_is_left_out():
     assert (clip.name, len(clip.frames)) == ("walk", 2)
 
 
+def test_meshes_that_are_no_series_are_no_clip():
+    """A cage and a rest pose beside each other, say; or beside the frames."""
+    put("a/rig/cage.obj", "a/rig/rest.obj", "a/walk/cage.obj", "a/walk/f_1.obj", "a/walk/f_2.obj")
+    (clip,) = clips_under([Path("a")], NOWHERE)
+    assert (clip.name, len(clip.frames)) == ("walk", 2)
+
+
+def test_every_series_in_a_folder_is_a_clip():
+    put("a/take1_08.obj", "a/take1_09.obj", "a/take2_1.obj", "a/take2_2.obj", "a/take1_10.obj")
+    put("a/b/1.obj", "a/b/2.obj", "a/b/x1.ply", "a/b/x2.ply", "a/b/x1.obj", "a/b/x2.obj")
+    found = {
+        clip.name: [Path(frame).name for frame in clip.frames]
+        for clip in clips_under([Path("a")], NOWHERE)
+    }
+    assert found["a/take1"] == ["take1_08.obj", "take1_09.obj", "take1_10.obj"]
+    assert sorted(found) == ["a/take1", "a/take2", "b/frames", "b/x.obj", "b/x.ply"]
+
+
 def test_a_root_that_is_a_clip_has_its_own_name():
     put("a/walk/1.obj", "a/walk/2.obj")
     assert names("a/walk") == ["walk"]
@@ -88,7 +106,16 @@ def test_every_clip_of_a_file_is_one():
 
 @pytest.mark.parametrize(
     ("name", "plain"),
-    [("..", "_"), ("a/b", "a_b"), ("c:\\d", "c__d"), ("x\n", "x_"), (" . ", "_"), ("é", "é")],
+    [
+        ("..", "_"),
+        ("a/b", "a_b"),
+        ("c:\\d", "c__d"),
+        ("x\ny", "x y"),
+        ("nul.obj", "_nul.obj"),
+        ("x\u0085", "x"),
+        (" . ", "_"),
+        ("é", "é"),
+    ],
 )
 def test_a_name_stays_where_it_is_put(name, plain):
     assert _plain(name) == plain
@@ -106,7 +133,9 @@ def test_results_and_bindings_of_this_program_are_no_clips():
 
 def test_folders_in_which_nothing_is_found_or_that_are_none_are_refused():
     put("a/notes.txt", "a/one.obj")
-    with pytest.raises(InputError, match=r"a: no clip found, expected folders of frames \(\.obj"):
+    with pytest.raises(
+        InputError, match=r"a: no clip found, expected folders of numbered frames \(\.obj"
+    ):
         names("a")
     with pytest.raises(InputError, match=r"nowhere: no such folder"):
         names("nowhere")

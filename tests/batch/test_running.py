@@ -105,11 +105,15 @@ def test_one_batch_at_a_time_has_the_folder(tmp_path, done):
     assert run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Heard()).exit_code == 0
 
 
-def test_weights_of_this_batch_alone_are_deleted(tmp_path, done):
+@pytest.mark.parametrize("is_used", [True, False])
+def test_weights_of_this_batch_alone_are_deleted(tmp_path, done, is_used):
     (tmp_path / WEIGHTS).mkdir()
     (tmp_path / WEIGHTS / "x.weights").write_text("")
-    run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Heard())
-    assert not (tmp_path / WEIGHTS).exists()
+    batch = batch_of(tmp_path, "a")
+    cache = tmp_path / (WEIGHTS if is_used else "mine")
+    job = replace(batch.jobs[0], settings=replace(batch.jobs[0].settings, cache=cache))
+    run_batch(replace(batch, jobs=(job,)), Scripted(done("a")), Heard())
+    assert (tmp_path / WEIGHTS).exists() is not is_used
 
 
 def test_folders_that_cannot_be_made_are_refused(tmp_path, done):

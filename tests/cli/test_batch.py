@@ -16,6 +16,7 @@ import pytest
 
 import cageik_cli.cli.batch as command
 import cageik_cli.report
+from cageik_cli.batch.running import WEIGHTS
 from cageik_cli.batch.work import work_on
 from cageik_cli.store.result import read_result
 
@@ -234,6 +235,23 @@ def test_a_cage_on_the_command_line_is_no_frame(run, anim, here):
     assert report()["walk"]["clip"]["frames"] == 5
 
 
+def test_a_rest_pose_may_be_a_frame(run, anim, here):
+    with Path("anim/cageik.toml").open("a") as file:
+        file.write('rest = "walk/f_1.obj"\n')
+    assert run(*BATCH).code == 0
+    assert report()["walk"]["clip"]["frames"] == 5
+
+
+def test_a_dry_run_changes_nothing(run, anim, here):
+    run(*BATCH)
+    left = Path("out/clips/walk.h5.partial")
+    left.write_bytes(b"cageik.partial 1\n")
+    run(*BATCH, "--resume", "--dry-run")
+    assert left.exists()
+    run(*BATCH, "--resume")
+    assert not left.exists()
+
+
 def test_clips_can_be_left_out(run, anim, here):
     assert run(*BATCH, "--exclude", "runs/*", "--exclude", "*.npz").code == 0
     assert list(report()) == ["walk"]
@@ -264,7 +282,7 @@ def test_without_pages_there_are_none(run, anim, here):
     assert run(*BATCH, "--no-pages", "--no-cache").code == 0
     assert report()["walk"]["page"] is None
     assert not list(Path("out").rglob("walk.html"))
-    assert not Path("out/.weights").exists()
+    assert not Path("out", WEIGHTS).exists()
 
 
 def test_a_dry_run_lists_what_would_be_done(run, anim, here):
