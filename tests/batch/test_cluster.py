@@ -224,7 +224,7 @@ def test_a_bad_frame_far_into_a_clip(workers, job):
     assert [found[each.name].state.value for each in jobs] == ["failed", "done", "done"]
     fault = found["stops"].entry.fault
     assert "frame_33.obj" in fault
-    assert "33 of 40 frames are kept" in fault
+    assert progress_of(partial_name(jobs[0].settings.output)) == (33, 40)
     assert work_on(jobs[0]).entry.fault == fault
     assert jobs[1].settings.output.read_bytes() == local_bytes(jobs[1])
 
@@ -296,10 +296,11 @@ def threaded():
 
 def test_pieces_that_end_every_worker(threaded, job, monkeypatch):
     monkeypatch.setattr("cageik_cli.batch.pieces.solved_piece", killing)
-    found = outcomes(threaded(1), [job("long", 30)], piece_seconds=0.0)
+    long = job("long", 30)
+    found = outcomes(threaded(1), [long], piece_seconds=0.0)
     fault = found["long"].entry.fault
     assert fault.startswith("4 workers ended while they worked on it, the last of them tcp://w:1;")
-    assert "1 of 30 frames are kept" in fault
+    assert progress_of(partial_name(long.settings.output)) == (1, 30)
 
 
 def killing(common, bound, starts):
