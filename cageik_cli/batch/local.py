@@ -3,18 +3,23 @@
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import replace
+from multiprocessing.context import BaseContext
 from queue import SimpleQueue
 
 from cageik_cli.batch.jobs import ClipJob, Outcome, State
 from cageik_cli.batch.work import work_on
 from cageik_cli.report import Entry
 from cageik_cli.threads import limit_blas_for_good
+
+PAGE = "cageik_cli.report.page"
+"""What draws pages, and takes as long to import as to draw one."""
 
 ATTEMPTS = 2
 """A job whose process ends without a word is begun again, so many times in all."""
@@ -42,7 +47,8 @@ class Processes:
         """What came of each job, as they end."""
         count = max(1, min(self._jobs, len(jobs)))
         share = max(1, self._jobs // count)
-        self._workers = [_Worker() for _ in range(count)]
+        context = _context([work_on.__module__, *(PAGE for job in jobs if job.has_page)])
+        self._workers = [_Worker(context) for _ in range(count)]
         free: SimpleQueue[_Worker] = SimpleQueue()
         for worker in self._workers:
             free.put(worker)
@@ -65,7 +71,8 @@ class Processes:
 class _Worker:
     """One process at a time, begun again when it has died."""
 
-    def __init__(self) -> None:
+    def __init__(self, context: BaseContext) -> None:
+        self._context = context
         self._has_ended, self._lock = False, threading.Lock()
         self._begin()
 
@@ -104,9 +111,17 @@ class _Worker:
             return not self._has_ended
 
     def _begin(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, context, _prepare)
+        self._pool = ProcessPoolExecutor(1, self._context, _prepare)
         self._pid = self._pool.submit(os.getpid)
+
+
+def _context(modules: list[str]) -> BaseContext:
+    """How processes come about: where that is sound, by a fork of one that has the modules."""
+    if sys.platform != "linux":
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(modules)
+    return context
 
 
 def _prepare() -> None:

@@ -3,6 +3,7 @@
 import glob
 import os
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 from natsort import natsort_keygen, ns
@@ -163,6 +164,7 @@ def _with_literal_folders(pattern: Path) -> str:
     return str(Path(glob.escape(str(existing))) / pattern.relative_to(existing))
 
 
+@cache
 def _readers() -> dict[str, type[MeshSequence]]:
     """The readers by the suffixes they take."""
     return by_suffix(readers, "Reader")
