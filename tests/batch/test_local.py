@@ -103,7 +103,8 @@ def test_an_error_of_who_asks_ends_the_processes(jobs):
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
 def test_no_process_is_begun_after_the_end(monkeypatch):
     """One that died just before is begun again at the same moment."""
-    worker, died, begin = local._Worker(), threading.Event(), local._Worker._begin
+    context = multiprocessing.get_context("spawn")
+    worker, died, begin = local._Worker(context), threading.Event(), local._Worker._begin
 
     def begin_slowly(self):
         died.set()
