@@ -15,9 +15,10 @@ from cageik_cli.resuming import going_on, prepare_result, take_up, whole_already
 from cageik_cli.sequence import MeshSequence
 from cageik_cli.solving import BlockSolver, Budget, Crew, Threads
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.partial import PartialResult, Plan, forget, told_of
+from cageik_cli.store.partial import PartialResult, Plan, forget
 from cageik_cli.store.result import Result, partial_name, read_result
 from cageik_cli.store.result_writer import Ending, Header, create
+from cageik_cli.store.told import told_of
 from cageik_cli.threads import blas_threads
 
 

@@ -13,17 +13,14 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cageik_cli import __version__
 from cageik_cli.errors import InputError
 from cageik_cli.locks import open_locked, remove_locked
-from cageik_cli.mesh import Floats, Integers
 from cageik_cli.store.solved_block import SolvedBlock, packed, unpacked
 
 MAGIC = b"cageik.partial 1\n"
@@ -194,43 +191,6 @@ def forget(path: Path) -> None:
     file = open_locked(path)
     if file is not None:
         remove_locked(path, file)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Told:
-    """What a log of F frames tells of them together.
-
-    Attributes
-    ----------
-    skipped : dict
-        By number in the clip, why a frame was.
-    digests : list of bytes
-        SHA-256 of the file of each frame.
-    vertex_rms : (m,) float64
-        sqrt(mean |v̂ − v|²) over the frames that were not skipped; nan for missing data.
-    posed : (3,) int64
-        Numbers of the worst, the median and the best frame, by rms.
-    """
-
-    skipped: dict[int, str]
-    digests: list[bytes]
-    vertex_rms: Floats
-    posed: Integers
-
-
-def told_of(blocks: Iterable[SolvedBlock]) -> Told:
-    """Gather what all blocks of a clip tell."""
-    skipped: dict[int, str] = {}
-    digests: list[bytes] = []
-    squares, rms = np.zeros(()), []
-    for block in blocks:
-        skipped |= block.faults
-        digests += block.digests
-        squares = squares + block.squares
-        rms.append(block.figures.rms)
-    ranked = np.argsort(np.concatenate(rms), kind="stable")[: len(digests) - len(skipped)]
-    posed = ranked[[-1, (len(ranked) - 1) // 2, 0]] if len(ranked) else ranked
-    return Told(skipped, digests, np.sqrt(squares / max(1, len(ranked))), posed)
 
 
 def is_partial(path: Path) -> bool:
