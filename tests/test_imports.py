@@ -20,7 +20,8 @@ ORDER = (
     "shape", "findings", "intersections", "soundness", "enclosure", "weaknesses", "diagnosis",
     "binding", "alignment", "dual_laplacian", "metrics",
     "locks", "outputs", "hdf5", "usd", "sequence", "store.parts", "store.result",
-    "store.result_writer", "store.solved_block", "store.told", "store.partial", "store.binding_file",
+    "store.result_writer", "store.solved_block", "store.told",
+    "store.partial", "store.binding_file",
     "store.cache", "export", "binding_run", "inputs", "resuming", "solving", "extraction",
     "exporting", "deforming", "report", "batch", "checking", "describing", "cli", "__main__",
 )  # fmt: skip
