@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import replace
@@ -79,9 +79,8 @@ class _Worker:
     def done(self, job: ClipJob) -> Outcome:
         """Do a job in the process."""
         for _ in range(ATTEMPTS):
-            future: Future[Outcome] = self._pool.submit(work_on, job)
             try:
-                return future.result()
+                return self._pool.submit(work_on, job).result()
             except BrokenProcessPool:
                 if not self._has_begun_again():
                     raise

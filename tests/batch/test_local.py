@@ -4,6 +4,7 @@ import multiprocessing
 import os
 import signal
 import threading
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -98,6 +99,18 @@ def test_an_error_of_who_asks_ends_the_processes(jobs):
     with pytest.raises(KeyboardInterrupt):
         asked()
     assert multiprocessing.active_children() == []
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
+def test_a_process_that_died_between_two_clips_costs_the_next_one_attempt(jobs):
+    worker = local._Worker(multiprocessing.get_context("spawn"))
+    os.kill(worker._pid.result(), signal.SIGKILL)
+    with pytest.raises(BrokenProcessPool):
+        [worker._pool.submit(os.getpid).result(30) for _ in range(100_000)]  # until it is seen
+    with pytest.raises(BrokenProcessPool):
+        worker._pool.submit(os.getpid)
+    assert worker.done(jobs[0]).state is State.DONE
+    worker.end(at_once=False)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
