@@ -86,6 +86,7 @@ def test_a_bad_frame_is_refused_by_its_own_name(positions, says, jobs):
     with pytest.raises(InputError) as caught:
         positions_of(blocks)
     assert str(caught.value).startswith(says)
+    blocks.close()  # here, and not wherever it is collected
 
 
 def test_the_first_of_several_bad_frames_is_the_one_named():
