@@ -485,9 +485,9 @@ def test_a_report_that_is_compared_with_is_not_written_over(run, anim, here):
     assert Path("out/report.json").read_bytes() == before
 
 
-@pytest.mark.parametrize("folder", ["out", "out/clips/runs"])
-def test_results_are_no_clips(run, anim, here, folder):
+@pytest.mark.parametrize("place", ["out", "out/clips/runs"])
+def test_results_are_no_clips(run, anim, here, place):
     run(*BATCH)
-    outcome = run("batch", folder, "-o", "out", "--overwrite")
+    outcome = run("batch", place, "-o", "out", "--overwrite")
     assert outcome.code == 2
     assert "is where the results would be; name another with -o" in outcome.err
