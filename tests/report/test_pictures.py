@@ -137,5 +137,6 @@ def test_any_pose_is_drawn(model, cage):
     odd = replace(
         rest, given=model * rest.given, rebuilt=model * rest.rebuilt, cage=cage * rest.cage
     )
-    for data in all_of(pictures_of(replace(poses, poses=(odd,)), PIXELS)):
-        opened_png(data)
+    pictures = pictures_of(replace(poses, poses=(odd,)), PIXELS)
+    assert len(pictures.poses) == 1
+    assert all(opened_png(data).shape == (PIXELS, PIXELS, 4) for data in all_of(pictures))
