@@ -14,6 +14,7 @@ from cageik_cli.report.figures import change_text, percent_text
 from cageik_cli.report.index import as_index
 from cageik_cli.report.page import as_html
 from cageik_cli.report.pictures import pictures_of
+from tests.report.clips import five_hundred
 from tests.report.hostile import NAMES, with_hostile_names
 
 pytestmark = pytest.mark.browser
@@ -377,14 +378,7 @@ def test_two_thousand_frames_can_be_sorted(opened, report, pictures):
 
 
 def test_five_hundred_clips_are_there_in_time(opened, report):
-    entry = entry_of(report, page="clip.html")
-    curve = replace(
-        entry.curve,
-        rms_percent=tuple(0.5 + k % 7 for k in range(120)),
-        other=tuple(0.5 - k % 5 for k in range(120)),
-    )
-    entries = [replace(entry, name=f"characters/hero/shot_{k}", curve=curve) for k in range(500)]
-    page = opened(as_index(overview_of(entries))).page
+    page = opened(as_index(overview_of(five_hundred(report)))).page
     taken = page.evaluate(
         "() => new Promise(done => requestAnimationFrame(() => setTimeout("
         "() => done(performance.getEntriesByType('navigation')[0].loadEventEnd))))"

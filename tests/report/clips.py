@@ -1,6 +1,8 @@
 """Entries of an overview, made up."""
 
-from cageik_cli.report import Entry, Gate
+from dataclasses import replace
+
+from cageik_cli.report import Entry, Gate, Report, entry_of
 from cageik_cli.report.figures import Clip, Summary
 
 
@@ -50,3 +52,14 @@ HOSTILE = {
     "blank": " ",
     "long": "x" * 5000,
 }
+
+
+def five_hundred(report: Report) -> list[Entry]:
+    """As many clips as one report, each with a curve of 120 frames."""
+    entry = entry_of(report, page="clip.html")
+    curve = replace(
+        entry.curve,
+        rms_percent=tuple(0.5 + k % 7 for k in range(120)),
+        other=tuple(0.5 - k % 5 for k in range(120)),
+    )
+    return [replace(entry, name=f"characters/hero/shot_{k}", curve=curve) for k in range(500)]

@@ -10,6 +10,7 @@ from cageik_cli.report import Entry, Limit, Limits, entry_of, overview_of, repor
 from cageik_cli.report.figures import change_text, percent_text
 from cageik_cli.report.gates import judged
 from cageik_cli.report.index import as_index
+from tests.report.clips import five_hundred
 from tests.report.hostile import NAMES, with_hostile_names
 from tests.report.markup import faults_of, parsed
 
@@ -180,11 +181,4 @@ def test_hostile_names_are_text(report):
 
 
 def test_five_hundred_clips_are_a_small_file(report):
-    entry = entry_of(report, page="clip.html")
-    curve = replace(
-        entry.curve,
-        rms_percent=tuple(0.5 + k % 7 for k in range(120)),
-        other=tuple(0.5 - k % 5 for k in range(120)),
-    )
-    entries = [replace(entry, name=f"characters/hero/shot_{k}", curve=curve) for k in range(500)]
-    assert len(as_index(overview_of(entries)).encode()) < 2_000_000
+    assert len(as_index(overview_of(five_hundred(report))).encode()) < 2_000_000
