@@ -3,6 +3,7 @@
 import numpy as np
 
 from cageik_cli.mesh import Floats
+from cageik_cli.rotations import decomposed
 
 
 def centroids(frames: Floats, weights: Floats) -> Floats:
@@ -35,9 +36,7 @@ def best_rotations(centred: Floats, rest: Floats, weights: Floats) -> Floats:
 
     References
     ----------
-    Kabsch 1976; Umeyama 1991 for the sign that keeps reflections out.
+    Kabsch 1976.
     """
     covariances = (rest * weights[:, None]).T @ centred
-    left, _, right = np.linalg.svd(covariances)
-    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
-    return np.asarray(left @ right)
+    return decomposed(covariances)

@@ -1,0 +1,215 @@
+"""A camera: where points are seen on a screen, and where on a pixel's ray they are.
+
+Conventions are OpenGL's. Matrices act on columns: `view` takes the world to the eye, which looks
+along −z with y up; `projection` takes the eye to clip space, and what is seen has x, y and z within
+±1 after the division by w, the near plane at z = −1. Pixels are counted from the upper left corner
+of the picture, x to the right and y downwards; the middle of the first is (½, ½).
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from cageik_cli.errors import InputError
+from cageik_cli.mesh import Floats
+
+WORST_CONDITION = 1e14
+"""Matrices of a larger condition number are singular, as far as the numbers tell."""
+
+NEAREST = 1e-6
+"""Where the near plane of a camera without matrices is, in distances of what it looks at."""
+
+STEEPEST = 1e-9
+"""Sine of the least angle between the direction of a camera's look and what is up."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rays:
+    """What p pixels show: straight lines from the near plane to the far plane.
+
+    Attributes
+    ----------
+    origins : (p, 3) float64
+        On the near plane.
+    directions : (p, 3) float64
+        Of length one, away from the viewer.
+    lengths : (p,) float64
+        Infinite without a far plane.
+    """
+
+    origins: Floats
+    directions: Floats
+    lengths: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A perspective or a parallel view of the world.
+
+    Attributes
+    ----------
+    view, projection : (4, 4) float64
+        World to eye, eye to clip space; they act on columns. Read-only.
+    width, height : float
+        Of the picture, pixels.
+
+    Raises
+    ------
+    InputError
+        When a matrix has another shape, is not finite or is singular, the last row of `view` is
+        not (0, 0, 0, 1), or the picture has no size.
+    """
+
+    view: Floats
+    projection: Floats
+    width: float
+    height: float
+
+    def __post_init__(self) -> None:
+        for name in ("view", "projection"):
+            object.__setattr__(self, name, _checked_matrix(name, getattr(self, name)))
+        if not np.array_equal(self.view[3], (0, 0, 0, 1)):
+            raise InputError(
+                f"the last row of view is {_row_text(self.view[3])}, expected 0, 0, 0, 1; matrices "
+                "act on columns, so transpose one that acts on rows"
+            )
+        for name in ("width", "height"):
+            size = getattr(self, name)
+            if not (np.isfinite(size) and size > 0):
+                raise InputError(f"{name} is {size:g}, expected a number of pixels above 0")
+
+    @classmethod
+    def looking_at(cls, place: "Stand", fov_degrees: float, width: float, height: float) -> Self:
+        """A perspective camera without a far plane.
+
+        Parameters
+        ----------
+        place : Stand
+        fov_degrees : float
+            Angle between the upper and the lower edge of the picture, above 0 and below 180.
+        width, height : float
+            Pixels.
+        """
+        if not 0 < fov_degrees < 180:
+            raise InputError(f"fov_degrees is {fov_degrees:g}, expected more than 0, less than 180")
+        near = NEAREST * float(np.linalg.norm(place.look_at - place.position))
+        scale = 1 / np.tan(np.radians(fov_degrees) / 2)
+        projection = np.zeros((4, 4))
+        projection[0, 0], projection[1, 1] = scale * height / width, scale
+        projection[2, 2:], projection[3, 2] = (-1, -2 * near), -1
+        return cls(place.view, projection, width, height)
+
+    def project(self, points: Floats) -> Floats:
+        """Where points, (…, 3), are seen, (…, 3): x and y in pixels, and depth from −1 to 1.
+
+        Raises
+        ------
+        InputError
+            When a point is behind the viewer, or as near as the eye.
+        """
+        clip = _homogeneous(points) @ (self.projection @ self.view).T
+        if not (clip[..., 3] > 0).all():
+            raise InputError("it is behind the camera; choose another view, or frame")
+        x, y, depth = np.moveaxis(clip[..., :3] / clip[..., 3:], -1, 0)
+        return np.stack([(1 + x) / 2 * self.width, (1 - y) / 2 * self.height, depth], axis=-1)
+
+    def rays(self, pixels: Floats) -> Rays:
+        """What is seen in pixels, (p, 2)."""
+        x, y = 2 * pixels[:, 0] / self.width - 1, 1 - 2 * pixels[:, 1] / self.height
+        unproject = np.linalg.inv(self.projection @ self.view)
+        near, far = (
+            np.stack([x, y, np.full_like(x, depth), np.ones_like(x)], axis=1) @ unproject.T
+            for depth in (-1.0, 1.0)
+        )
+        # Of points at infinity, whose w is 0, this is the direction still.
+        ways = far[:, :3] * near[:, 3:] - near[:, :3] * far[:, 3:]
+        sizes = np.linalg.norm(ways, axis=1)
+        with np.errstate(divide="ignore"):
+            lengths = sizes / np.abs(near[:, 3] * far[:, 3])
+        return Rays(near[:, :3] / near[:, 3:], ways / sizes[:, None], lengths)
+
+    def dragged(self, points: Floats, pixels: Floats) -> Floats:
+        """Where points are, (p, 3), when they are seen in pixels, (p, 2), as deep as before.
+
+        The ray of each pixel meets the plane through the point that is parallel to the screen
+        (Savoye and Franco 2010, section 4.3).
+
+        Raises
+        ------
+        InputError
+            When a point is behind the viewer.
+        """
+        self.project(points)
+        rays, normal = self.rays(pixels), self.view[2, :3]
+        ahead = (points - rays.origins) @ normal / (rays.directions @ normal)
+        return np.asarray(rays.origins + ahead[:, None] * rays.directions)
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """Where a viewer stands, and what it looks at.
+
+    Attributes
+    ----------
+    position, look_at : (3,) float64
+    up : (3,) float64
+        What is seen upright.
+
+    Raises
+    ------
+    InputError
+        When it looks nowhere, or straight along what is up.
+    """
+
+    position: Floats
+    look_at: Floats
+    up: Floats
+
+    def __post_init__(self) -> None:
+        away, sizes = self.position - self.look_at, np.linalg.norm(self.up)
+        distance = np.linalg.norm(away)
+        if not distance > 0:
+            raise InputError("position and look_at are the same point; the camera looks nowhere")
+        if not np.linalg.norm(np.cross(away, self.up)) > STEEPEST * distance * sizes:
+            raise InputError("up is along the direction in which the camera looks; choose another")
+
+    @property
+    def view(self) -> Floats:
+        """World to eye, (4, 4)."""
+        back = _unit(self.position - self.look_at)
+        right = _unit(np.cross(self.up, back))
+        axes = np.stack([right, np.cross(back, right), back])
+        view = np.eye(4)
+        view[:3, :3], view[:3, 3] = axes, -axes @ self.position
+        return view
+
+
+def _checked_matrix(name: str, values: Floats) -> Floats:
+    matrix = np.array(values, np.float64)
+    if matrix.shape != (4, 4):
+        raise InputError(f"{name} has shape {matrix.shape}, expected (4, 4)")
+    if not np.isfinite(matrix).all():
+        raise InputError(f"{name} holds numbers that are not finite")
+    if not np.linalg.cond(_scaled(matrix)) < WORST_CONDITION:
+        raise InputError(f"{name} is singular; expected a matrix that can be inverted")
+    matrix.flags.writeable = False
+    return matrix
+
+
+def _scaled(matrix: Floats) -> Floats:
+    """With rows of length one: units and far planes do not make a matrix singular."""
+    sizes = np.linalg.norm(matrix, axis=1, keepdims=True)
+    return np.asarray(np.divide(matrix, sizes, out=np.zeros_like(matrix), where=sizes > 0))
+
+
+def _row_text(row: Floats) -> str:
+    return ", ".join(f"{value:g}" for value in row)
+
+
+def _homogeneous(points: Floats) -> Floats:
+    return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
+
+
+def _unit(vector: Floats) -> Floats:
+    return np.asarray(vector / np.linalg.norm(vector))

@@ -1,0 +1,196 @@
+"""Sparse anchors in, cage and mesh out: cage-based inverse kinematics.
+
+The cage of a pose minimises
+
+    (α/n) Σ_i |(L c)_i − δ_i|²  +  (β/l) Σ_j w_j |q_j − a_j c|²,        δ = L c_rest,
+
+over l anchors with targets q, whose rows in cage space are a_j (Savoye and Franco 2010, eq. 6, in
+means instead of sums). In displacements d = c − c_rest and t = q − A c_rest everything is linear in
+t, and nothing large cancels: d = R t and H d = (H R) t, with responses that are computed once.
+"""
+
+from collections.abc import Iterable
+from copy import copy
+from functools import cached_property
+
+import numpy as np
+
+from cageik_cli.anchors import Anchor, positions_of, rows_of
+from cageik_cli.binding import Binding
+from cageik_cli.cage_field import CageField, Response
+from cageik_cli.dual_laplacian import WORST_CONDITION
+from cageik_cli.errors import InputError, NumericalError
+from cageik_cli.mesh import Floats, uniform_laplacian
+from cageik_cli.rigidity import Cells
+from cageik_cli.ties import TiedMap, Ties, free_basis
+
+DEFAULT_ALPHA = 1e-6
+"""Of posing: a few anchors are to be met, where thousands of vertices are to be fitted."""
+
+
+class Poser:
+    """Poses of a cage and its mesh by the same anchors, any number of them.
+
+    Parameters
+    ----------
+    binding : Binding
+        m vertices in a cage of n.
+    anchors : iterable of Anchor
+        l of them, with names of their own. Without any the cage is free to go anywhere, and stays.
+    alpha, beta : float
+        Weights of the Laplacian and of the anchors that are not hard; finite, above 0.
+    ties : Ties, optional
+        Cage vertices that are locked, or mirrored.
+
+    Attributes
+    ----------
+    binding : Binding
+    anchors : tuple of Anchor
+    alpha, beta : float
+    ties : Ties
+    condition_number : float
+        Of the anchors' system: how much it magnifies errors of what it is given.
+    loose : int
+        In how many ways parts of the cage could move as one and no anchor says how; they stay, or
+        follow those that are held.
+
+    Raises
+    ------
+    InputError
+        When alpha or beta is no weight, anchors share a name, or ties do not fit the cage.
+    NumericalError
+        When hard anchors cannot be met independently of each other.
+    """
+
+    def __init__(
+        self,
+        binding: Binding,
+        anchors: Iterable[Anchor],
+        alpha: float = DEFAULT_ALPHA,
+        beta: float = 1.0,
+        ties: Ties | None = None,
+    ) -> None:
+        for name, value in (("alpha", alpha), ("beta", beta)):
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"{name} is {value}, expected a finite number above 0")
+        self.binding, self.alpha, self.beta, self.ties = binding, alpha, beta, ties or Ties()
+        cage = binding.cage
+        self._laplacian = uniform_laplacian(cage)
+        signs = (1,) if self.ties.mirror is None else (1, -1)
+        bases = [free_basis(cage, self.ties, sign) for sign in signs]
+        self._fields = [CageField(cage, self._laplacian, basis) for basis in bases]
+        self._fix(tuple(anchors))
+
+    def with_anchor(self, anchor: Anchor) -> "Poser":
+        """The same with one anchor more; the cage is not factored again."""
+        return self._with((*self.anchors, anchor))
+
+    def without_anchor(self, name: str) -> "Poser":
+        """The same with one anchor less; the cage is not factored again.
+
+        Raises
+        ------
+        InputError
+            When no anchor has the name.
+        """
+        kept = tuple(anchor for anchor in self.anchors if anchor.name != name)
+        if len(kept) == len(self.anchors):
+            raise InputError(f"there is no anchor called {name!r}")
+        return self._with(kept)
+
+    def displacements(self, targets: Floats) -> Floats:
+        """t, (l, 3), that brings the anchors from the rest pose to targets, (l, 3)."""
+        return np.asarray(targets - self._rest)
+
+    def cage(self, displacements: Floats, rigidity: int = 0) -> Floats:
+        """The cage, (n, 3), for displacements of the anchors from the rest pose, (l, 3).
+
+        `rigidity` is the number of rounds in which the cage's cells turn with the motion; without
+        any, what turns far is sheared.
+        """
+        rest = self.binding.cage.vertices
+        if rigidity:
+            return np.asarray(self.edited(rest[None], displacements[None], rigidity)[0])
+        return np.asarray(rest + self._cage_map(displacements))
+
+    def mesh(self, displacements: Floats, rigidity: int = 0) -> Floats:
+        """The mesh, (m, 3), for displacements of the anchors from the rest pose, (l, 3).
+
+        Without rigidity it lies in memory coordinate by coordinate, which is faster: all x, then
+        all y, then all z.
+        """
+        if rigidity:
+            moved = self.cage(displacements, rigidity) - self.binding.cage.vertices
+            return np.asarray(self.binding.rest.vertices + self.binding.weights @ moved)
+        columns = self._mesh_map.by_coordinate(displacements)
+        columns += self._rest_columns
+        return columns.T
+
+    def edited(self, cages: Floats, displacements: Floats, rigidity: int = 0) -> Floats:
+        """Cages (k, n, 3) with their anchors moved by displacements (k, l, 3).
+
+        Each cage's own δ = L c is kept, so that its motion and detail stay. A cage whose anchors
+        are not displaced stays as it is, bit for bit.
+        """
+        is_moved = displacements.any(axis=(1, 2))
+        edited, chosen = cages.copy(), cages[is_moved]
+        moved = self._cage_map(displacements[is_moved])
+        if rigidity and len(chosen):
+            moved = self._turned(chosen, moved, rigidity)
+        edited[is_moved] += moved
+        return edited
+
+    def _turned(self, cages: Floats, asked: Floats, rounds: int) -> Floats:
+        """Displacements (k, n, 3) of cages whose cells turn, from those of cells that do not."""
+        cells, moved = Cells(self._laplacian, cages), asked
+        for _ in range(rounds):
+            moved = asked + self._turn_map(cells.turned(cells.rotations(moved)))
+        return moved
+
+    def _with(self, anchors: tuple[Anchor, ...]) -> "Poser":
+        """What does not depend on the anchors is shared."""
+        other = copy(self)
+        other._fix(anchors)
+        return other
+
+    def _fix(self, anchors: tuple[Anchor, ...]) -> None:
+        """Solve for the responses to anchors."""
+        names = [anchor.name for anchor in anchors]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise InputError(f"two anchors are called {twice!r}; give each a name of its own")
+        self.anchors = anchors
+        rows = rows_of(anchors, self.binding.weights)
+        self._rest = positions_of(anchors, self.binding.rest.vertices)
+        slack = self.alpha * len(anchors) / (self.beta * len(self._laplacian))
+        slacks = np.array([0.0 if anchor.hard else slack / anchor.weight for anchor in anchors])
+        responses = [field.response(rows, slacks) for field in self._fields]
+        for response in responses:
+            _refuse_dependent(response, anchors)
+        self.condition_number = max(response.condition_number for response in responses)
+        self.loose = sum(response.loose for response in responses)
+        mirror = self.ties.mirror
+        self._cage_map = TiedMap([response.of_anchors for response in responses], mirror)
+        self._turn_map = TiedMap([response.of_differences for response in responses], mirror)
+        self.__dict__.pop("_mesh_map", None)
+
+    @cached_property
+    def _mesh_map(self) -> TiedMap:
+        return self._cage_map.followed_by(self.binding.weights)
+
+    @cached_property
+    def _rest_columns(self) -> Floats:
+        return np.ascontiguousarray(self.binding.rest.vertices.T)
+
+
+def _refuse_dependent(response: Response, anchors: tuple[Anchor, ...]) -> None:
+    """Refuse anchors that cannot go where they are to, each for itself."""
+    if response.condition_number <= WORST_CONDITION:
+        return
+    order = np.argsort(-np.abs(response.weakest), kind="stable")
+    names = " and ".join(repr(anchors[k].name) for k in order[:2])
+    raise NumericalError(
+        f"the anchors cannot all be met: the system's condition number is "
+        f"{response.condition_number:.1e}, more than {WORST_CONDITION:.0e}, and {names} have most "
+        "part in it; leave one out, make it soft, raise alpha, or unlock cage vertices near it"
+    )

@@ -1,0 +1,156 @@
+"""Cage vertices that do not move, or move as mirror images of each other."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli.errors import InputError, first_few
+from cageik_cli.mesh import Floats, Integers, TriMesh
+
+LARGEST_ASYMMETRY = 1e-3
+"""Diagonals of the cage by which a vertex may be off the mirror image of its partner."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mirror:
+    """A plane.
+
+    Attributes
+    ----------
+    normal : (3,) float64
+        Of any length above zero; taken as of length one.
+    point : (3,) float64
+        On the plane.
+
+    Raises
+    ------
+    InputError
+        When the normal has no direction.
+    """
+
+    normal: Floats
+    point: Floats
+
+    def __post_init__(self) -> None:
+        normal, point = (np.asarray(v, np.float64) for v in (self.normal, self.point))
+        size = np.linalg.norm(normal)
+        if not (size > 0 and np.isfinite(normal).all() and np.isfinite(point).all()):
+            raise InputError(
+                f"the mirror's normal is {normal.tolist()} and its point {point.tolist()}, "
+                "expected finite numbers and a normal that is not zero"
+            )
+        object.__setattr__(self, "normal", normal / size)
+        object.__setattr__(self, "point", point)
+
+    def reflected(self, points: Floats) -> Floats:
+        """The mirror images of points, (…, 3)."""
+        heights = (points - self.point) @ self.normal
+        return np.asarray(points - 2 * heights[..., None] * self.normal)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ties:
+    """What binds the vertices of a cage beside its Laplacian.
+
+    Attributes
+    ----------
+    locked : tuple of int
+        Cage vertices that stay where they are.
+    mirror : Mirror, optional
+        Every displacement of a vertex is the mirror image of its partner's, the vertex that is
+        nearest to its mirror image in the rest cage.
+    """
+
+    locked: tuple[int, ...] = ()
+    mirror: Mirror | None = None
+
+
+def partners(cage: TriMesh, mirror: Mirror) -> Integers:
+    """The mirror image's number of each cage vertex, (n,); its own for one on the plane.
+
+    Raises
+    ------
+    InputError
+        When the cage is not its own mirror image, naming vertices.
+    """
+    images = mirror.reflected(cage.vertices)
+    distances = np.linalg.norm(images[:, None] - cage.vertices, axis=2)
+    nearest = distances.argmin(axis=1)
+    off = distances.min(axis=1) > LARGEST_ASYMMETRY * cage.diagonal
+    wrong = np.flatnonzero(off | (nearest[nearest] != np.arange(len(nearest))))
+    if len(wrong):
+        raise InputError(
+            f"the cage is not symmetric about the mirror: {len(wrong)} of {len(nearest)} cage "
+            f"vertices have no partner within {LARGEST_ASYMMETRY:g} of its diagonal "
+            f"({first_few(wrong.tolist(), 5)}); move the plane, or leave the mirror out"
+        )
+    return np.asarray(nearest, np.int64)
+
+
+def free_basis(cage: TriMesh, ties: Ties, sign: int) -> Floats:
+    """What is free of one coordinate of all cage vertices: (n, r), columns of length one.
+
+    Parameters
+    ----------
+    sign : int
+        1 for coordinates along the mirror plane, which partners share; −1 for the one across it,
+        which is opposite. Without a mirror, 1.
+
+    Raises
+    ------
+    InputError
+        When a vertex that is locked does not exist, or the mirror does not fit.
+    """
+    n = len(cage.vertices)
+    wrong = [vertex for vertex in ties.locked if not 0 <= vertex < n]
+    if wrong:
+        raise InputError(
+            f"there is no cage vertex {wrong[0]} to lock; the cage has {n}, numbered from 0 to "
+            f"{n - 1}"
+        )
+    partner = np.arange(n) if ties.mirror is None else partners(cage, ties.mirror)
+    tied = np.eye(n) + sign * np.eye(n)[partner]
+    locked = np.array(ties.locked, np.int64)
+    is_free = np.ones(n, bool)
+    is_free[locked] = is_free[partner[locked]] = False
+    kept = is_free & (np.arange(n) <= partner) & tied.any(axis=0)
+    basis = tied[:, kept]
+    return np.asarray(basis / np.linalg.norm(basis, axis=0))
+
+
+class TiedMap:
+    """A linear map of points; of their coordinate across a mirror, another one.
+
+    Parameters
+    ----------
+    maps : one or two (p, q) float64
+        Of all coordinates; or of those along the mirror, and of the one across it.
+    mirror : Mirror, optional
+    """
+
+    def __init__(self, maps: Sequence[Floats], mirror: Mirror | None) -> None:
+        self._mirror, self._along = mirror, maps[0]
+        self._across_more = maps[0] if mirror is None else maps[1] - maps[0]
+
+    def __call__(self, points: Floats) -> Floats:
+        """Points (…, q, 3) mapped, (…, p, 3)."""
+        if self._mirror is None:
+            return np.asarray(self._along @ points)
+        normal = self._mirror.normal
+        heights = (self._across_more @ (points @ normal)[..., None])[..., 0]
+        return np.asarray(self._along @ points + heights[..., None] * normal)
+
+    def by_coordinate(self, points: Floats) -> Floats:
+        """Points (q, 3) mapped, coordinate by coordinate: (3, p)."""
+        mapped = points.T @ self._along.T
+        if self._mirror is not None:
+            normal = self._mirror.normal
+            mapped += normal[:, None] * (points @ normal @ self._across_more.T)
+        return np.asarray(mapped)
+
+    def followed_by(self, matrix: Floats) -> "TiedMap":
+        """The map, then a matrix that is the same for all coordinates."""
+        more = [] if self._mirror is None else [self._along + self._across_more]
+        maps = [np.asfortranarray(matrix @ values) for values in (self._along, *more)]
+        return TiedMap(maps, self._mirror)
