@@ -49,7 +49,7 @@ OWNERS = {
     },
     "alembic3d": {"sequence.readers.alembic", "export.writers.alembic"},
     "imath": {"export.writers.alembic"},
-    "matplotlib": {"report.figure"},
+    "matplotlib": {"report.figure", "report.limit_lines"},
     "PIL": {"report.pictures"},
 }
 """Who may import a library, `imath` being alembic3d's; numpy and scipy are for all."""
