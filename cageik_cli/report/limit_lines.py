@@ -11,6 +11,7 @@ from cageik_cli.report.gates import PERCENT, Gate
 from cageik_cli.report.labels import Box, Label, placed
 from cageik_cli.report.record import Report
 from cageik_cli.report.series import LEAST, Series
+from cageik_cli.report.verdicts import gate_verdict, most_text
 
 REACH = 2.5
 """A limit is drawn up to so many times as high as the highest figure; beyond it is named alone."""
@@ -106,9 +107,8 @@ def draw_labels(
 
 def limit_label(gate: Gate) -> str:
     """A limit and its verdict, as short as a label is to be."""
-    unit = "%" if gate.unit == PERCENT else "units"
-    verdict = {True: "kept", False: "exceeded", None: "not judged"}[gate.passed]
-    return f"limit {gate.metric.replace('_', ' ')} {gate.limit:g} {unit}, {verdict}"
+    metric, verdict = gate.metric.replace("_", " "), gate_verdict(gate).text
+    return f"{metric} ≤ {most_text(gate)} {gate.unit}, {verdict}"
 
 
 def _points(axes: Axes, series: Series) -> Floats:

@@ -81,8 +81,8 @@ def test_limits_without_a_line_are_named(made):
     far = made([1.0, 2.0], [0.0, 1.0], limits=[Limit("rms", Decimal(90))])
     other = made([1.0, 2.0], [0.0, 1.0], limits=[Limit("max_deviation", Decimal(90))])
     assert lines(far, "limit") == lines(other, "limit") == []
-    assert "not drawn: limit rms 90 %, kept" in texts(far)
-    assert "not drawn: limit max deviation 90 %, kept" in texts(other)
+    assert "not drawn: rms ≤ 90 %, within limit" in texts(far)
+    assert "not drawn: max deviation ≤ 90 %, within limit" in texts(other)
     (error,) = lines(far, "rms")
     assert error.axes.get_ylim()[1] < 5
 
@@ -111,7 +111,7 @@ def test_rounding_does_not_look_like_error(made):
     report = made([1e-15, 3e-15], [1e-13, -1e-13], limits=[Limit("rms", Decimal("0.3"))])
     for axes in figure_of(report).axes:
         assert 0.001 < axes.get_ylim()[1] < 0.002
-    assert "not drawn: limit rms 0.3 %, kept" in texts(report)
+    assert "not drawn: rms ≤ 0.3 %, within limit" in texts(report)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 40])

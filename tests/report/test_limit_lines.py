@@ -6,6 +6,8 @@ import pytest
 
 from cageik_cli.report import Limit
 from cageik_cli.report.figure import figure_of
+from cageik_cli.report.gates import Gate
+from cageik_cli.report.limit_lines import limit_label
 from tests.report.drawings import lines, texts
 
 
@@ -15,7 +17,7 @@ def test_limits_are_dashed_lines_with_labels(made):
     drawn = lines(report, "limit")
     assert sorted(line.get_ydata()[0] for line in drawn) == [-2, 1.5, 1.9, 2]
     assert all(line.is_dashed() for line in drawn)
-    assert {"limit rms 1.5 %, kept", "limit frame rms 1.9 %, exceeded"} <= set(texts(report))
+    assert {"rms ≤ 1.5 %, within limit", "frame rms ≤ 1.9 %, over limit"} <= set(texts(report))
 
 
 def test_labels_of_limits_that_are_close_do_not_meet(made):
@@ -28,7 +30,7 @@ def test_labels_of_limits_that_are_close_do_not_meet(made):
     boxes = [
         text.get_window_extent()
         for text in drawn.axes[0].texts
-        if text.get_text().startswith(("limit", "worst"))
+        if "≤" in text.get_text() or text.get_text().startswith("worst")
     ]
     assert len(boxes) == 8
     axes = drawn.axes[0].get_window_extent()
@@ -42,4 +44,14 @@ def test_a_limit_in_units_stands_where_the_diagonal_puts_it(made):
     report = made([0.0, 2.0], limits=[Limit("frame_rms", Decimal("0.02"), "units")])
     (line,) = lines(report, "limit")
     assert line.get_ydata()[0] == pytest.approx(100 * 0.02 / report.clip.diagonal)
-    assert any(text.startswith("limit frame rms 0.02 units") for text in texts(report))
+    assert any(text.startswith("frame rms ≤ 0.02 units, ") for text in texts(report))
+
+
+def test_a_limit_made_of_a_baseline_is_printed_as_figures_are():
+    gate = Gate("volume_change", "%", 1.1, None, None, None, baseline=1.0)
+    assert limit_label(gate) == "volume change ≤ 1.1000 %, not judged"
+
+
+def test_a_limit_that_was_typed_keeps_its_digits():
+    gate = Gate("max_deviation", "units", 0.12345678, 0.1, "a", True)
+    assert limit_label(gate) == "max deviation ≤ 0.12345678 units, within limit"
