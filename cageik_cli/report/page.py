@@ -1,14 +1,11 @@
 """The report as a page: one HTML file that needs no other, for a browser or a printer."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.binding import LOWEST_WEIGHT
-from cageik_cli.coordinates.weights import ACCURACIES
-from cageik_cli.dual_laplacian import WORST_CONDITION
 from cageik_cli.report.explanations import MEANINGS, METRICS, SETTINGS
 from cageik_cli.report.figure import plot_of
 from cageik_cli.report.figures import (
@@ -26,6 +23,7 @@ from cageik_cli.report.record import Report
 from cageik_cli.report.tables import as_json
 from cageik_cli.report.templating import data_url, rendered
 from cageik_cli.report.verdicts import found_text, gate_verdict, limit_text, verdict_of
+from cageik_cli.report.weight_quality import quality_rows
 from cageik_cli.store.result import Result
 
 SECTIONS = (
@@ -133,7 +131,7 @@ def as_html(report: Report, pictures: Pictures | None) -> str:
         pictures=pictures,
         **(_picture_values(pictures) if pictures else {}),
         histogram=_histogram(report.vertices),
-        quality=list(_quality(report)),
+        quality=quality_rows(report),
         settings=[
             (name, _plain(value), SETTINGS.get(name, "")) for name, value in report.settings.items()
         ],
@@ -283,68 +281,6 @@ def _histogram(vertices: VertexFigures) -> dict[str, Any]:
         "text": f"Histogram of the rms of vertices, from {edges[0]} to {edges[-1]} % of the "
         f"diagonal; most of them, {most}, are between {peak['low']} and {peak['high']} %. "
         "The table below has all bins.",
-    }
-
-
-def _quality(report: Report) -> Iterator[dict[str, str]]:
-    """The figures of weights and system, what they mean, and what is good."""
-    found, accuracy = report.binding, ACCURACIES.get(str(report.settings.get("accuracy")))
-    is_harmonic = report.settings.get("coordinates") == "harmonic"
-    yield {
-        "label": "Rows sum to 1 within",
-        "found": f"{found.partition_of_unity:.1e}",
-        "meaning": "How far the sum of a vertex's weights is from one; where it is not one, moving "
-        "the cage does not move the model as far.",
-        "good": "rounding: 1e-10 or less",
-    }
-    yield {
-        "label": "Rest pose rebuilt within",
-        "found": f"{found.linear_precision:.1e}",
-        "meaning": "Largest distance of the weights times the rest cage from the rest pose, in "
-        "diagonals; affine motions come out as exactly.",
-        "good": "rounding: 1e-10 or less",
-    }
-    yield {
-        "label": "Smallest weight",
-        "found": f"{found.min_weight:.1e}",
-        "meaning": "Exact harmonic weights are never negative, so this is a measure of their error."
-        if is_harmonic
-        else "Mean value weights are negative across concave parts of a cage; the model moves "
-        "against the cage there.",
-        "good": f"{LOWEST_WEIGHT} or more" if is_harmonic else "close to zero",
-    }
-    if not found.panels:
-        yield {
-            "label": "Accuracy",
-            "found": "exact",
-            "meaning": "These weights are in closed form.",
-            "good": "",
-        }
-    else:
-        yield {
-            "label": "Mean row L1 error, estimated",
-            "found": f"{found.estimated_error:.1e}",
-            "meaning": "How far a vertex's weights are from exact ones, summed over the cage and "
-            "averaged over the vertices.",
-            "good": f"{accuracy.tolerance:g} or less, as asked for" if accuracy else "",
-        }
-        yield {
-            "label": "Panels",
-            "found": str(found.panels),
-            "meaning": "Triangles that the cage's faces were divided into to compute the weights.",
-            "good": "as many as the accuracy needs",
-        }
-    yield {
-        "label": "Projected vertices",
-        "found": str(found.projected),
-        "meaning": "They lay outside the cage, and have the weights of its nearest point.",
-        "good": "0",
-    }
-    yield {
-        "label": "Condition number",
-        "found": f"{found.condition_number:.4g}",
-        "meaning": "How much the system that gives the cages magnifies errors of its input.",
-        "good": f"far below {WORST_CONDITION:.0e}, where a run is refused",
     }
 
 
