@@ -1,21 +1,19 @@
 """The report as a page: one HTML file that needs no other, for a browser or a printer."""
 
 import hashlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from cageik_cli.report.explanations import MEANINGS, METRICS, SETTINGS
 from cageik_cli.report.figure import plot_of
 from cageik_cli.report.figures import (
-    Frame,
     VertexFigures,
     change_text,
     figure_text,
     percent_text,
     units_text,
 )
+from cageik_cli.report.frames_table import FRAME, NAME, columns_of, row_of
 from cageik_cli.report.gates import PERCENT, Gate
 from cageik_cli.report.pictures import Pictures, pictures_of
 from cageik_cli.report.poses import poses_of
@@ -56,55 +54,6 @@ POSES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A column of the frames' table.
-
-    Attributes
-    ----------
-    name : str
-        Of the field of `Frame`.
-    label : str
-    kind : str
-        "number" or "name": how it is sorted and set.
-    told : str
-        What it is called beside the figure's cursor; "" if it is not shown there.
-    """
-
-    name: str
-    label: str
-    kind: str = "number"
-    told: str = ""
-
-
-FRAME, NAME = Column("index", "#"), Column("name", "Frame", "name")
-LENGTHS = (
-    Column("rms_percent", "RMS, %", told="rms, %"),
-    Column("rms", "RMS, units"),
-    Column("max_deviation_percent", "Max deviation, %", told="max deviation, %"),
-    Column("max_deviation", "Max deviation, units"),
-    Column("worst_vertex", "At vertex"),
-)
-VOLUMES = (
-    Column("volume_change", "Volume change, %", told="volume change, %"),
-    Column("volume", "Volume"),
-    Column("volume_reconstructed", "Volume rebuilt"),
-    Column("volume_drift", "Drift from rest, %"),
-)
-
-PRINTED: dict[str, Callable[[Any], str]] = {
-    "rms_percent": percent_text,
-    "rms": units_text,
-    "max_deviation_percent": percent_text,
-    "max_deviation": units_text,
-    "worst_vertex": str,
-    "volume_change": change_text,
-    "volume": units_text,
-    "volume_reconstructed": units_text,
-    "volume_drift": change_text,
-}
-
-
 def as_html(report: Report, pictures: Pictures | None) -> str:
     """The page of a report.
 
@@ -119,7 +68,7 @@ def as_html(report: Report, pictures: Pictures | None) -> str:
     str
         The same for the same arguments.
     """
-    columns = _columns(report)
+    columns = columns_of(report)
     return rendered(
         "page.html.j2",
         report=report,
@@ -137,7 +86,7 @@ def as_html(report: Report, pictures: Pictures | None) -> str:
         ],
         sources=[(role.replace("_", " "), _facts(source)) for role, source in _sorted(report)],
         columns=(FRAME, NAME, *columns),
-        rows=[_row(frame, columns) for frame in report.frames],
+        rows=[row_of(frame, columns) for frame in report.frames],
         meanings=MEANINGS,
         percent=percent_text,
         units=units_text,
@@ -298,26 +247,3 @@ def _plain(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return "none" if value is None else str(value)
-
-
-def _columns(report: Report) -> tuple[Column, ...]:
-    """Those that some frame has a figure for."""
-    return tuple(
-        column
-        for column in (*LENGTHS, *VOLUMES)
-        if any(getattr(frame, column.name) is not None for frame in report.frames)
-    )
-
-
-def _row(frame: Frame, columns: Sequence[Column]) -> dict[str, Any]:
-    return {
-        "index": frame.index,
-        "name": frame.name,
-        "skipped": frame.skipped,
-        "cells": [_cell(frame, column.name) for column in columns],
-    }
-
-
-def _cell(frame: Frame, name: str) -> str:
-    value = getattr(frame, name)
-    return "" if value is None else PRINTED[name](value)
