@@ -68,6 +68,7 @@ NUMERICS = (
     "metrics",
     "export.skinning",
     "report.labels",
+    "report.raster",
     "report.shading",
 )
 NO_NUMERICS = {"click", "io", "logging", "os", "pathlib", "sys", "time", "tqdm", "warnings"}
