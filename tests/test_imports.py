@@ -21,7 +21,7 @@ ORDER = (
     "binding", "alignment", "dual_laplacian", "metrics",
     "locks", "outputs", "hdf5", "usd", "sequence", "store.parts", "store.result",
     "store.result_writer", "store.solved_block", "store.told",
-    "store.partial", "store.binding_file",
+    "store.partial", "store.binding_file", "store.cache_entry",
     "store.cache", "export", "binding_run", "inputs", "resuming", "solving", "extraction",
     "exporting", "deforming", "report", "batch", "checking", "describing", "cli", "__main__",
 )  # fmt: skip
