@@ -22,7 +22,7 @@ ORDER = (
     "cage_field", "rigidity", "posing", "metrics",
     "locks", "outputs", "hdf5", "usd", "sequence", "store.parts", "store.result",
     "store.result_writer", "store.solved_block", "store.told",
-    "store.partial", "store.binding_file",
+    "store.partial", "store.binding_file", "store.cache_entry",
     "store.cache", "export", "binding_run", "inputs", "resuming", "solving", "extraction",
     "exporting", "deforming", "report", "batch", "checking", "describing", "cli", "__main__",
 )  # fmt: skip
@@ -50,7 +50,7 @@ OWNERS = {
     },
     "alembic3d": {"sequence.readers.alembic", "export.writers.alembic"},
     "imath": {"export.writers.alembic"},
-    "matplotlib": {"report.figure"},
+    "matplotlib": {"report.figure", "report.limit_lines"},
     "PIL": {"report.pictures"},
 }
 """Who may import a library, `imath` being alembic3d's; numpy and scipy are for all."""
@@ -76,6 +76,7 @@ NUMERICS = (
     "metrics",
     "export.skinning",
     "report.labels",
+    "report.raster",
     "report.shading",
 )
 NO_NUMERICS = {"click", "io", "logging", "os", "pathlib", "sys", "time", "tqdm", "warnings"}

@@ -23,32 +23,32 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from cageik_cli.mesh import Floats, Integers
 from cageik_cli.report.figures import percent_text
-from cageik_cli.report.gates import PERCENT, Gate
-from cageik_cli.report.labels import Box, Label, placed
+from cageik_cli.report.gates import Gate
+from cageik_cli.report.labels import Box
+from cageik_cli.report.limit_lines import (
+    LimitLine,
+    draw_labels,
+    draw_lines,
+    limit_label,
+    limit_lines,
+)
 from cageik_cli.report.record import Report
+from cageik_cli.report.series import LEAST, Series, series_of
 
 SIZE, DPI = (7.2, 3.6), 200
 """Inches across and down, and pixels to the inch."""
 LEFT, RIGHT, BOTTOM, TOP = 0.1, 0.9, 0.14, 0.87
 """Where the axes are, as shares of the picture from its lower left corner."""
 
-INK, MUTED, GRID, GAP = "#20242a", "#59626d", "#e3e6e9", "#eceef0"
+INK, MUTED, GAP = "#20242a", "#59626d", "#eceef0"
 HEADROOM = 1.25
 """The axes end so far above the highest figure, for the label of the worst frame."""
-REACH = 2.5
-"""A limit is drawn up to so many times as high as the highest figure; beyond it is named alone."""
 MARKED = 60
 """Up to so many frames each has a marker."""
-LEAST = 0.001
-"""Percent: no axis ends lower, so that rounding is not made to look like error."""
-LARGEST = 1e150
-"""A line leaves the picture here; no axis could be drawn."""
 LONGEST = 40
 """Characters of a name that are shown."""
-LETTER, BIG_LETTER = 0.0101, 0.0115
-"""How wide letters are, about, of limits and of the worst frame: shares of the axes."""
-SAMPLES = 600
-"""Points of a line that labels keep clear of."""
+LETTER = 0.0115
+"""How wide letters of the worst frame's name are, about, as a share of the axes."""
 ACROSS = 100
 """Letters of limits that fit across the picture."""
 
@@ -89,49 +89,6 @@ class Plot:
     bottom: float
     first: float
     last: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Look:
-    """How a line looks, in matplotlib's words."""
-
-    colour: str
-    style: str | tuple[int, tuple[float, ...]]
-    marker: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Series:
-    """A line over the frames: its figures, nan in gaps, and how it looks.
-
-    Attributes
-    ----------
-    metrics : tuple of str
-        Limits on these are drawn with it.
-    side : int
-        Of its axis: 0 for left, 1 for right.
-    """
-
-    values: Floats
-    name: str
-    metrics: tuple[str, ...]
-    side: int
-    look: _Look
-
-    @property
-    def is_signed(self) -> bool:
-        """Whether limits hold on both sides of zero."""
-        return self.metrics == ("volume_change",)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Shown:
-    """A limit whose lines, one or two, are drawn at these heights of its series' axes."""
-
-    axes: Axes
-    series: _Series
-    gate: Gate
-    heights: tuple[float, ...]
 
 
 def plot_of(report: Report) -> Plot:
@@ -177,7 +134,7 @@ def _own_style() -> Iterator[None]:
 
 
 def _drawn(report: Report) -> Figure:
-    error, other = _series(report)
+    error, other = series_of(report)
     figure = Figure(SIZE)
     figure.subplots_adjust(LEFT, BOTTOM, RIGHT, TOP)
     left = figure.add_subplot()
@@ -187,9 +144,10 @@ def _drawn(report: Report) -> Figure:
     named, shown = [], []
     for axes, series in ((left, error), (right, other)):
         _draw_series(axes, series)
-        near, far = _limits(report, series)
+        near, far = limit_lines(report, series)
         _fit(axes, series, near)
-        shown += _draw_limits(axes, series, near)
+        draw_lines(axes, near)
+        shown += near
         named += far
     _draw_clip(left, error, report)
     worst = _draw_worst(left, error, report)
@@ -197,51 +155,14 @@ def _drawn(report: Report) -> Figure:
     _dress(right, other, report)
     named += [gate for gate in report.gates if gate.metric not in error.metrics + other.metrics]
     _draw_legend(figure, (left, right), named)
-    _draw_labels(((left, error), (right, other)), shown, worst)
+    draw_labels(((left, error), (right, other)), shown, worst)
     return figure
-
-
-def _series(report: Report) -> tuple[_Series, _Series]:
-    """The error, and what is drawn beside it."""
-    frames = report.frames
-    error = _Series(
-        _values([frame.rms_percent for frame in frames]),
-        "RMS error, % of the diagonal",
-        ("rms", "frame_rms"),
-        0,
-        _Look("#0a7d4b", "-", "o"),
-    )
-    changes = [frame.volume_change for frame in frames]
-    if report.clip.closed and any(change is not None for change in changes):
-        look = _Look("#1f4fa3", (0, (3.4, 1.1)), "s")
-        return error, _Series(_values(changes), "volume change, %", ("volume_change",), 1, look)
-    deviations = _values([frame.max_deviation_percent for frame in frames])
-    name, look = "max deviation, % of the diagonal", _Look("#8a3a8f", (0, (4, 1, 1, 1)), "^")
-    return error, _Series(deviations, name, ("max_deviation",), 1, look)
-
-
-def _values(figures: Sequence[float | None]) -> Floats:
-    values = np.array([np.nan if figure is None else figure for figure in figures])
-    return np.asarray(np.clip(values, -LARGEST, LARGEST))
 
 
 def _x_limits(count: int) -> tuple[float, float]:
     """Where the axes of a clip of so many frames start and end."""
     room = max(0.5, 0.01 * count)
     return -room, count - 1 + room
-
-
-def _limits(report: Report, series: _Series) -> tuple[list[tuple[Gate, float]], list[Gate]]:
-    """The limits on a series that are drawn, with their heights, and those far above it."""
-    reach = REACH * np.nanmax(np.abs(series.values), initial=LEAST)
-    to_percent = 100 / report.clip.diagonal
-    heights = [
-        (gate, gate.limit if gate.unit == PERCENT else to_percent * gate.limit)
-        for gate in report.gates
-        if gate.metric in series.metrics
-    ]
-    near = [(gate, height) for gate, height in heights if height <= reach]
-    return near, [gate for gate, height in heights if height > reach]
 
 
 def _draw_gaps(axes: Axes, values: Floats) -> None:
@@ -263,7 +184,7 @@ def _draw_gaps(axes: Axes, values: Floats) -> None:
         )
 
 
-def _draw_series(axes: Axes, series: _Series) -> None:
+def _draw_series(axes: Axes, series: Series) -> None:
     axes.plot(
         np.arange(len(series.values)),
         series.values,
@@ -276,6 +197,8 @@ def _draw_series(axes: Axes, series: _Series) -> None:
         label=series.name.split(",")[0],
         gid=series.metrics[0],
     )
+    if series.is_signed:
+        axes.axhline(0, color=series.look.colour, linewidth=0.5, dashes=(1, 3), gid="zero")
 
 
 def _marked(values: Floats) -> Integers:
@@ -287,79 +210,16 @@ def _marked(values: Floats) -> Integers:
     return np.flatnonzero(known & ~padded[:-2] & ~padded[2:])
 
 
-def _fit(axes: Axes, series: _Series, limits: list[tuple[Gate, float]]) -> None:
+def _fit(axes: Axes, series: Series, limits: Sequence[LimitLine]) -> None:
     """Let the axes hold zero, all figures and the limits."""
-    heights = [height for _, height in limits]
-    lowest = float(np.nanmin(series.values, initial=0))
-    if series.is_signed:
-        lowest = min(lowest, *(-height for height in heights), 0.0)
-    highest = float(np.nanmax(series.values, initial=max(heights, default=0)))
+    heights = [height for limit in limits for height in limit.heights]
+    lowest = float(np.nanmin(series.values, initial=min([0.0, *heights])))
+    highest = float(np.nanmax(series.values, initial=max([0.0, *heights])))
     size = max(highest - lowest, LEAST)
     axes.set_ylim(lowest - 0.08 * size if lowest < 0 else 0, lowest + HEADROOM * size)
 
 
-def _draw_limits(axes: Axes, series: _Series, limits: list[tuple[Gate, float]]) -> list[_Shown]:
-    """Dashed lines, without their labels."""
-    colour, shown = series.look.colour, []
-    if series.is_signed:
-        axes.axhline(0, color=colour, linewidth=0.5, dashes=(1, 3), gid="zero")
-    for gate, height in limits:
-        places = (height, -height) if series.is_signed else (height,)
-        for place in places:
-            axes.axhline(place, color=colour, linewidth=0.9, dashes=(8, 4), gid="limit")
-        shown.append(_Shown(axes, series, gate, places))
-    return shown
-
-
-def _draw_labels(drawn: tuple[tuple[Axes, _Series], ...], shown: list[_Shown], worst: Box) -> None:
-    """Name the limits, above the lines of both axes and where they hide little."""
-    points = np.concatenate([_points(axes, series) for axes, series in drawn])
-    labels = [
-        Label(
-            LETTER * len(_limit_text(limit.gate)),
-            tuple(_shares(limit.axes, limit.heights)),
-            limit.series.side == 1,
-        )
-        for limit in shown
-    ]
-    levels = [level for label in labels for level in label.levels]
-    front = drawn[0][0]
-    for limit, box in zip(shown, placed(labels, points, levels, [worst]), strict=True):
-        is_right = limit.series.side == 1
-        front.text(
-            box[2 if is_right else 0],
-            box[1],
-            _limit_text(limit.gate),
-            transform=front.transAxes,
-            ha="right" if is_right else "left",
-            va="bottom",
-            fontsize=7.5,
-            color=limit.series.look.colour,
-            bbox={"boxstyle": "square,pad=0.1", "fc": "white", "lw": 0, "alpha": 0.75},
-        )
-
-
-def _points(axes: Axes, series: _Series) -> Floats:
-    """Places along a line, (k, 2), as shares of the axes."""
-    first, last = axes.get_xlim()
-    frames = np.linspace(0, len(series.values) - 1, SAMPLES)
-    heights = np.interp(frames, np.arange(len(series.values)), series.values)
-    return np.stack([(frames - first) / (last - first), _shares(axes, heights)], axis=1)
-
-
-def _shares(axes: Axes, heights: Sequence[float] | Floats) -> list[float]:
-    """Where heights are between the lower and the upper end of the axes."""
-    low, high = axes.get_ylim()
-    return [float(height / (high - low) - low / (high - low)) for height in heights]
-
-
-def _limit_text(gate: Gate) -> str:
-    unit = "%" if gate.unit == PERCENT else "units"
-    verdict = {True: "kept", False: "exceeded", None: "not judged"}[gate.passed]
-    return f"limit {gate.metric.replace('_', ' ')} {gate.limit:g} {unit}, {verdict}"
-
-
-def _draw_clip(axes: Axes, series: _Series, report: Report) -> None:
+def _draw_clip(axes: Axes, series: Series, report: Report) -> None:
     axes.axhline(
         report.summary.rms_percent,
         color=series.look.colour,
@@ -369,7 +229,7 @@ def _draw_clip(axes: Axes, series: _Series, report: Report) -> None:
     )
 
 
-def _draw_worst(axes: Axes, series: _Series, report: Report) -> Box:
+def _draw_worst(axes: Axes, series: Series, report: Report) -> Box:
     """Ring the worst frame, and name it to that side where there is room; where its name is."""
     summary, count = report.summary, len(report.frames)
     place = (summary.worst_frame_index, series.values[summary.worst_frame_index])
@@ -394,11 +254,11 @@ def _draw_worst(axes: Axes, series: _Series, report: Report) -> Box:
         },
     )
     first, last = _x_limits(count)
-    width, at = BIG_LETTER * len(text), (place[0] - first) / (last - first)
+    width, at = LETTER * len(text), (place[0] - first) / (last - first)
     return at - width * column / 2, 0.92, at + width * (1 - column / 2), 1.0
 
 
-def _dress(axes: Axes, series: _Series, report: Report) -> None:
+def _dress(axes: Axes, series: Series, report: Report) -> None:
     """Name and number the axes."""
     axes.set_xlim(*_x_limits(len(report.frames)))
     axes.set_xlabel(f"frame of {_shown(report.result)}, numbered from 0")
@@ -431,7 +291,7 @@ def _draw_legend(figure: Figure, both: tuple[Axes, Axes], named: list[Gate]) -> 
         borderaxespad=0,
     )
     if named:
-        text = "not drawn: " + "; ".join(map(_limit_text, named))
+        text = "not drawn: " + "; ".join(map(limit_label, named))
         text = textwrap.shorten(text, ACROSS, placeholder=" …")
         figure.text(LEFT, TOP + 0.015, text, fontsize=7.5, color=MUTED, gid="not-drawn")
 

@@ -1,24 +1,19 @@
 """The report as a page: one HTML file that needs no other, for a browser or a printer."""
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.binding import LOWEST_WEIGHT
-from cageik_cli.coordinates.weights import ACCURACIES
-from cageik_cli.dual_laplacian import WORST_CONDITION
 from cageik_cli.report.explanations import MEANINGS, METRICS, SETTINGS
 from cageik_cli.report.figure import plot_of
 from cageik_cli.report.figures import (
-    Frame,
     VertexFigures,
     change_text,
     figure_text,
     percent_text,
     units_text,
 )
+from cageik_cli.report.frames_table import FRAME, NAME, columns_of, row_of
 from cageik_cli.report.gates import PERCENT, Gate
 from cageik_cli.report.pictures import Pictures, pictures_of
 from cageik_cli.report.poses import poses_of
@@ -26,6 +21,7 @@ from cageik_cli.report.record import Report
 from cageik_cli.report.tables import as_json
 from cageik_cli.report.templating import data_url, rendered
 from cageik_cli.report.verdicts import found_text, gate_verdict, limit_text, verdict_of
+from cageik_cli.report.weight_quality import quality_rows
 from cageik_cli.store.result import Result
 
 SECTIONS = (
@@ -58,55 +54,6 @@ POSES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """A column of the frames' table.
-
-    Attributes
-    ----------
-    name : str
-        Of the field of `Frame`.
-    label : str
-    kind : str
-        "number" or "name": how it is sorted and set.
-    told : str
-        What it is called beside the figure's cursor; "" if it is not shown there.
-    """
-
-    name: str
-    label: str
-    kind: str = "number"
-    told: str = ""
-
-
-FRAME, NAME = Column("index", "#"), Column("name", "Frame", "name")
-LENGTHS = (
-    Column("rms_percent", "RMS, %", told="rms, %"),
-    Column("rms", "RMS, units"),
-    Column("max_deviation_percent", "Max deviation, %", told="max deviation, %"),
-    Column("max_deviation", "Max deviation, units"),
-    Column("worst_vertex", "At vertex"),
-)
-VOLUMES = (
-    Column("volume_change", "Volume change, %", told="volume change, %"),
-    Column("volume", "Volume"),
-    Column("volume_reconstructed", "Volume rebuilt"),
-    Column("volume_drift", "Drift from rest, %"),
-)
-
-PRINTED: dict[str, Callable[[Any], str]] = {
-    "rms_percent": percent_text,
-    "rms": units_text,
-    "max_deviation_percent": percent_text,
-    "max_deviation": units_text,
-    "worst_vertex": str,
-    "volume_change": change_text,
-    "volume": units_text,
-    "volume_reconstructed": units_text,
-    "volume_drift": change_text,
-}
-
-
 def as_html(report: Report, pictures: Pictures | None) -> str:
     """The page of a report.
 
@@ -121,7 +68,7 @@ def as_html(report: Report, pictures: Pictures | None) -> str:
     str
         The same for the same arguments.
     """
-    columns = _columns(report)
+    columns = columns_of(report)
     return rendered(
         "page.html.j2",
         report=report,
@@ -133,13 +80,13 @@ def as_html(report: Report, pictures: Pictures | None) -> str:
         pictures=pictures,
         **(_picture_values(pictures) if pictures else {}),
         histogram=_histogram(report.vertices),
-        quality=list(_quality(report)),
+        quality=quality_rows(report),
         settings=[
             (name, _plain(value), SETTINGS.get(name, "")) for name, value in report.settings.items()
         ],
         sources=[(role.replace("_", " "), _facts(source)) for role, source in _sorted(report)],
         columns=(FRAME, NAME, *columns),
-        rows=[_row(frame, columns) for frame in report.frames],
+        rows=[row_of(frame, columns) for frame in report.frames],
         meanings=MEANINGS,
         percent=percent_text,
         units=units_text,
@@ -286,68 +233,6 @@ def _histogram(vertices: VertexFigures) -> dict[str, Any]:
     }
 
 
-def _quality(report: Report) -> Iterator[dict[str, str]]:
-    """The figures of weights and system, what they mean, and what is good."""
-    found, accuracy = report.binding, ACCURACIES.get(str(report.settings.get("accuracy")))
-    is_harmonic = report.settings.get("coordinates") == "harmonic"
-    yield {
-        "label": "Rows sum to 1 within",
-        "found": f"{found.partition_of_unity:.1e}",
-        "meaning": "How far the sum of a vertex's weights is from one; where it is not one, moving "
-        "the cage does not move the model as far.",
-        "good": "rounding: 1e-10 or less",
-    }
-    yield {
-        "label": "Rest pose rebuilt within",
-        "found": f"{found.linear_precision:.1e}",
-        "meaning": "Largest distance of the weights times the rest cage from the rest pose, in "
-        "diagonals; affine motions come out as exactly.",
-        "good": "rounding: 1e-10 or less",
-    }
-    yield {
-        "label": "Smallest weight",
-        "found": f"{found.min_weight:.1e}",
-        "meaning": "Exact harmonic weights are never negative, so this is a measure of their error."
-        if is_harmonic
-        else "Mean value weights are negative across concave parts of a cage; the model moves "
-        "against the cage there.",
-        "good": f"{LOWEST_WEIGHT} or more" if is_harmonic else "close to zero",
-    }
-    if not found.panels:
-        yield {
-            "label": "Accuracy",
-            "found": "exact",
-            "meaning": "These weights are in closed form.",
-            "good": "",
-        }
-    else:
-        yield {
-            "label": "Mean row L1 error, estimated",
-            "found": f"{found.estimated_error:.1e}",
-            "meaning": "How far a vertex's weights are from exact ones, summed over the cage and "
-            "averaged over the vertices.",
-            "good": f"{accuracy.tolerance:g} or less, as asked for" if accuracy else "",
-        }
-        yield {
-            "label": "Panels",
-            "found": str(found.panels),
-            "meaning": "Triangles that the cage's faces were divided into to compute the weights.",
-            "good": "as many as the accuracy needs",
-        }
-    yield {
-        "label": "Projected vertices",
-        "found": str(found.projected),
-        "meaning": "They lay outside the cage, and have the weights of its nearest point.",
-        "good": "0",
-    }
-    yield {
-        "label": "Condition number",
-        "found": f"{found.condition_number:.4g}",
-        "meaning": "How much the system that gives the cages magnifies errors of its input.",
-        "good": f"far below {WORST_CONDITION:.0e}, where a run is refused",
-    }
-
-
 def _sorted(report: Report) -> list[tuple[str, Any]]:
     return sorted(report.sources.items())
 
@@ -362,26 +247,3 @@ def _plain(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return "none" if value is None else str(value)
-
-
-def _columns(report: Report) -> tuple[Column, ...]:
-    """Those that some frame has a figure for."""
-    return tuple(
-        column
-        for column in (*LENGTHS, *VOLUMES)
-        if any(getattr(frame, column.name) is not None for frame in report.frames)
-    )
-
-
-def _row(frame: Frame, columns: Sequence[Column]) -> dict[str, Any]:
-    return {
-        "index": frame.index,
-        "name": frame.name,
-        "skipped": frame.skipped,
-        "cells": [_cell(frame, column.name) for column in columns],
-    }
-
-
-def _cell(frame: Frame, name: str) -> str:
-    value = getattr(frame, name)
-    return "" if value is None else PRINTED[name](value)

@@ -8,16 +8,14 @@ from PIL import Image
 
 from cageik_cli.mesh import Floats, Integers
 from cageik_cli.report.poses import Pose, Poses
+from cageik_cli.report.raster import Camera, lines, rasterised
 from cageik_cli.report.shading import (
     SAMPLES,
-    Camera,
     Picture,
     Surface,
     coloured,
     drawn_over,
-    lines,
     painted,
-    rasterised,
     reduced,
     surface_of,
 )

@@ -1,4 +1,4 @@
-"""What is said of limits on pages."""
+"""What is said of limits."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -48,11 +48,17 @@ def verdict_of(gates: Sequence[Gate]) -> Verdict:
     return Verdict("none", "No limit could be judged")
 
 
+def most_text(gate: Gate) -> str:
+    """The limit as it was typed, or as figures are printed when it was made of one."""
+    return f"{gate.limit:.10g}" if gate.baseline is None else percent_text(gate.limit)
+
+
 def limit_text(gate: Gate, unit: str = "") -> str:
-    """The limit as it was typed, or with what it was made of; `unit` is put behind numbers."""
+    """The limit, and what it was made of if it was not typed; `unit` is put behind numbers."""
+    limit = f"{most_text(gate)}{unit}"
     if gate.baseline is None:
-        return f"{gate.limit:.10g}{unit}"
-    return f"{percent_text(gate.limit)}{unit} (baseline {percent_text(gate.baseline)}{unit})"
+        return limit
+    return f"{limit} (baseline {percent_text(gate.baseline)}{unit})"
 
 
 def found_text(gate: Gate) -> str:

@@ -1,10 +1,9 @@
 """A cache of weights, keyed by all they depend on: nothing but time depends on what it holds.
 
-An entry is a file, named by its key: a line that says what it is; the digest and the length of a
-JSON header; the header, which has the digest of the arrays; the arrays. It is written beside its
-name and renamed, and the digests are compared when it is read, so that neither a process that is
-killed nor a disk that forgets can make an entry that is taken for whole. Any number of processes
-may use the folder at once. What goes wrong with it is remarked, and the weights are computed.
+An entry is a file, named by its key. It is written beside its name and renamed, and its digests are
+compared when it is read, so that neither a process that is killed nor a disk that forgets can make
+an entry that is taken for whole. Any number of processes may use the folder at once. What goes
+wrong with it is remarked, and the weights are computed.
 """
 
 import hashlib
@@ -12,21 +11,18 @@ import json
 import os
 import re
 import stat
-import struct
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, BinaryIO
-
-import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.binding import ALGORITHMS, Binding, BindSettings
 from cageik_cli.locks import open_locked, remove_locked
 from cageik_cli.mesh import TriMesh
+from cageik_cli.store.cache_entry import Entry, Unusable, as_bytes, packed, read_entry
 
 LARGEST = 2 << 30
 """Bytes that the entries of a cache may take; those used longest ago make room."""
@@ -37,42 +33,8 @@ PAUSE = 0.05
 STALE = 3600.0
 """Seconds after which a file that is still being written was left by a process that was killed."""
 
-_MAGIC = b"cageik weights 1\n"
-_DIGEST = hashlib.sha256().digest_size
-_START = struct.Struct(f"<{len(_MAGIC)}s{_DIGEST}sQ")
 _ENTRY = re.compile(r"[0-9a-f]{64}\.weights")
 _PARTIAL = re.compile(r"[0-9a-f]{64}\.\w+\.partial")
-
-
-class _Unusable(Exception):
-    """What an entry's name leads to is not that entry, whole."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Entry:
-    """What is kept of a binding, beside what its key stands for.
-
-    Attributes
-    ----------
-    faces : (f, 3) int64
-        Of the cage, outward.
-    weights : (m, n) float64
-    panels : int
-    estimated_error : float
-    projected : int
-    notes : tuple of str
-        As in `Binding`.
-    seconds : float
-        What it took to compute.
-    """
-
-    faces: np.ndarray
-    weights: np.ndarray
-    panels: int
-    estimated_error: float
-    projected: int
-    notes: tuple[str, ...]
-    seconds: float
 
 
 class WeightCache:
@@ -149,11 +111,11 @@ class WeightCache:
         """The entry of a key, if it is there; one that is damaged is deleted, and remarked."""
         path = self._path(key)
         try:
-            entry = _read(path, key)
+            entry = read_entry(path, key)
         except OSError:
             # Not there, or out of reach, which is remarked when the entry is to be written.
             return None
-        except _Unusable as error:
+        except Unusable as error:
             self._remark(f"{path}: {error}; it is deleted and the weights are computed")
             with suppress(OSError):  # a folder stays, and is in the way when the entry is written
                 path.unlink()
@@ -164,7 +126,7 @@ class WeightCache:
 
     def write(self, key: str, entry: Entry) -> None:
         """Keep an entry, and make room for it; what cannot be written is remarked."""
-        parts = _packed(key, entry)
+        parts = packed(key, entry)
         size = sum(map(len, parts))
         if size > self.largest:
             self._remark(f"holds {self.largest} bytes at most, the weights have {size}: not kept")
@@ -237,8 +199,8 @@ def key_of(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
     }
     digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode() + b"\n")
     for array in (rest.vertices, cage.vertices):
-        digest.update(_bytes(array, "<f8"))
-    digest.update(_bytes(cage.faces, "<i8"))
+        digest.update(as_bytes(array, "<f8"))
+    digest.update(as_bytes(cage.faces, "<i8"))
     return digest.hexdigest()
 
 
@@ -252,80 +214,3 @@ def _entry_of(binding: Binding, seconds: float) -> Entry:
         notes=binding.notes,
         seconds=seconds,
     )
-
-
-def _packed(key: str, entry: Entry) -> list[memoryview]:
-    """The parts of an entry's file."""
-    arrays = [_bytes(entry.faces, "<i8"), _bytes(entry.weights, "<f8")]
-    header = {
-        "key": key,
-        "digest": _digest(arrays).hex(),
-        "faces": entry.faces.shape,
-        "weights": entry.weights.shape,
-        "panels": entry.panels,
-        "estimated_error": entry.estimated_error,
-        "projected": entry.projected,
-        "notes": entry.notes,
-        "seconds": entry.seconds,
-    }
-    text = json.dumps(header).encode()
-    start = _START.pack(_MAGIC, _digest([memoryview(text)]), len(text))
-    return [memoryview(start + text), *arrays]
-
-
-def _read(path: Path, key: str) -> Entry:
-    """Read an entry and compare its digests.
-
-    Raises
-    ------
-    OSError
-        When there is none, or it cannot be read.
-    _Unusable
-        When there is something else, or not all of it.
-    """
-    # Before it is opened: opening a pipe would wait for its writer.
-    if not stat.S_ISREG(path.stat(follow_symlinks=False).st_mode):
-        raise _Unusable("is not a plain file")
-    with open(path, "rb") as file:
-        header = _header(file)
-        if header.pop("key") != key:
-            raise _Unusable("is the entry of another key")
-        expected = bytes.fromhex(header.pop("digest"))
-        faces = np.empty(header.pop("faces"), "<i8")
-        weights = np.empty(header.pop("weights"), "<f8")
-        parts = [_bytes(faces, "<i8"), _bytes(weights, "<f8")]
-        whole = all(file.readinto(part) == len(part) for part in parts)
-        if not whole or file.read(1) or _digest(parts) != expected:
-            raise _Unusable("is damaged")
-    return Entry(
-        faces=faces.astype(np.int64, copy=False),
-        weights=weights.astype(np.float64, copy=False),
-        notes=tuple(header.pop("notes")),
-        **header,
-    )
-
-
-def _header(file: BinaryIO) -> dict[str, Any]:
-    """The header as it was written, or none; only then is it believed how long the arrays are."""
-    start = file.read(_START.size)
-    if len(start) == _START.size:
-        magic, expected, length = _START.unpack(start)
-        if magic == _MAGIC and length <= os.fstat(file.fileno()).st_size:
-            text = file.read(length)
-            if _digest([memoryview(text)]) == expected:
-                header: dict[str, Any] = json.loads(text)
-                return header
-    raise _Unusable("is damaged")
-
-
-def _digest(parts: list[memoryview]) -> bytes:
-    """SHA-256, for which processors have instructions: twice as fast as others."""
-    digest = hashlib.sha256()
-    for part in parts:
-        digest.update(part)
-    return digest.digest()
-
-
-def _bytes(array: np.ndarray, kind: str) -> memoryview:
-    """The numbers of an array, row by row, as bytes."""
-    return np.ascontiguousarray(array, kind).reshape(-1).view(np.uint8).data

@@ -11,57 +11,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cageik_cli.report import Limit, Limits, report_of
+from cageik_cli.report import Limit, report_of
 from cageik_cli.report.figure import as_png, as_svg, figure_of, plot_of
-from cageik_cli.report.gates import judged
+from tests.report.drawings import lines, texts
 
 
 @pytest.fixture(scope="module")
 def report(closed):
     return report_of(closed.result)
-
-
-@pytest.fixture(scope="module")
-def made(report):
-    """A report of these errors, changes of volume and deviations; None is a skipped frame."""
-
-    def make(errors, changes=None, names="frame_{}", limits=()):
-        changes = [None] * len(errors) if changes is None else changes
-        frames = tuple(
-            replace(
-                report.frames[0],
-                index=k,
-                name=names.format(k),
-                rms_percent=error,
-                max_deviation_percent=None if error is None else 3 * error,
-                volume_change=change,
-                skipped="it is bad" if error is None else None,
-            )
-            for k, (error, change) in enumerate(zip(errors, changes, strict=True))
-        )
-        known = [-1.0 if error is None else error for error in errors]
-        worst = int(np.argmax(known))
-        summary = replace(
-            report.summary,
-            worst_frame=frames[worst].name,
-            worst_frame_index=worst,
-            worst_frame_rms_percent=known[worst],
-            rms_percent=known[worst] / 2,
-        )
-        gates = judged("made", summary, Limits(tuple(limits)))
-        return replace(report, frames=frames, summary=summary, gates=gates)
-
-    return make
-
-
-def lines(report, gid):
-    axes = figure_of(report).axes
-    return [line for axis in axes for line in axis.lines if line.get_gid() == gid]
-
-
-def texts(report):
-    root = ElementTree.fromstring(as_svg(report))
-    return [element.text for element in root.iter("{http://www.w3.org/2000/svg}text")]
 
 
 def test_the_lines_are_the_figures_of_the_record(report):
@@ -109,35 +66,6 @@ def test_skipped_frames_are_gaps(made):
     assert "skipped" not in texts(made([1.0, 2.0]))
 
 
-def test_limits_are_dashed_lines_with_labels(made):
-    typed = (("rms", "1.5", "%"), ("frame_rms", "1.9", "%"), ("volume_change", "2", "%"))
-    report = made([0.0, 2.0], [0.0, -1.0], limits=[Limit(m, Decimal(v), u) for m, v, u in typed])
-    drawn = lines(report, "limit")
-    assert sorted(line.get_ydata()[0] for line in drawn) == [-2, 1.5, 1.9, 2]
-    assert all(line.is_dashed() for line in drawn)
-    assert {"limit rms 1.5 %, kept", "limit frame rms 1.9 %, exceeded"} <= set(texts(report))
-
-
-def test_labels_of_limits_that_are_close_do_not_meet(made):
-    """Nor do they leave the axes, or meet the name of the worst frame."""
-    typed = [("rms", 1.5), ("rms", 1.52), ("frame_rms", 1.9), ("frame_rms", 1.93)]
-    typed += [("volume_change", 0.9), ("volume_change", 0.92), ("frame_rms", 2.2)]
-    limits = [Limit(metric, Decimal(str(most))) for metric, most in typed]
-    drawn = figure_of(made([0.0, 2.0, 1.0], [0.0, -1.0, 1.0], limits=limits))
-    drawn.draw_without_rendering()
-    boxes = [
-        text.get_window_extent()
-        for text in drawn.axes[0].texts
-        if text.get_text().startswith(("limit", "worst"))
-    ]
-    assert len(boxes) == 8
-    axes = drawn.axes[0].get_window_extent()
-    for k, box in enumerate(boxes):
-        assert axes.x0 <= box.x0 < box.x1 <= axes.x1
-        assert axes.y0 <= box.y0 < box.y1 <= axes.y1
-        assert not any(box.overlaps(other) for other in boxes[:k])
-
-
 def test_many_limits_without_a_line_are_cut_short(made):
     limits = [Limit("max_deviation", Decimal(k)) for k in range(90, 99)]
     (text,) = [
@@ -149,19 +77,12 @@ def test_many_limits_without_a_line_are_cut_short(made):
     assert text.endswith(" …")
 
 
-def test_a_limit_in_units_stands_where_the_diagonal_puts_it(made):
-    report = made([0.0, 2.0], limits=[Limit("frame_rms", Decimal("0.02"), "units")])
-    (line,) = lines(report, "limit")
-    assert line.get_ydata()[0] == pytest.approx(100 * 0.02 / report.clip.diagonal)
-    assert any(text.startswith("limit frame rms 0.02 units") for text in texts(report))
-
-
 def test_limits_without_a_line_are_named(made):
     far = made([1.0, 2.0], [0.0, 1.0], limits=[Limit("rms", Decimal(90))])
     other = made([1.0, 2.0], [0.0, 1.0], limits=[Limit("max_deviation", Decimal(90))])
     assert lines(far, "limit") == lines(other, "limit") == []
-    assert "not drawn: limit rms 90 %, kept" in texts(far)
-    assert "not drawn: limit max deviation 90 %, kept" in texts(other)
+    assert "not drawn: rms ≤ 90 %, within limit" in texts(far)
+    assert "not drawn: max deviation ≤ 90 %, within limit" in texts(other)
     (error,) = lines(far, "rms")
     assert error.axes.get_ylim()[1] < 5
 
@@ -190,7 +111,7 @@ def test_rounding_does_not_look_like_error(made):
     report = made([1e-15, 3e-15], [1e-13, -1e-13], limits=[Limit("rms", Decimal("0.3"))])
     for axes in figure_of(report).axes:
         assert 0.001 < axes.get_ylim()[1] < 0.002
-    assert "not drawn: limit rms 0.3 %, kept" in texts(report)
+    assert "not drawn: rms ≤ 0.3 %, within limit" in texts(report)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 40])

@@ -2,7 +2,6 @@
 
 import errno
 import io
-import json
 import os
 import shutil
 import signal
@@ -19,24 +18,13 @@ from cageik_cli.binding import ALGORITHMS, COORDINATES, Binding, BindSettings, b
 from cageik_cli.locks import open_locked, remove_locked
 from cageik_cli.mesh import TriMesh
 from cageik_cli.store import cache as module
-from cageik_cli.store.cache import Entry, WeightCache, key_of
+from cageik_cli.store.cache import WeightCache, key_of
 from tests.shapes import TETRAHEDRON, ball, box
+from tests.store.entries import entry, same
 
 SETTINGS = BindSettings()
 KEY, OTHER = "1" * 64, "2" * 64
 ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
-
-
-def entry(seed=0, rows=5):
-    weights = np.random.default_rng(seed).dirichlet(np.ones(8), rows)
-    return Entry(box().faces, weights, 60, 1e-3, 2, ("ä note", "another"), 1.5)
-
-
-def same(found, expected):
-    np.testing.assert_array_equal(found.faces, expected.faces)
-    np.testing.assert_array_equal(found.weights, expected.weights)
-    names = ("panels", "estimated_error", "projected", "notes", "seconds")
-    return all(getattr(found, name) == getattr(expected, name) for name in names)
 
 
 @pytest.fixture
@@ -221,16 +209,6 @@ def damaged(kept, said, data):
 def whole(kept, key=KEY):
     kept.write(key, entry())
     return path_of(kept, key).read_bytes()
-
-
-def test_every_byte_counts(kept, said):
-    """Those of the start each, of header and arrays every seventh."""
-    data = whole(kept)
-    for place in [*range(57), *range(57, len(data), 7), len(data) - 1]:
-        other = bytearray(data)
-        other[place] ^= 1 << place % 8
-        assert damaged(kept, said, other), place
-        said.clear()
 
 
 @pytest.mark.parametrize(
@@ -429,7 +407,8 @@ WORKER = """
 import sys
 from pathlib import Path
 import numpy as np
-from cageik_cli.store.cache import Entry, WeightCache
+from cageik_cli.store.cache import WeightCache
+from cageik_cli.store.cache_entry import Entry
 
 folder, (seed, turns, largest) = Path(sys.argv[1]), map(int, sys.argv[2:])
 remarks, hits = [], 0
@@ -498,18 +477,6 @@ def test_the_entry_of_a_write_that_stopped_is_not_there(kept, said, monkeypatch)
     assert kept.read(KEY) is None
     monkeypatch.undo()
     assert said == []
-
-
-def test_the_header_is_plain_json(kept):
-    """Nothing in an entry is run when it is read."""
-    data = whole(kept)
-    assert data.startswith(b"cageik weights 1\n")
-    length = int.from_bytes(data[49:57], "little")
-    header = json.loads(data[57 : 57 + length])
-    assert header["weights"] == [5, 8]
-    assert len(data) == 57 + length + 8 * (12 * 3 + 5 * 8)
-    weights = np.frombuffer(data[-8 * 5 * 8 :], "<f8").reshape(5, 8)
-    np.testing.assert_array_equal(weights, entry().weights)
 
 
 def test_settings_of_a_hit_are_those_asked_for(kept, coarse_panels):

@@ -1,0 +1,125 @@
+"""Limits in the figure over the frames: their lines, and labels that hide little."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from cageik_cli.mesh import Floats
+from cageik_cli.report.gates import PERCENT, Gate
+from cageik_cli.report.labels import Box, Label, placed
+from cageik_cli.report.record import Report
+from cageik_cli.report.series import LEAST, Series
+from cageik_cli.report.verdicts import gate_verdict, most_text
+
+REACH = 2.5
+"""A limit is drawn up to so many times as high as the highest figure; beyond it is named alone."""
+LETTER = 0.0101
+"""How wide letters of labels are, about, as a share of the axes."""
+SAMPLES = 600
+"""Points of a line that labels keep clear of."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LimitLine:
+    """A limit that is drawn with a series.
+
+    Attributes
+    ----------
+    series : Series
+    gate : Gate
+    heights : tuple of float
+        Of its lines, one or, on both sides of zero, two, in percent.
+    """
+
+    series: Series
+    gate: Gate
+    heights: tuple[float, ...]
+
+
+def limit_lines(report: Report, series: Series) -> tuple[list[LimitLine], list[Gate]]:
+    """The limits on a series that are drawn, and those far above it."""
+    reach = REACH * np.nanmax(np.abs(series.values), initial=LEAST)
+    to_percent = 100 / report.clip.diagonal
+    near, far = [], []
+    for gate in report.gates:
+        if gate.metric in series.metrics:
+            height = gate.limit if gate.unit == PERCENT else to_percent * gate.limit
+            if height <= reach:
+                heights = (height, -height) if series.is_signed else (height,)
+                near.append(LimitLine(series, gate, heights))
+            else:
+                far.append(gate)
+    return near, far
+
+
+def draw_lines(axes: Axes, limits: Sequence[LimitLine]) -> None:
+    """Draw limits on the axes of their series, dashed, without their labels."""
+    for limit in limits:
+        for height in limit.heights:
+            axes.axhline(
+                height, color=limit.series.look.colour, linewidth=0.9, dashes=(8, 4), gid="limit"
+            )
+
+
+def draw_labels(
+    drawn: tuple[tuple[Axes, Series], tuple[Axes, Series]],
+    limits: Sequence[LimitLine],
+    taken: Box,
+) -> None:
+    """Name the limits, above the lines of both axes and where they hide little.
+
+    Parameters
+    ----------
+    drawn : tuple
+        The left axes, which are in front, and the right ones, each with its series.
+    limits : sequence of LimitLine
+        Those that are drawn.
+    taken : Box
+        Where no label can be.
+    """
+    points = np.concatenate([_points(axes, series) for axes, series in drawn])
+    labels = [
+        Label(
+            LETTER * len(limit_label(limit.gate)),
+            tuple(_shares(drawn[limit.series.side][0], limit.heights)),
+            limit.series.side == 1,
+        )
+        for limit in limits
+    ]
+    levels = [level for label in labels for level in label.levels]
+    front = drawn[0][0]
+    for limit, box in zip(limits, placed(labels, points, levels, [taken]), strict=True):
+        is_right = limit.series.side == 1
+        front.text(
+            box[2 if is_right else 0],
+            box[1],
+            limit_label(limit.gate),
+            transform=front.transAxes,
+            ha="right" if is_right else "left",
+            va="bottom",
+            fontsize=7.5,
+            color=limit.series.look.colour,
+            bbox={"boxstyle": "square,pad=0.1", "fc": "white", "lw": 0, "alpha": 0.75},
+        )
+
+
+def limit_label(gate: Gate) -> str:
+    """A limit and its verdict, as short as a label is to be."""
+    metric, verdict = gate.metric.replace("_", " "), gate_verdict(gate).text
+    return f"{metric} ≤ {most_text(gate)} {gate.unit}, {verdict}"
+
+
+def _points(axes: Axes, series: Series) -> Floats:
+    """Places along a line, (k, 2), as shares of the axes."""
+    first, last = axes.get_xlim()
+    frames = np.linspace(0, len(series.values) - 1, SAMPLES)
+    heights = np.interp(frames, np.arange(len(series.values)), series.values)
+    return np.stack([(frames - first) / (last - first), _shares(axes, heights)], axis=1)
+
+
+def _shares(axes: Axes, heights: Sequence[float] | Floats) -> list[float]:
+    """Where heights are between the lower and the upper end of the axes."""
+    low, high = axes.get_ylim()
+    return [float(height / (high - low) - low / (high - low)) for height in heights]

@@ -1,0 +1,17 @@
+"""What is drawn in a figure over the frames."""
+
+from xml.etree import ElementTree
+
+from cageik_cli.report.figure import as_svg, figure_of
+
+
+def lines(report, gid):
+    """The lines of this name, of the left axes first."""
+    axes = figure_of(report).axes
+    return [line for axis in axes for line in axis.lines if line.get_gid() == gid]
+
+
+def texts(report):
+    """All texts, as a browser shows them."""
+    root = ElementTree.fromstring(as_svg(report))
+    return [element.text for element in root.iter("{http://www.w3.org/2000/svg}text")]

@@ -1,0 +1,67 @@
+"""The file of an entry: what is read is what was packed, or nothing."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cageik_cli.store.cache_entry import Unusable, packed, read_entry
+from tests.store.entries import entry, same
+
+KEY, OTHER = "1" * 64, "2" * 64
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "entry"
+
+
+def test_what_is_packed_is_read(path):
+    path.write_bytes(b"".join(packed(KEY, entry())))
+    assert same(read_entry(path, KEY), entry())
+
+
+def test_arrays_are_packed_row_by_row_however_they_lie():
+    columns = replace(entry(), weights=np.asfortranarray(entry().weights))
+    assert not columns.weights.flags.c_contiguous
+    assert b"".join(packed(KEY, columns)) == b"".join(packed(KEY, entry()))
+
+
+def test_every_byte_counts(path):
+    """Those of the start each, of header and arrays every seventh."""
+    data = b"".join(packed(KEY, entry()))
+    for place in [*range(57), *range(57, len(data), 7), len(data) - 1]:
+        other = bytearray(data)
+        other[place] ^= 1 << place % 8
+        path.write_bytes(other)
+        with pytest.raises(Unusable, match="is damaged"):
+            read_entry(path, KEY)
+
+
+def test_the_entry_of_another_key_is_not_taken(path):
+    path.write_bytes(b"".join(packed(OTHER, entry())))
+    with pytest.raises(Unusable, match="is the entry of another key"):
+        read_entry(path, KEY)
+
+
+def test_a_folder_is_no_entry(tmp_path):
+    with pytest.raises(Unusable, match="is not a plain file"):
+        read_entry(tmp_path, KEY)
+
+
+def test_what_is_not_there_cannot_be_read(path):
+    with pytest.raises(FileNotFoundError):
+        read_entry(path, KEY)
+
+
+def test_the_header_is_plain_json():
+    """Nothing in an entry is run when it is read."""
+    data = b"".join(packed(KEY, entry()))
+    assert data.startswith(b"cageik weights 1\n")
+    length = int.from_bytes(data[49:57], "little")
+    header = json.loads(data[57 : 57 + length])
+    assert header["weights"] == [5, 8]
+    assert len(data) == 57 + length + 8 * (12 * 3 + 5 * 8)
+    weights = np.frombuffer(data[-8 * 5 * 8 :], "<f8").reshape(5, 8)
+    np.testing.assert_array_equal(weights, entry().weights)
