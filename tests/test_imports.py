@@ -20,7 +20,7 @@ ORDER = (
     "shape", "findings", "intersections", "soundness", "enclosure", "weaknesses", "diagnosis",
     "binding", "rotations", "alignment", "dual_laplacian", "camera", "anchors", "ties",
     "cage_field", "rigidity", "posing", "metrics",
-    "locks", "outputs", "hdf5", "usd", "sequence", "store.parts", "store.result",
+    "locks", "outputs", "hdf5", "handles", "usd", "sequence", "store.parts", "store.result",
     "store.result_writer", "store.solved_block", "store.told",
     "store.partial", "store.binding_file", "store.cache_entry",
     "store.cache", "export", "binding_run", "inputs", "resuming", "solving", "extraction",

@@ -1,0 +1,130 @@
+"""Where a point of the surface is to go: to a place, by an offset, on a screen, or nowhere.
+
+A motion maps the point's own positions in some frames to its targets in them, all at once.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from cageik_cli.camera import Camera
+from cageik_cli.errors import InputError, located
+from cageik_cli.mesh import Floats, Integers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """A value for each frame: keyframes, or one value for all.
+
+    Attributes
+    ----------
+    values : (q, d) float64
+    frames : (q,) int64, optional
+        Of the values, increasing; None for one value, q = 1, that holds in all frames.
+
+    Notes
+    -----
+    Between keyframes it is the monotone cubic of Fritsch and Butland 1984, which passes no key;
+    before the first and after the last it stays.
+    """
+
+    values: Floats
+    frames: Integers | None = None
+
+    def at(self, frames: Integers) -> Floats:
+        """The values in frames (k,), (k, d)."""
+        if self.frames is None or len(self.frames) == 1:
+            return np.repeat(self.values, len(frames), axis=0)
+        clipped = np.clip(frames, self.frames[0], self.frames[-1])
+        # A slope of nearly nothing has no inverse; the cubic is then level, as it should be.
+        with np.errstate(over="ignore"):
+            return np.asarray(PchipInterpolator(self.frames, self.values)(clipped))
+
+
+class Motion(Protocol):
+    """How a point moves."""
+
+    @property
+    def track(self) -> Track | None:
+        """What it is moved to or by; None when it is held."""
+
+    def targets(self, frames: Integers, positions: Floats) -> Floats:
+        """Where it is to be in frames (k,) in which it is at positions (k, 3): (k, 3)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pin:
+    """Stay where each frame has the point."""
+
+    track: ClassVar[None] = None
+
+    def targets(self, frames: Integers, positions: Floats) -> Floats:
+        """See `Motion`."""
+        return positions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MoveTo:
+    """Go to the track's places in space."""
+
+    track: Track
+
+    def targets(self, frames: Integers, positions: Floats) -> Floats:
+        """See `Motion`."""
+        return self.track.at(frames)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MoveBy:
+    """Go from each frame's own position by the track's offset."""
+
+    track: Track
+
+    def targets(self, frames: Integers, positions: Floats) -> Floats:
+        """See `Motion`."""
+        return positions + self.track.at(frames)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScreenTo:
+    """Go to where the track's pixels are, as deep as each frame has the point."""
+
+    track: Track
+    camera: Camera
+
+    def targets(self, frames: Integers, positions: Floats) -> Floats:
+        """See `Motion`; an InputError names a frame in which it is behind the camera."""
+        return _dragged(self.camera, frames, positions, self.track.at(frames))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScreenBy:
+    """Go by the track's pixels from where each frame's point is seen, as deep as it is."""
+
+    track: Track
+    camera: Camera
+
+    def targets(self, frames: Integers, positions: Floats) -> Floats:
+        """See `Motion`; an InputError names a frame in which it is behind the camera."""
+        seen = _seen(self.camera, frames, positions)
+        return _dragged(self.camera, frames, positions, seen + self.track.at(frames))
+
+
+def _seen(camera: Camera, frames: Integers, positions: Floats) -> Floats:
+    """The pixels, (k, 2), in which positions (k, 3) are seen."""
+    try:
+        return camera.project(positions)[:, :2]
+    except InputError:
+        for frame, position in zip(frames, positions, strict=True):
+            with located(f"frame {frame}"):
+                camera.project(position)
+        raise
+
+
+def _dragged(camera: Camera, frames: Integers, positions: Floats, pixels: Floats) -> Floats:
+    _seen(camera, frames, positions)
+    # A pixel whose ray never meets the plane is found by its target, which is not finite.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return camera.dragged(positions, pixels)
