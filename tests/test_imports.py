@@ -38,6 +38,7 @@ OWNERS = {
     "trimesh": {"sequence.mesh_file"},
     "pygltflib": {"export.writers.gltf"},
     "jinja2": {"report.templating"},
+    "jsonschema": {"handles.schema"},
     "distributed": {"batch.cluster", "batch.pieces"},
     "natsort": {"sequence.opening"},
     "threadpoolctl": {"threads"},

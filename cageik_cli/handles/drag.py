@@ -37,7 +37,7 @@ class Mover:
         """
         found = np.zeros_like(positions)
         for name, motion, share in zip(self.names, self.motions, self.shares, strict=True):
-            with located(f"handle {name!r}"):
+            with located(f"handle {name!r}: {motion.field}"):
                 targets = motion.targets(frames, positions)
                 _refuse_nowhere(frames, targets)
             found += share * targets
@@ -110,6 +110,6 @@ def _refuse_nowhere(frames: Integers, targets: Floats) -> None:
     is_somewhere = (np.abs(targets) <= LARGEST_COORDINATE).all(axis=1)
     if not is_somewhere.all():
         raise InputError(
-            f"frame {frames[is_somewhere.argmin()]}: its target is not finite, or too far away; "
-            "choose another target, or view"
+            f"frame {frames[is_somewhere.argmin()]}: it is no place, or one too far away; choose "
+            "another, or another view"
         )

@@ -44,7 +44,9 @@ class Track:
 
 
 class Motion(Protocol):
-    """How a point moves."""
+    """How a point moves; `field` is what the handles file calls it."""
+
+    field: ClassVar[str]
 
     @property
     def track(self) -> Track | None:
@@ -58,6 +60,7 @@ class Motion(Protocol):
 class Pin:
     """Stay where each frame has the point."""
 
+    field: ClassVar[str] = "pin"
     track: ClassVar[None] = None
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
@@ -69,6 +72,7 @@ class Pin:
 class MoveTo:
     """Go to the track's places in space."""
 
+    field: ClassVar[str] = "target"
     track: Track
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
@@ -80,6 +84,7 @@ class MoveTo:
 class MoveBy:
     """Go from each frame's own position by the track's offset."""
 
+    field: ClassVar[str] = "offset"
     track: Track
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
@@ -91,6 +96,7 @@ class MoveBy:
 class ScreenTo:
     """Go to where the track's pixels are, as deep as each frame has the point."""
 
+    field: ClassVar[str] = "screen.target"
     track: Track
     camera: Camera
 
@@ -103,6 +109,7 @@ class ScreenTo:
 class ScreenBy:
     """Go by the track's pixels from where each frame's point is seen, as deep as it is."""
 
+    field: ClassVar[str] = "screen.offset"
     track: Track
     camera: Camera
 
