@@ -10,7 +10,7 @@ from typing import Any
 from cageik_cli.errors import InputError
 from cageik_cli.layout import bytes_text
 
-MOST_BYTES = 2 << 20
+MOST_BYTES = 2_000_000
 """Of a handles file: many thousands of handles."""
 
 DEEPEST = 16

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from cageik_cli.camera import Camera
-from cageik_cli.errors import InputError, located
+from cageik_cli.errors import InputError
 from cageik_cli.mesh import Floats, Integers
 
 
@@ -123,11 +123,10 @@ def _seen(camera: Camera, frames: Integers, positions: Floats) -> Floats:
     """The pixels, (k, 2), in which positions (k, 3) are seen."""
     try:
         return camera.project(positions)[:, :2]
-    except InputError:
-        for frame, position in zip(frames, positions, strict=True):
-            with located(f"frame {frame}"):
-                camera.project(position)
-        raise
+    except InputError as error:
+        weigh = (camera.projection @ camera.view)[3]
+        is_behind = ~(positions @ weigh[:3] + weigh[3] > 0)
+        raise InputError(f"frame {frames[is_behind.argmax()]}: {error}") from error
 
 
 def _dragged(camera: Camera, frames: Integers, positions: Floats, pixels: Floats) -> Floats:

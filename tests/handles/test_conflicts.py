@@ -1,0 +1,181 @@
+"""Handles on one point of the surface."""
+
+import numpy as np
+import pytest
+
+from cageik_cli.anchors import positions_of
+from cageik_cli.errors import InputError
+from cageik_cli.handles import Surface
+from cageik_cli.mesh import TriMesh
+from tests.handles.files import CLIP, FRAMES, HAND, MESH, STILL, drag, read_set
+
+CORNER = int(np.flatnonzero(MESH.faces[0] == MESH.faces[0, 1])[0])
+SHARES = np.eye(3)[CORNER].tolist()
+VERTEX = int(MESH.faces[0, CORNER])
+HERE = MESH.vertices[VERTEX]
+ALL = np.arange(FRAMES)
+
+
+def handle(name, **fields):
+    return {"name": name, "vertex": VERTEX} | fields
+
+
+def on_face(name, **fields):
+    """The same point, by a face."""
+    return {"name": name, "face": 0, "barycentric": SHARES} | fields
+
+
+def targets(found, surface=CLIP):
+    frames = np.array(found.span)
+    positions = np.array([positions_of(found.anchors, surface.pose(k)) for k in frames])
+    return found.targets(frames, positions), positions
+
+
+def test_points_of_their_own_stay_so(tmp_path):
+    other = (VERTEX + 1) % 8
+    found = drag(
+        read_set(tmp_path, HAND | {"vertex": VERTEX}, HAND | {"name": "b", "vertex": other})
+    )
+    assert [anchor.name for anchor in found.anchors] == ["hand", "b"]
+    assert found.notes == ()
+
+
+SAME = {
+    "targets": (handle("a", target=[1, 2, 3]), on_face("b", target=[1, 2, 3])),
+    "pins": (handle("a", pin=True), handle("b", pin=True)),
+    "a pin and no offset": (handle("a", pin=True), on_face("b", offset=[0, 0, 0])),
+    "within rounding": (handle("a", target=[1, 2, 3]), handle("b", target=[1, 2, 3 + 1e-9])),
+    "keys of one value": (
+        handle("a", offset=[1, 2, 3]),
+        handle("b", offset={"frames": [2, 4], "values": [[1, 2, 3]] * 2}),
+    ),
+}
+
+
+@pytest.mark.parametrize("handles", SAME.values(), ids=SAME)
+def test_handles_that_agree_pull_as_one(tmp_path, handles):
+    found = drag(read_set(tmp_path, *handles))
+    alone = drag(read_set(tmp_path, handles[0]))
+    (anchor,) = found.anchors
+    assert (anchor.name, anchor.weight, anchor.hard) == ("a + b", 2.0, False)
+    np.testing.assert_array_equal(targets(found)[0], targets(alone)[0])
+    assert found.notes == (
+        "the handles of 'a + b' are on one point, with the same target; they pull as one",
+    )
+
+
+DIFFERENT = {
+    "targets": (handle("a", target=[1, 2, 3]), on_face("b", target=[1, 2, 3.5]), "0.5 apart"),
+    "a hair": (handle("a", target=[1, 2, 3]), handle("b", target=[1, 2, 3 + 1e-8]), "1e-08 apart"),
+    "a pin and an offset": (handle("a", pin=True), handle("b", offset=[0, 0.2, 0]), "0.2 apart"),
+    "in one frame of all": (
+        handle("a", offset=[0, 0, 0]),
+        handle("b", offset={"frames": [6, 7, 8], "values": [[0] * 3, [0, 0, 2], [0] * 3]}),
+        "2 apart in frame 7",
+    ),
+    "a place and an offset": (
+        handle("a", target=HERE.tolist()),
+        handle("b", pin=True),
+        f"{np.linalg.norm(CLIP.pose(11)[0] - MESH.vertices[0]):.3g} apart in frame 11",
+    ),
+}
+
+
+@pytest.mark.parametrize(("one", "other", "apart"), DIFFERENT.values(), ids=DIFFERENT)
+def test_handles_that_differ_are_refused(tmp_path, one, other, apart):
+    with pytest.raises(InputError) as error:
+        drag(read_set(tmp_path, one, other))
+    said = str(error.value)
+    assert said.startswith("handles 'a' and 'b' are on one point of the surface, and their targets")
+    assert apart in said
+    assert said.endswith("leave one out, or take their targets' mean with --allow-conflicts")
+
+
+def test_only_frames_of_the_span_are_compared(tmp_path):
+    """A place and a pin of a clip that moves agree in its first frame alone."""
+    handles = handle("a", target=HERE.tolist()), handle("b", pin=True)
+    assert len(drag(read_set(tmp_path, *handles, frames=[0, 0])).anchors) == 1
+    with pytest.raises(InputError, match="in frame 2;"):
+        drag(read_set(tmp_path, *handles, frames=[0, 0], falloff=3))
+
+
+def test_one_pose_has_no_frame_to_name(tmp_path):
+    handles = handle("a", pin=True), handle("b", offset=[0, 0, 1])
+    with pytest.raises(InputError, match=r"their targets are 1 apart; leave"):
+        drag(read_set(tmp_path, *handles), STILL)
+
+
+def test_the_two_that_differ_are_named(tmp_path):
+    handles = [handle(name, target=[0, 0, z]) for name, z in (("a", 0), ("b", 0), ("c", 1))]
+    with pytest.raises(InputError, match="handles 'a' and 'c' are on one point"):
+        drag(read_set(tmp_path, *handles))
+
+
+def test_allowed_they_go_to_the_mean_by_weight(tmp_path):
+    handles = handle("a", target=[1, 0, 0]), on_face("b", target=[0, 0, 4], weight=3)
+    found = drag(read_set(tmp_path, *handles), allow_conflicts=True)
+    (anchor,) = found.anchors
+    assert (anchor.name, anchor.weight, anchor.hard) == ("a + b", 4.0, False)
+    np.testing.assert_allclose(targets(found)[0], np.tile([0.25, 0, 3], (FRAMES, 1, 1)), rtol=1e-15)
+    (note,) = found.notes
+    assert note.startswith("handles 'a' and 'b' are on one point of the surface")
+    assert note.endswith("; it goes to the mean of 'a + b', by weight")
+
+
+def test_the_mean_is_what_both_would_pull_to(tmp_path):
+    """Σ w |q − x|² of two is Σ w |q̄ − x|² and a constant: its slope vanishes at the same x."""
+    handles = handle("a", target=[1, 0, 0], weight=2), handle("b", target=[0, 5, 4], weight=0.5)
+    found = drag(read_set(tmp_path, *handles), allow_conflicts=True)
+    q, x, w = targets(found)[0][0, 0], np.array([0.3, -1, 2]), found.anchors[0].weight
+    apart = 2 * (x - [1, 0, 0]) + 0.5 * (x - [0, 5, 4])
+    np.testing.assert_allclose(w * (x - q), apart, rtol=1e-14)
+
+
+def test_hard_ones_win(tmp_path):
+    handles = [
+        handle("a", target=[9, 9, 9], weight=100),
+        handle("b", target=[1, 0, 0], hard=True),
+        handle("c", target=[0, 0, 4], hard=True, weight=3),
+    ]
+    found = drag(read_set(tmp_path, *handles), allow_conflicts=True)
+    assert found.anchors[0].hard
+    np.testing.assert_allclose(targets(found)[0][0, 0], [0.25, 0, 3], rtol=1e-15)
+    assert found.notes[0].endswith("it goes to the mean of 'b + c', by weight")
+    soft = drag(read_set(tmp_path, *handles[:2]), allow_conflicts=True)
+    np.testing.assert_array_equal(targets(soft)[0][0, 0], [1, 0, 0])
+
+
+def test_one_hard_one_is_enough_of_those_that_agree(tmp_path):
+    handles = handle("a", target=[1, 2, 3]), handle("b", target=[1, 2, 3], hard=True)
+    assert drag(read_set(tmp_path, *handles)).anchors[0].hard
+
+
+def test_coincident_vertices_are_one_point(tmp_path):
+    """As of a seam: two vertices of one place have the same weights."""
+    doubled = TriMesh(np.vstack([MESH.vertices, HERE]), MESH.faces)
+    surface = Surface(doubled, lambda k: doubled.vertices)
+    apart = handle("a", target=[1, 2, 3]), handle("b", vertex=8, target=[1, 2, 4])
+    with pytest.raises(InputError, match="handles 'a' and 'b' are on one point"):
+        drag(read_set(tmp_path, *apart), surface)
+    agreed = handle("a", target=[1, 2, 3]), handle("b", vertex=8, target=[1, 2, 3])
+    assert [anchor.name for anchor in drag(read_set(tmp_path, *agreed), surface).anchors] == [
+        "a + b"
+    ]
+
+
+@pytest.mark.parametrize(("slip", "count"), [(1e-11, 1), (1e-7, 2)])
+def test_a_point_ends_somewhere(tmp_path, slip, count):
+    shares = np.roll([1 - slip, slip, 0], CORNER).tolist()
+    handles = handle("a", pin=True), on_face("b", barycentric=shares, pin=True)
+    assert len(drag(read_set(tmp_path, *handles)).anchors) == count
+
+
+def test_one_behind_the_camera_is_named(tmp_path):
+    behind = Surface(MESH, lambda k: MESH.vertices + np.array([0, 0, 20.0 * (k == 6)]), FRAMES)
+    nose = {"name": "nose", "screen": {"source": [320, 240], "offset": [0, 0]}}
+    found = drag(read_set(tmp_path, nose), behind).anchors[0].point
+    face = next(k for k, f in enumerate(MESH.faces) if set(f) == set(found.corners))
+    order = [list(found.corners).index(vertex) for vertex in MESH.faces[face]]
+    chin = {"name": "chin", "face": face, "barycentric": found.barycentric[order].tolist()}
+    with pytest.raises(InputError, match=r"^handle 'nose': screen.offset: frame 6: it is behind"):
+        drag(read_set(tmp_path, nose, chin | {"pin": True}), behind)

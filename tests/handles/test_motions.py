@@ -1,0 +1,129 @@
+"""Motions from what they are by definition, and screens by another computation."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cageik_cli.camera import Camera, Stand
+from cageik_cli.errors import InputError
+from cageik_cli.handles.motions import MoveBy, MoveTo, Pin, ScreenBy, ScreenTo, Track
+
+FRAMES = np.arange(12)
+KEYS = np.array([2, 5, 9])
+VALUES = np.array([[1.0, 2, 3], [2, 0, 3], [2.5, 1, 3]])
+POSITIONS = np.random.default_rng(5).normal(0, 0.5, (12, 3))
+
+STANDING = Camera.looking_at(
+    Stand(np.array([1.0, 2, 9]), np.zeros(3), np.array([0.0, 1, 0])), 40, 640, 480
+)
+_PARALLEL = np.diag([0.3, 0.4, -0.05, 1.0])
+PARALLEL = Camera(STANDING.view, _PARALLEL, 640, 480)
+_FAR = np.array([[1.2, 0, 0.1, 0], [0, 1.6, 0.05, 0], [0, 0, -1.02, -0.2], [0, 0, -1, 0]])
+LOPSIDED = Camera(STANDING.view, _FAR, 640, 480)
+CAMERAS = pytest.mark.parametrize(
+    "camera", [STANDING, PARALLEL, LOPSIDED], ids=["standing", "parallel", "lopsided"]
+)
+
+
+def test_one_value_holds_in_all_frames():
+    np.testing.assert_array_equal(Track(VALUES[:1]).at(FRAMES), np.tile(VALUES[0], (12, 1)))
+
+
+def test_one_key_holds_in_all_frames():
+    track = Track(VALUES[:1], KEYS[:1])
+    np.testing.assert_array_equal(track.at(FRAMES), np.tile(VALUES[0], (12, 1)))
+
+
+def test_keys_are_met_and_the_ends_stay():
+    found = Track(VALUES, KEYS).at(FRAMES)
+    np.testing.assert_array_equal(found[KEYS], VALUES)
+    np.testing.assert_array_equal(found[:2], np.tile(VALUES[0], (2, 1)))
+    np.testing.assert_array_equal(found[10:], np.tile(VALUES[2], (2, 1)))
+
+
+def test_equal_keys_are_linear_between_steps_of_a_line():
+    """A monotone cubic has the line's slope at the keys of a line, and so is the line."""
+    frames = np.array([0, 4, 8, 11])
+    line = frames[:, None] * np.array([[0.5, -2.0, 0.0]]) + 1
+    np.testing.assert_allclose(
+        Track(line, frames).at(FRAMES), FRAMES[:, None] * [0.5, -2.0, 0.0] + 1, rtol=1e-13
+    )
+
+
+@given(
+    values=st.lists(st.floats(-1e50, 1e50), min_size=2, max_size=6),
+    gaps=st.lists(st.integers(1, 9), min_size=6, max_size=6),
+)
+def test_no_key_is_passed(values, gaps):
+    keys = np.cumsum(gaps)[: len(values)]
+    found = Track(np.array(values)[:, None], keys).at(np.arange(keys[0], keys[-1] + 1))[:, 0]
+    place = np.searchsorted(keys, np.arange(keys[0], keys[-1] + 1), side="right") - 1
+    after = np.minimum(place + 1, len(values) - 1)
+    ends = np.sort([np.array(values)[place], np.array(values)[after]], axis=0)
+    slack = 1e-14 * np.abs(values).max()
+    assert (found >= ends[0] - slack).all()
+    assert (found <= ends[1] + slack).all()
+
+
+def test_frames_may_come_in_blocks():
+    track = Track(VALUES, KEYS)
+    blocks = [track.at(FRAMES[k : k + 5]) for k in range(0, 12, 5)]
+    np.testing.assert_array_equal(np.concatenate(blocks), track.at(FRAMES))
+
+
+def test_a_pin_stays():
+    np.testing.assert_array_equal(Pin().targets(FRAMES, POSITIONS), POSITIONS)
+
+
+def test_a_target_is_absolute_and_an_offset_is_not():
+    track = Track(VALUES, KEYS)
+    np.testing.assert_array_equal(MoveTo(track).targets(FRAMES, POSITIONS), track.at(FRAMES))
+    np.testing.assert_array_equal(
+        MoveBy(track).targets(FRAMES, POSITIONS), POSITIONS + track.at(FRAMES)
+    )
+
+
+def unprojected(camera: Camera, position: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+    """The point in a pixel at the depth before the eye of a position, by its equations.
+
+    Its three coordinates solve: it is in the pixel's column, in its row, and its depth before the
+    eye is the position's.
+    """
+    both = camera.projection @ camera.view
+    x, y = 2 * pixel[0] / camera.width - 1, 1 - 2 * pixel[1] / camera.height
+    rows = np.stack([both[0] - x * both[3], both[1] - y * both[3], camera.view[2]])
+    depth = camera.view[2] @ [*position, 1]
+    return np.linalg.solve(rows[:, :3], np.array([0, 0, depth]) - rows[:, 3])
+
+
+@CAMERAS
+def test_a_screen_target_is_in_its_pixel_as_deep_as_before(camera):
+    pixels = np.linspace([100, 400], [500, 50], 12)
+    found = ScreenTo(Track(pixels, FRAMES), camera).targets(FRAMES, POSITIONS)
+    expected = [unprojected(camera, p, q) for p, q in zip(POSITIONS, pixels, strict=True)]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    # A pixel is some hundredths of a unit there.
+    np.testing.assert_allclose(camera.project(found)[:, :2], pixels, rtol=0, atol=1e-7)
+
+
+@CAMERAS
+def test_a_screen_offset_is_from_where_each_frame_shows_the_point(camera):
+    offset = np.array([30.0, -12.5])
+    found = ScreenBy(Track(offset[None]), camera).targets(FRAMES, POSITIONS)
+    pixels = camera.project(POSITIONS)[:, :2] + offset
+    expected = [unprojected(camera, p, q) for p, q in zip(POSITIONS, pixels, strict=True)]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+
+
+def test_pixels_downwards_are_down():
+    found = ScreenBy(Track(np.array([[0.0, 10.0]])), STANDING).targets(FRAMES, POSITIONS)
+    assert ((found - POSITIONS)[:, 1] < 0).all()
+
+
+@pytest.mark.parametrize("motion", [ScreenTo, ScreenBy])
+def test_a_frame_behind_the_camera_is_named(motion):
+    positions = POSITIONS.copy()
+    positions[[4, 7]] += [2, 4, 18]
+    with pytest.raises(InputError, match=r"^frame 104: it is behind the camera; choose"):
+        motion(Track(np.array([[1.0, 2.0]])), STANDING).targets(FRAMES + 100, positions)

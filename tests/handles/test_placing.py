@@ -1,0 +1,199 @@
+import numpy as np
+import pytest
+
+from cageik_cli.anchors import positions_of
+from cageik_cli.camera import Stand
+from cageik_cli.errors import InputError
+from cageik_cli.handles import HandleSet, Surface
+from cageik_cli.mesh import TriMesh
+from tests.handles.files import CAMERA, CLIP, FRAMES, HAND, KEYS, MESH, STILL, drag, read_set, step
+
+PIN = {"name": "foot", "vertex": 0, "pin": True}
+KNEE = {"name": "knee", "face": 4, "barycentric": [0.2, 0.3, 0.5], "pin": True}
+NEAR = {"name": "near", "position": [0.2, 0.3, 1.5], "pin": True}
+NOSE = {"name": "nose", "screen": {"source": [320, 240], "target": [300, 200]}}
+
+
+def with_screen(**fields):
+    return NOSE | {"screen": NOSE["screen"] | fields}
+
+
+def test_vertices_and_faces_are_where_they_are(tmp_path):
+    found = drag(read_set(tmp_path, HAND | {"weight": 3, "hard": True}, KNEE))
+    assert [(a.name, a.weight, a.hard) for a in found.anchors] == [
+        ("hand", 3.0, True),
+        ("knee", 1.0, False),
+    ]
+    hand, knee = positions_of(found.anchors, MESH.vertices)
+    np.testing.assert_array_equal(hand, MESH.vertices[7])
+    corners = MESH.vertices[MESH.faces[4]]
+    np.testing.assert_allclose(knee, np.array([0.2, 0.3, 0.5]) @ corners, rtol=1e-15)
+    assert found.notes == ()
+
+
+def test_all_are_hard_when_asked(tmp_path):
+    found = drag(read_set(tmp_path, HAND, KNEE), hard=True)
+    assert [anchor.hard for anchor in found.anchors] == [True, True]
+
+
+def test_a_position_snaps_to_the_pose_of_the_pick_frame(tmp_path):
+    there = np.array([0.2, 0.3, 1.5]) + step(5)
+    found = drag(read_set(tmp_path, NEAR | {"position": [*there]}, pick_frame=5), snap=True)
+    place = found.anchors[0].point.position(MESH.vertices + step(5))
+    np.testing.assert_allclose(place, np.array([0.2, 0.3, 1.0]) + step(5), rtol=0, atol=1e-12)
+    assert found.notes == (
+        "handle 'near': its position is 0.5 off the surface (14.43% of the diagonal), the nearest "
+        "point is taken",
+    )
+
+
+def test_a_position_is_not_snapped_unasked(tmp_path):
+    with pytest.raises(InputError, match=r"^handle 'near': position: .* with --snap, or name a"):
+        drag(read_set(tmp_path, NEAR))
+
+
+def test_a_face_without_area_has_no_nearest_point(tmp_path):
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]])
+    flat = TriMesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    surface = Surface(flat, lambda k: corners)
+    with pytest.raises(InputError, match=r"position: the nearest face .* of vertices 0, 1, 2$"):
+        drag(read_set(tmp_path, NEAR | {"position": [1.5, -1, 0]}), surface, snap=True)
+    found = drag(read_set(tmp_path, NEAR | {"position": [0.5, 0.2, 1]}), surface, snap=True)
+    np.testing.assert_allclose(found.anchors[0].point.position(corners), [0.5, 0.2, 0], atol=1e-12)
+
+
+def ray_of(pixel):
+    """From the eye through a pixel, by the angles of the picture."""
+    place = Stand(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
+    right, up, back = place.view[:3, :3]
+    half = np.tan(np.radians(CAMERA["fov_degrees"]) / 2)
+    x, y = (pixel[0] - 320) / 240 * half, (240 - pixel[1]) / 240 * half
+    return place.position, x * right + y * up - back
+
+
+@pytest.mark.parametrize(
+    ("said", "frame"), [({}, 0), ({"frames": [4, 6]}, 4), ({"pick_frame": 7}, 7)]
+)
+def test_a_pixel_is_picked_in_the_pose_of_the_pick_frame(tmp_path, said, frame):
+    found = drag(read_set(tmp_path, with_screen(source=[350, 230]), **said))
+    place = found.anchors[0].point.position(MESH.vertices + step(frame))
+    eye, way = ray_of([350, 230])
+    ahead = (step(frame)[2] + 1 - eye[2]) / way[2]  # the box's face towards +z is in front
+    np.testing.assert_allclose(place, eye + ahead * way, rtol=0, atol=1e-9)
+
+
+def test_a_screen_target_is_followed_in_every_frame(tmp_path):
+    found = drag(read_set(tmp_path, with_screen(target=[300, 200])))
+    frames = np.arange(FRAMES)
+    positions = np.array([positions_of(found.anchors, CLIP.pose(k)) for k in frames])
+    place = Stand(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
+    targets, (eye, way) = found.targets(frames, positions)[:, 0], ray_of([300, 200])
+    ahead = (positions[:, 0] - eye) @ place.view[2, :3] / (way @ place.view[2, :3])
+    np.testing.assert_allclose(targets, eye + ahead[:, None] * way, rtol=0, atol=1e-9)
+
+
+def test_poses_are_asked_for_only_where_they_are_needed(tmp_path):
+    asked = []
+    surface = Surface(MESH, lambda k: asked.append(k) or CLIP.pose(k), FRAMES)
+    drag(read_set(tmp_path, HAND, KNEE), surface)
+    assert asked == []
+    drag(read_set(tmp_path, HAND, NOSE, NEAR, pick_frame=3), surface, snap=True)
+    assert asked == [3]
+
+
+@pytest.mark.parametrize(
+    ("said", "hold", "span"),
+    [
+        ({}, range(12), range(12)),
+        ({"frames": [4, 6]}, range(4, 7), range(4, 7)),
+        ({"frames": [4, 6], "falloff": 1}, range(4, 7), range(4, 7)),
+        ({"frames": [4, 6], "falloff": 3}, range(4, 7), range(2, 9)),
+        ({"frames": [4, 6], "falloff": 99}, range(4, 7), range(12)),
+        ({"frames": [0, 11], "falloff": 3}, range(12), range(12)),
+    ],
+)
+def test_frames(tmp_path, said, hold, span):
+    found = drag(read_set(tmp_path, HAND, **said))
+    assert (found.hold, found.span) == (hold, span)
+    blend = found.blend(np.arange(FRAMES))
+    np.testing.assert_array_equal(np.flatnonzero(blend), np.array(span))
+    np.testing.assert_array_equal(np.flatnonzero(blend == 1), np.array(hold))
+
+
+def test_one_pose(tmp_path):
+    found = drag(read_set(tmp_path, HAND, NOSE, NEAR), STILL, snap=True)
+    assert (found.hold, found.span) == (range(1), range(1))
+    positions = positions_of(found.anchors, MESH.vertices)[None]
+    moved = positions + found.displacements(np.arange(1), positions)
+    np.testing.assert_allclose(moved[0, 0], [1, 2, 3], rtol=1e-15)
+
+
+ONE_POSE = "there is one pose to edit, and no clip; leave it out"
+REFUSED = {
+    "a vertex": (HAND | {"vertex": 8}, {}, "handle 'hand': vertex: there is no vertex 8; the mesh"),
+    "a face": (
+        KNEE | {"face": 12},
+        {},
+        "handle 'knee': face: there is no face 12; the mesh has 12",
+    ),
+    "shares": (
+        KNEE | {"barycentric": [0.5, 0.5, 0.5]},
+        {},
+        "handle 'knee': face: barycentric coordinates sum to 1.5, expected 1",
+    ),
+    "a share below zero": (
+        KNEE | {"barycentric": [1.5, -0.5, 0]},
+        {},
+        "handle 'knee': face: a barycentric coordinate is -0.5",
+    ),
+    "a miss": (
+        with_screen(source=[1, 2]),
+        {},
+        "handle 'nose': screen.source: pixel (1, 2) of 640 x 480 misses the mesh; choose",
+    ),
+    "the first": (
+        HAND,
+        {"frames": [12, 13]},
+        "frames: there is no frame 12; the clip has 12, numb",
+    ),
+    "the last": (HAND, {"frames": [3, 12]}, "frames: there is no frame 12; the clip has 12, numb"),
+    "the pick": (HAND, {"pick_frame": 12}, "pick_frame: there is no frame 12; the clip has 12"),
+    "a key": (
+        HAND | {"target": KEYS | {"frames": [2, 5, 12]}},
+        {},
+        "handle 'hand': target: there is no frame 12; the clip has 12",
+    ),
+    "a key of pixels": (
+        with_screen(target={"frames": [15], "values": [[1, 2]]}),
+        {},
+        "handle 'nose': screen.target: there is no frame 15",
+    ),
+}
+
+
+@pytest.mark.parametrize(("handle", "fields", "said"), REFUSED.values(), ids=REFUSED)
+def test_refused(tmp_path, handle, fields, said):
+    with pytest.raises(InputError) as error:
+        drag(read_set(tmp_path, handle, **fields))
+    assert str(error.value).startswith(said)
+
+
+def test_frames_the_wrong_way(tmp_path):
+    handles = read_set(tmp_path, HAND).handles
+    with pytest.raises(InputError, match="frames: the last, 3, is before the first, 5"):
+        drag(HandleSet(handles, frames=(5, 3)))
+
+
+OF_A_CLIP = {
+    "frames": (HAND, {"frames": [0, 0]}, f"frames: {ONE_POSE}"),
+    "falloff": (HAND, {"frames": [0, 0], "falloff": 2}, f"frames: {ONE_POSE}"),
+    "pick_frame": (HAND, {"pick_frame": 0}, f"pick_frame: {ONE_POSE}"),
+    "keys": (HAND | {"target": KEYS}, {}, "handle 'hand': target: keyframes: there is one pose"),
+}
+
+
+@pytest.mark.parametrize(("handle", "fields", "said"), OF_A_CLIP.values(), ids=OF_A_CLIP)
+def test_one_pose_has_no_frames(tmp_path, handle, fields, said):
+    with pytest.raises(InputError) as error:
+        drag(read_set(tmp_path, handle, **fields), STILL)
+    assert str(error.value).startswith(said)

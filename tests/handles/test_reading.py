@@ -1,0 +1,284 @@
+import copy
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cageik_cli.camera import Camera, Stand
+from cageik_cli.errors import CageikError, InputError
+from cageik_cli.handles import PlaceSettings, placed, read_handles
+from cageik_cli.handles.motions import MoveBy, MoveTo, Pin, ScreenBy, ScreenTo
+from cageik_cli.handles.records import InPixel, NearTo, OnFace, OnVertex
+from tests.handles.files import CAMERA, CLIP, HAND, KEYS, STILL, read, read_set
+
+EYE = np.eye(4).tolist()
+MATRICES = {"view": EYE, "projection": EYE, "width": 640, "height": 480}
+SCREEN = {"name": "nose", "screen": {"source": [1, 2], "target": [3, 4]}}
+
+
+def test_handles_are_what_the_file_says(tmp_path):
+    found = read_set(
+        tmp_path,
+        HAND | {"weight": 2, "hard": True},
+        {"name": "knee", "face": 3, "barycentric": [0.2, 0.3, 0.5], "offset": KEYS},
+        {"name": "foot", "position": [1, 2, 3], "pin": True},
+        SCREEN,
+        {"name": "ear", "screen": {"source": [1, 2], "offset": [3, 4]}},
+        frames=[3, 8],
+        falloff=2,
+        pick_frame=1,
+    )
+    assert (found.frames, found.falloff, found.pick_frame) == ((3, 8), 2, 1)
+    hand, knee, foot, nose, ear = found.handles
+    assert (hand.name, hand.weight, hand.hard) == ("hand", 2.0, True)
+    assert hand.place == OnVertex(7)
+    assert isinstance(hand.motion, MoveTo)
+    np.testing.assert_array_equal(hand.motion.track.values, [[1, 2, 3]])
+    assert (knee.weight, knee.hard) == (1.0, False)
+    assert isinstance(knee.place, OnFace)
+    assert knee.place.face == 3
+    np.testing.assert_array_equal(knee.place.barycentric, [0.2, 0.3, 0.5])
+    assert isinstance(knee.motion, MoveBy)
+    np.testing.assert_array_equal(knee.motion.track.frames, KEYS["frames"])
+    np.testing.assert_array_equal(knee.motion.track.values, KEYS["values"])
+    assert isinstance(foot.place, NearTo)
+    np.testing.assert_array_equal(foot.place.position, [1, 2, 3])
+    assert isinstance(foot.motion, Pin)
+    assert isinstance(nose.place, InPixel)
+    assert isinstance(nose.motion, ScreenTo)
+    assert isinstance(ear.motion, ScreenBy)
+    np.testing.assert_array_equal(ear.place.pixel, [1, 2])
+    np.testing.assert_array_equal(ear.motion.track.values, [[3, 4]])
+    assert nose.place.camera is ear.motion.camera is found.camera
+
+
+def test_what_is_not_said_has_its_default(tmp_path):
+    found = read(tmp_path, {"handles": [HAND]})
+    (only,) = found.sets
+    assert (only.camera, only.frames, only.falloff, only.pick_frame) == (None, None, 0, None)
+    assert (found.ties.locked, found.ties.mirror) == ((), None)
+
+
+def test_ties(tmp_path):
+    mirror = {"normal": [0, 2, 0], "point": [1, 2, 3]}
+    found = read(tmp_path, {"handles": [HAND], "locked": [4, 0], "mirror": mirror}).ties
+    assert found.locked == (4, 0)
+    np.testing.assert_array_equal(found.mirror.normal, [0, 1, 0])
+    np.testing.assert_array_equal(found.mirror.point, [1, 2, 3])
+
+
+def test_cameras(tmp_path):
+    place = Stand(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
+    standing = Camera.looking_at(place, 40, 640, 480)
+    for said, camera in ((CAMERA, standing), (MATRICES, Camera(np.eye(4), np.eye(4), 640, 480))):
+        found = read(tmp_path, {"handles": [HAND], "camera": said}).sets[0].camera
+        np.testing.assert_array_equal(found.view, camera.view)
+        np.testing.assert_array_equal(found.projection, camera.projection)
+        assert (found.width, found.height) == (640, 480)
+
+
+def test_sets_are_layers_and_share_the_files_camera(tmp_path):
+    sets = [
+        {"handles": [SCREEN], "frames": [0, 1]},
+        {"handles": [SCREEN], "camera": MATRICES},
+        {"handles": [HAND]},
+    ]
+    first, second, third = read(tmp_path, {"sets": sets, "camera": CAMERA}).sets
+    assert first.frames == (0, 1)
+    assert first.camera is third.camera
+    assert first.handles[0].place.camera is first.camera
+    np.testing.assert_array_equal(second.camera.view, np.eye(4))
+
+
+SINGULAR = [[1, 0, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+TINY = np.diag([1e-160] * 3 + [1]).tolist()
+OF_ROWS = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 5, 1]]
+
+REFUSED = {
+    "frames the wrong way": (
+        {"handles": [HAND], "frames": [5, 4]},
+        "frames: the last, 4, is before the first, 5; swap them",
+    ),
+    "a name twice": (
+        {"handles": [HAND, HAND]},
+        "two handles are called 'hand'; give each a name of its own",
+    ),
+    "a name twice in a set": (
+        {"sets": [{"handles": [HAND]}, {"handles": [HAND, HAND]}]},
+        "sets[1]: two handles are called 'hand'",
+    ),
+    "a name that cannot be shown": (
+        {"handles": [HAND | {"name": "a\nb\ud800"}]},
+        "handle 'a\\nb\\ud800': name holds characters that cannot be shown",
+    ),
+    "no camera": (
+        {"handles": [SCREEN]},
+        "handle 'nose': screen: there is no camera to see it by; add a camera to the file",
+    ),
+    "a camera of another set": (
+        {"sets": [{"handles": [HAND], "camera": CAMERA}, {"handles": [SCREEN]}]},
+        "sets[1]: handle 'nose': screen: there is no camera",
+    ),
+    "a singular matrix": (
+        {"handles": [HAND], "camera": MATRICES | {"view": SINGULAR}},
+        "camera: view is singular",
+    ),
+    "matrices of rows": (
+        {"sets": [{"handles": [HAND], "camera": MATRICES | {"view": OF_ROWS}}]},
+        "sets[0]: camera: the last row of view is 0, 0, 5, 1, expected 0, 0, 0, 1",
+    ),
+    "numbers that vanish": (
+        {"handles": [HAND], "camera": MATRICES | {"view": TINY, "projection": TINY}},
+        "camera: its numbers are too large or too small together",
+    ),
+    "a camera that looks nowhere": (
+        {"handles": [HAND], "camera": CAMERA | {"look_at": CAMERA["position"]}},
+        "camera: position and look_at are the same point",
+    ),
+    "a mirror without a direction": (
+        {"handles": [HAND], "mirror": {"normal": [0, 0, 0], "point": [0, 0, 0]}},
+        "mirror: the mirror's normal is [0.0, 0.0, 0.0]",
+    ),
+    "fewer values than keys": (
+        {"handles": [HAND | {"target": {"frames": [1, 2], "values": [[1, 2, 3]]}}]},
+        "handle 'hand': target: has 2 frames and 1 values; give each frame a value",
+    ),
+    "keys the wrong way": (
+        {"handles": [HAND | {"target": KEYS | {"frames": [2, 9, 9]}}]},
+        "handle 'hand': target: has frame 9 after 9, expected increasing frames",
+    ),
+    "keys of pixels the wrong way": (
+        {
+            "handles": [
+                {
+                    "name": "nose",
+                    "screen": {
+                        "source": [0, 0],
+                        "offset": {"frames": [2, 1], "values": [[1, 2], [1, 2]]},
+                    },
+                }
+            ],
+            "camera": CAMERA,
+        },
+        "handle 'nose': screen: offset: has frame 1 after 2",
+    ),
+    "what the schema refuses": ({"handles": []}, "handles: is an empty list"),
+}
+
+
+@pytest.mark.parametrize(("document", "said"), REFUSED.values(), ids=REFUSED)
+def test_refused(tmp_path, document, said):
+    with pytest.raises(InputError) as error:
+        read(tmp_path, document)
+    assert str(error.value).startswith(f"{tmp_path / 'drag.json'}: {said}")
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match=r"none.json: cannot be read"):
+        read_handles(tmp_path / "none.json")
+
+
+NUMBERS = st.one_of(
+    st.integers(-3, 20),
+    st.integers(),
+    st.floats(-10, 10),
+    st.floats(),
+    st.sampled_from([1e50, -1e50, 5e-324, 1e-200, 1e9]),
+)
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | NUMBERS | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner),
+    max_leaves=12,
+)
+WHOLE = {
+    "sets": [
+        {
+            "handles": [
+                HAND,
+                {"name": "near", "position": [0, 0, 3], "offset": KEYS},
+                {"name": "knee", "face": 3, "barycentric": [0.2, 0.3, 0.5], "pin": True},
+                SCREEN | {"screen": {"source": [320, 240], "target": [300, 200]}},
+                {"name": "ear", "screen": {"source": [330, 250], "offset": [3, 4]}, "weight": 2},
+            ],
+            "frames": [3, 8],
+            "falloff": 2,
+            "pick_frame": 1,
+        },
+        {"handles": [HAND], "camera": MATRICES},
+    ],
+    "camera": CAMERA,
+    "locked": [1],
+    "mirror": {"normal": [1, 0, 0], "point": [0, 0, 0]},
+}
+
+
+def steps_of(value, before=()):
+    """The steps to every value in a document."""
+    inner = value.items() if isinstance(value, dict) else ()
+    inner = enumerate(value) if isinstance(value, list) else inner
+    return [before] + [path for step, one in inner for path in steps_of(one, (*before, step))]
+
+
+@st.composite
+def altered(draw):
+    """A good document in which a few values are something else, or not there."""
+    document = {"in": copy.deepcopy(WHOLE)}
+    for _ in range(draw(st.integers(1, 3))):
+        *way, last = draw(st.sampled_from(steps_of(document)[1:]))
+        place = document
+        for step in way:
+            place = place[step]
+        if draw(st.booleans()) and len(way) > 0:
+            del place[last]
+        else:
+            place[last] = draw(st.one_of(NUMBERS, ANYTHING))
+    return document["in"]
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return tmp_path_factory.mktemp("fuzz") / "drag.json"
+
+
+def use(path):
+    """Read, place and move; whatever is refused is refused in a sentence."""
+    try:
+        handles = read_handles(path)
+    except InputError:
+        return
+    for one in handles.sets:
+        for surface in (CLIP, STILL):
+            try:
+                drag = placed(one, surface, PlaceSettings(snap=True, allow_conflicts=True))
+                frames = np.arange(drag.span.start, drag.span.stop)
+                positions = np.zeros((len(frames), len(drag.anchors), 3))
+                assert np.isfinite(drag.displacements(frames, positions)).all()
+            except CageikError:
+                continue
+
+
+@given(document=ANYTHING)
+def test_any_json_is_read_or_refused(path, document):
+    path.write_text(json.dumps(document))
+    use(path)
+
+
+@given(document=altered())
+def test_any_mistake_is_refused_in_a_sentence(path, document):
+    path.write_text(json.dumps(document))
+    use(path)
+
+
+@given(content=st.binary())
+def test_any_bytes_are_refused_in_a_sentence(path, content):
+    path.write_bytes(content)
+    use(path)
+
+
+def test_the_whole_document_passes(tmp_path):
+    """So that the mistakes are the mistakes."""
+    first, second = read(tmp_path, WHOLE).sets
+    assert placed(first, CLIP, PlaceSettings(snap=True)).span == range(2, 10)
+    assert placed(second, CLIP, PlaceSettings()).hold == range(12)
