@@ -159,6 +159,20 @@ def test_parts_that_anchors_do_not_decide_move_the_least_against_each_other(coun
     np.testing.assert_allclose(found, any_minimum + free @ choice, atol=1e-9)
 
 
+def test_a_part_that_no_anchor_moves_goes_with_the_others():
+    """Not a rounding error decides where it goes: anchors on one of two bodies."""
+    cage = joined(CAGE, octahedron(0.3))
+    weights = bound(CAGE).weights
+    apart = np.hstack([weights, np.zeros((60, 6))])
+    binding, moves = Binding(TriMesh(apart @ cage.vertices, FACES), cage, apart), some_moves(7)
+    poser = Poser(binding, some_anchors(7), alpha=48 / 42)
+    posed = poser.cage(moves) - cage.vertices
+    alone = Poser(bound(CAGE), some_anchors(7), alpha=1.0).cage(moves) - CAGE.vertices
+    np.testing.assert_allclose(posed[:42], alone, atol=1e-9)
+    np.testing.assert_allclose(np.ptp(posed[42:], axis=0), 0, atol=1e-12)
+    assert np.abs(posed[42:]).max() < 2 * np.abs(moves).max()
+
+
 @pytest.mark.parametrize("rigidity", [0, 4])
 def test_no_displacement_is_the_rest_pose_bit_for_bit(binding, rigidity):
     poser = Poser(binding, some_anchors(5, hard=(2,)))
