@@ -19,7 +19,7 @@ from cageik_cli.camera import Camera, Stand
 from cageik_cli.errors import InputError
 from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence import load_mesh
-from tests.shapes import ball, box, changed, concave, finer, octahedron, rotation
+from tests.shapes import ball, box, changed, finer, octahedron, rotation
 from tests.test_camera import orthographic
 
 WALKER = Path(__file__).parents[1] / "data_fixtures/walker/frames/walker_1.obj"
@@ -229,8 +229,4 @@ def test_a_pixel_of_what_the_planes_cut_off_says_so(near, far):
     camera = Camera(np.eye(4), orthographic(-2, 2, -2, 2, near, far), 100, 100)
     says = r"\(50, 50\) of 100 x 100 meets the mesh, but only before the near or beyond the far"
     with pytest.raises(InputError, match=says):
-        picked(concave_ball(), camera, np.array([50.0, 50.0]))
-
-
-def concave_ball():
-    return TriMesh(BALL.vertices + [0.01, 0.02, 0], BALL.faces)
+        picked(BALL, camera, np.array([50.0, 50.0]))

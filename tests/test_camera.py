@@ -82,7 +82,7 @@ def test_a_frustum_is_seen_as_by_similar_triangles():
 
 def test_a_stand_sees_what_it_looks_at_in_the_middle_and_up_upright():
     camera = CAMERAS["without a far plane"]
-    middle, above = camera.project(np.array([STAND.look_at, STAND.look_at + [0, 0, 0.1]]))
+    middle, above = camera.project(np.array([STAND.look_at, STAND.look_at + np.array([0, 0, 0.1])]))
     np.testing.assert_allclose(middle[:2], [WIDTH / 2, HEIGHT / 2], atol=1e-10)
     assert above[0] == pytest.approx(WIDTH / 2)
     assert above[1] < middle[1]

@@ -40,7 +40,7 @@ def test_a_cage_may_be_off_by_a_little():
         if fits:
             np.testing.assert_array_equal(partners(cage, MIRROR), partners(CAGE, MIRROR))
         else:
-            with pytest.raises(InputError, match="no partner within 0.001 of its diagonal"):
+            with pytest.raises(InputError, match=r"no partner within 0\.001 of its diagonal"):
                 partners(cage, MIRROR)
 
 
