@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import nnls
 
 from cageik_cli.camera import Camera
 from cageik_cli.coordinates.surface import nearest_on_surface
@@ -136,8 +137,10 @@ def nearest_to(mesh: TriMesh, position: Floats) -> SurfacePoint:
     """The point of the surface nearest to a position in space, (3,)."""
     nearest = nearest_on_surface(mesh, np.asarray(position, np.float64)[None])
     corners = mesh.faces[nearest.face[0]]
-    weights = nearest.weights(np.array([True]))[0]
-    return SurfacePoint(corners, weights[corners] / weights[corners].sum())
+    away = (mesh.vertices[corners] - nearest.position[0]) / (mesh.diagonal or 1.0)
+    # Faces without area have points with many coordinates: any that are not negative will do.
+    shares, _ = nnls(np.vstack([away.T, np.ones(3)]), np.array([0.0, 0, 0, 1]))
+    return SurfacePoint(corners, shares / shares.sum())
 
 
 def picked(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:

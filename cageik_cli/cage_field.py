@@ -105,9 +105,9 @@ class CageField:
         possible.
         """
         if not (self._moves_as_one and len(felt)):
-            return np.asarray(np.linalg.pinv(felt, rcond=UNFELT))
+            return _inverse_of_felt(felt)
         centring = np.eye(len(felt)) - 1 / len(felt)
-        apart = np.linalg.pinv(centring @ felt[:, 1:], rcond=UNFELT) @ centring
+        apart = _inverse_of_felt(centring @ felt[:, 1:]) @ centring
         together = (np.eye(len(felt)) - felt[:, 1:] @ apart).mean(axis=0) / self._free[0, 0]
         return np.concatenate([together[None], apart])
 
@@ -134,3 +134,10 @@ def _left_null_space(felt: Floats) -> Floats:
     """Orthonormal columns, (l, l − rank): forces of the anchors that move no part as one."""
     left, sizes, _ = np.linalg.svd(felt)
     return np.asarray(left[:, np.count_nonzero(sizes > UNFELT) :])
+
+
+def _inverse_of_felt(felt: Floats) -> Floats:
+    """Pseudoinverse, (p, l), in which what is felt less than `UNFELT` is not felt at all."""
+    left, sizes, right = np.linalg.svd(felt, full_matrices=False)
+    is_felt = sizes > UNFELT
+    return np.asarray((right[is_felt].T / sizes[is_felt]) @ left[:, is_felt].T)

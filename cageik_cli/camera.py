@@ -74,6 +74,9 @@ class Camera:
                 f"the last row of view is {_row_text(self.view[3])}, expected 0, 0, 0, 1; matrices "
                 "act on columns, so transpose one that acts on rows"
             )
+        for name, matrix in (("view", self.view[:3, :3]), ("projection", self.projection)):
+            if not np.linalg.cond(_scaled(matrix)) < WORST_CONDITION:
+                raise InputError(f"{name} is singular; expected a matrix that can be inverted")
         for name in ("width", "height"):
             size = getattr(self, name)
             if not (np.isfinite(size) and size > 0):
@@ -117,17 +120,18 @@ class Camera:
     def rays(self, pixels: Floats) -> Rays:
         """What is seen in pixels, (p, 2)."""
         x, y = 2 * pixels[:, 0] / self.width - 1, 1 - 2 * pixels[:, 1] / self.height
-        unproject = np.linalg.inv(self.projection @ self.view)
+        unproject, to_world = np.linalg.inv(self.projection), np.linalg.inv(self.view[:3, :3])
         near, far = (
             np.stack([x, y, np.full_like(x, depth), np.ones_like(x)], axis=1) @ unproject.T
             for depth in (-1.0, 1.0)
         )
         # Of points at infinity, whose w is 0, this is the direction still.
-        ways = far[:, :3] * near[:, 3:] - near[:, :3] * far[:, 3:]
+        ways = (far[:, :3] * near[:, 3:] - near[:, :3] * far[:, 3:]) @ to_world.T
         sizes = np.linalg.norm(ways, axis=1)
         with np.errstate(divide="ignore"):
             lengths = sizes / np.abs(near[:, 3] * far[:, 3])
-        return Rays(near[:, :3] / near[:, 3:], ways / sizes[:, None], lengths)
+        origins = (near[:, :3] / near[:, 3:] - self.view[:3, 3]) @ to_world.T
+        return Rays(origins, ways / sizes[:, None], lengths)
 
     def dragged(self, points: Floats, pixels: Floats) -> Floats:
         """Where points are, (p, 3), when they are seen in pixels, (p, 2), as deep as before.
@@ -191,8 +195,6 @@ def _checked_matrix(name: str, values: Floats) -> Floats:
         raise InputError(f"{name} has shape {matrix.shape}, expected (4, 4)")
     if not np.isfinite(matrix).all():
         raise InputError(f"{name} holds numbers that are not finite")
-    if not np.linalg.cond(_scaled(matrix)) < WORST_CONDITION:
-        raise InputError(f"{name} is singular; expected a matrix that can be inverted")
     matrix.flags.writeable = False
     return matrix
 

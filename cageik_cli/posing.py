@@ -27,6 +27,12 @@ from cageik_cli.ties import TiedMap, Ties, free_basis
 DEFAULT_ALPHA = 1e-6
 """Of posing: a few anchors are to be met, where thousands of vertices are to be fitted."""
 
+MOST_NAMED = 3
+"""Anchors that are named when they cannot all be met, those first that have most part in it."""
+
+LEAST_NAMED = 0.1
+"""Those that have less part in it than this share of the first's are not named."""
+
 
 class Poser:
     """Poses of a cage and its mesh by the same anchors, any number of them.
@@ -187,10 +193,12 @@ def _refuse_dependent(response: Response, anchors: tuple[Anchor, ...]) -> None:
     """Refuse anchors that cannot go where they are to, each for itself."""
     if response.condition_number <= WORST_CONDITION:
         return
-    order = np.argsort(-np.abs(response.weakest), kind="stable")
-    names = " and ".join(repr(anchors[k].name) for k in order[:2])
+    parts = np.round(np.abs(response.weakest) / np.abs(response.weakest).max(), 6)
+    order = np.argsort(-parts, kind="stable")[:MOST_NAMED]
+    names = [repr(anchors[k].name) for k in order if parts[k] > LEAST_NAMED]
     raise NumericalError(
         f"the anchors cannot all be met: the system's condition number is "
-        f"{response.condition_number:.1e}, more than {WORST_CONDITION:.0e}, and {names} have most "
-        "part in it; leave one out, make it soft, raise alpha, or unlock cage vertices near it"
+        f"{response.condition_number:.1e}, more than {WORST_CONDITION:.0e}, and "
+        f"{' and '.join(names)} {'has' if len(names) == 1 else 'have'} most part in it; leave one "
+        "out, make it soft, raise alpha, or unlock cage vertices near it"
     )

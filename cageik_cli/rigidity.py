@@ -15,11 +15,14 @@ S = (L c') cᵀ + c' (L c)ᵀ − L (c' cᵀ), and 2 b = R L c + (N R) c − N (
 import numpy as np
 
 from cageik_cli.mesh import Floats
-from cageik_cli.rotations import nearest_rotations
+from cageik_cli.rotations import nearest_by_entry
 
 
 class Cells:
     """The cells of the vertices of k cages at rest.
+
+    Points are laid out coordinate by coordinate here, and matrices entry by entry, so that L is
+    applied to all by one product and every other step passes over contiguous numbers.
 
     Parameters
     ----------
@@ -29,30 +32,45 @@ class Cells:
     """
 
     def __init__(self, laplacian: Floats, cages: Floats) -> None:
-        self._laplacian = laplacian
-        self._cages = cages - cages.mean(axis=1, keepdims=True)  # far from 0, digits are lost
-        self._differences = laplacian @ self._cages
+        self._averaging = np.ascontiguousarray((np.eye(len(laplacian)) - laplacian).T)
+        self._laplacian = np.ascontiguousarray(laplacian.T)
+        self._cages = _centred(cages)
+        self._differences = self._cages @ self._laplacian
 
     def rotations(self, displacements: Floats) -> Floats:
-        """R of every cell, (k, n, 3, 3), for displacements (k, n, 3)."""
-        k, n, _ = displacements.shape
-        moved = self._cages + (displacements - displacements.mean(axis=1, keepdims=True))
-        products = (moved[..., :, None] * self._cages[..., None, :]).reshape(k, n, 9)
-        taken = self._laplacian @ np.concatenate([products, moved], axis=2)
-        covariances = (
-            taken[..., 9:, None] * self._cages[..., None, :]
-            + moved[..., :, None] * self._differences[..., None, :]
-            - taken[..., :9].reshape(k, n, 3, 3)
-        )
-        return nearest_rotations(covariances.reshape(-1, 3, 3)).reshape(k, n, 3, 3)
+        """R of every cell, (3, 3, k, n), for displacements (k, n, 3)."""
+        moved = _centred(displacements)
+        moved += self._cages
+        values = np.empty((4, *moved.shape))
+        np.multiply(moved[:, None], self._cages, out=values[:3])
+        values[3] = moved
+        taken = self._applied(self._laplacian, values)
+        covariances = taken[3][:, None] * self._cages
+        covariances += moved[:, None] * self._differences
+        covariances -= taken[:3]
+        return nearest_by_entry(covariances.reshape(9, -1)).reshape(covariances.shape)
 
     def turned(self, rotations: Floats) -> Floats:
-        """How δ changes by rotations (k, n, 3, 3): b − L c of every cell, (k, n, 3)."""
-        k, n = rotations.shape[:2]
-        turned = (rotations @ self._cages[..., None])[..., 0]
-        values = np.concatenate([rotations.reshape(k, n, 9), turned], axis=2)
-        means = values - self._laplacian @ values
-        both = rotations @ self._differences[..., None] + (
-            means[..., :9].reshape(k, n, 3, 3) @ self._cages[..., None]
-        )
-        return np.asarray((both[..., 0] - means[..., 9:]) / 2 - self._differences)
+        """How δ changes by rotations (3, 3, k, n): b − L c of every cell, (k, n, 3)."""
+        values = np.empty((4, *rotations.shape[1:]))
+        values[:3] = rotations
+        values[3] = np.einsum("abkn,bkn->akn", rotations, self._cages)
+        means = self._applied(self._averaging, values)
+        both = np.einsum("abkn,bkn->akn", rotations, self._differences)
+        both += np.einsum("abkn,bkn->akn", means[:3], self._cages)
+        both -= means[3]
+        both /= 2
+        both -= self._differences
+        return np.asarray(both.transpose(1, 2, 0))
+
+    def _applied(self, matrix: Floats, values: Floats) -> Floats:
+        """Values (…, n) times an (n, n) matrix, in one product."""
+        n = len(matrix)
+        return np.asarray(values.reshape(-1, n) @ matrix).reshape(values.shape)
+
+
+def _centred(points: Floats) -> Floats:
+    """Points (k, n, 3) about their means, where no digits are lost: (3, k, n)."""
+    columns = np.array(points.transpose(2, 0, 1), order="C")  # a copy, whatever the layout
+    columns -= columns.sum(axis=2, keepdims=True) / columns.shape[2]
+    return columns

@@ -1,36 +1,46 @@
 """The rotations nearest to many 3 x 3 matrices at once.
 
 The rotation R that maximises tr(RᵀA) is the derivative of that largest value f with respect to A.
-f is the largest root of
+For |A| = 1, with g = f² − 1, f is the largest root of
 
-    (f² − |A|²)² = 4 |cof A|² + 8 f det A,
+    g² = 4 |cof A|² + 8 f det A
 
-and its derivative follows from this equation (Horn 1987 for the quartic; Lin, Chitalu and Komura
-2022 for the derivative by invariants). That takes some ten passes over all matrices together, where
-singular value decompositions are one library call for each.
+(Horn 1987), and from the same equation for any |A| comes its derivative
+
+    R = (½ g A + f cof A + A × cof A) / (½ f g − det A),
+
+where A × B is the derivative of cof A towards B (compare Lin, Chitalu and Komura 2022). That takes
+some fifty passes over all matrices together, where singular value decompositions are one library
+call for each.
 """
 
 import numpy as np
 
 from cageik_cli.mesh import Floats
 
-STEPS = 2
-"""Of Newton's method, from half the digits or more to all."""
+STEPS = 4
+"""Of Newton's method: two or three are enough unless the matrix turns things inside out."""
 
-LEAST_SPREAD = 1e-20
-"""Of the squares of singular values, squared: below, they are the same but for rounding."""
+LARGEST_LAST_STEP = 1e-9
+"""What the last step may still change of f; the next would change its square, many times."""
 
-LEAST_GAP = 1e-2
-"""Between the two largest roots, for |A| = 1: below, digits are lost."""
+LEAST_SLOPE = 0.03
+"""Of ½ f g − det A: below, the next root is near, and digits are lost."""
 
-
-def _places(rows: int, columns: int) -> list[int]:
-    """Where in a flat matrix those entries are whose rows and columns are so many further on."""
-    return [3 * ((i + rows) % 3) + (j + columns) % 3 for i in range(3) for j in range(3)]
+LEAST_SIZE = 1e-140
+"""Matrices of a smaller norm lose digits when it is squared."""
 
 
-A, B, C, D = _places(1, 1), _places(2, 2), _places(1, 2), _places(2, 1)
-"""cof X is X_A X_B − X_C X_D."""
+def _minors() -> list[int]:
+    """Where in a flat matrix the factors of cofactors are: cof A = A₀ A₁ − A₂ A₃, all nine."""
+    steps = ((1, 1), (2, 2), (1, 2), (2, 1))
+    places = [(i, j) for i in range(3) for j in range(3)]
+    return [3 * ((i + down) % 3) + (j + right) % 3 for down, right in steps for i, j in places]
+
+
+FACTORS = np.array(_minors())
+PARTNERS = FACTORS.reshape(2, 2, 9)[:, ::-1].ravel()
+"""What each factor is multiplied by."""
 
 
 def nearest_rotations(matrices: Floats) -> Floats:
@@ -38,47 +48,51 @@ def nearest_rotations(matrices: Floats) -> Floats:
 
     A matrix of zeros, which has none, is given the identity.
     """
-    flat = np.ascontiguousarray(matrices.reshape(-1, 9).T)
-    sizes = np.sqrt(_dots(flat, flat))
-    flat /= np.where(sizes > 0, sizes, 1)
-    cofactors = flat[A] * flat[B]
-    cofactors -= flat[C] * flat[D]
-    determinants, squares = _dots(flat[:3], cofactors[:3]), _dots(cofactors, cofactors)
-    unit = flat.T.reshape(-1, 3, 3)
-    cubes = (unit @ unit.swapaxes(1, 2) @ unit).reshape(-1, 9).T
-    with np.errstate(divide="ignore", invalid="ignore"):  # roots that meet are done otherwise
-        f, gap = _largest_root(determinants, squares)
-        rest = f * f - 1
-        slope = 4 * f * rest - 8 * determinants
-        found = (4 * rest + 8) * flat
-        found += 8 * (f * cofactors - cubes)
-        found /= slope
-    rotations = np.ascontiguousarray(found.T).reshape(-1, 3, 3)
-    is_poor = ~(gap > LEAST_GAP)
-    if is_poor.any():
-        rotations[is_poor] = decomposed(unit[is_poor])
-    return rotations
+    entries = np.ascontiguousarray(matrices.reshape(-1, 9).T)
+    return np.ascontiguousarray(nearest_by_entry(entries).T).reshape(-1, 3, 3)
+
+
+def nearest_by_entry(entries: Floats) -> Floats:
+    """The same for matrices and rotations laid out entry by entry, (9, k), row after row."""
+    sizes = np.sqrt(_dots(entries, entries))
+    with np.errstate(all="ignore"):  # what fails here is done otherwise
+        unit = entries / sizes
+        factors = unit.take(FACTORS, axis=0).reshape(4, 9, -1)
+        cofactors = factors[0] * factors[1]
+        cofactors -= factors[2] * factors[3]
+        determinants, squares = _dots(unit[:3], cofactors[:3]), _dots(cofactors, cofactors)
+        f, last_step = _largest_root(determinants, squares)
+        half_g = (f * f - 1) / 2
+        slopes = f * half_g - determinants
+        factors *= cofactors.take(PARTNERS, axis=0).reshape(4, 9, -1)
+        found = unit * half_g
+        found += cofactors * f
+        found += factors[0]
+        found += factors[1]
+        found -= factors[2]
+        found -= factors[3]
+        found /= slopes
+        is_found = (slopes > LEAST_SLOPE) & (last_step < LARGEST_LAST_STEP) & (sizes > LEAST_SIZE)
+    if not is_found.all():
+        others = entries[:, ~is_found].T.reshape(-1, 3, 3)
+        found[:, ~is_found] = decomposed(others).reshape(-1, 9).T
+    return np.asarray(found)
 
 
 def _largest_root(determinants: Floats, squares: Floats) -> tuple[Floats, Floats]:
-    """The root f for |A| = 1, det A and |cof A|², and about half its distance from the next.
+    """The root f for |A| = 1, det A and |cof A|², and the size of the last step to it.
 
-    It starts from the singular values, whose squares are the roots of a cubic; of these the least
-    has only half the digits when it is small.
+    It starts above, from where Newton's method always finds the largest root: f is between 1 and
+    √3, which bounds the equation's last term.
     """
-    spread = np.sqrt(np.maximum(1 - 3 * squares, LEAST_SPREAD)) / 3
-    turn = (determinants * determinants - squares / 3 + 2 / 27) / (2 * spread**3)
-    angle = np.arccos(np.clip(turn, -1, 1)) / 3
-    first = 1 / 3 + 2 * spread * np.cos(angle)
-    last = np.maximum(1 / 3 + 2 * spread * np.cos(angle + 2 * np.pi / 3), 0)
-    middle = np.maximum(1 - first - last, 0)
-    gap = np.sqrt(middle) + np.copysign(np.sqrt(last), determinants)
-    f = np.sqrt(first) + gap
-    constants, slopes = 1 - 4 * squares, 8 * determinants
+    constants, slopes = 4 * squares, 8 * determinants
+    bounds = constants + np.maximum(slopes, np.sqrt(3) * slopes)
+    f = np.sqrt(1 + np.sqrt(np.maximum(bounds, 0)))
     for _ in range(STEPS):
-        square = f * f
-        f -= (((square - 2) * f - slopes) * f + constants) / (4 * f * (square - 1) - slopes)
-    return f, gap
+        g = f * f - 1
+        step = (g * g - constants - slopes * f) / (4 * f * g - slopes)
+        f -= step
+    return f, np.abs(step)
 
 
 def _dots(left: Floats, right: Floats) -> Floats:

@@ -1,0 +1,108 @@
+import numpy as np
+import pytest
+
+from cageik_cli.cage_field import CageField
+from cageik_cli.mesh import TriMesh, uniform_laplacian
+from cageik_cli.ties import Ties, free_basis
+from tests.shapes import ball, concave, finer, octahedron
+
+CAGE = finer(concave(), 1)
+APART = TriMesh(
+    np.concatenate([ball(1).vertices, 0.3 * octahedron().vertices]),
+    np.concatenate([ball(1).faces, octahedron().faces + 18]),
+)
+CASES = {
+    "one": (CAGE, Ties()),
+    "locked": (CAGE, Ties((4, 30))),
+    "two parts": (APART, Ties()),
+    "one of two parts locked": (APART, Ties((2,))),
+}
+
+
+@pytest.fixture(params=CASES.values(), ids=CASES)
+def case(request):
+    """A field, its Laplacian, its basis, and rows of six anchors."""
+    cage, ties = request.param
+    laplacian, basis = uniform_laplacian(cage), free_basis(cage, ties, 1)
+    rows = np.random.default_rng(0).dirichlet(np.ones(len(cage.vertices)), 6)
+    return CageField(cage, laplacian, basis), laplacian, basis, rows
+
+
+def minimum(case, slacks, targets, differences):
+    """Of |L d − differences|² + |A d − targets|² / slack over the basis, by lstsq."""
+    _, laplacian, basis, rows = case
+    roots = slacks[:, None] ** -0.5
+    matrix = np.vstack([laplacian, roots * rows]) @ basis
+    right = np.vstack([differences, roots * targets])
+    return basis @ np.linalg.lstsq(matrix, right, rcond=None)[0]
+
+
+@pytest.mark.parametrize("slack", [1e-6, 1e-2, 10.0])
+def test_responses_are_the_minimum_for_every_target_and_every_difference(case, slack):
+    field, laplacian, _, rows = case
+    n, slacks = len(laplacian), slack * np.linspace(0.5, 2, 6)
+    response = field.response(rows, slacks)
+    targets, differences = np.eye(6), np.eye(n)
+    np.testing.assert_allclose(
+        response.of_anchors, minimum(case, slacks, targets, np.zeros((n, 6))), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        response.of_differences, minimum(case, slacks, np.zeros((6, n)), differences), atol=1e-8
+    )
+    assert response.loose == 0
+
+
+def test_without_slack_anchors_are_met_and_forces_are_balanced(case):
+    """Lagrange: what is left of LᵀL d in the basis are forces of the anchors alone."""
+    field, laplacian, basis, rows = case
+    response = field.response(rows, np.zeros(6))
+    np.testing.assert_allclose(rows @ response.of_anchors, np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(rows @ response.of_differences, 0, atol=1e-12)
+    pulls = basis.T @ laplacian.T @ laplacian @ response.of_anchors
+    forces = np.linalg.lstsq(basis.T @ rows.T, pulls, rcond=None)[0]
+    np.testing.assert_allclose(basis.T @ rows.T @ forces, pulls, atol=1e-9 * np.abs(pulls).max())
+
+
+def test_the_condition_number_is_that_of_the_forces_system():
+    """Of A G Aᵀ + E among forces of sum zero, G being the pseudoinverse of LᵀL."""
+    laplacian = uniform_laplacian(CAGE)
+    rows = np.random.default_rng(0).dirichlet(np.ones(42), 5)
+    slacks = np.linspace(1, 2, 5)
+    response = CageField(CAGE, laplacian, np.eye(42)).response(rows, slacks)
+    centring = np.eye(5) - 1 / 5
+    inverse = np.linalg.pinv(laplacian.T @ laplacian, rcond=1e-12)
+    shifted = np.eye(42) - 1 / 42
+    system = centring @ (rows @ shifted @ inverse @ shifted @ rows.T + np.diag(slacks)) @ centring
+    values = np.linalg.eigvalsh(system)[1:]
+    assert response.condition_number == pytest.approx(values[-1] / values[0], rel=1e-6)
+
+
+def test_anchors_that_say_the_same_are_found_out():
+    field = CageField(CAGE, uniform_laplacian(CAGE), np.eye(42))
+    rows = np.random.default_rng(0).dirichlet(np.ones(42), 4)
+    rows = np.vstack([rows, rows[1]])
+    response = field.response(rows, np.zeros(5))
+    assert response.condition_number > 1e12
+    np.testing.assert_allclose(np.abs(response.weakest), [0, 0.5**0.5, 0, 0, 0.5**0.5], atol=1e-6)
+    assert field.response(rows, np.full(5, 1e-6)).condition_number < 1e12
+
+
+@pytest.mark.parametrize(("count", "loose"), [(0, 2), (1, 1), (2, 0)])
+def test_parts_that_no_anchor_decides_are_counted(count, loose):
+    field = CageField(APART, uniform_laplacian(APART), np.eye(24))
+    rows = np.random.default_rng(0).dirichlet(np.ones(24), count).reshape(count, 24)
+    response = field.response(rows, np.zeros(count))
+    assert response.loose == loose
+    assert response.of_anchors.shape == (24, count)
+    np.testing.assert_allclose(response.of_anchors.sum(axis=1), min(count, 1), atol=1e-11)
+
+
+def test_a_part_that_no_anchor_is_bound_to_follows_the_other():
+    """Its weights are zero there: it moves as one, with the mean motion of what is anchored."""
+    field = CageField(APART, uniform_laplacian(APART), np.eye(24))
+    rows = np.zeros((3, 24))
+    rows[:, :18] = np.random.default_rng(0).dirichlet(np.ones(18), 3)
+    response = field.response(rows, np.zeros(3))
+    assert response.loose == 1
+    np.testing.assert_allclose(np.ptp(response.of_anchors[18:], axis=0), 0, atol=1e-12)
+    np.testing.assert_allclose(response.of_anchors.sum(axis=1), 1, atol=1e-12)

@@ -1,0 +1,384 @@
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from cageik_cli.anchors import Anchor, SurfacePoint, at_vertex, rows_of
+from cageik_cli.binding import Binding
+from cageik_cli.errors import InputError, NumericalError
+from cageik_cli.mesh import TriMesh, uniform_laplacian
+from cageik_cli.posing import Poser
+from cageik_cli.ties import Mirror, Ties
+from tests.shapes import ball, box, concave, finer, octahedron, rotation
+
+CAGE = finer(concave(), 1)
+FACES = np.arange(60).reshape(-1, 3)
+
+
+def bound(cage, seed=0):
+    """A cage and 60 points of random convex weights; the method asks no more of a binding."""
+    weights = np.random.default_rng(seed).dirichlet(np.full(len(cage.vertices), 0.2), 60)
+    return Binding(TriMesh(weights @ cage.vertices, FACES), cage, weights)
+
+
+def joined(*meshes):
+    """One mesh of several parts."""
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+    return TriMesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
+
+
+def some_anchors(count, seed=1, hard=()):
+    """On random faces, with random weights."""
+    generator = np.random.default_rng(seed)
+    shares = generator.dirichlet(np.ones(3), count)
+    faces = FACES[generator.integers(0, len(FACES), count)]
+    counts = generator.uniform(0.5, 2, count)
+    return [
+        Anchor(f"a{k}", SurfacePoint(faces[k], shares[k]), counts[k], hard=k in hard)
+        for k in range(count)
+    ]
+
+
+def some_moves(count, seed=2):
+    return 0.3 * np.random.default_rng(seed).normal(size=(count, 3))
+
+
+def stacked(poser):
+    """Both terms' rows, (n + l, n), and the roots that targets are multiplied with, (l, 1)."""
+    rows = rows_of(poser.anchors, poser.binding.weights)
+    roots = [np.sqrt(poser.beta / len(rows) * anchor.weight) for anchor in poser.anchors]
+    smooth = uniform_laplacian(poser.binding.cage) * np.sqrt(poser.alpha / rows.shape[1])
+    scale = np.array(roots)[:, None]
+    return np.vstack([smooth, scale * rows]), scale
+
+
+def least_squares(poser, displacements):
+    """The cage by numpy's lstsq on the stacked system, in positions, as in the paper."""
+    matrix, scale = stacked(poser)
+    rest, n = poser.binding.cage.vertices, len(poser.binding.cage.vertices)
+    rows = rows_of(poser.anchors, poser.binding.weights)
+    right = np.vstack([matrix[:n] @ rest, scale * (rows @ rest + displacements)])
+    return np.linalg.lstsq(matrix, right, rcond=None)[0]
+
+
+@pytest.fixture(scope="module")
+def binding():
+    return bound(CAGE)
+
+
+@pytest.mark.parametrize("count", [1, 3, 8, 41, 42, 60])
+@pytest.mark.parametrize("alpha", [1e-6, 1e-3, 1.0, 100.0])
+def test_the_cage_is_the_least_squares_solution_of_the_stacked_system(binding, alpha, count):
+    poser = Poser(binding, some_anchors(count), alpha, beta=0.7)
+    moves = some_moves(count)
+    expected = least_squares(poser, moves)
+    np.testing.assert_allclose(poser.cage(moves), expected, atol=1e-9 * CAGE.diagonal)
+    expected = binding.rest.vertices + binding.weights @ (expected - CAGE.vertices)
+    np.testing.assert_allclose(poser.mesh(moves), expected, atol=1e-9 * CAGE.diagonal)
+
+
+def test_an_anchor_that_weighs_more_is_met_better(binding):
+    """The oracle must be able to fail: other weights are another minimum."""
+    anchors, moves = some_anchors(8), some_moves(8)
+    heavy = [Anchor("a0", anchors[0].point, 50.0), *anchors[1:]]
+    light, heavy = (Poser(binding, chosen, alpha=1.0) for chosen in (anchors, heavy))
+
+    def miss(poser):
+        return np.linalg.norm(reached(poser, moves)[0] - moves[0])
+
+    assert miss(heavy) < 0.2 * miss(light)
+    assert np.abs(heavy.cage(moves) - least_squares(light, moves)).max() > 1e-3
+
+
+def reached(poser, moves, rigidity=0):
+    """How far the anchors went."""
+    cage = poser.cage(moves, rigidity) - poser.binding.cage.vertices
+    return rows_of(poser.anchors, poser.binding.weights) @ cage
+
+
+@pytest.mark.parametrize("rigidity", [0, 5])
+def test_anchors_are_met_when_beta_is_large_and_exactly_when_hard(binding, rigidity):
+    moves = some_moves(8)
+    soft = Poser(binding, some_anchors(8), alpha=1e-8)
+    assert np.abs(reached(soft, moves, rigidity) - moves).max() < 1e-6 * binding.rest.diagonal
+    hard = Poser(binding, some_anchors(8, hard=range(8)), alpha=1.0)
+    assert np.abs(reached(hard, moves, rigidity) - moves).max() < 1e-12 * binding.rest.diagonal
+    weak = Poser(binding, some_anchors(8), alpha=1.0)
+    assert np.abs(reached(weak, moves, rigidity) - moves).max() > 1e-3
+
+
+@pytest.mark.parametrize("alpha", [1e-6, 1.0])
+def test_hard_and_soft_anchors_together_solve_the_system_of_lagrange(binding, alpha):
+    anchors, moves = some_anchors(9, hard=(1, 4, 5)), some_moves(9)
+    poser = Poser(binding, anchors, alpha)
+    rows, n = rows_of(anchors, binding.weights), len(CAGE.vertices)
+    soft, hard = [0, 2, 3, 6, 7, 8], [1, 4, 5]
+    counts = np.array([anchor.weight for anchor in anchors]) / len(anchors)
+    laplacian = uniform_laplacian(CAGE)
+    pull = rows[soft].T * counts[soft]
+    normal = alpha / n * laplacian.T @ laplacian + pull @ rows[soft]
+    system = np.block([[normal, rows[hard].T], [rows[hard], np.zeros((3, 3))]])
+    moved = np.linalg.solve(system, np.vstack([pull @ moves[soft], moves[hard]]))[:n]
+    np.testing.assert_allclose(poser.cage(moves), CAGE.vertices + moved, atol=1e-8)
+
+
+SHELLS = joined(box(2.0), octahedron(0.5), ball(1, 0.2))
+CAGES = {"one": CAGE, "two": joined(CAGE, octahedron(0.1)), "three": SHELLS}
+
+
+@pytest.mark.parametrize("cage", CAGES.values(), ids=CAGES)
+@pytest.mark.parametrize("rigidity", [0, 3])
+@pytest.mark.parametrize("count", [1, 2, 3, 8])
+@pytest.mark.parametrize("hard", [True, False])
+def test_one_translation_of_all_anchors_moves_all_by_it(cage, rigidity, count, hard):
+    poser = Poser(bound(cage), some_anchors(count, hard=range(count) if hard else ()))
+    shift = np.array([3.0, -2.0, 0.5])
+    moves = np.tile(shift, (count, 1))
+    rest = poser.binding
+    np.testing.assert_allclose(poser.cage(moves, rigidity), rest.cage.vertices + shift, atol=1e-12)
+    np.testing.assert_allclose(poser.mesh(moves, rigidity), rest.rest.vertices + shift, atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 6])
+def test_parts_that_anchors_do_not_decide_move_the_least_against_each_other(count):
+    """Of all minima, found by lstsq and the null space, that of the least relative motion."""
+    poser, moves = Poser(bound(SHELLS), some_anchors(count), alpha=1e-2), some_moves(count)
+    assert poser.loose == max(3 - count, 0)
+    found = poser.cage(moves) - SHELLS.vertices
+    matrix, scale = stacked(poser)
+    right = np.vstack([np.zeros((len(found), 3)), scale * moves])
+    any_minimum = np.linalg.lstsq(matrix, right, rcond=1e-10)[0]
+    free = scipy.linalg.null_space(matrix, rcond=1e-10)
+    assert free.shape[1] == poser.loose
+    parts = np.eye(3)[SHELLS.components]
+    relative = parts @ np.linalg.pinv(parts) - 1 / len(found)
+    choice = np.linalg.lstsq(relative @ free, -relative @ any_minimum, rcond=None)[0]
+    np.testing.assert_allclose(found, any_minimum + free @ choice, atol=1e-9)
+
+
+def test_a_part_that_no_anchor_moves_goes_with_the_others():
+    """Not a rounding error decides where it goes: anchors on one of two bodies."""
+    cage = joined(CAGE, octahedron(0.3))
+    weights = bound(CAGE).weights
+    apart = np.hstack([weights, np.zeros((60, 6))])
+    binding, moves = Binding(TriMesh(apart @ cage.vertices, FACES), cage, apart), some_moves(7)
+    poser = Poser(binding, some_anchors(7), alpha=48 / 42)
+    posed = poser.cage(moves) - cage.vertices
+    alone = Poser(bound(CAGE), some_anchors(7), alpha=1.0).cage(moves) - CAGE.vertices
+    np.testing.assert_allclose(posed[:42], alone, atol=1e-9)
+    np.testing.assert_allclose(np.ptp(posed[42:], axis=0), 0, atol=1e-12)
+    assert np.abs(posed[42:]).max() < 2 * np.abs(moves).max()
+
+
+@pytest.mark.parametrize("rigidity", [0, 4])
+def test_no_displacement_is_the_rest_pose_bit_for_bit(binding, rigidity):
+    poser = Poser(binding, some_anchors(5, hard=(2,)))
+    np.testing.assert_array_equal(poser.cage(np.zeros((5, 3)), rigidity), CAGE.vertices)
+    np.testing.assert_array_equal(poser.mesh(np.zeros((5, 3)), rigidity), binding.rest.vertices)
+
+
+@pytest.mark.parametrize("rigidity", [0, 4])
+def test_without_anchors_all_stays(binding, rigidity):
+    poser = Poser(binding, [])
+    assert poser.loose == 1
+    np.testing.assert_array_equal(poser.cage(np.empty((0, 3)), rigidity), CAGE.vertices)
+    np.testing.assert_array_equal(poser.mesh(np.empty((0, 3)), rigidity), binding.rest.vertices)
+    cages = CAGE.vertices + np.arange(2.0)[:, None, None]
+    np.testing.assert_array_equal(poser.edited(cages, np.empty((2, 0, 3)), rigidity), cages)
+
+
+def test_targets_are_displacements_from_the_rest_pose(binding):
+    anchors = [Anchor("a", at_vertex(binding.rest, 7), hard=True)]
+    poser = Poser(binding, anchors)
+    target = np.array([[0.3, 0.1, -2.0]])
+    posed = poser.mesh(poser.displacements(target))
+    np.testing.assert_allclose(posed[7], target[0], atol=1e-13)
+
+
+def test_an_anchor_more_or_less_is_the_poser_made_new(binding):
+    anchors, moves = some_anchors(6), some_moves(6)
+    whole = Poser(binding, anchors)
+    whole.mesh(moves)  # its response is not to be taken for another's
+    less = whole.without_anchor("a2")
+    kept = [*anchors[:2], *anchors[3:]]
+    assert less.anchors == tuple(kept)
+    np.testing.assert_array_equal(less.mesh(moves[1:]), Poser(binding, kept).mesh(moves[1:]))
+    more = less.with_anchor(anchors[2])
+    new = Poser(binding, [*kept, anchors[2]])
+    for rigidity in (0, 2):
+        np.testing.assert_array_equal(more.cage(moves, rigidity), new.cage(moves, rigidity))
+    np.testing.assert_array_equal(whole.mesh(moves), Poser(binding, anchors).mesh(moves))
+    with pytest.raises(InputError, match=r"two anchors are called 'a0'; give each a name"):
+        whole.with_anchor(anchors[0])
+    with pytest.raises(InputError, match=r"there is no anchor called 'knee'"):
+        whole.without_anchor("knee")
+
+
+@pytest.mark.parametrize("rigidity", [0, 3])
+def test_locked_vertices_stay_and_the_rest_is_the_reduced_minimum(binding, rigidity):
+    locked, moves = (0, 5, 17), some_moves(6)
+    poser = Poser(binding, some_anchors(6), alpha=1e-3, ties=Ties(locked))
+    posed = poser.cage(moves, rigidity)
+    np.testing.assert_array_equal(posed[list(locked)], CAGE.vertices[list(locked)])
+    if rigidity:
+        return
+    matrix, scale = stacked(poser)
+    right = np.vstack([np.zeros((len(posed), 3)), scale * moves])
+    free = np.delete(np.arange(len(posed)), locked)
+    moved = np.linalg.lstsq(matrix[:, free], right, rcond=None)[0]
+    np.testing.assert_allclose(posed[free], CAGE.vertices[free] + moved, atol=1e-9)
+
+
+def test_a_cage_that_is_locked_all_over_stays(binding):
+    poser = Poser(binding, some_anchors(2), ties=Ties(tuple(range(len(CAGE.vertices)))))
+    np.testing.assert_array_equal(poser.cage(some_moves(2)), CAGE.vertices)
+
+
+TURN = rotation(8)
+ROUND = TriMesh(ball(2, 1.0).vertices @ TURN.T + 0.5, ball(2, 1.0).faces)
+MIRROR = Mirror(3 * TURN[:, 0], np.full(3, 0.5))
+
+
+def images(cage):
+    """Each vertex's partner, found by brute force."""
+    reflected = MIRROR.reflected(cage.vertices)
+    return np.linalg.norm(reflected[:, None] - cage.vertices, axis=2).argmin(axis=1)
+
+
+@pytest.mark.parametrize("rigidity", [0, 3])
+@pytest.mark.parametrize("locked", [(), (3, 11)])
+def test_a_mirrored_pose_is_symmetric_and_so_is_its_response_to_what_is_not(rigidity, locked):
+    poser = Poser(bound(ROUND), some_anchors(5), ties=Ties(locked, MIRROR))
+    posed = poser.cage(some_moves(5), rigidity)
+    assert np.abs(posed - ROUND.vertices).max() > 0.05
+    np.testing.assert_allclose(MIRROR.reflected(posed), posed[images(ROUND)], atol=1e-12)
+    free = Poser(bound(ROUND), some_anchors(5)).cage(some_moves(5), rigidity)
+    assert np.abs(MIRROR.reflected(free) - free[images(ROUND)]).max() > 0.05
+
+
+@pytest.mark.parametrize("alpha", [1e-4, 1.0])
+def test_a_mirrored_pose_is_the_least_squares_solution_of_symmetric_motions(alpha):
+    """All 3 n unknowns at once, of which the symmetric ones are a null space."""
+    poser = Poser(bound(ROUND), some_anchors(5), alpha, ties=Ties((3,), MIRROR))
+    moves, n = some_moves(5), len(ROUND.vertices)
+    matrix, scale = stacked(poser)
+    flip = np.eye(3) - 2 * np.outer(TURN[:, 0], TURN[:, 0])
+    images_of = np.kron(np.eye(n)[images(ROUND)], flip)
+    kept = np.kron(np.eye(n)[[3]], np.eye(3))
+    symmetric = scipy.linalg.null_space(np.vstack([images_of - np.eye(3 * n), kept]))
+    right = np.concatenate([np.zeros(3 * n), (scale * moves).ravel()])
+    found = np.linalg.lstsq(np.kron(matrix, np.eye(3)) @ symmetric, right, rcond=None)[0]
+    expected = ROUND.vertices + (symmetric @ found).reshape(n, 3)
+    np.testing.assert_allclose(poser.cage(moves), expected, atol=1e-9)
+    mesh = poser.binding.rest.vertices + poser.binding.weights @ (expected - ROUND.vertices)
+    np.testing.assert_allclose(poser.mesh(moves), mesh, atol=1e-9)
+
+
+@pytest.mark.parametrize("rigidity", [0, 4])
+@pytest.mark.parametrize("ties", [Ties(), Ties((2,))], ids=["free", "locked"])
+def test_edited_frames_are_posed_each_from_its_own_cage(binding, rigidity, ties):
+    anchors, generator = some_anchors(4, hard=(0,)), np.random.default_rng(3)
+    cages = CAGE.vertices + 0.1 * generator.normal(size=(5, *CAGE.vertices.shape))
+    moves = 0.2 * generator.normal(size=(5, 4, 3))
+    moves[[1, 3]] = 0
+    kept = cages.copy()
+    edited = Poser(binding, anchors, ties=ties).edited(cages, moves, rigidity)
+    np.testing.assert_array_equal(cages, kept)
+    np.testing.assert_array_equal(edited[[1, 3]], cages[[1, 3]])
+    for k in (0, 2, 4):
+        own = TriMesh(cages[k], CAGE.faces)
+        posed = Binding(TriMesh(binding.weights @ cages[k], FACES), own, binding.weights)
+        single = Poser(posed, anchors, ties=ties).cage(moves[k], rigidity)
+        np.testing.assert_allclose(edited[k], single, atol=1e-12)
+
+
+def test_no_frames_are_edited_to_none(binding):
+    poser = Poser(binding, some_anchors(3))
+    assert poser.edited(np.empty((0, 42, 3)), np.empty((0, 3, 3)), 2).shape == (0, 42, 3)
+
+
+def test_anchors_turned_rigidly_turn_all_with_enough_rounds_and_not_without(binding):
+    """The rigid motion has no energy: the rounds come to it, and the linear solve shears."""
+    turn = Rotation.from_rotvec([0.2, -0.5, 0.9]).as_matrix()
+    poser = Poser(binding, some_anchors(12, hard=range(12)))
+    at_rest = rows_of(poser.anchors, binding.weights) @ CAGE.vertices
+    moves, rigid = at_rest @ turn.T - at_rest, CAGE.vertices @ turn.T
+    errors = [np.abs(poser.cage(moves, rounds) - rigid).max() for rounds in (0, 3, 30, 1000)]
+    assert errors[0] > 0.1 * CAGE.diagonal
+    assert errors[0] > errors[1] > errors[2] > errors[3]
+    assert errors[3] < 1e-6 * CAGE.diagonal
+
+
+def test_hard_anchors_on_one_point_are_refused_by_name_and_soft_ones_meet_half_way(binding):
+    anchors, moves = some_anchors(4), some_moves(4)
+    point = anchors[1].point
+    twins = [Anchor("toe", point), Anchor("heel", point)]
+    soft = Poser(binding, [*anchors, *twins], alpha=1e-9)
+    found = reached(soft, np.vstack([moves, [[0, 0, 0], [0, 0, 1]]]))
+    np.testing.assert_allclose(found[4], found[5])
+    weight = anchors[1].weight
+    mean = (moves[1] * weight + [0, 0, 1]) / (weight + 2)
+    np.testing.assert_allclose(found[4], mean, atol=1e-5)
+    hard = [Anchor(anchor.name, point, hard=True) for anchor in twins]
+    says = r"cannot all be met: .* 'heel' and 'toe' have most part in it; leave one out, make it"
+    with pytest.raises(NumericalError, match=says):
+        Poser(binding, [*anchors, hard[1], hard[0]])
+
+
+def test_more_hard_anchors_than_the_cage_can_follow_are_refused(binding):
+    with pytest.raises(NumericalError, match="cannot all be met"):
+        Poser(binding, some_anchors(43, hard=range(43)))
+    assert Poser(binding, some_anchors(43)).condition_number < 1e12
+
+
+def test_a_hard_anchor_whose_cage_is_locked_is_refused_alone(binding):
+    """It is named, and no anchor that has no part in it."""
+    weights = binding.weights.copy()
+    weights[0] = np.eye(42)[5]
+    held = Binding(binding.rest, CAGE, weights)
+    corner = Anchor("corner", at_vertex(held.rest, 0), hard=True)
+    others = [Anchor("other", at_vertex(held.rest, 4), hard=True)]
+    says = r"condition number is inf, .* and 'corner' has most part in it"
+    with pytest.raises(NumericalError, match=says):
+        Poser(held, [*others, corner], ties=Ties((5,)))
+    soft = Poser(held, [*others, Anchor("corner", corner.point)], ties=Ties((5,)))
+    np.testing.assert_array_equal(soft.cage(some_moves(2))[5], CAGE.vertices[5])
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("name", ["alpha", "beta"])
+def test_weights_of_terms_that_mean_nothing_are_refused(binding, name, value):
+    with pytest.raises(InputError, match=f"{name} is {value}, expected a finite number above 0"):
+        Poser(binding, [], **{name: value})
+
+
+@settings(max_examples=40)
+@given(
+    st.integers(1, 12),
+    st.integers(0, 10**6),
+    st.floats(1e-3, 1e3),
+    st.sampled_from([0, 3]),
+    st.booleans(),
+)
+def test_posing_commutes_with_motions_and_units(binding, count, seed, scale, rigidity, is_hard):
+    """Everything scaled, turned and moved: cage, model, targets."""
+    anchors = some_anchors(count, seed, hard=range(0, count, 3) if is_hard else ())
+    moves, turn, shift = some_moves(count, seed), scale * rotation(seed), np.array([5.0, -3, 1])
+    cage = TriMesh(CAGE.vertices @ turn.T + scale * shift, CAGE.faces)
+    rest = TriMesh(binding.rest.vertices @ turn.T + scale * shift, FACES)
+    found = Poser(Binding(rest, cage, binding.weights), anchors).mesh(moves @ turn.T, rigidity)
+    expected = Poser(binding, anchors).mesh(moves, rigidity) @ turn.T + scale * shift
+    np.testing.assert_allclose(found, expected, atol=1e-9 * scale)
+
+
+@settings(max_examples=40)
+@given(st.integers(1, 12), st.integers(0, 10**6), st.floats(-3, 3))
+def test_poses_add_up(binding, count, seed, share):
+    """Without rigidity everything is linear in the anchors' displacements."""
+    poser = Poser(binding, some_anchors(count, seed))
+    one, two = some_moves(count, seed), some_moves(count, seed + 1)
+    moved = [poser.cage(moves) - CAGE.vertices for moves in (one, two, one + share * two)]
+    np.testing.assert_allclose(moved[2], moved[0] + share * moved[1], atol=1e-10)

@@ -1,0 +1,123 @@
+import numpy as np
+import pytest
+import scipy.linalg
+
+from cageik_cli.errors import InputError
+from cageik_cli.mesh import TriMesh
+from cageik_cli.ties import Mirror, TiedMap, Ties, free_basis, partners
+from tests.shapes import ball, box, changed, rotation
+
+TURN = rotation(5)
+CAGE = changed(ball(1, 2.0), vertices=ball(1, 2.0).vertices @ TURN.T + [3.0, 0, -1])
+MIRROR = Mirror(-7 * TURN[:, 1], np.array([3.0, 0, -1]))
+
+
+def flip():
+    return np.eye(3) - 2 * np.outer(TURN[:, 1], TURN[:, 1])
+
+
+def test_mirror_images_are_as_far_behind_the_plane():
+    points = np.random.default_rng(0).normal(size=(4, 5, 3))
+    images = MIRROR.reflected(points)
+    np.testing.assert_allclose(MIRROR.reflected(images), points, atol=1e-14)
+    np.testing.assert_allclose((images + points - 2 * MIRROR.point) @ MIRROR.normal, 0, atol=1e-13)
+    np.testing.assert_allclose(np.cross(images - points, MIRROR.normal), 0, atol=1e-14)
+    assert np.linalg.norm(MIRROR.normal) == pytest.approx(1)
+
+
+def test_partners_are_each_others_mirror_images():
+    partner = partners(CAGE, MIRROR)
+    np.testing.assert_array_equal(partner[partner], np.arange(len(partner)))
+    np.testing.assert_allclose(MIRROR.reflected(CAGE.vertices), CAGE.vertices[partner], atol=1e-14)
+    on_plane = np.abs((CAGE.vertices - MIRROR.point) @ MIRROR.normal) < 1e-12
+    np.testing.assert_array_equal(partner == np.arange(len(partner)), on_plane)
+
+
+def test_a_cage_may_be_off_by_a_little():
+    noise = np.random.default_rng(1).uniform(-1, 1, CAGE.vertices.shape)
+    for size, fits in ((2e-4, True), (2e-3, False)):
+        cage = changed(CAGE, vertices=CAGE.vertices + size * CAGE.diagonal * noise)
+        if fits:
+            np.testing.assert_array_equal(partners(cage, MIRROR), partners(CAGE, MIRROR))
+        else:
+            with pytest.raises(InputError, match=r"no partner within 0\.001 of its diagonal"):
+                partners(cage, MIRROR)
+
+
+@pytest.mark.parametrize(
+    ("ties", "rank"),
+    [
+        (Ties(), 18),
+        (Ties((0, 7, 7)), 16),
+        (Ties(mirror=MIRROR), None),
+        (Ties((0, 7), MIRROR), None),
+        (Ties(tuple(range(18))), 0),
+    ],
+)
+def test_what_is_free_is_what_the_ties_allow(ties, rank):
+    """Both coordinates' bases together span the null space of all conditions."""
+    signs = (1, -1) if ties.mirror else (1,)
+    conditions = [np.eye(18)[list(ties.locked)]]
+    for sign in signs:
+        rows = list(conditions)
+        if ties.mirror:
+            partner = partners(CAGE, MIRROR)
+            rows += [np.eye(18)[partner] - sign * np.eye(18)]
+        expected = scipy.linalg.null_space(np.vstack([*rows, np.zeros((1, 18))]))
+        basis = free_basis(CAGE, ties, sign)
+        np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-14)
+        np.testing.assert_allclose(basis @ basis.T, expected @ expected.T, atol=1e-12)
+        assert rank in (None, basis.shape[1])
+
+
+def test_a_tied_map_is_two_maps_along_and_across():
+    generator = np.random.default_rng(2)
+    along, across, more = generator.normal(size=(3, 6, 6))
+    points = generator.normal(size=(4, 6, 3))
+    normal = MIRROR.normal
+    split = np.outer(normal, normal)
+    expected = along @ points @ (np.eye(3) - split) + across @ points @ split
+    tied = TiedMap([along, across], MIRROR)
+    np.testing.assert_allclose(tied(points), expected, atol=1e-13)
+    np.testing.assert_allclose(tied.by_coordinate(points[0]).T, expected[0], atol=1e-13)
+    np.testing.assert_allclose(tied.followed_by(more)(points), more @ expected, atol=1e-12)
+    free = TiedMap([along], None)
+    np.testing.assert_allclose(free(points), along @ points, atol=1e-14)
+    np.testing.assert_allclose(free.by_coordinate(points[0]).T, along @ points[0], atol=1e-14)
+    np.testing.assert_allclose(free.followed_by(more)(points), more @ along @ points, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("normal", "point"),
+    [([0.0, 0, 0], [0.0, 0, 0]), ([1, 0, np.nan], [0.0, 0, 0]), ([1.0, 0, 0], [np.inf, 0, 0])],
+)
+def test_planes_that_are_none_are_refused(normal, point):
+    with pytest.raises(InputError, match=r"the mirror's normal is .* and its point .*, expected"):
+        Mirror(np.array(normal), np.array(point))
+
+
+def test_cages_that_are_not_symmetric_are_refused_naming_vertices():
+    vertices, partner = CAGE.vertices.copy(), partners(CAGE, MIRROR)
+    assert partner[4] == 9 or (partner[4] == 4 and partner[9] == 9)
+    vertices[[4, 9]] += 0.1
+    missing = "2 of 18 cage vertices have no partner within 0.001 of its diagonal"
+    says = rf"not symmetric about the mirror: {missing} \(4, 9\); move the plane, or leave"
+    with pytest.raises(InputError, match=says):
+        partners(changed(CAGE, vertices=vertices), MIRROR)
+    with pytest.raises(InputError, match="18 of 18 cage vertices"):
+        partners(CAGE, Mirror(MIRROR.normal, MIRROR.point + MIRROR.normal))
+
+
+def test_two_vertices_that_share_a_partner_are_refused():
+    """Two at one place have the same image: whose partner is whose cannot be told."""
+    twice = box(1.0)
+    doubled = TriMesh(np.vstack([twice.vertices, twice.vertices[:1]]), twice.faces)
+    with pytest.raises(InputError, match="not symmetric about the mirror"):
+        partners(doubled, Mirror(np.array([1.0, 0, 0]), np.zeros(3)))
+
+
+@pytest.mark.parametrize("vertex", [-1, 18])
+def test_locked_vertices_that_do_not_exist_are_refused(vertex):
+    says = f"there is no cage vertex {vertex} to lock; the cage has 18, numbered from 0 to 17"
+    with pytest.raises(InputError, match=says):
+        free_basis(CAGE, Ties((3, vertex)), 1)
