@@ -41,3 +41,11 @@ def drawable(name: str, longest: int = LONGEST) -> str:
     if len(text) <= longest:
         return text
     return f"{text[: longest // 2 - 1]}…{text[-longest // 2 :]}"
+
+
+def text_width(text: str, size: float) -> float:
+    """How wide a text is in letters of a size, both in points."""
+    font = get_font(findfont(FontProperties()))
+    font.set_size(size, 72)
+    font.set_text(text)
+    return float(font.get_width_height()[0] / 64)
