@@ -75,6 +75,7 @@ growth: $(READY)  ## Measure how a bind grows with cage and model (takes minutes
 fixtures: $(READY)  ## Make data_fixtures again, byte for byte, and the pictures
 	$(BIN)/python data_fixtures/make_fixtures.py
 	$(BIN)/python data_fixtures/make_picture.py
+	$(BIN)/python data_fixtures/make_pose_pictures.py
 
 clean:  ## Remove what was built and written here
 	rm -rf $(VENV) $(BLENDER_VENV) $(OUT) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .coverage .hypothesis

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from broken import write_broken
+from handles import write_handles
 from posed import write_posed
 from walker import write_walker
 
@@ -18,6 +19,7 @@ from walker import write_walker
 def make_all(folder: Path) -> None:
     """Write all fixtures below a folder."""
     write_walker(folder / "walker")
+    write_handles(folder / "walker")
     write_posed(folder / "posed")
     write_broken(folder / "broken")
 

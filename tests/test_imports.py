@@ -51,7 +51,7 @@ OWNERS = {
     },
     "alembic3d": {"sequence.readers.alembic", "export.writers.alembic"},
     "imath": {"export.writers.alembic"},
-    "matplotlib": {"report.figure", "report.limit_lines"},
+    "matplotlib": {"report.figure", "report.limit_lines", "report.pose_picture", "report.style"},
     "PIL": {"report.pictures"},
 }
 """Who may import a library, `imath` being alembic3d's; numpy and scipy are for all."""
@@ -76,7 +76,9 @@ NUMERICS = (
     "posing",
     "metrics",
     "export.skinning",
+    "report.drawing",
     "report.labels",
+    "report.name_places",
     "report.raster",
     "report.shading",
 )

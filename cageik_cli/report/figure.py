@@ -7,18 +7,13 @@ bytes.
 import io
 import re
 import textwrap
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
 
-import matplotlib as mpl
-import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from cageik_cli.mesh import Floats, Integers
@@ -34,36 +29,22 @@ from cageik_cli.report.limit_lines import (
 )
 from cageik_cli.report.record import Report
 from cageik_cli.report.series import LEAST, Series, series_of
+from cageik_cli.report.style import INK, MUTED, drawable, own_style
 
 SIZE, DPI = (7.2, 3.6), 200
 """Inches across and down, and pixels to the inch."""
 LEFT, RIGHT, BOTTOM, TOP = 0.1, 0.9, 0.14, 0.87
 """Where the axes are, as shares of the picture from its lower left corner."""
 
-INK, MUTED, GAP = "#20242a", "#59626d", "#eceef0"
+GAP = "#eceef0"
 HEADROOM = 1.25
 """The axes end so far above the highest figure, for the label of the worst frame."""
 MARKED = 60
 """Up to so many frames each has a marker."""
-LONGEST = 40
-"""Characters of a name that are shown."""
 LETTER = 0.0115
 """How wide letters of the worst frame's name are, about, as a share of the axes."""
 ACROSS = 100
 """Letters of limits that fit across the picture."""
-
-SETTINGS: Any = {
-    "font.size": 9.0,
-    "axes.edgecolor": MUTED,
-    "axes.linewidth": 0.8,
-    "axes.unicode_minus": True,
-    "path.simplify": False,
-    "text.color": INK,
-    "text.parse_math": False,
-    "xtick.color": MUTED,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "cageik",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,21 +97,15 @@ def figure_of(report: Report) -> Figure:
     The latter is drawn where the model is open, or no frame has a volume. Frames that were skipped
     are gaps, and shaded.
     """
-    with _own_style():
+    with own_style():
         return _drawn(report)
 
 
 def _saved(report: Report, kind: str, metadata: dict[str, None]) -> bytes:
     stream = io.BytesIO()
-    with _own_style():
+    with own_style():
         _drawn(report).savefig(stream, format=kind, dpi=DPI, metadata=metadata)
     return stream.getvalue()
-
-
-@contextmanager
-def _own_style() -> Iterator[None]:
-    with matplotlib.style.context("default"), mpl.rc_context(SETTINGS):
-        yield
 
 
 def _drawn(report: Report) -> Figure:
@@ -235,7 +210,9 @@ def _draw_worst(axes: Axes, series: Series, report: Report) -> Box:
     place = (summary.worst_frame_index, series.values[summary.worst_frame_index])
     column = int(np.digitize(place[0] / count, (0.3, 0.7)))
     side = ("left", "center", "right")[column]
-    text = f"worst {percent_text(summary.worst_frame_rms_percent)} %, {_shown(summary.worst_frame)}"
+    text = (
+        f"worst {percent_text(summary.worst_frame_rms_percent)} %, {drawable(summary.worst_frame)}"
+    )
     axes.plot(*place, "o", markersize=7.5, markerfacecolor="none", markeredgecolor=INK, gid="worst")
     axes.annotate(
         text,
@@ -261,7 +238,7 @@ def _draw_worst(axes: Axes, series: Series, report: Report) -> Box:
 def _dress(axes: Axes, series: Series, report: Report) -> None:
     """Name and number the axes."""
     axes.set_xlim(*_x_limits(len(report.frames)))
-    axes.set_xlabel(f"frame of {_shown(report.result)}, numbered from 0")
+    axes.set_xlabel(f"frame of {drawable(report.result)}, numbered from 0")
     axes.set_ylabel(series.name, color=series.look.colour)
     axes.tick_params(axis="y", labelcolor=series.look.colour, color=series.look.colour)
     axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, min_n_ticks=1, steps=[1, 2, 5, 10]))
@@ -294,12 +271,3 @@ def _draw_legend(figure: Figure, both: tuple[Axes, Axes], named: list[Gate]) -> 
         text = "not drawn: " + "; ".join(map(limit_label, named))
         text = textwrap.shorten(text, ACROSS, placeholder=" …")
         figure.text(LEFT, TOP + 0.015, text, fontsize=7.5, color=MUTED, gid="not-drawn")
-
-
-def _shown(name: str) -> str:
-    """A name as far as it fits and the font has letters for it."""
-    font = get_font(findfont(FontProperties()))
-    text = "".join(letter if font.get_char_index(ord(letter)) else "\ufffd" for letter in name)
-    if len(text) <= LONGEST:
-        return text
-    return f"{text[: LONGEST // 2 - 1]}…{text[-LONGEST // 2 :]}"

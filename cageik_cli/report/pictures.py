@@ -6,19 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from cageik_cli.mesh import Floats, Integers
+from cageik_cli.mesh import Floats
+from cageik_cli.report.drawing import TURN, caged, colour, seen_surface, view_axes
 from cageik_cli.report.poses import Pose, Poses
-from cageik_cli.report.raster import Camera, lines, rasterised
-from cageik_cli.report.shading import (
-    SAMPLES,
-    Picture,
-    Surface,
-    coloured,
-    drawn_over,
-    painted,
-    reduced,
-    surface_of,
-)
+from cageik_cli.report.raster import Camera
+from cageik_cli.report.shading import SAMPLES, Picture, Surface, coloured, painted, reduced
 
 COLOURS = (
     "#f2eada", "#efd098", "#ecb362", "#e69441", "#e56e38", "#d64d41", "#bb3252",
@@ -26,18 +18,7 @@ COLOURS = (
 )  # fmt: skip
 """From light to dark in even steps, so that they are told apart without their hue."""
 
-CLAY, PALE, UNKNOWN, LINE = "#e2d6c8", "#f0ede8", "#a3a8ad", "#1f6fd0"
-TURN, TILT = 32.0, 14.0
-"""Degrees that the viewer stands to the right of the front, and above it."""
-UPRIGHT = {"Y": np.eye(3), "Z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
-"""Rows: to the right, upwards, and to the front, by the axis that points up."""
-
-THICKNESS = 1.3
-"""Of lines, pixels."""
-CLEARANCE = 0.006
-"""Of the picture: a line no deeper than this behind a surface is before it."""
-NEAR, FAR = 0.95, 0.28
-"""Opacity of lines before all surfaces, and behind one."""
+CLAY, UNKNOWN = "#e2d6c8", "#a3a8ad"
 
 SHARE = 99.5
 """Percent of the vertices that a scale of colours is to tell apart."""
@@ -112,60 +93,29 @@ def _top(values: Floats) -> float:
 
 def _pose_pictures(poses: Poses, pose: Pose, top: float, pixels: int) -> PosePictures:
     points = np.concatenate([pose.given, pose.rebuilt, pose.cage])
-    camera = Camera.fitted(_axes(poses.up_axis, TURN), points, SAMPLES * pixels)
-    given = _surface(camera, pose.given, poses.faces)
-    rebuilt = _surface(camera, pose.rebuilt, poses.faces)
+    camera = Camera.fitted(view_axes(poses.up_axis, TURN), points, SAMPLES * pixels)
+    given = seen_surface(camera, pose.given, poses.faces)
+    rebuilt = seen_surface(camera, pose.rebuilt, poses.faces)
     deviation = np.where(np.isfinite(poses.vertex_rms), pose.deviation, np.nan)
     return PosePictures(
         label=pose.label,
         name=pose.name,
-        given=_png(painted(given, _colour(CLAY))),
+        given=_png(painted(given, colour(CLAY))),
         rebuilt=_png(painted(rebuilt, _colours(rebuilt, deviation, top))),
-        cage=_png(_caged(painted(rebuilt, _colour(PALE)), rebuilt, camera, (pose, poses))),
+        cage=_png(caged(rebuilt, camera, pose.cage, poses.cage_faces)),
     )
 
 
 def _spread(poses: Poses, turn: float, top: float, pixels: int) -> bytes:
     rest = poses.poses[0].rebuilt
-    camera = Camera.fitted(_axes(poses.up_axis, turn), rest, SAMPLES * pixels)
-    surface = _surface(camera, rest, poses.faces)
+    camera = Camera.fitted(view_axes(poses.up_axis, turn), rest, SAMPLES * pixels)
+    surface = seen_surface(camera, rest, poses.faces)
     return _png(painted(surface, _colours(surface, poses.vertex_rms, top)))
 
 
-def _axes(up_axis: str, turn: float) -> Floats:
-    """Rows: right, up and towards a viewer who stands `turn` degrees to the right of the front."""
-    turned, tilted = np.radians((turn, TILT))
-    (c, s), (d, e) = ((np.cos(angle), np.sin(angle)) for angle in (turned, tilted))
-    around = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
-    over = np.array([[1, 0, 0], [0, d, -e], [0, e, d]])
-    return np.asarray(over @ around @ UPRIGHT[up_axis])
-
-
-def _surface(camera: Camera, vertices: Floats, faces: Integers) -> Surface:
-    return surface_of(camera.project(vertices), faces, camera.size)
-
-
 def _colours(surface: Surface, values: Floats, top: float) -> Floats:
-    stops = np.array([_colour(stop) for stop in COLOURS])
-    return coloured(surface.interpolated(values), top, stops, _colour(UNKNOWN))
-
-
-def _caged(
-    picture: Picture, surface: Surface, camera: Camera, shown: tuple[Pose, Poses]
-) -> Picture:
-    """A picture of a model with its cage's edges over it, fainter where they are behind."""
-    pose, poses = shown
-    cage, size = camera.project(pose.cage), camera.size
-    edges = np.unique(np.sort(poses.cage_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)), axis=0)
-    depth = lines(cage, edges, THICKNESS * SAMPLES, size)
-    before = np.minimum(surface.depth, rasterised(cage[poses.cage_faces], size).depth)
-    opacity = np.where(depth <= before + CLEARANCE * size, NEAR, FAR)
-    return drawn_over(picture, _colour(LINE), np.where(np.isfinite(depth), opacity, 0))
-
-
-def _colour(text: str) -> Floats:
-    """Red, green and blue, 0 to 1, of #rrggbb."""
-    return np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+    stops = np.array([colour(stop) for stop in COLOURS])
+    return coloured(surface.interpolated(values), top, stops, colour(UNKNOWN))
 
 
 def _png(picture: Picture) -> bytes:

@@ -1,0 +1,51 @@
+"""How figures look: without pyplot and the reader's matplotlibrc, and so always the same."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib as mpl
+import matplotlib.style
+from matplotlib.font_manager import FontProperties, findfont, get_font
+
+INK, MUTED = "#20242a", "#59626d"
+
+LONGEST = 40
+"""Characters of a name that are shown, unless there is less room."""
+
+SETTINGS: Any = {
+    "font.size": 9.0,
+    "axes.edgecolor": MUTED,
+    "axes.linewidth": 0.8,
+    "axes.unicode_minus": True,
+    "path.simplify": False,
+    "text.color": INK,
+    "text.parse_math": False,
+    "xtick.color": MUTED,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "cageik",
+}
+
+
+@contextmanager
+def own_style() -> Iterator[None]:
+    """Within it figures are made and saved."""
+    with matplotlib.style.context("default"), mpl.rc_context(SETTINGS):
+        yield
+
+
+def drawable(name: str, longest: int = LONGEST) -> str:
+    """A name as far as it fits and the font has letters for it."""
+    font = get_font(findfont(FontProperties()))
+    text = "".join(letter if font.get_char_index(ord(letter)) else "\ufffd" for letter in name)
+    if len(text) <= longest:
+        return text
+    return f"{text[: longest // 2 - 1]}…{text[-longest // 2 :]}"
+
+
+def text_width(text: str, size: float) -> float:
+    """How wide a text is in letters of a size, both in points."""
+    font = get_font(findfont(FontProperties()))
+    font.set_size(size, 72)
+    font.set_text(text)
+    return float(font.get_width_height()[0] / 64)
