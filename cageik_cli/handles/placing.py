@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from cageik_cli.anchors import SurfacePoint, at_vertex, nearest_to, on_face, picked
-from cageik_cli.errors import InputError, first_few, located
+from cageik_cli.errors import InputError, located
 from cageik_cli.handles.conflicts import Held, merged
 from cageik_cli.handles.drag import Drag
 from cageik_cli.handles.records import (
@@ -95,13 +95,7 @@ class _Search:
                 "a position is on no point of the surface by itself; take the nearest with "
                 "--snap, or name a vertex or a face"
             )
-        point = nearest_to(self._posed, position)
-        if not np.isfinite(point.barycentric).all():
-            raise InputError(
-                "the nearest face has no area, and no point of it can be told from another; move "
-                f"the position, or name one of vertices {first_few(point.corners)}"
-            )
-        return point
+        return nearest_to(self._posed, position)
 
 
 def _hold(handle_set: HandleSet, count: int | None) -> range:
