@@ -34,6 +34,18 @@ LEAST_NAMED = 0.1
 """Those that have less part in it than this share of the first's are not named."""
 
 
+def refuse_no_weights(alpha: float, beta: float) -> None:
+    """Refuse weights of the Laplacian and of the anchors that are not finite numbers above 0.
+
+    Raises
+    ------
+    InputError
+    """
+    for name, value in (("alpha", alpha), ("beta", beta)):
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(f"{name} is {value}, expected a finite number above 0")
+
+
 class Poser:
     """Poses of a cage and its mesh by the same anchors, any number of them.
 
@@ -76,9 +88,7 @@ class Poser:
         beta: float = 1.0,
         ties: Ties | None = None,
     ) -> None:
-        for name, value in (("alpha", alpha), ("beta", beta)):
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(f"{name} is {value}, expected a finite number above 0")
+        refuse_no_weights(alpha, beta)
         self.binding, self.alpha, self.beta, self.ties = binding, alpha, beta, ties or Ties()
         cage = binding.cage
         self._laplacian = uniform_laplacian(cage)
@@ -141,8 +151,10 @@ class Poser:
         is_moved = displacements.any(axis=(1, 2))
         edited, chosen = cages.copy(), cages[is_moved]
         moved = self._cage_map(displacements[is_moved])
-        if rigidity and len(chosen):
-            moved = self._turned(chosen, moved, rigidity)
+        if rigidity:
+            # One by one: the last digits of a product depend on how many frames there are.
+            for k in range(len(chosen)):
+                moved[[k]] = self._turned(chosen[[k]], moved[[k]], rigidity)
         edited[is_moved] += moved
         return edited
 
