@@ -1,0 +1,52 @@
+"""One mesh out, as a file of the kinds that hold one."""
+
+from pathlib import Path
+
+from cageik_cli.errors import InputError
+from cageik_cli.export import writers
+from cageik_cli.export.animation import Animation
+from cageik_cli.export.frame_files import FrameFileWriter
+from cageik_cli.kinds import by_suffix
+from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.outputs import prepare, write_bytes
+from cageik_cli.scene import Scene
+
+
+def prepare_mesh(path: Path, overwrite: bool) -> None:
+    """Refuse, before any work, a mesh of no known kind, that exists or cannot be written.
+
+    Raises
+    ------
+    InputError
+        Naming the output and what to do.
+    """
+    _kind(path)
+    prepare(path, overwrite)
+
+
+def write_mesh(path: Path, mesh: TriMesh, positions: Floats, overwrite: bool) -> None:
+    """Write the triangles of a mesh at other positions, (m, 3), as animations of files do.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written.
+    """
+    animation = Animation(mesh, 1, Scene(start=0), path.stem)
+    writer = _kind(path)(path.with_name(f"_####{path.suffix.lower()}"), animation)
+    write_bytes(path, writer.content(positions), overwrite)
+
+
+def _kind(path: Path) -> type[FrameFileWriter]:
+    """The writer of files of one frame by the suffix."""
+    found = by_suffix(writers, "Writer").items()
+    kinds: dict[str, type[FrameFileWriter]] = {
+        suffix: kind for suffix, kind in found if issubclass(kind, FrameFileWriter)
+    }
+    kind = kinds.get(path.suffix.lower())
+    if kind is None:
+        raise InputError(
+            f"{path}: `{path.suffix}` is not a kind of mesh written here, expected "
+            f"{', '.join(kinds)}"
+        )
+    return kind
