@@ -20,11 +20,13 @@ ORDER = (
     "shape", "findings", "intersections", "soundness", "enclosure", "weaknesses", "diagnosis",
     "binding", "rotations", "alignment", "dual_laplacian", "camera", "anchors", "ties",
     "cage_field", "rigidity", "posing", "metrics",
-    "locks", "outputs", "hdf5", "handles", "usd", "sequence", "store.parts", "store.result",
+    "locks", "outputs", "hdf5", "handles", "layers", "edited_block", "pose_figures", "usd",
+    "sequence", "store.parts", "store.result",
     "store.result_writer", "store.solved_block", "store.told",
     "store.partial", "store.binding_file", "store.cache_entry",
     "store.cache", "export", "binding_run", "inputs", "resuming", "solving", "extraction",
-    "exporting", "deforming", "report", "batch", "checking", "describing", "cli", "__main__",
+    "exporting", "deforming", "posing_run", "editing", "report", "batch", "checking", "describing",
+    "cli", "__main__",
 )  # fmt: skip
 """Each imports only from those before it; a folder named here keeps its own order."""
 

@@ -11,6 +11,7 @@ from cageik_cli.cli.export import export_command
 from cageik_cli.cli.extract import extract_command
 from cageik_cli.cli.failures import CageikGroup
 from cageik_cli.cli.info import info_command
+from cageik_cli.cli.pose import pose_command
 from cageik_cli.cli.report import report_command
 
 
@@ -22,6 +23,7 @@ from cageik_cli.cli.report import report_command
         report_command,
         export_command,
         deform_command,
+        pose_command,
         bind_command,
         check_command,
         info_command,

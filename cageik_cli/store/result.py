@@ -107,8 +107,8 @@ def partial_name(path: Path) -> Path:
     return path.with_name(path.name + LOG_SUFFIX)
 
 
-def read_cages(result: Result, size: int) -> Iterator[Floats]:
-    """The cages of a result, in blocks of at most `size`, (k, n, 3), gaps filled.
+def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
+    """The cages of a result from a frame on, in blocks of at most `size`, (k, n, 3), gaps filled.
 
     The cage of a frame that was skipped lies between those of the frames before and after, as far
     along as it is in time; beyond the last frame that was not it stays.
@@ -121,7 +121,7 @@ def read_cages(result: Result, size: int) -> Iterator[Floats]:
     known = np.setdiff1d(np.arange(len(result.frames)), list(result.skipped))
     with opened(result.path) as file:
         cages = dataset(file, "verts", "f", (len(result.frames), len(result.cage.vertices), 3))
-        for start in range(0, len(cages), size):
+        for start in range(first, len(cages), size):
             block = np.asarray(cages[start : start + size], np.float64)
             for k in range(start, start + len(block)):
                 if k in result.skipped:

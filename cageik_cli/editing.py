@@ -1,0 +1,212 @@
+"""Handles on the cage animation of a result: a result again, with the edit added."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cageik_cli.binding import Binding
+from cageik_cli.edited_block import EditedBlock, Snapshot, edited_block
+from cageik_cli.errors import InputError, located
+from cageik_cli.handles import read_handles
+from cageik_cli.hdf5 import refuse_other_suffix
+from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, anchors_of, layers_of
+from cageik_cli.layout import printable
+from cageik_cli.mesh import Floats
+from cageik_cli.metrics import FrameFigures
+from cageik_cli.observer import Observer
+from cageik_cli.outputs import keep_apart, prepare
+from cageik_cli.pose_figures import PoseLedger
+from cageik_cli.posing_run import Posed, remark_layers
+from cageik_cli.sequence.mesh_file import read_bytes, source_of
+from cageik_cli.solving import Budget
+from cageik_cli.store.result import (
+    FIGURES,
+    WHOLE_FIGURES,
+    Result,
+    read_cages,
+    read_result,
+    read_weights,
+)
+from cageik_cli.store.result_writer import (
+    Ending,
+    Header,
+    ResultWriter,
+    create,
+    refuse_unsound,
+)
+from cageik_cli.store.solved_block import SolvedBlock
+from cageik_cli.store.told import told_of
+from cageik_cli.threads import blas_threads
+
+
+@dataclass(frozen=True, slots=True)
+class EditSettings:
+    """Which animation to edit, and where to write it.
+
+    Attributes
+    ----------
+    result, handles, output : Path
+    posing : PosingSettings
+    memory : int
+        Bytes that the weights and blocks of frames may take.
+    overwrite : bool
+    """
+
+    result: Path
+    handles: Path
+    output: Path
+    posing: PosingSettings = field(default_factory=PosingSettings)
+    memory: int = 1 << 30
+    overwrite: bool = False
+
+
+def edit(settings: EditSettings, observer: Observer | None = None) -> Posed:
+    """Lay the sets of a file of handles over the cage animation of a result, and write a result.
+
+    Frames that no set touches keep their cages bit for bit. The figures of the new result compare
+    it with the old one: they tell how far the mesh was moved.
+
+    Raises
+    ------
+    InputError
+        Naming the file at fault and what to do.
+    NumericalError
+        When hard handles cannot all be met.
+    """
+    watch = observer or Observer()
+    keep_apart([settings.output], [settings.result, settings.handles])
+    prepare(settings.output, settings.overwrite)
+    refuse_other_suffix(settings.output)
+    with watch.stage("open"):
+        handles = read_handles(settings.handles)
+        result = read_result(settings.result)
+        clip = _clip(result)
+    # One thread: the last digits depend on how many.
+    with watch.stage("pose"), located(settings.handles), blas_threads(1):
+        layers = layers_of(handles, clip, settings.posing)
+    remark_layers(layers, settings.handles, watch)
+    run = _Run(result, clip, layers, PoseLedger(layers, result.rest.diagonal))
+    size = Budget.of(settings.memory, clip.binding, jobs=1).block
+    header = _header(settings, result, clip.binding)
+    with create(settings.output, header, settings.overwrite) as file, blas_threads(1):
+        with located(settings.handles):
+            told = told_of(run.written(file, size, watch))
+            posed = [run.at(frame) for frame in told.posed.tolist()]
+        misses = np.concatenate([block.meshes - block.edited for block in posed])
+        sources = _sources(settings, result)
+        with watch.stage("write"):
+            file.complete(Ending(sources, told.skipped, told.vertex_rms, told.posed, misses))
+    names = tuple(anchor.name for anchor in anchors_of(layers))
+    snapshot = Snapshot(result.frames[told.posed[0]], names, posed[0], clip)
+    return Posed(run.ledger.figures(result.frames), snapshot, result.scene.up_axis)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Run:
+    """An edit that goes on.
+
+    Attributes
+    ----------
+    result : Result
+        That is edited.
+    clip : Clip
+    layers : list of Layer
+    ledger : PoseLedger
+    """
+
+    result: Result
+    clip: Clip
+    layers: list[Layer]
+    ledger: PoseLedger
+
+    def written(self, file: ResultWriter, size: int, watch: Observer) -> Iterator[SolvedBlock]:
+        """All frames in blocks of a size, each when it is written and its figures are taken."""
+        start = 0
+        for cages in read_cages(self.result, size):
+            with watch.stage("pose"):
+                block = self._solved(cages, start)
+            with watch.stage("write"):
+                file.append(block.cages, block.figures)
+            yield block
+            start += len(cages)
+            watch.advance(start, len(self.result.frames))
+
+    def at(self, frame: int) -> EditedBlock:
+        """One frame before and after."""
+        cages = self.clip.cage(frame)[None]
+        return edited_block(self.layers, self.clip, np.array([frame]), cages)
+
+    def _solved(self, cages: Floats, start: int) -> SolvedBlock:
+        """Frames from `start` on with all layers; those that were skipped stay gaps."""
+        frames = start + np.arange(len(cages))
+        known = ~np.isin(frames, list(self.result.skipped))
+        block = edited_block(self.layers, self.clip, frames[known], cages[known])
+        refuse_unsound(start, block.edit.cages, block.figures)
+        self.ledger.take(block)
+        all_cages, columns = np.full_like(cages, np.nan), {}
+        all_cages[known] = block.edit.cages
+        for name in FIGURES:
+            found = getattr(block.figures, name)
+            gap = -1 if name in WHOLE_FIGURES else np.nan
+            columns[name] = np.full(len(cages), gap, found.dtype)
+            columns[name][known] = found
+        return SolvedBlock(
+            start=start,
+            cages=all_cages,
+            figures=FrameFigures(**columns),
+            squares=block.squares.sum(axis=0),
+            digests=(b"",) * len(cages),
+            faults={k: self.result.skipped[k] for k in frames[~known].tolist()},
+        )
+
+
+def _clip(result: Result) -> Clip:
+    """What a result's cages rebuild."""
+    weights = read_weights(result)
+    if weights is None:
+        raise InputError(
+            f"{result.path}: holds no weights, which handles on the mesh need; extract it again "
+            "without --no-weights"
+        )
+    binding = Binding(result.rest, result.cage, weights)
+
+    def cage(frame: int) -> Floats:
+        return np.asarray(next(read_cages(result, 1, frame))[0])
+
+    return Clip(binding, Skin.rebuilding(binding), cage, len(result.frames))
+
+
+def _header(settings: EditSettings, result: Result, binding: Binding) -> Header:
+    posing, place = settings.posing, settings.posing.place
+    said = {
+        "pose_alpha": posing.alpha,
+        "pose_beta": posing.beta,
+        "rigidity": posing.rigidity,
+        "hard": place.hard,
+        "snap": place.snap,
+        "allow_conflicts": place.allow_conflicts,
+    }
+    note = (
+        f"edited by {printable(settings.handles.name)}: figures tell how far the mesh was moved "
+        f"from {printable(settings.result.name)}, not how well frames were met"
+    )
+    return Header(
+        binding=binding,
+        quality=result.quality,
+        frames=result.frames,
+        scene=result.scene,
+        settings=result.settings | said,
+        notes=(*result.notes, note),
+        keep_weights=True,
+    )
+
+
+def _sources(settings: EditSettings, result: Result) -> dict[str, Any]:
+    """Those of the result, and what edited it."""
+    files = {"result": settings.result, "handles": settings.handles}
+    return result.sources | {
+        role: source_of(path, read_bytes(path)) for role, path in files.items()
+    }

@@ -1,0 +1,136 @@
+"""From a model in its cage and a file of handles to the pose that they mean."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from cageik_cli.binding import Binding
+from cageik_cli.binding_run import WeightSettings, made
+from cageik_cli.edited_block import Snapshot, edited_block
+from cageik_cli.errors import InputError, located
+from cageik_cli.export.mesh_file import prepare_mesh, write_mesh
+from cageik_cli.handles import read_handles
+from cageik_cli.hdf5 import SUFFIXES as HDF5_SUFFIXES
+from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, anchors_of, layers_of
+from cageik_cli.observer import Observer
+from cageik_cli.outputs import keep_apart
+from cageik_cli.pose_figures import PoseFigures, PoseLedger
+from cageik_cli.scene import Scene
+from cageik_cli.sequence import load_mesh
+from cageik_cli.store.binding_file import read_binding
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSettings:
+    """What to pose, and where to write it.
+
+    Attributes
+    ----------
+    target : Path
+        A rest model, or a binding file.
+    handles : Path
+    output : Path
+        The posed model: .obj or .ply.
+    cage : Path, optional
+        Needed for a rest model.
+    cage_output : Path, optional
+        The posed cage: .obj or .ply.
+    posing : PosingSettings
+    weights : WeightSettings
+    overwrite : bool
+    """
+
+    target: Path
+    handles: Path
+    output: Path
+    cage: Path | None = None
+    cage_output: Path | None = None
+    posing: PosingSettings = field(default_factory=PosingSettings)
+    weights: WeightSettings = field(default_factory=WeightSettings)
+    overwrite: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Posed:
+    """What a run came to.
+
+    Attributes
+    ----------
+    figures : PoseFigures
+    snapshot : Snapshot
+    up_axis : str
+        One of the scene's.
+    """
+
+    figures: PoseFigures
+    snapshot: Snapshot
+    up_axis: str
+
+
+def pose(settings: PoseSettings, observer: Observer | None = None) -> Posed:
+    """Pose a model by handles, and write it.
+
+    Raises
+    ------
+    InputError
+        Naming the file at fault and what to do.
+    NumericalError
+        When the weights cannot be trusted, or hard handles cannot all be met.
+    """
+    watch = observer or Observer()
+    _prepare(settings)
+    with watch.stage("open"):
+        handles = read_handles(settings.handles)
+    with watch.stage("bind"):
+        binding = _binding(settings, watch)
+    cage = binding.cage.vertices
+    clip = Clip(binding, Skin.at_rest(binding), lambda _: cage, None)
+    with watch.stage("pose"), located(settings.handles):
+        layers = layers_of(handles, clip, settings.posing)
+        block = edited_block(layers, clip, np.zeros(1, np.int64), cage[None])
+    remark_layers(layers, settings.handles, watch)
+    with watch.stage("write"):
+        write_mesh(settings.output, binding.rest, block.edited[0], settings.overwrite)
+        if settings.cage_output is not None:
+            write_mesh(settings.cage_output, binding.cage, block.edit.cages[0], settings.overwrite)
+    ledger = PoseLedger(layers, binding.rest.diagonal)
+    ledger.take(block)
+    names = tuple(anchor.name for anchor in anchors_of(layers))
+    return Posed(ledger.figures([]), Snapshot("", names, block, clip), Scene().up_axis)
+
+
+def remark_layers(layers: Sequence[Layer], handles: Path, watch: Observer) -> None:
+    """Say what there is to know of how handles were taken."""
+    for layer in layers:
+        for note in layer.drag.notes:
+            watch.remark("note", f"{handles.name}: {note}")
+        if layer.poser.loose:
+            watch.remark(
+                "note",
+                f"{handles.name}: no handle holds {layer.poser.loose} of the parts that the cage "
+                "is made of; they follow the others",
+            )
+
+
+def _prepare(settings: PoseSettings) -> None:
+    outputs = [settings.output, settings.cage_output]
+    keep_apart(outputs, [settings.target, settings.cage, settings.handles])
+    for path in outputs:
+        if path is not None:
+            prepare_mesh(path, settings.overwrite)
+
+
+def _binding(settings: PoseSettings, watch: Observer) -> Binding:
+    """The weights of the binding file that was named, or of the model in the cage."""
+    if settings.target.suffix.lower() in HDF5_SUFFIXES:
+        return read_binding(settings.target).binding
+    if settings.cage is None:
+        raise InputError(f"{settings.target}: is a model without a cage; name one with --cage")
+    rest, cage = load_mesh(settings.target), load_mesh(settings.cage)
+    with located(settings.cage):
+        binding = made(rest, cage, settings.weights, watch).binding
+    for note in rest.notes + binding.notes:
+        watch.remark("note", f"{rest.source['name']}: {note}")
+    return binding

@@ -1,0 +1,247 @@
+"""`cageik pose`, from the files to the files: a model, and the animation of a result."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli.sequence import load_mesh
+from cageik_cli.store.result import read_result, read_weights
+
+REST = ("pose", "frames/frame_1.obj", "handles.json", "--cage", "cage.obj", "-o", "posed.obj")
+EDIT = ("pose", "cages.h5", "handles.json", "-o", "edited.h5")
+
+LIFT = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}
+PINS = [{"name": f"pin {k}", "vertex": k, "pin": True} for k in (3, 7, 11, 15)]
+
+
+@pytest.fixture
+def handles(folder):
+    """Write a file of handles."""
+
+    def write(*entries, **others):
+        Path("handles.json").write_text(json.dumps({"handles": entries} | others))
+
+    write(LIFT, *PINS)
+    return write
+
+
+@pytest.fixture
+def clip(folder, run):
+    """The result of the little animation, of five frames."""
+    assert run("extract", "frames", "--cage", "cage.obj", "-o", "cages.h5", "-q").code == 0
+    return read_result(Path("cages.h5"))
+
+
+def cages(name):
+    with h5py.File(name) as file:
+        return file["verts"][:]
+
+
+def test_a_model_is_posed(run, handles, animation):
+    outcome = run(*REST, "--cage-out", "cage_posed.obj", "--hard")
+    assert outcome.code == 0, outcome.err
+    assert "wrote posed.obj" in outcome.err
+    posed = load_mesh(Path("posed.obj")).mesh
+    moved = posed.vertices - animation.rest.vertices
+    np.testing.assert_allclose(moved[0], LIFT["offset"], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(moved[[3, 7, 11, 15]], 0, rtol=0, atol=1e-5)
+    np.testing.assert_array_equal(posed.faces, animation.rest.faces)
+    assert not np.allclose(load_mesh(Path("cage_posed.obj")).mesh.vertices, animation.cage.vertices)
+
+
+def test_the_same_input_gives_the_same_bytes(run, handles, clip):
+    for first, *words in ((REST[-1], *REST[:-1]), (EDIT[-1], *EDIT[:-1])):
+        assert run(*words, first).code == 0
+        assert run(*words, f"again_{first}").code == 0
+        assert Path(first).read_bytes() == Path(f"again_{first}").read_bytes()
+
+
+def test_a_binding_is_posed_as_the_model_in_its_cage(run, handles):
+    assert run(*REST).code == 0
+    bind = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-o", "b.h5")
+    assert run(*bind).code == 0
+    assert run("pose", "b.h5", "handles.json", "-o", "again.obj").code == 0
+    assert Path("posed.obj").read_bytes() == Path("again.obj").read_bytes()
+
+
+def test_an_animation_keeps_its_other_frames(run, handles, clip):
+    handles(LIFT, *PINS, frames=[2, 2], falloff=2)
+    outcome = run(*EDIT, "--hard")
+    assert outcome.code == 0, outcome.err
+    before, after = cages("cages.h5"), cages("edited.h5")
+    assert np.flatnonzero((before != after).any(axis=(1, 2))).tolist() == [1, 2, 3]
+    weights = read_weights(clip)
+    moved = (weights @ after - weights @ before)[:, 0]
+    strength = np.linalg.norm(moved, axis=1) / np.linalg.norm(LIFT["offset"])
+    np.testing.assert_allclose(strength, [0, 0.5, 1, 0.5, 0], rtol=0, atol=1e-9)
+    assert "changed        frame_2.obj to frame_4.obj" in outcome.err
+    assert "next: cageik report edited.h5" in outcome.err
+
+
+def test_the_result_is_a_result_like_any_other(run, handles, clip):
+    assert run(*EDIT).code == 0
+    edited = read_result(Path("edited.h5"))
+    assert edited.frames == clip.frames
+    assert edited.scene == clip.scene
+    assert set(edited.sources) == {*clip.sources, "result", "handles"}
+    assert "edited by handles.json" in edited.notes[-1]
+    assert run("report", "edited.h5", "--json", "-", "--html", "page.html").code == 0
+    assert run("export", "edited.h5", "cages.pc2").code == 0
+    assert run("deform", "edited.h5", "-o", "mesh.npz").code == 0
+    assert run("info", "edited.h5").code == 0
+    again = run("pose", "edited.h5", "handles.json", "-o", "twice.h5")
+    assert again.code == 0, again.err
+    twice = 2 * (cages("edited.h5") - cages("cages.h5"))
+    np.testing.assert_allclose(cages("twice.h5") - cages("cages.h5"), twice, rtol=0, atol=1e-12)
+
+
+def test_figures_tell_how_far_the_mesh_was_moved(run, handles, clip):
+    handles(LIFT, *PINS, frames=[3, 4])
+    assert run(*EDIT).code == 0
+    weights, edited = read_weights(clip), read_result(Path("edited.h5"))
+    moved = np.linalg.norm(weights @ (cages("edited.h5") - cages("cages.h5")), axis=2)
+    rms = np.sqrt((moved**2).mean(axis=1))
+    np.testing.assert_allclose(edited.figures.rms, rms, rtol=1e-9, atol=1e-15)
+    np.testing.assert_array_equal(edited.figures.rms[:3], 0)
+    np.testing.assert_allclose(
+        edited.vertex_rms, np.sqrt((moved**2).mean(axis=0)), rtol=1e-9, atol=1e-15
+    )
+    assert np.all(edited.figures.volume[:3] == edited.figures.volume_reconstructed[:3])
+
+
+def test_sets_are_layers(run, handles, clip):
+    """One file with two sets is what one run after the other makes."""
+    second = {"name": "side", "vertex": 5, "offset": [0.3, 0, 0]}
+    handles(LIFT, *PINS, frames=[1, 2])
+    assert run(*EDIT).code == 0
+    handles(second, *PINS, frames=[2, 4], falloff=1)
+    assert run("pose", "edited.h5", "handles.json", "-o", "chain.h5").code == 0
+    sets = [
+        {"handles": [LIFT, *PINS], "frames": [1, 2]},
+        {"handles": [second, *PINS], "frames": [2, 4], "falloff": 1},
+    ]
+    Path("both.json").write_text(json.dumps({"sets": sets}))
+    assert run("pose", "cages.h5", "both.json", "-o", "both.h5").code == 0
+    np.testing.assert_array_equal(cages("both.h5"), cages("chain.h5"))
+
+
+def test_gaps_stay_gaps(run, handles, folder):
+    (folder / "frames" / "frame_3.obj").write_text("v 1 2\n")
+    words = ("extract", "frames", "--cage", "cage.obj", "-o", "cages.h5", "--on-bad-frame", "skip")
+    assert run(*words).code == 0
+    outcome = run(*EDIT)
+    assert outcome.code == 0, outcome.err
+    edited = read_result(Path("edited.h5"))
+    assert list(edited.skipped) == [2]
+    assert np.isnan(cages("edited.h5")[2]).all()
+    assert np.isfinite(np.delete(cages("edited.h5"), 2, axis=0)).all()
+
+
+def test_blocks_do_not_change_the_result(run, handles, clip, monkeypatch):
+    handles(LIFT, *PINS, frames=[1, 3], falloff=1)
+    assert run(*EDIT, "--rigidity", "3").code == 0
+    monkeypatch.setattr("cageik_cli.solving.LARGEST_BLOCK", 2)
+    assert run(*EDIT[:-1], "small.h5", "--rigidity", "3").code == 0
+    np.testing.assert_array_equal(cages("edited.h5"), cages("small.h5"))
+    whole, parted = (read_result(Path(name)) for name in ("edited.h5", "small.h5"))
+    np.testing.assert_array_equal(whole.figures.rms, parted.figures.rms)
+    np.testing.assert_allclose(whole.vertex_rms, parted.vertex_rms, rtol=1e-12, atol=0)
+
+
+def test_figures_as_json(run, handles, clip):
+    outcome = run(*EDIT, "--json", "-", "-q")
+    record = json.loads(outcome.out)
+    assert outcome.err == ""
+    assert [anchor["name"] for anchor in record["anchors"]] == ["tip", *(p["name"] for p in PINS)]
+    length = np.linalg.norm(LIFT["offset"])
+    assert record["anchors"][0]["moved"] == pytest.approx(length, rel=1e-3)
+    assert 0 < record["anchors"][0]["residual_percent"] < 0.1
+    assert record["changed"] == ["frame_1.obj", "frame_5.obj"]
+
+
+def test_hard_handles_are_met_exactly(run, handles, clip):
+    record = json.loads(run(*EDIT, "--json", "-", "--hard", "-q").out)
+    assert max(anchor["residual_percent"] for anchor in record["anchors"]) < 1e-10
+
+
+def test_rigidity_changes_what_turns(run, handles, clip):
+    assert run(*EDIT).code == 0
+    assert run(*EDIT[:-1], "turned.h5", "--rigidity", "5").code == 0
+    assert not np.allclose(cages("edited.h5"), cages("turned.h5"), rtol=0, atol=1e-3)
+
+
+def test_the_schema_is_printed(run):
+    schema = json.loads(run("pose", "--schema").out)
+    assert schema["$schema"].startswith("https://json-schema.org/")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (REST[:-2], "Missing option '-o' / '--output'"),
+        (("pose", "frames/frame_1.obj", "-o", "x.obj"), "Missing argument 'HANDLES'"),
+        ((*REST[:3], "-o", "x.obj"), "Missing option '--cage', which frames/frame_1.obj needs"),
+        ((*REST, "--alpha", "0"), "alpha is 0.0, expected a finite number above 0"),
+        ((*REST, "--memory", "1GiB"), "--memory is for a result"),
+        ((*EDIT, "--cage", "cage.obj"), "--cage is for a model; a result has its cage and weights"),
+        ((*EDIT, "--cage-out", "x.obj"), "--cage-out is for a model"),
+        ((*EDIT, "--accuracy", "fine"), "--accuracy is for a model"),
+        (
+            ("pose", "b.h5", "handles.json", "-o", "x.obj", "--cage", "cage.obj"),
+            "--cage is for a model; a binding has its cage and weights",
+        ),
+    ],
+)
+def test_wrong_usage(run, handles, clip, words, told):
+    bind = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-o", "b.h5")
+    assert run(*bind).code == 0
+    outcome = run(*words)
+    assert outcome.code == 2
+    assert told in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ((*REST[:-1], "posed.stl"), "posed.stl: `.stl` is not a kind of mesh written here"),
+        ((*REST, "--cage-out", "c.fbx"), "c.fbx: `.fbx` is not a kind of mesh written here"),
+        ((*REST[:-1], "cage.obj"), "cage.obj: is read or written by this command already"),
+        ((*REST, "--cage-out", "posed.obj"), "posed.obj: is read or written by this command"),
+        ((*REST, "--json", "handles.json"), "handles.json: is read or written by this command"),
+        ((*EDIT[:-1], "edited.obj"), "edited.obj: is to be an HDF5 file"),
+        ((*EDIT[:-1], "cages.h5"), "cages.h5: is read or written by this command already"),
+        (("pose", "cages.h5", "no.json", "-o", "x.h5"), "no.json: cannot be read"),
+        (("pose", "no.h5", "handles.json", "-o", "x.h5"), "no.h5: no such file"),
+        (("pose", "bare.h5", "handles.json", "-o", "x.h5"), "bare.h5: holds no weights"),
+    ],
+)
+def test_refusals(run, handles, clip, words, told):
+    bare = ("extract", "frames", "--cage", "cage.obj", "-o", "bare.h5", "--no-weights")
+    assert run(*bare).code == 0
+    before = {path: path.read_bytes() for path in Path().iterdir() if path.is_file()}
+    outcome = run(*words)
+    assert outcome.code == 1
+    assert told in outcome.err
+    assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before
+
+
+def test_an_output_is_not_replaced_unless_asked(run, handles, clip):
+    for words in (REST, EDIT):
+        assert run(*words).code == 0
+        again = run(*words)
+        assert again.code == 1
+        assert f"{words[-1]}: exists already" in again.err
+        assert run(*words, "--overwrite").code == 0
+
+
+def test_hard_handles_that_cannot_be_met_are_refused_by_name(run, handles):
+    """A box of eight vertices cannot meet nine points each for itself."""
+    handles(*({"name": f"h{k}", "vertex": k, "offset": [0, 0, 0.1 * k]} for k in range(9)))
+    outcome = run(*REST, "--hard")
+    assert outcome.code == 1
+    assert "handles.json: the anchors cannot all be met" in outcome.err
+    assert not Path("posed.obj").exists()
+    assert run(*REST).code == 0

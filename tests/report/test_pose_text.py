@@ -1,0 +1,82 @@
+"""What a pose came to, in words and as JSON."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from cageik_cli.pose_figures import AnchorFigures, PoseFigures
+from cageik_cli.report.pose_text import SHOWN, pose_json, pose_rows
+
+HAND = AnchorFigures("hand", 0.2, 1e-9, 5e-8, "f_7", 0.03, 0.02)
+EDIT = PoseFigures(
+    diagonal=2.0, anchors=(HAND,), rms=0.03, rms_percent=1.5, moved=0.25, vertex=7, frame="f_8",
+    cage_moved=0.3, cage_vertex=2, volume_change_percent=1.25, condition_number=152.0, loose=0,
+    changed=("f_3", "f_9"),
+)  # fmt: skip
+POSE = replace(
+    EDIT,
+    anchors=(replace(HAND, frame="", acceleration=None, acceleration_before=None),),
+    frame="",
+    changed=None,
+)
+
+
+def test_an_edit_tells_where_and_when():
+    rows = dict(pose_rows(EDIT))
+    assert rows["handle"] == (
+        "hand: moved 0.2, ends 5.0e-08 % of the diagonal from its target in f_7"
+    )
+    assert rows["acceleration"] == "of hand, at most 0.03 a frame², before the edit 0.02"
+    assert rows["moved most"] == "vertex 7 by 0.25 in f_8, cage vertex 2 by 0.3"
+    assert rows["mesh moved"] == "1.5000 % of the diagonal (rms 0.03)"
+    assert rows["volume change"] == "+1.2500 % at most"
+    assert rows["changed"] == "f_3 to f_9; all other frames are as they were"
+    assert rows["system"] == "condition number 152"
+
+
+def test_a_pose_has_no_frames():
+    rows = dict(pose_rows(POSE))
+    assert rows["handle"] == "hand: moved 0.2, ends 5.0e-08 % of the diagonal from its target"
+    assert rows["moved most"] == "vertex 7 by 0.25, cage vertex 2 by 0.3"
+    assert rows["volume change"] == "+1.2500 %"
+    assert "changed" not in rows
+    assert "acceleration" not in rows
+
+
+def test_of_many_handles_the_worst_are_shown():
+    many = tuple(replace(HAND, name=f"h{k}", residual=float(k)) for k in range(SHOWN + 3))
+    rows = pose_rows(replace(EDIT, anchors=many))
+    told = [text.split(":")[0] for label, text in rows if label == "handle"]
+    assert told == [f"h{k}" for k in reversed(range(3, SHOWN + 3))]
+    assert dict(rows)["handles"] == "3 more, no farther from their targets"
+
+
+def test_the_handle_that_is_made_to_accelerate_most_is_named():
+    calm = replace(HAND, name="calm", acceleration=0.5, acceleration_before=0.5)
+    rows = dict(pose_rows(replace(EDIT, anchors=(calm, HAND))))
+    assert rows["acceleration"].startswith("of hand,")
+
+
+@pytest.mark.parametrize(
+    ("changes", "label", "text"),
+    [
+        ({"volume_change_percent": None}, "volume change", "not defined, the model is open"),
+        ({"changed": None}, "changed", "no frame"),
+    ],
+)
+def test_what_is_not_there_is_said(changes, label, text):
+    assert dict(pose_rows(replace(EDIT, **changes)))[label] == text
+
+
+def test_names_stay_on_their_line():
+    rows = dict(pose_rows(replace(EDIT, anchors=(replace(HAND, name="a\n\x1b[31mb"),))))
+    assert rows["handle"].startswith("a \ufffd[31mb: ")
+
+
+def test_json_has_every_figure():
+    record = json.loads(pose_json(EDIT))
+    assert record["schema"] == 1
+    assert record["changed"] == ["f_3", "f_9"]
+    assert record["anchors"][0]["residual_percent"] == HAND.residual_percent
+    assert set(record) == {"schema", "tool", *EDIT.__dataclass_fields__}

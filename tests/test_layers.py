@@ -1,0 +1,112 @@
+"""Edits over each other: what a later one sees, and what none of them touches."""
+
+import json
+
+import numpy as np
+import pytest
+
+from cageik_cli.binding import BindSettings, bind
+from cageik_cli.errors import InputError
+from cageik_cli.handles import read_handles
+from cageik_cli.layers import Clip, PosingSettings, Skin, anchors_of, edited, layers_of
+from tests.shapes import ball, box
+
+COUNT = 6
+
+
+@pytest.fixture(scope="module")
+def binding():
+    return bind(ball(levels=1, size=0.9), box(2.0), BindSettings("mean-value"))
+
+
+@pytest.fixture(scope="module")
+def cages(binding):
+    steps = np.arange(COUNT)[:, None, None] * np.array([0.1, 0.0, 0.05])
+    return binding.cage.vertices * (1 + 0.02 * np.arange(COUNT)[:, None, None]) + steps
+
+
+@pytest.fixture
+def clip(binding, cages):
+    return Clip(binding, Skin.rebuilding(binding), lambda frame: cages[frame], COUNT)
+
+
+@pytest.fixture
+def layers(tmp_path, clip):
+    """The layers of a document."""
+
+    def make(document, **settings):
+        path = tmp_path / "handles.json"
+        path.write_text(json.dumps(document))
+        return layers_of(read_handles(path), clip, PosingSettings(**settings))
+
+    return make
+
+
+def moving(offset, **others):
+    return {"handles": [{"name": "a", "vertex": 1, "offset": offset}], **others}
+
+
+def test_a_skin_at_rest_gives_the_rest_pose_bit_for_bit(binding):
+    skin = Skin.at_rest(binding)
+    meshes = skin.meshes(binding.cage.vertices[None])
+    np.testing.assert_array_equal(meshes[0], binding.rest.vertices)
+
+
+def test_a_skin_that_rebuilds_is_weights_times_cages(binding, cages):
+    meshes = Skin.rebuilding(binding).meshes(cages)
+    np.testing.assert_allclose(meshes, binding.weights @ cages, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("make", [Skin.at_rest, Skin.rebuilding])
+def test_anchors_are_where_their_vertices_are(binding, cages, layers, make):
+    anchors = anchors_of(layers(moving([1, 0, 0])))
+    skin = make(binding)
+    positions = skin.positions(anchors, cages)
+    np.testing.assert_allclose(positions[:, 0], skin.meshes(cages)[:, 1], rtol=0, atol=1e-14)
+
+
+def test_frames_that_no_layer_touches_keep_their_cages(clip, cages, layers):
+    found = edited(layers(moving([0, 1, 0], frames=[2, 3])), clip.skin, np.arange(COUNT), cages)
+    changed = (found.cages != cages).any(axis=(1, 2))
+    assert changed.tolist() == [False, False, True, True, False, False]
+
+
+def test_a_frame_alone_is_as_it_is_among_others(clip, cages, layers):
+    both = layers({"sets": [moving([0, 1, 0]), moving([1, 0, 0], frames=[1, 3])]}, rigidity=2)
+    together = edited(both, clip.skin, np.arange(COUNT), cages)
+    for k in range(COUNT):
+        alone = edited(both, clip.skin, np.array([k]), cages[[k]])
+        np.testing.assert_array_equal(alone.cages[0], together.cages[k])
+        np.testing.assert_array_equal(alone.targets[0], together.targets[k])
+
+
+def test_a_later_layer_starts_where_the_first_ended(clip, cages, layers):
+    target = [3.0, 0.5, 0.25]
+    goes = {"handles": [{"name": "a", "vertex": 1, "target": target, "hard": True}]}
+    both = layers({"sets": [goes, moving([0, 1, 0])]})
+    found = edited(both, clip.skin, np.arange(COUNT), cages)
+    np.testing.assert_allclose(found.starts[:, 1] - target, 0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        found.targets[:, 1] - target, [[0, 1, 0]] * COUNT, rtol=0, atol=1e-12
+    )
+
+
+def test_pixels_are_looked_for_in_what_the_layers_before_have_made(clip, layers):
+    """The first layer moves the model out of the view, so that a pixel meets nothing."""
+    camera = {
+        "position": [0, 0, 9], "look_at": [0, 0, 0], "up": [0, 1, 0],
+        "fov_degrees": 40, "width": 100, "height": 100,
+    }  # fmt: skip
+    seen = {
+        "handles": [{"name": "eye", "screen": {"source": [50, 50], "target": [60, 50]}}],
+        "camera": camera,
+    }
+    assert len(layers(seen)) == 1
+    with pytest.raises(InputError, match=r"'eye'.*misses the mesh"):
+        layers({"sets": [moving([100, 0, 0]), seen]})
+
+
+@pytest.mark.parametrize(("name", "value"), [("alpha", 0), ("beta", -1), ("alpha", np.nan)])
+def test_weights_that_are_none_are_refused(name, value):
+    with pytest.raises(InputError, match=f"{name} is {value}"):
+        PosingSettings(**{name: value})

@@ -1,0 +1,135 @@
+"""Figures of an edit, against plain loops over whole arrays."""
+
+import json
+
+import numpy as np
+import pytest
+
+from cageik_cli.binding import BindSettings, bind
+from cageik_cli.edited_block import edited_block
+from cageik_cli.handles import read_handles
+from cageik_cli.layers import Clip, PosingSettings, Skin, layers_of
+from cageik_cli.pose_figures import PoseLedger
+from tests.shapes import ball, box, changed
+
+COUNT = 12
+NAMES = [f"f_{k}" for k in range(COUNT)]
+DOCUMENT = {
+    "handles": [
+        {"name": "a", "vertex": 1, "target": [2.0, 0.5, 0.25]},
+        {"name": "b", "vertex": 4, "offset": [0.0, 0.5, 0.0]},
+        {"name": "c", "vertex": 9, "pin": True},
+    ],
+    "frames": [4, 6],
+    "falloff": 3,
+}
+
+
+def clip_of(rest):
+    binding = bind(rest, box(2.0), BindSettings("mean-value"))
+    wobble = np.random.default_rng(0).normal(0, 0.05, (COUNT, 8, 3))
+    cages = binding.cage.vertices + wobble
+    return Clip(binding, Skin.rebuilding(binding), lambda frame: cages[frame], COUNT), cages
+
+
+@pytest.fixture(scope="module")
+def closed():
+    return clip_of(ball(levels=1, size=0.9))
+
+
+@pytest.fixture
+def layers(tmp_path):
+    def make(clip, document=DOCUMENT, **settings):
+        (tmp_path / "handles.json").write_text(json.dumps(document))
+        handles = read_handles(tmp_path / "handles.json")
+        return layers_of(handles, clip, PosingSettings(**settings))
+
+    return make
+
+
+def figures_of(layers, clip, cages, size, names=NAMES, frames=None):
+    """By blocks of a size."""
+    frames = np.arange(COUNT) if frames is None else frames
+    ledger = PoseLedger(layers, clip.binding.rest.diagonal)
+    for start in range(0, len(frames), size):
+        chosen = frames[start : start + size]
+        ledger.take(edited_block(layers, clip, chosen, cages[chosen]))
+    return ledger.figures(names)
+
+
+def test_blocks_give_what_all_frames_at_once_do(closed, layers):
+    clip, cages = closed
+    made = layers(clip, rigidity=1)
+    whole = figures_of(made, clip, cages, COUNT)
+    for size in (1, 2, 5):
+        found = figures_of(made, clip, cages, size)
+        assert found.rms == pytest.approx(whole.rms, rel=1e-12)
+        assert found.anchors == whole.anchors
+        assert (found.moved, found.vertex, found.frame) == (whole.moved, whole.vertex, whole.frame)
+        assert found.volume_change_percent == whole.volume_change_percent
+        assert found.changed == whole.changed == ("f_2", "f_8")
+
+
+def test_figures_are_what_they_say(closed, layers):
+    clip, cages = closed
+    made = layers(clip, alpha=1.0)
+    found = figures_of(made, clip, cages, 4)
+    block = edited_block(made, clip, np.arange(COUNT), cages)
+    weights, diagonal = clip.binding.weights, clip.binding.rest.diagonal
+    before, after = weights @ cages, weights @ block.edit.cages
+    distances = np.linalg.norm(after - before, axis=2)
+    assert found.rms == pytest.approx(np.sqrt((distances**2).mean()), rel=1e-9)
+    assert found.rms_percent == pytest.approx(100 * found.rms / diagonal, rel=1e-12)
+    frame, vertex = np.unravel_index(distances.argmax(), distances.shape)
+    assert (found.frame, found.vertex) == (NAMES[frame], vertex)
+    assert found.moved == pytest.approx(distances.max(), rel=1e-9)
+    cage_distances = np.linalg.norm(block.edit.cages - cages, axis=2)
+    assert found.cage_moved == pytest.approx(cage_distances.max(), rel=1e-12)
+    assert found.cage_vertex == cage_distances.max(axis=0).argmax()
+    first = found.anchors[0]
+    missed = np.linalg.norm(after[:, 1] - block.edit.targets[:, 0], axis=1)
+    assert missed.max() > 1e-3  # a large alpha: the handle is not met
+    assert first.residual == pytest.approx(missed.max(), rel=1e-9)
+    assert first.frame == NAMES[missed.argmax()]
+    assert first.residual_percent == pytest.approx(100 * missed.max() / diagonal, rel=1e-9)
+    assert first.moved == pytest.approx(distances[:, 1].max(), rel=1e-9)
+    bends = [
+        np.linalg.norm(np.diff(mesh[:, 1], 2, axis=0), axis=1).max() for mesh in (before, after)
+    ]
+    assert [first.acceleration_before, first.acceleration] == pytest.approx(bends, rel=1e-9)
+
+
+def test_frames_with_a_gap_between_do_not_accelerate(closed, layers):
+    clip, cages = closed
+    found = figures_of(layers(clip), clip, cages, 3, frames=np.array([0, 1, 3, 4, 6, 7]))
+    assert found.anchors[0].acceleration is None
+    apart = figures_of(layers(clip), clip, cages, 3, frames=np.array([0, 1, 2, 4]))
+    assert apart.anchors[0].acceleration is not None
+
+
+def test_volumes_are_of_closed_models_alone(closed, layers):
+    clip, cages = closed
+    block = edited_block(layers(clip), clip, np.arange(COUNT), cages)
+    changes = 100 * (block.figures.volume_reconstructed / block.figures.volume - 1)
+    found = figures_of(layers(clip), clip, cages, 5)
+    assert abs(found.volume_change_percent) == pytest.approx(np.abs(changes).max(), rel=1e-12)
+    rest = clip.binding.rest
+    opened, open_cages = clip_of(changed(rest, faces=rest.faces[1:]))
+    assert figures_of(layers(opened), opened, open_cages, 5).volume_change_percent is None
+
+
+def test_nothing_moved_is_nothing(closed, layers):
+    clip, cages = closed
+    pins = {"handles": [{"name": "p", "vertex": 3, "pin": True}]}
+    found = figures_of(layers(clip, pins), clip, cages, 5)
+    assert (found.rms, found.moved, found.cage_moved, found.changed) == (0, 0, 0, None)
+    assert found.anchors[0].residual == 0
+    assert found.volume_change_percent == 0
+
+
+def test_no_frames_change_nothing(closed, layers):
+    clip, cages = closed
+    made = layers(clip)
+    ledger = PoseLedger(made, clip.binding.rest.diagonal)
+    ledger.take(edited_block(made, clip, np.arange(0), cages[:0]))
+    assert ledger.figures(NAMES).changed is None
