@@ -40,7 +40,7 @@ ENOUGH = 0.8
 """Share of the longest arrows of all places that suffices for one named before."""
 
 LEVELS = np.uint8(0xFC)
-"""Bits of colours that are kept, which makes the file smaller by a third."""
+"""Bits of colours that are kept, which makes the file a sixth smaller."""
 
 MOVED = "#c8321f"
 KINDS = ((False, MOVED, "o"), (True, INK, "s"))
