@@ -21,11 +21,10 @@ def measured(points: int) -> dict[str, float]:
     poser = Poser(binding, spread_anchors(binding, ANCHORS))
     moves = moves_of(MOVES, ANCHORS)
     poser.mesh(moves[0])
-    few = moves[: MOVES if points <= 10**5 else MOVES // 10]
     return {
         "m": points,
         "cage": 1e6 * median_seconds(moves, poser.cage),
-        "both": 1e6 * median_seconds(few, lambda t: (poser.cage(t), poser.mesh(t))),
+        "both": 1e6 * median_seconds(moves, lambda t: (poser.cage(t), poser.mesh(t))),
         "turning": 1e6 * median_seconds(moves, lambda t: poser.cage(t, 10)),
     }
 
