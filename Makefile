@@ -14,7 +14,7 @@ READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/bl
 
 CHROMIUM      ?= chromium
 
-.PHONY: help run test test-blender test-browser check format bench growth fixtures clean
+.PHONY: help run test test-blender test-browser check format bench growth latency fixtures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
@@ -71,6 +71,10 @@ bench: $(READY)  ## Measure speed against yardsticks, as ratios
 growth: $(READY)  ## Measure how a bind grows with cage and model (takes minutes)
 	@mkdir -p $(OUT)
 	$(BIN)/python -m tests.benchmarks.growth $(OUT)/growth.png
+
+latency: $(READY)  ## Measure how long a move of anchors takes over the size of the model
+	@mkdir -p $(OUT)
+	$(BIN)/python -m tests.benchmarks.latency $(OUT)/latency.png
 
 fixtures: $(READY)  ## Make data_fixtures again, byte for byte, and the pictures
 	$(BIN)/python data_fixtures/make_fixtures.py

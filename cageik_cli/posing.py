@@ -132,13 +132,13 @@ class Poser:
     def mesh(self, displacements: Floats, rigidity: int = 0) -> Floats:
         """The mesh, (m, 3), for displacements of the anchors from the rest pose, (l, 3).
 
-        Without rigidity it lies in memory coordinate by coordinate, which is faster: all x, then
-        all y, then all z.
+        It lies in memory coordinate by coordinate, which is faster: all x, then all y, then all z.
         """
         if rigidity:
             moved = self.cage(displacements, rigidity) - self.binding.cage.vertices
-            return np.asarray(self.binding.rest.vertices + self.binding.weights @ moved)
-        columns = self._mesh_map.by_coordinate(displacements)
+            columns = np.stack([self.binding.weights @ coordinate for coordinate in moved.T])
+        else:
+            columns = self._mesh_map.by_coordinate(displacements)
         columns += self._rest_columns
         return columns.T
 

@@ -1,0 +1,58 @@
+"""Bindings of any size to drag at, and the median time of a move.
+
+Cages are wavy spheres; weights are smooth and convex, but not harmonic: of the ten cage vertices
+nearest in direction. Nothing that is timed depends on their values.
+"""
+
+import time
+
+import numpy as np
+from scipy.spatial import ConvexHull, cKDTree
+
+from cageik_cli.anchors import Anchor, at_vertex
+from cageik_cli.binding import Binding
+from cageik_cli.mesh import TriMesh
+from tests.benchmarks.growth import wavy_sphere
+
+NEAREST = 10
+
+
+def sphere_points(count: int) -> np.ndarray:
+    """Evenly spread directions, (count, 3)."""
+    k = np.arange(count) + 0.5
+    z, turn = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    across = np.sqrt(1 - z * z)
+    return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
+
+
+def synthetic(vertices: int, points: int, is_meshed: bool = False) -> Binding:
+    """A cage of `vertices` around a model of `points`; meshed, the model is a closed surface."""
+    cage, directions = wavy_sphere(vertices), sphere_points(points)
+    corners = cage.vertices / np.linalg.norm(cage.vertices, axis=1)[:, None]
+    distances, nearest = cKDTree(corners).query(directions, NEAREST)
+    shares = np.exp(-((2 * distances / distances[:, -1:]) ** 2))
+    weights = np.zeros((points, vertices))
+    np.put_along_axis(weights, nearest, shares / shares.sum(axis=1, keepdims=True), axis=1)
+    faces = ConvexHull(directions).simplices if is_meshed else [[0, 1, 2]]
+    return Binding(TriMesh(weights @ cage.vertices, np.asarray(faces, np.int64)), cage, weights)
+
+
+def spread_anchors(binding: Binding, count: int) -> list[Anchor]:
+    """Vertices from all over the model."""
+    chosen = np.linspace(0, len(binding.rest.vertices) - 1, count).astype(int)
+    return [Anchor(f"a{vertex}", at_vertex(binding.rest, vertex)) for vertex in chosen]
+
+
+def moves_of(count: int, anchors: int) -> np.ndarray:
+    """Displacements (count, anchors, 3), of about a tenth of the model's size."""
+    return 0.1 * np.random.default_rng(0).normal(size=(count, anchors, 3))
+
+
+def median_seconds(moves: np.ndarray, work) -> float:
+    """Median time of `work` over moves, each another one."""
+    seconds = []
+    for move in moves:
+        start = time.perf_counter()
+        work(move)
+        seconds.append(time.perf_counter() - start)
+    return float(np.median(seconds))
