@@ -1,12 +1,14 @@
 """Edits of a cage animation, one over the other: each sees what those before it have done."""
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from cageik_cli.anchors import Anchor, positions_of, rows_of
 from cageik_cli.binding import Binding
+from cageik_cli.errors import located
 from cageik_cli.handles import Drag, Handles, PlaceSettings, Surface, placed
 from cageik_cli.mesh import Floats, Integers
 from cageik_cli.posing import DEFAULT_ALPHA, Poser, refuse_no_weights
@@ -89,11 +91,14 @@ class Layer:
         Of those anchors.
     rigidity : int
         Rounds in which cells turn.
+    name : str
+        Where its set is in the file of handles; "" for the only one.
     """
 
     drag: Drag
     poser: Poser
     rigidity: int
+    name: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,11 +151,13 @@ def layers_of(handles: Handles, clip: Clip, settings: PosingSettings) -> list[La
         When hard handles cannot all be met.
     """
     layers: list[Layer] = []
-    for handle_set in handles.sets:
+    for k, handle_set in enumerate(handles.sets):
         surface = Surface(clip.binding.rest, _poses(clip, tuple(layers)), clip.count)
-        drag = placed(handle_set, surface, settings.place)
-        poser = Poser(clip.binding, drag.anchors, settings.alpha, settings.beta, handles.ties)
-        layers.append(Layer(drag, poser, settings.rigidity))
+        name = f"sets[{k}]" if len(handles.sets) > 1 else ""
+        with _named(name):
+            drag = placed(handle_set, surface, settings.place)
+            poser = Poser(clip.binding, drag.anchors, settings.alpha, settings.beta, handles.ties)
+        layers.append(Layer(drag, poser, settings.rigidity, name))
     return layers
 
 
@@ -167,11 +174,17 @@ def edited(layers: Sequence[Layer], skin: Skin, frames: Integers, cages: Floats)
     starts, targets = [], []
     for layer in layers:
         found = skin.positions(layer.drag.anchors, cages)
-        displacements = layer.drag.displacements(frames, found)
+        with _named(layer.name):
+            displacements = layer.drag.displacements(frames, found)
         cages = layer.poser.edited(cages, displacements, layer.rigidity)
         starts.append(found)
         targets.append(found + displacements)
     return Edit(cages, np.concatenate(starts, axis=1), np.concatenate(targets, axis=1))
+
+
+def _named(name: str) -> AbstractContextManager[None]:
+    """Put the name of a set in front of what is wrong with it."""
+    return located(name) if name else nullcontext()
 
 
 def _poses(clip: Clip, layers: tuple[Layer, ...]) -> Callable[[int], Floats]:

@@ -102,8 +102,24 @@ def test_pixels_are_looked_for_in_what_the_layers_before_have_made(clip, layers)
         "camera": camera,
     }
     assert len(layers(seen)) == 1
-    with pytest.raises(InputError, match=r"'eye'.*misses the mesh"):
+    with pytest.raises(InputError, match=r"^sets\[1\]: handle 'eye'.*misses the mesh"):
         layers({"sets": [moving([100, 0, 0]), seen]})
+
+
+def test_what_a_camera_does_not_see_where_no_handle_holds_does_not_matter(clip, cages, layers):
+    """The clip walks behind the camera; the handle is let go before."""
+    behind = {
+        "position": [0, 0, 9], "look_at": [0, 0, 0], "up": [0, 1, 0],
+        "fov_degrees": 40, "width": 100, "height": 100,
+    }  # fmt: skip
+    away = cages + np.array([0, 0, 20.0]) * (np.arange(COUNT) > 3)[:, None, None]
+    eye = {"name": "eye", "screen": {"source": [50, 50], "offset": [9, 0]}}
+    held = {"handles": [eye], "camera": behind, "frames": [0, 2]}
+    found = edited(layers(held), clip.skin, np.arange(COUNT), away)
+    assert (found.cages != away).any(axis=(1, 2)).tolist() == [True] * 3 + [False] * 3
+    always = held | {"frames": [0, COUNT - 1]}
+    with pytest.raises(InputError, match=r"frame 4.*behind the camera"):
+        edited(layers(always), clip.skin, np.arange(COUNT), away)
 
 
 @pytest.mark.parametrize(("name", "value"), [("alpha", 0), ("beta", -1), ("alpha", np.nan)])

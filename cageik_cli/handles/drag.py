@@ -101,9 +101,12 @@ class Drag:
         return np.stack(found, axis=1)
 
     def displacements(self, frames: Integers, positions: Floats) -> Floats:
-        """By how much the anchors are to be moved, (k, l, 3); see `targets`."""
-        away = self.targets(frames, positions) - positions
-        return np.asarray(self.blend(frames)[:, None, None] * away)
+        """By how much the anchors are to be moved in any frames, (k, l, 3); see `targets`."""
+        strength, displacements = self.blend(frames), np.zeros_like(positions)
+        is_moved = strength > 0  # elsewhere a target may be nowhere
+        away = self.targets(frames[is_moved], positions[is_moved]) - positions[is_moved]
+        displacements[is_moved] = strength[is_moved, None, None] * away
+        return displacements
 
 
 def _refuse_nowhere(frames: Integers, targets: Floats) -> None:
