@@ -15,14 +15,12 @@ from cageik_cli.export import Animation, Output, Written, write_animation
 from cageik_cli.exporting import remark_gaps
 from cageik_cli.mesh import Floats
 from cageik_cli.observer import Observer
+from cageik_cli.rebuilding import GROUP, rebuilt
 from cageik_cli.scene import SceneHints
 from cageik_cli.sequence import ClipSettings, LoadedMesh, MeshSequence, load_mesh, open_sequence
 from cageik_cli.sequence.vertex_order import refuse_other_order
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
 from cageik_cli.threads import blas_threads
-
-GROUP = 4
-"""Frames to a product, always: its last digits depend on how many there are."""
 
 LARGEST_BLOCK = 16
 """Frames to a block at most, a few groups; nothing is gained from more."""
@@ -97,16 +95,10 @@ def deform(settings: DeformSettings, observer: Observer | None = None) -> Writte
     if clip is None:
         remark_gaps(result, watch)
     cages = read_cages(result, size) if clip is None else _cages(clip, size, settings.jobs)
-    frames = (deformed(binding.weights, block) for block in cages)
+    frames = (rebuilt(binding.weights, block) for block in cages)
     # One thread: the last digits depend on how many, and the writer takes longer anyway.
     with blas_threads(1):
         return write_animation(settings.output, animation, frames, watch)
-
-
-def deformed(weights: Floats, cages: Floats) -> Floats:
-    """The meshes (k, m, 3) that cages (k, n, 3) give by weights (m, n)."""
-    starts = range(0, len(cages), GROUP)
-    return np.concatenate([_product(weights, cages[start : start + GROUP]) for start in starts])
 
 
 def block_size(memory: int, vertices: int) -> int:
@@ -116,12 +108,6 @@ def block_size(memory: int, vertices: int) -> int:
     """
     groups = memory // (ARRAYS_PER_FRAME * 24 * vertices * GROUP)
     return GROUP * int(np.clip(groups, 1, LARGEST_BLOCK // GROUP))
-
-
-def _product(weights: Floats, cages: Floats) -> Floats:
-    k, n, _ = cages.shape
-    columns = weights @ cages.transpose(1, 0, 2).reshape(n, 3 * k)
-    return np.asarray(columns.reshape(-1, k, 3).transpose(1, 0, 2))
 
 
 def _clip(settings: DeformSettings, result: Result, watch: Observer) -> MeshSequence | None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from cageik_cli.layers import Clip, Edit, Layer, anchors_of, edited
 from cageik_cli.mesh import Floats, Integers
 from cageik_cli.metrics import FrameFigures, measure
+from cageik_cli.rebuilding import rebuilt
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +50,7 @@ def edited_block(
     after = meshes.copy()
     is_changed = (edit.cages != cages).any(axis=(1, 2))
     # What is added is the difference alone: nothing cancels, and where it is zero nothing changes.
-    after[is_changed] += clip.binding.weights @ (edit.cages - cages)[is_changed]
+    after[is_changed] += rebuilt(clip.binding.weights, (edit.cages - cages)[is_changed])
     measured = measure(clip.binding.rest, meshes, after, slice(None))
     anchors = anchors_of(layers)
     return EditedBlock(

@@ -20,7 +20,7 @@ from cageik_cli.observer import Observer
 from cageik_cli.outputs import keep_apart, prepare
 from cageik_cli.pose_figures import PoseLedger
 from cageik_cli.posing_run import Posed, remark_layers
-from cageik_cli.sequence.mesh_file import read_bytes, source_of
+from cageik_cli.sequence.clip_file import digest_of
 from cageik_cli.solving import Budget
 from cageik_cli.store.result import (
     FIGURES,
@@ -208,5 +208,6 @@ def _sources(settings: EditSettings, result: Result) -> dict[str, Any]:
     """Those of the result, and what edited it."""
     files = {"result": settings.result, "handles": settings.handles}
     return result.sources | {
-        role: source_of(path, read_bytes(path)) for role, path in files.items()
+        role: {"name": printable(path.name), "sha256": digest_of(path).hex()}
+        for role, path in files.items()
     }

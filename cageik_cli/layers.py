@@ -12,6 +12,7 @@ from cageik_cli.errors import located
 from cageik_cli.handles import Drag, Handles, PlaceSettings, Surface, placed
 from cageik_cli.mesh import Floats, Integers
 from cageik_cli.posing import DEFAULT_ALPHA, Poser, refuse_no_weights
+from cageik_cli.rebuilding import rebuilt
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,9 @@ class Skin:
 
     def meshes(self, cages: Floats) -> Floats:
         """The meshes (k, m, 3) of cages (k, n, 3)."""
-        return np.asarray(self.mesh + self.weights @ (cages - self.cage))
+        meshes = rebuilt(self.weights, cages - self.cage)
+        meshes += self.mesh
+        return meshes
 
     def positions(self, anchors: Sequence[Anchor], cages: Floats) -> Floats:
         """Where anchors are on the meshes of cages (k, n, 3): (k, l, 3)."""

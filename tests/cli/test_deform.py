@@ -339,13 +339,6 @@ def test_a_file_may_hold_every_option(run, result):
     assert len(list(Path("kept").glob("*.weights"))) == 1
 
 
-def test_a_product_of_blocks_is_that_of_frames():
-    random = np.random.default_rng(1)
-    weights, cages = random.random((7, 4)), random.random((11, 4, 3))
-    found = deforming.deformed(weights, cages)
-    np.testing.assert_allclose(found, [weights @ cage for cage in cages], rtol=1e-14)
-
-
 @pytest.mark.parametrize(
     ("name", "expected"),
     [("my jacket.obj", "my_jacket"), ("9.ply", "_9"), ("é-1.off", "__1"), (None, "mesh")],
