@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
 from cageik_cli.camera import Camera
 from cageik_cli.coordinates.surface import nearest_on_surface
@@ -135,6 +134,8 @@ def on_face(mesh: TriMesh, face: int, barycentric: Floats) -> SurfacePoint:
 
 def nearest_to(mesh: TriMesh, position: Floats) -> SurfacePoint:
     """The point of the surface nearest to a position in space, (3,)."""
+    from scipy.optimize import nnls  # a tenth of a second, which few handles files need
+
     nearest = nearest_on_surface(mesh, np.asarray(position, np.float64)[None])
     corners = mesh.faces[nearest.face[0]]
     away = (mesh.vertices[corners] - nearest.position[0]) / (mesh.diagonal or 1.0)

@@ -111,9 +111,7 @@ def pose_command(
     from cageik_cli.layout import page
     from cageik_cli.outputs import keep_apart, prepare
     from cageik_cli.posing_run import pose
-    from cageik_cli.report.pose_picture import as_png
     from cageik_cli.report.pose_text import pose_json, pose_rows
-    from cageik_cli.report.pose_view import view_of
 
     inputs = [options["target"], options["handles"], options["cage"]]
     keep_apart([settings.output, options["cage_out"], plot, json_out, timings], inputs)
@@ -125,8 +123,7 @@ def pose_command(
         posed = edit(settings, watch) if is_edit else pose(settings, watch)
         if plot is not None:
             with watch.stage("plot"):
-                view = view_of(posed, up_axis or posed.up_axis)
-                write_or_print(as_png(view), plot, settings.overwrite)
+                write_or_print(_picture(posed, up_axis), plot, settings.overwrite)
     if json_out is not None:
         write_or_print(pose_json(posed.figures), json_out, settings.overwrite)
     if not quiet:
@@ -134,6 +131,14 @@ def pose_command(
         click.echo(page(str(settings.output), rows), err=True)
         following = f"; next: cageik report {settings.output}" if is_edit else ""
         click.echo(f"wrote {settings.output}{following}", err=True)
+
+
+def _picture(posed: Any, up_axis: str | None) -> bytes:
+    """Before and after, as a PNG file; matplotlib takes long to import."""
+    from cageik_cli.report.pose_picture import as_png
+    from cageik_cli.report.pose_view import view_of
+
+    return as_png(view_of(posed, up_axis or posed.up_axis))
 
 
 def _settings(options: dict[str, Any]) -> Any:

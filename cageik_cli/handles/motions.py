@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from cageik_cli.camera import Camera
 from cageik_cli.errors import InputError
@@ -37,6 +36,8 @@ class Track:
         """The values in frames (k,), (k, d)."""
         if self.frames is None or len(self.frames) == 1:
             return np.repeat(self.values, len(frames), axis=0)
+        from scipy.interpolate import PchipInterpolator  # it takes long, and few files need it
+
         clipped = np.clip(frames, self.frames[0], self.frames[-1])
         # A slope of nearly nothing has no inverse; the cubic is then level, as it should be.
         with np.errstate(over="ignore"):

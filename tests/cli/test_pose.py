@@ -245,3 +245,29 @@ def test_hard_handles_that_cannot_be_met_are_refused_by_name(run, handles):
     assert "handles.json: the anchors cannot all be met" in outcome.err
     assert not Path("posed.obj").exists()
     assert run(*REST).code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "used"), [((), []), (("--plot", "p.png"), ["matplotlib"])], ids=["bare", "plot"]
+)
+def test_only_pictures_need_the_library_that_draws(run_process, handles, words, used):
+    code = (
+        "import sys; from cageik_cli.cli import main; "
+        f"main({[*REST, *words]!r}, standalone_mode=False); "
+        "print(sorted({'matplotlib', 'scipy.optimize', 'scipy.interpolate'} & set(sys.modules)))"
+    )
+    outcome = run_process("-c", code)
+    assert outcome.code == 0, outcome.err
+    assert outcome.out == f"{used}\n"
+
+
+def test_the_picture_is_of_the_frame_that_was_moved_most(run, handles, clip):
+    from PIL import Image
+
+    handles(LIFT, *PINS, frames=[3, 3])
+    assert run(*EDIT, "--plot", "edit.png", "-q").code == 0
+    with Image.open("edit.png") as picture:
+        assert picture.size[0] > picture.size[1] > 500
+    again = run(*EDIT, "--plot", "z.png", "--up-axis", "Z", "--overwrite", "-q")
+    assert again.code == 0
+    assert Path("z.png").read_bytes() != Path("edit.png").read_bytes()
