@@ -1,0 +1,58 @@
+"""What a picture of a pose is given: the frame that was moved most, before and after."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cageik_cli.editing import EditSettings, edit
+from cageik_cli.extraction import extract
+from cageik_cli.inputs import ExtractSettings
+from cageik_cli.posing_run import PoseSettings, pose
+from cageik_cli.report.pose_view import view_of
+from cageik_cli.store.result import read_weights
+
+HANDLES = [
+    {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3], "hard": True},
+    {"name": "pin", "vertex": 7, "pin": True, "hard": True},
+]
+
+
+@pytest.fixture
+def handles(folder):
+    def write(**others):
+        Path("handles.json").write_text(json.dumps({"handles": HANDLES} | others))
+
+    write()
+    return write
+
+
+def test_a_pose_is_seen_from_the_rest_pose_on(handles, animation):
+    settings = PoseSettings(
+        Path("frames/frame_1.obj"), Path("handles.json"), Path("posed.obj"), Path("cage.obj")
+    )
+    view = view_of(pose(settings), "Z")
+    np.testing.assert_array_equal(view.before, animation.rest.vertices)
+    np.testing.assert_array_equal(view.cage_before, animation.cage.vertices)
+    np.testing.assert_array_equal(view.starts, animation.rest.vertices[[0, 7]])
+    np.testing.assert_allclose(view.ends - view.starts, [[0.1, 0.2, -0.3], [0] * 3], atol=1e-12)
+    np.testing.assert_allclose(view.after[[0, 7]], view.ends, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(view.targets, view.ends, rtol=0, atol=1e-12)
+    assert (view.names, view.pinned.tolist(), view.up_axis) == (("tip", "pin"), [False, True], "Z")
+    assert view.title_before == "before"
+    assert view.title_after.startswith("after: mesh moved ")
+
+
+def test_an_edit_is_seen_in_the_frame_that_was_moved_most(handles):
+    settings = ExtractSettings(("frames",), Path("cage.obj"), Path("cages.h5"))
+    result = extract(settings)
+    keys = {"frames": [1, 3], "values": [[0.1, 0, 0], [0.5, 0, 0]]}
+    Path("handles.json").write_text(
+        json.dumps({"handles": [HANDLES[0] | {"offset": keys}, HANDLES[1]], "frames": [1, 3]})
+    )
+    view = view_of(edit(EditSettings(Path("cages.h5"), Path("handles.json"), Path("e.h5"))), "Y")
+    assert view.title_before == "frame_4.obj, before"
+    before = read_weights(result) @ view.cage_before
+    np.testing.assert_allclose(view.before, before, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(view.targets[0] - view.starts[0], [0.5, 0, 0], atol=1e-12)
