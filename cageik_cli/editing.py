@@ -22,14 +22,8 @@ from cageik_cli.pose_figures import PoseLedger
 from cageik_cli.posing_run import Posed, remark_layers
 from cageik_cli.sequence.clip_file import digest_of
 from cageik_cli.solving import Budget
-from cageik_cli.store.result import (
-    FIGURES,
-    WHOLE_FIGURES,
-    Result,
-    read_cages,
-    read_result,
-    read_weights,
-)
+from cageik_cli.store.result import Result, read_cages, read_result, read_weights
+from cageik_cli.store.result_figures import FIGURES, WHOLE_FIGURES
 from cageik_cli.store.result_writer import (
     Ending,
     Header,

@@ -21,8 +21,8 @@ ORDER = (
     "binding", "rotations", "alignment", "dual_laplacian", "camera", "anchors", "ties",
     "cage_field", "rigidity", "posing", "rebuilding", "metrics",
     "locks", "outputs", "hdf5", "handles", "layers", "edited_block", "pose_figures", "usd",
-    "sequence", "store.parts", "store.result",
-    "store.result_writer", "store.solved_block", "store.told",
+    "sequence", "store.parts", "store.result_figures", "store.result", "store.result_writer",
+    "store.solved_block", "store.told",
     "store.partial", "store.binding_file", "store.cache_entry",
     "store.cache", "export", "binding_run", "inputs", "resuming", "solving", "extraction",
     "exporting", "deforming", "posing_run", "editing", "report", "batch", "checking", "describing",
@@ -33,7 +33,14 @@ ORDER = (
 OWNERS = {
     "click": {"cli"},
     "tqdm": {"cli"},
-    "h5py": {"hdf5", "store.parts", "store.result", "store.result_writer", "store.binding_file"},
+    "h5py": {
+        "hdf5",
+        "store.parts",
+        "store.result",
+        "store.result_figures",
+        "store.result_writer",
+        "store.binding_file",
+    },
     "platformdirs": {"cli.options"},
     "igl": {"coordinates.surface", "soundness", "intersections"},
     "pyarrow": {"sequence.obj_words"},
@@ -53,7 +60,13 @@ OWNERS = {
     },
     "alembic3d": {"sequence.readers.alembic", "export.writers.alembic"},
     "imath": {"export.writers.alembic"},
-    "matplotlib": {"report.figure", "report.limit_lines", "report.pose_picture", "report.style"},
+    "matplotlib": {
+        "report.anchor_marks",
+        "report.figure",
+        "report.limit_lines",
+        "report.pose_picture",
+        "report.style",
+    },
     "PIL": {"report.pictures"},
 }
 """Who may import a library, `imath` being alembic3d's; numpy and scipy are for all."""

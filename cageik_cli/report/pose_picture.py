@@ -11,24 +11,27 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
 from cageik_cli.mesh import Floats, Integers
+from cageik_cli.report.anchor_marks import (
+    AROUND,
+    Flags,
+    draw_arrows,
+    draw_dots,
+    draw_goals,
+    draw_legend,
+)
 from cageik_cli.report.drawing import CLEARANCE, TURN, caged, seen_surface, view_axes
 from cageik_cli.report.name_places import name_places
 from cageik_cli.report.raster import Camera
 from cageik_cli.report.shading import SAMPLES, reduced
-from cageik_cli.report.style import INK, MUTED, drawable, own_style, text_width
-
-Flags = NDArray[np.bool_]
+from cageik_cli.report.style import drawable, own_style, text_width
 
 SIDE, STRIP = 345.6, 43.2
 """Of a panel, and of what stands below all of them."""
-CAPTION, SMALL, NAME = 10.0, 8.0, 8.5
-"""Sizes of letters: of captions, of the explanation of marks, and of names."""
+CAPTION, NAME = 10.0, 8.5
+"""Sizes of letters: of captions, and of names."""
 LONGEST, LONGEST_NAME = 76, 28
 """Characters of a caption and of a name that are shown."""
 NAMED = 12
@@ -42,19 +45,6 @@ ENOUGH = 0.8
 LEVELS = np.uint8(0xFC)
 """Bits of colours that are kept, which makes the file a sixth smaller."""
 
-MOVED = "#c8321f"
-KINDS = ((False, MOVED, "o"), (True, INK, "s"))
-"""Whether it is pinned, and the colour and mark of such an anchor."""
-DOT, RING = 6.0, 11.0
-"""Across marks: anchors, and the targets around them."""
-AROUND = RING / 2 * np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)])
-"""What a mark covers: points from its middle."""
-COVERED = 0.5
-"""Opacity of marks behind the model."""
-SHAFT, HEAD, HEAD_WIDTH = 1.9, 9.0, 7.0
-"""Of an arrow."""
-LEAST = 1.0
-"""Shorter arrows (those towards the viewer, say) and smaller misses of pins are not drawn."""
 STEP = 4.0
 """Between points of an arrow that names keep clear of."""
 
@@ -143,7 +133,7 @@ def figure_of(view: PoseView, panels: Sequence[Panel], pixels: int) -> Figure:
     axes.set_axis_off()
     for number, panel in enumerate(panels):
         _draw_panel(_Place(figure, axes, camera, number), view, panel)
-    _draw_legend(figure, view)
+    draw_legend(figure, view.pinned)
     return figure
 
 
@@ -200,10 +190,10 @@ def _draw_panel(place: _Place, view: PoseView, panel: Panel) -> None:
     covered = _are_covered(place.camera, panel.anchors, surface.depth)
     dots, goals = place(panel.anchors), place(view.targets)
     if panel.has_arrows:
-        _draw_arrows(place.axes, dots[~view.pinned], goals[~view.pinned])
+        draw_arrows(place.axes, dots[~view.pinned], goals[~view.pinned])
     else:
-        _draw_goals(place.axes, dots, goals, view.pinned)
-    _draw_dots(place.axes, dots, view.pinned, covered)
+        draw_goals(place.axes, dots, goals, view.pinned)
+    draw_dots(place.axes, dots, view.pinned, covered)
     _draw_names(place, view, dots, goals)
     _draw_title(place, drawable(panel.title, LONGEST))
 
@@ -220,64 +210,6 @@ def _are_covered(camera: Camera, points: Floats, depth: Floats) -> Flags:
     seen = camera.project(points)
     columns, rows = np.clip(seen[:, :2], 0, camera.size - 1).astype(np.int64).T
     return np.asarray(seen[:, 2] > depth[rows, columns] + CLEARANCE * camera.size)
-
-
-def _draw_arrows(axes: Axes, starts: Floats, ends: Floats) -> None:
-    for start, end in zip(starts, ends, strict=True):
-        along = end - start
-        length = float(np.hypot(*along))
-        if length < LEAST:
-            continue
-        head = min(HEAD, 0.6 * length)
-        share = head / HEAD
-        along = along / length
-        neck = end - head * along
-        across = share * np.array([-along[1], along[0]])
-        shaft, barb = SHAFT / 2 * across, HEAD_WIDTH / 2 * across
-        outline = [start + shaft, neck + shaft, neck + barb, end]
-        outline += [neck - barb, neck - shaft, start - shaft]
-        arrow = Polygon(np.array(outline), facecolor=MOVED, zorder=3, gid="arrow")
-        arrow.set(edgecolor="white", linewidth=0.6, joinstyle="miter")
-        axes.add_patch(arrow)
-
-
-def _draw_goals(axes: Axes, dots: Floats, goals: Floats, pinned: Flags) -> None:
-    """Ring the targets, with a line to where what was to go there is, if that can be seen.
-
-    Those of pins are ringed only if they are missed.
-    """
-    misses = np.linalg.norm(dots - goals, axis=1)
-    for is_pin, colour, marker in KINDS:
-        kind = (pinned == is_pin) & (misses >= (LEAST if is_pin else 0))
-        axes.plot(
-            *goals[kind].T,
-            marker,
-            markersize=RING,
-            markerfacecolor="none",
-            markeredgecolor=colour,
-            markeredgewidth=1.1,
-            path_effects=[withStroke(linewidth=2.8, foreground="white")],
-            zorder=4,
-            gid="goal",
-        )
-        for line in np.stack([dots, goals], axis=1)[kind & (misses > RING / 2)]:
-            axes.plot(*line.T, color=colour, linewidth=1.0, dashes=(3, 1.5), zorder=4, gid="miss")
-
-
-def _draw_dots(axes: Axes, dots: Floats, pinned: Flags, covered: Flags) -> None:
-    for is_pin, colour, marker in KINDS:
-        for is_covered in (True, False):
-            axes.plot(
-                *dots[(pinned == is_pin) & (covered == is_covered)].T,
-                marker,
-                markersize=DOT,
-                color=colour,
-                markeredgecolor="white",
-                markeredgewidth=0.7,
-                alpha=COVERED if is_covered else 1.0,
-                zorder=5,
-                gid="pin" if is_pin else "dot",
-            )
 
 
 def _draw_names(place: _Place, view: PoseView, dots: Floats, goals: Floats) -> None:
@@ -309,28 +241,3 @@ def _stations(start: Floats, end: Floats) -> Floats:
     """Points from one to the other, (k, 2), no further apart than `STEP`."""
     count = int(np.ceil(np.hypot(*(end - start)) / STEP)) + 1
     return np.linspace(start, end, count)
-
-
-def _draw_legend(figure: Figure, view: PoseView) -> None:
-    """Say below all panels what the marks are."""
-    marks = []
-    if not view.pinned.all():
-        marks += [(MOVED, "o", DOT, MOVED, "anchor"), (MOVED, "o", RING, "none", "its target")]
-    if view.pinned.any():
-        marks += [(INK, "s", DOT, INK, "pinned")]
-    figure.legend(
-        [
-            Line2D([], [], linestyle="", color=colour, marker=marker, ms=size, mfc=inside)
-            for colour, marker, size, inside, _ in marks
-        ],
-        [label for *_, label in marks],
-        loc="lower center",
-        ncols=len(marks) or 1,
-        fontsize=SMALL,
-        labelcolor=MUTED,
-        frameon=False,
-        handletextpad=0.1,
-        columnspacing=1.4,
-        borderpad=0.5,
-        borderaxespad=0.5,
-    )

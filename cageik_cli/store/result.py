@@ -25,17 +25,13 @@ from cageik_cli.store.parts import (
     refuse_others,
     version_of,
 )
+from cageik_cli.store.result_figures import are_lengths, read_figures, read_vertex_rms
 
 FORMAT = "cageik.result"
 SCHEMA = 1
-FIGURES = tuple(field.name for field in fields(FrameFigures))
-WHOLE_FIGURES = ("worst_vertex",)
 LOG_SUFFIX = ".partial"
 POSED = 3
 """Frames that are held in full: the worst, the median and the best."""
-
-LARGEST_LENGTH = 1e60
-"""Far above any figure of positions that are taken; its square does not overflow."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,7 +156,7 @@ def read_weights(result: Result) -> Floats | None:
             return None
         weights = numbers(file, "weights", "f", shape).astype(np.float64, copy=False)
         largest = np.maximum(weights.max(axis=1), -weights.min(axis=1))
-        wrong = np.flatnonzero(~_are_lengths(largest))
+        wrong = np.flatnonzero(~are_lengths(largest))
         if len(wrong):
             raise InputError(
                 f"`weights` are not finite at vertex {wrong[0]}, or far too large; extract it again"
@@ -184,7 +180,7 @@ def read_posed_frames(result: Result, weights: Floats) -> PosedFrames:
             raise InputError(f"`poses/frame` names other frames than the {count} there are")
         cages = dataset(file, "verts", "f", (count, n, 3))
         posed = np.stack([np.asarray(cages[k], np.float64) for k in frames])
-        if not all(_are_lengths(np.abs(held)).all() for held in (posed, misses)):
+        if not all(are_lengths(np.abs(held)).all() for held in (posed, misses)):
             raise InputError("`poses` are not finite, or far too large; extract it again")
     return PosedFrames(frames, posed, weights @ posed, misses)
 
@@ -226,8 +222,8 @@ def read_result(path: Path) -> Result:
             frames=_frame_names(file, frames),
             rest=rest,
             cage=cage,
-            figures=_figures(file, frames, len(rest.vertices), list(skipped)),
-            vertex_rms=_vertex_rms(file, len(rest.vertices)),
+            figures=read_figures(file, frames, len(rest.vertices), list(skipped)),
+            vertex_rms=read_vertex_rms(file, len(rest.vertices)),
             skipped=skipped,
         )
 
@@ -274,49 +270,3 @@ def _skipped(file: h5py.File, frames: int) -> dict[int, str]:
     if len(held) == frames:
         raise InputError("every frame was skipped; extract it again")
     return {int(key): printable(held[key]) for key in sorted(held, key=int)}
-
-
-def _figures(file: h5py.File, frames: int, vertices: int, skipped: list[int]) -> FrameFigures:
-    columns = {name: _column(file, name, frames) for name in FIGURES}
-    figures = FrameFigures(**columns)
-    held = FrameFigures(**{name: np.delete(column, skipped) for name, column in columns.items()})
-    fault = fault_of(held)
-    if fault is not None:
-        raise InputError(f"holds {fault}; extract it again")
-    if not np.isnan(figures.rms[skipped]).all():
-        raise InputError("`metrics/rms` has figures of frames that were skipped; extract it again")
-    if not ((held.worst_vertex >= 0) & (held.worst_vertex < vertices)).all():
-        raise InputError(f"`metrics/worst_vertex` names more than {vertices} vertices")
-    return figures
-
-
-def _vertex_rms(file: h5py.File, vertices: int) -> Floats:
-    values = numbers(file, "metrics/vertex_rms", "f", (vertices,)).astype(np.float64)
-    is_missing = np.isnan(values)
-    if is_missing.all() or not (is_missing | _are_lengths(values)).all():
-        raise InputError("holds `metrics/vertex_rms` that is no length; extract it again")
-    return values
-
-
-def _column(file: h5py.File, name: str, frames: int) -> Any:
-    if name in WHOLE_FIGURES:
-        return numbers(file, f"metrics/{name}", "iu", (frames,))
-    with np.errstate(over="ignore", invalid="ignore"):  # what does not fit is found later
-        return numbers(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
-
-
-def _are_lengths(values: Floats) -> np.ndarray:
-    """Which of them can be lengths; nan is none."""
-    return np.asarray((values >= 0) & (values <= LARGEST_LENGTH))
-
-
-def fault_of(figures: FrameFigures) -> str | None:
-    """What cannot be a figure, in words; volumes may be nan."""
-    for name in ("rms", "max_deviation", "spread"):
-        column = getattr(figures, name)
-        if not _are_lengths(column).all():
-            return f"`metrics/{name}` that is no length"
-    for name in ("volume", "volume_reconstructed"):
-        if np.isinf(getattr(figures, name)).any():
-            return f"`metrics/{name}` that is not finite"
-    return None

@@ -18,7 +18,8 @@ from cageik_cli.metrics import FrameFigures
 from cageik_cli.outputs import PatientFile, whole_file
 from cageik_cli.scene import Scene
 from cageik_cli.store.parts import as_json, new_file, write_deflated, write_meshes
-from cageik_cli.store.result import FIGURES, FORMAT, SCHEMA, WHOLE_FIGURES, fault_of
+from cageik_cli.store.result import FORMAT, SCHEMA
+from cageik_cli.store.result_figures import FIGURES, WHOLE_FIGURES, fault_of
 
 LARGEST_MISS = float(np.finfo(np.float32).max)
 

@@ -12,7 +12,7 @@ from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats
 from cageik_cli.metrics import FrameFigures, Measured
 from cageik_cli.sequence import Block
-from cageik_cli.store.result import FIGURES, WHOLE_FIGURES
+from cageik_cli.store.result_figures import FIGURES, WHOLE_FIGURES
 
 DIGEST_BYTES = hashlib.sha256().digest_size
 _COUNTS = struct.Struct("<QQQ")  # first frame, frames, bytes of the faults

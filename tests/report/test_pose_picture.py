@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cageik_cli.report.anchor_marks import MOVED
 from cageik_cli.report.drawing import TURN, view_axes
 from cageik_cli.report.pose_picture import (
-    INK,
-    MOVED,
     NAMED,
     SIDE,
     STRIP,
@@ -23,7 +22,7 @@ from cageik_cli.report.pose_picture import (
     figure_of,
 )
 from cageik_cli.report.raster import Camera
-from cageik_cli.report.style import own_style
+from cageik_cli.report.style import INK, own_style
 from tests.report.hostile import NAMES
 from tests.shapes import ball, box
 
