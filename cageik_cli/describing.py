@@ -10,6 +10,7 @@ from cageik_cli.hdf5 import SUFFIXES as HDF5_SUFFIXES
 from cageik_cli.layout import page
 from cageik_cli.mesh import TriMesh
 from cageik_cli.report.text import accuracy_row, weights_row
+from cageik_cli.report.wording import wording_of
 from cageik_cli.scene import Scene
 from cageik_cli.sequence import ClipSettings, MeshSequence, load_mesh, open_sequence, outline
 from cageik_cli.sequence.files import kind_of
@@ -86,8 +87,9 @@ def _counts(mesh: TriMesh) -> str:
 
 
 def _result_rows(result: Result) -> list[tuple[str, str]]:
+    command = wording_of(result.edited_from).command
     return [
-        ("holds", f"a result of cageik extract {result.version}"),
+        ("holds", f"a result of {command} {result.version}"),
         ("frames", f"{len(result.frames)}, {result.frames[0]} to {result.frames[-1]}"),
         ("model", _counts(result.rest)),
         ("cage", _counts(result.cage)),

@@ -195,6 +195,7 @@ def _header(settings: EditSettings, result: Result, binding: Binding) -> Header:
         settings=result.settings | said,
         notes=(*result.notes, note),
         keep_weights=True,
+        edited_from=printable(settings.result.name),
     )
 
 

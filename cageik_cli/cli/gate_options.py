@@ -141,12 +141,13 @@ def limits_of(options: dict[str, Any], read: Callable[..., Any] | None = None) -
 
 def echo_over_limits(overview: Any) -> None:
     """Say on stderr which figures are over their limits, a line each."""
-    from cageik_cli.report import gate_row
+    from cageik_cli.report import gate_row, wording_of
 
     for entry in overview.clips:
+        words = wording_of(entry.edited_from)
         for gate in entry.gates:
             if gate.passed is False:
-                click.echo(f"{entry.name}: {': '.join(gate_row(gate))}", err=True)
+                click.echo(f"{entry.name}: {': '.join(gate_row(gate, words))}", err=True)
 
 
 def exit_by(overview: Any) -> None:

@@ -22,7 +22,7 @@ PICTURES = (".png", ".svg")
 @click.command("report")
 @click.argument("results", nargs=-1, type=PATH)
 @click.option("--html", type=PATH, help="Write one result's page, which needs no other file.")
-@click.option("--plot", type=PATH, help="Draw error and volume over the frames, as .png or .svg.")
+@click.option("--plot", type=PATH, help="Draw rms and volume over the frames, as .png or .svg.")
 @click.option("--json", type=PATH, help="Write the record as JSON; - is stdout.")
 @click.option("--csv", type=PATH, help="Write a line a frame as CSV; - is stdout.")
 @click.option("--junit", type=PATH, help="Write a test case a limit as JUnit XML; - is stdout.")
@@ -31,7 +31,7 @@ PICTURES = (".png", ".svg")
 @click.option("--overwrite", is_flag=True, help="Replace existing files.")
 @common
 def report_command(results: tuple[Path, ...], overwrite: bool, quiet: bool, **options: Any) -> None:
-    """Report on RESULTS of cageik extract; on cages.h5 in this folder if none is named.
+    """Report on RESULTS of cageik extract or pose; on cages.h5 in this folder if none is named.
 
     The text goes to stdout, or to stderr when another view goes there. Markdown is appended to
     the file that GITHUB_STEP_SUMMARY names, when it is set.

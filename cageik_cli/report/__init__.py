@@ -9,6 +9,7 @@ from cageik_cli.report.poses import Pose, Poses, poses_of
 from cageik_cli.report.record import Report, report_of
 from cageik_cli.report.tables import as_csv, as_json, overview_csv, overview_json
 from cageik_cli.report.text import as_text, gate_row
+from cageik_cli.report.wording import wording_of
 
 __all__ = [
     "Baseline",
@@ -33,4 +34,5 @@ __all__ = [
     "poses_of",
     "read_baseline",
     "report_of",
+    "wording_of",
 ]

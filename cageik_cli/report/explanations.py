@@ -1,23 +1,34 @@
 """What the words of a page mean."""
 
-METRICS = {
-    "rms": "error of the clip",
-    "frame_rms": "error of the worst frame",
-    "max_deviation": "max deviation",
-    "volume_change": "volume change",
-}
-"""What limits are on."""
-
 SETTINGS = {
     "accuracy": "how near harmonic weights are to exact ones",
     "align": "each frame is moved rigidly onto the rest pose before it is solved",
+    "allow_conflicts": "whether the mean was taken of different targets of one point",
     "alpha": "weight of the cage's Laplacian",
     "beta": "weight of the vertices",
     "coordinates": "what the weights are",
+    "hard": "whether all handles were met exactly",
     "outside": "what is done with vertices outside the cage",
+    "pose_alpha": "weight of the cage's Laplacian in the edit",
+    "pose_beta": "weight of the handles",
     "rest_frame": "the frame that is the rest pose; none if it is a file of its own",
+    "rigidity": "rounds in which parts of the cage turned with the edit",
+    "snap": "whether handles with a position were put on the surface near it",
     "vertex_weights": "whether vertices were weighed one by one",
 }
+
+_SIZE = (
+    "Size",
+    "",
+    "A cage has three numbers a vertex in each frame; the weights, one for each vertex of the "
+    "model and of the cage, are kept once.",
+)
+_VERDICT = (
+    "Verdict",
+    "",
+    "A figure is compared with its limit as it is printed here. Over a limit, the command ends "
+    "with exit code 3.",
+)
 
 MEANINGS = (
     (
@@ -68,18 +79,8 @@ MEANINGS = (
         "The error against the spread of each frame about its centroid E(V), V being all "
         "coordinates of the clip (Karni and Gotsman 2004), in percent.",
     ),
-    (
-        "Size",
-        "",
-        "A cage has three numbers a vertex in each frame; the weights, one for each vertex of the "
-        "model and of the cage, are kept once.",
-    ),
-    (
-        "Verdict",
-        "",
-        "A figure is compared with its limit as it is printed here. Over a limit, the command ends "
-        "with exit code 3.",
-    ),
+    _SIZE,
+    _VERDICT,
     (
         "Worst, median and best frame",
         "",
@@ -87,3 +88,49 @@ MEANINGS = (
     ),
 )
 """Term, formula, and what it says."""
+
+EDIT_MEANINGS = (
+    (
+        "Distance moved of a frame, RMS",
+        "rms = √( mean |v̂ − v|² )",
+        "How far the edit moved the frame; no measure of how well the cage follows the animation. "
+        "The mean is over the vertices. In units of the file, or as percent of the diagonal: "
+        "100 rms / D.",
+    ),
+    (
+        "Distance moved of the clip",
+        "√( mean rms² )",
+        "The mean is over the frames that were not skipped, also those that the edit leaves as "
+        "they were. The headline.",
+    ),
+    (
+        "RMS of a vertex",
+        "√( mean |v̂ − v|² )",
+        "The mean is over the frames. The histogram counts vertices by it, and the model is "
+        "coloured by it: where it is high, the edit moved the model most.",
+    ),
+    (
+        "Max distance",
+        "max |v̂ − v|",
+        "Over the vertices of a frame, or over all frames; with the vertex where it is.",
+    ),
+    (
+        "Volume change",
+        "100 (V̂ − V) / V",
+        "What the edit adds to the volume of its frame, in percent; signed. Of the clip, the "
+        "change of largest size. Not defined for open models.",
+    ),
+    (
+        "Drift before the edit",
+        "100 (V − V_rest) / V_rest",
+        "How far the volume of the mesh before the edit is from that of the rest pose, in percent.",
+    ),
+    _SIZE,
+    _VERDICT,
+    (
+        "Most moved, median and least moved frame",
+        "",
+        "By the rms of the frame. Vertices are coloured by |v̂ − v|, all poses on one scale.",
+    ),
+)
+"""The same of an edited result."""

@@ -18,7 +18,6 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from cageik_cli.mesh import Floats, Integers
 from cageik_cli.report.figures import percent_text
-from cageik_cli.report.gates import Gate
 from cageik_cli.report.labels import Box
 from cageik_cli.report.limit_lines import (
     LimitLine,
@@ -30,6 +29,7 @@ from cageik_cli.report.limit_lines import (
 from cageik_cli.report.record import Report
 from cageik_cli.report.series import LEAST, Series, series_of
 from cageik_cli.report.style import INK, MUTED, drawable, own_style
+from cageik_cli.report.wording import wording_of
 
 SIZE, DPI = (7.2, 3.6), 200
 """Inches across and down, and pixels to the inch."""
@@ -129,7 +129,8 @@ def _drawn(report: Report) -> Figure:
     _dress(left, error, report)
     _dress(right, other, report)
     named += [gate for gate in report.gates if gate.metric not in error.metrics + other.metrics]
-    _draw_legend(figure, (left, right), named)
+    words = wording_of(report.edited_from)
+    _draw_legend(figure, (left, right), [limit_label(gate, words) for gate in named])
     draw_labels(((left, error), (right, other)), shown, worst)
     return figure
 
@@ -211,7 +212,8 @@ def _draw_worst(axes: Axes, series: Series, report: Report) -> Box:
     column = int(np.digitize(place[0] / count, (0.3, 0.7)))
     side = ("left", "center", "right")[column]
     text = (
-        f"worst {percent_text(summary.worst_frame_rms_percent)} %, {drawable(summary.worst_frame)}"
+        f"{wording_of(report.edited_from).worst} "
+        f"{percent_text(summary.worst_frame_rms_percent)} %, {drawable(summary.worst_frame)}"
     )
     axes.plot(*place, "o", markersize=7.5, markerfacecolor="none", markeredgecolor=INK, gid="worst")
     axes.annotate(
@@ -251,7 +253,7 @@ def _tick_text(value: float, _: int | None) -> str:
     return f"{value:g}".replace("-", "−")
 
 
-def _draw_legend(figure: Figure, both: tuple[Axes, Axes], named: list[Gate]) -> None:
+def _draw_legend(figure: Figure, both: tuple[Axes, Axes], named: list[str]) -> None:
     """Above the axes: what the lines are, and the limits that no line shows."""
     drawn = [axes.get_legend_handles_labels() for axes in both]
     figure.legend(
@@ -268,6 +270,6 @@ def _draw_legend(figure: Figure, both: tuple[Axes, Axes], named: list[Gate]) -> 
         borderaxespad=0,
     )
     if named:
-        text = "not drawn: " + "; ".join(map(limit_label, named))
+        text = "not drawn: " + "; ".join(named)
         text = textwrap.shorten(text, ACROSS, placeholder=" …")
         figure.text(LEFT, TOP + 0.015, text, fontsize=7.5, color=MUTED, gid="not-drawn")

@@ -1,11 +1,12 @@
 """The frames of a report as a page's table."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from cageik_cli.report.figures import Frame, change_text, percent_text, units_text
 from cageik_cli.report.record import Report
+from cageik_cli.report.wording import wording_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +63,16 @@ VOLUMES = (
 
 def columns_of(report: Report) -> tuple[Column, ...]:
     """The columns of figures that some frame has, without `FRAME` and `NAME`."""
+    titles = wording_of(report.edited_from).columns
     return tuple(
-        column
+        _titled(column, titles.get(column.name, column.label))
         for column in (*LENGTHS, *VOLUMES)
         if any(getattr(frame, column.name) is not None for frame in report.frames)
     )
+
+
+def _titled(column: Column, label: str) -> Column:
+    return replace(column, label=label, told=label.lower() if column.told else "")
 
 
 def row_of(frame: Frame, columns: Sequence[Column]) -> Row:

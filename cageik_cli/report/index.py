@@ -5,11 +5,11 @@ from itertools import groupby
 from typing import Any
 from urllib.parse import quote
 
-from cageik_cli.report.explanations import METRICS
 from cageik_cli.report.figures import Clip, Summary, change_text, percent_text
 from cageik_cli.report.overview import Curve, Entry, Overview
 from cageik_cli.report.templating import rendered
 from cageik_cli.report.verdicts import Verdict, found_text, limit_text, verdict_of
+from cageik_cli.report.wording import Wording, marked, wording_of
 
 HEIGHT, EDGE, STEP = 48, 4, 2
 """Of a thumbnail: units down, units kept free above and below, and units across a point."""
@@ -33,6 +33,7 @@ def as_index(overview: Overview) -> str:
         total=len(overview.clips),
         verdict=_verdict(len(failed), over, len(overview.clips)),
         counts=counts,
+        words=overview.wording,
         failed=failed,
         rows=[
             _row(entry, entry.clip, entry.summary, entry.curve)
@@ -55,10 +56,10 @@ def _verdict(failed: int, over: int, total: int) -> Verdict:
 
 
 def _row(entry: Entry, clip: Clip, summary: Summary, curve: Curve) -> dict[str, Any]:
-    change = summary.volume_change_percent_max
+    change, words = summary.volume_change_percent_max, wording_of(entry.edited_from)
     verdict = verdict_of(entry.gates) if entry.gates else Verdict("none", "none")
     return {
-        "name": entry.name,
+        "name": marked(entry.name, entry.edited_from),
         "href": entry.page and "./" + quote(entry.page, errors="surrogateescape"),
         "error": percent_text(summary.rms_percent),
         "worst_rms": percent_text(summary.worst_frame_rms_percent),
@@ -72,11 +73,11 @@ def _row(entry: Entry, clip: Clip, summary: Summary, curve: Curve) -> dict[str, 
         "verdict": verdict,
         "rank": {"bad": 0, "none": 1, "good": 2}[verdict.state],
         "passed": [
-            f"{METRICS[gate.metric]} {found_text(gate)} > {limit_text(gate, f' {gate.unit}')}"
+            f"{words.metric(gate.metric)} {found_text(gate)} > {limit_text(gate, f' {gate.unit}')}"
             for gate in entry.gates
             if gate.passed is False
         ],
-        "text": _words(summary),
+        "text": _told(summary, words),
         **_thumbnail(curve),
     }
 
@@ -86,11 +87,11 @@ def _undefined(clip: Clip) -> str:
     return "unknown" if clip.closed else "open"
 
 
-def _words(summary: Summary) -> str:
+def _told(summary: Summary, words: Wording) -> str:
     """What a thumbnail shows."""
     change = summary.volume_change_percent_max
     other = (
-        f"max deviation up to {percent_text(summary.max_deviation_percent)} %"
+        f"{words.largest} up to {percent_text(summary.max_deviation_percent)} %"
         if change is None
         else f"volume change up to {change_text(change)} %"
     )

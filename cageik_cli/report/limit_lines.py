@@ -12,6 +12,7 @@ from cageik_cli.report.labels import Box, Label, placed
 from cageik_cli.report.record import Report
 from cageik_cli.report.series import LEAST, Series
 from cageik_cli.report.verdicts import gate_verdict, most_text
+from cageik_cli.report.wording import Wording, wording_of
 
 REACH = 2.5
 """A limit is drawn up to so many times as high as the highest figure; beyond it is named alone."""
@@ -31,15 +32,18 @@ class LimitLine:
     gate : Gate
     heights : tuple of float
         Of its lines, one or, on both sides of zero, two, in percent.
+    label : str
     """
 
     series: Series
     gate: Gate
     heights: tuple[float, ...]
+    label: str
 
 
 def limit_lines(report: Report, series: Series) -> tuple[list[LimitLine], list[Gate]]:
     """The limits on a series that are drawn, and those far above it."""
+    words = wording_of(report.edited_from)
     reach = REACH * np.nanmax(np.abs(series.values), initial=LEAST)
     to_percent = 100 / report.clip.diagonal
     near, far = [], []
@@ -48,7 +52,7 @@ def limit_lines(report: Report, series: Series) -> tuple[list[LimitLine], list[G
             height = gate.limit if gate.unit == PERCENT else to_percent * gate.limit
             if height <= reach:
                 heights = (height, -height) if series.is_signed else (height,)
-                near.append(LimitLine(series, gate, heights))
+                near.append(LimitLine(series, gate, heights, limit_label(gate, words)))
             else:
                 far.append(gate)
     return near, far
@@ -82,7 +86,7 @@ def draw_labels(
     points = np.concatenate([_points(axes, series) for axes, series in drawn])
     labels = [
         Label(
-            LETTER * len(limit_label(limit.gate)),
+            LETTER * len(limit.label),
             tuple(_shares(drawn[limit.series.side][0], limit.heights)),
             limit.series.side == 1,
         )
@@ -95,7 +99,7 @@ def draw_labels(
         front.text(
             box[2 if is_right else 0],
             box[1],
-            limit_label(limit.gate),
+            limit.label,
             transform=front.transAxes,
             ha="right" if is_right else "left",
             va="bottom",
@@ -105,10 +109,10 @@ def draw_labels(
         )
 
 
-def limit_label(gate: Gate) -> str:
+def limit_label(gate: Gate, words: Wording) -> str:
     """A limit and its verdict, as short as a label is to be."""
-    metric, verdict = gate.metric.replace("_", " "), gate_verdict(gate).text
-    return f"{metric} ≤ {most_text(gate)} {gate.unit}, {verdict}"
+    verdict = gate_verdict(gate).text
+    return f"{words.limits[gate.metric]} ≤ {most_text(gate)} {gate.unit}, {verdict}"
 
 
 def _points(axes: Axes, series: Series) -> Floats:

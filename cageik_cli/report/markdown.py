@@ -8,6 +8,7 @@ from cageik_cli.layout import shown
 from cageik_cli.report.figures import percent_text
 from cageik_cli.report.overview import Entry, Overview
 from cageik_cli.report.text import gate_row
+from cageik_cli.report.wording import Wording, marked, wording_of
 
 ROOM = {"clips": 24_000, "failed": 12_000, "limits": 12_000, "notes": 8_000}
 """Bytes of the lines of each part; with headings all is under 60 000."""
@@ -15,10 +16,7 @@ ROOM = {"clips": 24_000, "failed": 12_000, "limits": 12_000, "notes": 8_000}
 LONGEST = 300
 """Characters of a name or a sentence that are shown."""
 
-_HEADER = (
-    "| clip | verdict | rms, % | worst frame, % | at | max deviation, % | volume change, % |",
-    "|---|---|---:|---:|---|---:|---:|",
-)
+_RULE = "|---|---|---:|---:|---|---:|---:|"
 
 
 def as_markdown(overview: Overview) -> str:
@@ -28,12 +26,13 @@ def as_markdown(overview: Overview) -> str:
     diagonal, volumes' of the volume.
     """
     clips = overview.worst_first
-    table = [*_HEADER, *_fitting((_row(entry) for entry in clips), ROOM["clips"], "| {} |")]
+    rows = _fitting((_row(entry) for entry in clips), ROOM["clips"], "| {} |")
+    table = [_header(overview.wording), _RULE, *rows]
     failed = [
         f"- {_plain(entry.name)}: {_plain(entry.fault)}" for entry in clips if entry.has_failed
     ]
     limits = [
-        f"- {_plain(entry.name)}: {_plain(gate_row(gate)[1])}"
+        f"- {_plain(entry.name)}: {_plain(gate_row(gate, wording_of(entry.edited_from))[1])}"
         for entry in clips
         for gate in entry.gates
         if gate.passed is False
@@ -45,6 +44,13 @@ def as_markdown(overview: Overview) -> str:
         if lines:
             blocks += [f"### {heading}", "\n".join(_fitting(lines, ROOM[room], "- {}"))]
     return "\n\n".join(blocks) + "\n"
+
+
+def _header(words: Wording) -> str:
+    return (
+        f"| clip | verdict | {words.limits['rms']}, % | {words.worst_frame}, % | at "
+        f"| {words.largest}, % | volume change, % |"
+    )
 
 
 def _verdict(overview: Overview) -> str:
@@ -71,7 +77,8 @@ def _row(entry: Entry) -> str:
     verdict = _clip_verdict(entry)
     if entry.has_failed or entry.exceeds:
         verdict = f"**{verdict}**"
-    return f"| {' | '.join([_plain(entry.name), verdict, *cells])} |"
+    name = _plain(marked(entry.name, entry.edited_from))
+    return f"| {' | '.join([name, verdict, *cells])} |"
 
 
 def _clip_verdict(entry: Entry) -> str:
@@ -79,7 +86,9 @@ def _clip_verdict(entry: Entry) -> str:
         return "failed"
     if entry.exceeds:
         return "over limit"
-    return "within limits" if any(gate.passed for gate in entry.gates) else "extracted"
+    if any(gate.passed for gate in entry.gates):
+        return "within limits"
+    return wording_of(entry.edited_from).done
 
 
 def _notes(clips: Iterable[Entry]) -> list[str]:

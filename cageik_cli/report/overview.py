@@ -10,6 +10,7 @@ from cageik_cli.dual_laplacian import Quality
 from cageik_cli.report.figures import Clip, Frame, Summary
 from cageik_cli.report.gates import Gate
 from cageik_cli.report.record import SCHEMA, Report
+from cageik_cli.report.wording import Wording, wording_of
 
 POINTS = 120
 """Of a curve at most."""
@@ -49,6 +50,8 @@ class Entry:
         As in its report.
     gates : tuple of Gate
     notes : tuple of str
+    edited_from : str, optional
+        As in its report.
     """
 
     name: str
@@ -61,6 +64,7 @@ class Entry:
     curve: Curve | None = None
     gates: tuple[Gate, ...] = ()
     notes: tuple[str, ...] = ()
+    edited_from: str | None = None
 
     @property
     def has_failed(self) -> bool:
@@ -85,6 +89,11 @@ class Overview:
     def worst_first(self) -> list[Entry]:
         """Those that failed, those over a limit, and the others by error."""
         return sorted(self.clips, key=_badness)
+
+    @property
+    def wording(self) -> Wording:
+        """The words for all clips that have figures."""
+        return wording_of(*(clip.edited_from for clip in self.clips if not clip.has_failed))
 
     @property
     def exit_code(self) -> int:
@@ -118,6 +127,7 @@ def entry_of(report: Report, result: str | None = None, page: str | None = None)
         curve=_curve(report),
         gates=report.gates,
         notes=report.notes,
+        edited_from=report.edited_from,
     )
 
 

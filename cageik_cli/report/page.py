@@ -4,7 +4,7 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.report.explanations import MEANINGS, METRICS, SETTINGS
+from cageik_cli.report.explanations import SETTINGS
 from cageik_cli.report.figure import plot_of
 from cageik_cli.report.figures import (
     VertexFigures,
@@ -22,11 +22,12 @@ from cageik_cli.report.tables import as_json
 from cageik_cli.report.templating import data_url, rendered
 from cageik_cli.report.verdicts import found_text, gate_verdict, limit_text, verdict_of
 from cageik_cli.report.weight_quality import quality_rows
+from cageik_cli.report.wording import Wording, wording_of
 from cageik_cli.store.result import Result
 
 SECTIONS = (
     ("verdict", "Verdict"),
-    ("course", "Error over the frames"),
+    ("course", "{measure} over the frames"),
     ("poses", "Poses"),
     ("spread", "Spread"),
     ("where", "Where"),
@@ -46,13 +47,6 @@ FINEST = 0.01
 HEAD = 512
 """Bytes of a page that hold its mark."""
 
-POSES = {
-    "rest": "Rest pose",
-    "worst": "Worst frame",
-    "median": "Median frame",
-    "best": "Best frame",
-}
-
 
 def as_html(report: Report, pictures: Pictures | None) -> str:
     """The page of a report.
@@ -68,17 +62,20 @@ def as_html(report: Report, pictures: Pictures | None) -> str:
     str
         The same for the same arguments.
     """
-    columns = columns_of(report)
+    columns, words = columns_of(report), wording_of(report.edited_from)
     return rendered(
         "page.html.j2",
         report=report,
         digest=record_digest(report),
-        sections=SECTIONS,
+        words=words,
+        sections=[
+            (place, text.format(measure=words.measure.capitalize())) for place, text in SECTIONS
+        ],
         verdict=verdict_of(report.gates),
-        gates=[_gate_row(gate) for gate in report.gates],
+        gates=[_gate_row(gate, words) for gate in report.gates],
         plot=_plot(report),
         pictures=pictures,
-        **(_picture_values(pictures) if pictures else {}),
+        **(_picture_values(pictures, words) if pictures else {}),
         histogram=_histogram(report.vertices),
         quality=quality_rows(report),
         settings=[
@@ -87,7 +84,7 @@ def as_html(report: Report, pictures: Pictures | None) -> str:
         sources=[(role.replace("_", " "), _facts(source)) for role, source in _sorted(report)],
         columns=(FRAME, NAME, *columns),
         rows=[row_of(frame, columns) for frame in report.frames],
-        meanings=MEANINGS,
+        meanings=words.meanings,
         percent=percent_text,
         units=units_text,
         change=change_text,
@@ -129,10 +126,10 @@ def _mark(report: Report, has_pictures: bool) -> str:
     return f'<meta name="cageik-record" content="{record_digest(report)}{told}">'
 
 
-def _gate_row(gate: Gate) -> dict[str, Any]:
+def _gate_row(gate: Gate, words: Wording) -> dict[str, Any]:
     whole = "volume" if gate.metric == "volume_change" else "diagonal"
     return {
-        "metric": METRICS[gate.metric],
+        "metric": words.metric(gate.metric),
         "baseline": ""
         if gate.baseline is None
         else f"against {percent_text(gate.baseline)} of the baseline",
@@ -146,10 +143,10 @@ def _gate_row(gate: Gate) -> dict[str, Any]:
 
 def _plot(report: Report) -> dict[str, Any]:
     """The figure, where its axes are, and what it shows in words."""
-    plot, summary = plot_of(report), report.summary
+    plot, summary, words = plot_of(report), report.summary, wording_of(report.edited_from)
     changes = summary.volume_change_percent_max
     other = (
-        "the largest deviation of each frame, at most "
+        f"the largest {words.distance} of each frame, at most "
         f"{percent_text(summary.max_deviation_percent)} % at {summary.max_deviation_frame}"
         if changes is None
         else f"the change of its volume, at most {change_text(changes)} % at "
@@ -157,7 +154,7 @@ def _plot(report: Report) -> dict[str, Any]:
     )
     return {
         "source": data_url(plot.svg.encode(), "svg+xml"),
-        "text": f"RMS error of {len(report.frames)} frames, at most "
+        "text": f"RMS {words.measure} of {len(report.frames)} frames, at most "
         f"{percent_text(summary.worst_frame_rms_percent)} % of the diagonal at "
         f"{summary.worst_frame}, and {other}. The table of frames has all values.",
         "left": plot.left,
@@ -169,19 +166,24 @@ def _plot(report: Report) -> dict[str, Any]:
     }
 
 
-def _picture_values(pictures: Pictures) -> dict[str, Any]:
+def _picture_values(pictures: Pictures, words: Wording) -> dict[str, Any]:
+    titles = _pose_titles(words)
     poses = [
         {
-            "title": POSES[pose.label],
+            "title": titles[pose.label],
             "name": "" if pose.label == "rest" else pose.name,
             "views": [
-                ("Input", _png(pose.given), f"{POSES[pose.label]}: the input"),
                 (
-                    "Reconstruction",
-                    _png(pose.rebuilt),
-                    f"{POSES[pose.label]}: the reconstruction, coloured by deviation",
+                    words.given.capitalize(),
+                    _png(pose.given),
+                    f"{titles[pose.label]}: the {words.given}",
                 ),
-                ("Cage", _png(pose.cage), f"{POSES[pose.label]}: the cage"),
+                (
+                    words.rebuilt.capitalize(),
+                    _png(pose.rebuilt),
+                    f"{titles[pose.label]}: the {words.rebuilt}, coloured by {words.distance}",
+                ),
+                ("Cage", _png(pose.cage), f"{titles[pose.label]}: the cage"),
             ],
         }
         for pose in pictures.poses
@@ -196,6 +198,11 @@ def _picture_values(pictures: Pictures) -> dict[str, Any]:
         "pose_ticks": _ticks(pictures.top_percent),
         "spread_ticks": _ticks(pictures.spread_top_percent),
     }
+
+
+def _pose_titles(words: Wording) -> dict[str, str]:
+    frames = {"worst": words.worst, "median": "median", "best": words.best}
+    return {"rest": "Rest pose"} | {k: f"{text.capitalize()} frame" for k, text in frames.items()}
 
 
 def _png(picture: bytes) -> str:

@@ -24,11 +24,16 @@ WORST = 10
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """One result's report; `report.json` is this record."""
+    """One result's report; `report.json` is this record.
+
+    `edited_from` names the result that it is an edit of, None for one that was extracted. Figures
+    of an edit tell how far it moved the mesh.
+    """
 
     schema: int
     tool: dict[str, str]
     result: str
+    edited_from: str | None
     sources: dict[str, Any]
     settings: dict[str, Any]
     notes: tuple[str, ...]
@@ -59,6 +64,7 @@ def report_of(result: Result, limits: Limits | None = None, name: str | None = N
         schema=SCHEMA,
         tool={"name": "cageik", "version": result.version},
         result=called,
+        edited_from=result.edited_from,
         sources=result.sources,
         settings=result.settings,
         notes=(*result.notes, *not_compared(called, summary, limits)),

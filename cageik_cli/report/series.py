@@ -7,6 +7,7 @@ import numpy as np
 
 from cageik_cli.mesh import Floats
 from cageik_cli.report.record import Report
+from cageik_cli.report.wording import wording_of
 
 LEAST = 0.001
 """Percent: no axis ends lower, so that rounding is not made to look like error."""
@@ -57,10 +58,10 @@ def series_of(report: Report) -> tuple[Series, Series]:
 
     The latter is taken where the model is open, or no frame has a volume.
     """
-    frames = report.frames
+    frames, words = report.frames, wording_of(report.edited_from)
     error = Series(
         _values([frame.rms_percent for frame in frames]),
-        "RMS error, % of the diagonal",
+        f"RMS {words.measure}, % of the diagonal",
         ("rms", "frame_rms"),
         0,
         Look("#0a7d4b", "-", "o"),
@@ -70,7 +71,8 @@ def series_of(report: Report) -> tuple[Series, Series]:
         look = Look("#1f4fa3", (0, (3.4, 1.1)), "s")
         return error, Series(_values(changes), "volume change, %", ("volume_change",), 1, look)
     deviations = _values([frame.max_deviation_percent for frame in frames])
-    name, look = "max deviation, % of the diagonal", Look("#8a3a8f", (0, (4, 1, 1, 1)), "^")
+    name = f"{words.largest}, % of the diagonal"
+    look = Look("#8a3a8f", (0, (4, 1, 1, 1)), "^")
     return error, Series(deviations, name, ("max_deviation",), 1, look)
 
 

@@ -6,6 +6,7 @@ from cageik_cli.binding import LOWEST_WEIGHT, WeightQuality
 from cageik_cli.coordinates.weights import ACCURACIES
 from cageik_cli.dual_laplacian import WORST_CONDITION
 from cageik_cli.report.record import Report
+from cageik_cli.report.wording import wording_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,7 @@ def quality_rows(report: Report) -> list[QualityRow]:
         QualityRow(
             "Condition number",
             f"{found.condition_number:.4g}",
-            "How much the system that gives the cages magnifies errors of its input.",
+            wording_of(report.edited_from).condition,
             f"far below {WORST_CONDITION:.0e}, where a run is refused",
         ),
     ]

@@ -116,6 +116,20 @@ def parsed_sources(file: h5py.File) -> dict[str, Any]:
     return sources
 
 
+def parsed_name(file: h5py.File, name: str) -> str | None:
+    """An attribute of plain text, None if it is not there.
+
+    Raises
+    ------
+    InputError
+        When it is no text.
+    """
+    text = file.attrs.get(name)
+    if text is not None and not isinstance(text, str):
+        raise InputError(f"attribute `{name}` holds no text; make it again")
+    return None if text is None else printable(text)
+
+
 def parsed_quality(file: h5py.File, kind: type[Figures]) -> Figures:
     """The attribute `quality` as a record of numbers."""
     figures = parsed(file, "quality", dict)

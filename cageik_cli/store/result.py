@@ -18,6 +18,7 @@ from cageik_cli.scene import Scene
 from cageik_cli.store.parts import (
     calls_itself,
     parsed,
+    parsed_name,
     parsed_notes,
     parsed_quality,
     parsed_sources,
@@ -60,6 +61,9 @@ class Result:
         that are missing data.
     skipped : dict
         By number in the clip, why a frame was skipped.
+    edited_from : str, optional
+        The name of the result that this is an edit of: figures then compare the mesh before the
+        edit, v, with the edited one, v̂. None for one that was extracted.
     """
 
     path: Path
@@ -75,6 +79,7 @@ class Result:
     figures: FrameFigures
     vertex_rms: Floats
     skipped: dict[int, str] = field(default_factory=dict)
+    edited_from: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,6 +230,7 @@ def read_result(path: Path) -> Result:
             figures=read_figures(file, frames, len(rest.vertices), list(skipped)),
             vertex_rms=read_vertex_rms(file, len(rest.vertices)),
             skipped=skipped,
+            edited_from=parsed_name(file, "edited_from"),
         )
 
 

@@ -37,6 +37,8 @@ class Header:
     settings : dict
     notes : tuple of str
     keep_weights : bool
+    edited_from : str, optional
+        The name of the result that this is an edit of.
     """
 
     binding: Binding
@@ -46,6 +48,7 @@ class Header:
     settings: dict[str, Any]
     notes: tuple[str, ...]
     keep_weights: bool
+    edited_from: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +98,8 @@ class ResultWriter:
         file.attrs["settings"] = as_json(header.settings)
         file.attrs["notes"] = as_json(header.notes)
         file.attrs["quality"] = as_json(asdict(header.quality))
+        if header.edited_from is not None:
+            file.attrs["edited_from"] = header.edited_from
         file.attrs["complete"] = False
 
     def append(self, cages: Floats, figures: FrameFigures) -> None:

@@ -86,13 +86,15 @@ def test_the_result_is_a_result_like_any_other(run, handles, clip):
     edited = read_result(Path("edited.h5"))
     assert edited.frames == clip.frames
     assert edited.scene == clip.scene
+    assert (clip.edited_from, edited.edited_from) == (None, "cages.h5")
     assert set(edited.sources) == {*clip.sources, "result", "handles"}
     assert "edited by handles.json" in edited.notes[-1]
     assert run("report", "edited.h5", "--json", "-", "--html", "page.html").code == 0
     assert run("export", "edited.h5", "cages.pc2").code == 0
     assert run("deform", "edited.h5", "-o", "mesh.npz").code == 0
-    assert run("info", "edited.h5").code == 0
+    assert "a result of cageik pose " in run("info", "edited.h5").out
     again = run("pose", "edited.h5", "handles.json", "-o", "twice.h5")
+    assert read_result(Path("twice.h5")).edited_from == "edited.h5"
     assert again.code == 0, again.err
     twice = 2 * (cages("edited.h5") - cages("cages.h5"))
     np.testing.assert_allclose(cages("twice.h5") - cages("cages.h5"), twice, rtol=0, atol=1e-12)

@@ -1,16 +1,19 @@
 """A result on disk, and the same numbers taken from it by plain h5py."""
 
+import json
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.editing import EditSettings, edit
 from cageik_cli.extraction import extract
 from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report import Limits, report_of
 from cageik_cli.report.gates import judged
-from cageik_cli.store.result import Result
+from cageik_cli.store.result import Result, read_result
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +50,31 @@ def closed(case_of, animation) -> Case:
 @pytest.fixture(scope="session")
 def opened(case_of, animation) -> Case:
     return case_of(animation.frames, animation.rest.faces[2:])
+
+
+HANDLES = [
+    {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]},
+    *({"name": f"pin {k}", "vertex": k, "pin": True} for k in (3, 7, 11, 15)),
+]
+
+
+@pytest.fixture(scope="session")
+def edited(closed) -> Result:
+    """The result of all faces with a vertex moved in the last two frames."""
+    return _edited(closed.result)
+
+
+@pytest.fixture(scope="session")
+def edited_open(opened) -> Result:
+    return _edited(opened.result)
+
+
+def _edited(result: Result) -> Result:
+    handles: Path = result.path.with_name("handles.json")
+    handles.write_text(json.dumps({"handles": HANDLES, "frames": [3, 4]}))
+    output = result.path.with_name("edited.h5")
+    edit(EditSettings(result.path, handles, output))
+    return read_result(output)
 
 
 @pytest.fixture(scope="session")

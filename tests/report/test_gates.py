@@ -12,6 +12,7 @@ from cageik_cli.report import Baseline, Limit, Limits, gates, report_of
 from cageik_cli.report.figures import Summary, percent_text, units_text
 from cageik_cli.report.gates import PERCENT, UNITS, judged, not_compared
 from cageik_cli.report.text import gate_row
+from cageik_cli.report.wording import EXTRACTED
 from tests.report.clips import summary
 
 FIELDS = {
@@ -69,18 +70,18 @@ def test_a_figure_that_is_not_defined_is_not_judged():
     opened = summary(volume_change_percent_max=None, volume_change_frame=None)
     gate = gate_on(opened, "volume_change", "2")
     assert (gate.found, gate.frame, gate.passed) == (None, None, None)
-    assert gate_row(gate) == ("not judged", "volume change not defined, limit 2 %")
+    assert gate_row(gate, EXTRACTED) == ("not judged", "volume change not defined, limit 2 %")
 
 
 def test_lines_name_metric_found_limit_and_frame():
-    assert gate_row(gate_on(summary(0.25), "rms", "0.5")) == (
+    assert gate_row(gate_on(summary(0.25), "rms", "0.5"), EXTRACTED) == (
         "within limit", "rms 0.2500 %, limit 0.5 %, worst frame f_7.obj",
     )  # fmt: skip
-    assert gate_row(gate_on(summary(), "max_deviation", "0.0199", UNITS)) == (
+    assert gate_row(gate_on(summary(), "max_deviation", "0.0199", UNITS), EXTRACTED) == (
         "over limit", "max deviation 0.02 units, limit 0.0199 units, at f_8.obj",
     )  # fmt: skip
     limits = Limits((), baseline({"a": figures_of(summary(0.2))}, "10"))
-    assert gate_row(judged("a", summary(0.25), limits)[0]) == (
+    assert gate_row(judged("a", summary(0.25), limits)[0], EXTRACTED) == (
         "over limit", "rms 0.2500 %, limit 0.2200 % (baseline 0.2000 %), worst frame f_7.obj",
     )  # fmt: skip
 

@@ -8,6 +8,7 @@ from cageik_cli.report import Limit
 from cageik_cli.report.figure import figure_of
 from cageik_cli.report.gates import Gate
 from cageik_cli.report.limit_lines import limit_label
+from cageik_cli.report.wording import EXTRACTED
 from tests.report.drawings import lines, texts
 
 
@@ -49,9 +50,9 @@ def test_a_limit_in_units_stands_where_the_diagonal_puts_it(made):
 
 def test_a_limit_made_of_a_baseline_is_printed_as_figures_are():
     gate = Gate("volume_change", "%", 1.1, None, None, None, baseline=1.0)
-    assert limit_label(gate) == "volume change ≤ 1.1000 %, not judged"
+    assert limit_label(gate, EXTRACTED) == "volume change ≤ 1.1000 %, not judged"
 
 
 def test_a_limit_that_was_typed_keeps_its_digits():
     gate = Gate("max_deviation", "units", 0.12345678, 0.1, "a", True)
-    assert limit_label(gate) == "max deviation ≤ 0.12345678 units, within limit"
+    assert limit_label(gate, EXTRACTED) == "max deviation ≤ 0.12345678 units, within limit"

@@ -11,8 +11,8 @@ from cageik_cli.report import as_csv, as_json, report_of
 from cageik_cli.report.record import Frame
 
 KEYS = {
-    "schema", "tool", "result", "sources", "settings", "notes", "clip", "binding", "summary",
-    "vertices", "frames", "gates",
+    "schema", "tool", "result", "edited_from", "sources", "settings", "notes", "clip", "binding",
+    "summary", "vertices", "frames", "gates",
 }  # fmt: skip
 CLIP = {"frames", "vertices", "cage_vertices", "diagonal", "closed"}
 BINDING = {"partition_of_unity", "linear_precision", "min_weight", "condition_number"}

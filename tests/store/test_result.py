@@ -388,6 +388,7 @@ DAMAGES = [
     (attribute("quality", '{"min_weight": 0.1}'), "quality"),
     (attribute("quality", json.dumps(dict.fromkeys(asdict(QUALITY), "good"))), "quality"),
     (attribute("sources", '{"cage": "cage.obj"}'), "sources"),
+    (attribute("edited_from", 3), "attribute `edited_from` holds no text"),
     (value("rest/verts", ..., 0.0), "rest"),
 ]
 
@@ -400,6 +401,16 @@ def test_a_damaged_result_is_refused_by_name(path, damage, says):
         store.read_result(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert says in str(caught.value)
+
+
+def test_an_edit_says_of_what(tmp_path, path):
+    assert store.read_result(path).edited_from is None
+    with result_writer.create(
+        tmp_path / "edited.h5", replace(header(), edited_from="ä.h5"), overwrite=False
+    ) as result:
+        result.append(CAGES, FIGURES)
+        result.complete(ENDING)
+    assert store.read_result(tmp_path / "edited.h5").edited_from == "ä.h5"
 
 
 def test_a_version_that_is_no_text_is_shown_as_far_as_it_is(path):
