@@ -3,6 +3,7 @@
 from cageik_cli.posing_run import Posed
 from cageik_cli.report.figures import percent_text
 from cageik_cli.report.pose_picture import PoseView
+from cageik_cli.report.pose_text import miss_text
 
 
 def view_of(posed: Posed, up_axis: str) -> PoseView:
@@ -26,5 +27,5 @@ def view_of(posed: Posed, up_axis: str) -> PoseView:
         up_axis=up_axis,
         title_before=f"{place}before",
         title_after=f"after: mesh moved {percent_text(figures.rms_percent)} %, "
-        f"handles met within {missed:.0e} %",
+        f"handles met within {miss_text(missed)} %",
     )
