@@ -175,10 +175,23 @@ def picked(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:
         verb = "meets" if beyond else "misses"
         raise InputError(
             f"pixel ({x_text}, {y_text}) of {camera.width:g} x {camera.height:g} {verb} the mesh"
-            f"{beyond}; choose one where it is seen"
+            f"{beyond}; {_where_seen(mesh, camera)}"
         )
     nearest = int(np.where(is_seen, depths, np.inf).argmin())
     return SurfacePoint(mesh.faces[faces[nearest]], shares[:, nearest])
+
+
+def _where_seen(mesh: TriMesh, camera: Camera) -> str:
+    """What to do about a pixel that shows nothing."""
+    try:
+        seen = camera.project(mesh.vertices)[:, :2]
+    except InputError:
+        return (
+            "choose one where it is seen, or another camera: some of it is behind this one, whose "
+            "view has to take the mesh's own axes and units to the eye"
+        )
+    (left, upper), (right, lower) = seen.min(axis=0), seen.max(axis=0)
+    return f"choose one where it is seen: x {left:.0f} to {right:.0f}, y {upper:.0f} to {lower:.0f}"
 
 
 def _axes(direction: Floats) -> Floats:

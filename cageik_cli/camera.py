@@ -24,6 +24,18 @@ STEEPEST = 1e-9
 """Sine of the least angle between the direction of a camera's look and what is up."""
 
 
+AFFINE = (0, 0, 0, 1)
+"""Last row of a view, and of a parallel projection."""
+
+PERSPECTIVE = (0, 0, -1, 0)
+"""Last row of a perspective projection: w is how far a point is ahead."""
+
+ROW_SLIP = 1e-6
+"""By how much these may be off: programs invert matrices in single precision."""
+
+_TRANSPOSE = "act on columns, so transpose both if they act on rows"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Rays:
     """What p pixels show: straight lines from the near plane to the far plane.
@@ -58,7 +70,8 @@ class Camera:
     ------
     InputError
         When a matrix has another shape, is not finite or is singular, the last row of `view` is
-        not (0, 0, 0, 1), or the picture has no size.
+        not (0, 0, 0, 1), that of `projection` neither that nor (0, 0, -1, 0), or the picture has
+        no size.
     """
 
     view: Floats
@@ -69,14 +82,21 @@ class Camera:
     def __post_init__(self) -> None:
         for name in ("view", "projection"):
             object.__setattr__(self, name, _checked_matrix(name, getattr(self, name)))
-        if not np.array_equal(self.view[3], (0, 0, 0, 1)):
+        if not np.allclose(self.view[3], AFFINE, rtol=0, atol=ROW_SLIP):
             raise InputError(
                 f"the last row of view is {_row_text(self.view[3])}, expected 0, 0, 0, 1; matrices "
-                "act on columns, so transpose one that acts on rows"
+                f"{_TRANSPOSE}"
             )
         for name, matrix in (("view", self.view[:3, :3]), ("projection", self.projection)):
             if not np.linalg.cond(_scaled(matrix)) < WORST_CONDITION:
                 raise InputError(f"{name} is singular; expected a matrix that can be inverted")
+        last = self.projection[3]
+        if not any(np.allclose(last, row, rtol=0, atol=ROW_SLIP) for row in (PERSPECTIVE, AFFINE)):
+            raise InputError(
+                f"the last row of projection is {_row_text(last)}, expected "
+                "0, 0, -1, 0 of a perspective, or 0, 0, 0, 1 of a parallel view; matrices are "
+                f"OpenGL's, and {_TRANSPOSE}"
+            )
         for name in ("width", "height"):
             size = getattr(self, name)
             if not (np.isfinite(size) and size > 0):

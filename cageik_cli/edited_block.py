@@ -74,14 +74,14 @@ class Snapshot:
     ----------
     frame : str
         Its name; "" for a single pose.
-    names : tuple of str
-        Of the anchors.
+    layers : sequence of Layer
+        Of the edit.
     block : EditedBlock
         Of this frame alone.
     clip : Clip
     """
 
     frame: str
-    names: tuple[str, ...]
+    layers: Sequence[Layer]
     block: EditedBlock
     clip: Clip

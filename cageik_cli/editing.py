@@ -12,7 +12,7 @@ from cageik_cli.edited_block import EditedBlock, Snapshot, edited_block
 from cageik_cli.errors import InputError, located
 from cageik_cli.handles import read_handles
 from cageik_cli.hdf5 import refuse_other_suffix
-from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, anchors_of, layers_of
+from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, layers_of
 from cageik_cli.layout import printable
 from cageik_cli.mesh import Floats
 from cageik_cli.metrics import FrameFigures
@@ -93,8 +93,7 @@ def edit(settings: EditSettings, observer: Observer | None = None) -> Posed:
         sources = _sources(settings, result)
         with watch.stage("write"):
             file.complete(Ending(sources, told.skipped, told.vertex_rms, told.posed, misses))
-    names = tuple(anchor.name for anchor in anchors_of(layers))
-    snapshot = Snapshot(result.frames[told.posed[0]], names, posed[0], clip)
+    snapshot = Snapshot(result.frames[told.posed[0]], layers, posed[0], clip)
     return Posed(run.ledger.figures(result.frames), snapshot, result.scene.up_axis)
 
 

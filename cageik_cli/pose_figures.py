@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.edited_block import EditedBlock
 from cageik_cli.layers import Layer, anchors_of
@@ -17,6 +18,8 @@ class AnchorFigures:
     Attributes
     ----------
     name : str
+    layer : str
+        Its layer's name; "" for that of the only one.
     moved : float
         Farthest from where it was before, file units.
     residual, residual_percent : float
@@ -26,10 +29,11 @@ class AnchorFigures:
         Where that is; "" for a single pose.
     acceleration, acceleration_before : float, optional
         Largest second difference of its position, |p(k+1) − 2 p(k) + p(k−1)| over frames that
-        follow each other, after the edit and before; None where no three do.
+        follow each other, one of which is changed, after the edit and before; None without such.
     """
 
     name: str
+    layer: str
     moved: float
     residual: float
     residual_percent: float
@@ -51,6 +55,8 @@ class PoseFigures:
         How far the mesh moved: sqrt(mean |v' − v|²) over vertices and frames.
     moved : float
         Farthest that a vertex moved.
+    moved_least : float
+        Least that a vertex moved in that frame.
     vertex : int
         Which one.
     frame : str
@@ -73,6 +79,7 @@ class PoseFigures:
     rms: float
     rms_percent: float
     moved: float
+    moved_least: float
     vertex: int
     frame: str
     cage_moved: float
@@ -96,10 +103,12 @@ class PoseLedger:
     def __init__(self, layers: Sequence[Layer], diagonal: float) -> None:
         self._layers, self._diagonal = layers, diagonal
         self._anchors = anchors_of(layers)
+        self._layer_names = [layer.name for layer in layers for _ in layer.drag.anchors]
         self._moved, self._residual = np.zeros((2, len(self._anchors)))
         self._residual_frame = np.zeros(len(self._anchors), np.int64)
         self._squares, self._count = 0.0, 0
         self._farthest, self._vertex, self._frame = 0.0, 0, 0
+        self._least = 0.0
         self._cage_farthest, self._cage_vertex = 0.0, 0
         self._volume: float | None = None
         self._changed: list[int] = []
@@ -116,11 +125,15 @@ class PoseLedger:
         is_worse = largest > self._residual
         self._residual_frame[is_worse] = block.frames[worst[is_worse]]
         self._residual = np.maximum(self._residual, largest)
+        is_changed = (block.edit.cages != block.cages).any(axis=(1, 2))
         for bend, positions in zip(
             self._bends, (block.anchors_before, block.anchors_after), strict=True
         ):
-            bend.take(block.frames, positions)
+            bend.take(block.frames, positions, is_changed)
         self._take_meshes(block)
+        if is_changed.any():
+            numbers = block.frames[is_changed]
+            self._changed = [*self._changed[:1], int(numbers[0]), int(numbers[-1])]
 
     def _take_meshes(self, block: EditedBlock) -> None:
         figures = block.figures
@@ -131,6 +144,7 @@ class PoseLedger:
             self._farthest = float(figures.max_deviation[worst])
             self._vertex = int(figures.worst_vertex[worst])
             self._frame = int(block.frames[worst])
+            self._least = float(np.sqrt(block.squares[worst].min()))
         distances = np.linalg.norm(block.edit.cages - block.cages, axis=2).max(axis=0)
         if distances.max() > self._cage_farthest:
             self._cage_farthest, self._cage_vertex = float(distances.max()), int(distances.argmax())
@@ -140,10 +154,6 @@ class PoseLedger:
         if len(known):
             largest = float(known[np.abs(known).argmax()])
             self._volume = max(self._volume or 0.0, largest, key=abs)
-        is_changed = (block.edit.cages != block.cages).any(axis=(1, 2))
-        if is_changed.any():
-            numbers = block.frames[is_changed]
-            self._changed = [*self._changed[:1], int(numbers[0]), int(numbers[-1])]
 
     def figures(self, names: Sequence[str]) -> PoseFigures:
         """The figures of all blocks; `names` are those of the frames, or none for a single pose."""
@@ -160,6 +170,7 @@ class PoseLedger:
             rms=rms,
             rms_percent=100 * rms / self._diagonal,
             moved=self._farthest,
+            moved_least=self._least,
             vertex=self._vertex,
             frame=named(self._frame),
             cage_moved=self._cage_farthest,
@@ -174,6 +185,7 @@ class PoseLedger:
         before, after = (bend.largest for bend in self._bends)
         return AnchorFigures(
             name=self._anchors[k].name,
+            layer=self._layer_names[k],
             moved=float(self._moved[k]),
             residual=float(self._residual[k]),
             residual_percent=float(100 * self._residual[k] / self._diagonal),
@@ -186,6 +198,8 @@ class PoseLedger:
 class _Bend:
     """The largest second differences of l positions over frames that follow each other.
 
+    Only those count in which a frame is changed: elsewhere a clip may accelerate as it likes.
+
     Attributes
     ----------
     largest : (l,) float64, optional
@@ -194,15 +208,19 @@ class _Bend:
     def __init__(self) -> None:
         self.largest: Floats | None = None
         self._frames = np.empty(0, np.int64)
+        self._is_changed = np.empty(0, bool)
         self._positions: Floats | None = None
 
-    def take(self, frames: Integers, positions: Floats) -> None:
-        """Go on with positions, (k, l, 3)."""
+    def take(self, frames: Integers, positions: Floats, is_changed: NDArray[np.bool_]) -> None:
+        """Go on with positions, (k, l, 3), of frames (k,) that are changed, or not."""
         if self._positions is not None:
             frames = np.concatenate([self._frames, frames])
             positions = np.concatenate([self._positions, positions])
+            is_changed = np.concatenate([self._is_changed, is_changed])
         in_row = frames[2:] - frames[:-2] == 2
+        in_row &= is_changed[2:] | is_changed[1:-1] | is_changed[:-2]
         if in_row.any():
             bends = np.linalg.norm(np.diff(positions, 2, axis=0)[in_row], axis=2).max(axis=0)
             self.largest = bends if self.largest is None else np.maximum(self.largest, bends)
         self._frames, self._positions = frames[-2:], positions[-2:]
+        self._is_changed = is_changed[-2:]

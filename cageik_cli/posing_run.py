@@ -13,7 +13,7 @@ from cageik_cli.errors import InputError, located
 from cageik_cli.export.mesh_file import prepare_mesh, write_mesh
 from cageik_cli.handles import read_handles
 from cageik_cli.hdf5 import SUFFIXES as HDF5_SUFFIXES
-from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, anchors_of, layers_of
+from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, layers_of
 from cageik_cli.observer import Observer
 from cageik_cli.outputs import keep_apart
 from cageik_cli.pose_figures import PoseFigures, PoseLedger
@@ -97,8 +97,7 @@ def pose(settings: PoseSettings, observer: Observer | None = None) -> Posed:
             write_mesh(settings.cage_output, binding.cage, block.edit.cages[0], settings.overwrite)
     ledger = PoseLedger(layers, binding.rest.diagonal)
     ledger.take(block)
-    names = tuple(anchor.name for anchor in anchors_of(layers))
-    return Posed(ledger.figures([]), Snapshot("", names, block, clip), Scene().up_axis)
+    return Posed(ledger.figures([]), Snapshot("", layers, block, clip), Scene().up_axis)
 
 
 def remark_layers(layers: Sequence[Layer], handles: Path, watch: Observer) -> None:

@@ -224,6 +224,20 @@ def test_a_pixel_that_misses_is_refused_by_name(pixel):
         picked(BALL, camera, np.array(pixel))
 
 
+def test_where_the_mesh_is_seen_is_told():
+    """A ball of radius 1, its vertices at all ends of the axes, in 100 pixels that show 4 units."""
+    camera = Camera(np.eye(4), orthographic(-2, 2, -2, 2, -5, 5), 100, 100)
+    with pytest.raises(InputError, match=r"seen: x 25 to 75, y 25 to 75$"):
+        picked(BALL, camera, np.array([5.0, 5.0]))
+
+
+def test_a_camera_that_has_the_mesh_behind_it_is_told():
+    away = Stand(np.array([0.0, 0, 5]), np.array([0.0, 0, 9]), np.array([0.0, 1, 0]))
+    camera = Camera.looking_at(away, 40, 100, 100)
+    with pytest.raises(InputError, match="some of it is behind this one, whose view has to"):
+        picked(BALL, camera, np.array([50.0, 50.0]))
+
+
 @pytest.mark.parametrize(("near", "far"), [(3.0, 9.0), (-9.0, -2.5)])
 def test_a_pixel_of_what_the_planes_cut_off_says_so(near, far):
     camera = Camera(np.eye(4), orthographic(-2, 2, -2, 2, near, far), 100, 100)

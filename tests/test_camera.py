@@ -213,6 +213,9 @@ def changed(matrix, row, column, value):
         (view(), changed(FRUSTUM, 1, 1, 0), "projection is singular; expected"),
         (view(), np.zeros((4, 4)), "projection is singular; expected"),
         (view().T, FRUSTUM, r"the last row of view is .*, expected 0, 0, 0, 1; matrices act on"),
+        (view(), FRUSTUM.T, r"projection is 0, 0, -2.10526, 0, expected 0, 0, -1, 0 of a persp"),
+        (view(), PARALLEL.T, r"projection is 0.142857, -0.333333, -1.10526, 1, expected"),
+        (view(), FRUSTUM * [[1], [1], [-1], [-1]], "projection is .* 1, -?0, .*transpose both if"),
     ],
 )
 def test_matrices_that_are_no_cameras_are_refused(view, projection, says):

@@ -93,8 +93,11 @@ def test_figures_are_what_they_say(closed, layers):
     assert first.frame == NAMES[missed.argmax()]
     assert first.residual_percent == pytest.approx(100 * missed.max() / diagonal, rel=1e-9)
     assert first.moved == pytest.approx(distances[:, 1].max(), rel=1e-9)
+    assert found.moved_least == pytest.approx(distances[frame].min(), rel=1e-9)
+    touched = slice(0, 11)  # frames 2 to 8 are changed, and two beside them have a part in it
     bends = [
-        np.linalg.norm(np.diff(mesh[:, 1], 2, axis=0), axis=1).max() for mesh in (before, after)
+        np.linalg.norm(np.diff(mesh[touched, 1], 2, axis=0), axis=1).max()
+        for mesh in (before, after)
     ]
     assert [first.acceleration_before, first.acceleration] == pytest.approx(bends, rel=1e-9)
 
@@ -105,6 +108,27 @@ def test_frames_with_a_gap_between_do_not_accelerate(closed, layers):
     assert found.anchors[0].acceleration is None
     apart = figures_of(layers(clip), clip, cages, 3, frames=np.array([0, 1, 2, 4]))
     assert apart.anchors[0].acceleration is not None
+
+
+def test_what_accelerates_elsewhere_is_not_the_edits(closed, layers):
+    """A jerk two frames off the edit counts, one three frames off does not."""
+    clip, _ = closed
+    late = {**DOCUMENT, "frames": [8, 11]}
+    for jerk, counts in ((4, True), (3, False)):
+        cages = np.repeat(clip.binding.cage.vertices[None], COUNT, axis=0)
+        cages[jerk] += 5.0
+        still = Clip(clip.binding, clip.skin, cages.__getitem__, COUNT)
+        found = figures_of(layers(still, late), still, cages, 4)
+        assert found.changed == ("f_6", "f_11")
+        assert (found.anchors[2].acceleration_before > 1) == counts
+
+
+def test_anchors_have_the_names_of_their_sets(closed, layers):
+    clip, cages = closed
+    both = layers(clip, {"sets": [DOCUMENT, {**DOCUMENT, "handles": DOCUMENT["handles"][:1]}]})
+    found = figures_of(both, clip, cages, COUNT)
+    assert [anchor.layer for anchor in found.anchors] == [*["sets[0]"] * 3, "sets[1]"]
+    assert {anchor.layer for anchor in figures_of(layers(clip), clip, cages, 4).anchors} == {""}
 
 
 def test_volumes_are_of_closed_models_alone(closed, layers):

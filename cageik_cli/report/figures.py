@@ -115,7 +115,7 @@ def units_text(value: float) -> str:
 
 def change_text(value: float) -> str:
     """A change in percent, with its sign, as it is printed everywhere."""
-    return f"{value:+.4f}"
+    return f"{round(value, 4) + 0.0:+.4f}"  # −0 + 0 is 0
 
 
 def figure_text(value: float) -> str:

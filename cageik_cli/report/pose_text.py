@@ -13,6 +13,15 @@ SCHEMA = 1
 SHOWN = 12
 """Handles that have a line each."""
 
+ALONG = 0.5
+"""A model moves along when all of it does, by this share of what moves most."""
+
+SMALL = 1e-3
+"""Percents below it are written with their power of ten."""
+
+STILL = 1e-6
+"""Shares of the diagonal that are no motion."""
+
 
 def pose_rows(figures: PoseFigures) -> list[tuple[str, str]]:
     """Labelled lines: each handle, then the mesh, the cage and the system."""
@@ -30,8 +39,9 @@ def pose_rows(figures: PoseFigures) -> list[tuple[str, str]]:
         ),
         ("volume change", _volume(figures)),
         *_changed(figures),
-        *_smoothness(figures.anchors),
+        *_smoothness(figures),
         ("system", f"condition number {figures.condition_number:.4g}"),
+        *_advice(figures),
     ]
 
 
@@ -47,27 +57,51 @@ def _handles(anchors: tuple[AnchorFigures, ...]) -> Iterator[tuple[str, str]]:
     for anchor in anchors if len(anchors) <= SHOWN else worst:
         yield (
             "handle",
-            f"{shown(anchor.name)}: moved {units_text(anchor.moved)}, ends "
-            f"{anchor.residual_percent:.1e} % of the diagonal from its target{_at(anchor.frame)}",
+            f"{_named(anchor)}: moved {units_text(anchor.moved)}, ends "
+            f"{miss_text(anchor.residual_percent)} % of the diagonal from its target"
+            f"{_at(anchor.frame)}",
         )
     if len(anchors) > SHOWN:
         yield "handles", f"{len(anchors) - SHOWN} more, no farther from their targets"
 
 
-def _smoothness(anchors: tuple[AnchorFigures, ...]) -> Iterator[tuple[str, str]]:
+def _named(anchor: AnchorFigures) -> str:
+    """A handle's name, and the set that it is in, of several."""
+    return f"{shown(anchor.name)} ({anchor.layer})" if anchor.layer else shown(anchor.name)
+
+
+def _smoothness(figures: PoseFigures) -> Iterator[tuple[str, str]]:
     """The handle that the edit makes accelerate most, beside what it did before."""
     known = [
-        (anchor.acceleration, anchor.acceleration_before, shown(anchor.name))
-        for anchor in anchors
+        (anchor.acceleration, anchor.acceleration_before, _named(anchor))
+        for anchor in figures.anchors
         if anchor.acceleration is not None and anchor.acceleration_before is not None
     ]
-    if known:
-        after, before, name = max(known, key=lambda found: found[0] - found[1])
-        yield (
-            "acceleration",
-            f"of {name}, at most {figure_text(after)} a frame², before the edit "
-            f"{figure_text(before)}",
-        )
+    if not known:
+        return
+    after, before, name = max(known, key=lambda found: found[0] - found[1])
+    if after - before <= STILL * figures.diagonal:
+        yield "acceleration", "of no handle larger than before the edit"
+        return
+    yield (
+        "acceleration",
+        f"of {name}, at most {figure_text(after)} a frame², before the edit {figure_text(before)}",
+    )
+
+
+def _advice(figures: PoseFigures) -> Iterator[tuple[str, str]]:
+    """What to do when the pose is hardly what was meant."""
+    still = STILL * figures.diagonal
+    if not any(anchor.moved > still or anchor.residual > still for anchor in figures.anchors):
+        yield "note", "nothing moves: every handle is where it is to be"
+    elif figures.moved_least > max(still, ALONG * figures.moved):
+        least = units_text(figures.moved_least)
+        yield "note", f"all of the model moves, by {least} at least; pin what is to stay"
+
+
+def miss_text(percent: float) -> str:
+    """How far from its target a handle ends, in percent, as it is printed everywhere."""
+    return f"{percent:.1e}" if percent < SMALL else figure_text(percent)
 
 
 def _at(frame: str) -> str:

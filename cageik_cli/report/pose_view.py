@@ -1,15 +1,23 @@
 """What a run of `cageik pose` came to, as a picture shows it."""
 
+from collections.abc import Sequence
+
+import numpy as np
+
+from cageik_cli.layers import Layer, anchors_of
 from cageik_cli.posing_run import Posed
 from cageik_cli.report.figures import percent_text
 from cageik_cli.report.pose_picture import PoseView
+from cageik_cli.report.pose_text import miss_text
 
 
 def view_of(posed: Posed, up_axis: str) -> PoseView:
-    """The pose, or the frame that was moved most, with the handles of all layers."""
+    """The pose, or the frame that was moved most, with the handles that act in it."""
     snapshot, figures = posed.snapshot, posed.figures
     block, binding = snapshot.block, snapshot.clip.binding
-    missed = max(anchor.residual_percent for anchor in figures.anchors)
+    anchors, chosen = anchors_of(snapshot.layers), _acting(snapshot.layers, int(block.frames[0]))
+    starts, targets = block.edit.starts[0, chosen], block.edit.targets[0, chosen]
+    missed = max((figures.anchors[k].residual_percent for k in chosen), default=0.0)
     place = f"{snapshot.frame}, " if snapshot.frame else ""
     return PoseView(
         faces=binding.rest.faces,
@@ -18,13 +26,27 @@ def view_of(posed: Posed, up_axis: str) -> PoseView:
         after=block.edited[0],
         cage_before=block.cages[0],
         cage_after=block.edit.cages[0],
-        starts=block.anchors_before[0],
-        targets=block.edit.targets[0],
-        ends=block.anchors_after[0],
-        names=snapshot.names,
-        pinned=(block.edit.targets == block.edit.starts)[0].all(axis=1),
+        starts=block.anchors_before[0, chosen],
+        targets=targets,
+        ends=block.anchors_after[0, chosen],
+        names=tuple(anchors[k].name for k in chosen),
+        pinned=(targets == starts).all(axis=1),
         up_axis=up_axis,
         title_before=f"{place}before",
         title_after=f"after: mesh moved {percent_text(figures.rms_percent)} %, "
-        f"handles met within {missed:.0e} %",
+        f"handles met within {miss_text(missed)} %",
     )
+
+
+def _acting(layers: Sequence[Layer], frame: int) -> list[int]:
+    """Numbers of the anchors that decide a frame, ascending.
+
+    Those of layers that change nothing in it do not, and of several at one point the last does.
+    """
+    acts = [
+        layer.drag.blend(np.array([frame]))[0] > 0 for layer in layers for _ in layer.drag.anchors
+    ]
+    points = [anchor.point for anchor in anchors_of(layers)]
+    keys = [(point.corners.tobytes(), point.barycentric.tobytes()) for point in points]
+    last = {key: k for k, key in enumerate(keys) if acts[k]}
+    return sorted(last.values())

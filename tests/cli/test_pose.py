@@ -187,6 +187,7 @@ def test_the_schema_is_printed(run):
         (("pose", "frames/frame_1.obj", "-o", "x.obj"), "Missing argument 'HANDLES'"),
         ((*REST[:3], "-o", "x.obj"), "Missing option '--cage', which frames/frame_1.obj needs"),
         ((*REST, "--alpha", "0"), "alpha is 0.0, expected a finite number above 0"),
+        ((*REST, "--plot", "pose.jpg"), "--plot pose.jpg: expected a name that ends in .png"),
         ((*REST, "--memory", "1GiB"), "--memory is for a result"),
         ((*EDIT, "--cage", "cage.obj"), "--cage is for a model; a result has its cage and weights"),
         ((*EDIT, "--cage-out", "x.obj"), "--cage-out is for a model"),

@@ -8,11 +8,11 @@ import pytest
 from cageik_cli.pose_figures import AnchorFigures, PoseFigures
 from cageik_cli.report.pose_text import SHOWN, pose_json, pose_rows
 
-HAND = AnchorFigures("hand", 0.2, 1e-9, 5e-8, "f_7", 0.03, 0.02)
+HAND = AnchorFigures("hand", "", 0.2, 1e-9, 5e-8, "f_7", 0.03, 0.02)
 EDIT = PoseFigures(
-    diagonal=2.0, anchors=(HAND,), rms=0.03, rms_percent=1.5, moved=0.25, vertex=7, frame="f_8",
-    cage_moved=0.3, cage_vertex=2, volume_change_percent=1.25, condition_number=152.0, loose=0,
-    changed=("f_3", "f_9"),
+    diagonal=2.0, anchors=(HAND,), rms=0.03, rms_percent=1.5, moved=0.25, moved_least=0.0,
+    vertex=7, frame="f_8", cage_moved=0.3, cage_vertex=2, volume_change_percent=1.25,
+    condition_number=152.0, loose=0, changed=("f_3", "f_9"),
 )  # fmt: skip
 POSE = replace(
     EDIT,
@@ -56,6 +56,39 @@ def test_the_handle_that_is_made_to_accelerate_most_is_named():
     calm = replace(HAND, name="calm", acceleration=0.5, acceleration_before=0.5)
     rows = dict(pose_rows(replace(EDIT, anchors=(calm, HAND))))
     assert rows["acceleration"].startswith("of hand,")
+
+
+def test_an_edit_that_accelerates_nothing_says_so():
+    """Neither what gets smoother, nor rounding, is the edit's fault."""
+    calm = replace(HAND, acceleration=0.02, acceleration_before=0.03)
+    pin = replace(HAND, acceleration=0.5 + 1e-9, acceleration_before=0.5)
+    rows = dict(pose_rows(replace(EDIT, anchors=(calm, pin))))
+    assert rows["acceleration"] == "of no handle larger than before the edit"
+
+
+def test_handles_of_several_sets_are_told_apart():
+    anchors = (replace(HAND, layer="sets[0]"), replace(HAND, layer="sets[1]", residual_percent=34))
+    told = [text for label, text in pose_rows(replace(EDIT, anchors=anchors)) if label == "handle"]
+    assert told[0].startswith("hand (sets[0]): moved 0.2, ends 5.0e-08 %")
+    assert told[1].startswith("hand (sets[1]): moved 0.2, ends 34 %")
+
+
+def test_a_model_that_moves_along_is_told_what_to_do():
+    along = dict(pose_rows(replace(EDIT, moved_least=0.2)))
+    assert along["note"] == "all of the model moves, by 0.2 at least; pin what is to stay"
+    assert "note" not in dict(pose_rows(replace(EDIT, moved_least=0.1)))
+
+
+def test_handles_that_are_where_they_are_to_be_are_told():
+    pin = replace(HAND, moved=1e-9)
+    assert dict(pose_rows(replace(EDIT, anchors=(pin,))))["note"].startswith("nothing moves: ")
+    held = replace(pin, residual=0.3)
+    assert "note" not in dict(pose_rows(replace(EDIT, anchors=(held,))))
+
+
+def test_a_change_of_nothing_has_no_minus():
+    rows = dict(pose_rows(replace(EDIT, volume_change_percent=-4e-13)))
+    assert rows["volume change"] == "+0.0000 % at most"
 
 
 @pytest.mark.parametrize(
