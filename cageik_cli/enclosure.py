@@ -119,7 +119,7 @@ def outside_finding(placement: Placement, rest: TriMesh) -> Finding | None:
         ),
         remedy=_misfit(placement.nearest.mesh, rest)
         if _is_misplaced(placement)
-        else "enlarge the cage there, give the rest pose it was made for with --rest, or take the "
+        else "enlarge the cage there, give the rest pose it was made for, or take the "
         "nearest points of the cage with --outside project",
         elements="vertices",
         numbers=far,
@@ -143,9 +143,12 @@ def _misfit(cage: TriMesh, rest: TriMesh) -> str:
     low = np.maximum(cage.vertices.min(axis=0), rest.vertices.min(axis=0))
     high = np.minimum(cage.vertices.max(axis=0), rest.vertices.max(axis=0))
     if (low > high).any():
-        return "their boxes do not meet: move the cage to the model, or give its --rest"
+        return (
+            "their boxes do not meet: move the cage to the model, or give the rest pose that it "
+            "was made for"
+        )
     return (
-        "most of the model is outside: give the rest pose the cage was made for with --rest, or "
+        "most of the model is outside: give the rest pose the cage was made for, or "
         "export both with the same axes and scale"
     )
 

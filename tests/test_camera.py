@@ -255,3 +255,10 @@ def test_fields_of_view_that_see_nothing_are_refused(degrees):
 def test_stands_that_look_nowhere_are_refused(position, up, says):
     with pytest.raises(InputError, match=says):
         Stand(np.array(position), np.array([1.0, 2, 3]), np.array(up))
+
+
+def test_matrices_that_were_inverted_in_single_precision_are_taken():
+    slipped = changed(view(), 3, 3, 1 + 1e-7)
+    assert Camera(slipped, FRUSTUM, WIDTH, HEIGHT).view[3, 3] == 1 + 1e-7
+    with pytest.raises(InputError, match="the last row of view"):
+        Camera(changed(view(), 3, 3, 1 + 1e-5), FRUSTUM, WIDTH, HEIGHT)

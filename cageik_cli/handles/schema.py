@@ -61,6 +61,7 @@ def _sentence(fault: "ValidationError") -> str:
 def _of_unknown(fault: "ValidationError") -> str:
     known, unknown = list(fault.schema["properties"]), next(_unknown(fault))
     near = get_close_matches(unknown, known, n=1)
+    near = near or [name for name in known if unknown and name.startswith(unknown)]
     hint = f"did you mean {near[0]}?" if near else f"expected some of {', '.join(known)}"
     return f"{value_text(unknown)} is not a field of {fault.schema['title']}; {hint}"
 

@@ -274,3 +274,14 @@ def test_the_picture_is_of_the_frame_that_was_moved_most(run, handles, clip):
     again = run(*EDIT, "--plot", "z.png", "--up-axis", "Z", "--overwrite", "-q")
     assert again.code == 0
     assert Path("z.png").read_bytes() != Path("edit.png").read_bytes()
+
+
+def test_a_volume_that_changes_much_is_remarked_on_unless_parts_turn(run, handles, clip):
+    """A handle goes through the model."""
+    handles({"name": "in", "vertex": 0, "offset": [-1.5, 0, 0]}, *PINS)
+    told = "the volume changes by more than 10 %"
+    for words in (REST, EDIT):
+        assert told in run(*words).err
+        assert told not in run(*words, "--rigidity", "1", "--overwrite").err
+    handles(LIFT | {"offset": [0, 0, 0.01]}, *PINS)
+    assert told not in run(*REST, "--overwrite").err
