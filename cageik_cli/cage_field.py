@@ -81,13 +81,12 @@ class CageField:
         values, vectors = np.linalg.eigh(inner)
         with np.errstate(divide="ignore", invalid="ignore"):
             forces = balanced @ (vectors / values) @ vectors.T @ balanced.T
-            condition = float(values[-1] / max(values[0], 0.0)) if len(values) else 1.0
         motions = self._decided(felt) @ (np.eye(len(rows)) - system @ forces)
         of_anchors = influence @ forces + self._free @ motions
         return Response(
             of_anchors=of_anchors,
             of_differences=self._of_laplacian - of_anchors @ (rows @ self._of_laplacian),
-            condition_number=condition,
+            condition_number=_condition_number(values.tolist()),
             weakest=balanced @ vectors[:, 0] if len(values) else np.zeros(len(rows)),
             loose=len(self._free.T) - (len(rows) - len(inner)),
         )
@@ -110,6 +109,13 @@ class CageField:
         apart = _inverse_of_felt(centring @ felt[:, 1:]) @ centring
         together = (np.eye(len(felt)) - felt[:, 1:] @ apart).mean(axis=0) / self._free[0, 0]
         return np.concatenate([together[None], apart])
+
+
+def _condition_number(values: list[float]) -> float:
+    """Of a symmetric matrix by its eigenvalues, ascending; infinite unless all are above 0."""
+    if not values:
+        return 1.0
+    return values[-1] / values[0] if values[0] > 0 else float("inf")
 
 
 def _free_motions(cage: TriMesh, basis: Floats) -> Floats:

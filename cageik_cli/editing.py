@@ -13,8 +13,8 @@ from cageik_cli.errors import InputError, located
 from cageik_cli.handles import read_handles
 from cageik_cli.hdf5 import refuse_other_suffix
 from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, layers_of
-from cageik_cli.layout import printable
-from cageik_cli.mesh import Floats
+from cageik_cli.layout import printable, shown
+from cageik_cli.mesh import Floats, Integers
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.observer import Observer
 from cageik_cli.outputs import keep_apart, prepare
@@ -82,13 +82,12 @@ def edit(settings: EditSettings, observer: Observer | None = None) -> Posed:
     with watch.stage("pose"), located(settings.handles), blas_threads(1):
         layers = layers_of(handles, clip, settings.posing)
     remark_layers(layers, settings.handles, watch)
-    run = _Run(result, clip, layers, PoseLedger(layers, result.rest.diagonal))
+    run = _Run(result, settings.handles, clip, layers, PoseLedger(layers, result.rest.diagonal))
     size = Budget.of(settings.memory, clip.binding, jobs=1).block
     header = _header(settings, result, clip.binding)
     with create(settings.output, header, settings.overwrite) as file, blas_threads(1):
-        with located(settings.handles):
-            told = told_of(run.written(file, size, watch))
-            posed = [run.at(frame) for frame in told.posed.tolist()]
+        told = told_of(run.written(file, size, watch))
+        posed = [run.at(frame) for frame in told.posed.tolist()]
         misses = np.concatenate([block.meshes - block.edited for block in posed])
         sources = _sources(settings, result)
         with watch.stage("write"):
@@ -107,12 +106,15 @@ class _Run:
     ----------
     result : Result
         That is edited.
+    handles : Path
+        The file whose handles are at fault when a frame cannot be edited.
     clip : Clip
     layers : list of Layer
     ledger : PoseLedger
     """
 
     result: Result
+    handles: Path
     clip: Clip
     layers: list[Layer]
     ledger: PoseLedger
@@ -121,7 +123,7 @@ class _Run:
         """All frames in blocks of a size, each when it is written and its figures are taken."""
         start = 0
         for cages in read_cages(self.result, size):
-            with watch.stage("pose"):
+            with watch.stage("edit"):
                 block = self._solved(cages, start)
             with watch.stage("write"):
                 file.append(block.cages, block.figures)
@@ -131,14 +133,17 @@ class _Run:
 
     def at(self, frame: int) -> EditedBlock:
         """One frame before and after."""
-        cages = self.clip.cage(frame)[None]
-        return edited_block(self.layers, self.clip, np.array([frame]), cages)
+        return self._edited(np.array([frame]), self.clip.cage(frame)[None])
+
+    def _edited(self, frames: Integers, cages: Floats) -> EditedBlock:
+        with located(self.handles):
+            return edited_block(self.layers, self.clip, frames, cages)
 
     def _solved(self, cages: Floats, start: int) -> SolvedBlock:
         """Frames from `start` on with all layers; those that were skipped stay gaps."""
         frames = start + np.arange(len(cages))
         known = ~np.isin(frames, list(self.result.skipped))
-        block = edited_block(self.layers, self.clip, frames[known], cages[known])
+        block = self._edited(frames[known], cages[known])
         refuse_unsound(start, block.edit.cages, block.figures)
         self.ledger.take(block)
         all_cages, columns = np.full_like(cages, np.nan), {}
@@ -184,9 +189,10 @@ def _header(settings: EditSettings, result: Result, binding: Binding) -> Header:
         "snap": place.snap,
         "allow_conflicts": place.allow_conflicts,
     }
+    editor, source = (shown(printable(path.name)) for path in (settings.handles, settings.result))
     note = (
-        f"edited by {printable(settings.handles.name)}: figures tell how far the mesh was moved "
-        f"from {printable(settings.result.name)}, not how well frames were met"
+        f"edited by {editor}: figures tell how far the mesh was moved from {source}, not how well "
+        "frames were met"
     )
     return Header(
         binding=binding,

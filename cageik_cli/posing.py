@@ -34,8 +34,14 @@ LEAST_NAMED = 0.1
 """Those that have less part in it than this share of the first's are not named."""
 
 
+LARGEST_RATIO = 1e100
+"""Of alpha to beta: far beyond, numbers overflow."""
+
+
 def refuse_no_weights(alpha: float, beta: float) -> None:
     """Refuse weights of the Laplacian and of the anchors that are not finite numbers above 0.
+
+    So are those between which nothing is left of the anchors.
 
     Raises
     ------
@@ -44,6 +50,11 @@ def refuse_no_weights(alpha: float, beta: float) -> None:
     for name, value in (("alpha", alpha), ("beta", beta)):
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{name} is {value}, expected a finite number above 0")
+    if alpha / LARGEST_RATIO > beta:
+        raise InputError(
+            f"alpha is {alpha} and beta {beta}, expected no more than {LARGEST_RATIO:g} times "
+            "beta; make alpha smaller"
+        )
 
 
 class Poser:

@@ -20,6 +20,7 @@ from cageik_cli.pose_figures import PoseFigures, PoseLedger
 from cageik_cli.scene import Scene
 from cageik_cli.sequence import load_mesh
 from cageik_cli.store.binding_file import read_binding
+from cageik_cli.threads import blas_threads
 
 LARGEST_CHANGE = 10.0
 """Percent of the volume: beyond, a pose without rigidity is remarked on."""
@@ -90,7 +91,8 @@ def pose(settings: PoseSettings, observer: Observer | None = None) -> Posed:
         binding = _binding(settings, watch)
     cage = binding.cage.vertices
     clip = Clip(binding, Skin.at_rest(binding), lambda _: cage, None)
-    with watch.stage("pose"), located(settings.handles):
+    # One thread: the last digits depend on how many.
+    with watch.stage("pose"), located(settings.handles), blas_threads(1):
         layers = layers_of(handles, clip, settings.posing)
         block = edited_block(layers, clip, np.zeros(1, np.int64), cage[None])
     remark_layers(layers, settings.handles, watch)

@@ -77,6 +77,13 @@ def test_the_condition_number_is_that_of_the_forces_system():
     assert response.condition_number == pytest.approx(values[-1] / values[0], rel=1e-6)
 
 
+def test_what_cannot_move_at_all_is_of_no_condition_number():
+    field = CageField(CAGE, uniform_laplacian(CAGE), np.zeros((42, 0)))
+    rows = np.random.default_rng(0).dirichlet(np.ones(42), 2)
+    assert field.response(rows, np.zeros(2)).condition_number == np.inf
+    assert field.response(rows, np.ones(2)).condition_number == 1
+
+
 def test_anchors_that_say_the_same_are_found_out():
     field = CageField(CAGE, uniform_laplacian(CAGE), np.eye(42))
     rows = np.random.default_rng(0).dirichlet(np.ones(42), 4)

@@ -122,6 +122,14 @@ def test_what_a_camera_does_not_see_where_no_handle_holds_does_not_matter(clip, 
         edited(layers(always), clip.skin, np.arange(COUNT), away)
 
 
+def test_weights_that_are_worlds_apart_are_refused():
+    with pytest.raises(
+        InputError, match=r"alpha is 1e\+300 and beta 1e-300, expected no more than"
+    ):
+        PosingSettings(1e300, 1e-300)
+    assert PosingSettings(1e-300, 1e300).beta == 1e300
+
+
 @pytest.mark.parametrize(("name", "value"), [("alpha", 0), ("beta", -1), ("alpha", np.nan)])
 def test_weights_that_are_none_are_refused(name, value):
     with pytest.raises(InputError, match=f"{name} is {value}"):

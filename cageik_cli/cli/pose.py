@@ -104,7 +104,7 @@ def pose_command(
     cageik pose rest.obj --cage cage.obj handles.json -o posed.obj
     cageik pose cages.h5 handles.json -o edited.h5 --plot edited.png
     """  # noqa: D301
-    if plot is not None and plot.suffix.lower() != ".png":
+    if plot is not None and str(plot) != "-" and plot.suffix.lower() != ".png":
         raise click.UsageError(f"--plot {plot}: expected a name that ends in .png")
     settings = _settings(options)
 

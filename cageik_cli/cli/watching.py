@@ -19,6 +19,7 @@ from cageik_cli.outputs import prepare, write_text
 _BARS = {
     "bind": ("bind", "vertices"),
     "read": ("frames", "frames"),
+    "edit": ("edit", "frames"),
     "export": ("export", "frames"),
     "batch": ("batch", "clips"),
 }

@@ -58,7 +58,8 @@ def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
     Raises
     ------
     InputError
-        When they are missing or no meshes, or the rest pose has no extent.
+        When they are missing or no meshes, the rest pose has no extent, or a vertex of the cage is
+        in no face.
     """
     rest, cage = (
         TriMesh(numbers(file, vertices, "f", (None, 3)), numbers(file, faces, "iu", (None, 3)))
@@ -66,6 +67,9 @@ def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
     )
     if rest.diagonal == 0:
         raise InputError("`rest/verts` are all one point; make it again")
+    lone = np.setdiff1d(np.arange(len(cage.vertices)), cage.faces)
+    if len(lone):
+        raise InputError(f"`tris` have no face at vertex {lone[0]} of the cage; make it again")
     return rest, cage
 
 

@@ -2,16 +2,16 @@
 
 import hashlib
 import json
-import os
 import re
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+
+from tests.cli.terminal import on_a_terminal
 
 TYPED = ("extract", "frames", "--cage", "cage.obj")
 
@@ -160,33 +160,6 @@ def test_verbose_says_what_was_read_and_asked(run, folder):
     said = {line.split(": ")[0]: line.split(": ", 1)[1] for line in lines[-2:]}
     assert json.loads(said["settings"])["alpha"] == 1e-3
     assert json.loads(said["sources"])["cage"]["name"] == "cage.obj"
-
-
-def on_a_terminal(*words):
-    """Run the command with a terminal as its stderr, and give what it drew there."""
-    pty, termios = pytest.importorskip("pty"), pytest.importorskip("termios")
-    reader, terminal = pty.openpty()
-    termios.tcsetwinsize(terminal, (24, 100))
-    drawn = []
-
-    def read():
-        try:
-            while data := os.read(reader, 4096):
-                drawn.append(data)
-        except OSError:  # how Linux says that the other end is closed
-            pass
-
-    listener = threading.Thread(target=read)
-    listener.start()
-    try:
-        process = [sys.executable, "-m", "cageik_cli", *words]
-        done = subprocess.run(process, stdout=subprocess.PIPE, stderr=terminal, timeout=120)
-    finally:
-        os.close(terminal)
-        listener.join()
-        os.close(reader)
-    assert done.stdout == b""
-    return done.returncode, b"".join(drawn).decode()
 
 
 def test_a_terminal_sees_a_bar_for_each_stage(folder):

@@ -1,14 +1,17 @@
 """`cageik pose`, from the files to the files: a model, and the animation of a result."""
 
+import importlib
 import json
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
 
 from cageik_cli.sequence import load_mesh
 from cageik_cli.store.result import read_result, read_weights
+from tests.cli.terminal import on_a_terminal
 
 REST = ("pose", "frames/frame_1.obj", "handles.json", "--cage", "cage.obj", "-o", "posed.obj")
 EDIT = ("pose", "cages.h5", "handles.json", "-o", "edited.h5")
@@ -57,6 +60,34 @@ def test_the_same_input_gives_the_same_bytes(run, handles, clip):
         assert run(*words, first).code == 0
         assert run(*words, f"again_{first}").code == 0
         assert Path(first).read_bytes() == Path(f"again_{first}").read_bytes()
+
+
+@pytest.mark.parametrize(("module", "words"), [("posing_run", REST), ("editing", EDIT)])
+def test_one_thread_multiplies(run, handles, clip, monkeypatch, module, words):
+    """The last digits of a product depend on how many do."""
+    edited_block, counts = importlib.import_module(f"cageik_cli.{module}").edited_block, []
+
+    def counted(*arguments):
+        counts.extend(p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas")
+        return edited_block(*arguments)
+
+    monkeypatch.setattr(f"cageik_cli.{module}.edited_block", counted)
+    assert run(*words).code == 0
+    assert counts
+    assert set(counts) == {1}
+
+
+def test_a_terminal_sees_a_bar_of_the_frames(handles, clip):
+    code, drawn = on_a_terminal(*EDIT)
+    assert code == 0
+    assert "edit: " in drawn
+    assert "5/5" in drawn
+
+
+def test_names_in_a_note_are_of_one_line(run, handles, clip):
+    Path("handles.json").rename("a\x1b\nb.json")
+    assert run("pose", "cages.h5", "a\x1b\nb.json", "-o", "edited.h5").code == 0
+    assert "edited by a\ufffd b.json: figures" in read_result(Path("edited.h5")).notes[-1]
 
 
 def test_a_binding_is_posed_as_the_model_in_its_cage(run, handles):
@@ -187,7 +218,7 @@ def test_the_schema_is_printed(run):
         (("pose", "frames/frame_1.obj", "-o", "x.obj"), "Missing argument 'HANDLES'"),
         ((*REST[:3], "-o", "x.obj"), "Missing option '--cage', which frames/frame_1.obj needs"),
         ((*REST, "--alpha", "0"), "alpha is 0.0, expected a finite number above 0"),
-        ((*REST, "--plot", "pose.jpg"), "--plot pose.jpg: expected a name that ends in .png"),
+        ((*REST, "--plot", "posed.svg"), "--plot posed.svg: expected a name that ends in .png"),
         ((*REST, "--memory", "1GiB"), "--memory is for a result"),
         ((*EDIT, "--cage", "cage.obj"), "--cage is for a model; a result has its cage and weights"),
         ((*EDIT, "--cage-out", "x.obj"), "--cage-out is for a model"),
@@ -229,6 +260,32 @@ def test_refusals(run, handles, clip, words, told):
     assert outcome.code == 1
     assert told in outcome.err
     assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "told"),
+    [
+        ("verts", (3, 0, 0), "Error: cages.h5: the cage of frame 3 is not finite"),
+        ("handles.json", None, "Error: handles.json: handle 'eye': screen.offset: frame 4: it is"),
+    ],
+)
+def test_the_file_at_fault_is_named(run, handles, clip, name, place, told):
+    """What only the last frames show: a cage that is damaged, or a handle that nothing sees."""
+    if place is not None:
+        with h5py.File("cages.h5", "r+") as file:
+            file[name][place] = np.nan
+    else:
+        with h5py.File("cages.h5", "r+") as file:
+            file["verts"][4] += [0, 0, 20.0]
+        camera = {
+            "position": [0, 0, 9], "look_at": [0, 0, 0], "up": [0, 1, 0],
+            "fov_degrees": 40, "width": 100, "height": 100,
+        }  # fmt: skip
+        handles({"name": "eye", "screen": {"source": [50, 50], "offset": [9, 0]}}, camera=camera)
+    outcome = run(*EDIT)
+    assert outcome.code == 1
+    assert outcome.err.startswith(told)
+    assert not Path("edited.h5").exists()
 
 
 def test_an_output_is_not_replaced_unless_asked(run, handles, clip):

@@ -214,6 +214,9 @@ DAMAGES = {
     "a rest face": (value("rest/tris", (0, 0), 18), "face 0 names vertices 18,"),
     "a cage face": (value("tris", (0, 0), -1), "face 0 names vertices -1,"),
     "a point": (value("rest/verts", ..., 0.0), "`rest/verts` are all one point"),
+    "a cage vertex in no face": (
+        value("tris", ..., np.tile([0, 1, 2], (4, 1))), "`tris` have no face at vertex 3"
+    ),
     "an open cage": (replaced("tris", TETRAHEDRON.faces[1:]), "the cage is open"),
     "an inward cage": (
         replaced("tris", TETRAHEDRON.faces[:, ::-1]), "the cage's faces turn inward"
