@@ -10,7 +10,7 @@ import numpy as np
 
 from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import numbers
-from cageik_cli.layout import printable
+from cageik_cli.layout import printable, shown
 from cageik_cli.mesh import Floats, TriMesh
 from cageik_cli.outputs import PatientFile
 from cageik_cli.threads import InOrder, processors
@@ -79,8 +79,8 @@ def version_of(file: h5py.File) -> str:
 
 
 def parsed_notes(file: h5py.File) -> tuple[str, ...]:
-    """What was changed or left out, one sentence each."""
-    return tuple(map(str, parsed(file, "notes", list)))
+    """What was changed or left out, one sentence each, on one line each."""
+    return tuple(shown(str(note)) for note in parsed(file, "notes", list))
 
 
 def as_json(value: Any) -> str:

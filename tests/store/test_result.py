@@ -552,3 +552,9 @@ def test_gaps_that_have_figures_are_refused(path):
         file.attrs["skipped"] = json.dumps({str(k): "a" for k in range(FRAMES)})
     with pytest.raises(InputError, match="every frame was skipped"):
         store.read_result(path)
+
+
+def test_notes_of_strangers_stay_on_their_line(path):
+    with h5py.File(path, "r+") as file:
+        file.attrs["notes"] = json.dumps(["a\nb\x1b[31m"])
+    assert store.read_result(path).notes == ("a b\ufffd[31m",)
