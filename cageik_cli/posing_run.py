@@ -123,12 +123,6 @@ def remark_layers(layers: Sequence[Layer], handles: Path, watch: Observer) -> No
     for layer in layers:
         for note in layer.drag.notes:
             watch.remark("note", f"{handles.name}: {note}")
-        if layer.poser.loose:
-            watch.remark(
-                "note",
-                f"{handles.name}: no handle holds {layer.poser.loose} of the parts that the cage "
-                "is made of; they follow the others",
-            )
 
 
 def _prepare(settings: PoseSettings) -> None:
@@ -148,6 +142,7 @@ def _binding(settings: PoseSettings, watch: Observer) -> Binding:
     rest, cage = load_mesh(settings.target), load_mesh(settings.cage)
     with located(settings.cage):
         binding = made(rest, cage, settings.weights, watch).binding
-    for note in rest.notes + binding.notes:
-        watch.remark("note", f"{rest.source['name']}: {note}")
+    for mesh, notes in ((rest, rest.notes), (cage, binding.notes)):
+        for note in notes:
+            watch.remark("note", f"{mesh.source['name']}: {note}")
     return binding

@@ -1,0 +1,74 @@
+"""Poses of a model from files, and what is remarked on the way."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cageik_cli.errors import InputError
+from cageik_cli.handles import PlaceSettings
+from cageik_cli.layers import PosingSettings
+from cageik_cli.observer import Observer
+from cageik_cli.posing_run import PoseSettings, pose
+from tests.shapes import box
+
+TIP = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}
+PIN = {"name": "pin", "vertex": 7, "pin": True}
+
+
+class Notes(Observer):
+    """Keeps what is remarked."""
+
+    def __init__(self):
+        self.texts = []
+
+    def remark(self, topic, text):
+        self.texts.append((topic, text))
+
+
+@pytest.fixture
+def settings(folder):
+    """To pose the first frame by handles."""
+
+    def make(*handles, cage="cage.obj", **place):
+        Path("handles.json").write_text(json.dumps({"handles": handles}))
+        posing = PosingSettings(place=PlaceSettings(**place))
+        names = map(Path, ("frames/frame_1.obj", "handles.json", "posed.obj"))
+        return PoseSettings(*names, cage and Path(cage), posing=posing)
+
+    return make
+
+
+def test_how_handles_were_taken_is_remarked(settings):
+    other = TIP | {"name": "other", "offset": [0.3, 0.2, -0.3]}
+    near = {"name": "near", "position": [0, 0, 3], "pin": True}
+    notes = Notes()
+    pose(settings(TIP, other, near, snap=True, allow_conflicts=True), notes)
+    told = [text for topic, text in notes.texts if topic == "note"]
+    assert [text for text in told if text.startswith("handles.json: handle 'near': its position")]
+    assert [text for text in told if "'tip' and 'other' are on one point" in text]
+
+
+def test_what_was_changed_in_the_cage_is_remarked(settings, write_obj, animation):
+    turned = animation.cage.flipped()
+    write_obj(Path("inward.obj"), turned.vertices, turned.faces)
+    notes = Notes()
+    posed = pose(settings(TIP, PIN, cage="inward.obj"), notes)
+    assert [text for _, text in notes.texts if text.startswith("inward.obj: ")]
+    np.testing.assert_allclose(
+        posed.snapshot.clip.binding.cage.volume, animation.cage.volume, rtol=1e-12
+    )
+
+
+def test_a_model_needs_a_cage(settings):
+    with pytest.raises(InputError, match=r"frame_1.obj: is a model without a cage; name one with"):
+        pose(settings(TIP, PIN, cage=None))
+    assert not Path("posed.obj").exists()
+
+
+def test_what_is_wrong_with_the_cage_names_the_cage(settings, write_obj):
+    small = box(0.1)
+    write_obj(Path("small.obj"), small.vertices, small.faces)
+    with pytest.raises(InputError, match=r"^small\.obj: "):
+        pose(settings(TIP, PIN, cage="small.obj"))
