@@ -14,7 +14,7 @@ READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/bl
 
 CHROMIUM      ?= chromium
 
-.PHONY: help run test test-blender test-browser check format bench growth latency fixtures clean
+.PHONY: help run test test-blender test-browser check format fuzz bench growth latency fixtures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
@@ -64,6 +64,9 @@ check: $(READY)  ## Format, lint, types, and the order of imports
 format: $(READY)  ## Format the code and sort the imports
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+fuzz: $(READY)  ## Try more random cages than the tests have time for
+	$(BIN)/python -m pytest --numprocesses=auto -m fuzz
 
 bench: $(READY)  ## Measure speed against yardsticks, as ratios
 	$(BIN)/python -m pytest tests/benchmarks -m bench -s

@@ -13,7 +13,7 @@ from cageik_cli.soundness import checked_cage
 from tests.coordinates.random_cages import KINDS, kind_of, points_within, random_cage
 from tests.shapes import box
 
-SEEDS = range(300)
+SEEDS, MORE = range(100), range(100, 300)
 
 
 def crossings(mesh):
@@ -59,7 +59,9 @@ def assert_sentence(error):
 
 
 @pytest.mark.parametrize("coordinates", COORDINATES)
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(
+    "seed", [*SEEDS, *(pytest.param(seed, marks=pytest.mark.fuzz) for seed in MORE)]
+)
 def test_of_any_clean_cage_weights_are_exact(seed, coordinates, monkeypatch):
     """Most in haste; every eleventh, of all kinds, as weights are computed by default."""
     if seed % 11:
