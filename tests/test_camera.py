@@ -234,7 +234,9 @@ def test_pictures_without_a_size_are_refused(size):
 @pytest.mark.parametrize("scale", [1e-9, 1e9])
 def test_units_and_far_planes_make_no_matrix_singular(scale):
     far = view(shift=(3e6 * scale, 0, -5 * scale))
-    Camera(far, frustum(-scale, scale, -scale, scale, scale, 1e7 * scale), WIDTH, HEIGHT)
+    camera = Camera(far, frustum(-scale, scale, -scale, scale, scale, 1e7 * scale), WIDTH, HEIGHT)
+    ahead = np.linalg.solve(far, [0, 0, -7 * scale, 1])[:3]
+    np.testing.assert_allclose(camera.project(ahead)[:2], [WIDTH / 2, HEIGHT / 2], rtol=1e-6)
 
 
 @pytest.mark.parametrize("degrees", [0.0, -1.0, 180.0, np.nan])

@@ -242,12 +242,13 @@ def path(tmp_path_factory):
     return tmp_path_factory.mktemp("fuzz") / "drag.json"
 
 
-def use(path):
-    """Read, place and move; whatever is refused is refused in a sentence."""
+def faults_of(path):
+    """What is said when a file is read, placed and moved, by whatever is refused of it."""
     try:
         handles = read_handles(path)
-    except InputError:
-        return
+    except InputError as error:
+        return [str(error).removeprefix(f"{path}: ")]
+    faults = []
     for one in handles.sets:
         for surface in (CLIP, STILL):
             try:
@@ -255,26 +256,39 @@ def use(path):
                 frames = np.arange(drag.span.start, drag.span.stop)
                 positions = np.zeros((len(frames), len(drag.anchors), 3))
                 assert np.isfinite(drag.displacements(frames, positions)).all()
-            except CageikError:
-                continue
+            except CageikError as error:
+                faults.append(str(error))
+    return faults
+
+
+def is_sentence(text):
+    """On one line, with words, and none of a library's or of Python's own."""
+    words = ("Traceback", "Error(", "<class", "None is not", "jsonschema")
+    return len(text) > 10 and "\n" not in text and not any(word in text for word in words)
 
 
 @given(document=ANYTHING)
 def test_any_json_is_read_or_refused(path, document):
     path.write_text(json.dumps(document))
-    use(path)
+    assert all(map(is_sentence, faults_of(path)))
 
 
 @given(document=altered())
 def test_any_mistake_is_refused_in_a_sentence(path, document):
     path.write_text(json.dumps(document))
-    use(path)
+    assert all(map(is_sentence, faults_of(path)))
 
 
 @given(content=st.binary())
 def test_any_bytes_are_refused_in_a_sentence(path, content):
     path.write_bytes(content)
-    use(path)
+    (fault,) = faults_of(path)  # no bytes at random are a handles file
+    assert is_sentence(fault)
+
+
+def test_what_is_no_sentence_is_found():
+    for text in ("", "two\nlines of it", "ValidationError('x') is wrong", "Traceback (most recent"):
+        assert not is_sentence(text)
 
 
 def test_the_whole_document_passes(tmp_path):
