@@ -19,7 +19,7 @@ from cageik_cli.metrics import FrameFigures
 from cageik_cli.observer import Observer
 from cageik_cli.outputs import keep_apart, prepare
 from cageik_cli.pose_figures import PoseLedger
-from cageik_cli.posing_run import Posed, remark_layers, remark_volume
+from cageik_cli.posing_run import Posed, remark_layers
 from cageik_cli.sequence.clip_file import digest_of
 from cageik_cli.solving import Budget
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
@@ -93,9 +93,7 @@ def edit(settings: EditSettings, observer: Observer | None = None) -> Posed:
         with watch.stage("write"):
             file.complete(Ending(sources, told.skipped, told.vertex_rms, told.posed, misses))
     snapshot = Snapshot(result.frames[told.posed[0]], layers, posed[0], clip)
-    figures = run.ledger.figures(result.frames)
-    remark_volume(figures, settings.posing.rigidity, watch)
-    return Posed(figures, snapshot, result.scene.up_axis)
+    return Posed(run.ledger.figures(result.frames), snapshot, result.scene.up_axis)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

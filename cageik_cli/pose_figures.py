@@ -68,8 +68,8 @@ class PoseFigures:
         The one of largest size, against the frame before the edit; None for an open model.
     condition_number : float
         The largest of the layers' systems.
-    loose : int
-        As `Poser` has it, the largest of the layers.
+    rigidity : int
+        Rounds in which cells turned.
     changed : tuple of str, optional
         First and last frame that are not as they were.
     """
@@ -86,7 +86,7 @@ class PoseFigures:
     cage_vertex: int
     volume_change_percent: float | None
     condition_number: float
-    loose: int
+    rigidity: int
     changed: tuple[str, str] | None
 
 
@@ -177,7 +177,7 @@ class PoseLedger:
             cage_vertex=self._cage_vertex,
             volume_change_percent=self._volume,
             condition_number=max(layer.poser.condition_number for layer in self._layers),
-            loose=max(layer.poser.loose for layer in self._layers),
+            rigidity=max(layer.rigidity for layer in self._layers),
             changed=(named(self._changed[0]), named(self._changed[-1])) if self._changed else None,
         )
 

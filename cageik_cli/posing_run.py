@@ -22,9 +22,6 @@ from cageik_cli.sequence import load_mesh
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.threads import blas_threads
 
-LARGEST_CHANGE = 10.0
-"""Percent of the volume: beyond, a pose without rigidity is remarked on."""
-
 
 @dataclass(frozen=True, slots=True)
 class PoseSettings:
@@ -102,20 +99,7 @@ def pose(settings: PoseSettings, observer: Observer | None = None) -> Posed:
             write_mesh(settings.cage_output, binding.cage, block.edit.cages[0], settings.overwrite)
     ledger = PoseLedger(layers, binding.rest.diagonal)
     ledger.take(block)
-    figures = ledger.figures([])
-    remark_volume(figures, settings.posing.rigidity, watch)
-    return Posed(figures, Snapshot("", layers, block, clip), Scene().up_axis)
-
-
-def remark_volume(figures: PoseFigures, rigidity: int, watch: Observer) -> None:
-    """Say what helps where a model that does not turn loses or gains volume."""
-    change = figures.volume_change_percent
-    if change is not None and abs(change) > LARGEST_CHANGE and not rigidity:
-        watch.remark(
-            "note",
-            f"the volume changes by more than {LARGEST_CHANGE:g} %: what turns is sheared; let "
-            "it turn with --rigidity 10",
-        )
+    return Posed(ledger.figures([]), Snapshot("", layers, block, clip), Scene().up_axis)
 
 
 def remark_layers(layers: Sequence[Layer], handles: Path, watch: Observer) -> None:

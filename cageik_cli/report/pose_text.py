@@ -19,6 +19,9 @@ ALONG = 0.5
 SMALL = 1e-3
 """Percents below it are written with their power of ten."""
 
+LARGEST_CHANGE = 10.0
+"""Percent of the volume; beyond, a pose whose parts did not turn may be better if they do."""
+
 STILL = 1e-6
 """Shares of the diagonal that are no motion."""
 
@@ -97,6 +100,12 @@ def _advice(figures: PoseFigures) -> Iterator[tuple[str, str]]:
     elif figures.moved_least > max(still, ALONG * figures.moved):
         least = units_text(figures.moved_least)
         yield "note", f"all of the model moves, by {least} at least; pin what is to stay"
+    if abs(figures.volume_change_percent or 0.0) > LARGEST_CHANGE and not figures.rigidity:
+        yield (
+            "note",
+            f"the volume changes by more than {LARGEST_CHANGE:g} %: what turns is sheared; let "
+            "it turn with --rigidity 10",
+        )
 
 
 def miss_text(percent: float) -> str:

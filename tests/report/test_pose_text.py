@@ -12,7 +12,7 @@ HAND = AnchorFigures("hand", "", 0.2, 1e-9, 5e-8, "f_7", 0.03, 0.02)
 EDIT = PoseFigures(
     diagonal=2.0, anchors=(HAND,), rms=0.03, rms_percent=1.5, moved=0.25, moved_least=0.0,
     vertex=7, frame="f_8", cage_moved=0.3, cage_vertex=2, volume_change_percent=1.25,
-    condition_number=152.0, loose=0, changed=("f_3", "f_9"),
+    condition_number=152.0, rigidity=0, changed=("f_3", "f_9"),
 )  # fmt: skip
 POSE = replace(
     EDIT,
