@@ -163,15 +163,14 @@ class Poser:
         edited, chosen = cages.copy(), cages[is_moved]
         moved = self._cage_map(displacements[is_moved])
         if rigidity:
-            # One by one: the last digits of a product depend on how many frames there are.
-            for k in range(len(chosen)):
-                moved[[k]] = self._turned(chosen[[k]], moved[[k]], rigidity)
+            for cage, asked in zip(chosen, moved, strict=True):
+                asked[...] = self._turned(cage, asked, rigidity)
         edited[is_moved] += moved
         return edited
 
-    def _turned(self, cages: Floats, asked: Floats, rounds: int) -> Floats:
-        """Displacements (k, n, 3) of cages whose cells turn, from those of cells that do not."""
-        cells, moved = Cells(self._laplacian, cages), asked
+    def _turned(self, cage: Floats, asked: Floats, rounds: int) -> Floats:
+        """Displacements (n, 3) of a cage whose cells turn, from those of cells that do not."""
+        cells, moved = Cells(self._laplacian, cage), asked
         for _ in range(rounds):
             moved = asked + self._turn_map(cells.turned(cells.rotations(moved)))
         return moved

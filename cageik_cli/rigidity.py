@@ -19,7 +19,7 @@ from cageik_cli.rotations import nearest_by_entry
 
 
 class Cells:
-    """The cells of the vertices of k cages at rest.
+    """The cells of the vertices of a cage at rest.
 
     Points are laid out coordinate by coordinate here, and matrices entry by entry, so that L is
     applied to all by one product and every other step passes over contiguous numbers.
@@ -28,49 +28,49 @@ class Cells:
     ----------
     laplacian : (n, n) float64
         L, uniform.
-    cages : (k, n, 3) float64
+    cage : (n, 3) float64
     """
 
-    def __init__(self, laplacian: Floats, cages: Floats) -> None:
+    def __init__(self, laplacian: Floats, cage: Floats) -> None:
         self._averaging = np.ascontiguousarray((np.eye(len(laplacian)) - laplacian).T)
         self._laplacian = np.ascontiguousarray(laplacian.T)
-        self._cages = _centred(cages)
-        self._differences = self._cages @ self._laplacian
+        self._cage = _centred(cage)
+        self._differences = self._cage @ self._laplacian
 
     def rotations(self, displacements: Floats) -> Floats:
-        """R of every cell, (3, 3, k, n), for displacements (k, n, 3)."""
+        """R of every cell, (3, 3, n), for displacements (n, 3)."""
         moved = _centred(displacements)
-        moved += self._cages
+        moved += self._cage
         values = np.empty((4, *moved.shape))
-        np.multiply(moved[:, None], self._cages, out=values[:3])
+        np.multiply(moved[:, None], self._cage, out=values[:3])
         values[3] = moved
-        taken = self._applied(self._laplacian, values)
-        covariances = taken[3][:, None] * self._cages
+        taken = _applied(self._laplacian, values)
+        covariances = taken[3][:, None] * self._cage
         covariances += moved[:, None] * self._differences
         covariances -= taken[:3]
         return nearest_by_entry(covariances.reshape(9, -1)).reshape(covariances.shape)
 
     def turned(self, rotations: Floats) -> Floats:
-        """How δ changes by rotations (3, 3, k, n): b − L c of every cell, (k, n, 3)."""
+        """How δ changes by rotations (3, 3, n): b − L c of every cell, (n, 3)."""
         values = np.empty((4, *rotations.shape[1:]))
         values[:3] = rotations
-        values[3] = np.einsum("abkn,bkn->akn", rotations, self._cages)
-        means = self._applied(self._averaging, values)
-        both = np.einsum("abkn,bkn->akn", rotations, self._differences)
-        both += np.einsum("abkn,bkn->akn", means[:3], self._cages)
+        values[3] = np.einsum("abn,bn->an", rotations, self._cage)
+        means = _applied(self._averaging, values)
+        both = np.einsum("abn,bn->an", rotations, self._differences)
+        both += np.einsum("abn,bn->an", means[:3], self._cage)
         both -= means[3]
         both /= 2
         both -= self._differences
-        return np.asarray(both.transpose(1, 2, 0))
+        return np.asarray(both.T)
 
-    def _applied(self, matrix: Floats, values: Floats) -> Floats:
-        """Values (…, n) times an (n, n) matrix, in one product."""
-        n = len(matrix)
-        return np.asarray(values.reshape(-1, n) @ matrix).reshape(values.shape)
+
+def _applied(matrix: Floats, values: Floats) -> Floats:
+    """Values (…, n) times an (n, n) matrix, in one product."""
+    return np.asarray(values.reshape(-1, len(matrix)) @ matrix).reshape(values.shape)
 
 
 def _centred(points: Floats) -> Floats:
-    """Points (k, n, 3) about their means, where no digits are lost: (3, k, n)."""
-    columns = np.array(points.transpose(2, 0, 1), order="C")  # a copy, whatever the layout
-    columns -= columns.sum(axis=2, keepdims=True) / columns.shape[2]
+    """Points (n, 3) about their mean, where no digits are lost: (3, n)."""
+    columns = np.array(points.T, order="C")  # a copy, whatever the layout
+    columns -= columns.sum(axis=1, keepdims=True) / columns.shape[1]
     return columns

@@ -22,43 +22,42 @@ def neighbours_of(cage):
     return found
 
 
-def random_moves(cage, count=3):
-    return 0.2 * np.random.default_rng(2).normal(size=(count, *cage.vertices.shape))
+def random_moves(cage, seed=2):
+    return 0.2 * np.random.default_rng(seed).normal(size=cage.vertices.shape)
 
 
 def test_rotations_and_turned_differences_are_those_of_a_loop_over_edges(cage):
     """Sorkine and Alexa 2007, eqs. 5, 6 and 8, with weights of one over the number of edges."""
-    poses = cage.vertices + 0.1 * random_moves(cage)
-    moves, neighbours = random_moves(cage), neighbours_of(cage)
-    cells = Cells(uniform_laplacian(cage), poses)
-    rotations = cells.rotations(moves)
+    pose, move = cage.vertices + 0.1 * random_moves(cage), random_moves(cage, 3)
+    moved, neighbours = pose + move, neighbours_of(cage)
+    cells = Cells(uniform_laplacian(cage), pose)
+    rotations = cells.rotations(move)
     changes = cells.turned(rotations)
-    for k, (pose, moved) in enumerate(zip(poses, poses + moves, strict=True)):
-        expected = np.empty((len(pose), 3, 3))
-        for i, cell in enumerate(neighbours):
-            products = [np.outer(moved[i] - moved[j], pose[i] - pose[j]) for j in cell]
-            expected[i] = decomposed(np.mean(products, axis=0)[None])[0]
-        np.testing.assert_allclose(rotations[:, :, k].transpose(2, 0, 1), expected, atol=1e-11)
-        for i, cell in enumerate(neighbours):
-            edges = [pose[i] - pose[j] for j in cell]
-            halves = [(expected[i] + expected[j]) / 2 for j in cell]
-            right = np.mean([h @ e for h, e in zip(halves, edges, strict=True)], axis=0)
-            np.testing.assert_allclose(changes[k, i], right - np.mean(edges, axis=0), atol=1e-11)
+    expected = np.empty((len(pose), 3, 3))
+    for i, cell in enumerate(neighbours):
+        products = [np.outer(moved[i] - moved[j], pose[i] - pose[j]) for j in cell]
+        expected[i] = decomposed(np.mean(products, axis=0)[None])[0]
+    np.testing.assert_allclose(rotations.transpose(2, 0, 1), expected, atol=1e-11)
+    for i, cell in enumerate(neighbours):
+        edges = [pose[i] - pose[j] for j in cell]
+        halves = [(expected[i] + expected[j]) / 2 for j in cell]
+        right = np.mean([h @ e for h, e in zip(halves, edges, strict=True)], axis=0)
+        np.testing.assert_allclose(changes[i], right - np.mean(edges, axis=0), atol=1e-11)
 
 
 def test_a_rigid_motion_is_the_rotation_of_every_cell(cage):
     """Then b is R L c: the linear system has the motion for its solution."""
     laplacian, turn, rest = uniform_laplacian(cage), rotation(4), cage.vertices
-    cells = Cells(laplacian, rest[None])
-    rotations = cells.rotations((rest @ turn.T + [3.0, -1.0, 2.0] - rest)[None])
-    np.testing.assert_allclose(rotations[:, :, 0].transpose(2, 0, 1) - turn, 0, atol=1e-13)
+    cells = Cells(laplacian, rest)
+    rotations = cells.rotations(rest @ turn.T + [3.0, -1.0, 2.0] - rest)
+    np.testing.assert_allclose(rotations.transpose(2, 0, 1) - turn, 0, atol=1e-13)
     expected = laplacian @ rest @ turn.T - laplacian @ rest
-    np.testing.assert_allclose(cells.turned(rotations)[0], expected, atol=1e-13)
+    np.testing.assert_allclose(cells.turned(rotations), expected, atol=1e-13)
 
 
 def test_what_does_not_turn_changes_nothing(cage):
-    cells = Cells(uniform_laplacian(cage), cage.vertices[None])
-    shift = np.tile([5.0, 0.0, -7.0], (1, len(cage.vertices), 1))
+    cells = Cells(uniform_laplacian(cage), cage.vertices)
+    shift = np.tile([5.0, 0.0, -7.0], (len(cage.vertices), 1))
     np.testing.assert_allclose(cells.turned(cells.rotations(shift)), 0, atol=1e-14)
 
 
@@ -66,17 +65,17 @@ def test_a_shear_is_not_taken_for_a_turn(cage):
     """The checks above must be able to fail: a motion that is not rigid leaves a remainder."""
     laplacian, rest = uniform_laplacian(cage), cage.vertices
     shear = np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1]])
-    cells = Cells(laplacian, rest[None])
-    changes = cells.turned(cells.rotations((rest @ shear.T - rest)[None]))[0]
+    cells = Cells(laplacian, rest)
+    changes = cells.turned(cells.rotations(rest @ shear.T - rest))
     assert np.abs(changes - (laplacian @ rest @ shear.T - laplacian @ rest)).max() > 1e-2
 
 
 @pytest.mark.parametrize("far", [1e3, 1e6])
 def test_far_from_the_origin_and_moved_far_no_more_digits_are_lost_than_were_given(cage, far):
     """Positions of size `far` have that many digits less, and edges with them."""
-    laplacian, moves = uniform_laplacian(cage), random_moves(cage, 1)
-    near = Cells(laplacian, cage.vertices[None])
-    away = Cells(laplacian, cage.vertices[None] + far)
+    laplacian, moves = uniform_laplacian(cage), random_moves(cage)
+    near = Cells(laplacian, cage.vertices)
+    away = Cells(laplacian, cage.vertices + far)
     expected = near.turned(near.rotations(moves))
     found = away.turned(away.rotations(moves - 3 * far))
     np.testing.assert_allclose(found, expected, atol=1e-13 * far)
@@ -84,7 +83,7 @@ def test_far_from_the_origin_and_moved_far_no_more_digits_are_lost_than_were_giv
 
 def test_what_is_given_is_left_as_it_was(cage):
     """However it lies in memory."""
-    moves = np.ascontiguousarray(random_moves(cage).transpose(2, 0, 1)).transpose(1, 2, 0)
+    moves = np.asfortranarray(random_moves(cage))
     poses = cage.vertices + moves
     kept = moves.copy(), poses.copy()
     Cells(uniform_laplacian(cage), poses).rotations(moves)
