@@ -9,6 +9,7 @@ from PIL import Image
 
 from cageik_cli.report import Pose, Poses, poses_of
 from cageik_cli.report.pictures import COLOURS, UNKNOWN, pictures_of
+from tests.report.odd_poses import FACTORS
 from tests.shapes import ball, box
 
 PIXELS = 60
@@ -117,17 +118,6 @@ def test_up_is_up(up_axis):
     assert np.ptp(np.flatnonzero(drawn.any(axis=1))) > 2.5 * np.ptp(
         np.flatnonzero(drawn.any(axis=0))
     )
-
-
-FACTORS = {
-    "flat": (np.array([1.0, 1, 0]), 1.0),
-    "thin": (np.array([1e-12, 1, 0]), 1.0),
-    "a point": (np.zeros(3), 1.0),
-    "huge": (np.full(3, 1e30), 1e30),
-    "tiny": (np.full(3, 1e-30), 1e-30),
-    "a cage far away": (np.ones(3), 1e30),
-    "a cage turned inside out": (np.ones(3), -0.3),
-}
 
 
 @pytest.mark.parametrize(("model", "cage"), FACTORS.values(), ids=FACTORS)

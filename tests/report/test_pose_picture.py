@@ -24,6 +24,7 @@ from cageik_cli.report.pose_picture import (
 from cageik_cli.report.raster import Camera
 from cageik_cli.report.style import INK, own_style
 from tests.report.hostile import NAMES
+from tests.report.odd_poses import FACTORS
 from tests.shapes import ball, box
 
 PIXELS = 240
@@ -274,17 +275,6 @@ def test_any_name_is_drawn(name):
     for number, title in enumerate(titles):
         extent = title.get_window_extent()
         assert number * PIXELS - 1 < extent.x0 <= extent.x1 < (number + 1) * PIXELS + 1
-
-
-FACTORS = {
-    "flat": (np.array([1.0, 1, 0]), 1.0),
-    "a point": (np.zeros(3), 1.0),
-    "nothing but a point": (np.zeros(3), 0.0),
-    "huge": (np.full(3, 1e30), 1e30),
-    "tiny": (np.full(3, 1e-30), 1e-30),
-    "a cage far away": (np.ones(3), 1e30),
-    "a cage turned inside out": (np.ones(3), -0.3),
-}
 
 
 @pytest.mark.parametrize(("model", "cage"), FACTORS.values(), ids=FACTORS)
