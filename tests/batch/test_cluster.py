@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import dask
 import distributed
 import numpy as np
 import pytest
@@ -133,8 +134,13 @@ def test_short_clips_are_not_cut(workers, job):
 def test_weights_are_made_once_and_travel_once(job, animation, write_obj, tmp_path):
     other = write_obj(tmp_path / "other.obj", 1.1 * animation.cage.vertices, animation.cage.faces)
     jobs = [job(name, 50) for name in "abc"] + [job("d", cage=other)]
-    # Workers that know nothing yet of how quick such clips are share them evenly.
-    with two_processes() as fresh, distributed.Client(fresh.scheduler_address) as client:
+    # Workers that know nothing yet of how quick such clips are share them evenly, and a scheduler
+    # without its memory manager takes no copy back for which no task waits at the moment it looks.
+    with (
+        dask.config.set({"distributed.scheduler.active-memory-manager.start": False}),
+        two_processes() as fresh,
+        distributed.Client(fresh.scheduler_address) as client,
+    ):
         for some in (jobs[:3], jobs[3:]):
             found = outcomes(fresh, some, piece_seconds=0.0)
             assert {outcome.state for outcome in found.values()} == {State.DONE}
@@ -145,6 +151,18 @@ def test_weights_are_made_once_and_travel_once(job, animation, write_obj, tmp_pa
         ]
     assert any(travelled)
     assert [len(set(keys)) for keys in travelled] == [len(keys) for keys in travelled]
+
+
+def test_weights_that_the_scheduler_takes_back_travel_again(job):
+    jobs = [job(name, 50) for name in "abc"]
+    with (
+        dask.config.set({"distributed.scheduler.active-memory-manager.interval": "5ms"}),
+        two_processes() as fresh,
+    ):
+        found = outcomes(fresh, jobs, piece_seconds=0.0)
+    for each in jobs:
+        assert found[each.name].entry.fault is None
+        assert each.settings.output.read_bytes() == local_bytes(each)
 
 
 def received(dask_worker):
