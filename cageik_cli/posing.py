@@ -21,7 +21,7 @@ from cageik_cli.cage_field import CageField, Response
 from cageik_cli.dual_laplacian import WORST_CONDITION
 from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.mesh import Floats, uniform_laplacian
-from cageik_cli.rigidity import Cells
+from cageik_cli.rigidity import Cells, Neighbours
 from cageik_cli.ties import TiedMap, Ties, free_basis
 
 DEFAULT_ALPHA = 1e-6
@@ -103,6 +103,7 @@ class Poser:
         self.binding, self.alpha, self.beta, self.ties = binding, alpha, beta, ties or Ties()
         cage = binding.cage
         self._laplacian = uniform_laplacian(cage)
+        self._neighbours = Neighbours(self._laplacian)
         signs = (1,) if self.ties.mirror is None else (1, -1)
         bases = [free_basis(cage, self.ties, sign) for sign in signs]
         self._fields = [CageField(cage, self._laplacian, basis) for basis in bases]
@@ -135,10 +136,10 @@ class Poser:
         `rigidity` is the number of rounds in which the cage's cells turn with the motion; without
         any, what turns far is sheared.
         """
-        rest = self.binding.cage.vertices
-        if rigidity:
-            return np.asarray(self.edited(rest[None], displacements[None], rigidity)[0])
-        return np.asarray(rest + self._cage_map(displacements))
+        moved = self._cage_map(displacements)
+        if rigidity and displacements.any():
+            moved = self._turned(self._cells_at_rest, moved, rigidity)
+        return np.asarray(self.binding.cage.vertices + moved)
 
     def mesh(self, displacements: Floats, rigidity: int = 0) -> Floats:
         """The mesh, (m, 3), for displacements of the anchors from the rest pose, (l, 3).
@@ -147,7 +148,7 @@ class Poser:
         """
         if rigidity:
             moved = self.cage(displacements, rigidity) - self.binding.cage.vertices
-            columns = np.stack([self.binding.weights @ coordinate for coordinate in moved.T])
+            columns = np.stack([self.binding.weights @ coordinate for coordinate in moved.T.copy()])
         else:
             columns = self._mesh_map.by_coordinate(displacements)
         columns += self._rest_columns
@@ -164,13 +165,13 @@ class Poser:
         moved = self._cage_map(displacements[is_moved])
         if rigidity:
             for cage, asked in zip(chosen, moved, strict=True):
-                asked[...] = self._turned(cage, asked, rigidity)
+                asked[...] = self._turned(self._neighbours.cells(cage), asked, rigidity)
         edited[is_moved] += moved
         return edited
 
-    def _turned(self, cage: Floats, asked: Floats, rounds: int) -> Floats:
+    def _turned(self, cells: Cells, asked: Floats, rounds: int) -> Floats:
         """Displacements (n, 3) of a cage whose cells turn, from those of cells that do not."""
-        cells, moved = Cells(self._laplacian, cage), asked
+        moved = asked
         for _ in range(rounds):
             moved = asked + self._turn_map(cells.turned(cells.rotations(moved)))
         return moved
@@ -201,6 +202,10 @@ class Poser:
         self._cage_map = TiedMap([response.of_anchors for response in responses], mirror)
         self._turn_map = TiedMap([response.of_differences for response in responses], mirror)
         self.__dict__.pop("_mesh_map", None)
+
+    @cached_property
+    def _cells_at_rest(self) -> Cells:
+        return self._neighbours.cells(self.binding.cage.vertices)
 
     @cached_property
     def _mesh_map(self) -> TiedMap:

@@ -7,70 +7,85 @@ uniform weights, means instead of sums):
 
     R_i = argmax_R tr(Rᵀ S_i),  S_i = mean_j e'_ij e_ijᵀ,        b_i = mean_j ½ (R_i + R_j) e_ij.
 
-b takes the place of δ in the next solve, which has the same factor. Means over neighbours are what
-L is made of, and so are both: S by the product rule of a Laplacian,
-S = (L c') cᵀ + c' (L c)ᵀ − L (c' cᵀ), and 2 b = R L c + (N R) c − N (R c) with N = I − L.
+b takes the place of δ in the next solve, which has the same factor. S is linear in the moved cage,
+and b in the rotations. With Δ_x = diag(L c_x) and E_x = (L_ij (c_i − c_j)_x)_ij, for each of the
+three coordinates x of the cage at rest,
+
+    column x of all S = (Δ_x + E_x) c',        b = Σ_x ½ (Δ_x − E_x) column x of all R,
+
+which are two sparse products a round, with as many numbers as L has.
 """
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
+from scipy import sparse
 
 from cageik_cli.mesh import Floats
 from cageik_cli.rotations import nearest_by_entry
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Cells:
-    """The cells of the vertices of a cage at rest.
+    """The cells of the vertices of one cage at rest.
 
-    Points are laid out coordinate by coordinate here, and matrices entry by entry, so that L is
-    applied to all by one product and every other step passes over contiguous numbers.
+    Attributes
+    ----------
+    differences : (n, 3) float64
+        δ = L c.
+    at_rest : (3n, 3) float64
+        S of the cage at rest: its columns, which are its rows too, one below the other.
+    covariance : sparse (3n, n)
+        Δ_x + E_x, one below the other.
+    turning : sparse (n, 3n)
+        ½ (Δ_x − E_x), beside each other.
+    """
+
+    differences: Floats
+    at_rest: Floats
+    covariance: Any
+    turning: Any
+
+    def rotations(self, displacements: Floats) -> Floats:
+        """R of every cell, (3, 3, n), for displacements (n, 3)."""
+        columns = self.at_rest + self.covariance @ displacements
+        entries = np.ascontiguousarray(columns.T).reshape(9, -1)
+        return nearest_by_entry(entries).reshape(3, 3, -1)
+
+    def turned(self, rotations: Floats) -> Floats:
+        """How δ changes by rotations (3, 3, n): b − L c of every cell, (n, 3)."""
+        return np.asarray(self.turning @ rotations.reshape(3, -1).T - self.differences)
+
+
+class Neighbours:
+    """Which vertices of a cage are neighbours: all that its cells have in common, however it lies.
 
     Parameters
     ----------
     laplacian : (n, n) float64
         L, uniform.
-    cage : (n, 3) float64
     """
 
-    def __init__(self, laplacian: Floats, cage: Floats) -> None:
-        self._averaging = np.ascontiguousarray((np.eye(len(laplacian)) - laplacian).T)
-        self._laplacian = np.ascontiguousarray(laplacian.T)
-        self._cage = _centred(cage)
-        self._differences = self._cage @ self._laplacian
+    def __init__(self, laplacian: Floats) -> None:
+        self._rows, self._columns = np.nonzero(laplacian)
+        self._entries = laplacian[self._rows, self._columns]
+        self._across = laplacian[self._columns, self._rows] / 2
+        self._own = np.flatnonzero(self._rows == self._columns)
+        self._firsts = np.searchsorted(self._rows, np.arange(len(laplacian)))
+        # Of the sparse matrices, which have all rows or columns of L three times.
+        self._places = np.tile(self._columns, 3)
+        starts = np.add.outer(np.arange(3) * len(self._rows), self._firsts)
+        self._starts = np.append(starts, len(self._places))
 
-    def rotations(self, displacements: Floats) -> Floats:
-        """R of every cell, (3, 3, n), for displacements (n, 3)."""
-        moved = _centred(displacements)
-        moved += self._cage
-        values = np.empty((4, *moved.shape))
-        np.multiply(moved[:, None], self._cage, out=values[:3])
-        values[3] = moved
-        taken = _applied(self._laplacian, values)
-        covariances = taken[3][:, None] * self._cage
-        covariances += moved[:, None] * self._differences
-        covariances -= taken[:3]
-        return nearest_by_entry(covariances.reshape(9, -1)).reshape(covariances.shape)
-
-    def turned(self, rotations: Floats) -> Floats:
-        """How δ changes by rotations (3, 3, n): b − L c of every cell, (n, 3)."""
-        values = np.empty((4, *rotations.shape[1:]))
-        values[:3] = rotations
-        values[3] = np.einsum("abn,bn->an", rotations, self._cage)
-        means = _applied(self._averaging, values)
-        both = np.einsum("abn,bn->an", rotations, self._differences)
-        both += np.einsum("abn,bn->an", means[:3], self._cage)
-        both -= means[3]
-        both /= 2
-        both -= self._differences
-        return np.asarray(both.T)
-
-
-def _applied(matrix: Floats, values: Floats) -> Floats:
-    """Values (…, n) times an (n, n) matrix, in one product."""
-    return np.asarray(values.reshape(-1, len(matrix)) @ matrix).reshape(values.shape)
-
-
-def _centred(points: Floats) -> Floats:
-    """Points (n, 3) about their mean, where no digits are lost: (3, n)."""
-    columns = np.array(points.T, order="C")  # a copy, whatever the layout
-    columns -= columns.sum(axis=1, keepdims=True) / columns.shape[1]
-    return columns
+    def cells(self, cage: Floats) -> Cells:
+        """The cells of the cage at (n, 3)."""
+        edges = (cage[self._rows] - cage[self._columns]).T
+        above, beside = self._entries * edges, self._across * edges
+        # L c by these edges: a cage that moves as one then changes S by nothing but rounding.
+        differences = -np.add.reduceat(above, self._firsts, axis=1)
+        above[:, self._own], beside[:, self._own] = differences, differences / 2
+        shape = (3 * len(cage), len(cage))
+        covariance = sparse.csr_array((above.ravel(), self._places, self._starts), shape)
+        turning = sparse.csc_array((beside.ravel(), self._places, self._starts), shape[::-1])
+        return Cells(np.ascontiguousarray(differences.T), covariance @ cage, covariance, turning)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.mesh import uniform_laplacian
-from cageik_cli.rigidity import Cells
+from cageik_cli.rigidity import Neighbours
 from cageik_cli.rotations import decomposed
 from tests.shapes import ball, concave, finer, rotation
 
@@ -30,7 +30,7 @@ def test_rotations_and_turned_differences_are_those_of_a_loop_over_edges(cage):
     """Sorkine and Alexa 2007, eqs. 5, 6 and 8, with weights of one over the number of edges."""
     pose, move = cage.vertices + 0.1 * random_moves(cage), random_moves(cage, 3)
     moved, neighbours = pose + move, neighbours_of(cage)
-    cells = Cells(uniform_laplacian(cage), pose)
+    cells = Neighbours(uniform_laplacian(cage)).cells(pose)
     rotations = cells.rotations(move)
     changes = cells.turned(rotations)
     expected = np.empty((len(pose), 3, 3))
@@ -48,7 +48,7 @@ def test_rotations_and_turned_differences_are_those_of_a_loop_over_edges(cage):
 def test_a_rigid_motion_is_the_rotation_of_every_cell(cage):
     """Then b is R L c: the linear system has the motion for its solution."""
     laplacian, turn, rest = uniform_laplacian(cage), rotation(4), cage.vertices
-    cells = Cells(laplacian, rest)
+    cells = Neighbours(laplacian).cells(rest)
     rotations = cells.rotations(rest @ turn.T + [3.0, -1.0, 2.0] - rest)
     np.testing.assert_allclose(rotations.transpose(2, 0, 1) - turn, 0, atol=1e-13)
     expected = laplacian @ rest @ turn.T - laplacian @ rest
@@ -56,7 +56,7 @@ def test_a_rigid_motion_is_the_rotation_of_every_cell(cage):
 
 
 def test_what_does_not_turn_changes_nothing(cage):
-    cells = Cells(uniform_laplacian(cage), cage.vertices)
+    cells = Neighbours(uniform_laplacian(cage)).cells(cage.vertices)
     shift = np.tile([5.0, 0.0, -7.0], (len(cage.vertices), 1))
     np.testing.assert_allclose(cells.turned(cells.rotations(shift)), 0, atol=1e-14)
 
@@ -65,7 +65,7 @@ def test_a_shear_is_not_taken_for_a_turn(cage):
     """The checks above must be able to fail: a motion that is not rigid leaves a remainder."""
     laplacian, rest = uniform_laplacian(cage), cage.vertices
     shear = np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1]])
-    cells = Cells(laplacian, rest)
+    cells = Neighbours(laplacian).cells(rest)
     changes = cells.turned(cells.rotations(rest @ shear.T - rest))
     assert np.abs(changes - (laplacian @ rest @ shear.T - laplacian @ rest)).max() > 1e-2
 
@@ -74,8 +74,8 @@ def test_a_shear_is_not_taken_for_a_turn(cage):
 def test_far_from_the_origin_and_moved_far_no_more_digits_are_lost_than_were_given(cage, far):
     """Positions of size `far` have that many digits less, and edges with them."""
     laplacian, moves = uniform_laplacian(cage), random_moves(cage)
-    near = Cells(laplacian, cage.vertices)
-    away = Cells(laplacian, cage.vertices + far)
+    near = Neighbours(laplacian).cells(cage.vertices)
+    away = Neighbours(laplacian).cells(cage.vertices + far)
     expected = near.turned(near.rotations(moves))
     found = away.turned(away.rotations(moves - 3 * far))
     np.testing.assert_allclose(found, expected, atol=1e-13 * far)
@@ -86,6 +86,6 @@ def test_what_is_given_is_left_as_it_was(cage):
     moves = np.asfortranarray(random_moves(cage))
     poses = cage.vertices + moves
     kept = moves.copy(), poses.copy()
-    Cells(uniform_laplacian(cage), poses).rotations(moves)
+    Neighbours(uniform_laplacian(cage)).cells(poses).rotations(moves)
     np.testing.assert_array_equal(moves, kept[0])
     np.testing.assert_array_equal(poses, kept[1])
