@@ -54,8 +54,8 @@ def nearest_rotations(matrices: Floats) -> Floats:
 
 def nearest_by_entry(entries: Floats) -> Floats:
     """The same for matrices and rotations laid out entry by entry, (9, k), row after row."""
-    sizes = np.sqrt(_dots(entries, entries))
     with np.errstate(all="ignore"):  # what fails here is done otherwise
+        sizes = np.sqrt(_dots(entries, entries))
         unit = entries / sizes
         factors = unit.take(FACTORS, axis=0).reshape(4, 9, -1)
         cofactors = factors[0] * factors[1]
@@ -85,18 +85,28 @@ def _largest_root(determinants: Floats, squares: Floats) -> tuple[Floats, Floats
     It starts above, from where Newton's method always finds the largest root: f is between 1 and
     √3, which bounds the equation's last term.
     """
-    constants, slopes = 4 * squares, 8 * determinants
-    bounds = constants + np.maximum(slopes, np.sqrt(3) * slopes)
+    linear, constant = 8 * determinants, 4 * squares
+    bounds = constant + np.maximum(linear, np.sqrt(3) * linear)
     f = np.sqrt(1 + np.sqrt(np.maximum(bounds, 0)))
+    constant -= 1
     for _ in range(STEPS):
-        g = f * f - 1
-        step = (g * g - constants - slopes * f) / (4 * f * g - slopes)
+        # The polynomial ((f² − 2) f − linear) f − constant, and its derivative, by few passes.
+        slope = f * f
+        slope -= 2
+        slope *= f
+        step = slope - linear
+        step *= f
+        step -= constant
+        slope += f
+        slope *= 4
+        slope -= linear
+        step /= slope
         f -= step
     return f, np.abs(step)
 
 
 def _dots(left: Floats, right: Floats) -> Floats:
-    return np.asarray(np.einsum("ik,ik->k", left, right))
+    return np.asarray(np.add.reduce(left * right, axis=0))
 
 
 def decomposed(matrices: Floats) -> Floats:
