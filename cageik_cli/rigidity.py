@@ -68,12 +68,13 @@ class Neighbours:
     """
 
     def __init__(self, laplacian: Floats) -> None:
-        self._rows, self._columns = np.nonzero(laplacian)
+        self._rows, self._columns = np.nonzero(laplacian)  # i and j, by i
         self._entries = laplacian[self._rows, self._columns]
-        self._across = laplacian[self._columns, self._rows] / 2
+        self._transposed = laplacian[self._columns, self._rows]
         self._own = np.flatnonzero(self._rows == self._columns)
         self._firsts = np.searchsorted(self._rows, np.arange(len(laplacian)))
-        # Of the sparse matrices, which have all rows or columns of L three times.
+        # L has its entries at the same places as its transpose: its rows, three times, are those of
+        # one of the two matrices of cells, and the columns of the other.
         self._places = np.tile(self._columns, 3)
         starts = np.add.outer(np.arange(3) * len(self._rows), self._firsts)
         self._starts = np.append(starts, len(self._places))
@@ -81,11 +82,11 @@ class Neighbours:
     def cells(self, cage: Floats) -> Cells:
         """The cells of the cage at (n, 3)."""
         edges = (cage[self._rows] - cage[self._columns]).T
-        above, beside = self._entries * edges, self._across * edges
+        rows, columns = self._entries * edges, self._transposed * edges / 2
         # L c by these edges: a cage that moves as one then changes S by nothing but rounding.
-        differences = -np.add.reduceat(above, self._firsts, axis=1)
-        above[:, self._own], beside[:, self._own] = differences, differences / 2
+        differences = -np.add.reduceat(rows, self._firsts, axis=1)
+        rows[:, self._own], columns[:, self._own] = differences, differences / 2
         shape = (3 * len(cage), len(cage))
-        covariance = sparse.csr_array((above.ravel(), self._places, self._starts), shape)
-        turning = sparse.csc_array((beside.ravel(), self._places, self._starts), shape[::-1])
+        covariance = sparse.csr_array((rows.ravel(), self._places, self._starts), shape)
+        turning = sparse.csc_array((columns.ravel(), self._places, self._starts), shape[::-1])
         return Cells(np.ascontiguousarray(differences.T), covariance @ cage, covariance, turning)
