@@ -81,8 +81,8 @@ class _Words:
         lines = line[heads, None] + np.arange(2)
         return cls(codes, bounds, heads, ends[lines])
 
-    def are(self, keyword: bytes) -> NDArray[np.bool_]:
-        """Which lines begin with a word, (l,)."""
+    def begin_with(self, keyword: bytes) -> NDArray[np.bool_]:
+        """Which lines begin with a word, (l,), and not with a longer one."""
         begins, ends = self.bounds[self.heads].T
         found = np.asarray(ends - begins == len(keyword))
         for k, letter in enumerate(keyword):
@@ -93,12 +93,13 @@ class _Words:
 def _block_format(text: bytes, bare: bytes) -> bytes:
     """The format of some lines; `bare` is the text with blanks for what is as good as these."""
     words = _Words.of(bare)
-    places = words.heads[words.are(b"v"), None] + np.arange(1, 4)
+    places = words.heads[words.begin_with(b"v"), None] + np.arange(1, 4)
     numbers = words.bounds[places.ravel()]
     codes = np.frombuffer(text, np.uint8).copy()
     codes[numbers[:, 0]] = _NUMBER
     behind = numbers + np.array([1, 0])
-    dropped = np.concatenate([behind, words.lines[words.are(b"vn")], _normals(words)])
+    dropped = np.concatenate([behind, words.lines[words.begin_with(b"vn")], _normals(words)])
+    # No two of these begin, or end, at one place.
     steps = np.zeros(len(codes) + 1, np.int8)
     steps[dropped[:, 0]] += 1
     steps[dropped[:, 1]] -= 1
@@ -111,7 +112,7 @@ def _normals(words: _Words) -> Integers:
     """Where the third index of each corner begins, with the slashes before it, and ends."""
     slashes = np.flatnonzero(words.codes == ord("/"))
     word = np.searchsorted(words.bounds[:, 0], slashes, side="right") - 1
-    is_face = np.repeat(words.are(b"f"), np.diff(words.heads, append=len(words.bounds)))
+    is_face = np.repeat(words.begin_with(b"f"), np.diff(words.heads, append=len(words.bounds)))
     is_first = np.diff(word, prepend=-1) > 0
     second = np.flatnonzero(is_face[word] & ~is_first & np.roll(is_first, 1))
     # Without texture coordinates both slashes go.
