@@ -83,13 +83,15 @@ def deform(settings: DeformSettings, observer: Observer | None = None) -> Writte
     settings.output.prepare()
     result = read_result(settings.result)
     clip = _clip(settings, result, watch)
-    binding = _binding(settings, result, watch)
+    mesh = load_mesh(settings.mesh) if settings.mesh is not None else _rest_model(result)
+    binding = _binding(settings, mesh, result, watch)
     scene = result.scene if clip is None else clip.scene.applied(result.scene)
     animation = Animation(
         rest=binding.rest,
         count=len(result.frames) if clip is None else len(clip),
         scene=settings.scene.applied(scene),
         name=_object_name(settings.mesh),
+        text=mesh.text,
     )
     size = block_size(settings.memory - binding.weights.nbytes, len(binding.rest.vertices))
     if clip is None:
@@ -129,7 +131,9 @@ def _cages(clip: MeshSequence, size: int, jobs: int) -> Iterator[Floats]:
             yield block.positions
 
 
-def _binding(settings: DeformSettings, result: Result, watch: Observer) -> Binding:
+def _binding(
+    settings: DeformSettings, mesh: LoadedMesh, result: Result, watch: Observer
+) -> Binding:
     """What ties the mesh to the rest cage: the result's own weights where these are asked for."""
     own = _own_settings(result)
     asked = BindSettings(
@@ -140,7 +144,6 @@ def _binding(settings: DeformSettings, result: Result, watch: Observer) -> Bindi
     weights = read_weights(result) if settings.mesh is None and asked == own else None
     if weights is not None:
         return Binding(result.rest, result.cage, weights, own)
-    mesh = load_mesh(settings.mesh) if settings.mesh is not None else _rest_model(result)
     how = WeightSettings(asked, settings.cache, settings.jobs)
     with watch.stage("bind"), located(settings.mesh or settings.result):
         binding = made(mesh, _rest_cage(result), how, watch).binding

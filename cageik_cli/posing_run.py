@@ -8,7 +8,7 @@ import numpy as np
 
 from cageik_cli.binding import Binding
 from cageik_cli.binding_run import WeightSettings, made
-from cageik_cli.edited_block import Snapshot, edited_block
+from cageik_cli.edited_block import EditedBlock, Snapshot, edited_block
 from cageik_cli.errors import InputError, located
 from cageik_cli.export.mesh_file import prepare_mesh, write_mesh
 from cageik_cli.handles import read_handles
@@ -70,6 +70,22 @@ class Posed:
     up_axis: str
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Bound:
+    """A model in its cage, and what their files say beside.
+
+    Attributes
+    ----------
+    binding : Binding
+    text, cage_text : bytes
+        The OBJ files of the model and of the cage, as `Animation` has them.
+    """
+
+    binding: Binding
+    text: bytes = b""
+    cage_text: bytes = b""
+
+
 def pose(settings: PoseSettings, observer: Observer | None = None) -> Posed:
     """Pose a model by handles, and write it.
 
@@ -85,7 +101,8 @@ def pose(settings: PoseSettings, observer: Observer | None = None) -> Posed:
     with watch.stage("open"):
         handles = read_handles(settings.handles)
     with watch.stage("bind"):
-        binding = _binding(settings, watch)
+        bound = _bound(settings, watch)
+    binding = bound.binding
     cage = binding.cage.vertices
     clip = Clip(binding, Skin.at_rest(binding), lambda _: cage, None)
     # One thread: the last digits depend on how many.
@@ -94,9 +111,7 @@ def pose(settings: PoseSettings, observer: Observer | None = None) -> Posed:
         block = edited_block(layers, clip, np.zeros(1, np.int64), cage[None])
     remark_layers(layers, settings.handles, watch)
     with watch.stage("write"):
-        write_mesh(settings.output, binding.rest, block.edited[0], settings.overwrite)
-        if settings.cage_output is not None:
-            write_mesh(settings.cage_output, binding.cage, block.edit.cages[0], settings.overwrite)
+        _write(settings, bound, block)
     ledger = PoseLedger(layers, binding.rest.diagonal)
     ledger.take(block)
     return Posed(ledger.figures([]), Snapshot("", layers, block, clip), Scene().up_axis)
@@ -117,10 +132,10 @@ def _prepare(settings: PoseSettings) -> None:
             prepare_mesh(path, settings.overwrite)
 
 
-def _binding(settings: PoseSettings, watch: Observer) -> Binding:
+def _bound(settings: PoseSettings, watch: Observer) -> _Bound:
     """The weights of the binding file that was named, or of the model in the cage."""
     if settings.target.suffix.lower() in HDF5_SUFFIXES:
-        return read_binding(settings.target).binding
+        return _Bound(read_binding(settings.target).binding)
     if settings.cage is None:
         raise InputError(f"{settings.target}: is a model without a cage; name one with --cage")
     rest, cage = load_mesh(settings.target), load_mesh(settings.cage)
@@ -129,4 +144,12 @@ def _binding(settings: PoseSettings, watch: Observer) -> Binding:
     for mesh, notes in ((rest, rest.notes), (cage, binding.notes)):
         for note in notes:
             watch.remark("note", f"{mesh.source['name']}: {note}")
-    return binding
+    return _Bound(binding, rest.text, cage.text)
+
+
+def _write(settings: PoseSettings, bound: _Bound, block: EditedBlock) -> None:
+    """Write the posed model, and the cage if it is asked for."""
+    rest, cage, overwrite = bound.binding.rest, bound.binding.cage, settings.overwrite
+    write_mesh(settings.output, rest, block.edited[0], overwrite, bound.text)
+    if settings.cage_output is not None:
+        write_mesh(settings.cage_output, cage, block.edit.cages[0], overwrite, bound.cage_text)

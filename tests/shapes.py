@@ -14,9 +14,28 @@ TETRAHEDRON = TriMesh(
 def box(size: float = 1.0) -> TriMesh:
     """A cube around the origin, 8 vertices and 12 triangles."""
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
-    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
-    faces = [f for a, b, c, d in quads for f in ([a, b, c], [a, c, d])]
+    faces = [f for a, b, c, d in QUADS for f in ([a, b, c], [a, c, d])]
     return TriMesh(corners, np.array(faces))
+
+
+QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+"""The faces of a box before they are cut."""
+
+
+def quad_text(size: float, inward: bool = False) -> str:
+    """A box as programs write it: quads, texture coordinates, normals, groups, a material."""
+    lines = ["# 100 %", "mtllib skins/box.mtl", "o box"]
+    lines += ["v {} {} {}".format(*vertex) for vertex in box(size).vertices]
+    lines += ["vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1", "vn 0 0 1"]
+    for k, quad in enumerate(QUADS):
+        corners = [f"{v + 1}/{t}/1" for t, v in enumerate(quad, start=1)]
+        lines += [
+            f"g side{k}",
+            "usemtl red",
+            "s 1",
+            "f " + " ".join(corners[:: -1 if inward else 1]),
+        ]
+    return "\n".join(lines) + "\n"
 
 
 def octahedron(size: float = 0.5) -> TriMesh:

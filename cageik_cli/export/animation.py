@@ -21,12 +21,15 @@ class Animation:
     scene : Scene
     name : str
         What the object is called where formats name objects: letters, digits and underscores.
+    text : bytes
+        The OBJ file that the rest mesh was read from, unpacked; empty if it was none.
     """
 
     rest: TriMesh
     count: int
     scene: Scene
     name: str
+    text: bytes = b""
 
 
 class AnimationWriter(ABC):

@@ -24,15 +24,23 @@ def prepare_mesh(path: Path, overwrite: bool) -> None:
     prepare(path, overwrite)
 
 
-def write_mesh(path: Path, mesh: TriMesh, positions: Floats, overwrite: bool) -> None:
-    """Write the triangles of a mesh at other positions, (m, 3), as animations of files do.
+def write_mesh(
+    path: Path, mesh: TriMesh, positions: Floats, overwrite: bool, text: bytes = b""
+) -> None:
+    """Write a mesh at other positions, (m, 3), as animations of files do.
+
+    Parameters
+    ----------
+    path, mesh, positions, overwrite
+    text : bytes
+        As of `Animation`.
 
     Raises
     ------
     InputError
         When it cannot be written.
     """
-    animation = Animation(mesh, 1, Scene(start=0), path.stem)
+    animation = Animation(mesh, 1, Scene(start=0), path.stem, text)
     writer = _kind(path)(path.with_name(f"_####{path.suffix.lower()}"), animation)
     write_bytes(path, writer.content(positions), overwrite)
 

@@ -38,12 +38,15 @@ class LoadedMesh:
         `name` and `sha256` of the file; the name alone of a frame of the clip.
     notes : tuple of str
         What was changed, one sentence each.
+    text : bytes
+        An OBJ file as it is, unpacked; empty for other kinds.
     """
 
     mesh: TriMesh
     fanned: TriMesh
     source: dict[str, str]
     notes: tuple[str, ...] = ()
+    text: bytes = b""
 
 
 def load_mesh(path: Path) -> LoadedMesh:
@@ -63,9 +66,16 @@ def load_mesh(path: Path) -> LoadedMesh:
                 f"`{kind}` is not a kind of mesh read here, expected {', '.join(MESH_SUFFIXES)}"
             )
         data = read_bytes(path)
-        mesh = file_mesh(unpacked(data, kind), kind)
+        content = unpacked(data, kind)
+        mesh = file_mesh(content, kind)
         fanned = mesh.fanned
-        return LoadedMesh(unfolded(fanned, mesh.sizes), fanned, source_of(path, data), mesh.notes)
+        return LoadedMesh(
+            mesh=unfolded(fanned, mesh.sizes),
+            fanned=fanned,
+            source=source_of(path, data),
+            notes=mesh.notes,
+            text=content if kind.removesuffix(PACKED) == ".obj" else b"",
+        )
 
 
 def read_bytes(path: Path) -> bytes:

@@ -8,9 +8,9 @@ import pytest
 
 from cageik_cli import deforming
 from cageik_cli.mesh import TriMesh
-from cageik_cli.sequence import open_sequence
+from cageik_cli.sequence import load_mesh, open_sequence
 from tests.clips import frames_of
-from tests.shapes import finer
+from tests.shapes import box, finer, quad_text
 
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
 OUT = ("-o", "m.npz")
@@ -121,6 +121,34 @@ def test_polygons_are_cut_and_said_so(run, result, write_obj):
     assert outcome.code == 0
     assert "  note           card.obj: 1 polygon cut into triangles" in outcome.err.splitlines()
     assert len(open_sequence(["m.npz"]).first.faces) == 2
+
+
+def test_frames_keep_what_the_obj_file_of_the_mesh_says(run, result):
+    Path("card.obj").write_text(quad_text(0.5))
+    words = ("deform", "cages.h5", "--mesh", "card.obj")
+    assert run(*words, "-o", "out/####.obj").code == 0
+    assert run(*words, *OUT).code == 0
+    kept = [line for line in quad_text(0.5).splitlines() if line[:2] not in ("v ", "vn")]
+    kept = [line.removesuffix("/1").replace("/1 ", " ") for line in kept if line[:2] == "f "]
+    files = sorted(Path("out").iterdir())
+    assert len(files) == 5
+    for file, positions in zip(files, frames_in(), strict=True):
+        mesh = load_mesh(file)
+        assert mesh.notes == ("6 polygons cut into triangles",)
+        np.testing.assert_allclose(mesh.mesh.vertices, positions, rtol=1e-8, atol=1e-12)
+        lines = file.read_text().splitlines()
+        assert [line for line in lines if line[:2] == "f "] == kept
+        assert {"mtllib skins/box.mtl", "vt 1 0", "g side5", "usemtl red"} < set(lines)
+
+
+@pytest.mark.parametrize("mesh", [(), ("--mesh", "card.ply")], ids=["rest", "ply"])
+def test_frames_of_what_was_no_obj_file_are_triangles(run, result, mesh):
+    import trimesh
+
+    trimesh.Trimesh(box(0.5).vertices, box(0.5).faces, process=False).export("card.ply")
+    assert run("deform", "cages.h5", *mesh, "-o", "out/####.obj").code == 0
+    for file in Path("out").iterdir():
+        assert {line.split()[0] for line in file.read_text().splitlines()} == {"v", "f"}
 
 
 def test_a_mesh_outside_is_refused_with_the_remedy(run, result, write_obj, animation):

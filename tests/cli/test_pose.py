@@ -1,7 +1,9 @@
 """`cageik pose`, from the files to the files: a model, and the animation of a result."""
 
+import gzip
 import importlib
 import json
+import re
 from pathlib import Path
 
 import h5py
@@ -12,6 +14,7 @@ from threadpoolctl import threadpool_info
 from cageik_cli.sequence import load_mesh
 from cageik_cli.store.result import read_result, read_weights
 from tests.cli.terminal import on_a_terminal
+from tests.shapes import quad_text
 
 REST = ("pose", "frames/frame_1.obj", "handles.json", "--cage", "cage.obj", "-o", "posed.obj")
 EDIT = ("pose", "cages.h5", "handles.json", "-o", "edited.h5")
@@ -96,6 +99,47 @@ def test_a_binding_is_posed_as_the_model_in_its_cage(run, handles):
     assert run(*bind).code == 0
     assert run("pose", "b.h5", "handles.json", "-o", "again.obj").code == 0
     assert Path("posed.obj").read_bytes() == Path("again.obj").read_bytes()
+
+
+def without_positions(text):
+    """An OBJ text but for what a pose changes: numbers of vertices, and normals."""
+    lines = re.sub(r"(?m)^vn .*\n", "", re.sub(r"(\d/\d)/\d", r"\1", text)).splitlines()
+    return [line if line[:2] != "v " else "v" for line in lines]
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_models_and_cages_keep_what_their_obj_files_say(run, handles, packed):
+    """Quads, texture coordinates, groups, materials, and the side that faces show."""
+    texts = {"model.obj": quad_text(1.0), "quads.obj": quad_text(2.0, inward=True)}
+    for name, text in texts.items():
+        Path(name).write_text(text)
+        Path(f"{name}.gz").write_bytes(gzip.compress(text.encode()))
+    model, cage = (f"{name}{'.gz' * packed}" for name in texts)
+    words = ("pose", model, "handles.json", "--cage", cage)
+    handles(LIFT, *PINS[:2])
+    assert run(*words, "-o", "posed.obj", "--cage-out", "posed_cage.obj").code == 0
+    assert run(*words, "-o", "posed.ply", "--cage-out", "posed_cage.ply").code == 0
+    for text, name in zip(texts.values(), ("posed", "posed_cage"), strict=True):
+        posed = Path(f"{name}.obj").read_text()
+        assert without_positions(posed) == without_positions(text)
+        assert "vn" not in posed
+        found, expected = load_mesh(Path(f"{name}.obj")), load_mesh(Path(f"{name}.ply"))
+        assert (found.notes, expected.notes) == (("6 polygons cut into triangles",), ())
+        np.testing.assert_allclose(
+            found.mesh.vertices, expected.mesh.vertices, rtol=1e-8, atol=1e-12
+        )
+    # Triangles of a cage are turned outward, its text is not.
+    assert load_mesh(Path("posed_cage.obj")).mesh.volume < 0 < expected.mesh.volume
+
+
+def test_a_binding_has_triangles_alone(run, handles):
+    Path("model.obj").write_text(quad_text(1.0))
+    handles(LIFT, *PINS[:2])
+    assert run("bind", "--cage", "cage.obj", "--rest", "model.obj", "-o", "b.h5").code == 0
+    assert run("pose", "b.h5", "handles.json", "-o", "posed.obj").code == 0
+    lines = Path("posed.obj").read_text().splitlines()
+    assert [line[:2] for line in lines] == ["v "] * 8 + ["f "] * 12
+    assert all(len(line.split()) == 4 for line in lines)
 
 
 def test_an_animation_keeps_its_other_frames(run, handles, clip):

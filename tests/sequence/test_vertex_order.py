@@ -9,9 +9,7 @@ from cageik_cli.errors import InputError
 from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence import open_sequence
 from cageik_cli.sequence.vertex_order import refuse_other_order
-from tests.shapes import ball, box
-
-QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+from tests.shapes import QUADS, ball, box
 
 
 @pytest.fixture
