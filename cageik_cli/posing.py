@@ -148,7 +148,7 @@ class Poser:
         """
         if rigidity:
             moved = self.cage(displacements, rigidity) - self.binding.cage.vertices
-            columns = np.stack([self.binding.weights @ coordinate for coordinate in moved.T.copy()])
+            columns = np.stack([self.binding.weights @ coordinate for coordinate in moved.T])
         else:
             columns = self._mesh_map.by_coordinate(displacements)
         columns += self._rest_columns

@@ -89,4 +89,6 @@ class Neighbours:
         shape = (3 * len(cage), len(cage))
         covariance = sparse.csr_array((rows.ravel(), self._places, self._starts), shape)
         turning = sparse.csc_array((columns.ravel(), self._places, self._starts), shape[::-1])
-        return Cells(np.ascontiguousarray(differences.T), covariance @ cage, covariance, turning)
+        # Measured from a vertex, a cage far from the origin loses no digits.
+        at_rest = covariance @ (cage - cage[0])
+        return Cells(np.ascontiguousarray(differences.T), at_rest, covariance, turning)

@@ -81,6 +81,18 @@ def test_far_from_the_origin_and_moved_far_no_more_digits_are_lost_than_were_giv
     np.testing.assert_allclose(found, expected, atol=1e-13 * far)
 
 
+def test_a_cage_far_from_the_origin_whose_edges_are_the_same_turns_the_same(cage):
+    """To the last digits, not to those of its positions: on a grid, far away is exact."""
+    near = np.round(cage.vertices * 2**20) / 2**20
+    neighbours = Neighbours(uniform_laplacian(cage))
+    found, expected = neighbours.cells(near + 1e6), neighbours.cells(near)
+    np.testing.assert_allclose(found.at_rest, expected.at_rest, rtol=0, atol=1e-14)
+    moves = random_moves(cage)
+    rotations = found.rotations(moves), expected.rotations(moves)
+    np.testing.assert_allclose(*rotations, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(*map(found.turned, rotations), rtol=0, atol=1e-12)
+
+
 def test_what_is_given_is_left_as_it_was(cage):
     """However it lies in memory."""
     moves = np.asfortranarray(random_moves(cage))
