@@ -153,18 +153,6 @@ def test_weights_are_made_once_and_travel_once(job, animation, write_obj, tmp_pa
     assert [len(set(keys)) for keys in travelled] == [len(keys) for keys in travelled]
 
 
-def test_weights_that_the_scheduler_takes_back_travel_again(job):
-    jobs = [job(name, 50) for name in "abc"]
-    with (
-        dask.config.set({"distributed.scheduler.active-memory-manager.interval": "5ms"}),
-        two_processes() as fresh,
-    ):
-        found = outcomes(fresh, jobs, piece_seconds=0.0)
-    for each in jobs:
-        assert found[each.name].entry.fault is None
-        assert each.settings.output.read_bytes() == local_bytes(each)
-
-
 def received(dask_worker):
     return [str(key) for entry in dask_worker.transfer_incoming_log for key in entry["keys"]]
 
