@@ -71,7 +71,8 @@ def unfolded(mesh: TriMesh, sizes: Integers) -> TriMesh:
 
 def _flattened(points: Floats, normal: Floats) -> Floats:
     """Points (k, 3) in the plane across `normal`, (k, 2), counter-clockwise seen against it."""
-    direction = normal / np.linalg.norm(normal)
+    direction = normal / np.abs(normal).max()  # first, since tiny squares would be zeros
+    direction /= np.linalg.norm(direction)
     across = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
     across /= np.linalg.norm(across)
     return np.asarray((points - points[0]) @ np.stack([across, np.cross(direction, across)]).T)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from cageik_cli.errors import InputError
 from cageik_cli.mesh import TriMesh
-from cageik_cli.sequence.polygons import fans, unfolded
+from cageik_cli.sequence.polygons import _flattened, fans, unfolded
 from tests.shapes import rotation
 
 DART = [[0, 0], [2, 0], [0.5, 0.5], [0, 2]]
@@ -103,6 +103,13 @@ def test_a_bent_quad_stays_a_fan():
     faces, sizes = fans([[0, 1, 2, 3]])
     mesh = unfolded(TriMesh([[0, 0, 0], [1, 0, 0.4], [1, 1, 0], [0, 1, 0.4]], faces), sizes)
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
+
+
+def test_the_smallest_area_has_a_direction():
+    """Of a polygon that crosses itself, positive and negative parts may cancel down to it."""
+    flat = _flattened(np.array([[0, 0, 7], [1, 0, 7], [1, 1, 7.0]]), np.array([0, 0, 5e-324]))
+    np.testing.assert_allclose(np.linalg.norm(flat, axis=1), [0, 1, np.sqrt(2)])
+    assert np.linalg.det(flat[1:]) > 0
 
 
 def test_triangles_stay_in_the_place_of_their_polygon():
