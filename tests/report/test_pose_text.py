@@ -86,6 +86,16 @@ def test_handles_that_are_where_they_are_to_be_are_told():
     assert "note" not in dict(pose_rows(replace(EDIT, anchors=(held,))))
 
 
+def test_a_handle_that_goes_too_far_is_told_of_units():
+    """The diagonal is 2, so that 5 of them are 10."""
+    edit = replace(EDIT, anchors=(HAND, replace(HAND, name="foot", moved=10.1)))
+    assert dict(pose_rows(edit))["note"] == (
+        "foot goes 5.05 times the model's diagonal, more than 5; give targets in the units and "
+        "axes of the model's file"
+    )
+    assert "note" not in dict(pose_rows(replace(EDIT, anchors=(replace(HAND, moved=9.9),))))
+
+
 def test_a_change_of_nothing_has_no_minus():
     rows = dict(pose_rows(replace(EDIT, volume_change_percent=-4e-13)))
     assert rows["volume change"] == "+0.0000 % at most"
