@@ -18,7 +18,8 @@ from cageik_cli.observer import Observer
 from cageik_cli.outputs import keep_apart
 from cageik_cli.pose_figures import PoseFigures, PoseLedger
 from cageik_cli.scene import Scene
-from cageik_cli.sequence import load_mesh
+from cageik_cli.sequence import clip_suffixes, kind_of, load_mesh
+from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.threads import blas_threads
 
@@ -125,11 +126,23 @@ def remark_layers(layers: Sequence[Layer], handles: Path, watch: Observer) -> No
 
 
 def _prepare(settings: PoseSettings) -> None:
+    _refuse_animation(settings.target)
     outputs = [settings.output, settings.cage_output]
     keep_apart(outputs, [settings.target, settings.cage, settings.handles])
     for path in outputs:
         if path is not None:
             prepare_mesh(path, settings.overwrite)
+
+
+def _refuse_animation(target: Path) -> None:
+    """Refuse frames whose cages are not known yet."""
+    of_models = {*MESH_SUFFIXES, *HDF5_SUFFIXES}
+    if target.is_dir() or kind_of(target) in {*clip_suffixes()} - of_models:
+        what = "a folder" if target.is_dir() else f"a clip (`{kind_of(target)}`)"
+        raise InputError(
+            f"{target}: is {what}, expected a model, a binding or a result; to edit an animation, "
+            "extract its cages first (cageik extract) and pose that result"
+        )
 
 
 def _bound(settings: PoseSettings, watch: Observer) -> _Bound:

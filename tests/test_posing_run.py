@@ -1,6 +1,8 @@
 """Poses of a model from files, and what is remarked on the way."""
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -72,3 +74,14 @@ def test_what_is_wrong_with_the_cage_names_the_cage(settings, write_obj):
     write_obj(Path("small.obj"), small.vertices, small.faces)
     with pytest.raises(InputError, match=r"^small\.obj: "):
         pose(settings(TIP, PIN, cage="small.obj"))
+
+
+@pytest.mark.parametrize(
+    ("name", "found"), [("frames", "a folder"), ("walk.abc", "a clip (`.abc`)")]
+)
+def test_an_animation_is_to_be_extracted_first(settings, name, found):
+    """Before the output is looked at, whose suffix would be that of a result."""
+    Path("walk.abc").touch()
+    edit = replace(settings(TIP, PIN), target=Path(name), output=Path("edited.h5"))
+    with pytest.raises(InputError, match=rf"^{name}: is {re.escape(found)}, .* extract its cages"):
+        pose(edit)
