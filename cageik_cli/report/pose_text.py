@@ -22,6 +22,9 @@ SMALL = 1e-3
 LARGEST_CHANGE = 10.0
 """Percent of the volume; beyond, a pose whose parts did not turn may be better if they do."""
 
+WILDEST = 5.0
+"""A cage moves wildly when it goes so many times as far as any handle."""
+
 FARTHEST = 5.0
 """Diagonals; a handle that goes farther has hardly its target in the model's units."""
 
@@ -109,6 +112,13 @@ def _advice(figures: PoseFigures) -> Iterator[tuple[str, str]]:
             "note",
             f"{_named(far)} goes {far.moved / figures.diagonal:.3g} times the model's diagonal, "
             f"more than {FARTHEST:g}; give targets in the units and axes of the model's file",
+        )
+    if figures.cage_moved > max(WILDEST * far.moved, figures.diagonal):
+        yield (
+            "note",
+            f"cage vertex {figures.cage_vertex} moves {units_text(figures.cage_moved)}, more than "
+            f"{WILDEST:g} times as far as any handle: they ask for more than the cage can do; "
+            "leave some out, raise --alpha (to 1e-3, say), or look at the cage with cageik check",
         )
     if abs(figures.volume_change_percent or 0.0) > LARGEST_CHANGE and not figures.rigidity:
         yield (
