@@ -132,7 +132,9 @@ def pose_command(
         rows = [*pose_rows(posed.figures), *watch.rows()]
         click.echo(page(str(settings.output), rows), err=True)
         following = f"; next: cageik report {settings.output}" if is_edit else ""
-        click.echo(f"wrote {settings.output}{following}", err=True)
+        written = [settings.output, options["cage_out"], plot, json_out]
+        names = [str(path) for path in written if path is not None and str(path) != "-"]
+        click.echo(f"wrote {', '.join(names)}{following}", err=True)
 
 
 def _picture(posed: Any, up_axis: str | None) -> bytes:

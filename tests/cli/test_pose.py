@@ -58,6 +58,15 @@ def test_a_model_is_posed(run, handles, animation):
     assert not np.allclose(load_mesh(Path("cage_posed.obj")).mesh.vertices, animation.cage.vertices)
 
 
+def test_all_that_was_written_is_named(run, handles):
+    outcome = run(*REST, "--cage-out", "c.obj", "--plot", "p.png", "--json", "j.json")
+    names = ("posed.obj", "c.obj", "p.png", "j.json")
+    assert outcome.err.splitlines()[-1] == f"wrote {', '.join(names)}"
+    assert all(Path(name).exists() for name in names)
+    outcome = run(*REST, "--json", "-", "--overwrite")
+    assert outcome.err.splitlines()[-1] == "wrote posed.obj"
+
+
 def test_the_same_input_gives_the_same_bytes(run, handles, clip):
     for first, *words in ((REST[-1], *REST[:-1]), (EDIT[-1], *EDIT[:-1])):
         assert run(*words, first).code == 0
