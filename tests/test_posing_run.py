@@ -13,7 +13,7 @@ from cageik_cli.handles import PlaceSettings
 from cageik_cli.layers import PosingSettings
 from cageik_cli.observer import Observer
 from cageik_cli.posing_run import PoseSettings, pose
-from tests.shapes import box
+from tests.shapes import box, quad_text
 
 TIP = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}
 PIN = {"name": "pin", "vertex": 7, "pin": True}
@@ -61,6 +61,22 @@ def test_what_was_changed_in_the_cage_is_remarked(settings, write_obj, animation
     np.testing.assert_allclose(
         posed.snapshot.clip.binding.cage.volume, animation.cage.volume, rtol=1e-12
     )
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply"])
+def test_polygons_that_are_kept_are_said_to_be(settings, suffix):
+    """Those of an OBJ file written as OBJ; a cage that is not written keeps none."""
+    Path("model.obj").write_text(quad_text(1.0))
+    Path("quads.obj").write_text(quad_text(2.0, inward=True))
+    made = settings(TIP, PIN, cage="quads.obj")
+    notes = Notes()
+    output = Path(f"posed.{suffix}")
+    pose(replace(made, target=Path("model.obj"), output=output), notes)
+    kept = "; posed.obj keeps them whole" * (suffix == "obj")
+    told = [text for topic, text in notes.texts if topic == "note"]
+    assert f"model.obj: 6 polygons cut into triangles{kept}" in told
+    assert "quads.obj: 6 polygons cut into triangles" in told
+    assert [text for text in told if text.startswith("quads.obj: the cage's faces turn inward")]
 
 
 def test_a_model_needs_a_cage(settings):
