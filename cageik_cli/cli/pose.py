@@ -167,7 +167,10 @@ def _settings(options: dict[str, Any]) -> Any:
         posing = PosingSettings(options["alpha"], options["beta"], options["rigidity"], place)
     except CageikError as error:
         raise click.UsageError(str(error)) from error
-    target, files = options["target"], (options["target"], options["handles"], options["output"])
+    target, handles = options["target"], options["handles"]
+    if target.suffix.lower() == ".json" and handles.suffix.lower() != ".json":
+        raise click.UsageError(f"TARGET comes before HANDLES; swap {target} and {handles}")
+    files = (target, handles, options["output"])
     overwrite = options["overwrite"]
     is_hdf5 = target.suffix.lower() in SUFFIXES
     if is_hdf5 and not is_binding(target):

@@ -270,6 +270,10 @@ def test_the_schema_is_printed(run):
         (REST[:-2], "Missing option '-o' / '--output'"),
         (("pose", "frames/frame_1.obj", "-o", "x.obj"), "Missing argument 'HANDLES'"),
         ((*REST[:3], "-o", "x.obj"), "Missing option '--cage', which frames/frame_1.obj needs"),
+        (
+            ("pose", "handles.json", "cages.h5", "-o", "x.h5"),
+            "TARGET comes before HANDLES; swap handles.json and cages.h5",
+        ),
         ((*REST, "--alpha", "0"), "alpha is 0.0, expected a finite number above 0"),
         ((*REST, "--plot", "posed.svg"), "--plot posed.svg: expected a name that ends in .png"),
         ((*REST, "--memory", "1GiB"), "--memory is for a result"),
