@@ -21,6 +21,7 @@ from cageik_cli.weaknesses import (
     crossing_findings,
     influence_findings,
     needle_findings,
+    size_findings,
     thin_findings,
 )
 
@@ -171,7 +172,7 @@ def _rest_diagnosis(
     if outside := outside_finding(placement, rest):
         findings.append(outside)
     else:
-        findings += clearance_findings(placement, rest)
+        findings += [*size_findings(cage, rest), *clearance_findings(placement, rest)]
     return _with_clearance(facts, placement), findings
 
 

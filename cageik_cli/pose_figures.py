@@ -13,7 +13,7 @@ from cageik_cli.mesh import Floats, Integers
 
 @dataclass(frozen=True, slots=True)
 class AnchorFigures:
-    """How an anchor went.
+    """How an anchor went, in the frames that its layer changes.
 
     Attributes
     ----------
@@ -118,9 +118,10 @@ class PoseLedger:
         """Look at the next frames, if there are any."""
         if not len(block.frames):
             return
-        distances = np.linalg.norm(block.anchors_after - block.anchors_before, axis=2)
+        acts = np.concatenate([_acts(layer, block.frames) for layer in self._layers], axis=1)
+        distances = np.linalg.norm(block.anchors_after - block.anchors_before, axis=2) * acts
         self._moved = np.maximum(self._moved, distances.max(axis=0))
-        residuals = np.linalg.norm(block.anchors_after - block.edit.targets, axis=2)
+        residuals = np.linalg.norm(block.anchors_after - block.edit.targets, axis=2) * acts
         worst, largest = residuals.argmax(axis=0), residuals.max(axis=0)
         is_worse = largest > self._residual
         self._residual_frame[is_worse] = block.frames[worst[is_worse]]
@@ -193,6 +194,12 @@ class PoseLedger:
             acceleration=None if after is None else float(after[k]),
             acceleration_before=None if before is None else float(before[k]),
         )
+
+
+def _acts(layer: Layer, frames: Integers) -> NDArray[np.bool_]:
+    """Whether each anchor of a layer has a part in frames (k,), (k, l): all have, or none."""
+    is_changed = layer.drag.blend(frames) > 0
+    return np.repeat(is_changed[:, None], len(layer.drag.anchors), axis=1)
 
 
 class _Bend:

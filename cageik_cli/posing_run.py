@@ -18,7 +18,8 @@ from cageik_cli.observer import Observer
 from cageik_cli.outputs import keep_apart
 from cageik_cli.pose_figures import PoseFigures, PoseLedger
 from cageik_cli.scene import Scene
-from cageik_cli.sequence import load_mesh
+from cageik_cli.sequence import LoadedMesh, clip_suffixes, kind_of, load_mesh
+from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.threads import blas_threads
 
@@ -125,11 +126,23 @@ def remark_layers(layers: Sequence[Layer], handles: Path, watch: Observer) -> No
 
 
 def _prepare(settings: PoseSettings) -> None:
+    _refuse_animation(settings.target)
     outputs = [settings.output, settings.cage_output]
     keep_apart(outputs, [settings.target, settings.cage, settings.handles])
     for path in outputs:
         if path is not None:
             prepare_mesh(path, settings.overwrite)
+
+
+def _refuse_animation(target: Path) -> None:
+    """Refuse frames whose cages are not known yet."""
+    of_models = {*MESH_SUFFIXES, *HDF5_SUFFIXES}
+    if target.is_dir() or kind_of(target) in {*clip_suffixes()} - of_models:
+        what = "a folder" if target.is_dir() else f"a clip (`{kind_of(target)}`)"
+        raise InputError(
+            f"{target}: is {what}, expected a model, a binding or a result; to edit an animation, "
+            "extract its cages first (cageik extract) and pose that result"
+        )
 
 
 def _bound(settings: PoseSettings, watch: Observer) -> _Bound:
@@ -141,10 +154,21 @@ def _bound(settings: PoseSettings, watch: Observer) -> _Bound:
     rest, cage = load_mesh(settings.target), load_mesh(settings.cage)
     with located(settings.cage):
         binding = made(rest, cage, settings.weights, watch).binding
-    for mesh, notes in ((rest, rest.notes), (cage, binding.notes)):
+    for mesh, notes, output in (
+        (rest, rest.notes, settings.output),
+        (cage, binding.notes, settings.cage_output),
+    ):
         for note in notes:
-            watch.remark("note", f"{mesh.source['name']}: {note}")
+            kept = _kept(mesh, output) if note in mesh.notes else ""
+            watch.remark("note", f"{mesh.source['name']}: {note}{kept}")
     return _Bound(binding, rest.text, cage.text)
+
+
+def _kept(mesh: LoadedMesh, output: Path | None) -> str:
+    """That an output has the polygons that were cut to compute, if it has."""
+    if not mesh.text or output is None or output.suffix.lower() != ".obj":
+        return ""
+    return f"; {output.name} keeps them whole"
 
 
 def _write(settings: PoseSettings, bound: _Bound, block: EditedBlock) -> None:

@@ -23,6 +23,10 @@ WEAKEST = 0.05
 """A cage vertex whose weights are all smaller hardly moves the model."""
 
 
+LARGEST = 5.0
+"""A cage of a larger diagonal than this, over the model's, is likely in another unit."""
+
+
 def needle_findings(cage: TriMesh) -> Iterator[Finding]:
     """Faces with a sharp angle; those that have no plane are another finding."""
     angles = corner_angles(cage).min(axis=1)
@@ -57,6 +61,22 @@ def thin_findings(cage: TriMesh) -> Iterator[Finding]:
             elements="face pairs",
             numbers=pairs,
             value=float(nearness[worst]),
+        )
+
+
+def size_findings(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
+    """A cage that holds the model and is far too large for it."""
+    ratio = cage.diagonal / rest.diagonal
+    if ratio > LARGEST:
+        yield Finding(
+            kind="large",
+            severity="usable",
+            message=f"the cage is {ratio:.3g} times as large as the model, expected at most "
+            f"{LARGEST:g}",
+            remedy="export both in one unit, or move the cage nearer to the model",
+            elements="",
+            numbers=np.empty(0, np.int64),
+            value=float(ratio),
         )
 
 

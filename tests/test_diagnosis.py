@@ -83,6 +83,12 @@ def test_a_model_on_its_cage_is_usable():
     assert found.findings[0].numbers.tolist() == list(range(26))
 
 
+def test_a_cage_in_another_unit_is_usable():
+    found = diagnose(box(100.0), ball(1, 0.5))
+    assert kinds(found) == [("usable", "large")]
+    assert found.findings[0].value == pytest.approx(box(100.0).diagonal / ball(1, 0.5).diagonal)
+
+
 def test_a_cage_vertex_far_from_the_model_is_weak():
     """A spike on top of a box hardly moves a ball at the bottom."""
     mesh = finer(box(), 1)

@@ -131,6 +131,18 @@ def test_anchors_have_the_names_of_their_sets(closed, layers):
     assert {anchor.layer for anchor in figures_of(layers(clip), clip, cages, 4).anchors} == {""}
 
 
+def test_a_set_does_not_answer_for_frames_of_another(closed, layers):
+    """One vertex goes up by 0.1 in some frames, and down by 0.3 in others."""
+    clip, cages = closed
+    sets = [
+        {"handles": [{"name": "a", "vertex": 1, "offset": [0, offset, 0]}], "frames": frames}
+        for offset, frames in ((0.1, [0, 2]), (-0.3, [6, 9]))
+    ]
+    found = figures_of(layers(clip, {"sets": sets}), clip, cages, 4)
+    assert [anchor.moved for anchor in found.anchors] == pytest.approx([0.1, 0.3], rel=1e-4)
+    assert max(anchor.residual for anchor in found.anchors) < 1e-5
+
+
 def test_volumes_are_of_closed_models_alone(closed, layers):
     clip, cages = closed
     block = edited_block(layers(clip), clip, np.arange(COUNT), cages)

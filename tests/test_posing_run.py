@@ -1,6 +1,8 @@
 """Poses of a model from files, and what is remarked on the way."""
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ from cageik_cli.handles import PlaceSettings
 from cageik_cli.layers import PosingSettings
 from cageik_cli.observer import Observer
 from cageik_cli.posing_run import PoseSettings, pose
-from tests.shapes import box
+from tests.shapes import box, quad_text
 
 TIP = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}
 PIN = {"name": "pin", "vertex": 7, "pin": True}
@@ -61,6 +63,22 @@ def test_what_was_changed_in_the_cage_is_remarked(settings, write_obj, animation
     )
 
 
+@pytest.mark.parametrize("suffix", ["obj", "ply"])
+def test_polygons_that_are_kept_are_said_to_be(settings, suffix):
+    """Those of an OBJ file written as OBJ; a cage that is not written keeps none."""
+    Path("model.obj").write_text(quad_text(1.0))
+    Path("quads.obj").write_text(quad_text(2.0, inward=True))
+    made = settings(TIP, PIN, cage="quads.obj")
+    notes = Notes()
+    output = Path(f"posed.{suffix}")
+    pose(replace(made, target=Path("model.obj"), output=output), notes)
+    kept = "; posed.obj keeps them whole" * (suffix == "obj")
+    told = [text for topic, text in notes.texts if topic == "note"]
+    assert f"model.obj: 6 polygons cut into triangles{kept}" in told
+    assert "quads.obj: 6 polygons cut into triangles" in told
+    assert [text for text in told if text.startswith("quads.obj: the cage's faces turn inward")]
+
+
 def test_a_model_needs_a_cage(settings):
     with pytest.raises(InputError, match=r"frame_1.obj: is a model without a cage; name one with"):
         pose(settings(TIP, PIN, cage=None))
@@ -72,3 +90,14 @@ def test_what_is_wrong_with_the_cage_names_the_cage(settings, write_obj):
     write_obj(Path("small.obj"), small.vertices, small.faces)
     with pytest.raises(InputError, match=r"^small\.obj: "):
         pose(settings(TIP, PIN, cage="small.obj"))
+
+
+@pytest.mark.parametrize(
+    ("name", "found"), [("frames", "a folder"), ("walk.abc", "a clip (`.abc`)")]
+)
+def test_an_animation_is_to_be_extracted_first(settings, name, found):
+    """Before the output is looked at, whose suffix would be that of a result."""
+    Path("walk.abc").touch()
+    edit = replace(settings(TIP, PIN), target=Path(name), output=Path("edited.h5"))
+    with pytest.raises(InputError, match=rf"^{name}: is {re.escape(found)}, .* extract its cages"):
+        pose(edit)

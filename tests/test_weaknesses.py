@@ -4,6 +4,7 @@ import pytest
 from cageik_cli.enclosure import place
 from cageik_cli.mesh import TriMesh
 from cageik_cli.weaknesses import (
+    LARGEST,
     NEAREST,
     SHARPEST,
     THINNEST_PART,
@@ -12,6 +13,7 @@ from cageik_cli.weaknesses import (
     crossing_findings,
     influence_findings,
     needle_findings,
+    size_findings,
     thin_findings,
 )
 from tests.shapes import ball, box, concave, finer
@@ -129,3 +131,14 @@ def test_vertices_without_influence_are_found():
     assert weak.value == pytest.approx(0.2 * WEAKEST)
     assert "2 vertices (1, 3), the weakest with 0.01 vertex 3" in weak.message
     assert list(influence_findings(np.array([0.5, 1.1 * WEAKEST]))) == []
+
+
+@pytest.mark.parametrize(("share", "found"), [(1.1, True), (0.9, False)])
+def test_a_cage_in_another_unit_is_found(share, found):
+    findings = list(size_findings(box(share * LARGEST), box(1.0)))
+    assert len(findings) == found
+    if found:
+        large = only(findings)
+        assert large.value == pytest.approx(share * LARGEST)
+        assert large.message == "the cage is 5.5 times as large as the model, expected at most 5"
+        assert large.remedy.startswith("export both in one unit")

@@ -132,7 +132,9 @@ def pose_command(
         rows = [*pose_rows(posed.figures), *watch.rows()]
         click.echo(page(str(settings.output), rows), err=True)
         following = f"; next: cageik report {settings.output}" if is_edit else ""
-        click.echo(f"wrote {settings.output}{following}", err=True)
+        written = [settings.output, options["cage_out"], plot, json_out]
+        names = [str(path) for path in written if path is not None and str(path) != "-"]
+        click.echo(f"wrote {', '.join(names)}{following}", err=True)
 
 
 def _picture(posed: Any, up_axis: str | None) -> bytes:
@@ -165,7 +167,10 @@ def _settings(options: dict[str, Any]) -> Any:
         posing = PosingSettings(options["alpha"], options["beta"], options["rigidity"], place)
     except CageikError as error:
         raise click.UsageError(str(error)) from error
-    target, files = options["target"], (options["target"], options["handles"], options["output"])
+    target, handles = options["target"], options["handles"]
+    if target.suffix.lower() == ".json" and handles.suffix.lower() != ".json":
+        raise click.UsageError(f"TARGET comes before HANDLES; swap {target} and {handles}")
+    files = (target, handles, options["output"])
     overwrite = options["overwrite"]
     is_hdf5 = target.suffix.lower() in SUFFIXES
     if is_hdf5 and not is_binding(target):

@@ -15,6 +15,9 @@ from cageik_cli.handles.document import place_of, value_text
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
 
+ALIKE = 0.7
+"""How alike a field is, of 1, to be what was meant; `name` and `frames` are 0.6."""
+
 
 def schema_text() -> str:
     """The schema, draft 2020-12, as JSON."""
@@ -60,7 +63,7 @@ def _sentence(fault: "ValidationError") -> str:
 
 def _of_unknown(fault: "ValidationError") -> str:
     known, unknown = list(fault.schema["properties"]), next(_unknown(fault))
-    near = get_close_matches(unknown, known, n=1)
+    near = get_close_matches(unknown, known, n=1, cutoff=ALIKE)
     near = near or [name for name in known if unknown and name.startswith(unknown)]
     hint = f"did you mean {near[0]}?" if near else f"expected some of {', '.join(known)}"
     return f"{value_text(unknown)} is not a field of {fault.schema['title']}; {hint}"

@@ -97,7 +97,7 @@ def draw_legend(figure: Figure, pinned: Flags) -> None:
     """Say below all panels what the marks are."""
     marks = []
     if not pinned.all():
-        marks += [(MOVED, "o", DOT, MOVED, "anchor"), (MOVED, "o", RING, "none", "its target")]
+        marks += [(MOVED, "o", DOT, MOVED, "handle"), (MOVED, "o", RING, "none", "its target")]
     if pinned.any():
         marks += [(INK, "s", DOT, INK, "pinned")]
     figure.legend(

@@ -22,6 +22,12 @@ SMALL = 1e-3
 LARGEST_CHANGE = 10.0
 """Percent of the volume; beyond, a pose whose parts did not turn may be better if they do."""
 
+WILDEST = 5.0
+"""A cage moves wildly when it goes so many times as far as any handle."""
+
+FARTHEST = 5.0
+"""Diagonals; a handle that goes farther has hardly its target in the model's units."""
+
 STILL = 1e-6
 """Shares of the diagonal that are no motion."""
 
@@ -100,6 +106,20 @@ def _advice(figures: PoseFigures) -> Iterator[tuple[str, str]]:
     elif figures.moved_least > max(still, ALONG * figures.moved):
         least = units_text(figures.moved_least)
         yield "note", f"all of the model moves, by {least} at least; pin what is to stay"
+    far = max(figures.anchors, key=lambda anchor: anchor.moved)
+    if far.moved > FARTHEST * figures.diagonal:
+        yield (
+            "note",
+            f"{_named(far)} goes {far.moved / figures.diagonal:.3g} times the model's diagonal, "
+            f"more than {FARTHEST:g}; give targets in the units and axes of the model's file",
+        )
+    if figures.cage_moved > max(WILDEST * far.moved, figures.diagonal):
+        yield (
+            "note",
+            f"cage vertex {figures.cage_vertex} moves {units_text(figures.cage_moved)}, more than "
+            f"{WILDEST:g} times as far as any handle: they ask for more than the cage can do; "
+            "leave some out, raise --alpha (to 1e-3, say), or look at the cage with cageik check",
+        )
     if abs(figures.volume_change_percent or 0.0) > LARGEST_CHANGE and not figures.rigidity:
         yield (
             "note",

@@ -39,7 +39,7 @@ def refuse_others(file: h5py.File, kind: str, schema: int, what: str) -> None:
     InputError
     """
     if not calls_itself(file, kind):
-        raise InputError(f"is not {what}")
+        raise InputError(f"is not {what}; name one")
     found = file.attrs.get("schema")
     if not (isinstance(found, np.integer) and found == schema):
         raise InputError(f"is of schema {found}, this program reads schema {schema}; make it again")

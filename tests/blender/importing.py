@@ -26,7 +26,7 @@ def shown(case: dict, folder: Path, count: int) -> Iterator[tuple[np.ndarray, np
     empty_scene(case["fps"])
     if case["on_model"]:
         bpy.ops.wm.obj_import(filepath=str(folder / f"{case['truth']}_rest.obj"))
-        if case["kind"] == "alembic":  # its points come with z up already
+        if case["is_turned"]:
             bpy.ops.object.transform_apply()
         CACHES[case["kind"]](only_mesh().modifiers, path, case)
     else:
@@ -64,6 +64,8 @@ def put_mesh_cache(modifiers: bpy.types.ObjectModifiers, path: Path, case: dict)
     modifier.cache_format = case["kind"].upper()
     modifier.filepath = str(path)
     modifier.frame_start = case["first"]
+    if case["is_turned"]:
+        modifier.forward_axis, modifier.up_axis = "POS_Z", "NEG_Y"
 
 
 def put_sequence_cache(modifiers: bpy.types.ObjectModifiers, path: Path, case: dict) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from comparing import Clip, furthest, have_same_faces, in_file_axes, wrong_clips
 from importing import ShownWrongError, shown
 
-ROW = "{:<19} {:<20} {:>6} {:>7} {:>8} {:>10} {:>6}  {}"
+ROW = "{:<22} {:<20} {:>6} {:>7} {:>8} {:>10} {:>6}  {}"
 TITLES = ("file", "held against", "frames", "from", "vertices", "difference", "limit", "verdict")
 WRONG_BY = 10
 """Limits by which a vertex is moved in what is wrong."""
@@ -55,7 +55,8 @@ def rows_of(case: dict, folder: Path, wrong: bool) -> list[tuple]:
 
 def name_of(case: dict) -> str:
     """The file, and where it was put if it was not imported."""
-    return f"{case['path']}, on model" if case["on_model"] else case["path"]
+    where = ", turned model" if case["is_turned"] else ", on model"
+    return f"{case['path']}{where if case['on_model'] else ''}"
 
 
 def expected_of(case: dict, folder: Path) -> Clip:

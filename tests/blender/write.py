@@ -40,6 +40,8 @@ class Case:
         The file, or folder of files, and its positions; within the folder.
     on_model : bool
         Whether the file is put on the model, as a cache, instead of being imported.
+    is_turned : bool
+        Whether that model has z up itself, as one made in Blender, and not by its object.
     first : float
         Scene frame of sample 0.
     fps : float
@@ -54,6 +56,7 @@ class Case:
     path: str
     truth: str
     on_model: bool = False
+    is_turned: bool = False
     first: float = 1
     fps: float = 24
     up_axis: str = "Y"
@@ -69,9 +72,11 @@ CAGES_AND_MESHES = (
     *(Case("usd", f"{{}}.{suffix}", "{}") for suffix in USD),
     Case("alembic", "{}.abc", "{}"),
     Case("usd", "{}.usdc", "{}", on_model=True),
-    Case("alembic", "{}.abc", "{}", on_model=True),
+    Case("alembic", "{}.abc", "{}", on_model=True, is_turned=True),
     Case("mdd", "{}.mdd", "{}", on_model=True),
     Case("pc2", "{}.pc2", "{}", on_model=True),
+    Case("mdd", "{}.mdd", "{}", on_model=True, is_turned=True),
+    Case("pc2", "{}.pc2", "{}", on_model=True, is_turned=True),
     Case("gltf", "{}.glb", "{}", first=0),
     Case("usd", "{}_z.usdc", "{}", first=101, **Z_UP),  # the scene's frames are time codes
     Case("alembic", "{}_z.abc", "{}", first=101, fps=30),  # states neither axis nor unit

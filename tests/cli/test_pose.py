@@ -58,6 +58,15 @@ def test_a_model_is_posed(run, handles, animation):
     assert not np.allclose(load_mesh(Path("cage_posed.obj")).mesh.vertices, animation.cage.vertices)
 
 
+def test_all_that_was_written_is_named(run, handles):
+    outcome = run(*REST, "--cage-out", "c.obj", "--plot", "p.png", "--json", "j.json")
+    names = ("posed.obj", "c.obj", "p.png", "j.json")
+    assert outcome.err.splitlines()[-1] == f"wrote {', '.join(names)}"
+    assert all(Path(name).exists() for name in names)
+    outcome = run(*REST, "--json", "-", "--overwrite")
+    assert outcome.err.splitlines()[-1] == "wrote posed.obj"
+
+
 def test_the_same_input_gives_the_same_bytes(run, handles, clip):
     for first, *words in ((REST[-1], *REST[:-1]), (EDIT[-1], *EDIT[:-1])):
         assert run(*words, first).code == 0
@@ -262,6 +271,10 @@ def test_the_schema_is_printed(run):
         (REST[:-2], "Missing option '-o' / '--output'"),
         (("pose", "frames/frame_1.obj", "-o", "x.obj"), "Missing argument 'HANDLES'"),
         ((*REST[:3], "-o", "x.obj"), "Missing option '--cage', which frames/frame_1.obj needs"),
+        (
+            ("pose", "handles.json", "cages.h5", "-o", "x.h5"),
+            "TARGET comes before HANDLES; swap handles.json and cages.h5",
+        ),
         ((*REST, "--alpha", "0"), "alpha is 0.0, expected a finite number above 0"),
         ((*REST, "--plot", "posed.svg"), "--plot posed.svg: expected a name that ends in .png"),
         ((*REST, "--memory", "1GiB"), "--memory is for a result"),

@@ -69,6 +69,10 @@ BAD = {
         {"sets": [with_one() | {"locked": []}]},
         'sets[0]: "locked" is not a field of a set of handles',
     ),
+    "a name of a set": (
+        {"sets": [with_one() | {"name": "wave"}]},
+        'sets[0]: "name" is not a field of a set of handles; expected some of handles, camera,',
+    ),
     "a handle that is none": ({"handles": [3]}, "handles[0]: is 3, expected a handle"),
     "no name": (with_one(["name"]), "handles[0]: has no name, which a handle needs; add it"),
     "an empty name": (with_one(name=""), 'handles[0]: name: is "", expected a text of 1 to 100'),

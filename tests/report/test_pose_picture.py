@@ -172,6 +172,11 @@ def test_a_target_that_is_missed_is_led_to():
     np.testing.assert_allclose(line.get_xydata(), expected)
 
 
+def test_the_legend_has_the_words_of_the_handles_file():
+    (legend,) = figure(moved(RIGHT, None)).legends
+    assert [text.get_text() for text in legend.get_texts()] == ["handle", "its target", "pinned"]
+
+
 def test_a_pin_is_ringed_only_if_it_slipped():
     view = moved(0.5 * UP, None)
     assert len(places(view, "goal")) == 1

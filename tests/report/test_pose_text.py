@@ -86,6 +86,32 @@ def test_handles_that_are_where_they_are_to_be_are_told():
     assert "note" not in dict(pose_rows(replace(EDIT, anchors=(held,))))
 
 
+def test_a_handle_that_goes_too_far_is_told_of_units():
+    """The diagonal is 2, so that 5 of them are 10."""
+    edit = replace(EDIT, anchors=(HAND, replace(HAND, name="foot", moved=10.1)))
+    assert dict(pose_rows(edit))["note"] == (
+        "foot goes 5.05 times the model's diagonal, more than 5; give targets in the units and "
+        "axes of the model's file"
+    )
+    assert "note" not in dict(pose_rows(replace(EDIT, anchors=(replace(HAND, moved=9.9),))))
+
+
+@pytest.mark.parametrize(
+    ("farthest", "cage", "told"), [(0.5, 2.6, True), (0.5, 2.4, False), (0.1, 1.9, False)]
+)
+def test_a_cage_that_moves_wildly_is_told_what_to_do(farthest, cage, told):
+    """More than 5 times as far as any handle, and more than the diagonal, which is 2."""
+    edit = replace(EDIT, anchors=(replace(HAND, moved=farthest), HAND), cage_moved=cage)
+    notes = [text for label, text in pose_rows(edit) if label == "note"]
+    assert len(notes) == told
+    assert all(text.startswith("cage vertex 2 moves 2.6, more than 5 times") for text in notes)
+
+
+def test_handles_that_meet_each_other_make_no_traceback():
+    wild = replace(EDIT, anchors=(replace(HAND, moved=0.0, residual=1.0),), cage_moved=9.0)
+    assert "ask for more than the cage can do" in dict(pose_rows(wild))["note"]
+
+
 def test_a_change_of_nothing_has_no_minus():
     rows = dict(pose_rows(replace(EDIT, volume_change_percent=-4e-13)))
     assert rows["volume change"] == "+0.0000 % at most"

@@ -158,7 +158,10 @@ def with_weights(weights):
 
 WEIGHTS = BINDING.weights
 DAMAGES = {
-    "another format": (attribute("format", "cageik.result"), "is not a binding of cageik bind"),
+    "another format": (
+        attribute("format", "cageik.result"),
+        "is not a binding of cageik bind; name one",
+    ),
     "no format": (without_attribute("format"), "is not a binding of cageik bind"),
     "schema": (
         attribute("schema", 2), "is of schema 2, this program reads schema 1; make it again"

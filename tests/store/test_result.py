@@ -292,7 +292,7 @@ for k in range(FRAMES):
     NUMBERS_FOR_NAMES[k] = np.arange(2, dtype="i4")
 
 DAMAGES = [
-    (attribute("format", "other"), "is not a result of cageik extract"),
+    (attribute("format", "other"), "is not a result of cageik extract; name one"),
     (without_attribute("format"), "is not a result of cageik extract"),
     *[
         (attribute("format", bad), "is not a result of cageik extract")
