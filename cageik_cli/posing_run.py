@@ -18,7 +18,7 @@ from cageik_cli.observer import Observer
 from cageik_cli.outputs import keep_apart
 from cageik_cli.pose_figures import PoseFigures, PoseLedger
 from cageik_cli.scene import Scene
-from cageik_cli.sequence import LoadedMesh, clip_suffixes, kind_of, load_mesh
+from cageik_cli.sequence import clip_suffixes, kind_of, load_mesh
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.threads import blas_threads
@@ -154,21 +154,10 @@ def _bound(settings: PoseSettings, watch: Observer) -> _Bound:
     rest, cage = load_mesh(settings.target), load_mesh(settings.cage)
     with located(settings.cage):
         binding = made(rest, cage, settings.weights, watch).binding
-    for mesh, notes, output in (
-        (rest, rest.notes, settings.output),
-        (cage, binding.notes, settings.cage_output),
-    ):
+    for mesh, notes in ((rest, rest.notes), (cage, binding.notes)):
         for note in notes:
-            kept = _kept(mesh, output) if note in mesh.notes else ""
-            watch.remark("note", f"{mesh.source['name']}: {note}{kept}")
+            watch.remark("note", f"{mesh.source['name']}: {note}")
     return _Bound(binding, rest.text, cage.text)
-
-
-def _kept(mesh: LoadedMesh, output: Path | None) -> str:
-    """That an output has the polygons that were cut to compute, if it has."""
-    if not mesh.text or output is None or output.suffix.lower() != ".obj":
-        return ""
-    return f"; {output.name} keeps them whole"
 
 
 def _write(settings: PoseSettings, bound: _Bound, block: EditedBlock) -> None:

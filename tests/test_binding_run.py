@@ -76,10 +76,12 @@ def test_what_was_cut_or_turned_is_noted(plain, folder):
     listener = Listener()
     stored = bind_files(plain, listener)
     assert stored.binding.notes == (
-        "6 polygons cut into triangles",
+        "6 polygons cut into triangles to compute with",
         "the cage's faces turn inward; it is used turned outward",
     )
-    assert listener.remarks == [("note", "frame_1.obj: 6 polygons cut into triangles")]
+    assert listener.remarks == [
+        ("note", "frame_1.obj: 6 polygons cut into triangles to compute with")
+    ]
     found = from_file(plain.output, load_mesh(plain.rest), load_mesh(plain.cage))
     assert found.binding.notes == stored.binding.notes
 

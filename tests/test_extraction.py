@@ -354,9 +354,9 @@ def test_polygons_that_were_cut_are_noted_of_cage_rest_and_frames(plain, folder,
         cage=write("quads.obj", 2),
     )
     assert extract(settings).notes == (
-        "quads.obj: 6 polygons cut into triangles",
-        "rest.obj: 6 polygons cut into triangles",
-        "frame.obj: 6 polygons cut into triangles, as in all frames",
+        "quads.obj: 6 polygons cut into triangles to compute with",
+        "rest.obj: 6 polygons cut into triangles to compute with",
+        "frame.obj: 6 polygons cut into triangles to compute with, as in all frames",
     )
 
 

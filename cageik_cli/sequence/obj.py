@@ -43,8 +43,10 @@ class FileMesh:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was changed, one sentence each."""
+        if not self.polygons:
+            return ()
         plural = "s" * (self.polygons > 1)
-        return (f"{self.polygons} polygon{plural} cut into triangles",) if self.polygons else ()
+        return (f"{self.polygons} polygon{plural} cut into triangles to compute with",)
 
 
 def parse_obj(data: bytes) -> FileMesh:

@@ -134,7 +134,7 @@ def test_another_mesh_is_told_why_it_is_no_cage(run, fixtures_folder, case, says
 
 def test_polygons_are_noted(run, fixtures_folder):
     _, rows = rows_of(run("info", fixtures_folder / "broken" / "cage_quads" / "cage.obj"))
-    assert rows["note"] == "6 polygons cut into triangles"
+    assert rows["note"] == "6 polygons cut into triangles to compute with"
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ def test_polygons_are_cut_and_said_so(tmp_path, write_obj, kind):
     loaded = load_mesh(path)
     assert loaded.mesh.is_closed
     assert loaded.mesh.volume == pytest.approx(8)
-    assert loaded.notes == ("6 polygons cut into triangles",)
+    assert loaded.notes == ("6 polygons cut into triangles to compute with",)
 
 
 PENTAGON = np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [0.5, 1, 0], [0, 2, 0]])
@@ -99,7 +99,9 @@ def test_a_concave_polygon_is_cut_without_folding_and_counted_once(tmp_path, kin
         path.write_bytes(header.encode() + body)
     loaded = load_mesh(path)
     count = 1 + (len(behind) > 0 and len(behind[0]) > 3)
-    assert loaded.notes == (f"{count} polygon{'s' * (count > 1)} cut into triangles",)
+    assert loaded.notes == (
+        f"{count} polygon{'s' * (count > 1)} cut into triangles to compute with",
+    )
     x, y = PENTAGON[:, :2].T
     area = (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
     a, b, c = (loaded.mesh.vertices[corner] for corner in loaded.mesh.faces[:3].T)

@@ -188,7 +188,7 @@ def test_polygons_are_cut_and_compared_as_fans(stage):
         )
     )
     assert (areas[:, 2] > 0).all()
-    assert sequence.notes == ("clip.usda: 1 polygon cut into triangles",)
+    assert sequence.notes == ("clip.usda: 1 polygon cut into triangles to compute with",)
 
 
 def test_one_of_several_meshes_is_named(stage):
