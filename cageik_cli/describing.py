@@ -59,7 +59,7 @@ def binding_rows(stored: StoredBinding) -> list[tuple[str, str]]:
         accuracy_row(quality, binding.settings.accuracy),
         *([("projected", f"{quality.projected} vertices outside")] if quality.projected else []),
         *((f"from {key}", str(source.get("name"))) for key, source in stored.sources.items()),
-        *(("note", note) for note in binding.notes),
+        *(("note", f"{stored.sources['cage']['name']}: {note}") for note in binding.notes),
     ]
 
 
