@@ -146,12 +146,13 @@ class Poser:
 
         It lies in memory coordinate by coordinate, which is faster: all x, then all y, then all z.
         """
+        columns = self._rest_columns.copy()
         if rigidity:
             moved = self.cage(displacements, rigidity) - self.binding.cage.vertices
-            columns = np.stack([self.binding.weights @ coordinate for coordinate in moved.T])
+            for column, coordinate in zip(columns, moved.T, strict=True):
+                column += self.binding.weights @ coordinate
         else:
-            columns = self._mesh_map.by_coordinate(displacements)
-        columns += self._rest_columns
+            self._mesh_map.add_to(columns, displacements)
         return columns.T
 
     def edited(self, cages: Floats, displacements: Floats, rigidity: int = 0) -> Floats:

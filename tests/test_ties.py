@@ -79,12 +79,28 @@ def test_a_tied_map_is_two_maps_along_and_across():
     expected = along @ points @ (np.eye(3) - split) + across @ points @ split
     tied = TiedMap([along, across], MIRROR)
     np.testing.assert_allclose(tied(points), expected, atol=1e-13)
-    np.testing.assert_allclose(tied.by_coordinate(points[0]).T, expected[0], atol=1e-13)
+    np.testing.assert_allclose(added(tied, points[0]), expected[0], atol=1e-13)
     np.testing.assert_allclose(tied.followed_by(more)(points), more @ expected, atol=1e-12)
     free = TiedMap([along], None)
     np.testing.assert_allclose(free(points), along @ points, atol=1e-14)
-    np.testing.assert_allclose(free.by_coordinate(points[0]).T, along @ points[0], atol=1e-14)
+    np.testing.assert_allclose(added(free, points[0]), along @ points[0], atol=1e-13)
     np.testing.assert_allclose(free.followed_by(more)(points), more @ along @ points, atol=1e-13)
+
+
+def added(tied, points):
+    """What a map adds to some positions."""
+    positions = np.random.default_rng(3).normal(size=(3, 6))
+    columns = positions.copy()
+    tied.add_to(columns, points)
+    return (columns - positions).T
+
+
+@pytest.mark.parametrize("order", "CF")
+def test_of_no_points_nothing_is_added_and_maps_lie_in_memory_as_they_like(order):
+    assert not added(TiedMap([np.zeros((6, 0), order=order)], None), np.zeros((0, 3))).any()
+    along = np.array(np.arange(24.0).reshape(6, 4), order=order)
+    points = np.array(np.arange(12.0).reshape(4, 3), order=order)
+    np.testing.assert_allclose(added(TiedMap([along], None), points), along @ points, atol=1e-13)
 
 
 @pytest.mark.parametrize(
