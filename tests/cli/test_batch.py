@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -357,7 +358,9 @@ def long(anim, animation):
 def test_what_is_done_stays_when_a_batch_is_stopped(run_process, long, sent):
     """And nothing goes on without it."""
     words = [sys.executable, "-m", "cageik_cli", *BATCH, "--jobs", "1", "--no-pages"]
-    batch = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
+    # A shell has what it starts in the background ignore the signal, and so would this.
+    heeding = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    batch = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=heeding)
     log = Path("out/clips/long.npz.h5.partial")
     while not log.exists():
         assert batch.poll() is None
