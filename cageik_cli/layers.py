@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.anchors import Anchor, positions_of, rows_of
 from cageik_cli.binding import Binding
@@ -167,6 +168,12 @@ def layers_of(handles: Handles, clip: Clip, settings: PosingSettings) -> list[La
 def anchors_of(layers: Sequence[Layer]) -> list[Anchor]:
     """The anchors of all layers, l of them."""
     return [anchor for layer in layers for anchor in layer.drag.anchors]
+
+
+def acting(layers: Sequence[Layer], frames: Integers) -> NDArray[np.bool_]:
+    """Which of all anchors have a part in frames (k,), (k, l): those of layers that change them."""
+    strengths = [layer.drag.blend(frames) for layer in layers for _ in layer.drag.anchors]
+    return np.stack(strengths, axis=1) > 0
 
 
 def edited(layers: Sequence[Layer], skin: Skin, frames: Integers, cages: Floats) -> Edit:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.edited_block import EditedBlock
-from cageik_cli.layers import Layer, anchors_of
+from cageik_cli.layers import Layer, acting, anchors_of
 from cageik_cli.mesh import Floats, Integers
 
 
@@ -118,7 +118,7 @@ class PoseLedger:
         """Look at the next frames, if there are any."""
         if not len(block.frames):
             return
-        acts = np.concatenate([_acts(layer, block.frames) for layer in self._layers], axis=1)
+        acts = acting(self._layers, block.frames)
         distances = np.linalg.norm(block.anchors_after - block.anchors_before, axis=2) * acts
         self._moved = np.maximum(self._moved, distances.max(axis=0))
         residuals = np.linalg.norm(block.anchors_after - block.edit.targets, axis=2) * acts
@@ -194,12 +194,6 @@ class PoseLedger:
             acceleration=None if after is None else float(after[k]),
             acceleration_before=None if before is None else float(before[k]),
         )
-
-
-def _acts(layer: Layer, frames: Integers) -> NDArray[np.bool_]:
-    """Whether each anchor of a layer has a part in frames (k,), (k, l): all have, or none."""
-    is_changed = layer.drag.blend(frames) > 0
-    return np.repeat(is_changed[:, None], len(layer.drag.anchors), axis=1)
 
 
 class _Bend:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cageik_cli.layers import Layer, anchors_of
+from cageik_cli.layers import Layer, acting, anchors_of
 from cageik_cli.posing_run import Posed
 from cageik_cli.report.figures import percent_text
 from cageik_cli.report.pose_picture import PoseView
@@ -15,7 +15,7 @@ def view_of(posed: Posed, up_axis: str) -> PoseView:
     """The pose, or the frame that was moved most, with the handles that act in it."""
     snapshot, figures = posed.snapshot, posed.figures
     block, binding = snapshot.block, snapshot.clip.binding
-    anchors, chosen = anchors_of(snapshot.layers), _acting(snapshot.layers, int(block.frames[0]))
+    anchors, chosen = anchors_of(snapshot.layers), _deciding(snapshot.layers, int(block.frames[0]))
     starts, targets = block.edit.starts[0, chosen], block.edit.targets[0, chosen]
     missed = max((figures.anchors[k].residual_percent for k in chosen), default=0.0)
     place = f"{snapshot.frame}, " if snapshot.frame else ""
@@ -38,14 +38,12 @@ def view_of(posed: Posed, up_axis: str) -> PoseView:
     )
 
 
-def _acting(layers: Sequence[Layer], frame: int) -> list[int]:
+def _deciding(layers: Sequence[Layer], frame: int) -> list[int]:
     """Numbers of the anchors that decide a frame, ascending.
 
     Those of layers that change nothing in it do not, and of several at one point the last does.
     """
-    acts = [
-        layer.drag.blend(np.array([frame]))[0] > 0 for layer in layers for _ in layer.drag.anchors
-    ]
+    acts = acting(layers, np.array([frame]))[0]
     points = [anchor.point for anchor in anchors_of(layers)]
     keys = [(point.corners.tobytes(), point.barycentric.tobytes()) for point in points]
     last = {key: k for k, key in enumerate(keys) if acts[k]}
