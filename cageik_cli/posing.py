@@ -102,11 +102,11 @@ class Poser:
         refuse_no_weights(alpha, beta)
         self.binding, self.alpha, self.beta, self.ties = binding, alpha, beta, ties or Ties()
         cage = binding.cage
-        self._laplacian = uniform_laplacian(cage)
-        self._neighbours = Neighbours(self._laplacian)
+        laplacian = uniform_laplacian(cage)
+        self._neighbours = Neighbours(laplacian)
         signs = (1,) if self.ties.mirror is None else (1, -1)
         bases = [free_basis(cage, self.ties, sign) for sign in signs]
-        self._fields = [CageField(cage, self._laplacian, basis) for basis in bases]
+        self._fields = [CageField(cage, laplacian, basis) for basis in bases]
         self._fix(tuple(anchors))
 
     def with_anchor(self, anchor: Anchor) -> "Poser":
@@ -192,7 +192,7 @@ class Poser:
         self.anchors = anchors
         rows = rows_of(anchors, self.binding.weights)
         self._rest = positions_of(anchors, self.binding.rest.vertices)
-        slack = self.alpha * len(anchors) / (self.beta * len(self._laplacian))
+        slack = self.alpha * len(anchors) / (self.beta * len(self.binding.cage.vertices))
         slacks = np.array([0.0 if anchor.hard else slack / anchor.weight for anchor in anchors])
         responses = [field.response(rows, slacks) for field in self._fields]
         for response in responses:
