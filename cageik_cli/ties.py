@@ -143,7 +143,10 @@ class TiedMap:
         return np.asarray(self._along @ points + heights[..., None] * normal)
 
     def add_to(self, columns: Floats, points: Floats) -> None:
-        """Add points (q, 3) mapped, coordinate by coordinate, to others in rows, (3, p)."""
+        """Add points (q, 3) mapped to others, coordinate by coordinate: (3, p) float64 rows.
+
+        Each row is to lie in memory without gaps, since it is written where it is.
+        """
         if not len(points):
             return
         for column, coordinate in zip(columns, points.T, strict=True):
