@@ -55,11 +55,10 @@ test-browser: $(READY)  ## Open the pages in Chromium, and use them by mouse and
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright
 	CHROMIUM="$$(command -v $(CHROMIUM))" $(BIN)/python -m pytest tests/browser -m browser
 
-check: $(READY)  ## Format, lint, types, and the order of imports
+check: $(READY)  ## Format, lint and types
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest tests/test_imports.py
 
 format: $(READY)  ## Format the code and sort the imports
 	$(BIN)/ruff format .
