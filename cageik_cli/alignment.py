@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from cageik_cli.mesh import Floats
 from cageik_cli.rotations import decomposed
+from cageik_cli.util.arrays import Floats
 
 
 def centroids(frames: Floats, weights: Floats) -> Floats:

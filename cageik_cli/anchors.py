@@ -12,8 +12,9 @@ import numpy as np
 
 from cageik_cli.camera import Camera
 from cageik_cli.coordinates.surface import nearest_on_surface
-from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError
 
 LARGEST_SLIP = 1e-6
 """Barycentric coordinates whose sum is off by more are a mistake; up to it, they are divided."""

@@ -8,8 +8,9 @@ import numpy as np
 
 from cageik_cli.coordinates.weights import ACCURACIES, Weights, no_progress
 from cageik_cli.enclosure import OUTSIDE, Enclosure, check_enclosure
-from cageik_cli.errors import InputError, NumericalError
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError, NumericalError
 
 WORST_PRECISION = 1e-6
 """Weights that miss the rest pose by more, in diagonals, are not weights of this cage."""

@@ -7,16 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.binding import BindSettings, bind
-from cageik_cli.errors import InputError, located
 from cageik_cli.hdf5 import refuse_other_suffix
 from cageik_cli.mesh import TriMesh
-from cageik_cli.observer import Observer
-from cageik_cli.outputs import prepare
-from cageik_cli.sequence import LoadedMesh, load_mesh
-from cageik_cli.sequence.mesh_file import read_bytes, source_of
+from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh, read_bytes, source_of
 from cageik_cli.soundness import checked_cage
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.cache import WeightCache
+from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.outputs import prepare
+from cageik_cli.util.progress import Observer
 
 
 @dataclass(frozen=True, slots=True)

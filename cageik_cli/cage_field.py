@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats
 
 UNFELT = 1e-9
 """Free motions that all anchors feel less than this are not decided by them."""

@@ -11,8 +11,8 @@ from typing import Self
 
 import numpy as np
 
-from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError
 
 WORST_CONDITION = 1e14
 """Matrices of a larger condition number are singular, as far as the numbers tell."""

@@ -10,17 +10,20 @@ import numpy as np
 
 from cageik_cli.binding import Binding, BindSettings
 from cageik_cli.binding_run import WeightSettings, made
-from cageik_cli.errors import located
-from cageik_cli.export import Animation, Output, Written, write_animation
+from cageik_cli.export.animation import Animation
+from cageik_cli.export.writing import Output, Written, write_animation
 from cageik_cli.exporting import remark_gaps
-from cageik_cli.mesh import Floats
-from cageik_cli.observer import Observer
 from cageik_cli.rebuilding import GROUP, rebuilt
 from cageik_cli.scene import SceneHints
-from cageik_cli.sequence import ClipSettings, LoadedMesh, MeshSequence, load_mesh, open_sequence
+from cageik_cli.sequence.clip import ClipSettings, MeshSequence
+from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh
+from cageik_cli.sequence.opening import open_sequence
 from cageik_cli.sequence.vertex_order import refuse_other_order
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
-from cageik_cli.threads import blas_threads
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import located
+from cageik_cli.util.progress import Observer
+from cageik_cli.util.threads import blas_threads
 
 LARGEST_BLOCK = 16
 """Frames to a block at most, a few groups; nothing is gained from more."""

@@ -5,20 +5,21 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.errors import first_few
 from cageik_cli.hdf5 import SUFFIXES as HDF5_SUFFIXES
-from cageik_cli.layout import page
 from cageik_cli.mesh import TriMesh
 from cageik_cli.report.text import accuracy_row, weights_row
 from cageik_cli.report.wording import wording_of
 from cageik_cli.scene import Scene
-from cageik_cli.sequence import ClipSettings, MeshSequence, load_mesh, open_sequence, outline
+from cageik_cli.sequence.clip import ClipSettings, MeshSequence
 from cageik_cli.sequence.files import kind_of
-from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
+from cageik_cli.sequence.mesh_file import MESH_SUFFIXES, load_mesh
+from cageik_cli.sequence.opening import open_sequence, outline
 from cageik_cli.soundness import cage_findings
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.partial import is_partial, progress_of
 from cageik_cli.store.result import Result, is_result, read_result
+from cageik_cli.util.errors import first_few
+from cageik_cli.util.text import page
 
 
 def describe(arguments: list[str], layout: str | None = None) -> str:

@@ -20,9 +20,9 @@ import scipy.linalg
 
 from cageik_cli.alignment import best_rotations, centroids
 from cageik_cli.binding import Binding, WeightQuality
-from cageik_cli.errors import InputError, NumericalError
-from cageik_cli.mesh import Floats, uniform_laplacian
-from cageik_cli.scratch import Scratch
+from cageik_cli.mesh import uniform_laplacian
+from cageik_cli.util.arrays import Floats, Scratch
+from cageik_cli.util.errors import InputError, NumericalError
 
 WORST_CONDITION = 1e12
 """Normal matrices of a larger condition number are refused."""

@@ -9,31 +9,25 @@ import numpy as np
 
 from cageik_cli.binding import Binding
 from cageik_cli.edited_block import EditedBlock, Snapshot, edited_block
-from cageik_cli.errors import InputError, located
-from cageik_cli.handles import read_handles
+from cageik_cli.handles.reading import read_handles
 from cageik_cli.hdf5 import refuse_other_suffix
 from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, layers_of
-from cageik_cli.layout import printable, shown
-from cageik_cli.mesh import Floats, Integers
 from cageik_cli.metrics import FrameFigures
-from cageik_cli.observer import Observer
-from cageik_cli.outputs import keep_apart, prepare
 from cageik_cli.pose_figures import PoseLedger
 from cageik_cli.posing_run import Posed, remark_layers
 from cageik_cli.sequence.clip_file import digest_of
 from cageik_cli.solving import Budget
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
 from cageik_cli.store.result_figures import FIGURES, WHOLE_FIGURES
-from cageik_cli.store.result_writer import (
-    Ending,
-    Header,
-    ResultWriter,
-    create,
-    refuse_unsound,
-)
+from cageik_cli.store.result_writer import Ending, Header, ResultWriter, create, refuse_unsound
 from cageik_cli.store.solved_block import SolvedBlock
 from cageik_cli.store.told import told_of
-from cageik_cli.threads import blas_threads
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.outputs import keep_apart, prepare
+from cageik_cli.util.progress import Observer
+from cageik_cli.util.text import printable, shown
+from cageik_cli.util.threads import blas_threads
 
 
 @dataclass(frozen=True, slots=True)

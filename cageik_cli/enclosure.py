@@ -11,10 +11,11 @@ from cageik_cli.coordinates.surface import (
     nearest_on_surface,
     winding_numbers,
 )
-from cageik_cli.errors import InputError, first_few
 from cageik_cli.findings import Finding
-from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.mesh import TriMesh
 from cageik_cli.soundness import checked_cage
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError, first_few
 
 TOUCHING = 1e-8
 """A vertex outside by no more than this, in diagonals, is on the cage but for rounding."""

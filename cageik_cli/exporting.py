@@ -4,13 +4,14 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from cageik_cli.errors import InputError, first_few
-from cageik_cli.export import Animation, Output, Written, write_animation
+from cageik_cli.export.animation import Animation
 from cageik_cli.export.opening import Maker
 from cageik_cli.export.skeleton import SkeletonWriter
-from cageik_cli.observer import Observer
+from cageik_cli.export.writing import Output, Written, write_animation
 from cageik_cli.scene import SceneHints
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
+from cageik_cli.util.errors import InputError, first_few
+from cageik_cli.util.progress import Observer
 
 BLOCK_BYTES = 1 << 26
 """Most that a block of cages takes."""

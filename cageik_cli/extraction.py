@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.dual_laplacian import DualLaplacianSolver
-from cageik_cli.errors import InputError
 from cageik_cli.inputs import ExtractSettings, Inputs, bound_of, opened, scene_of
-from cageik_cli.mesh import Floats
-from cageik_cli.observer import Observer
 from cageik_cli.resuming import going_on, prepare_result, take_up, whole_already
-from cageik_cli.sequence import MeshSequence
+from cageik_cli.sequence.clip import MeshSequence
 from cageik_cli.solving import BlockSolver, Budget, Crew, Threads
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.partial import PartialResult, Plan, forget
 from cageik_cli.store.result import Result, partial_name, read_result
 from cageik_cli.store.result_writer import Ending, Header, create
 from cageik_cli.store.told import told_of
-from cageik_cli.threads import blas_threads
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.progress import Observer
+from cageik_cli.util.threads import blas_threads
 
 
 def extract(

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cageik_cli.errors import first_few
-from cageik_cli.mesh import Integers
+from cageik_cli.util.arrays import Integers
+from cageik_cli.util.errors import first_few
 
 SEVERITIES = ("unfit", "usable", "note")
 """It does not bind; it binds, but something will be poor; worth a thought."""

@@ -8,7 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cageik_cli.errors import InputError, located
+from cageik_cli.util.errors import InputError, located
 
 LARGEST_RATIO = 1100
 """Most that HDF5's filters compress; a dataset that claims more than it can hold is damaged."""

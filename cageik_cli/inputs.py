@@ -11,19 +11,15 @@ import numpy as np
 from cageik_cli.binding import BindSettings
 from cageik_cli.binding_run import WeightSettings, from_file, made
 from cageik_cli.dual_laplacian import SolveSettings, normalised_weights
-from cageik_cli.errors import InputError, located
-from cageik_cli.mesh import Floats
-from cageik_cli.observer import Observer
 from cageik_cli.scene import Scene, SceneHints
-from cageik_cli.sequence import (
-    ClipSettings,
-    LoadedMesh,
-    MeshSequence,
-    clip_and_rest,
-    load_mesh,
-    load_vertex_weights,
-)
+from cageik_cli.sequence.clip import ClipSettings, MeshSequence
+from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh
+from cageik_cli.sequence.rest_pose import clip_and_rest
+from cageik_cli.sequence.weights_file import load_vertex_weights
 from cageik_cli.store.binding_file import StoredBinding
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.progress import Observer
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,8 @@ import igl.predicates
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats, Integers
 
 Truths = NDArray[np.bool_]
 

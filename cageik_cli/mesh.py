@@ -2,18 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from cageik_cli.errors import InputError
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Number = TypeVar("Number", bound=np.generic)
+from cageik_cli.util.arrays import Floats, Integers, Number
+from cageik_cli.util.errors import InputError
 
 LARGEST_COORDINATE = 1e50
 """Positions beyond it are refused: areas and volumes, and their squares, would overflow."""

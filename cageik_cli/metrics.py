@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.mesh import Floats, Integers, TriMesh, signed_volumes
-from cageik_cli.scratch import Scratch
+from cageik_cli.mesh import TriMesh, signed_volumes
+from cageik_cli.util.arrays import Floats, Integers, Scratch
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.edited_block import EditedBlock
 from cageik_cli.layers import Layer, acting, anchors_of
-from cageik_cli.mesh import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,19 +9,20 @@ import numpy as np
 from cageik_cli.binding import Binding
 from cageik_cli.binding_run import WeightSettings, made
 from cageik_cli.edited_block import EditedBlock, Snapshot, edited_block
-from cageik_cli.errors import InputError, located
 from cageik_cli.export.mesh_file import prepare_mesh, write_mesh
-from cageik_cli.handles import read_handles
+from cageik_cli.handles.reading import read_handles
 from cageik_cli.hdf5 import SUFFIXES as HDF5_SUFFIXES
 from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, layers_of
-from cageik_cli.observer import Observer
-from cageik_cli.outputs import keep_apart
 from cageik_cli.pose_figures import PoseFigures, PoseLedger
 from cageik_cli.scene import Scene
-from cageik_cli.sequence import clip_suffixes, kind_of, load_mesh
-from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
+from cageik_cli.sequence.files import kind_of
+from cageik_cli.sequence.mesh_file import MESH_SUFFIXES, load_mesh
+from cageik_cli.sequence.opening import clip_suffixes
 from cageik_cli.store.binding_file import read_binding
-from cageik_cli.threads import blas_threads
+from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.outputs import keep_apart
+from cageik_cli.util.progress import Observer
+from cageik_cli.util.threads import blas_threads
 
 
 @dataclass(frozen=True, slots=True)

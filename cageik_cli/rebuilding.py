@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cageik_cli.mesh import Floats
+from cageik_cli.util.arrays import Floats
 
 GROUP = 4
 """Frames to a product, always: its last digits depend on how many there are."""

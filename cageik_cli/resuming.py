@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli import __version__
-from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import refuse_other_suffix
 from cageik_cli.inputs import ExtractSettings, Inputs, scene_of
-from cageik_cli.observer import Observer
-from cageik_cli.outputs import prepare
-from cageik_cli.sequence import MeshSequence
+from cageik_cli.sequence.clip import MeshSequence
 from cageik_cli.store.partial import PartialResult, Plan, progress_of
 from cageik_cli.store.result import Result, has_weights, partial_name, read_result
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.outputs import prepare
+from cageik_cli.util.progress import Observer
 
 
 def prepare_result(output: Path, overwrite: bool, resume: bool) -> None:

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.mesh import Floats
 from cageik_cli.rotations import nearest_by_entry
+from cageik_cli.util.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

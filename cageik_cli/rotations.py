@@ -16,7 +16,7 @@ call for each.
 
 import numpy as np
 
-from cageik_cli.mesh import Floats
+from cageik_cli.util.arrays import Floats
 
 STEPS = 4
 """Of Newton's method: two or three are enough unless the matrix turns things inside out."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.errors import InputError
+from cageik_cli.util.errors import InputError
 
 UP_AXES = ("Y", "Z")
 

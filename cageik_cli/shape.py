@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats, Integers
 
 THINNEST = 1e-9
 """Smallest altitude of a cage face over its longest side; below it the face has no plane."""

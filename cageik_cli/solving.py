@@ -11,13 +11,13 @@ import numpy as np
 from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import DualLaplacianSolver
 from cageik_cli.metrics import measure
-from cageik_cli.observer import Observer
-from cageik_cli.scratch import Scratch
-from cageik_cli.sequence import Block, MeshSequence, ReadAhead
+from cageik_cli.sequence.clip import Block, MeshSequence, ReadAhead
 from cageik_cli.store.partial import PartialResult
 from cageik_cli.store.result_writer import refuse_unsound
 from cageik_cli.store.solved_block import SolvedBlock, solved
-from cageik_cli.threads import InOrder
+from cageik_cli.util.arrays import Scratch
+from cageik_cli.util.progress import Observer
+from cageik_cli.util.threads import InOrder
 
 LARGEST_BLOCK = 16
 """Frames solved together at most; the product gains nothing from more right-hand sides."""

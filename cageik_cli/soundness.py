@@ -6,11 +6,12 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.errors import InputError, first_few
 from cageik_cli.findings import Finding, at, plural
 from cageik_cli.intersections import self_intersections
-from cageik_cli.mesh import Integers, TriMesh
+from cageik_cli.mesh import TriMesh
 from cageik_cli.shape import bounds_volume, face_areas, is_flat
+from cageik_cli.util.arrays import Integers
+from cageik_cli.util.errors import InputError, first_few
 
 FLATTEST = 1e-9
 """Smallest volume of a cage over its area and diagonal; below it there is no inside."""

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.blas import dgemv
 
-from cageik_cli.errors import InputError, first_few
-from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError, first_few
 
 LARGEST_ASYMMETRY = 1e-3
 """Diagonals of the cage by which a vertex may be off the mirror image of its partner."""

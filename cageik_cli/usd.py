@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.optional import needing
+from cageik_cli.util.errors import needing
 
 _NOT_TEXT = "its text is not UTF-8"
 

@@ -30,9 +30,10 @@ from PIL import Image
 
 from cageik_cli.extraction import extract
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.mesh import Integers, TriMesh
-from cageik_cli.sequence import open_sequence
+from cageik_cli.mesh import TriMesh
+from cageik_cli.sequence.opening import open_sequence
 from cageik_cli.store.result import Result
+from cageik_cli.util.arrays import Integers
 
 Flags = NDArray[np.bool_]
 

@@ -22,7 +22,7 @@ from cageik_cli.mesh import TriMesh
 from cageik_cli.posing import Poser
 from cageik_cli.report.pose_picture import Panel, PoseView, figure_of
 from cageik_cli.report.style import own_style
-from cageik_cli.sequence import load_mesh
+from cageik_cli.sequence.mesh_file import load_mesh
 
 HERE = Path(__file__).resolve().parent
 

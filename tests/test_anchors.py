@@ -6,19 +6,11 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cageik_cli.anchors import (
-    Anchor,
-    at_vertex,
-    nearest_to,
-    on_face,
-    picked,
-    positions_of,
-    rows_of,
-)
+from cageik_cli.anchors import Anchor, at_vertex, nearest_to, on_face, picked, positions_of, rows_of
 from cageik_cli.camera import Camera, Stand
-from cageik_cli.errors import InputError
 from cageik_cli.mesh import TriMesh
-from cageik_cli.sequence import load_mesh
+from cageik_cli.sequence.mesh_file import load_mesh
+from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box, changed, finer, octahedron, rotation
 from tests.test_camera import orthographic
 

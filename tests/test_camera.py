@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cageik_cli.camera import Camera, Stand
-from cageik_cli.errors import InputError
+from cageik_cli.util.errors import InputError
 from tests.shapes import rotation
 
 WIDTH, HEIGHT = 640, 480

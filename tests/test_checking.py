@@ -6,7 +6,7 @@ import pytest
 
 from cageik_cli import __version__
 from cageik_cli.checking import CheckSettings, as_json, as_text, check
-from cageik_cli.errors import InputError
+from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box
 
 pytestmark = pytest.mark.usefixtures("folder")

@@ -9,12 +9,13 @@ import pytest
 
 from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import SolveSettings
-from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.extraction import extract
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.observer import Observer
-from cageik_cli.report import as_text, report_of
+from cageik_cli.report.record import report_of
+from cageik_cli.report.text import as_text
 from cageik_cli.solving import ARRAYS_PER_FRAME, Budget
+from cageik_cli.util.errors import InputError, NumericalError
+from cageik_cli.util.progress import Observer
 from tests.shapes import ball, box, rotation
 
 TRUTH = SolveSettings(alpha=0.0)

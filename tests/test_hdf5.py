@@ -7,8 +7,8 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import dataset, numbers, opened, refuse_other_suffix
+from cageik_cli.util.errors import InputError
 
 VALUES = np.arange(12.0).reshape(4, 3)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.binding import BindSettings, bind
-from cageik_cli.errors import InputError
-from cageik_cli.handles import read_handles
+from cageik_cli.handles.reading import read_handles
 from cageik_cli.layers import Clip, PosingSettings, Skin, anchors_of, edited, layers_of
+from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box
 
 COUNT = 6

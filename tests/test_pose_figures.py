@@ -7,7 +7,7 @@ import pytest
 
 from cageik_cli.binding import BindSettings, bind
 from cageik_cli.edited_block import edited_block
-from cageik_cli.handles import read_handles
+from cageik_cli.handles.reading import read_handles
 from cageik_cli.layers import Clip, PosingSettings, Skin, layers_of
 from cageik_cli.pose_figures import PoseLedger
 from tests.shapes import ball, box, changed

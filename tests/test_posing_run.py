@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
-from cageik_cli.handles import PlaceSettings
+from cageik_cli.handles.records import PlaceSettings
 from cageik_cli.layers import PosingSettings
-from cageik_cli.observer import Observer
 from cageik_cli.posing_run import PoseSettings, pose
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.progress import Observer
 from tests.shapes import box, quad_text
 
 TIP = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from cageik_cli.cli.clip_options import LAYOUTS, UP_AXES
-from cageik_cli.errors import InputError
 from cageik_cli.scene import UP_AXES as KNOWN_AXES
 from cageik_cli.scene import Scene, SceneHints, sound_hints
 from cageik_cli.sequence.clip import LAYOUTS as KNOWN_LAYOUTS
+from cageik_cli.util.errors import InputError
 
 
 def test_what_is_said_stands_and_the_rest_is_usual():

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from cageik_cli.errors import InputError
 from cageik_cli.mesh import TriMesh
 from cageik_cli.ties import Mirror, TiedMap, Ties, free_basis, partners
+from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box, changed, rotation
 
 TURN = rotation(5)

@@ -3,8 +3,8 @@
 import pytest
 from pxr import Tf
 
-from cageik_cli.errors import InputError
 from cageik_cli.usd import quiet
+from cageik_cli.util.errors import InputError
 
 
 def test_warnings_are_kept_without_folders_and_addresses(capfd):

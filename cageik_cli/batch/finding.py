@@ -5,14 +5,15 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
 
-from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import SUFFIXES
-from cageik_cli.layout import printable, shown
-from cageik_cli.sequence import clip_suffixes, in_natural_order, kind_of, members_of
+from cageik_cli.sequence.files import kind_of
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
 from cageik_cli.sequence.numbering import numbered_alike
+from cageik_cli.sequence.opening import clip_suffixes, in_natural_order, members_of
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import is_result
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.text import printable, shown
 
 FEWEST_FRAMES = 2
 """Files numbered alike that are taken for a clip: one alone is a rest pose, a cage or a prop."""

@@ -6,7 +6,8 @@ from enum import Enum
 from typing import Protocol
 
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.report import Entry, Limits
+from cageik_cli.report.gates import Limits
+from cageik_cli.report.overview import Entry
 
 CLIPS = "clips"
 """The folder of the clips' results, in the batch's."""

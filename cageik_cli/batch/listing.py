@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 from cageik_cli.batch.jobs import ClipJob
 from cageik_cli.batch.running import Batch
-from cageik_cli.errors import CageikError
 from cageik_cli.extraction import held_result
-from cageik_cli.layout import page
 from cageik_cli.store.result import partial_name
+from cageik_cli.util.errors import CageikError
+from cageik_cli.util.text import page
 
 FAULT = "would fail"
 

@@ -15,8 +15,8 @@ from queue import SimpleQueue
 
 from cageik_cli.batch.jobs import ClipJob, Outcome, State
 from cageik_cli.batch.work import work_on
-from cageik_cli.report import Entry
-from cageik_cli.threads import limit_blas_for_good
+from cageik_cli.report.overview import Entry
+from cageik_cli.util.threads import limit_blas_for_good
 
 PAGE = "cageik_cli.report.page"
 """What draws pages, and takes as long to import as to draw one."""

@@ -15,13 +15,14 @@ from cageik_cli.batch.work import bound_for
 from cageik_cli.batch.worker import make_fit
 from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import DualLaplacianSolver
-from cageik_cli.errors import InputError
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.observer import Observer
-from cageik_cli.sequence import MeshSequence, clip_and_rest
+from cageik_cli.sequence.clip import MeshSequence
+from cageik_cli.sequence.rest_pose import clip_and_rest
 from cageik_cli.solving import BlockSolver, Budget, Threads
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.solved_block import SolvedBlock
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.progress import Observer
 
 PIECE_SECONDS = 0.5
 """Work of a piece at least; what a scheduler spends on a task is a hundredth of it."""

@@ -1,18 +1,19 @@
 """The work on one clip, wherever it is done: extract, report, draw the page."""
 
 from cageik_cli.batch.jobs import CLIPS, ClipJob, Outcome, State
-from cageik_cli.errors import CageikError, cause_of
 from cageik_cli.extraction import extract, held_result
 from cageik_cli.inputs import bound_of, opened
-from cageik_cli.layout import printable
-from cageik_cli.observer import Observer
-from cageik_cli.outputs import make_folder, write_text
-from cageik_cli.report import Entry, entry_of, report_of
+from cageik_cli.report.overview import Entry, entry_of
+from cageik_cli.report.record import report_of
 from cageik_cli.resuming import prepare_result
 from cageik_cli.solving import Crew
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.partial import forget
 from cageik_cli.store.result import Result, has_weights, partial_name
+from cageik_cli.util.errors import CageikError, cause_of
+from cageik_cli.util.outputs import make_folder, write_text
+from cageik_cli.util.progress import Observer
+from cageik_cli.util.text import printable
 
 
 class _Heard(Observer):
@@ -76,7 +77,7 @@ def _reported(job: ClipJob, result: Result, state: State) -> Outcome:
     report, place = report_of(result, job.limits, job.name), f"{CLIPS}/{job.name}"
     if not job.has_page:
         return Outcome(entry_of(report, f"{place}.h5"), state)
-    from cageik_cli.report.page import is_page_of, page_of  # half a second, to draw
+    from cageik_cli.report.page import is_page_of, page_of
 
     page = result.path.with_suffix(".html")
     if not is_page_of(page, report, has_weights(result)):

@@ -4,7 +4,7 @@ import ctypes
 import sys
 from functools import cache
 
-from cageik_cli.threads import limit_blas_for_good
+from cageik_cli.util.threads import limit_blas_for_good
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of malloc.h
 

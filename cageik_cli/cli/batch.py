@@ -9,7 +9,7 @@ import click
 from cageik_cli.cli.clip_jobs import PER_CLIP, batch_of
 from cageik_cli.cli.gate_options import echo_over_limits, exit_by
 from cageik_cli.cli.options import PATH, common, is_typed
-from cageik_cli.threads import processors
+from cageik_cli.util.threads import processors
 
 
 @click.command("batch")
@@ -66,7 +66,7 @@ def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     from cageik_cli.batch.running import refuse_foreign, refuse_used, run_batch
     from cageik_cli.cli.step_summary import append_step_summary
     from cageik_cli.cli.watching import Lines, watched
-    from cageik_cli.report import as_markdown
+    from cageik_cli.report.markdown import as_markdown
 
     output: Path = options["output"].absolute()
     if not options["overwrite"]:

@@ -34,8 +34,8 @@ def bind_command(timings: Path | None, quiet: bool, **options: Any) -> None:
     from cageik_cli.binding_run import bind_files
     from cageik_cli.cli.watching import watched
     from cageik_cli.describing import binding_rows
-    from cageik_cli.layout import page
-    from cageik_cli.outputs import keep_apart
+    from cageik_cli.util.outputs import keep_apart
+    from cageik_cli.util.text import page
 
     output = settings.output
     keep_apart([output, timings], [settings.cage, settings.rest])

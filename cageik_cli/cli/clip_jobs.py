@@ -12,7 +12,7 @@ from cageik_cli.cli.clip_tables import NAME, ClipTables, is_no_frame
 from cageik_cli.cli.config import commands_of
 from cageik_cli.cli.extract import extract_command, extract_settings
 from cageik_cli.cli.gate_options import limits_of
-from cageik_cli.errors import CageikError, InputError
+from cageik_cli.util.errors import CageikError, InputError
 
 OWN = ("output", "exports", "overwrite", "resume", "timings", "jobs", "quiet", "config", "verbose")
 """Options of `extract` that a batch has of its own, or that are not for one clip of many."""
@@ -37,9 +37,10 @@ def batch_of(folders: tuple[Path, ...], output: Path, options: dict[str, Any]) -
     from cageik_cli.batch.finding import Search, clips_under, folders_under
     from cageik_cli.batch.jobs import CLIPS, ClipJob
     from cageik_cli.batch.running import VIEWS, WEIGHTS, Batch, refuse_no_result
-    from cageik_cli.layout import printable
-    from cageik_cli.outputs import keep_apart
-    from cageik_cli.report import Entry, read_baseline
+    from cageik_cli.report.baseline import read_baseline
+    from cageik_cli.report.overview import Entry
+    from cageik_cli.util.outputs import keep_apart
+    from cageik_cli.util.text import printable
 
     read = cache(read_baseline)
     tables = ClipTables(extract_command, commands_of(click.get_current_context()), OWN)

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import click
 
-from cageik_cli.errors import CageikError
+from cageik_cli.util.errors import CageikError
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -86,7 +86,7 @@ def scene_options(command: Command) -> Command:
 
 def clip_of(options: dict[str, Any]) -> Any:
     """Take the clip's options out of `options`, as settings."""
-    from cageik_cli.sequence import ClipSettings
+    from cageik_cli.sequence.clip import ClipSettings
 
     return ClipSettings(*(options.pop(name) for name in ("selection", "layout", "allow_gaps")))
 

@@ -19,7 +19,7 @@ from cageik_cli.cli.options import (
     timings_option,
     verbosity,
 )
-from cageik_cli.errors import CageikError
+from cageik_cli.util.errors import CageikError
 
 
 @click.command("extract")
@@ -101,13 +101,15 @@ def extract_command(**options: Any) -> None:
     settings = extract_settings(options)
 
     from cageik_cli.cli.watching import watched
-    from cageik_cli.export import Output
+    from cageik_cli.export.writing import Output
     from cageik_cli.exporting import ExportSettings, export, prepare_export
     from cageik_cli.extraction import extract
-    from cageik_cli.layout import row
-    from cageik_cli.outputs import keep_apart
-    from cageik_cli.report import as_text, entry_of, overview_of, report_of
-    from cageik_cli.sequence import files_read
+    from cageik_cli.report.overview import entry_of, overview_of
+    from cageik_cli.report.record import report_of
+    from cageik_cli.report.text import as_text
+    from cageik_cli.sequence.opening import files_read
+    from cageik_cli.util.outputs import keep_apart
+    from cageik_cli.util.text import row
 
     inputs = [settings.cage, settings.binding, settings.rest, settings.vertex_weights, baseline]
     also = [

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from cageik_cli.cli.options import verbosity
-from cageik_cli.errors import sentence_of
+from cageik_cli.util.errors import sentence_of
 
 
 class CageikGroup(click.Group):

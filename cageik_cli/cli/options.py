@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from cageik_cli.cli.config import read_config
-from cageik_cli.threads import processors
+from cageik_cli.util.threads import processors
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -191,7 +191,7 @@ def verbosity() -> int:
 
 def write_or_print(view: str | bytes, target: Path, overwrite: bool) -> None:
     """Write to a file, or to stdout for the name `-`."""
-    from cageik_cli.outputs import write_bytes
+    from cageik_cli.util.outputs import write_bytes
 
     if str(target) == "-":
         click.echo(view, nl=False)

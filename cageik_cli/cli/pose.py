@@ -17,7 +17,7 @@ from cageik_cli.cli.options import (
     timings_option,
     write_or_print,
 )
-from cageik_cli.errors import CageikError
+from cageik_cli.util.errors import CageikError
 
 OF_A_CAGE = ("cage", "cage_out")
 OF_WEIGHTS = ("coordinates", "accuracy", "outside", "cache", "no_cache", "jobs")
@@ -26,7 +26,7 @@ OF_A_RESULT = ("memory",)
 
 def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
-        from cageik_cli.handles import schema_text
+        from cageik_cli.handles.schema import schema_text
 
         click.echo(schema_text(), nl=False)
         ctx.exit()
@@ -110,10 +110,10 @@ def pose_command(
 
     from cageik_cli.cli.watching import watched
     from cageik_cli.editing import EditSettings, edit
-    from cageik_cli.layout import page
-    from cageik_cli.outputs import keep_apart, prepare
     from cageik_cli.posing_run import pose
     from cageik_cli.report.pose_text import pose_json, pose_rows
+    from cageik_cli.util.outputs import keep_apart, prepare
+    from cageik_cli.util.text import page
 
     inputs = [options["target"], options["handles"], options["cage"]]
     keep_apart([settings.output, options["cage_out"], plot, json_out, timings], inputs)
@@ -156,7 +156,7 @@ def _settings(options: dict[str, Any]) -> Any:
     from cageik_cli.binding import BindSettings
     from cageik_cli.binding_run import WeightSettings
     from cageik_cli.editing import EditSettings
-    from cageik_cli.handles import PlaceSettings
+    from cageik_cli.handles.records import PlaceSettings
     from cageik_cli.hdf5 import SUFFIXES
     from cageik_cli.layers import PosingSettings
     from cageik_cli.posing_run import PoseSettings

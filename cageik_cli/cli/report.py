@@ -41,18 +41,14 @@ def report_command(results: tuple[Path, ...], overwrite: bool, quiet: bool, **op
     is_stdout_taken = _is_stdout_taken(targets)
     _refuse_views_of_one(targets, len(results))
 
-    from cageik_cli.outputs import keep_apart, prepare
-    from cageik_cli.report import (
-        as_csv,
-        as_json,
-        as_junit,
-        as_markdown,
-        as_text,
-        entry_of,
-        overview_of,
-        report_of,
-    )
+    from cageik_cli.report.junit import as_junit
+    from cageik_cli.report.markdown import as_markdown
+    from cageik_cli.report.overview import entry_of, overview_of
+    from cageik_cli.report.record import report_of
+    from cageik_cli.report.tables import as_csv, as_json
+    from cageik_cli.report.text import as_text
     from cageik_cli.store.result import read_result
+    from cageik_cli.util.outputs import keep_apart, prepare
 
     keep_apart(list(targets.values()), [*results, options["baseline"]])
     limits = limits_of(options)

@@ -11,9 +11,9 @@ from typing import NoReturn
 
 from tqdm import tqdm
 
-from cageik_cli.layout import row
-from cageik_cli.observer import Observer
-from cageik_cli.outputs import prepare, write_text
+from cageik_cli.util.outputs import prepare, write_text
+from cageik_cli.util.progress import Observer
+from cageik_cli.util.text import row
 
 # What each stage's bar counts; the stages of a frame share one.
 _BARS = {

@@ -29,9 +29,8 @@ from cageik_cli.coordinates.panels import (
     view,
 )
 from cageik_cli.coordinates.polynomials import LINEAR, basis, gauss_rule, monomials
-from cageik_cli.mesh import Floats, Integers
-from cageik_cli.scratch import Scratch
-from cageik_cli.threads import blas_threads
+from cageik_cli.util.arrays import Floats, Integers, Scratch
+from cageik_cli.util.threads import blas_threads
 
 FADE = 1.25
 """What is beyond linear is whole to `reach` over this, and nothing from `reach` times this."""

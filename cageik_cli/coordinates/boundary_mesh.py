@@ -10,7 +10,8 @@ from scipy import sparse
 from cageik_cli.coordinates.higher_terms import HigherTerms
 from cageik_cli.coordinates.panel_geometry import Panels
 from cageik_cli.coordinates.polynomials import LINEAR, exponents
-from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats, Integers
 
 
 @dataclass(frozen=True, eq=False)

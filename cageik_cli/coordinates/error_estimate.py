@@ -2,15 +2,11 @@
 
 import numpy as np
 
-from cageik_cli.coordinates.boundary_equation import (
-    BoundarySolution,
-    blocks,
-    emitted,
-    potentials,
-)
+from cageik_cli.coordinates.boundary_equation import BoundarySolution, blocks, emitted, potentials
 from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.surface import nearest_on_surface
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats
 
 AFTER_LINEAR = 0.1
 """Error of linear densities over what their linear terms emit: 0.08 to 0.16 on real cages."""

@@ -29,9 +29,10 @@ from cageik_cli.coordinates.error_estimate import estimated
 from cageik_cli.coordinates.polynomials import LINEAR, exponents
 from cageik_cli.coordinates.surface import weights_on_surface
 from cageik_cli.coordinates.weights import ACCURACIES, Accuracy, Weights, no_progress
-from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats, TriMesh
-from cageik_cli.threads import blas_threads, processors
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.threads import blas_threads, processors
 
 FEWEST_PANELS = 60
 """Faces of cages that have fewer are divided in four: it costs nothing."""

@@ -27,8 +27,7 @@ from cageik_cli.coordinates.polynomials import (
     exponents,
     of_degree,
 )
-from cageik_cli.mesh import Floats, Integers
-from cageik_cli.scratch import Scratch
+from cageik_cli.util.arrays import Floats, Integers, Scratch
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,8 +41,9 @@ from scipy import sparse
 
 from cageik_cli.coordinates.surface import weights_on_surface
 from cageik_cli.coordinates.weights import Weights, no_progress
-from cageik_cli.mesh import Edges, Floats, Integers, TriMesh
-from cageik_cli.threads import blas_threads, processors
+from cageik_cli.mesh import Edges, TriMesh
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.threads import blas_threads, processors
 
 BLOCK = 2**15
 """Faces times points evaluated together: few enough for the processor's cache."""

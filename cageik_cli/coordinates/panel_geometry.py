@@ -10,7 +10,8 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.mesh import Edges, Floats, Integers
+from cageik_cli.mesh import Edges
+from cageik_cli.util.arrays import Floats, Integers
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,8 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.coordinates.panel_geometry import Panels
-from cageik_cli.mesh import Floats
-from cageik_cli.scratch import Scratch
+from cageik_cli.util.arrays import Floats, Scratch
 
 EDGE_ON = 1e-13
 """A panel whose plane passes a point within this (in units of the cage) is seen edge-on: Ω = 0."""

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 from scipy.special import roots_jacobi
 
-from cageik_cli.mesh import Floats
+from cageik_cli.util.arrays import Floats
 
 LINEAR = 3
 """How many monomials are constant or linear."""

@@ -6,7 +6,8 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats, Integers
 
 ON_SURFACE = 1e-12
 """A point this near a surface, in diagonals, is on it."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cageik_cli.mesh import Floats
+from cageik_cli.util.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

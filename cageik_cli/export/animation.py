@@ -4,8 +4,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.mesh import TriMesh
 from cageik_cli.scene import Scene
+from cageik_cli.util.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

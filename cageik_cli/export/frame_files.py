@@ -3,10 +3,10 @@
 from abc import abstractmethod
 from pathlib import Path
 
-from cageik_cli.errors import InputError
 from cageik_cli.export.animation import Animation, AnimationWriter
 from cageik_cli.export.frame_names import FrameNames
-from cageik_cli.mesh import Floats
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError
 
 
 class FrameFileWriter(AnimationWriter):

@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 
-from cageik_cli.errors import InputError
+from cageik_cli.util.errors import InputError
 
 _NUMBER = re.compile(r"(?P<hashes>#+)|%0?(?P<printf>\d?)d|\$F(?P<houdini>\d?)")
 

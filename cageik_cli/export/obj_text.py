@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.mesh import Integers
+from cageik_cli.util.arrays import Integers
 
 _ASIDE = re.compile(rb"#[^\r\n]*|\\(?:\r\n?|\n|\Z)")
 """What is as good as blanks: a comment, or the end of a line that goes on in the next."""

@@ -5,12 +5,12 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from cageik_cli.errors import InputError, located
 from cageik_cli.export import writers
 from cageik_cli.export.animation import Animation, AnimationWriter
 from cageik_cli.export.frame_names import FrameNames
 from cageik_cli.kinds import by_suffix
-from cageik_cli.outputs import prepare, prepare_folder, whole_folder, whole_path
+from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.outputs import prepare, prepare_folder, whole_folder, whole_path
 
 USUAL_KIND = "obj"
 """Of the files of a folder, where nobody says."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cageik_cli.export.animation import Animation, AnimationWriter
 from cageik_cli.export.single_precision import single_precision
-from cageik_cli.mesh import Floats
+from cageik_cli.util.arrays import Floats
 
 
 class PointCacheWriter(AnimationWriter):

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError
 
 
 def single_precision(positions: Floats) -> NDArray[np.float32]:

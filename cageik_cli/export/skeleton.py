@@ -9,8 +9,9 @@ from cageik_cli.export.animation import Animation, AnimationWriter
 from cageik_cli.export.single_precision import single_precision
 from cageik_cli.export.skinning import SkinWeights, furthest, skin_weights
 from cageik_cli.export.usd_file import UsdFile, define_mesh, extent_of
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.mesh import TriMesh
 from cageik_cli.usd import SUFFIXES, quiet
+from cageik_cli.util.arrays import Floats
 
 _COMPARED = 1 << 26
 """Bytes of frames that are compared at once."""

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError
 
 LEAST_WEIGHT = 1e-7
 """Smaller weights are dropped: single precision beside a weight of one tells no smaller."""

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.errors import InputError
 from cageik_cli.export.animation import Animation
 from cageik_cli.export.undated import undated
 from cageik_cli.mesh import TriMesh
 from cageik_cli.usd import need_usd, quiet
+from cageik_cli.util.errors import InputError
 
 LARGEST_UNSAVED = 1 << 26
 """Bytes of time samples that are held before they are brought to the file; of `.usda`, which USD

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from cageik_cli.errors import located
 from cageik_cli.export.animation import Animation
 from cageik_cli.export.opening import Maker, created, place_of, prepare_animation
-from cageik_cli.layout import bytes_text
-from cageik_cli.mesh import Floats
-from cageik_cli.observer import Observer
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import located
+from cageik_cli.util.progress import Observer
+from cageik_cli.util.text import bytes_text
 
 
 @dataclass(frozen=True, slots=True)

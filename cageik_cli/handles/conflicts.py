@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.anchors import ON_ONE_POINT, Anchor, SurfacePoint, positions_of
-from cageik_cli.errors import InputError
 from cageik_cli.handles.drag import Mover
 from cageik_cli.handles.records import Handle, Surface
-from cageik_cli.mesh import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError
 
 SAME_TARGET = 1e-9
 """Targets nearer to each other than this, in diagonals, are the same."""

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.errors import InputError
-from cageik_cli.layout import bytes_text
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.text import bytes_text
 
 MOST_BYTES = 2_000_000
 """Of a handles file: many thousands of handles."""

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.anchors import Anchor
-from cageik_cli.errors import InputError, located
 from cageik_cli.handles.motions import Motion
-from cageik_cli.mesh import LARGEST_COORDINATE, Floats, Integers
+from cageik_cli.mesh import LARGEST_COORDINATE
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError, located
 
 
 @dataclass(frozen=True, slots=True, eq=False)

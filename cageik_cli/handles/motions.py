@@ -9,8 +9,8 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from cageik_cli.camera import Camera
-from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,7 +6,6 @@ from functools import cached_property
 import numpy as np
 
 from cageik_cli.anchors import SurfacePoint, at_vertex, nearest_to, on_face, picked
-from cageik_cli.errors import InputError, located
 from cageik_cli.handles.conflicts import Held, merged
 from cageik_cli.handles.drag import Drag
 from cageik_cli.handles.records import (
@@ -19,7 +18,9 @@ from cageik_cli.handles.records import (
     PlaceSettings,
     Surface,
 )
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError, located
 
 
 def placed(handle_set: HandleSet, surface: Surface, settings: PlaceSettings) -> Drag:

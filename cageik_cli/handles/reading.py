@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.camera import Camera, Stand
-from cageik_cli.errors import InputError, located
 from cageik_cli.handles.document import read_document
 from cageik_cli.handles.fields import motion_of, place_on_surface
 from cageik_cli.handles.records import Handle, Handles, HandleSet
 from cageik_cli.handles.schema import refuse_faults
-from cageik_cli.mesh import Floats
 from cageik_cli.ties import Mirror, Ties
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError, located
 
 
 def read_handles(path: Path) -> Handles:

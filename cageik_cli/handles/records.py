@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 from cageik_cli.camera import Camera
 from cageik_cli.handles.motions import Motion
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.mesh import TriMesh
 from cageik_cli.ties import Ties
+from cageik_cli.util.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True)

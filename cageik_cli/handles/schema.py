@@ -9,8 +9,8 @@ from difflib import get_close_matches
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-from cageik_cli.errors import InputError
 from cageik_cli.handles.document import place_of, value_text
+from cageik_cli.util.errors import InputError
 
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError

@@ -11,8 +11,8 @@ from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from cageik_cli.mesh import Floats
 from cageik_cli.report.style import INK, MUTED
+from cageik_cli.util.arrays import Floats
 
 Flags = NDArray[np.bool_]
 

@@ -7,10 +7,10 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any, NoReturn
 
-from cageik_cli.errors import InputError, located
-from cageik_cli.layout import bytes_text
 from cageik_cli.report.gates import Baseline
 from cageik_cli.report.record import SCHEMA
+from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.text import bytes_text
 
 MOST_BYTES = 256 << 20
 """Of a file that is read."""

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from cageik_cli.mesh import Floats, Integers
 from cageik_cli.report.raster import Camera, lines, rasterised
 from cageik_cli.report.shading import SAMPLES, Picture, Surface, drawn_over, painted, surface_of
+from cageik_cli.util.arrays import Floats, Integers
 
 PALE, LINE = "#f0ede8", "#1f6fd0"
 """Of a model in its cage, and of the cage."""

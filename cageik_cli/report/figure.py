@@ -16,7 +16,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from cageik_cli.mesh import Floats, Integers
 from cageik_cli.report.figures import percent_text
 from cageik_cli.report.labels import Box
 from cageik_cli.report.limit_lines import (
@@ -30,6 +29,7 @@ from cageik_cli.report.record import Report
 from cageik_cli.report.series import LEAST, Series, series_of
 from cageik_cli.report.style import INK, MUTED, drawable, own_style
 from cageik_cli.report.wording import wording_of
+from cageik_cli.util.arrays import Floats, Integers
 
 SIZE, DPI = (7.2, 3.6), 200
 """Inches across and down, and pixels to the inch."""

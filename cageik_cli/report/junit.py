@@ -6,11 +6,11 @@ The elements and attributes are those that the schema of Ant's JUnit task demand
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from cageik_cli.layout import shown
 from cageik_cli.report.gates import Gate
 from cageik_cli.report.overview import Entry, Overview
 from cageik_cli.report.text import gate_row
 from cageik_cli.report.wording import Wording, wording_of
+from cageik_cli.util.text import shown
 
 # The schema demands a time and a host; the same input is to give the same bytes.
 _FIXED = {"timestamp": "1970-01-01T00:00:00", "hostname": "localhost", "time": "0"}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.mesh import Floats
+from cageik_cli.util.arrays import Floats
 
 HEIGHT = 0.052
 """Of a label."""

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from cageik_cli.mesh import Floats
 from cageik_cli.report.gates import PERCENT, Gate
 from cageik_cli.report.labels import Box, Label, placed
 from cageik_cli.report.record import Report
 from cageik_cli.report.series import LEAST, Series
 from cageik_cli.report.verdicts import gate_verdict, most_text
 from cageik_cli.report.wording import Wording, wording_of
+from cageik_cli.util.arrays import Floats
 
 REACH = 2.5
 """A limit is drawn up to so many times as high as the highest figure; beyond it is named alone."""

@@ -4,11 +4,11 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 
-from cageik_cli.layout import shown
 from cageik_cli.report.figures import percent_text
 from cageik_cli.report.overview import Entry, Overview
 from cageik_cli.report.text import gate_row
 from cageik_cli.report.wording import Wording, marked, wording_of
+from cageik_cli.util.text import shown
 
 ROOM = {"clips": 24_000, "failed": 12_000, "limits": 12_000, "notes": 8_000}
 """Bytes of the lines of each part; with headings all is under 60 000."""

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cageik_cli.mesh import Floats
 from cageik_cli.report.labels import Box
+from cageik_cli.util.arrays import Floats
 
 GAPS = (8.0, 14.0, 21.0)
 """Between a dot and its name; the nearest is the best."""

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from cageik_cli.mesh import Floats
 from cageik_cli.report.drawing import TURN, caged, colour, seen_surface, view_axes
 from cageik_cli.report.poses import Pose, Poses
 from cageik_cli.report.raster import Camera
 from cageik_cli.report.shading import SAMPLES, Picture, Surface, coloured, painted, reduced
+from cageik_cli.util.arrays import Floats
 
 COLOURS = (
     "#f2eada", "#efd098", "#ecb362", "#e69441", "#e56e38", "#d64d41", "#bb3252",

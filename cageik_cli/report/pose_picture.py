@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from cageik_cli.mesh import Floats, Integers
 from cageik_cli.report.anchor_marks import (
     AROUND,
     Flags,
@@ -27,6 +26,7 @@ from cageik_cli.report.name_places import name_places
 from cageik_cli.report.raster import Camera
 from cageik_cli.report.shading import SAMPLES, reduced
 from cageik_cli.report.style import drawable, own_style, text_width
+from cageik_cli.util.arrays import Floats, Integers
 
 SIDE, STRIP = 345.6, 43.2
 """Of a panel, and of what stands below all of them."""

@@ -4,9 +4,9 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 
-from cageik_cli.layout import shown
 from cageik_cli.pose_figures import AnchorFigures, PoseFigures
 from cageik_cli.report.figures import change_text, figure_text, percent_text, units_text
+from cageik_cli.util.text import shown
 
 SCHEMA = 1
 

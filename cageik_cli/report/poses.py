@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.mesh import Floats, Integers
 from cageik_cli.store.result import Result, read_posed_frames, read_weights
+from cageik_cli.util.arrays import Floats, Integers
 
 LABELS = ("worst", "median", "best")
 

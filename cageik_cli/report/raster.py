@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from cageik_cli.mesh import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers
 
 MARGIN = 0.03
 """Of the picture, free on each side."""

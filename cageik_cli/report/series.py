@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.mesh import Floats
 from cageik_cli.report.record import Report
 from cageik_cli.report.wording import wording_of
+from cageik_cli.util.arrays import Floats
 
 LEAST = 0.001
 """Percent: no axis ends lower, so that rounding is not made to look like error."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.mesh import Floats, Integers
 from cageik_cli.report.raster import crossed, rasterised
+from cageik_cli.util.arrays import Floats, Integers
 
 Picture = NDArray[np.float32]
 """(4, s, s): red, green and blue, each times the opacity, and the opacity, 0 to 1."""

@@ -1,13 +1,13 @@
 """The report as a page of text."""
 
 from cageik_cli.binding import WeightQuality
-from cageik_cli.errors import first_few
-from cageik_cli.layout import page, shown
 from cageik_cli.report.figures import Summary, change_text, figure_text, percent_text, units_text
 from cageik_cli.report.gates import Gate
 from cageik_cli.report.record import Report
 from cageik_cli.report.verdicts import found_text, gate_verdict, limit_text
 from cageik_cli.report.wording import Wording, wording_of
+from cageik_cli.util.errors import first_few
+from cageik_cli.util.text import page, shown
 
 
 def as_text(report: Report) -> str:

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from cageik_cli.errors import InputError
 from cageik_cli.sequence.clip import LAYOUTS
+from cageik_cli.util.errors import InputError
 
 
 @dataclass(frozen=True, slots=True)

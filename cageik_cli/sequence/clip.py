@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.errors import InputError, located
-from cageik_cli.mesh import Floats, Integers, TriMesh, checked_positions
+from cageik_cli.mesh import TriMesh, checked_positions
 from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.mesh_file import LoadedMesh
-from cageik_cli.threads import InOrder
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.threads import InOrder
 
 LAYOUTS = ("fvx", "vxf", "fxv")
 """Orders of an array's axes: f frames, v vertices, x coordinates."""

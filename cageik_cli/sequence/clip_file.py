@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.errors import InputError, first_few, located
-from cageik_cli.layout import printable
 from cageik_cli.mesh import TriMesh
 from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.clip import ClipRequest, MeshSequence
+from cageik_cli.util.errors import InputError, first_few, located
+from cageik_cli.util.text import printable
 
 
 class ClipFile(MeshSequence):

@@ -5,7 +5,7 @@ import io
 import zlib
 from pathlib import Path
 
-from cageik_cli.errors import InputError
+from cageik_cli.util.errors import InputError
 
 PACKED = ".gz"
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.errors import InputError, first_few
 from cageik_cli.hdf5 import dataset, numeric_shapes
-from cageik_cli.layout import printable
-from cageik_cli.mesh import Floats
 from cageik_cli.sequence.runs import FramesInRuns
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError, first_few
+from cageik_cli.util.text import printable
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """Which of the meshes in a file is meant."""
 
-from cageik_cli.errors import InputError, first_few
+from cageik_cli.util.errors import InputError, first_few
 
 
 def picked(meshes: list[str], member: str | None) -> str:

@@ -9,14 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.errors import InputError, located
-from cageik_cli.layout import printable
-from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence.files import PACKED, kind_of, unpacked
 from cageik_cli.sequence.obj import FileMesh, parse_obj
 from cageik_cli.sequence.off import parse_off
 from cageik_cli.sequence.ply import is_binary_ply, parse_binary_ply
 from cageik_cli.sequence.polygons import fans, fans_of, unfolded
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.text import printable
 
 _PLAIN = (".obj", ".ply", ".off")
 MESH_SUFFIXES = (*_PLAIN, *(suffix + PACKED for suffix in _PLAIN))

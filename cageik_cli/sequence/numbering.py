@@ -5,8 +5,8 @@ from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 
-from cageik_cli.errors import InputError
 from cageik_cli.sequence.files import stem_of
+from cageik_cli.util.errors import InputError
 
 _NUMBERED = re.compile(r"(.*?)(\d+)(\D*)")
 

@@ -15,8 +15,8 @@ from tokenize import TokenError
 
 import numpy as np
 
-from cageik_cli.errors import InputError, located
 from cageik_cli.sequence.stored_frames import BinaryFile
+from cageik_cli.util.errors import InputError, located
 
 LARGEST_HEADER = 1 << 14
 """Bytes that are looked at for a header; numpy itself takes 10 000 characters."""

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.mesh import Floats
 from cageik_cli.sequence.obj_words import FACE, VERTEX, Words, vertices_of, words_of
+from cageik_cli.util.arrays import Floats
 
 
 class FrameParser:

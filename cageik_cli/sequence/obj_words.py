@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow
 from numpy.typing import NDArray
 
-from cageik_cli.mesh import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers
 
 Offsets = NDArray[np.int32]
 

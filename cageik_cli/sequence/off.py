@@ -5,8 +5,8 @@ from itertools import islice
 
 import numpy as np
 
-from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError
 
 _KEYWORD = re.compile(r"\A(?:ST)?C?N?OFF\b")  # with texture coordinates, colours or normals
 

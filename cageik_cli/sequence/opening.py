@@ -8,13 +8,13 @@ from pathlib import Path
 
 from natsort import natsort_keygen, ns
 
-from cageik_cli.errors import InputError
 from cageik_cli.kinds import by_suffix
 from cageik_cli.sequence import readers
 from cageik_cli.sequence.clip import ClipRequest, ClipSettings, MeshSequence
 from cageik_cli.sequence.files import kind_of
 from cageik_cli.sequence.mesh_file import LoadedMesh
 from cageik_cli.sequence.numbering import refuse_gaps
+from cageik_cli.util.errors import InputError
 
 _SKELETAL = "holds the motion of a skeleton, no mesh; export the mesh it moves, as OBJ frames"
 _SCENE = "is a scene of another program; export the mesh from there, as USD, Alembic or OBJ frames"

@@ -6,12 +6,12 @@ from typing import Protocol
 
 import numpy as np
 
-from cageik_cli.errors import located
-from cageik_cli.layout import printable
 from cageik_cli.mesh import TriMesh
 from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.clip import ClipRequest
 from cageik_cli.sequence.clip_file import ClipFile, only, refuse_counted_from_one
+from cageik_cli.util.errors import located
+from cageik_cli.util.text import printable
 
 
 class Frames(Protocol):

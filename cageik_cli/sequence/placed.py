@@ -7,10 +7,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats
 from cageik_cli.sequence.obj import FileMesh
 from cageik_cli.sequence.polygons import fans
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError
 
 Time = TypeVar("Time", int, float)
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError
 
 _BINARY = {b"binary_little_endian": "<", b"binary_big_endian": ">"}
 _CODES = {

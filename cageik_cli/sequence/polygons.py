@@ -5,8 +5,9 @@ from itertools import chain
 
 import numpy as np
 
-from cageik_cli.errors import InputError
-from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError
 
 FOLDED = 1e-9
 """A fan is folded when it has a triangle turned against the polygon by more of its area."""

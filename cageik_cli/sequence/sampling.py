@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.mesh import Floats
+from cageik_cli.util.arrays import Floats
 
 EVEN = 1e-4
 """Steps that differ by more than this part of their mean are not even."""

@@ -10,8 +10,8 @@ from threading import Lock
 
 import numpy as np
 
-from cageik_cli.errors import InputError
 from cageik_cli.sequence.runs import FramesInRuns
+from cageik_cli.util.errors import InputError
 
 
 class BinaryFile:

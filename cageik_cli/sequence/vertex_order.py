@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from cageik_cli.errors import InputError
-from cageik_cli.mesh import Integers, TriMesh
+from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence.clip import MeshSequence, refuse_other_connectivity
+from cageik_cli.util.arrays import Integers
+from cageik_cli.util.errors import InputError
 
 
 def refuse_other_order(sequence: MeshSequence, expected: TriMesh, whose: str) -> None:

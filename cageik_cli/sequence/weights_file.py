@@ -6,9 +6,9 @@ from tokenize import TokenError
 
 import numpy as np
 
-from cageik_cli.errors import InputError, located
-from cageik_cli.mesh import Floats
 from cageik_cli.sequence.mesh_file import read_bytes, source_of
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError, located
 
 
 def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:

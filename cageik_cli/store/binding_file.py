@@ -9,9 +9,7 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.binding import WORST_PRECISION, Binding, BindSettings, WeightQuality
-from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import numbers, opened
-from cageik_cli.outputs import whole_file
 from cageik_cli.soundness import checked_cage
 from cageik_cli.store.parts import (
     as_json,
@@ -27,6 +25,8 @@ from cageik_cli.store.parts import (
     write_deflated,
     write_meshes,
 )
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.outputs import whole_file
 
 FORMAT = "cageik.binding"
 SCHEMA = 1

@@ -20,9 +20,9 @@ from pathlib import Path
 
 from cageik_cli import __version__
 from cageik_cli.binding import ALGORITHMS, Binding, BindSettings
-from cageik_cli.locks import open_locked, remove_locked
 from cageik_cli.mesh import TriMesh
 from cageik_cli.store.cache_entry import Entry, Unusable, as_bytes, packed, read_entry
+from cageik_cli.util.outputs import open_locked, remove_locked
 
 LARGEST = 2 << 30
 """Bytes that the entries of a cache may take; those used longest ago make room."""

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli import __version__
-from cageik_cli.errors import InputError
-from cageik_cli.locks import open_locked, remove_locked
 from cageik_cli.store.solved_block import SolvedBlock, packed, unpacked
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.outputs import open_locked, remove_locked
 
 MAGIC = b"cageik.partial 1\n"
 HEAD_BYTES = 128

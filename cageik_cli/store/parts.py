@@ -8,12 +8,13 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import numbers
-from cageik_cli.layout import printable, shown
-from cageik_cli.mesh import Floats, TriMesh
-from cageik_cli.outputs import PatientFile
-from cageik_cli.threads import InOrder, processors
+from cageik_cli.mesh import TriMesh
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.outputs import PatientFile
+from cageik_cli.util.text import printable, shown
+from cageik_cli.util.threads import InOrder, processors
 
 CHUNK_BYTES = 1 << 18
 

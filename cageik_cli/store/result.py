@@ -9,10 +9,8 @@ import h5py
 import numpy as np
 
 from cageik_cli.dual_laplacian import Quality
-from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import dataset, numbers, opened
-from cageik_cli.layout import printable
-from cageik_cli.mesh import Floats, Integers, TriMesh
+from cageik_cli.mesh import TriMesh
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.scene import Scene
 from cageik_cli.store.parts import (
@@ -27,6 +25,9 @@ from cageik_cli.store.parts import (
     version_of,
 )
 from cageik_cli.store.result_figures import are_lengths, read_figures, read_vertex_rms
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.text import printable
 
 FORMAT = "cageik.result"
 SCHEMA = 1

@@ -6,10 +6,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cageik_cli.errors import InputError
 from cageik_cli.hdf5 import numbers
-from cageik_cli.mesh import Floats
 from cageik_cli.metrics import FrameFigures
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError
 
 FIGURES = tuple(field.name for field in fields(FrameFigures))
 WHOLE_FIGURES = ("worst_vertex",)

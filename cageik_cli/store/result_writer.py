@@ -12,14 +12,14 @@ import numpy as np
 from cageik_cli import __version__
 from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import Quality
-from cageik_cli.errors import NumericalError
-from cageik_cli.mesh import Floats, Integers
 from cageik_cli.metrics import FrameFigures
-from cageik_cli.outputs import PatientFile, whole_file
 from cageik_cli.scene import Scene
 from cageik_cli.store.parts import as_json, new_file, write_deflated, write_meshes
 from cageik_cli.store.result import FORMAT, SCHEMA
 from cageik_cli.store.result_figures import FIGURES, WHOLE_FIGURES, fault_of
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import NumericalError
+from cageik_cli.util.outputs import PatientFile, whole_file
 
 LARGEST_MISS = float(np.finfo(np.float32).max)
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.layout import printable
-from cageik_cli.mesh import Floats
 from cageik_cli.metrics import FrameFigures, Measured
-from cageik_cli.sequence import Block
+from cageik_cli.sequence.clip import Block
 from cageik_cli.store.result_figures import FIGURES, WHOLE_FIGURES
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.text import printable
 
 DIGEST_BYTES = hashlib.sha256().digest_size
 _COUNTS = struct.Struct("<QQQ")  # first frame, frames, bytes of the faults

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.mesh import Floats, Integers
 from cageik_cli.store.solved_block import SolvedBlock
+from cageik_cli.util.arrays import Floats, Integers
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,7 +5,8 @@ import pytest
 
 from cageik_cli.extraction import extract
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.report import Entry, entry_of, report_of
+from cageik_cli.report.overview import Entry, entry_of
+from cageik_cli.report.record import report_of
 
 
 @pytest.fixture(scope="session")

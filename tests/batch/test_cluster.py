@@ -26,15 +26,15 @@ from cageik_cli.batch.pieces import Common, cut, pickled_without, unpickled_with
 from cageik_cli.batch.work import bound_for, looked_at, work_on
 from cageik_cli.binding import BindSettings
 from cageik_cli.dual_laplacian import DualLaplacianSolver
-from cageik_cli.errors import InputError
 from cageik_cli.extraction import held_result
 from cageik_cli.inputs import ExtractSettings, bound_of
-from cageik_cli.locks import open_locked
-from cageik_cli.observer import Observer
 from cageik_cli.solving import BlockSolver, Budget
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.store.partial import progress_of
 from cageik_cli.store.result import partial_name
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.outputs import open_locked
+from cageik_cli.util.progress import Observer
 
 ONE_FRAME = 7_000
 """Bytes that the weights, and blocks of one frame of the little animation, have room for."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.batch.finding import Search, _plain, clips_under, folders_under
-from cageik_cli.errors import InputError
+from cageik_cli.util.errors import InputError
 
 NOWHERE = Search(frozenset(), Path("out"))
 

@@ -8,11 +8,11 @@ import pytest
 
 from cageik_cli.batch.jobs import ClipJob, Outcome, State
 from cageik_cli.batch.running import LOCK, VIEWS, WEIGHTS, Batch, refuse_used, run_batch
-from cageik_cli.errors import InputError
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.locks import open_locked
-from cageik_cli.observer import Observer
-from cageik_cli.report import Entry
+from cageik_cli.report.overview import Entry
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.outputs import open_locked
+from cageik_cli.util.progress import Observer
 
 
 class Scripted:

@@ -12,7 +12,7 @@ import pytest
 from cageik_cli.anchors import Anchor, at_vertex, rows_of
 from cageik_cli.mesh import uniform_laplacian
 from cageik_cli.posing import Poser
-from cageik_cli.threads import blas_threads
+from cageik_cli.util.threads import blas_threads
 from tests.benchmarks.drags import median_seconds, moves_of, spread_anchors, synthetic
 
 pytestmark = pytest.mark.bench

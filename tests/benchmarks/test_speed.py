@@ -13,9 +13,10 @@ from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings
 from cageik_cli.extraction import extract
 from cageik_cli.inputs import ExtractSettings
 from cageik_cli.mesh import TriMesh
-from cageik_cli.sequence import load_mesh, open_sequence
+from cageik_cli.sequence.mesh_file import load_mesh
+from cageik_cli.sequence.opening import open_sequence
 from cageik_cli.solving import LARGEST_BLOCK
-from cageik_cli.threads import blas_threads, processors
+from cageik_cli.util.threads import blas_threads, processors
 from tests.shapes import ball, inside
 
 pytestmark = pytest.mark.bench

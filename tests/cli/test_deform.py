@@ -8,7 +8,8 @@ import pytest
 
 from cageik_cli import deforming
 from cageik_cli.mesh import TriMesh
-from cageik_cli.sequence import load_mesh, open_sequence
+from cageik_cli.sequence.mesh_file import load_mesh
+from cageik_cli.sequence.opening import open_sequence
 from tests.clips import frames_of
 from tests.shapes import box, finer, quad_text
 

@@ -4,7 +4,7 @@ import pytest
 from cageik_cli.coordinates.higher_terms import HigherTerms, higher_moments
 from cageik_cli.coordinates.panels import linear_moments, view
 from cageik_cli.coordinates.polynomials import LINEAR, basis, monomials
-from cageik_cli.scratch import Scratch
+from cageik_cli.util.arrays import Scratch
 
 
 @pytest.mark.parametrize(("order", "digits"), [(2, 1e-11), (3, 1e-10), (5, 1e-6)])

@@ -12,7 +12,7 @@ from cageik_cli.coordinates.panels import (
     view,
 )
 from cageik_cli.coordinates.polynomials import monomials
-from cageik_cli.scratch import Scratch
+from cageik_cli.util.arrays import Scratch
 from tests.shapes import ball, box, concave, inside
 
 

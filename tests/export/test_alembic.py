@@ -7,9 +7,9 @@ import pytest
 from alembic3d.Abc import GetArchiveInfo, IArchive
 from alembic3d.AbcGeom import IPolyMesh
 
-from cageik_cli.errors import InputError
-from cageik_cli.export import Animation
+from cageik_cli.export.animation import Animation
 from cageik_cli.export.writers.alembic import Writer
+from cageik_cli.util.errors import InputError
 from tests.export.clips import FRAMES, REST, SCENE, fail_halfway, write_huge, written
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.errors import InputError
 from cageik_cli.export.mesh_file import prepare_mesh, write_mesh
+from cageik_cli.util.errors import InputError
 from tests.shapes import ball
 
 MESH = ball(levels=1)

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from cageik_cli.errors import InputError
 from cageik_cli.export import obj_text
 from cageik_cli.export.obj_text import obj_format
 from cageik_cli.sequence.obj import parse_obj
+from cageik_cli.util.errors import InputError
 
 POSITIONS = [[0.5, -1, 2], [3, 4.25, -5], [1 / 3, 1e-9, 1e9], [7, 8, 9]]
 V = [b"0.5 -1 2", b"3 4.25 -5", b"0.333333333 1e-09 1e+09", b"7 8 9"]

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.errors import InputError
-from cageik_cli.export import Animation, created, prepare_animation
-from cageik_cli.export.opening import place_of
+from cageik_cli.export.animation import Animation
+from cageik_cli.export.opening import created, place_of, prepare_animation
 from cageik_cli.scene import Scene
+from cageik_cli.util.errors import InputError
 from tests.export.written import write
 
 

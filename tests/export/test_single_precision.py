@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
 from cageik_cli.export.single_precision import single_precision
+from cageik_cli.util.errors import InputError
 
 
 def test_positions_are_rounded_and_laid_out_in_order():

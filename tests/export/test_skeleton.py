@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom, UsdSkel
 
-from cageik_cli.errors import InputError
-from cageik_cli.export import Animation, skeleton
+from cageik_cli.export import skeleton
+from cageik_cli.export.animation import Animation
 from cageik_cli.export.skeleton import SkeletonWriter
 from cageik_cli.export.skinning import skin_weights
 from cageik_cli.mesh import TriMesh
 from cageik_cli.scene import Scene
-from cageik_cli.sequence import open_sequence
+from cageik_cli.sequence.opening import open_sequence
 from cageik_cli.usd import SUFFIXES
+from cageik_cli.util.errors import InputError
 from tests.export.clips import faults_of
 from tests.shapes import ball, box
 

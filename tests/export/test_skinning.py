@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
 from cageik_cli.export import skinning
 from cageik_cli.export.skinning import LEAST_WEIGHT, furthest, skin_weights
+from cageik_cli.util.errors import InputError
 
 RANDOM = np.random.default_rng(7)
 CONVEX = RANDOM.dirichlet(np.ones(9), 40) * 0.99 + 0.01 / 9

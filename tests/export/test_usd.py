@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
 
-from cageik_cli.errors import InputError
 from cageik_cli.export import usd_file
 from cageik_cli.usd import SUFFIXES
+from cageik_cli.util.errors import InputError
 from tests.export.clips import FRAMES, REST, fail_halfway, faults_of, write_huge, written
 
 

@@ -11,11 +11,13 @@ import pygltflib
 import pytest
 import trimesh
 
-from cageik_cli.errors import InputError
-from cageik_cli.export import Animation, created, opening
+from cageik_cli.export import opening
+from cageik_cli.export.animation import Animation
+from cageik_cli.export.opening import created
 from cageik_cli.mesh import TriMesh
 from cageik_cli.scene import Scene
 from cageik_cli.usd import SUFFIXES
+from cageik_cli.util.errors import InputError
 from tests.export.written import bytes_under, single, write
 
 OUTPUTS = ("a.npz", "a.pc2", "a.mdd", "a.glb", "a/a_####.obj", "a/a_%04d.ply")

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from cageik_cli.export import Animation, created
+from cageik_cli.export.animation import Animation
+from cageik_cli.export.opening import created
 from cageik_cli.scene import Scene
 
 

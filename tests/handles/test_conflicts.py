@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.anchors import positions_of
-from cageik_cli.errors import InputError
-from cageik_cli.handles import Surface
+from cageik_cli.handles.records import Surface
 from cageik_cli.mesh import TriMesh
+from cageik_cli.util.errors import InputError
 from tests.handles.files import CLIP, FRAMES, HAND, MESH, STILL, drag, read_set
 
 CORNER = int(np.flatnonzero(MESH.faces[0] == MESH.faces[0, 1])[0])

@@ -2,8 +2,8 @@ import os
 
 import pytest
 
-from cageik_cli.errors import InputError
 from cageik_cli.handles.document import DEEPEST, MOST_BYTES, place_of, read_document, value_text
+from cageik_cli.util.errors import InputError
 
 
 @pytest.fixture

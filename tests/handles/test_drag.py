@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.anchors import Anchor, at_vertex
-from cageik_cli.errors import InputError
-from cageik_cli.handles import Drag
-from cageik_cli.handles.drag import Mover
+from cageik_cli.handles.drag import Drag, Mover
 from cageik_cli.handles.motions import MoveBy, MoveTo, Pin, ScreenTo, Track
+from cageik_cli.util.errors import InputError
 from tests.handles.test_motions import FRAMES, POSITIONS, STANDING
 from tests.shapes import box
 

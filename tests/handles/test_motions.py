@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cageik_cli.camera import Camera, Stand
-from cageik_cli.errors import InputError
 from cageik_cli.handles.motions import MoveBy, MoveTo, Pin, ScreenBy, ScreenTo, Track
+from cageik_cli.util.errors import InputError
 
 FRAMES = np.arange(12)
 KEYS = np.array([2, 5, 9])

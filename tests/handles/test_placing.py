@@ -3,9 +3,9 @@ import pytest
 
 from cageik_cli.anchors import positions_of
 from cageik_cli.camera import Stand
-from cageik_cli.errors import InputError
-from cageik_cli.handles import HandleSet, Surface
+from cageik_cli.handles.records import HandleSet, Surface
 from cageik_cli.mesh import TriMesh
+from cageik_cli.util.errors import InputError
 from tests.handles.files import CAMERA, CLIP, FRAMES, HAND, KEYS, MESH, STILL, drag, read_set, step
 
 PIN = {"name": "foot", "vertex": 0, "pin": True}

@@ -7,10 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cageik_cli.camera import Camera, Stand
-from cageik_cli.errors import CageikError, InputError
-from cageik_cli.handles import PlaceSettings, placed, read_handles
 from cageik_cli.handles.motions import MoveBy, MoveTo, Pin, ScreenBy, ScreenTo
-from cageik_cli.handles.records import InPixel, NearTo, OnFace, OnVertex
+from cageik_cli.handles.placing import placed
+from cageik_cli.handles.reading import read_handles
+from cageik_cli.handles.records import InPixel, NearTo, OnFace, OnVertex, PlaceSettings
+from cageik_cli.util.errors import CageikError, InputError
 from tests.handles.files import CAMERA, CLIP, HAND, KEYS, STILL, read, read_set
 
 EYE = np.eye(4).tolist()

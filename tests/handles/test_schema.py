@@ -6,9 +6,8 @@ from importlib.resources import files
 import pytest
 from jsonschema import Draft202012Validator
 
-from cageik_cli.errors import InputError
-from cageik_cli.handles import schema_text
-from cageik_cli.handles.schema import refuse_faults
+from cageik_cli.handles.schema import refuse_faults, schema_text
+from cageik_cli.util.errors import InputError
 from tests.handles.files import CAMERA, HAND, KEYS
 
 EYE = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]

@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
-from cageik_cli.report import Entry, Gate, Report, entry_of
 from cageik_cli.report.figures import Clip, Summary
+from cageik_cli.report.gates import Gate
+from cageik_cli.report.overview import Entry, entry_of
+from cageik_cli.report.record import Report
 
 
 def summary(rms_percent: float = 0.25, **others) -> Summary:

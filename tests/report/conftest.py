@@ -11,8 +11,8 @@ import pytest
 from cageik_cli.editing import EditSettings, edit
 from cageik_cli.extraction import extract
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.report import Limits, report_of
-from cageik_cli.report.gates import judged
+from cageik_cli.report.gates import Limits, judged
+from cageik_cli.report.record import report_of
 from cageik_cli.store.result import Result, read_result
 
 

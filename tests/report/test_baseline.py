@@ -7,17 +7,12 @@ from decimal import Decimal
 
 import pytest
 
-from cageik_cli.errors import InputError
-from cageik_cli.report import (
-    Entry,
-    as_json,
-    baseline,
-    entry_of,
-    overview_json,
-    overview_of,
-    read_baseline,
-    report_of,
-)
+from cageik_cli.report import baseline
+from cageik_cli.report.baseline import read_baseline
+from cageik_cli.report.overview import Entry, entry_of, overview_of
+from cageik_cli.report.record import report_of
+from cageik_cli.report.tables import as_json, overview_json
+from cageik_cli.util.errors import InputError
 from tests.report.clips import summary
 
 TEN = Decimal(10)

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cageik_cli.report import Limit, report_of
 from cageik_cli.report.figure import as_png, as_svg, figure_of, plot_of
+from cageik_cli.report.gates import Limit
+from cageik_cli.report.record import report_of
 from tests.report.drawings import lines, texts
 
 

@@ -2,9 +2,9 @@
 
 from dataclasses import fields, replace
 
-from cageik_cli.report import report_of
 from cageik_cli.report.figures import Frame
 from cageik_cli.report.frames_table import FRAME, LENGTHS, NAME, VOLUMES, Row, columns_of, row_of
+from cageik_cli.report.record import report_of
 
 FIGURES = Frame(
     index=3,

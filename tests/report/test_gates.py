@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.cli import gate_options
-from cageik_cli.report import Baseline, Limit, Limits, gates, report_of
+from cageik_cli.report import gates
 from cageik_cli.report.figures import Summary, percent_text, units_text
-from cageik_cli.report.gates import PERCENT, UNITS, judged, not_compared
+from cageik_cli.report.gates import PERCENT, UNITS, Baseline, Limit, Limits, judged, not_compared
+from cageik_cli.report.record import report_of
 from cageik_cli.report.text import gate_row
 from cageik_cli.report.wording import EXTRACTED
 from tests.report.clips import summary

@@ -6,10 +6,11 @@ from urllib.parse import unquote
 
 import pytest
 
-from cageik_cli.report import Entry, Limit, Limits, entry_of, overview_of, report_of
 from cageik_cli.report.figures import change_text, percent_text
-from cageik_cli.report.gates import judged
+from cageik_cli.report.gates import Limit, Limits, judged
 from cageik_cli.report.index import as_index
+from cageik_cli.report.overview import Entry, entry_of, overview_of
+from cageik_cli.report.record import report_of
 from tests.report.clips import five_hundred
 from tests.report.hostile import NAMES, with_hostile_names
 from tests.report.markup import faults_of, parsed

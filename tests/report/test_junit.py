@@ -5,7 +5,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cageik_cli.report import Entry, as_junit, overview_of
+from cageik_cli.report.junit import as_junit
+from cageik_cli.report.overview import Entry, overview_of
 from tests.report.clips import HOSTILE, clip, gate
 
 SUITE = {

@@ -4,9 +4,8 @@ from decimal import Decimal
 
 import pytest
 
-from cageik_cli.report import Limit
 from cageik_cli.report.figure import figure_of
-from cageik_cli.report.gates import Gate
+from cageik_cli.report.gates import Gate, Limit
 from cageik_cli.report.limit_lines import limit_label
 from cageik_cli.report.wording import EXTRACTED
 from tests.report.drawings import lines, texts

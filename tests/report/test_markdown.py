@@ -6,8 +6,8 @@ import re
 import pytest
 from markdown_it import MarkdownIt
 
-from cageik_cli.report import Entry, as_markdown, overview_of
-from cageik_cli.report.markdown import LONGEST
+from cageik_cli.report.markdown import LONGEST, as_markdown
+from cageik_cli.report.overview import Entry, overview_of
 from tests.report.clips import HOSTILE, clip, gate, summary
 
 RENDERER = MarkdownIt("commonmark").enable(["table", "strikethrough"])

@@ -7,15 +7,10 @@ from dataclasses import asdict, fields, replace
 
 import pytest
 
-from cageik_cli.report import (
-    Entry,
-    entry_of,
-    overview_csv,
-    overview_json,
-    overview_of,
-    report_of,
-)
 from cageik_cli.report.figures import Clip, Summary
+from cageik_cli.report.overview import Entry, entry_of, overview_of
+from cageik_cli.report.record import report_of
+from cageik_cli.report.tables import overview_csv, overview_json
 from tests.report.clips import clip, gate
 
 WELL, OVER, FAILED = clip("a", gate(True)), clip("b", gate(False)), Entry("c", fault="broken")

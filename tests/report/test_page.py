@@ -10,11 +10,13 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from cageik_cli.report import Limit, Limits, as_json, as_text, report_of
 from cageik_cli.report.figures import change_text, figure_text, percent_text, units_text
-from cageik_cli.report.gates import Gate, judged
+from cageik_cli.report.gates import Gate, Limit, Limits, judged
 from cageik_cli.report.page import as_html, is_page_of, record_digest
 from cageik_cli.report.pictures import Pictures, PosePictures
+from cageik_cli.report.record import report_of
+from cageik_cli.report.tables import as_json
+from cageik_cli.report.text import as_text
 from cageik_cli.report.verdicts import Verdict, verdict_of
 from cageik_cli.report.weight_quality import quality_rows
 from tests.report.hostile import NAMES, with_hostile_names

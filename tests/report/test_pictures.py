@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cageik_cli.report import Pose, Poses, poses_of
 from cageik_cli.report.pictures import COLOURS, UNKNOWN, pictures_of
+from cageik_cli.report.poses import Pose, Poses, poses_of
 from tests.report.odd_poses import FACTORS
 from tests.shapes import ball, box
 

@@ -12,15 +12,7 @@ from PIL import Image
 
 from cageik_cli.report.anchor_marks import MOVED
 from cageik_cli.report.drawing import TURN, view_axes
-from cageik_cli.report.pose_picture import (
-    NAMED,
-    SIDE,
-    STRIP,
-    Panel,
-    PoseView,
-    as_png,
-    figure_of,
-)
+from cageik_cli.report.pose_picture import NAMED, SIDE, STRIP, Panel, PoseView, as_png, figure_of
 from cageik_cli.report.raster import Camera
 from cageik_cli.report.style import INK, own_style
 from tests.report.hostile import NAMES

@@ -7,7 +7,8 @@ import pytest
 
 from cageik_cli.extraction import extract
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.report import poses_of, report_of
+from cageik_cli.report.poses import poses_of
+from cageik_cli.report.record import report_of
 
 
 def misses_of(case):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.report import report_of
+from cageik_cli.report.record import report_of
 
 RTOL = 1e-9
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.report import report_of
+from cageik_cli.report.record import report_of
 from cageik_cli.report.series import LARGEST, series_of
 
 

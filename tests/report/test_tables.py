@@ -7,8 +7,8 @@ from dataclasses import asdict, fields
 
 import pytest
 
-from cageik_cli.report import as_csv, as_json, report_of
-from cageik_cli.report.record import Frame
+from cageik_cli.report.record import Frame, report_of
+from cageik_cli.report.tables import as_csv, as_json
 
 KEYS = {
     "schema", "tool", "result", "edited_from", "sources", "settings", "notes", "clip", "binding",

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from cageik_cli.report import as_text, report_of
+from cageik_cli.report.record import report_of
+from cageik_cli.report.text import as_text
 
 
 @pytest.fixture

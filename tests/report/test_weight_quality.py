@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from cageik_cli.report import report_of
+from cageik_cli.report.record import report_of
 from cageik_cli.report.weight_quality import quality_rows
 
 

@@ -8,25 +8,18 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cageik_cli.report import (
-    Entry,
-    Limit,
-    Limits,
-    as_json,
-    as_junit,
-    as_markdown,
-    as_text,
-    entry_of,
-    gates,
-    overview_json,
-    overview_of,
-    report_of,
-    wording_of,
-)
+from cageik_cli.report import gates
 from cageik_cli.report.explanations import SETTINGS
+from cageik_cli.report.gates import Limit, Limits
 from cageik_cli.report.index import as_index
+from cageik_cli.report.junit import as_junit
+from cageik_cli.report.markdown import as_markdown
+from cageik_cli.report.overview import Entry, entry_of, overview_of
 from cageik_cli.report.page import as_html
-from cageik_cli.report.wording import EDITED, EXTRACTED
+from cageik_cli.report.record import report_of
+from cageik_cli.report.tables import as_json, overview_json
+from cageik_cli.report.text import as_text
+from cageik_cli.report.wording import EDITED, EXTRACTED, wording_of
 from tests.report.drawings import texts
 from tests.report.markup import faults_of, parsed
 from tests.report.test_page import pictures_of_one_point

@@ -10,9 +10,10 @@ from alembic3d.Abc import OArchive
 from alembic3d.AbcCoreAbstract import AcyclicFlag, TimeSampling, TimeSamplingType, TimeVector
 from alembic3d.AbcGeom import OPolyMesh, OPolyMeshSchemaSample, OXform, XformSample
 
-from cageik_cli.errors import InputError
 from cageik_cli.scene import SceneHints
-from cageik_cli.sequence import ClipSettings, open_sequence
+from cageik_cli.sequence.clip import ClipSettings
+from cageik_cli.sequence.opening import open_sequence
+from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 from tests.shapes import octahedron
 

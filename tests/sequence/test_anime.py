@@ -5,8 +5,9 @@ import struct
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
-from cageik_cli.sequence import ClipSettings, open_sequence
+from cageik_cli.sequence.clip import ClipSettings
+from cageik_cli.sequence.opening import open_sequence
+from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]])

@@ -9,10 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.errors import InputError
 from cageik_cli.scene import SceneHints
-from cageik_cli.sequence import ClipSettings, load_mesh, open_sequence, runs
+from cageik_cli.sequence import runs
+from cageik_cli.sequence.clip import ClipSettings
+from cageik_cli.sequence.mesh_file import load_mesh
+from cageik_cli.sequence.opening import open_sequence
 from cageik_cli.sequence.readers.arrays import FACE_NAMES, VERTEX_NAMES
+from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]])

@@ -2,8 +2,8 @@
 
 import pytest
 
-from cageik_cli.errors import InputError
 from cageik_cli.sequence.axes import Reading, likeliest, readings_of
+from cageik_cli.util.errors import InputError
 
 
 @pytest.mark.parametrize(

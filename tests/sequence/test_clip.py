@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.errors import InputError
 from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence.clip import MeshSequence, refuse_other_connectivity
+from cageik_cli.util.errors import InputError
 from tests.clips import frames_of, positions_of
 
 FACES = np.array([[0, 1, 2]])

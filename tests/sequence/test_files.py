@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
-from cageik_cli.sequence import files, load_mesh, open_sequence
+from cageik_cli.sequence import files
 from cageik_cli.sequence.files import kind_of, stem_of, unpacked
+from cageik_cli.sequence.mesh_file import load_mesh
+from cageik_cli.sequence.opening import open_sequence
+from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 
 

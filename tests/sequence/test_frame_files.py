@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.errors import InputError
-from cageik_cli.sequence import ClipSettings, open_sequence
+from cageik_cli.sequence.clip import ClipSettings
+from cageik_cli.sequence.opening import open_sequence
+from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 
 

@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.errors import InputError
 from cageik_cli.mesh import TriMesh
-from cageik_cli.sequence import LoadedMesh, open_sequence
+from cageik_cli.sequence.mesh_file import LoadedMesh
+from cageik_cli.sequence.opening import open_sequence
+from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 
 COUNT = 120

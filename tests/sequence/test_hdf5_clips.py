@@ -6,10 +6,12 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
 from cageik_cli.scene import SceneHints
-from cageik_cli.sequence import ClipSettings, hdf5_layouts, open_sequence, outline, runs
+from cageik_cli.sequence import hdf5_layouts, runs
+from cageik_cli.sequence.clip import ClipSettings
+from cageik_cli.sequence.opening import open_sequence, outline
 from cageik_cli.sequence.readers import hdf5_clips
+from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)

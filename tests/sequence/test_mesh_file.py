@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.errors import InputError
-from cageik_cli.sequence import load_mesh
+from cageik_cli.sequence.mesh_file import load_mesh
+from cageik_cli.util.errors import InputError
 from tests.shapes import box
 
 QUADS = np.array(

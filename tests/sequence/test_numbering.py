@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.errors import InputError
 from cageik_cli.sequence.numbering import refuse_gaps
+from cageik_cli.util.errors import InputError
 
 
 @pytest.mark.parametrize(

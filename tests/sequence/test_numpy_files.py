@@ -11,9 +11,9 @@ from collections import namedtuple
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
 from cageik_cli.sequence import numpy_files
 from cageik_cli.sequence.numpy_files import Archive, lone_array
+from cageik_cli.util.errors import InputError
 
 VALUES = np.random.default_rng(0).normal(size=(6, 5, 3))
 

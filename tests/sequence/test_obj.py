@@ -7,9 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cageik_cli.errors import InputError
 from cageik_cli.sequence.obj import _mesh_by_lines, parse_obj
 from cageik_cli.sequence.obj_frames import FrameParser
+from cageik_cli.util.errors import InputError
 
 VERTICES = [[0, 0, 0], [1.5, 0, 0], [0, -2, 0], [0, 0, 0.25]]
 FACES = [[0, 2, 1], [0, 1, 3]]

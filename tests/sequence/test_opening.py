@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.errors import InputError
-from cageik_cli.sequence import ClipSettings, open_sequence, outline
-from cageik_cli.sequence.opening import frame_paths
+from cageik_cli.sequence.clip import ClipSettings
+from cageik_cli.sequence.opening import frame_paths, open_sequence, outline
+from cageik_cli.util.errors import InputError
 
 WALKS = ["walk.bvh", "walk.C3D", "walk.fbx", "walk.blend", "walk.glb"]
 NUMBERS = ["frame_1.obj", "frame_2.obj", "frame_10.obj", "frame_11.obj"]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
 from cageik_cli.sequence.placed import Polygons, mirrors, moved, transform_notes
+from cageik_cli.util.errors import InputError
 
 POINTS = np.arange(15.0).reshape(5, 3)
 MIXED = Polygons(np.array([3, 4]), np.array([0, 1, 2, 1, 2, 3, 4]))

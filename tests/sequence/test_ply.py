@@ -7,8 +7,8 @@ import trimesh
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cageik_cli.errors import InputError
 from cageik_cli.sequence.ply import PlyFrameParser, is_binary_ply, parse_binary_ply
+from cageik_cli.util.errors import InputError
 from tests.shapes import ball
 
 VERTICES = np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [0.5, 1, 0], [0, 2, 0.25]])

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.errors import InputError
 from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence.polygons import _flattened, fans, unfolded
+from cageik_cli.util.errors import InputError
 from tests.shapes import rotation
 
 DART = [[0, 0], [2, 0], [0.5, 0.5], [0, 2]]

@@ -5,8 +5,8 @@ import io
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
 from cageik_cli.sequence.stored_frames import BinaryFile, Packing, StoredFrames, refuse_other_size
+from cageik_cli.util.errors import InputError
 
 VALUES = np.arange(24, dtype=">f8")
 

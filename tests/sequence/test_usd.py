@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 
-from cageik_cli.errors import InputError
 from cageik_cli.scene import SceneHints
-from cageik_cli.sequence import ClipSettings, open_sequence
+from cageik_cli.sequence.clip import ClipSettings
+from cageik_cli.sequence.opening import open_sequence
 from cageik_cli.sequence.readers import usd
+from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 from tests.shapes import octahedron
 

@@ -5,8 +5,8 @@ import hashlib
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
-from cageik_cli.sequence import load_vertex_weights
+from cageik_cli.sequence.weights_file import load_vertex_weights
+from cageik_cli.util.errors import InputError
 
 WEIGHTS = [1.0, 0.0, 0.1, 1e-300, 2.5]
 

@@ -10,9 +10,9 @@ import pytest
 
 from cageik_cli import __version__
 from cageik_cli.binding import Binding, BindSettings, bind
-from cageik_cli.errors import InputError
 from cageik_cli.store import binding_file as store
 from cageik_cli.store.binding_file import StoredBinding
+from cageik_cli.util.errors import InputError
 from tests.shapes import TETRAHEDRON, ball, box
 
 SETTINGS = BindSettings(accuracy="fine", outside="project")

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from cageik_cli.binding import ALGORITHMS, COORDINATES, Binding, BindSettings, bind
-from cageik_cli.locks import open_locked, remove_locked
 from cageik_cli.mesh import TriMesh
 from cageik_cli.store import cache as module
 from cageik_cli.store.cache import WeightCache, key_of
+from cageik_cli.util.outputs import open_locked, remove_locked
 from tests.shapes import TETRAHEDRON, ball, box
 from tests.store.entries import entry, same
 

@@ -6,19 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
-from cageik_cli.locks import open_locked
 from cageik_cli.metrics import FrameFigures, Measured
-from cageik_cli.sequence import Block
-from cageik_cli.store.partial import (
-    MAGIC,
-    PartialResult,
-    Plan,
-    forget,
-    is_partial,
-    progress_of,
-)
+from cageik_cli.sequence.clip import Block
+from cageik_cli.store.partial import MAGIC, PartialResult, Plan, forget, is_partial, progress_of
 from cageik_cli.store.solved_block import SolvedBlock, packed, solved, unpacked
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.outputs import open_locked
 
 PLAN = Plan(
     frames=[f"frame_{k}_é.obj" for k in range(5)],

@@ -11,12 +11,12 @@ import pytest
 from cageik_cli import __version__
 from cageik_cli.binding import Binding
 from cageik_cli.dual_laplacian import Quality
-from cageik_cli.errors import InputError, NumericalError
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.scene import Scene
-from cageik_cli.sequence import open_sequence
+from cageik_cli.sequence.opening import open_sequence
 from cageik_cli.store import parts, result_writer
 from cageik_cli.store import result as store
+from cageik_cli.util.errors import InputError, NumericalError
 from tests.shapes import TETRAHEDRON, ball
 
 SCENE = Scene(30.0, 101.0, "Z", 0.01)

@@ -9,8 +9,8 @@ import numpy as np
 
 from cageik_cli.export.animation import Animation, AnimationWriter
 from cageik_cli.export.single_precision import single_precision
-from cageik_cli.mesh import Floats
-from cageik_cli.optional import needing
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import needing
 
 
 class Writer(AnimationWriter):

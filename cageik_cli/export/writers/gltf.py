@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.errors import InputError
 from cageik_cli.export.animation import Animation, AnimationWriter
 from cageik_cli.export.single_precision import single_precision
-from cageik_cli.mesh import Floats
-from cageik_cli.optional import needing
 from cageik_cli.scene import Scene
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError, needing
 
 LARGEST_FILE = 2**32 - 1
 """Bytes whose count a GLB file has room to state."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from cageik_cli.export.animation import Animation, AnimationWriter
 from cageik_cli.export.undated import undated
-from cageik_cli.mesh import Floats
+from cageik_cli.util.arrays import Floats
 
 
 class Writer(AnimationWriter):

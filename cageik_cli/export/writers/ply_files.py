@@ -6,7 +6,7 @@ import numpy as np
 
 from cageik_cli.export.animation import Animation
 from cageik_cli.export.frame_files import FrameFileWriter
-from cageik_cli.mesh import Floats
+from cageik_cli.util.arrays import Floats
 
 _HEADER = """\
 ply

@@ -5,8 +5,8 @@ from pathlib import Path
 from cageik_cli.export.animation import Animation, AnimationWriter
 from cageik_cli.export.single_precision import single_precision
 from cageik_cli.export.usd_file import UsdFile, define_mesh, extent_of
-from cageik_cli.mesh import Floats
 from cageik_cli.usd import SUFFIXES, need_usd, quiet
+from cageik_cli.util.arrays import Floats
 
 
 class Writer(AnimationWriter):

@@ -9,9 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.errors import InputError, located
-from cageik_cli.mesh import Floats
-from cageik_cli.optional import needing
 from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.clip import ClipRequest
 from cageik_cli.sequence.clip_file import ClipFile, only
@@ -19,6 +16,8 @@ from cageik_cli.sequence.members import picked
 from cageik_cli.sequence.placed import Polygons, mirrors, moved, transform_notes, unchanging
 from cageik_cli.sequence.polygons import unfolded
 from cageik_cli.sequence.sampling import Sampling, rate
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError, located, needing
 
 
 class Reader(ClipFile):

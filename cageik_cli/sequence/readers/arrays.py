@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.errors import InputError
 from cageik_cli.scene import SceneHints, sound_hints
 from cageik_cli.sequence.axes import likeliest, readings_of
 from cageik_cli.sequence.clip import ClipRequest
@@ -12,6 +11,7 @@ from cageik_cli.sequence.clip_file import only, refuse_counted_from_one
 from cageik_cli.sequence.numpy_files import Archive, FileArray, lone_array
 from cageik_cli.sequence.packed_clip import PackedClip, PackedClipFile
 from cageik_cli.sequence.stored_frames import Packing, StoredFrames
+from cageik_cli.util.errors import InputError
 
 VERTEX_NAMES = ("vertices", "verts", "V", "v")
 FACE_NAMES = ("faces", "tris", "F", "f")

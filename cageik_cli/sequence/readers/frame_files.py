@@ -4,15 +4,16 @@ import hashlib
 from collections.abc import Sequence
 from typing import Any
 
-from cageik_cli.errors import located
-from cageik_cli.layout import printable
-from cageik_cli.mesh import Floats, TriMesh
+from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence.clip import ClipRequest, MeshSequence, refuse_other_connectivity
 from cageik_cli.sequence.files import kind_of, unpacked
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES, file_mesh, read_bytes
 from cageik_cli.sequence.obj_frames import FrameParser
 from cageik_cli.sequence.ply import PlyFrameParser
 from cageik_cli.sequence.polygons import unfolded
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import located
+from cageik_cli.util.text import printable
 
 
 class Reader(MeshSequence):

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from cageik_cli.errors import InputError
 from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.clip import ClipRequest
 from cageik_cli.sequence.clip_file import only
 from cageik_cli.sequence.packed_clip import PackedClip, PackedClipFile
 from cageik_cli.sequence.stored_frames import BinaryFile, Packing, StoredFrames, refuse_other_size
+from cageik_cli.util.errors import InputError
 
 _WHOLE, _SINGLE = np.dtype(">i4"), np.dtype(">f4")
 

@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.errors import InputError, located
-from cageik_cli.mesh import Floats
 from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.clip import ClipRequest
 from cageik_cli.sequence.clip_file import ClipFile, digest_of, only
@@ -18,6 +16,8 @@ from cageik_cli.sequence.placed import Polygons, mirrors, moved, transform_notes
 from cageik_cli.sequence.polygons import unfolded
 from cageik_cli.sequence.sampling import Sampling, rate
 from cageik_cli.usd import SUFFIXES, need_usd, quiet
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError, located
 
 LARGEST_SPAN = 100_000
 """Most whole time codes that are taken, a frame each, between samples that are not even."""

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli import outputs
-from cageik_cli.errors import InputError
+from cageik_cli.util import outputs
+from cageik_cli.util.errors import InputError
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,18 @@
 """Memory that is used again, block after block."""
 
 import math
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cageik_cli.mesh import Floats, Integers
+Number = TypeVar("Number", bound=np.generic)
+
+
+Integers = NDArray[np.int64]
+
+
+Floats = NDArray[np.float64]
 
 
 class Scratch:

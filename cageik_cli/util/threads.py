@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
+
+
 Made = TypeVar("Made")
+
 
 CONTROL_GROUP = Path("/sys/fs/cgroup")
 

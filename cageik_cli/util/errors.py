@@ -52,3 +52,22 @@ def first_few(things: Iterable[object], limit: int = 10) -> str:
     """List the first `limit` of them, with a mark when there are more."""
     listed = [str(thing) for thing in things]
     return ", ".join(listed[:limit]) + (", ..." if len(listed) > limit else "")
+
+
+@contextmanager
+def needing(library: str, extra: str, act: str) -> Iterator[None]:
+    """Make of an import that fails inside a sentence on what to install.
+
+    Parameters
+    ----------
+    library : str
+        As package indexes call it.
+    extra : str
+        Which of our extras brings it.
+    act : str
+        What it is needed for: "reading .usdc".
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise InputError(f"{act} needs {library}: pip install 'cageik[{extra}]'") from error

@@ -5,11 +5,11 @@ import sys
 import numpy as np
 import pytest
 
-from cageik_cli.errors import InputError
-from cageik_cli.export import Animation, created
-from cageik_cli.optional import needing
+from cageik_cli.export.animation import Animation
+from cageik_cli.export.opening import created
 from cageik_cli.scene import Scene
-from cageik_cli.sequence import open_sequence
+from cageik_cli.sequence.opening import open_sequence
+from cageik_cli.util.errors import InputError, needing
 from tests.shapes import TETRAHEDRON
 
 

@@ -4,8 +4,8 @@ import time
 import pytest
 from threadpoolctl import threadpool_info
 
-from cageik_cli import threads
-from cageik_cli.threads import InOrder, blas_threads, processors
+from cageik_cli.util import threads
+from cageik_cli.util.threads import InOrder, blas_threads, processors
 
 
 def test_blas_threads_are_limited_inside_and_restored():

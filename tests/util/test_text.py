@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.layout import bytes_text, printable, shown
+from cageik_cli.util.text import bytes_text, printable, shown
 
 
 @pytest.mark.parametrize(
