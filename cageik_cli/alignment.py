@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cageik_cli.rotations import decomposed
+from cageik_cli.geometry.rotations import decomposed
 from cageik_cli.util.arrays import Floats
 
 

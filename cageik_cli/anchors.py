@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.camera import Camera
-from cageik_cli.coordinates.surface import nearest_on_surface
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.camera import Camera
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface import nearest_on_surface
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from cageik_cli.coordinates.weights import ACCURACIES, Weights, no_progress
 from cageik_cli.enclosure import OUTSIDE, Enclosure, check_enclosure
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError, NumericalError
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.hdf5 import SUFFIXES as HDF5_SUFFIXES
-from cageik_cli.mesh import TriMesh
 from cageik_cli.report.text import accuracy_row, weights_row
 from cageik_cli.report.wording import wording_of
 from cageik_cli.scene import Scene

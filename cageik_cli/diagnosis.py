@@ -7,8 +7,8 @@ import numpy as np
 from cageik_cli.coordinates.harmonic import PANEL_LIMIT, harmonic_weights
 from cageik_cli.enclosure import Placement, check_enclosure, outside_finding, place, point_finding
 from cageik_cli.findings import SEVERITIES, Finding
-from cageik_cli.mesh import TriMesh
-from cageik_cli.shape import bounds_volume, corner_angles, is_flat
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import bounds_volume, corner_angles, is_flat
 from cageik_cli.soundness import cage_findings
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.weaknesses import (

@@ -20,7 +20,7 @@ import scipy.linalg
 
 from cageik_cli.alignment import best_rotations, centroids
 from cageik_cli.binding import Binding, WeightQuality
-from cageik_cli.mesh import uniform_laplacian
+from cageik_cli.geometry.mesh import uniform_laplacian
 from cageik_cli.util.arrays import Floats, Scratch
 from cageik_cli.util.errors import InputError, NumericalError
 

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.surface import (
+from cageik_cli.findings import Finding
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface import (
     ROUNDING,
     NearestOnSurface,
     nearest_on_surface,
     winding_numbers,
 )
-from cageik_cli.findings import Finding
-from cageik_cli.mesh import TriMesh
 from cageik_cli.soundness import checked_cage
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError, first_few

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.mesh import TriMesh, signed_volumes
+from cageik_cli.geometry.mesh import TriMesh, signed_volumes
 from cageik_cli.util.arrays import Floats, Integers, Scratch
 
 

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.rotations import nearest_by_entry
+from cageik_cli.geometry.rotations import nearest_by_entry
 from cageik_cli.util.arrays import Floats
 
 

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.findings import Finding, at, plural
-from cageik_cli.intersections import self_intersections
-from cageik_cli.mesh import TriMesh
-from cageik_cli.shape import bounds_volume, face_areas, is_flat
+from cageik_cli.geometry.intersections import self_intersections
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import bounds_volume, face_areas, is_flat
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import InputError, first_few
 

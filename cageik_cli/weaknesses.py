@@ -6,9 +6,9 @@ import numpy as np
 
 from cageik_cli.enclosure import Placement
 from cageik_cli.findings import Finding, at
-from cageik_cli.intersections import crossings
-from cageik_cli.mesh import TriMesh
-from cageik_cli.shape import corner_angles, is_flat, opposite_sheets
+from cageik_cli.geometry.intersections import crossings
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import corner_angles, is_flat, opposite_sheets
 from cageik_cli.util.arrays import Floats
 
 SHARPEST = 2.0

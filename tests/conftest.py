@@ -14,7 +14,7 @@ from hypothesis import settings
 
 from cageik_cli.cli import main
 from cageik_cli.coordinates import harmonic
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import ball, box
 
 # A machine that is busy is not a fault of the code.

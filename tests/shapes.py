@@ -3,7 +3,7 @@
 import numpy as np
 
 from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 
 TETRAHEDRON = TriMesh(
     np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
@@ -83,7 +83,7 @@ def concave() -> TriMesh:
 
 def inside(mesh: TriMesh, count: int, seed: int = 0, margin: float = 0.02) -> np.ndarray:
     """Random points inside `mesh`, at least `margin` diagonals from it."""
-    from cageik_cli.coordinates.surface import nearest_on_surface, winding_numbers
+    from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
 
     generator = np.random.default_rng(seed)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)

@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.anchors import Anchor, at_vertex, nearest_to, on_face, picked, positions_of, rows_of
-from cageik_cli.camera import Camera, Stand
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.camera import Camera, Stand
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.sequence.mesh_file import load_mesh
 from cageik_cli.util.errors import InputError
+from tests.geometry.test_camera import orthographic
 from tests.shapes import ball, box, changed, finer, octahedron, rotation
-from tests.test_camera import orthographic
 
 WALKER = Path(__file__).parents[1] / "data_fixtures/walker/frames/walker_1.obj"
 BALL = ball(2, 1.0)

@@ -9,7 +9,7 @@ from cageik_cli.coordinates import harmonic as module
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.coordinates.weights import Weights
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError, NumericalError
 from tests.shapes import ball, box, concave, octahedron
 

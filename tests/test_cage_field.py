@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cage_field import CageField
-from cageik_cli.mesh import TriMesh, uniform_laplacian
+from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
 from cageik_cli.ties import Ties, free_basis
 from tests.shapes import ball, concave, finer, octahedron
 

@@ -4,7 +4,7 @@ import pytest
 from cageik_cli import diagnosis as module
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.diagnosis import diagnose
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import ball, box, concave, finer, octahedron
 
 pytestmark = pytest.mark.usefixtures("coarse_panels")

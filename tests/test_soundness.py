@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.soundness import cage_findings, checked_cage
 from cageik_cli.util.errors import InputError
 from tests.exact import improper_pairs

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.ties import Mirror, TiedMap, Ties, free_basis, partners
 from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box, changed, rotation

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.enclosure import place
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.weaknesses import (
     LARGEST,
     NEAREST,

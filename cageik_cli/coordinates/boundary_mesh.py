@@ -10,7 +10,7 @@ from scipy import sparse
 from cageik_cli.coordinates.higher_terms import HigherTerms
 from cageik_cli.coordinates.panel_geometry import Panels
 from cageik_cli.coordinates.polynomials import LINEAR, exponents
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
 

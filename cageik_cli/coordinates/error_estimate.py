@@ -4,8 +4,8 @@ import numpy as np
 
 from cageik_cli.coordinates.boundary_equation import BoundarySolution, blocks, emitted, potentials
 from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.surface import nearest_on_surface
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface import nearest_on_surface
 from cageik_cli.util.arrays import Floats
 
 AFTER_LINEAR = 0.1

@@ -27,9 +27,9 @@ from cageik_cli.coordinates.boundary_equation import (
 from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.error_estimate import estimated
 from cageik_cli.coordinates.polynomials import LINEAR, exponents
-from cageik_cli.coordinates.surface import weights_on_surface
 from cageik_cli.coordinates.weights import ACCURACIES, Accuracy, Weights, no_progress
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.threads import blas_threads, processors

@@ -39,9 +39,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.coordinates.surface import weights_on_surface
 from cageik_cli.coordinates.weights import Weights, no_progress
-from cageik_cli.mesh import Edges, TriMesh
+from cageik_cli.geometry.mesh import Edges, TriMesh
+from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.threads import blas_threads, processors
 

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.mesh import Edges
+from cageik_cli.geometry.mesh import Edges
 from cageik_cli.util.arrays import Floats, Integers
 
 

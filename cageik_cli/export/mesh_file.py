@@ -5,8 +5,8 @@ from pathlib import Path
 from cageik_cli.export import writers
 from cageik_cli.export.animation import Animation
 from cageik_cli.export.frame_files import FrameFileWriter
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.kinds import by_suffix
-from cageik_cli.mesh import TriMesh
 from cageik_cli.scene import Scene
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError

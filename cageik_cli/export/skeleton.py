@@ -9,7 +9,7 @@ from cageik_cli.export.animation import Animation, AnimationWriter
 from cageik_cli.export.single_precision import single_precision
 from cageik_cli.export.skinning import SkinWeights, furthest, skin_weights
 from cageik_cli.export.usd_file import UsdFile, define_mesh, extent_of
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.usd import SUFFIXES, quiet
 from cageik_cli.util.arrays import Floats
 

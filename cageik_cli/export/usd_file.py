@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.export.animation import Animation
 from cageik_cli.export.undated import undated
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.usd import need_usd, quiet
 from cageik_cli.util.errors import InputError
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.anchors import Anchor
+from cageik_cli.geometry.mesh import LARGEST_COORDINATE
 from cageik_cli.handles.motions import Motion
-from cageik_cli.mesh import LARGEST_COORDINATE
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError, located
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.camera import Camera
+from cageik_cli.geometry.camera import Camera
 from cageik_cli.handles.motions import Motion, MoveBy, MoveTo, Pin, ScreenBy, ScreenTo, Track
 from cageik_cli.handles.records import InPixel, NearTo, OnFace, OnVertex, Place
 from cageik_cli.util.errors import InputError, located

@@ -8,7 +8,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from cageik_cli.camera import Camera
+from cageik_cli.geometry.camera import Camera
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
 

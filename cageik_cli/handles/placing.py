@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from cageik_cli.anchors import SurfacePoint, at_vertex, nearest_to, on_face, picked
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.handles.conflicts import Held, merged
 from cageik_cli.handles.drag import Drag
 from cageik_cli.handles.records import (
@@ -18,7 +19,6 @@ from cageik_cli.handles.records import (
     PlaceSettings,
     Surface,
 )
-from cageik_cli.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError, located
 

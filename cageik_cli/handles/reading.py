@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.camera import Camera, Stand
+from cageik_cli.geometry.camera import Camera, Stand
 from cageik_cli.handles.document import read_document
 from cageik_cli.handles.fields import motion_of, place_on_surface
 from cageik_cli.handles.records import Handle, Handles, HandleSet

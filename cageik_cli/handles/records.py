@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from cageik_cli.camera import Camera
+from cageik_cli.geometry.camera import Camera
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.handles.motions import Motion
-from cageik_cli.mesh import TriMesh
 from cageik_cli.ties import Ties
 from cageik_cli.util.arrays import Floats
 

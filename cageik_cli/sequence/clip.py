@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.mesh import TriMesh, checked_positions
+from cageik_cli.geometry.mesh import TriMesh, checked_positions
 from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.mesh_file import LoadedMesh
 from cageik_cli.util.arrays import Floats, Integers

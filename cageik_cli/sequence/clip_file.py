@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.clip import ClipRequest, MeshSequence
 from cageik_cli.util.errors import InputError, first_few, located

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.sequence.files import PACKED, kind_of, unpacked
 from cageik_cli.sequence.obj import FileMesh, parse_obj
 from cageik_cli.sequence.off import parse_off

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.sequence.obj_words import polygons_of, vertices_of, words_of
 from cageik_cli.sequence.polygons import fans, fans_of
 from cageik_cli.util.arrays import Floats, Integers

@@ -5,7 +5,7 @@ from itertools import chain
 
 import numpy as np
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
 

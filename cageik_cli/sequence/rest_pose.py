@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.sequence.clip import ClipSettings, MeshSequence, refuse_other_connectivity
 from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh
 from cageik_cli.sequence.opening import open_sequence

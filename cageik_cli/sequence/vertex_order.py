@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.sequence.clip import MeshSequence, refuse_other_connectivity
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import InputError

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from cageik_cli.anchors import Anchor, at_vertex
 from cageik_cli.binding import Binding
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from tests.benchmarks.growth import wavy_sphere
 
 NEAREST = 10

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from cageik_cli.coordinates.harmonic import harmonic_weights
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 
 CAGES, MODELS = (60, 120, 300, 1000), (10**4, 10**5, 10**6)
 

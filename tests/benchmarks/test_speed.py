@@ -11,8 +11,8 @@ from cageik_cli.binding import Binding, bind
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings
 from cageik_cli.extraction import extract
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.mesh import TriMesh
 from cageik_cli.sequence.mesh_file import load_mesh
 from cageik_cli.sequence.opening import open_sequence
 from cageik_cli.solving import LARGEST_BLOCK

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from cageik_cli.coordinates.surface import nearest_on_surface, winding_numbers
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
 from tests.shapes import ball, rotation
 
 

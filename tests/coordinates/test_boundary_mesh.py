@@ -3,7 +3,7 @@ import pytest
 
 from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.polynomials import exponents
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import concave
 
 

@@ -6,8 +6,8 @@ import trimesh
 
 from cageik_cli.binding import COORDINATES, BindSettings, bind
 from cageik_cli.coordinates.harmonic import ACCURACIES
-from cageik_cli.coordinates.surface import nearest_on_surface, winding_numbers
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
 from cageik_cli.soundness import checked_cage
 from cageik_cli.util.errors import CageikError, InputError, NumericalError
 from tests.coordinates.random_cages import KINDS, kind_of, points_within, random_cage

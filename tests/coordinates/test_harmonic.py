@@ -10,7 +10,7 @@ from cageik_cli.coordinates import harmonic
 from cageik_cli.coordinates.boundary_equation import solve_boundary, weights_inside
 from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.harmonic import ACCURACIES, Accuracy, harmonic_weights
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError
 from tests.shapes import TETRAHEDRON, ball, box, concave, finer, inside, rotation
 

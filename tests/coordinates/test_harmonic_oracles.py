@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from cageik_cli.coordinates.harmonic import ACCURACIES, harmonic_weights
-from cageik_cli.coordinates.surface import nearest_on_surface, winding_numbers
+from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
 from tests.shapes import ball, box, concave, finer, inside
 
 SOLID_HARMONICS = {

@@ -6,8 +6,8 @@ from numpy.polynomial.legendre import leggauss
 
 from cageik_cli.coordinates import mean_value
 from cageik_cli.coordinates.mean_value import mean_value_weights
-from cageik_cli.coordinates.surface import ROUNDING, nearest_on_surface, winding_numbers
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface import ROUNDING, nearest_on_surface, winding_numbers
 from tests.shapes import TETRAHEDRON, ball, box, concave, inside, octahedron, rotation
 
 CAGES = {"box": box(), "concave": concave(), "ball": ball(1, 1.0)}

@@ -5,7 +5,7 @@ from pxr import Usd, UsdValidation
 
 from cageik_cli.export.animation import Animation
 from cageik_cli.export.opening import created
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.scene import Scene
 from tests.shapes import octahedron
 

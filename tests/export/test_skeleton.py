@@ -8,7 +8,7 @@ from cageik_cli.export import skeleton
 from cageik_cli.export.animation import Animation
 from cageik_cli.export.skeleton import SkeletonWriter
 from cageik_cli.export.skinning import skin_weights
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.scene import Scene
 from cageik_cli.sequence.opening import open_sequence
 from cageik_cli.usd import SUFFIXES

@@ -14,7 +14,7 @@ import trimesh
 from cageik_cli.export import opening
 from cageik_cli.export.animation import Animation
 from cageik_cli.export.opening import created
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.scene import Scene
 from cageik_cli.usd import SUFFIXES
 from cageik_cli.util.errors import InputError

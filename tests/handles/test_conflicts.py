@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.anchors import positions_of
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.handles.records import Surface
-from cageik_cli.mesh import TriMesh
 from cageik_cli.util.errors import InputError
 from tests.handles.files import CLIP, FRAMES, HAND, MESH, STILL, drag, read_set
 

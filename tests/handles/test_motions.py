@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.camera import Camera, Stand
+from cageik_cli.geometry.camera import Camera, Stand
 from cageik_cli.handles.motions import MoveBy, MoveTo, Pin, ScreenBy, ScreenTo, Track
 from cageik_cli.util.errors import InputError
 

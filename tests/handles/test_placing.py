@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.anchors import positions_of
-from cageik_cli.camera import Stand
+from cageik_cli.geometry.camera import Stand
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.handles.records import HandleSet, Surface
-from cageik_cli.mesh import TriMesh
 from cageik_cli.util.errors import InputError
 from tests.handles.files import CAMERA, CLIP, FRAMES, HAND, KEYS, MESH, STILL, drag, read_set, step
 

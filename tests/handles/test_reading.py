@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.camera import Camera, Stand
+from cageik_cli.geometry.camera import Camera, Stand
 from cageik_cli.handles.motions import MoveBy, MoveTo, Pin, ScreenBy, ScreenTo
 from cageik_cli.handles.placing import placed
 from cageik_cli.handles.reading import read_handles

@@ -150,7 +150,7 @@ def test_an_export_is_read_back(tmp_path):
     """Our own writer's file, and numpy's opinion of it."""
     from cageik_cli.export.animation import Animation
     from cageik_cli.export.opening import created
-    from cageik_cli.mesh import TriMesh
+    from cageik_cli.geometry.mesh import TriMesh
     from cageik_cli.scene import Scene
 
     path = tmp_path / "out.npz"

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.sequence.clip import MeshSequence, refuse_other_connectivity
 from cageik_cli.util.errors import InputError
 from tests.clips import frames_of, positions_of

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.sequence.polygons import _flattened, fans, unfolded
 from cageik_cli.util.errors import InputError
 from tests.shapes import rotation

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.sequence.opening import open_sequence
 from cageik_cli.sequence.vertex_order import refuse_other_order
 from cageik_cli.util.errors import InputError

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.binding import ALGORITHMS, COORDINATES, Binding, BindSettings, bind
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store import cache as module
 from cageik_cli.store.cache import WeightCache, key_of
 from cageik_cli.util.outputs import open_locked, remove_locked

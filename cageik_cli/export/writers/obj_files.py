@@ -5,7 +5,7 @@ from pathlib import Path
 from cageik_cli.export.animation import Animation
 from cageik_cli.export.frame_files import FrameFileWriter
 from cageik_cli.export.obj_text import obj_format
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 
 

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from typing import Any
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.sequence.clip import ClipRequest, MeshSequence, refuse_other_connectivity
 from cageik_cli.sequence.files import kind_of, unpacked
 from cageik_cli.sequence.mesh_file import MESH_SUFFIXES, file_mesh, read_bytes

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.hdf5 import lone_attributes, numbers, open_file, opened, sound
-from cageik_cli.mesh import TriMesh
 from cageik_cli.scene import SceneHints, sound_hints
 from cageik_cli.sequence.clip import ClipRequest
 from cageik_cli.sequence.clip_file import ClipFile, only, refuse_counted_from_one

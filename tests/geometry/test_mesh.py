@@ -4,7 +4,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cageik_cli.mesh import TriMesh, signed_volumes, uniform_laplacian
+from cageik_cli.geometry.mesh import TriMesh, signed_volumes, uniform_laplacian
 from cageik_cli.util.errors import InputError
 from tests.shapes import TETRAHEDRON, ball, box, concave, octahedron
 

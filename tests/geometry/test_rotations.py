@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cageik_cli import rotations
-from cageik_cli.rotations import decomposed, nearest_by_entry, nearest_rotations
+from cageik_cli.geometry import rotations
+from cageik_cli.geometry.rotations import decomposed, nearest_by_entry, nearest_rotations
 from tests.shapes import rotation
 
 COUNT = 300

@@ -1,7 +1,7 @@
 import numpy as np
 import trimesh
 
-from cageik_cli.coordinates.surface import nearest_on_surface, winding_numbers
+from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
 from tests.shapes import ball, box, concave
 
 

@@ -8,10 +8,11 @@ import igl.predicates
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
 Truths = NDArray[np.bool_]
+
 
 BLOCK = 1 << 16
 """Pairs of neighbours judged together, to bound the memory they take."""

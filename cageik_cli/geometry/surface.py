@@ -6,11 +6,12 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
 ON_SURFACE = 1e-12
 """A point this near a surface, in diagonals, is on it."""
+
 
 ROUNDING = 8 * np.finfo(np.float64).eps
 """Or this near in the largest coordinate, which is more when that is far away."""

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.mesh import TriMesh
-from cageik_cli.shape import (
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import (
     THINNEST,
     bounds_volume,
     corner_angles,
@@ -91,6 +91,6 @@ def test_blocks_change_nothing(monkeypatch):
     slab = TriMesh(box().vertices * [1, 1, 0.1], box().faces)
     whole = opposite_sheets(slab, 1.0)
     assert len(whole[0]) > 0
-    monkeypatch.setattr("cageik_cli.shape.BLOCK", 5)
+    monkeypatch.setattr("cageik_cli.geometry.shape.BLOCK", 5)
     for found, expected in zip(opposite_sheets(slab, 1.0), whole, strict=True):
         np.testing.assert_array_equal(found, expected)

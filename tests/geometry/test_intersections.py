@@ -1,8 +1,13 @@
 import numpy as np
 import pytest
 
-from cageik_cli.intersections import crossings, segments_meet, self_intersections, triangles_meet
-from cageik_cli.mesh import TriMesh
+from cageik_cli.geometry.intersections import (
+    crossings,
+    segments_meet,
+    self_intersections,
+    triangles_meet,
+)
+from cageik_cli.geometry.mesh import TriMesh
 from tests.exact import common_points, improper_pairs, meet_improperly
 from tests.shapes import ball, box, concave, finer, rotation
 
@@ -63,7 +68,7 @@ def test_blocks_change_nothing(monkeypatch):
     vertices[8:] *= -1.5
     crossed = TriMesh(vertices, mesh.faces)
     whole = self_intersections(crossed)
-    monkeypatch.setattr("cageik_cli.intersections.BLOCK", 7)
+    monkeypatch.setattr("cageik_cli.geometry.intersections.BLOCK", 7)
     np.testing.assert_array_equal(self_intersections(crossed), whole)
     assert whole.tolist() == improper_pairs(crossed)
 

@@ -1,0 +1,4 @@
+"""Triangle meshes and the geometry of surfaces: distances, intersections, rotations, cameras.
+
+Depends on `util` only. Start with `mesh`, whose `TriMesh` is what everything else takes.
+"""
