@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.binding import BindSettings, bind
+from cageik_cli.coordinates.binding import BindSettings, bind
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.hdf5 import refuse_other_suffix
 from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh, read_bytes, source_of

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.binding import Binding, BindSettings
 from cageik_cli.binding_run import WeightSettings, made
+from cageik_cli.coordinates.binding import GROUP, Binding, BindSettings, rebuilt
 from cageik_cli.export.animation import Animation
 from cageik_cli.export.writing import Output, Written, write_animation
 from cageik_cli.exporting import remark_gaps
-from cageik_cli.rebuilding import GROUP, rebuilt
 from cageik_cli.scene import SceneHints
 from cageik_cli.sequence.clip import ClipSettings, MeshSequence
 from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh

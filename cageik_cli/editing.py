@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.binding import Binding
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.edited_block import EditedBlock, Snapshot, edited_block
 from cageik_cli.handles.reading import read_handles
 from cageik_cli.hdf5 import refuse_other_suffix

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.binding import BindSettings
 from cageik_cli.binding_run import WeightSettings, from_file, made
+from cageik_cli.coordinates.binding import BindSettings
 from cageik_cli.dual_laplacian import SolveSettings, normalised_weights
 from cageik_cli.scene import Scene, SceneHints
 from cageik_cli.sequence.clip import ClipSettings, MeshSequence

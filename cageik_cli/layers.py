@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.anchors import Anchor, positions_of, rows_of
-from cageik_cli.binding import Binding
+from cageik_cli.coordinates.binding import Binding, rebuilt
 from cageik_cli.handles.drag import Drag
 from cageik_cli.handles.placing import placed
 from cageik_cli.handles.records import Handles, PlaceSettings, Surface
 from cageik_cli.posing import DEFAULT_ALPHA, Poser, refuse_no_weights
-from cageik_cli.rebuilding import rebuilt
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import located
 

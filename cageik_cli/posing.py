@@ -16,8 +16,8 @@ from functools import cached_property
 import numpy as np
 
 from cageik_cli.anchors import Anchor, positions_of, rows_of
-from cageik_cli.binding import Binding
 from cageik_cli.cage_field import CageField, Response
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.dual_laplacian import WORST_CONDITION
 from cageik_cli.geometry.mesh import uniform_laplacian
 from cageik_cli.rigidity import Cells, Neighbours

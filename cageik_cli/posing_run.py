@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.binding import Binding
 from cageik_cli.binding_run import WeightSettings, made
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.edited_block import EditedBlock, Snapshot, edited_block
 from cageik_cli.export.mesh_file import prepare_mesh, write_mesh
 from cageik_cli.handles.reading import read_handles

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from cageik_cli.binding import Binding
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.dual_laplacian import DualLaplacianSolver
 from cageik_cli.metrics import measure
 from cageik_cli.sequence.clip import Block, MeshSequence, ReadAhead

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from meshes import Points
 
 from cageik_cli.anchors import Anchor, SurfacePoint, at_vertex, on_face, positions_of
-from cageik_cli.binding import Binding, bind
+from cageik_cli.coordinates.binding import Binding, bind
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing import Poser
 from cageik_cli.report.pose_picture import Panel, PoseView, figure_of

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.geometry.mesh import TriMesh
 
 TETRAHEDRON = TriMesh(

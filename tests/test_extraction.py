@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.binding import Binding
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.dual_laplacian import SolveSettings
 from cageik_cli.extraction import extract
 from cageik_cli.inputs import ExtractSettings

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cageik_cli.anchors import Anchor, SurfacePoint, at_vertex, rows_of
-from cageik_cli.binding import Binding
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
 from cageik_cli.posing import Poser
 from cageik_cli.ties import Mirror, Ties

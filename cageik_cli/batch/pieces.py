@@ -13,7 +13,7 @@ from typing import Any
 from cageik_cli.batch.jobs import ClipJob
 from cageik_cli.batch.work import bound_for
 from cageik_cli.batch.worker import make_fit
-from cageik_cli.binding import Binding
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.dual_laplacian import DualLaplacianSolver
 from cageik_cli.inputs import ExtractSettings
 from cageik_cli.sequence.clip import MeshSequence

@@ -50,8 +50,8 @@ def bind_command(timings: Path | None, quiet: bool, **options: Any) -> None:
 
 def _settings(options: dict[str, Any]) -> Any:
     """The settings that the options mean."""
-    from cageik_cli.binding import BindSettings
     from cageik_cli.binding_run import BindRunSettings, WeightSettings
+    from cageik_cli.coordinates.binding import BindSettings
 
     bind = BindSettings(*(options.pop(name) for name in ("coordinates", "accuracy", "outside")))
     cache = cache_folder(options.pop("cache"), options.pop("no_cache"))

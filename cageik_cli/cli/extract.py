@@ -147,7 +147,7 @@ def extract_settings(options: dict[str, Any]) -> Any:
     click.UsageError
         When values contradict each other.
     """
-    from cageik_cli.binding import BindSettings
+    from cageik_cli.coordinates.binding import BindSettings
     from cageik_cli.dual_laplacian import SolveSettings
     from cageik_cli.inputs import ExtractSettings
 

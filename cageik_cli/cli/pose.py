@@ -153,8 +153,8 @@ def _settings(options: dict[str, Any]) -> Any:
     click.UsageError
         When options contradict each other or TARGET.
     """
-    from cageik_cli.binding import BindSettings
     from cageik_cli.binding_run import WeightSettings
+    from cageik_cli.coordinates.binding import BindSettings
     from cageik_cli.editing import EditSettings
     from cageik_cli.handles.records import PlaceSettings
     from cageik_cli.hdf5 import SUFFIXES

@@ -17,16 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from cageik_cli.coordinates.boundary_equation import (
+from cageik_cli.coordinates.bem.boundary_equation import (
     FADE,
     BoundarySolution,
     blocks,
     solve_boundary,
     weights_inside,
 )
-from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.error_estimate import estimated
-from cageik_cli.coordinates.polynomials import LINEAR, exponents
+from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.bem.error_estimate import estimated
+from cageik_cli.coordinates.bem.polynomials import LINEAR, exponents
 from cageik_cli.coordinates.weights import ACCURACIES, Accuracy, Weights, no_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import weights_on_surface
@@ -37,17 +37,22 @@ from cageik_cli.util.threads import blas_threads, processors
 FEWEST_PANELS = 60
 """Faces of cages that have fewer are divided in four: it costs nothing."""
 
+
 PANEL_LIMIT = 5000
 """Most faces of a cage: its matrix has nine float32 times their square, 0.9 GB."""
+
 
 ROUNDS = 4
 """How often the panels that are resolved worst are divided, at most."""
 
+
 SAMPLE = 128
 """Points at which the error is estimated."""
 
+
 SHARED = 0.6
 """The panels that are divided have this share of the estimated error."""
+
 
 DIGITS = 1e10
 """How much the rounding of higher terms may grow; they need few digits, constants keep theirs."""

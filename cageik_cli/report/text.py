@@ -1,6 +1,6 @@
 """The report as a page of text."""
 
-from cageik_cli.binding import WeightQuality
+from cageik_cli.coordinates.binding import WeightQuality
 from cageik_cli.report.figures import Summary, change_text, figure_text, percent_text, units_text
 from cageik_cli.report.gates import Gate
 from cageik_cli.report.record import Report

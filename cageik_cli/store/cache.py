@@ -19,7 +19,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from cageik_cli import __version__
-from cageik_cli.binding import ALGORITHMS, Binding, BindSettings
+from cageik_cli.coordinates.binding import ALGORITHMS, Binding, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.cache_entry import Entry, Unusable, as_bytes, packed, read_entry
 from cageik_cli.util.outputs import open_locked, remove_locked

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.binding import Binding
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.dual_laplacian import Quality
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.scene import Scene

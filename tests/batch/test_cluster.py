@@ -24,7 +24,7 @@ from cageik_cli.batch.cluster import Cluster, await_log
 from cageik_cli.batch.jobs import ClipJob, State
 from cageik_cli.batch.pieces import Common, cut, pickled_without, unpickled_with
 from cageik_cli.batch.work import bound_for, looked_at, work_on
-from cageik_cli.binding import BindSettings
+from cageik_cli.coordinates.binding import BindSettings
 from cageik_cli.dual_laplacian import DualLaplacianSolver
 from cageik_cli.extraction import held_result
 from cageik_cli.inputs import ExtractSettings, bound_of

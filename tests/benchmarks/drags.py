@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
 from cageik_cli.anchors import Anchor, at_vertex
-from cageik_cli.binding import Binding
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
 from tests.benchmarks.growth import wavy_sphere
 

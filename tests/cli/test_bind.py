@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.binding import Binding
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.store.binding_file import StoredBinding
 from tests.shapes import TETRAHEDRON
 

@@ -113,8 +113,9 @@ finally:
 
 
 def test_choices_are_the_numerics_own():
-    from cageik_cli import binding, enclosure
+    from cageik_cli import enclosure
     from cageik_cli.cli import options
+    from cageik_cli.coordinates import binding
     from cageik_cli.coordinates.harmonic import ACCURACIES
 
     assert options.COORDINATES == binding.COORDINATES

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.binding import COORDINATES, BindSettings, bind
+from cageik_cli.coordinates.binding import COORDINATES, BindSettings, bind
 from cageik_cli.coordinates.harmonic import ACCURACIES
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates import harmonic
-from cageik_cli.coordinates.boundary_equation import solve_boundary, weights_inside
-from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.bem.boundary_equation import solve_boundary, weights_inside
+from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.harmonic import ACCURACIES, Accuracy, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError

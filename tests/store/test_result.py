@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cageik_cli import __version__
-from cageik_cli.binding import Binding
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.dual_laplacian import Quality
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.scene import Scene

@@ -7,21 +7,29 @@ from functools import cached_property
 import numpy as np
 
 from cageik_cli.coordinates.weights import ACCURACIES, Weights, no_progress
-from cageik_cli.enclosure import OUTSIDE, Enclosure, check_enclosure
+from cageik_cli.enclosure import Enclosure, check_enclosure
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError, NumericalError
 
+OUTSIDE = ("refuse", "project")
+"""What may be done with vertices further outside."""
+
+
 WORST_PRECISION = 1e-6
 """Weights that miss the rest pose by more, in diagonals, are not weights of this cage."""
+
 
 ALGORITHMS = {"harmonic": 3, "mean-value": 1}
 """To be raised when weights, notes or refusals change, so that no cache gives the old ones."""
 
+
 COORDINATES = tuple(ALGORITHMS)
+
 
 WORST_ERROR = 0.5
 """Rows of harmonic weights that are off by more are no weights."""
+
 
 LOWEST_WEIGHT = -0.05
 """Harmonic weights below it are poor: those of sound cages stay above −0.02."""
@@ -215,3 +223,18 @@ def _missed(points: Floats, binding: Binding) -> float:
     rebuilt = binding.weights @ (binding.cage.vertices - origin)
     misses = np.linalg.norm(rebuilt - (points - origin), axis=1)
     return float(misses.max() / binding.rest.diagonal)
+
+
+GROUP = 4
+"""Frames to a product, always: its last digits depend on how many there are."""
+
+
+def rebuilt(weights: Floats, cages: Floats) -> Floats:
+    """The meshes (k, m, 3) that cages (k, n, 3) give by weights (m, n)."""
+    meshes = np.empty((len(cages), len(weights), 3))
+    for start in range(0, len(cages), GROUP):
+        block = cages[start : start + GROUP]
+        k, n, _ = block.shape
+        columns = weights @ block.transpose(1, 0, 2).reshape(n, 3 * k)
+        meshes[start : start + k] = columns.reshape(-1, k, 3).transpose(1, 0, 2)
+    return meshes

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.polynomials import exponents
+from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.bem.polynomials import exponents
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import concave
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.higher_terms import HigherTerms, higher_moments
-from cageik_cli.coordinates.panels import linear_moments, view
-from cageik_cli.coordinates.polynomials import LINEAR, basis, monomials
+from cageik_cli.coordinates.bem.higher_terms import HigherTerms, higher_moments
+from cageik_cli.coordinates.bem.panels import linear_moments, view
+from cageik_cli.coordinates.bem.polynomials import LINEAR, basis, monomials
 from cageik_cli.util.arrays import Scratch
 
 

@@ -2,8 +2,13 @@
 
 import numpy as np
 
-from cageik_cli.coordinates.boundary_equation import BoundarySolution, blocks, emitted, potentials
-from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.bem.boundary_equation import (
+    BoundarySolution,
+    blocks,
+    emitted,
+    potentials,
+)
+from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import nearest_on_surface
 from cageik_cli.util.arrays import Floats
@@ -11,11 +16,14 @@ from cageik_cli.util.arrays import Floats
 AFTER_LINEAR = 0.1
 """Error of linear densities over what their linear terms emit: 0.08 to 0.16 on real cages."""
 
+
 FASTEST_FALL = 0.3
 """Degrees are not trusted to fall faster: a density's logarithms at edges do not let them."""
 
+
 SLOWEST_FALL = 0.8
 """Nor slower, for the series' sum to mean something."""
+
 
 OFF_EDGES = 1e-3
 """How far towards its centroid a point of a panel is moved, for edges have no tangent plane."""

@@ -18,9 +18,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from cageik_cli.coordinates.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.higher_terms import higher_moments
-from cageik_cli.coordinates.panels import (
+from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.bem.higher_terms import higher_moments
+from cageik_cli.coordinates.bem.panels import (
     close_angles,
     distances,
     double_layer,
@@ -28,18 +28,21 @@ from cageik_cli.coordinates.panels import (
     take_principal_values,
     view,
 )
-from cageik_cli.coordinates.polynomials import LINEAR, basis, gauss_rule, monomials
+from cageik_cli.coordinates.bem.polynomials import LINEAR, basis, gauss_rule, monomials
 from cageik_cli.util.arrays import Floats, Integers, Scratch
 from cageik_cli.util.threads import blas_threads
 
 FADE = 1.25
 """What is beyond linear is whole to `reach` over this, and nothing from `reach` times this."""
 
+
 BLOCK = 60_000
 """Panels times points looked at together: they stay in a cache, and threads stay apart."""
 
+
 LU_THREADS = 2
 """A fixed number, so that weights do not depend on how many processors there are."""
+
 
 Singles = NDArray[np.float32]
 

@@ -18,9 +18,9 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from cageik_cli.coordinates.panel_geometry import Panels
-from cageik_cli.coordinates.panels import View
-from cageik_cli.coordinates.polynomials import (
+from cageik_cli.coordinates.bem.panel_geometry import Panels
+from cageik_cli.coordinates.bem.panels import View
+from cageik_cli.coordinates.bem.polynomials import (
     LINEAR,
     basis,
     edge_coefficients,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.rebuilding import GROUP, rebuilt
+from cageik_cli.coordinates.binding import GROUP, rebuilt
 
 
 @pytest.mark.parametrize("count", [0, 1, GROUP, 2 * GROUP + 3])

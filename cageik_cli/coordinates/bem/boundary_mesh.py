@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from cageik_cli.coordinates.higher_terms import HigherTerms
-from cageik_cli.coordinates.panel_geometry import Panels
-from cageik_cli.coordinates.polynomials import LINEAR, exponents
+from cageik_cli.coordinates.bem.higher_terms import HigherTerms
+from cageik_cli.coordinates.bem.panel_geometry import Panels
+from cageik_cli.coordinates.bem.polynomials import LINEAR, exponents
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.polynomials import (
+from cageik_cli.coordinates.bem.polynomials import (
     LINEAR,
     basis,
     edge_coefficients,

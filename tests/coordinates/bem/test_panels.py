@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.panel_geometry import Panels
-from cageik_cli.coordinates.panels import (
+from cageik_cli.coordinates.bem.panel_geometry import Panels
+from cageik_cli.coordinates.bem.panels import (
     SMALL_TANGENT,
     _arctan2,
     close_angles,
@@ -11,7 +11,7 @@ from cageik_cli.coordinates.panels import (
     take_principal_values,
     view,
 )
-from cageik_cli.coordinates.polynomials import monomials
+from cageik_cli.coordinates.bem.polynomials import monomials
 from cageik_cli.util.arrays import Scratch
 from tests.shapes import ball, box, concave, inside
 
