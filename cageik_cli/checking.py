@@ -8,9 +8,9 @@ from typing import Any
 from cageik_cli import __version__
 from cageik_cli.diagnosis import CageFacts, Diagnosis, RestFacts, diagnose
 from cageik_cli.findings import Finding
-from cageik_cli.sequence.clip import ClipSettings
-from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh
-from cageik_cli.sequence.rest_pose import clip_and_rest
+from cageik_cli.formats.base.sequence import ClipSettings
+from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
+from cageik_cli.formats.open import clip_and_rest
 from cageik_cli.util.text import page
 
 SCHEMA = 1

@@ -10,14 +10,14 @@ import numpy as np
 
 from cageik_cli.binding_run import WeightSettings, made
 from cageik_cli.coordinates.binding import GROUP, Binding, BindSettings, rebuilt
-from cageik_cli.export.animation import Animation
-from cageik_cli.export.writing import Output, Written, write_animation
 from cageik_cli.exporting import remark_gaps
-from cageik_cli.scene import SceneHints
-from cageik_cli.sequence.clip import ClipSettings, MeshSequence
-from cageik_cli.sequence.mesh_file import LoadedMesh, load_mesh
-from cageik_cli.sequence.opening import open_sequence
-from cageik_cli.sequence.vertex_order import refuse_other_order
+from cageik_cli.formats.base.connectivity import refuse_other_order
+from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
+from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.write import Output, Written, write_animation
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import located

@@ -30,7 +30,6 @@ WORST_CONDITION = 1e12
 REFINED_CONDITION = 1e6
 """Above it, forming the normal matrix has lost digits that a step of refinement gives back."""
 
-
 WEIGHTED_AT_ONCE = 1 << 22
 """Entries of H that are weighted at once for the normal matrix."""
 

@@ -9,13 +9,13 @@ import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.edited_block import EditedBlock, Snapshot, edited_block
+from cageik_cli.formats.base.clip_file import digest_of
+from cageik_cli.formats.base.hdf5 import refuse_other_suffix
 from cageik_cli.handles.reading import read_handles
-from cageik_cli.hdf5 import refuse_other_suffix
 from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, layers_of
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.pose_figures import PoseLedger
 from cageik_cli.posing_run import Posed, remark_layers
-from cageik_cli.sequence.clip_file import digest_of
 from cageik_cli.solving import Budget
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
 from cageik_cli.store.result_figures import FIGURES, WHOLE_FIGURES

@@ -20,7 +20,6 @@ from cageik_cli.util.errors import InputError, first_few
 TOUCHING = 1e-8
 """A vertex outside by no more than this, in diagonals, is on the cage but for rounding."""
 
-
 MISPLACED = 0.5
 """A cage with more than this share of the vertices outside is another's; they are not projected."""
 

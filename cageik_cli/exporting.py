@@ -4,11 +4,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from cageik_cli.export.animation import Animation
-from cageik_cli.export.opening import Maker
-from cageik_cli.export.skeleton import SkeletonWriter
-from cageik_cli.export.writing import Output, Written, write_animation
-from cageik_cli.scene import SceneHints
+from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.usd.skeleton import SkeletonWriter
+from cageik_cli.formats.write import Maker, Output, Written, write_animation
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
 from cageik_cli.util.errors import InputError, first_few
 from cageik_cli.util.progress import Observer

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.dual_laplacian import DualLaplacianSolver
+from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.inputs import ExtractSettings, Inputs, bound_of, opened, scene_of
 from cageik_cli.resuming import going_on, prepare_result, take_up, whole_already
-from cageik_cli.sequence.clip import MeshSequence
 from cageik_cli.solving import BlockSolver, Budget, Crew, Threads
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.partial import PartialResult, Plan, forget

@@ -34,7 +34,6 @@ MOST_NAMED = 3
 LEAST_NAMED = 0.1
 """Those that have less part in it than this share of the first's are not named."""
 
-
 LARGEST_RATIO = 1e100
 """Of alpha to beta: far beyond, numbers overflow."""
 

@@ -9,15 +9,14 @@ import numpy as np
 from cageik_cli.binding_run import WeightSettings, made
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.edited_block import EditedBlock, Snapshot, edited_block
-from cageik_cli.export.mesh_file import prepare_mesh, write_mesh
+from cageik_cli.formats.base.file_names import kind_of
+from cageik_cli.formats.base.hdf5 import SUFFIXES as HDF5_SUFFIXES
+from cageik_cli.formats.mesh_file import MESH_SUFFIXES, load_mesh, prepare_mesh, write_mesh
+from cageik_cli.formats.open import clip_suffixes
+from cageik_cli.formats.scene import Scene
 from cageik_cli.handles.reading import read_handles
-from cageik_cli.hdf5 import SUFFIXES as HDF5_SUFFIXES
 from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, layers_of
 from cageik_cli.pose_figures import PoseFigures, PoseLedger
-from cageik_cli.scene import Scene
-from cageik_cli.sequence.files import kind_of
-from cageik_cli.sequence.mesh_file import MESH_SUFFIXES, load_mesh
-from cageik_cli.sequence.opening import clip_suffixes
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import InputError, located
 from cageik_cli.util.outputs import keep_apart

@@ -10,8 +10,8 @@ import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.dual_laplacian import DualLaplacianSolver
+from cageik_cli.formats.base.sequence import Block, MeshSequence, ReadAhead
 from cageik_cli.metrics import measure
-from cageik_cli.sequence.clip import Block, MeshSequence, ReadAhead
 from cageik_cli.store.partial import PartialResult
 from cageik_cli.store.result_writer import refuse_unsound
 from cageik_cli.store.solved_block import SolvedBlock, solved

@@ -23,7 +23,6 @@ NEAREST = 1e-4
 WEAKEST = 0.05
 """A cage vertex whose weights are all smaller hardly moves the model."""
 
-
 LARGEST = 5.0
 """A cage of a larger diagonal than this, over the model's, is likely in another unit."""
 

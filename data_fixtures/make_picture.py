@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from cageik_cli.extraction import extract
+from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.sequence.opening import open_sequence
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Integers
 

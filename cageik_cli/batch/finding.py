@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
 
-from cageik_cli.hdf5 import SUFFIXES
-from cageik_cli.sequence.files import kind_of
-from cageik_cli.sequence.mesh_file import MESH_SUFFIXES
-from cageik_cli.sequence.numbering import numbered_alike
-from cageik_cli.sequence.opening import clip_suffixes, in_natural_order, members_of
+from cageik_cli.formats.base.file_names import kind_of, numbered_alike
+from cageik_cli.formats.base.hdf5 import SUFFIXES
+from cageik_cli.formats.mesh_file import MESH_SUFFIXES
+from cageik_cli.formats.open import clip_suffixes, in_natural_order, members_of
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import is_result
 from cageik_cli.util.errors import InputError

@@ -28,7 +28,7 @@ def check_command(json: Path | None, overwrite: bool, quiet: bool, **options: An
     settings = _settings(options)
 
     from cageik_cli.checking import as_json, as_text, check
-    from cageik_cli.sequence.opening import files_read
+    from cageik_cli.formats.open import files_read
     from cageik_cli.util.outputs import keep_apart, prepare
 
     keep_apart([json], [settings.cage, settings.rest, *files_read(list(settings.frames))])

@@ -86,7 +86,7 @@ def scene_options(command: Command) -> Command:
 
 def clip_of(options: dict[str, Any]) -> Any:
     """Take the clip's options out of `options`, as settings."""
-    from cageik_cli.sequence.clip import ClipSettings
+    from cageik_cli.formats.base.sequence import ClipSettings
 
     return ClipSettings(*(options.pop(name) for name in ("selection", "layout", "allow_gaps")))
 
@@ -99,7 +99,7 @@ def scene_of(options: dict[str, Any]) -> Any:
     click.UsageError
         When a value cannot be.
     """
-    from cageik_cli.scene import SceneHints
+    from cageik_cli.formats.scene import SceneHints
 
     names = ("fps", "start", "up_axis", "metres_per_unit")
     values = [options.pop(name) for name in names]

@@ -49,7 +49,7 @@ def deform_command(result: Path, quiet: bool, **options: Any) -> None:
 
     from cageik_cli.cli.watching import watched
     from cageik_cli.deforming import deform
-    from cageik_cli.sequence.opening import files_read
+    from cageik_cli.formats.open import files_read
     from cageik_cli.util.outputs import keep_apart
     from cageik_cli.util.text import page
 
@@ -64,8 +64,8 @@ def deform_command(result: Path, quiet: bool, **options: Any) -> None:
 def _settings(result: Path, options: dict[str, Any]) -> Any:
     """The settings that the options mean; values that contradict are wrong usage."""
     from cageik_cli.deforming import DeformSettings
-    from cageik_cli.export.writing import Output
-    from cageik_cli.sequence.clip import ClipSettings
+    from cageik_cli.formats.base.sequence import ClipSettings
+    from cageik_cli.formats.write import Output
 
     clip, scene = clip_of(options), scene_of(options)
     if options["cages"] is None and clip != ClipSettings():

@@ -36,8 +36,8 @@ def export_command(result: Path, out: Path, quiet: bool, **options: Any) -> None
     scene = scene_of(options)
 
     from cageik_cli.cli.watching import watched
-    from cageik_cli.export.writing import Output
     from cageik_cli.exporting import ExportSettings, export
+    from cageik_cli.formats.write import Output
     from cageik_cli.util.outputs import keep_apart
     from cageik_cli.util.text import page
 

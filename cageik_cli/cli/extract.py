@@ -101,13 +101,13 @@ def extract_command(**options: Any) -> None:
     settings = extract_settings(options)
 
     from cageik_cli.cli.watching import watched
-    from cageik_cli.export.writing import Output
     from cageik_cli.exporting import ExportSettings, export, prepare_export
     from cageik_cli.extraction import extract
+    from cageik_cli.formats.open import files_read
+    from cageik_cli.formats.write import Output
     from cageik_cli.report.overview import entry_of, overview_of
     from cageik_cli.report.record import report_of
     from cageik_cli.report.text import as_text
-    from cageik_cli.sequence.opening import files_read
     from cageik_cli.util.outputs import keep_apart
     from cageik_cli.util.text import row
 

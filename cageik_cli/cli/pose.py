@@ -156,8 +156,8 @@ def _settings(options: dict[str, Any]) -> Any:
     from cageik_cli.binding_run import WeightSettings
     from cageik_cli.coordinates.binding import BindSettings
     from cageik_cli.editing import EditSettings
+    from cageik_cli.formats.base.hdf5 import SUFFIXES
     from cageik_cli.handles.records import PlaceSettings
-    from cageik_cli.hdf5 import SUFFIXES
     from cageik_cli.layers import PosingSettings
     from cageik_cli.posing_run import PoseSettings
     from cageik_cli.store.binding_file import is_binding

@@ -15,21 +15,16 @@ from cageik_cli.util.errors import InputError, NumericalError
 OUTSIDE = ("refuse", "project")
 """What may be done with vertices further outside."""
 
-
 WORST_PRECISION = 1e-6
 """Weights that miss the rest pose by more, in diagonals, are not weights of this cage."""
-
 
 ALGORITHMS = {"harmonic": 3, "mean-value": 1}
 """To be raised when weights, notes or refusals change, so that no cache gives the old ones."""
 
-
 COORDINATES = tuple(ALGORITHMS)
-
 
 WORST_ERROR = 0.5
 """Rows of harmonic weights that are off by more are no weights."""
-
 
 LOWEST_WEIGHT = -0.05
 """Harmonic weights below it are poor: those of sound cages stay above −0.02."""

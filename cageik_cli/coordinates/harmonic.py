@@ -37,22 +37,17 @@ from cageik_cli.util.threads import blas_threads, processors
 FEWEST_PANELS = 60
 """Faces of cages that have fewer are divided in four: it costs nothing."""
 
-
 PANEL_LIMIT = 5000
 """Most faces of a cage: its matrix has nine float32 times their square, 0.9 GB."""
-
 
 ROUNDS = 4
 """How often the panels that are resolved worst are divided, at most."""
 
-
 SAMPLE = 128
 """Points at which the error is estimated."""
 
-
 SHARED = 0.6
 """The panels that are divided have this share of the estimated error."""
-
 
 DIGITS = 1e10
 """How much the rounding of higher terms may grow; they need few digits, constants keep theirs."""

@@ -48,17 +48,13 @@ from cageik_cli.util.threads import blas_threads, processors
 BLOCK = 2**15
 """Faces times points evaluated together: few enough for the processor's cache."""
 
-
 FLAT = 0.03
 """|h| over p's distance beyond a side, below which V is taken without its quotient."""
-
 
 SMALL_SQUARE = 0.02
 """Squared tangents z² below which the terms of `_SERIES` are arctan z / z to the last bit."""
 
-
 _SERIES = [(-1) ** k / (2 * k + 1) for k in range(9)]
-
 
 _SMALLEST = 1e-200
 """Stands for a distance of 0 from an edge's line, where θ/d has its limit."""

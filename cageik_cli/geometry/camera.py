@@ -17,26 +17,20 @@ from cageik_cli.util.errors import InputError
 WORST_CONDITION = 1e14
 """Matrices of a larger condition number are singular, as far as the numbers tell."""
 
-
 NEAREST = 1e-6
 """Where the near plane of a camera without matrices is, in distances of what it looks at."""
-
 
 STEEPEST = 1e-9
 """Sine of the least angle between the direction of a camera's look and what is up."""
 
-
 AFFINE = (0, 0, 0, 1)
 """Last row of a view, and of a parallel projection."""
-
 
 PERSPECTIVE = (0, 0, -1, 0)
 """Last row of a perspective projection: w is how far a point is ahead."""
 
-
 ROW_SLIP = 1e-6
 """By how much these may be off: programs invert matrices in single precision."""
-
 
 _TRANSPOSE = "act on columns, so transpose both if they act on rows"
 

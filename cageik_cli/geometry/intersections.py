@@ -13,7 +13,6 @@ from cageik_cli.util.arrays import Floats, Integers
 
 Truths = NDArray[np.bool_]
 
-
 BLOCK = 1 << 16
 """Pairs of neighbours judged together, to bound the memory they take."""
 

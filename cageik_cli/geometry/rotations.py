@@ -21,14 +21,11 @@ from cageik_cli.util.arrays import Floats
 STEPS = 4
 """Of Newton's method: two or three are enough unless the matrix turns things inside out."""
 
-
 LARGEST_LAST_STEP = 1e-9
 """What the last step may still change of f; the next would change its square, many times."""
 
-
 LEAST_SLOPE = 0.03
 """Of ½ f g − det A: below, the next root is near, and digits are lost."""
-
 
 LEAST_SIZE = 1e-140
 """Matrices of a smaller norm lose digits when it is squared."""
@@ -42,7 +39,6 @@ def _minors() -> list[int]:
 
 
 FACTORS = np.array(_minors())
-
 
 PARTNERS = FACTORS.reshape(2, 2, 9)[:, ::-1].ravel()
 """What each factor is multiplied by."""

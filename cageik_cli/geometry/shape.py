@@ -9,10 +9,8 @@ from cageik_cli.util.arrays import Floats, Integers
 THINNEST = 1e-9
 """Smallest altitude of a cage face over its longest side; below it the face has no plane."""
 
-
 PARALLEL = 1e-12
 """Cosine between a direction and a plane's normal, below which they do not meet."""
-
 
 BLOCK = 256
 """Faces looked at together for sheets opposite."""

@@ -12,7 +12,6 @@ from cageik_cli.util.arrays import Floats, Integers
 ON_SURFACE = 1e-12
 """A point this near a surface, in diagonals, is on it."""
 
-
 ROUNDING = 8 * np.finfo(np.float64).eps
 """Or this near in the largest coordinate, which is more when that is far away."""
 

@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
+from cageik_cli.formats.base.hdf5 import numbers
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.hdf5 import numbers
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import PatientFile

@@ -9,10 +9,10 @@ import h5py
 import numpy as np
 
 from cageik_cli.dual_laplacian import Quality
+from cageik_cli.formats.base.hdf5 import dataset, numbers, opened
+from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.hdf5 import dataset, numbers, opened
 from cageik_cli.metrics import FrameFigures
-from cageik_cli.scene import Scene
 from cageik_cli.store.parts import (
     calls_itself,
     parsed,

@@ -6,7 +6,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cageik_cli.hdf5 import numbers
+from cageik_cli.formats.base.hdf5 import numbers
 from cageik_cli.metrics import FrameFigures
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError

@@ -12,8 +12,8 @@ import numpy as np
 from cageik_cli import __version__
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.dual_laplacian import Quality
+from cageik_cli.formats.scene import Scene
 from cageik_cli.metrics import FrameFigures
-from cageik_cli.scene import Scene
 from cageik_cli.store.parts import as_json, new_file, write_deflated, write_meshes
 from cageik_cli.store.result import FORMAT, SCHEMA
 from cageik_cli.store.result_figures import FIGURES, WHOLE_FIGURES, fault_of

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cageik_cli.formats.base.sequence import Block
 from cageik_cli.metrics import FrameFigures, Measured
-from cageik_cli.sequence.clip import Block
 from cageik_cli.store.result_figures import FIGURES, WHOLE_FIGURES
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import printable

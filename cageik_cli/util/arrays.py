@@ -7,11 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Number = TypeVar("Number", bound=np.generic)
-
-
 Integers = NDArray[np.int64]
-
-
 Floats = NDArray[np.float64]
 
 

@@ -10,11 +10,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
-
-
 Made = TypeVar("Made")
-
-
 CONTROL_GROUP = Path("/sys/fs/cgroup")
 
 

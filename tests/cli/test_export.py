@@ -9,10 +9,10 @@ import trimesh
 
 from cageik_cli import exporting
 from cageik_cli.cli import options
-from cageik_cli.export import opening
-from cageik_cli.sequence.opening import open_sequence
+from cageik_cli.formats import write as opening
+from cageik_cli.formats.open import open_sequence
 from tests.clips import frames_of
-from tests.export.test_writers import Glb
+from tests.formats.test_writers import Glb
 
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import h5py
 import pytest
 
-from cageik_cli.export import opening as export_opening
-from cageik_cli.sequence import opening
+from cageik_cli.formats import open as opening
+from cageik_cli.formats import write as export_opening
 
 TYPED = ("extract", "frames", "--cage", "cage.obj")
 

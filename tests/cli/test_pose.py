@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from cageik_cli.sequence.mesh_file import load_mesh
+from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.store.result import read_result, read_weights
 from tests.cli.terminal import on_a_terminal
 from tests.shapes import quad_text

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cageik_cli.formats.base.sequence import Block
 from cageik_cli.metrics import FrameFigures, Measured
-from cageik_cli.sequence.clip import Block
 from cageik_cli.store.partial import MAGIC, PartialResult, Plan, forget, is_partial, progress_of
 from cageik_cli.store.solved_block import SolvedBlock, packed, solved, unpacked
 from cageik_cli.util.errors import InputError

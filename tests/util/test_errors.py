@@ -5,10 +5,10 @@ import sys
 import numpy as np
 import pytest
 
-from cageik_cli.export.animation import Animation
-from cageik_cli.export.opening import created
-from cageik_cli.scene import Scene
-from cageik_cli.sequence.opening import open_sequence
+from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.write import created
 from cageik_cli.util.errors import InputError, needing
 from tests.shapes import TETRAHEDRON
 

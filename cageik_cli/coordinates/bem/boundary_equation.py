@@ -35,14 +35,11 @@ from cageik_cli.util.threads import blas_threads
 FADE = 1.25
 """What is beyond linear is whole to `reach` over this, and nothing from `reach` times this."""
 
-
 BLOCK = 60_000
 """Panels times points looked at together: they stay in a cache, and threads stay apart."""
 
-
 LU_THREADS = 2
 """A fixed number, so that weights do not depend on how many processors there are."""
-
 
 Singles = NDArray[np.float32]
 

@@ -16,14 +16,11 @@ from cageik_cli.util.arrays import Floats
 AFTER_LINEAR = 0.1
 """Error of linear densities over what their linear terms emit: 0.08 to 0.16 on real cages."""
 
-
 FASTEST_FALL = 0.3
 """Degrees are not trusted to fall faster: a density's logarithms at edges do not let them."""
 
-
 SLOWEST_FALL = 0.8
 """Nor slower, for the series' sum to mean something."""
-
 
 OFF_EDGES = 1e-3
 """How far towards its centroid a point of a panel is moved, for edges have no tangent plane."""

@@ -36,22 +36,17 @@ from cageik_cli.util.arrays import Floats, Scratch
 EDGE_ON = 1e-13
 """A panel whose plane passes a point within this (in units of the cage) is seen edge-on: Ω = 0."""
 
-
 NEAREST = 1e-30
 """Smallest (r_a + r_b − L) / L; f is below 70, and multiplies a distance below its square root."""
-
 
 NEAR_EDGE = 1e-2
 """Where (r_a + r_b − L) / L is smaller, it is computed from the distance to the edge's line."""
 
-
 CLOSED = 1e-14
 """Solid angles that sum to 4π within this need no more."""
 
-
 INSIDE = 1e-3
 """Solid angles that sum to 4π within this share are those of a point inside."""
-
 
 SMALL_TANGENT = 0.03
 """Tangents z below which z − z³/3 + z⁵/5 − z⁷/7 + z⁹/9 is arctan z to the last bit."""

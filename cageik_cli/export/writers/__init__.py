@@ -1,1 +1,0 @@
-"""One writer a kind of file: each module holds a `Writer`, an AnimationWriter."""

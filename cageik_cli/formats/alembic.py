@@ -1,0 +1,256 @@
+"""A clip in Alembic: a polygon mesh whose points, or whose transforms, have samples."""
+
+import errno
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+
+from cageik_cli.formats.base.clip_file import ClipFile, only
+from cageik_cli.formats.base.polygons import unfolded
+from cageik_cli.formats.base.scene_graph import (
+    Polygons,
+    Sampling,
+    mirrors,
+    moved,
+    picked,
+    rate,
+    transform_notes,
+    unchanging,
+)
+from cageik_cli.formats.base.sequence import ClipRequest
+from cageik_cli.formats.base.writer import Animation, AnimationWriter, single_precision
+from cageik_cli.formats.scene import SceneHints
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError, located, needing
+
+
+class Reader(ClipFile):
+    """Frames of one polygon mesh in the space of its archive, evaluated when they are asked for."""
+
+    suffixes = (".abc",)
+    has_members = True
+
+    def __init__(self, request: ClipRequest) -> None:
+        path = only(request.paths)
+        with located(path):
+            with needing("alembic3d", "abc", "reading .abc"):
+                import alembic3d  # noqa: F401
+            _refuse_cut(path)
+            self._lock = Lock()  # the library's streams are not for several threads
+            with _sound():
+                notes = self._open(str(path), request)
+        self.notes = tuple(f"{path.name}: {note}" for note in notes)
+
+    def positions(self, index: int) -> Floats:
+        """Vertices of one frame."""
+        with located(self.place(index)), _sound(), self._lock:
+            return self._placed(self._times[index])
+
+    def _open(self, path: str, request: ClipRequest) -> list[str]:
+        """Find the mesh and its frames; what was changed is returned."""
+        from alembic3d.Abc import IArchive, WrapExistingFlag
+        from alembic3d.AbcGeom import IPolyMesh
+
+        self._archive = IArchive(path)
+        objects = {thing.getFullName(): thing for thing in _below(self._archive.getTop())}
+        meshes = [k for k, thing in objects.items() if IPolyMesh.matches(thing.getHeader())]
+        found = objects[picked(meshes, request.member)]
+        self._schema = IPolyMesh(found, WrapExistingFlag.kWrapExisting).getSchema()
+        self._points = self._schema.getPositionsProperty()
+        self._transforms = _transforms(found)
+        sampling, notes = self._sampling()
+        self.take(request, len(sampling.times), _hints(sampling))
+        self._times = sampling.times[list(self.numbers)].tolist()
+        matrix = self._matrix(self._times[0])
+        # Alembic's faces wind clockwise.
+        mesh = self._polygons().mesh(self._placed(self._times[0]), turned=not mirrors(matrix))
+        self._fanned = mesh.fanned
+        self.first = unfolded(self._fanned, mesh.sizes)
+        is_animated = any(transform.getNumSamples() > 1 for transform in self._transforms)
+        return [*notes, *transform_notes(matrix, is_animated), *mesh.notes]
+
+    def _sampling(self) -> tuple[Sampling, list[str]]:
+        """When the points are, or the transforms of points that do not move."""
+        times = _times(self._points)
+        if len(times) < 2:
+            times = set().union(*map(_times, self._transforms), times)
+        sampling = Sampling.of(times)
+        note = f"its {len(times)} samples are not evenly spaced in time; taken one after the other"
+        return sampling, [note] if sampling.is_uneven else []
+
+    def _placed(self, time: float) -> Floats:
+        index = self._points.getTimeSampling().getNearIndex(time, self._points.getNumSamples())
+        points = np.array(_sample(self._points, index), np.float32)
+        return moved(points.reshape(-1, 3), self._matrix(time))
+
+    def _matrix(self, time: float) -> Floats:
+        matrix = np.eye(4)
+        for transform in self._transforms:
+            matrix = matrix @ _matrix_at(transform, time)
+        return matrix
+
+    def _polygons(self) -> Polygons:
+        """The faces, which must be the same at all times."""
+        properties = (self._schema.getFaceCountsProperty(), self._schema.getFaceIndicesProperty())
+        samples = range(max(1 if p.isConstant() else p.getNumSamples() for p in properties))
+        return unchanging(partial(_polygons_at, properties), samples)
+
+
+def _refuse_cut(path: Path) -> None:
+    """Refuse what the library would take for an archive without objects, or not know."""
+    try:
+        with path.open("rb") as stream:
+            header = stream.read(16)
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}") from error
+    if header.startswith(b"\x89HDF"):
+        raise InputError(
+            "is Alembic of the older kind in HDF5; convert it with abcconvert -toOgawa"
+        )
+    if not header.startswith(b"Ogawa"):
+        raise InputError("is not an Alembic file; export it again")
+    # A byte that is set when the file is closed, and where its root is: at the end.
+    if header[5:6] != b"\xff" or int.from_bytes(header[8:], "little") >= path.stat().st_size:
+        raise InputError("is cut short, or was not closed by what wrote it; export it again")
+
+
+@contextmanager
+def _sound() -> Iterator[None]:
+    """Make of whatever Alembic raises inside an InputError."""
+    try:
+        yield
+    except (RuntimeError, IndexError, UnicodeDecodeError) as error:
+        # Exceptions are wrapped in one another there: the innermost says what it is about.
+        cause = " ".join(str(error).rpartition("EXCEPTION:")[2].split())
+        raise InputError(f"is not a sound Alembic file ({cause}); export it again") from error
+
+
+def _below(thing: Any) -> Iterator[Any]:
+    for child in thing.children:
+        yield child
+        yield from _below(child)
+
+
+def _transforms(thing: Any) -> list[Any]:
+    """The transforms that move an object, its own first."""
+    from alembic3d.Abc import WrapExistingFlag
+    from alembic3d.AbcGeom import IXform
+
+    found = []
+    while thing.getParent().valid():
+        if IXform.matches(thing.getHeader()):
+            found.append(IXform(thing, WrapExistingFlag.kWrapExisting).getSchema())
+            if not found[-1].getInheritsXforms():
+                break
+        thing = thing.getParent()
+    return found
+
+
+def _times(sampled: Any) -> set[float]:
+    """When samples are, if there are several."""
+    count = sampled.getNumSamples()
+    sampling = sampled.getTimeSampling()
+    return {sampling.getSampleTime(k) for k in range(count)} if count > 1 else set()
+
+
+def _matrix_at(transform: Any, time: float) -> Floats:
+    """A transform at a time; between two samples, both in proportion."""
+    from alembic3d.Abc import ISampleSelector
+
+    count, sampling = transform.getNumSamples(), transform.getTimeSampling()
+    if count == 0:
+        return np.eye(4)
+    # By their times: a selector takes a whole number for seconds, too.
+    start, stop = (
+        sampling.getSampleTime(find(time, count))
+        for find in (sampling.getFloorIndex, sampling.getCeilIndex)
+    )
+    before, after = (
+        np.array([list(row) for row in transform.getValue(ISampleSelector(at)).getMatrix()])
+        for at in (start, stop)
+    )
+    part = (time - start) / (stop - start) if stop > start else 0.0
+    return np.asarray(before + min(max(part, 0.0), 1.0) * (after - before))
+
+
+def _polygons_at(properties: tuple[Any, Any], sample: int) -> Polygons:
+    counts, corners = (_sample(p, min(sample, p.getNumSamples() - 1)) for p in properties)
+    return Polygons(np.array(counts, np.int64), np.array(corners, np.int64))
+
+
+def _sample(sampled: Any, index: int) -> Any:
+    """One array; the library would not survive one that is not there, which has no digest."""
+    if not sampled.getKey(index):
+        raise InputError(f"sample {index} of `{sampled.getName()}` is missing; export it again")
+    return sampled.getValue(index)
+
+
+def _hints(sampling: Sampling) -> SceneHints:
+    if sampling.step is None:
+        return SceneHints()
+    fps = rate(sampling.step)
+    return SceneHints(fps=fps, start=round(float(sampling.times[0]) * fps, 6))
+
+
+class Writer(AnimationWriter):
+    """Frame k at second (start + k) / fps of the mesh `/NAME`; faces turn clockwise there."""
+
+    suffixes = (".abc",)
+
+    @classmethod
+    def require(cls) -> None:
+        """Refuse to go on without alembic3d."""
+        with needing("alembic3d", "abc", "writing .abc"):
+            import alembic3d  # noqa: F401
+
+    def __init__(self, target: Path, animation: Animation) -> None:
+        with needing("alembic3d", "abc", "writing .abc"):
+            from alembic3d.Abc import OArchive
+            from alembic3d.AbcCoreAbstract import TimeSampling
+            from alembic3d.AbcGeom import OPolyMesh
+            from imath import IntArray, IntArrayFromBuffer
+
+        _refuse_full_disk(target, animation)
+        scene, faces = animation.scene, animation.rest.faces
+        corners = np.ascontiguousarray(faces[:, ::-1], np.int32).ravel()
+        self._faces = (IntArrayFromBuffer(corners), IntArray(3, len(faces)))
+        try:
+            # An archive made with what made it would say when, too.
+            archive = OArchive(str(target))
+            times = archive.addTimeSampling(TimeSampling(1 / scene.fps, scene.start / scene.fps))
+            mesh = OPolyMesh(archive.getTop(), animation.name, times)
+        except RuntimeError as error:
+            raise OSError(str(error)) from error
+        # The last that holds the file: it closes when this goes.
+        self._schema = mesh.getSchema()
+
+    def append(self, frames: Floats) -> None:
+        """Write the next frames."""
+        from alembic3d.AbcGeom import OPolyMeshSchemaSample
+        from imath import V3fArrayFromBuffer
+
+        for points in map(single_precision, frames):
+            positions = V3fArrayFromBuffer(points)
+            self._schema.set(OPolyMeshSchemaSample(positions, *self._faces))
+
+    def complete(self) -> None:
+        """Close the file."""
+        del self._schema
+
+    def abandon(self) -> None:
+        """Close the file."""
+        self.__dict__.pop("_schema", None)
+
+
+def _refuse_full_disk(target: Path, animation: Animation) -> None:
+    """Refuse what will not fit: Alembic ends the process when a last write fails."""
+    size = 12 * animation.count * len(animation.rest.vertices) + 16 * len(animation.rest.faces)
+    if size > shutil.disk_usage(target.parent).free:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

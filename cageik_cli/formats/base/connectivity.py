@@ -1,0 +1,57 @@
+"""Whether a clip's vertices come in the order of a mesh, as far as its faces tell."""
+
+import numpy as np
+
+from cageik_cli.formats.base.sequence import MeshSequence, refuse_other_connectivity
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.arrays import Integers
+from cageik_cli.util.errors import InputError
+
+
+def refuse_other_order(sequence: MeshSequence, expected: TriMesh, whose: str) -> None:
+    """Refuse a clip whose faces do not join the vertices that those of `expected` join.
+
+    Other programs write faces in another order, from another corner or turned, and cut quads along
+    the other diagonal: that changes nothing for who takes the vertices by their numbers.
+
+    Raises
+    ------
+    InputError
+        Saying where it differs from the mesh that is `whose`.
+    """
+    found = sequence.fanned
+    counts = [(len(mesh.vertices), len(mesh.faces)) for mesh in (found, expected)]
+    if counts[0] == counts[1]:
+        if any(_joins_alike(mesh, expected) for mesh in (found, sequence.first)):
+            return
+        if np.array_equal(_valences(found), _valences(expected)):
+            raise InputError(
+                f"the same number of vertices and triangles as {whose} has, in another order; "
+                "export it again from the mesh that cageik export wrote, with its vertex order kept"
+            )
+    refuse_other_connectivity(len(found.vertices), found.faces, expected, whose)
+
+
+def _joins_alike(mesh: TriMesh, expected: TriMesh) -> bool:
+    """Whether both have the same edges, but for diagonals of quads."""
+    ours, theirs = mesh.edges.ends, expected.edges.ends
+    new, lost = ~_are_among(ours, theirs), ~_are_among(theirs, ours)
+    face, corner = np.nonzero(new[mesh.edges.of_side])
+    # The other diagonal joins the corners that face a new edge from both sides.
+    edge = mesh.edges.of_side[face, corner]
+    facing = mesh.faces[face, corner][np.argsort(edge, kind="stable")]
+    if (mesh.edges.uses[new] != 2).any():
+        return False
+    others = np.sort(facing.reshape(-1, 2), axis=1)
+    return len(others) == np.count_nonzero(lost) and bool(_are_among(theirs[lost], others).all())
+
+
+def _valences(mesh: TriMesh) -> Integers:
+    """How many faces have a vertex, in ascending order, whatever the vertices' own."""
+    return np.sort(np.bincount(mesh.faces.ravel()))
+
+
+def _are_among(pairs: Integers, others: Integers) -> np.ndarray:
+    """Which rows of `pairs` (a, 2) are rows of `others` (b, 2)."""
+    base = int(max(pairs.max(initial=0), others.max(initial=0))) + 1
+    return np.isin(pairs @ [base, 1], others @ [base, 1])

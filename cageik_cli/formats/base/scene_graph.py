@@ -1,0 +1,158 @@
+"""Meshes that stand in a scene: polygons of either winding, moved by transforms."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.formats.base.polygons import FileMesh, fans
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError, first_few
+
+Time = TypeVar("Time", int, float)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polygons:
+    """Faces as scenes have them.
+
+    Attributes
+    ----------
+    counts : (p,) integers
+        How many corners each has.
+    corners : (sum of counts,) integers
+        One face's after the other's.
+    """
+
+    counts: NDArray[np.integer]
+    corners: NDArray[np.integer]
+
+    def differ(self, other: "Polygons") -> bool:
+        """Whether the others are not the same."""
+        return not (
+            np.array_equal(self.counts, other.counts)
+            and np.array_equal(self.corners, other.corners)
+        )
+
+    def mesh(self, points: Floats, turned: bool) -> FileMesh:
+        """The mesh they make of points; `turned` when they wind clockwise.
+
+        Raises
+        ------
+        InputError
+            When counts and corners do not agree.
+        """
+        total = int(self.counts.sum(dtype=np.int64))
+        if len(self.counts) == 0 or self.counts.min() < 0 or total != len(self.corners):
+            raise InputError(
+                f"{len(self.counts)} faces of {total} corners in all come with "
+                f"{len(self.corners)} corners; export the mesh again"
+            )
+        polygons = np.split(self.corners, np.cumsum(self.counts)[:-1])
+        if turned:
+            polygons = [polygon[::-1] for polygon in polygons]
+        return FileMesh(points, *fans(polygons))
+
+
+def unchanging(at: Callable[[Time], Polygons], times: Iterable[Time]) -> Polygons:
+    """The faces `at` the first of some times, which must be those at all others.
+
+    Raises
+    ------
+    InputError
+        Naming the time at which they are not.
+    """
+    first, *others = times
+    found = at(first)
+    for time in others:
+        if at(time).differ(found):
+            raise InputError(
+                f"the faces change at time {time:g}; all frames must share one connectivity"
+            )
+    return found
+
+
+def moved(points: NDArray[np.floating], matrix: Floats) -> Floats:
+    """Points (m, 3) moved by a matrix (4, 4) that rows are multiplied with."""
+    exact = np.asarray(points, np.float64)
+    if np.array_equal(matrix, np.eye(4)):
+        return exact
+    with np.errstate(over="ignore", invalid="ignore"):  # frames are checked where they enter
+        return np.asarray(exact @ matrix[:3, :3] + matrix[3, :3])
+
+
+def mirrors(matrix: Floats) -> bool:
+    """Whether a matrix turns a surface inside out."""
+    return bool(np.linalg.det(matrix[:3, :3]) < 0)
+
+
+def transform_notes(matrix: Floats, is_animated: bool) -> list[str]:
+    """What is said of a mesh that its transform, `matrix` at the first frame, has moved."""
+    if is_animated:
+        return ["moved by its animated transform into the scene's space"]
+    if not np.array_equal(matrix, np.eye(4)):
+        return ["moved by its transform into the scene's space"]
+    return []
+
+
+EVEN = 1e-4
+"""Steps that differ by more than this part of their mean are not even."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sampling:
+    """When the frames of a clip are.
+
+    Attributes
+    ----------
+    times : (F,)
+        Ascending, seconds or time codes.
+    step : float or None
+        From one to the next; None for one alone, or when steps differ.
+    """
+
+    times: Floats
+    step: float | None
+
+    @staticmethod
+    def of(times: set[float]) -> "Sampling":
+        """Frames at `times`; one at time 0 if there are none."""
+        ordered = np.array(sorted(times or {0.0}))
+        steps = np.diff(ordered)
+        if len(steps) == 0:
+            return Sampling(ordered, None)
+        mean = float(ordered[-1] - ordered[0]) / len(steps)
+        even = bool((np.abs(steps - mean) <= EVEN * mean).all())
+        return Sampling(ordered, mean if even else None)
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether steps differ."""
+        return self.step is None and len(self.times) > 1
+
+
+def rate(step: float) -> float:
+    """Frames a second of seconds a frame, without the last digits, which are rounding's."""
+    return round(1 / step, 9)
+
+
+def picked(meshes: list[str], member: str | None) -> str:
+    """The mesh that `member` names, or the only one.
+
+    Raises
+    ------
+    InputError
+        Listing what there is to choose from.
+    """
+    if not meshes:
+        raise InputError("holds no mesh; export one that is animated")
+    if member is not None and member not in meshes:
+        raise InputError(f"holds no mesh `{member}`, but {first_few(meshes)}; name one of them")
+    if member is None and len(meshes) > 1:
+        raise InputError(
+            f"holds {len(meshes)} meshes, expected one: {first_few(meshes)}; "
+            f"name the one behind the file, as in FILE::{meshes[0]}"
+        )
+    return meshes[0] if member is None else member

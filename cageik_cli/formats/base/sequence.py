@@ -1,0 +1,272 @@
+"""A clip: frames of one connectivity, read when they are asked for."""
+
+import hashlib
+from abc import ABC, abstractmethod
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cageik_cli.formats.mesh_file import LoadedMesh
+from cageik_cli.formats.scene import SceneHints
+from cageik_cli.geometry.mesh import TriMesh, checked_positions
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.threads import InOrder
+
+LAYOUTS = ("fvx", "vxf", "fxv")
+"""Orders of an array's axes: f frames, v vertices, x coordinates."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClipSettings:
+    """How a clip is taken.
+
+    Attributes
+    ----------
+    selection : slice
+        Which of its frames, as Python slices; the step is above zero.
+    layout : str, optional
+        The order of an array's axes, one of `LAYOUTS`; found out if absent.
+    allow_gaps : bool
+        Take numbered files although a number is missing.
+    """
+
+    selection: slice = field(default_factory=lambda: slice(None))
+    layout: str | None = None
+    allow_gaps: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClipRequest:
+    """What a reader is asked to open.
+
+    Attributes
+    ----------
+    paths : tuple of Path
+        In order, all of one suffix.
+    member : str, optional
+        Which of the clips in a file: what was typed behind `::`.
+    rest : LoadedMesh, optional
+        The rest pose, for files that hold no faces.
+    how : ClipSettings
+    """
+
+    paths: tuple[Path, ...]
+    member: str | None = None
+    rest: LoadedMesh | None = None
+    how: ClipSettings = field(default_factory=ClipSettings)
+
+    def chosen(self, count: int) -> range:
+        """Numbers of the frames to take of `count`.
+
+        Raises
+        ------
+        InputError
+            When there are none.
+        """
+        wanted = self.how.selection
+        numbers = range(count)[wanted]
+        if not numbers:
+            bounds = (wanted.start, wanted.stop, *([wanted.step] if wanted.step else []))
+            typed = ":".join("" if bound is None else str(bound) for bound in bounds)
+            raise InputError(f"--frames {typed} takes none of the {count} frames")
+        return numbers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Consecutive frames of a clip.
+
+    Attributes
+    ----------
+    start : int
+        Number of the first.
+    positions : (k, m, 3) float64
+        A frame that could not be read has the clip's first in its place, so that what is computed
+        of the others does not depend on it.
+    faults : dict
+        By number in the clip, why a frame could not be read.
+    """
+
+    start: int
+    positions: Floats
+    faults: dict[int, InputError]
+
+    @property
+    def stop(self) -> int:
+        """Number of the frame after the last."""
+        return self.start + len(self.positions)
+
+    def refuse_faults(self) -> None:
+        """Raise the first fault, if there is one."""
+        if self.faults:
+            raise self.faults[min(self.faults)]
+
+
+class MeshSequence(ABC):
+    """Frames of one connectivity, in order; they can be gone through more than once.
+
+    A reader subclasses this and says which file suffixes it takes. Readers are the modules of
+    `sequence.readers`; a new format is one file there.
+
+    Attributes
+    ----------
+    suffixes : tuple of str
+        Lower case, with the dot.
+    has_members : bool
+        Whether a file may hold several clips, named by `FILE::CLIP`.
+    has_layout : bool
+        Whether a file may have its axes in any order, said by `--layout`.
+    names : tuple of str
+        Where each frame comes from, F of them: a file's name, or the clip's name and an index.
+    first : TriMesh
+        Frame 0 and the connectivity of all.
+    scene : SceneHints
+        What the files say of time and space.
+    notes : tuple of str
+        What was changed in the frames, one sentence each.
+    """
+
+    suffixes: tuple[str, ...]
+    has_members: bool = False
+    has_layout: bool = False
+    names: tuple[str, ...]
+    first: TriMesh
+    scene: SceneHints = SceneHints()
+    notes: tuple[str, ...] = ()
+
+    @abstractmethod
+    def __init__(self, request: ClipRequest) -> None:
+        """Open the clip."""
+
+    @classmethod
+    def outline(cls, request: ClipRequest) -> list[tuple[str, str]]:
+        """What files hold that are no clip by themselves, in labelled lines; none for a clip."""
+        return []
+
+    @classmethod
+    def members(cls, path: Path) -> list[str]:
+        """Names of the clips in a file of several; none if the file is a clip itself."""
+        return []
+
+    @abstractmethod
+    def positions(self, index: int) -> np.ndarray:
+        """Vertices of one frame as the file has them, in the connectivity of `first`."""
+
+    @abstractmethod
+    def digest(self, index: int) -> bytes:
+        """SHA-256 of the file that a frame comes from."""
+
+    def stamp(self, index: int) -> bytes:
+        """The digest of a frame's file; zeros when it cannot be read, and the frame is a gap."""
+        try:
+            return self.digest(index)
+        except InputError:
+            return bytes(hashlib.sha256().digest_size)
+
+    @abstractmethod
+    def recall(self, start: int, stamps: Sequence[bytes]) -> None:
+        """Take the stamps of frames from `start` on from who has read them: not to read again."""
+
+    @abstractmethod
+    def source(self) -> dict[str, Any]:
+        """Name and digest of all that is read."""
+
+    @property
+    def fanned(self) -> TriMesh:
+        """Frame 0 with every polygon as a fan: what connectivity is compared by."""
+        return self.first
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def place(self, index: int) -> str:
+        """Where a frame is, for messages."""
+        return self.names[index]
+
+    def frame(self, index: int) -> Floats:
+        """Vertices of one frame, (m, 3), as many as the first has and all finite.
+
+        Raises
+        ------
+        InputError
+            Naming the frame.
+        """
+        positions = self.positions(index)
+        with located(self.place(index)):
+            refuse_other_connectivity(len(positions), self.first.faces, self.first, "the rest pose")
+            return checked_positions(positions)
+
+    def blocks(self, size: int, jobs: int, start: int = 0) -> Generator[Block]:
+        """All frames from `start` on, in order, at most `size` in a block, read ahead by threads.
+
+        At most two blocks of frames are in memory.
+        """
+        with ReadAhead(self, jobs, size, range(start, len(self))) as frames:
+            yield from frames.blocks(size)
+
+
+class ReadAhead:
+    """Frames of a clip, `wanted` of them, read by `jobs` threads, at most `ahead` in advance."""
+
+    def __init__(self, sequence: MeshSequence, jobs: int, ahead: int, wanted: range) -> None:
+        self._sequence, self._wanted = sequence, wanted
+        self._frames = InOrder(self._tried, wanted, jobs, ahead)
+
+    def __enter__(self) -> "ReadAhead":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._frames.__exit__()
+
+    def blocks(self, size: int) -> Iterator[Block]:
+        """Them in blocks of at most `size`."""
+        for start in self._wanted[::size]:
+            yield self._block(start, list(islice(self._frames, size)))
+
+    def _tried(self, index: int) -> Floats | InputError:
+        try:
+            return self._sequence.frame(index)
+        except InputError as error:
+            return error
+
+    def _block(self, start: int, read: list[Floats | InputError]) -> Block:
+        faults = {k: v for k, v in enumerate(read, start) if isinstance(v, InputError)}
+        stead = self._sequence.first.vertices
+        positions = np.stack([stead if isinstance(v, InputError) else v for v in read])
+        return Block(start, positions, faults)
+
+
+def refuse_other_connectivity(count: int, faces: Integers, expected: TriMesh, whose: str) -> None:
+    """Refuse a mesh of `count` vertices and `faces` that is not `whose`, saying where it differs.
+
+    Raises
+    ------
+    InputError
+    """
+    for noun, found, wanted in (
+        ("vertices", count, len(expected.vertices)),
+        ("triangles", len(faces), len(expected.faces)),
+    ):
+        if found != wanted:
+            raise InputError(
+                f"{found} {noun}, {whose} has {wanted}; all must share one connectivity"
+            )
+    if faces is expected.faces:
+        return
+    differs = np.flatnonzero((faces != expected.faces).any(axis=1))
+    if len(differs):
+        k = differs[0]
+        raise InputError(
+            f"triangle {k} joins vertices {_joined(faces[k])}, in {whose} "
+            f"{_joined(expected.faces[k])} (counted from 0; {len(differs)} triangles differ); "
+            "all must share one connectivity"
+        )
+
+
+def _joined(corners: Integers) -> str:
+    return "-".join(map(str, corners))

@@ -1,0 +1,175 @@
+"""glTF in one binary file: the rest pose, a morph target a frame, and a track that shows each."""
+
+import shutil
+import struct
+import tempfile
+from contextlib import ExitStack
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+
+from cageik_cli import __version__
+from cageik_cli.formats.base.writer import Animation, AnimationWriter, single_precision
+from cageik_cli.formats.scene import Scene
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError, needing
+
+LARGEST_FILE = 2**32 - 1
+"""Bytes whose count a GLB file has room to state."""
+
+LARGEST_TEXT = 1 << 29
+"""Bytes kept free for the JSON, far above what it takes."""
+
+_Z_TO_Y = [-sqrt(0.5), 0.0, 0.0, sqrt(0.5)]
+"""The quaternion (x, y, z, w) of −90° about x, which turns z up into y up, as glTF has it."""
+
+
+class Writer(AnimationWriter):
+    """Morph targets are displacements from the rest pose, in float32.
+
+    The track gives frame k weight 1 at k / fps seconds and all others 0, linear between: F² floats.
+    """
+
+    suffixes = (".glb",)
+
+    @classmethod
+    def require(cls) -> None:
+        """Refuse to go on without pygltflib."""
+        with needing("pygltflib", "gltf", "writing .glb"):
+            import pygltflib  # noqa: F401
+
+    def __init__(self, target: Path, animation: Animation) -> None:
+        vertices, faces = len(animation.rest.vertices), len(animation.rest.faces)
+        frames = animation.count
+        self._sizes = [12 * faces, 12 * vertices * (1 + frames), 4 * frames, 4 * frames**2]
+        if sum(self._sizes) > LARGEST_FILE - LARGEST_TEXT:
+            raise InputError(
+                f"{frames} frames of {vertices} vertices take {sum(self._sizes) / 2**30:.1f} GiB "
+                "as morph targets, and a .glb holds less than 4; write .usdc, .abc or .pc2"
+            )
+        self._target, self._animation = target, animation
+        self._bounds: list[tuple[list[float], list[float]]] = []
+        rest = single_precision(animation.rest.vertices)
+        self._rest = rest.astype(np.float64)
+        with ExitStack() as stack:
+            # The text stands first in the file and has the bounds of all frames.
+            self._data = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))
+            self._data.write(animation.rest.faces.astype("<u4").tobytes())
+            self._write(rest)
+            stack.pop_all()  # open from here on
+        start = animation.scene.start
+        if start != 0:
+            self.notes = (
+                f"the first frame is at time 0, which programs put at scene frame 0, not {start:g}",
+            )
+
+    def append(self, frames: Floats) -> None:
+        """Write the next frames."""
+        for positions in frames:
+            self._write(single_precision(positions - self._rest))
+
+    def complete(self) -> None:
+        """Write the track, and compose the file."""
+        count = self._animation.count
+        times = np.arange(count) / self._animation.scene.fps
+        self._data.write(times.astype("<f4").tobytes())
+        row = np.zeros(count, "<f4")
+        for k in range(count):
+            row[k] = 1
+            self._data.write(row.data)
+            row[k] = 0
+        text = self._json().encode()
+        text += b" " * (-len(text) % 4)
+        size = self._data.tell()
+        self._data.seek(0)
+        with self._target.open("wb") as file:
+            file.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + size))
+            file.write(struct.pack("<I4s", len(text), b"JSON") + text)
+            file.write(struct.pack("<I4s", size, b"BIN\0"))
+            shutil.copyfileobj(self._data, file, 1 << 20)
+        self._data.close()
+
+    def abandon(self) -> None:
+        """Let go of what was gathered."""
+        self._data.close()
+
+    def _write(self, positions: np.ndarray) -> None:
+        self._data.write(positions.data)
+        self._bounds.append((positions.min(axis=0).tolist(), positions.max(axis=0).tolist()))
+
+    def _json(self) -> str:
+        """What is where in the binary chunk: views and accessors in the order of the bytes."""
+        import pygltflib as gltf
+
+        animation = self._animation
+        name, count = animation.name, animation.count
+        rest, *targets = [gltf.Attributes(POSITION=1 + k) for k in range(1 + count)]
+        shape = gltf.Primitive(attributes=rest, indices=0, targets=targets)
+        channel = gltf.AnimationChannel(
+            sampler=0, target=gltf.AnimationChannelTarget(node=0, path="weights")
+        )
+        sampler = gltf.AnimationSampler(input=2 + count, output=3 + count)
+        scene = gltf.GLTF2(
+            asset=gltf.Asset(generator=f"cageik {__version__}"),
+            scene=0,
+            scenes=[gltf.Scene(nodes=[0])],
+            nodes=[gltf.Node(name=name, mesh=0, **_placement(animation.scene))],
+            meshes=[gltf.Mesh(name=name, primitives=[shape])],
+            animations=[gltf.Animation(name=name, channels=[channel], samplers=[sampler])],
+            accessors=self._accessors(),
+            bufferViews=self._views(),
+            buffers=[gltf.Buffer(byteLength=sum(self._sizes))],
+        )
+        return str(scene.gltf_to_json(separators=(",", ":"), indent=None))
+
+    def _accessors(self) -> list[object]:
+        import pygltflib as gltf
+
+        vertices, faces = self._animation.rest.vertices, self._animation.rest.faces
+        count, fps = self._animation.count, self._animation.scene.fps
+        last = float(np.float32((count - 1) / fps))
+        number = {"componentType": gltf.FLOAT, "type": gltf.SCALAR}
+        corners = gltf.Accessor(
+            bufferView=0, componentType=gltf.UNSIGNED_INT, type=gltf.SCALAR, count=faces.size
+        )
+        positions = [
+            gltf.Accessor(
+                bufferView=1,
+                byteOffset=12 * len(vertices) * k,
+                componentType=gltf.FLOAT,
+                type=gltf.VEC3,
+                count=len(vertices),
+                min=low,
+                max=high,
+            )
+            for k, (low, high) in enumerate(self._bounds)
+        ]
+        times = gltf.Accessor(bufferView=2, count=count, min=[0.0], max=[last], **number)
+        track = gltf.Accessor(bufferView=3, count=count**2, **number)
+        return [corners, *positions, times, track]
+
+    def _views(self) -> list[object]:
+        import pygltflib as gltf
+
+        uses = [
+            {"target": gltf.ELEMENT_ARRAY_BUFFER},
+            {"target": gltf.ARRAY_BUFFER, "byteStride": 12},
+            {},
+            {},
+        ]
+        starts = np.cumsum([0, *self._sizes[:-1]]).tolist()
+        return [
+            gltf.BufferView(buffer=0, byteOffset=start, byteLength=size, **use)
+            for start, size, use in zip(starts, self._sizes, uses, strict=True)
+        ]
+
+
+def _placement(scene: Scene) -> dict[str, list[float]]:
+    """The node's transform into metres and y up, as far as the scene has other ones."""
+    placement = {}
+    if scene.up_axis == "Z":
+        placement["rotation"] = _Z_TO_Y
+    if scene.metres_per_unit != 1:
+        placement["scale"] = [scene.metres_per_unit] * 3
+    return placement

@@ -1,0 +1,94 @@
+"""MDD point caches: int32 F and m, a time in seconds and float32 positions of each frame."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from cageik_cli.formats.base.binary_frames import (
+    BinaryFile,
+    Packing,
+    StoredFrames,
+    refuse_other_size,
+)
+from cageik_cli.formats.base.clip_file import PackedClip, PackedClipFile, only
+from cageik_cli.formats.base.sequence import ClipRequest
+from cageik_cli.formats.base.writer import Animation, PointCacheWriter, blender_note
+from cageik_cli.formats.scene import SceneHints
+from cageik_cli.util.errors import InputError
+
+_WHOLE, _SINGLE = np.dtype(">i4"), np.dtype(">f4")
+
+
+class Reader(PackedClipFile):
+    """Frames of one `.mdd`, big-endian throughout."""
+
+    suffixes = (".mdd",)
+
+    @classmethod
+    def opened(cls, request: ClipRequest) -> PackedClip:
+        """Find frames and times."""
+        file = BinaryFile.at(only(request.paths))
+        if file.size < 8:
+            raise InputError(f"{file.size} bytes, an MDD file has 8 at least; export it again")
+        frames, vertices = map(int, file.numbers(0, _WHOLE, (2,)))
+        refuse_other_size(
+            file,
+            8 + 4 * frames + 12 * frames * vertices,
+            {"frames": frames, "vertices": vertices},
+        )
+        times = file.numbers(8, _SINGLE, (frames,))
+        scene, notes = _timing(times)
+        packing = Packing(8 + 4 * frames, _SINGLE, frames, vertices)
+        return PackedClip(StoredFrames(file, packing), None, scene, notes)
+
+
+def _timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
+    """Frames a second and the first frame's number, if the times (F,) are evenly spaced.
+
+    They are rounded to single precision, so the plainest number is taken that rounds to them.
+    """
+    if not np.isfinite(times).all():
+        frame = int(np.argmin(np.isfinite(times)))
+        raise InputError(
+            f"the time of frame {frame} is {times[frame]}, expected seconds; export it again"
+        )
+    if len(times) == 1:
+        return SceneHints(), ()
+    rounding = float(np.spacing(np.abs(times).max()))
+    seconds = times.astype(np.float64)
+    duration = seconds[-1] - seconds[0]
+    even = np.linspace(seconds[0], seconds[-1], len(seconds))
+    if duration <= 0 or np.abs(seconds - even).max() > duration / (len(times) - 1) / 100 + rounding:
+        note = (
+            f"the times of its frames, {times[0]:g} s, {times[1]:g} s to {times[-1]:g} s, are not "
+            "evenly spaced, so frames a second are not known from them; give --fps"
+        )
+        return SceneHints(), (note,)
+    fps = (len(times) - 1) / duration
+    fps = _plainest(fps, fps * rounding / duration)
+    return SceneHints(fps, _plainest(seconds[0] * fps, rounding * fps)), ()
+
+
+def _plainest(value: float, tolerance: float) -> float:
+    """The number of fewest decimals that is as near."""
+    rounded = (round(value, digits) for digits in range(10))
+    return next((number for number in rounded if abs(number - value) <= tolerance), value)
+
+
+class Writer(PointCacheWriter):
+    """A sample a frame, at the time of the frame's number in the scene."""
+
+    suffixes = (".mdd",)
+    kind = ">f4"
+
+    def __init__(self, target: Path, animation: Animation) -> None:
+        super().__init__(target, animation)
+        self.notes = blender_note(animation.scene.start)
+
+    def header(self, animation: Animation) -> bytes:
+        """Both counts, and the times."""
+        scene = animation.scene
+        times = (scene.start + np.arange(animation.count)) / scene.fps
+        counts = struct.pack(">ii", animation.count, len(animation.rest.vertices))
+        return counts + times.astype(">f4").tobytes()

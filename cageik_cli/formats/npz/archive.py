@@ -1,0 +1,198 @@
+"""Numpy's `.npy` and `.npz` without loading them: what arrays they hold, and where in the file."""
+
+import io
+import shutil
+import tempfile
+import warnings
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from tokenize import TokenError
+
+import numpy as np
+
+from cageik_cli.formats.base.binary_frames import BinaryFile
+from cageik_cli.util.errors import InputError, located
+
+LARGEST_HEADER = 1 << 14
+"""Bytes that are looked at for a header; numpy itself takes 10 000 characters."""
+
+LARGEST_RATIO = 1032
+"""Most that deflate compresses (zlib's own figure)."""
+
+_BLOCK = 1 << 20
+
+_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
+
+# What numpy and zipfile raise for files that are cut, encrypted or not of arrays.
+_DAMAGES = (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, RuntimeError,
+            SyntaxError, TokenError, zlib.error, zipfile.BadZipFile)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FileArray:
+    """An array in a file.
+
+    Attributes
+    ----------
+    file : BinaryFile
+    offset : int
+        Its first byte.
+    kind : dtype
+        Of numbers, or of text.
+    shape : tuple of int
+    is_reversed : bool
+        Whether its first axis is the fastest (Fortran's order), not its last.
+    """
+
+    file: BinaryFile
+    offset: int
+    kind: np.dtype
+    shape: tuple[int, ...]
+    is_reversed: bool
+
+    def values(self) -> np.ndarray:
+        """The whole array."""
+        array = self.file.numbers(self.offset, self.kind, self.shape[:: 1 - 2 * self.is_reversed])
+        return array.T if self.is_reversed else array
+
+
+def lone_array(path: Path) -> FileArray:
+    """The array of a `.npy`.
+
+    Raises
+    ------
+    InputError
+    """
+    file = BinaryFile.at(path)
+    with _refusals("a sound .npy of plain numbers"):
+        return _array(file, 0, file.size)
+
+
+class Archive:
+    """The arrays of a `.npz`.
+
+    Attributes
+    ----------
+    names : set of str
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._file = path, BinaryFile.at(path)
+        with _refusals("a sound .npz of plain arrays"), zipfile.ZipFile(path) as archive:
+            self._members = {
+                info.filename.removesuffix(".npy"): info
+                for info in archive.infolist()
+                if info.filename.endswith(".npy")
+            }
+        self.names = set(self._members)
+
+    def array(self, name: str) -> FileArray:
+        """One of its arrays; one that is compressed is unpacked into a file without a name.
+
+        Raises
+        ------
+        InputError
+            When it is damaged, or there is no room for it.
+        """
+        info = self._members[name]
+        with located(f"`{name}`"), _refusals("a sound member of a .npz"):
+            if info.flag_bits & 1:
+                raise InputError("is encrypted; write the file with numpy.savez")
+            if info.compress_type == zipfile.ZIP_STORED:
+                return _array(self._file, self._place(info), info.file_size)
+            if info.compress_type == zipfile.ZIP_DEFLATED:
+                self._refuse_claims(info)
+                return _array(self._unpacked(info), 0, info.file_size)
+            raise InputError(
+                f"is compressed by method {info.compress_type}, expected deflate or none; write "
+                "the file with numpy.savez"
+            )
+
+    def scalar(self, name: str) -> np.ndarray | None:
+        """The number or text of that name; None if there is none, or it is something else."""
+        if name not in self.names or self._members[name].file_size > _BLOCK:
+            return None
+        array = self.array(name)
+        plain = array.shape == () and array.kind.kind in "fiuU" and array.kind.itemsize
+        return array.values() if plain else None
+
+    def _place(self, info: zipfile.ZipInfo) -> int:
+        """Where the bytes of a member begin that is not compressed: behind its own header."""
+        head = self._file.numbers(info.header_offset, np.dtype(np.uint8), (30,)).tobytes()
+        lengths = np.frombuffer(head, "<u2", 2, 26)
+        place = info.header_offset + 30 + int(lengths.sum())
+        size = info.file_size
+        if head[:4] != b"PK\3\4" or size != info.compress_size or place + size > self._file.size:
+            raise InputError(
+                f"is not at byte {info.header_offset}, as the archive says; write it again"
+            )
+        return place
+
+    def _refuse_claims(self, info: zipfile.ZipInfo) -> None:
+        """Refuse a member that claims more than deflate can give, or than the disk has room for."""
+        size, folder = info.file_size, tempfile.gettempdir()
+        if size > LARGEST_RATIO * min(info.compress_size, self._file.size) + LARGEST_HEADER:
+            raise InputError(
+                f"claims {size} bytes out of {info.compress_size}, more than deflate can give; "
+                "the file is damaged, write it again"
+            )
+        if size > (free := shutil.disk_usage(folder).free):
+            raise InputError(
+                f"takes {size} bytes unpacked, and {folder} has {free} left; name a larger folder "
+                "in TMPDIR, or write the file with numpy.savez"
+            )
+
+    def _unpacked(self, info: zipfile.ZipInfo) -> BinaryFile:
+        """The bytes of a member."""
+        with ExitStack() as stack:
+            try:
+                target = stack.enter_context(tempfile.TemporaryFile())
+                with zipfile.ZipFile(self._path) as archive, archive.open(info) as member:
+                    shutil.copyfileobj(member, target, _BLOCK)
+                    size = target.tell()
+            except OSError as error:
+                raise InputError(
+                    f"cannot be unpacked into {tempfile.gettempdir()} ({error}); name another "
+                    "folder in TMPDIR, or write the file with numpy.savez"
+                ) from error
+            if size != info.file_size:
+                raise InputError(f"ends after {size} of {info.file_size} bytes; write it again")
+            stack.pop_all()  # BinaryFile closes it
+            return BinaryFile(target)
+
+
+def _array(file: BinaryFile, place: int, size: int) -> FileArray:
+    """The array whose `.npy` lies at `place` and has `size` bytes."""
+    head = file.numbers(place, np.dtype(np.uint8), (min(size, LARGEST_HEADER),)).tobytes()
+    stream = io.BytesIO(head)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of Python 2's long numbers, and odd ones
+        version = np.lib.format.read_magic(stream)
+        if version not in _HEADERS:
+            raise InputError(f"is a .npy of version {version}, expected (1, 0) or (2, 0)")
+        shape, is_reversed, kind = _HEADERS[version](stream)
+    claimed = stream.tell() + prod(shape) * kind.itemsize
+    if not kind.hasobject and (min(shape, default=0) < 0 or claimed != size):
+        raise InputError(
+            f"announces an array of shape {shape} of {kind}, which takes {claimed} bytes, and has "
+            f"{size}; it is cut short or damaged, write it again"
+        )
+    return FileArray(file, place + stream.tell(), kind, shape, is_reversed)
+
+
+@contextmanager
+def _refusals(expected: str) -> Iterator[None]:
+    """Make of whatever numpy and zipfile raise inside an InputError."""
+    try:
+        yield
+    except _DAMAGES as error:
+        said = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"is not {expected} ({said}); write it again") from error

@@ -1,0 +1,65 @@
+"""A numpy `.npz`: `vertices` (F, m, 3), `faces` (t, 3), and what the scene is."""
+
+import zipfile
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from cageik_cli.formats.base.writer import Animation, AnimationWriter
+from cageik_cli.util.arrays import Floats
+
+_FIRST = (1980, 1, 1, 0, 0, 0)
+
+
+def undated(name: str) -> zipfile.ZipInfo:
+    """A member that has zip's first time: as good as any, and always the same."""
+    return zipfile.ZipInfo(name, _FIRST)
+
+
+class Writer(AnimationWriter):
+    """Frames in double precision, uncompressed, so that they can be read one by one."""
+
+    suffixes = (".npz",)
+
+    def __init__(self, target: Path, animation: Animation) -> None:
+        with ExitStack() as stack:
+            self._archive = stack.enter_context(zipfile.ZipFile(target, "w"))
+            self._write_all_but_frames(animation)
+            self._frames = self._member("vertices")
+            shape = (animation.count, *animation.rest.vertices.shape)
+            header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+            np.lib.format.write_array_header_1_0(self._frames, header)
+            stack.pop_all()  # open from here on
+
+    def append(self, frames: Floats) -> None:
+        """Write the next frames."""
+        self._frames.write(np.ascontiguousarray(frames, "<f8").data)
+
+    def complete(self) -> None:
+        """Write the archive's directory."""
+        self._close()
+
+    def abandon(self) -> None:
+        """Close the file."""
+        self._close()
+
+    def _close(self) -> None:
+        with self._archive, self._frames:
+            pass  # each closes, whatever the other meets
+
+    def _write_all_but_frames(self, animation: Animation) -> None:
+        scene = animation.scene
+        for name, value in (
+            ("faces", animation.rest.faces.astype(np.int32)),
+            ("fps", np.float64(scene.fps)),
+            ("start", np.float64(scene.start)),
+            ("up_axis", np.str_(scene.up_axis)),
+            ("metres_per_unit", np.float64(scene.metres_per_unit)),
+        ):
+            with self._member(name) as stream:
+                np.lib.format.write_array(stream, np.asarray(value), allow_pickle=False)
+
+    def _member(self, name: str) -> IO[bytes]:
+        return self._archive.open(undated(f"{name}.npy"), "w", force_zip64=True)

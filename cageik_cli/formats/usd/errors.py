@@ -1,0 +1,50 @@
+"""USD's own voice: its errors become ours, its warnings are kept instead of printed."""
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cageik_cli.util.errors import needing
+
+_NOT_TEXT = "its text is not UTF-8"
+SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+
+
+def need_usd(act: str) -> None:
+    """Refuse to go on without usd-core; `act` is what it is needed for."""
+    with needing("usd-core", "usd", act):
+        import pxr  # noqa: F401
+
+
+@contextmanager
+def quiet(failed: Callable[[str], Exception]) -> Iterator[list[str]]:
+    """A list that holds, when the block ends, what USD would have printed, a sentence each.
+
+    Of an error that USD raises in the block, `failed` makes another.
+    """
+    from pxr import Tf
+
+    warnings: list[str] = []
+    with Tf.DiagnosticTrap() as trap:
+        try:
+            yield warnings
+        except Tf.ErrorException as error:
+            raise failed(_sentence(error.args[0])) from error
+        except UnicodeDecodeError as error:
+            raise failed(_NOT_TEXT) from error
+        finally:
+            warnings += map(_sentence, trap.GetWarnings())
+            trap.Clear()
+
+
+def _sentence(diagnostic: Any) -> str:
+    """On one line, without folders, addresses in memory and the names of the parser's rules."""
+    try:
+        text = " ".join(diagnostic.commentary.split())
+    except UnicodeDecodeError:
+        return _NOT_TEXT
+    text = re.sub(r" matching pxrInternal.*? at ", " at ", text)
+    text = re.sub(r" \(\w+ stage on stage .*\)$", "", text)
+    return re.sub(r"@([^@]*)@", lambda layer: Path(layer[1]).name, text)

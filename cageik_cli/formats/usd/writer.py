@@ -1,0 +1,184 @@
+"""USD: one mesh whose points have a time sample a frame, in single precision."""
+
+import zipfile
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.formats.base.writer import Animation, AnimationWriter, single_precision
+from cageik_cli.formats.npz.writer import undated
+from cageik_cli.formats.usd.errors import SUFFIXES, need_usd, quiet
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import InputError
+
+LARGEST_UNSAVED = 1 << 26
+"""Bytes of time samples that are held before they are brought to the file; of `.usda`, which USD
+keeps in memory to the end, the most that is written."""
+
+LARGEST_PACKAGE = 1 << 32
+"""Bytes of a `.usdz`: a zip without its extension for large files."""
+
+
+class UsdFile:
+    """A stage whose default prim is called as the animation, saved as it grows.
+
+    USD reads saved samples of binary files back from the disk when they are asked for, and holds
+    in memory those alone that were not saved yet.
+
+    Attributes
+    ----------
+    root : str
+        Path of the default prim, not yet defined.
+    stage : Usd.Stage
+    """
+
+    def __init__(self, target: Path, animation: Animation, frame_bytes: int) -> None:
+        """Begin a file of `frame_bytes` a frame."""
+        need_usd(f"writing {target.suffix}")
+        from pxr import Sdf, Usd
+
+        _refuse_too_large(target.suffix.lower(), animation.count * frame_bytes)
+        self._target, self._frame_bytes, self._unsaved = target, frame_bytes, 0
+        self._count, self._start = 0, animation.scene.start
+        self._folder: TemporaryDirectory[str] | None = None
+        self._path, self._member = target, f"{animation.name}.usdc"
+        if target.suffix.lower() == ".usdz":
+            self._folder = TemporaryDirectory(dir=target.parent, prefix=f"{target.stem}.")
+            self._path = Path(self._folder.name) / self._member
+        binary = {"format": "usdc"} if target.suffix.lower() == ".usd" else {}
+        with quiet(OSError):
+            self.stage = Usd.Stage.Open(Sdf.Layer.CreateNew(str(self._path), args=binary))
+            _say_scene(self.stage, animation)
+            self.root = f"/{animation.name}"
+            self.stage.SetDefaultPrim(self.stage.OverridePrim(self.root))
+
+    def next_time(self) -> float:
+        """Time code of the next frame; what was written of those before may be saved."""
+        with quiet(OSError):
+            if self._unsaved + self._frame_bytes > LARGEST_UNSAVED:
+                self.stage.GetRootLayer().Save()
+                self._unsaved = 0
+        self._unsaved += self._frame_bytes
+        self._count += 1
+        return self._start + self._count - 1
+
+    def complete(self) -> None:
+        """Save what is left, and close the file."""
+        with quiet(OSError):
+            self.stage.GetRootLayer().Save()
+        del self.stage
+        if self._folder is not None:
+            _package(self._path, self._target, self._member)
+            self._folder.cleanup()
+
+    def abandon(self) -> None:
+        """Close the file."""
+        self.__dict__.pop("stage", None)
+        if self._folder is not None:
+            self._folder.cleanup()
+
+
+def define_mesh(stage: Any, path: str, mesh: TriMesh) -> Any:
+    """A mesh prim that has the faces of `mesh`, and no points yet."""
+    from pxr import UsdGeom, Vt
+
+    prim = UsdGeom.Mesh.Define(stage, path)
+    # Unsaid, a mesh is a cage of Catmull and Clark's.
+    prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    prim.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
+    corners = np.ascontiguousarray(mesh.faces, np.int32).ravel()
+    prim.CreateFaceVertexCountsAttr(Vt.IntArray(len(mesh.faces), 3))
+    prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(corners))
+    return prim
+
+
+def extent_of(points: NDArray[np.float32]) -> Any:
+    """The box around points (m, 3), as USD has it."""
+    from pxr import Vt
+
+    return Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)]))
+
+
+def _say_scene(stage: Any, animation: Animation) -> None:
+    from pxr import UsdGeom
+
+    scene = animation.scene
+    UsdGeom.SetStageUpAxis(stage, scene.up_axis)
+    UsdGeom.SetStageMetersPerUnit(stage, scene.metres_per_unit)
+    stage.SetTimeCodesPerSecond(scene.fps)
+    stage.SetFramesPerSecond(scene.fps)
+    stage.SetStartTimeCode(scene.start)
+    stage.SetEndTimeCode(scene.start + animation.count - 1)
+
+
+def _refuse_too_large(suffix: str, size: int) -> None:
+    limit = {".usda": LARGEST_UNSAVED, ".usdz": LARGEST_PACKAGE}.get(suffix)
+    if limit is not None and size > limit:
+        raise InputError(
+            f"{size >> 20} MiB of positions, and a {suffix} takes {limit >> 20} here; write .usdc "
+            "instead"
+        )
+
+
+def _package(path: Path, target: Path, name: str) -> None:
+    """A `.usdz` of one file: stored as it is, its bytes from a multiple of 64 on.
+
+    USD's own packager would write the time of day.
+    """
+    member = undated(name)
+    header = 30 + len(name.encode()) + 4
+    padding = -header % 64
+    member.extra = b"\x86\x19" + padding.to_bytes(2, "little") + bytes(padding)
+    with zipfile.ZipFile(target, "w") as archive, path.open("rb") as stream:
+        member.file_size = path.stat().st_size
+        with archive.open(member, "w") as file:
+            while block := stream.read(1 << 24):
+                file.write(block)
+
+
+class Writer(AnimationWriter):
+    """Frame k at time code start + k of the mesh `/NAME/NAME`.
+
+    Blender calls the object by the mesh, others by its parent.
+    """
+
+    suffixes = SUFFIXES
+
+    @classmethod
+    def require(cls) -> None:
+        """Refuse to go on without usd-core."""
+        need_usd("writing USD")
+
+    def __init__(self, target: Path, animation: Animation) -> None:
+        self._file = UsdFile(target, animation, 12 * len(animation.rest.vertices))
+        from pxr import UsdGeom
+
+        with quiet(OSError):
+            # A mesh as the default prim would be hidden by the type of whatever references it.
+            UsdGeom.Xform.Define(self._file.stage, self._file.root)
+            mesh = define_mesh(
+                self._file.stage, f"{self._file.root}/{animation.name}", animation.rest
+            )
+            self._points, self._extent = mesh.CreatePointsAttr(), mesh.CreateExtentAttr()
+
+    def append(self, frames: Floats) -> None:
+        """Write the next frames."""
+        from pxr import Vt
+
+        for points in map(single_precision, frames):
+            time = self._file.next_time()
+            with quiet(OSError):
+                self._points.Set(Vt.Vec3fArray.FromNumpy(points), time)
+                self._extent.Set(extent_of(points), time)
+
+    def complete(self) -> None:
+        """Save the file."""
+        self._file.complete()
+
+    def abandon(self) -> None:
+        """Close the file."""
+        self._file.abandon()

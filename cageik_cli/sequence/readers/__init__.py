@@ -1,1 +1,0 @@
-"""One reader a kind of file: each module holds a `Reader`, a MeshSequence made from paths."""

@@ -1,0 +1,83 @@
+"""Frames at their places in a file."""
+
+import io
+
+import numpy as np
+import pytest
+
+from cageik_cli.formats.base.binary_frames import (
+    BinaryFile,
+    Packing,
+    StoredFrames,
+    refuse_other_size,
+)
+from cageik_cli.util.errors import InputError
+
+VALUES = np.arange(24, dtype=">f8")
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "numbers.bin"
+    path.write_bytes(b"head" + VALUES.tobytes())
+    return path
+
+
+@pytest.mark.parametrize("order", ["fvx", "vxf", "fxv", "xvf"])
+@pytest.mark.parametrize("whole", [True, False])
+def test_every_order_of_axes(path, monkeypatch, order, whole):
+    if not whole:
+        monkeypatch.setattr("cageik_cli.formats.base.binary_frames.LARGEST_RUN", 1)
+    sizes = {"f": 2, "v": 4, "x": 3}
+    array = VALUES.reshape([sizes[axis] for axis in order])
+    expected = np.einsum(f"{order}->fvx", array)
+    stored = StoredFrames(BinaryFile.at(path), Packing(4, VALUES.dtype, 2, 4, order))
+    assert (stored.count, stored.vertices) == (2, 4)
+    for k in (1, 0):
+        np.testing.assert_array_equal(stored.frame(k), expected[k])
+
+
+def test_a_file_that_shrinks_is_refused(path):
+    file = BinaryFile.at(path)
+    with path.open("r+b") as stream:
+        stream.truncate(100)
+    with pytest.raises(InputError, match="became shorter since it was opened"):
+        file.numbers(4, VALUES.dtype, VALUES.shape)
+
+
+def test_more_than_memory_holds_is_refused(path):
+    with pytest.raises(InputError, match="36028797018963968 bytes of it do not fit in memory"):
+        BinaryFile.at(path).numbers(4, VALUES.dtype, (1 << 52,))
+
+
+def test_what_cannot_be_opened_or_read_is_refused(tmp_path):
+    with pytest.raises(InputError, match="is a folder"):
+        BinaryFile.at(tmp_path)
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        BinaryFile.at(tmp_path / "none")
+
+    class Torn(io.BytesIO):
+        def readinto(self, buffer):
+            raise OSError(5, "Input/output error")
+
+    with pytest.raises(InputError, match="cannot be read: Input/output error"):
+        BinaryFile(Torn(bytes(100))).numbers(0, VALUES.dtype, (2,))
+
+
+def test_the_file_is_closed_with_its_last_user(path):
+    stream = path.open("rb")
+    frames = StoredFrames(BinaryFile(stream), Packing(4, VALUES.dtype, 2, 4, "vxf"))
+    assert not stream.closed
+    del frames
+    assert stream.closed
+
+
+def test_counts_and_size_are_compared(path):
+    file = BinaryFile.at(path)
+    refuse_other_size(file, 196, {"frames": 1})
+    with pytest.raises(InputError, match="announces 0 frames, 2 faces, expected one of each"):
+        refuse_other_size(file, 196, {"frames": 0, "faces": 2})
+    with pytest.raises(InputError, match="take 195 bytes, and has 196; it is damaged"):
+        refuse_other_size(file, 195, {"frames": 1})
+    with pytest.raises(InputError, match="take 197 bytes, and has 196; it is cut short or damaged"):
+        refuse_other_size(file, 197, {"frames": 1})

@@ -1,0 +1,47 @@
+"""Patterns of names with a frame's number."""
+
+import pytest
+
+from cageik_cli.formats.base.file_names import FrameNames
+from cageik_cli.util.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("pattern", "names"),
+    [
+        ("cage_####.obj", ("cage_0007.obj", "cage_12345.obj")),
+        ("cage.#.ply", ("cage.7.ply", "cage.12345.ply")),
+        ("cage_%04d.ply", ("cage_0007.ply", "cage_12345.ply")),
+        ("cage_%4d.ply", ("cage_0007.ply", "cage_12345.ply")),
+        ("cage_%d.ply", ("cage_7.ply", "cage_12345.ply")),
+        ("cage.$F4.obj", ("cage.0007.obj", "cage.12345.obj")),
+        ("cage.$F.obj", ("cage.7.obj", "cage.12345.obj")),
+        ("##x", ("07x", "12345x")),
+    ],
+)
+def test_patterns(pattern, names):
+    found = FrameNames.of(pattern)
+    assert (found.name(7), found.name(12345)) == names
+    assert all(map(found.has, names))
+    assert FrameNames.of(found.pattern) == found
+
+
+@pytest.mark.parametrize("name", ["cage.obj", "cage_%x.obj", "cage_0001.obj", "$cage.obj", ""])
+def test_what_has_no_number_is_no_pattern(name):
+    assert FrameNames.of(name) is None
+
+
+@pytest.mark.parametrize("name", ["a_##_##.obj", "a_%d_$F.obj", "$F_%04d"])
+def test_a_number_stands_there_once(name):
+    with pytest.raises(InputError, match=r"stands in .* 2 times, expected once"):
+        FrameNames.of(name)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["c_01.obj", "c_001.ply", "d_001.obj", "c_001.obj.txt", "xc_001.obj", "c_0x1.obj", "c+001.obj"],
+)
+def test_other_names_are_not_ours(name):
+    """Names around the number are taken letter by letter."""
+    assert not FrameNames("c_", 3, ".obj").has(name)
+    assert not FrameNames("c.", 3, ".obj").has(name)

@@ -1,0 +1,28 @@
+"""Which of a file's meshes is meant."""
+
+import pytest
+
+from cageik_cli.formats.base.scene_graph import picked
+from cageik_cli.util.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("meshes", "member", "mesh"),
+    [(["/a"], None, "/a"), (["/a"], "/a", "/a"), (["/a", "/b"], "/b", "/b")],
+)
+def test_the_one_that_is_named_or_the_only_one(meshes, member, mesh):
+    assert picked(meshes, member) == mesh
+
+
+@pytest.mark.parametrize(
+    ("meshes", "member", "sentence"),
+    [
+        ([], None, "holds no mesh"),
+        ([], "/a", "holds no mesh"),
+        (["/a"], "/b", "holds no mesh `/b`, but /a; name one of them"),
+        (["/a", "/b"], None, r"holds 2 meshes, expected one: /a, /b; .*as in FILE::/a"),
+    ],
+)
+def test_otherwise_what_there_is_to_choose_from(meshes, member, sentence):
+    with pytest.raises(InputError, match=sentence):
+        picked(meshes, member)

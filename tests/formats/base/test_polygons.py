@@ -1,0 +1,130 @@
+"""Polygons cut into triangles that cover them, and nothing twice."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cageik_cli.formats.base.polygons import _flattened, fans, unfolded
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.errors import InputError
+from tests.shapes import rotation
+
+DART = [[0, 0], [2, 0], [0.5, 0.5], [0, 2]]
+ELL = [[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]]
+COMB = [[0, 0], [7, 0], [7, 3], [6, 3], [6, 1], [5, 1], [5, 3], [4, 3], [4, 1], [3, 1], [3, 3],
+        [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]]  # fmt: skip
+SPIRAL = [[0, 0], [5, 0], [5, 5], [1, 5], [1, 2], [3, 2], [3, 3], [2, 3], [2, 4], [4, 4], [4, 1],
+          [0, 1]]  # fmt: skip
+KEYHOLE = [[0, 0], [6, 0], [6, 6], [0, 6], [0, 0], [2, 2], [2, 4], [4, 4], [4, 2], [2, 2]]
+
+
+def cut(points, start=0, seed=0):
+    """The triangles of one polygon, somewhere in space, from its corner `start`; its normal."""
+    turn = rotation(seed)
+    flat = np.column_stack([points, np.zeros(len(points))])
+    order = np.roll(np.arange(len(points)), -start)
+    faces, sizes = fans([order])
+    mesh = unfolded(TriMesh(flat @ turn.T + [5, -3, 2], faces), sizes)
+    return mesh, turn[:, 2]
+
+
+def area(points):
+    x, y = np.array(points, float).T
+    return (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+
+
+def signed_areas(mesh, normal):
+    a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
+    return np.cross(b - a, c - a) @ normal / 2
+
+
+def assert_covered(points, start, seed):
+    """Triangles that all face as the polygon does and have its area neither fold nor overlap."""
+    mesh, normal = cut(points, start, seed)
+    areas = signed_areas(mesh, normal)
+    whole = area(points)
+    assert len(areas) == len(points) - 2
+    assert (areas >= -1e-9 * whole).all()
+    assert areas.sum() == pytest.approx(whole, rel=1e-9)
+    assert set(mesh.faces.ravel()) == set(range(len(points)))
+
+
+@pytest.mark.parametrize("points", [DART, ELL, COMB, SPIRAL, KEYHOLE])
+def test_concave_polygons_are_covered_once_from_whatever_corner(points):
+    for start in range(len(points)):
+        assert_covered(points, start, seed=start)
+
+
+@given(
+    st.lists(st.floats(0.1, 3.0), min_size=4, max_size=12),
+    st.integers(0, 11),
+    st.integers(0, 100),
+)
+def test_stars_are_covered_once(radii, start, seed):
+    angles = np.linspace(0, 2 * np.pi, len(radii), endpoint=False)
+    points = np.column_stack([np.cos(angles), np.sin(angles)]) * np.array(radii)[:, None]
+    assert_covered(points, start % len(radii), seed)
+
+
+def test_a_fan_would_have_folded():
+    """The checks above must be able to fail: fans fail them."""
+    turn = rotation(0)
+    faces, _ = fans([np.roll(np.arange(4), -1)])
+    flat = np.column_stack([DART, np.zeros(4)]) @ turn.T
+    assert signed_areas(TriMesh(flat, faces), turn[:, 2]).min() < 0
+
+
+@pytest.mark.parametrize("corners", [3, 4, 5, 9])
+def test_convex_polygons_stay_fans(corners):
+    angles = np.linspace(0, 2 * np.pi, corners, endpoint=False)
+    mesh, _ = cut(np.column_stack([np.cos(angles), np.sin(angles)]), start=1)
+    expected = [[1, (k + 1) % corners, (k + 2) % corners] for k in range(1, corners - 1)]
+    np.testing.assert_array_equal(mesh.faces, expected)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [[0, 0], [1, 0], [2, 0], [2, 2]],  # a corner within a side
+        [[0, 0], [2, 2], [2, 0], [0, 2]],  # crosses itself, and has no area
+        [[0, 0], [1, 1], [1, 1], [0, 0]],  # a line
+        [[0, 0], [4, 0], [0, 3], [4, 3], [2, 5]],  # crosses itself
+    ],
+)
+def test_degenerate_polygons_give_as_many_triangles_of_their_corners(points):
+    for start in range(len(points)):
+        mesh, _ = cut(points, start)
+        assert len(mesh.faces) == len(points) - 2
+        assert set(mesh.faces.ravel()) <= set(range(len(points)))
+
+
+def test_a_bent_quad_stays_a_fan():
+    faces, sizes = fans([[0, 1, 2, 3]])
+    mesh = unfolded(TriMesh([[0, 0, 0], [1, 0, 0.4], [1, 1, 0], [0, 1, 0.4]], faces), sizes)
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
+
+
+def test_the_smallest_area_has_a_direction():
+    """Of a polygon that crosses itself, positive and negative parts may cancel down to it."""
+    flat = _flattened(np.array([[0, 0, 7], [1, 0, 7], [1, 1, 7.0]]), np.array([0, 0, 5e-324]))
+    np.testing.assert_allclose(np.linalg.norm(flat, axis=1), [0, 1, np.sqrt(2)])
+    assert np.linalg.det(flat[1:]) > 0
+
+
+def test_triangles_stay_in_the_place_of_their_polygon():
+    flat = np.column_stack([DART, np.zeros(4)])
+    vertices = np.concatenate([flat, flat + np.array([9, 0, 0])])
+    faces, sizes = fans([[0, 1, 2], [5, 6, 7, 4], [0, 2, 3]])
+    np.testing.assert_array_equal(sizes, [3, 4, 3])
+    mesh = unfolded(TriMesh(vertices, faces), sizes)
+    np.testing.assert_array_equal(mesh.faces[[0, 3]], faces[[0, 3]])
+    assert {frozenset(face) for face in mesh.faces[1:3].tolist()} == {
+        frozenset((4, 5, 6)),
+        frozenset((4, 6, 7)),
+    }
+
+
+def test_a_polygon_of_two_corners_is_refused():
+    with pytest.raises(InputError, match="face 1 has 2 corners, expected 3 or more"):
+        fans([[0, 1, 2], [0, 1]])

@@ -1,0 +1,42 @@
+"""An animation to write, and what every writer of files must do with it."""
+
+import numpy as np
+from pxr import Usd, UsdValidation
+
+from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.write import created
+from cageik_cli.geometry.mesh import TriMesh
+from tests.shapes import octahedron
+
+SCENE = Scene(fps=30.0, start=11.0, up_axis="Z", metres_per_unit=0.01)
+REST = octahedron()
+FRAMES = REST.vertices + np.random.default_rng(5).normal(0, 0.1, (7, 6, 3))
+
+
+def written(path, frames=FRAMES, rest=REST, scene=SCENE, size=3):
+    """Write an animation, `size` frames at a time."""
+    with created(path, Animation(rest, len(frames), scene, "hero"), True) as writer:
+        for start in range(0, len(frames), size):
+            writer.append(frames[start : start + size])
+    return path
+
+
+def fail_halfway(path):
+    """Fail with a KeyError after two frames."""
+    with created(path, Animation(REST, len(FRAMES), SCENE, "hero"), False) as writer:
+        writer.append(FRAMES[:2])
+        raise KeyError
+
+
+def write_huge(path):
+    """Write what single precision cannot hold."""
+    huge = TriMesh(REST.vertices * 1e40, REST.faces)
+    return written(path, np.array([huge.vertices]), huge)
+
+
+def faults_of(path):
+    """What USD's own validators say of a file."""
+    validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    found = UsdValidation.ValidationContext(validators).Validate(Usd.Stage.Open(str(path)))
+    return [error.GetErrorAsString() for error in found]

@@ -1,0 +1,272 @@
+"""Clips in `.npz` and `.npy`: names and layouts in use, and what must not be loaded."""
+
+import gc
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cageik_cli.formats.base import binary_frames as runs
+from cageik_cli.formats.base.sequence import ClipSettings
+from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.npz.reader import FACE_NAMES, VERTEX_NAMES
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.scene import SceneHints
+from cageik_cli.util.errors import InputError
+from tests.clips import frames_of
+
+FACES = np.array([[0, 1, 2], [0, 2, 3]])
+AXES = {"fvx": (0, 1, 2), "vxf": (1, 2, 0), "fxv": (0, 2, 1)}
+FRAMES = np.arange(2 * 4 * 3, dtype=float).reshape(2, 4, 3) ** 2
+
+
+@pytest.fixture
+def opened(tmp_path):
+    """Write arrays to a file and open it as a clip."""
+
+    def through(how=None, rest=None, **arrays):
+        np.savez_compressed(tmp_path / "clip.npz", **arrays)
+        return open_sequence([str(tmp_path / "clip.npz")], how, rest)
+
+    return through
+
+
+@pytest.fixture
+def rest(tmp_path, write_obj):
+    return load_mesh(write_obj(tmp_path / "rest.obj", FRAMES[0], FACES))
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces"),
+    [*((name, "faces") for name in VERTEX_NAMES), *(("verts", name) for name in FACE_NAMES)],
+)
+def test_the_usual_names_are_found(opened, vertices, faces):
+    sequence = opened(**{vertices: FRAMES, faces: FACES, "fps": 24})
+    assert sequence.names == ("clip.npz[0]", "clip.npz[1]")
+    np.testing.assert_array_equal(sequence.first.faces, FACES)
+    np.testing.assert_array_equal(frames_of(sequence), FRAMES)
+    assert sequence.scene == SceneHints(fps=24)
+
+
+@pytest.mark.parametrize("kind", ["f2", "f4", "f8", ">f8"])
+def test_positions_are_kept_to_the_bit(opened, kind):
+    frames = FRAMES.astype(kind)
+    found = frames_of(opened(verts=frames, faces=FACES.astype("u2")))
+    assert found.dtype == np.float64
+    np.testing.assert_array_equal(found, frames.astype(float))
+
+
+@given(st.integers(1, 6), st.integers(4, 6))
+def test_both_layouts_give_the_same_frames_or_are_refused(tmp_path_factory, count, vertices):
+    """Told by the faces, of which one names the last vertex; refused are as many frames."""
+    frames = np.random.default_rng(count).normal(size=(count, vertices, 3))
+    faces = np.array([*FACES, [0, 1, vertices - 1]])
+    path = tmp_path_factory.mktemp("layouts") / "clip.npz"
+    for layout, axes in AXES.items():
+        for order in "CF":
+            np.savez(path, verts=np.asarray(frames.transpose(axes), order=order), faces=faces)
+            told = ClipSettings(layout=layout)
+            np.testing.assert_array_equal(frames_of(open_sequence([str(path)], told)), frames)
+            if count == vertices and layout != "fvx":
+                with pytest.raises(InputError, match=r"can be read as vxf .* or fxv"):
+                    open_sequence([str(path)])
+            else:
+                np.testing.assert_array_equal(frames_of(open_sequence([str(path)])), frames)
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("layout", AXES)
+def test_runs_of_frames_are_the_frames(tmp_path, monkeypatch, layout, order):
+    """Whatever lies fastest in the file, and however few frames fit in a run."""
+    frames = np.random.default_rng(0).normal(size=(11, 4, 3))
+    path = tmp_path / "clip.npz"
+    np.savez(path, verts=np.asarray(frames.transpose(AXES[layout]), order=order), faces=FACES)
+    for bound in (1, 4 * 4 * 3 * 8, 1 << 25):
+        monkeypatch.setattr(runs, "LARGEST_RUN", bound)
+        sequence = open_sequence([str(path)], ClipSettings(slice(1, None, 2), layout))
+        np.testing.assert_array_equal(frames_of(sequence, 3, 1), frames[1::2])
+        np.testing.assert_array_equal(frames_of(sequence, 2, 4), frames[1::2])
+
+
+def test_either_layout_possible_is_refused(opened):
+    with pytest.raises(InputError) as caught:
+        opened(verts=np.zeros((4, 3, 3)), faces=np.array([[0, 1, 2]]))
+    assert str(caught.value).endswith(
+        "positions can be read as fvx (4 frames of 3 vertices) or fxv (4 frames of 3 vertices); "
+        "say which with --layout"
+    )
+
+
+def test_a_layout_that_does_not_fit_is_refused(opened):
+    with pytest.raises(InputError, match=r"have shape \(2, 4, 3\), expected \(vertices, 3, frames"):
+        opened(ClipSettings(layout="vxf"), verts=FRAMES, faces=FACES)
+
+
+def test_faces_come_from_the_rest_pose_where_there_are_none(tmp_path, opened, rest):
+    for sequence in (opened(rest=rest, verts=FRAMES), _lone(tmp_path / "clip.npy", FRAMES, rest)):
+        np.testing.assert_array_equal(sequence.first.faces, FACES)
+        np.testing.assert_array_equal(frames_of(sequence), FRAMES)
+    with pytest.raises(InputError, match=r"clip\.npy: 5 vertices, the rest pose has 4"):
+        _lone(tmp_path / "clip.npy", np.zeros((2, 5, 3)), rest)
+    with pytest.raises(InputError, match=r"clip\.npy: holds positions and no faces"):
+        _lone(tmp_path / "clip.npy", FRAMES, None)
+
+
+def _lone(path, frames, rest):
+    np.save(path, frames)
+    return open_sequence([str(path)], None, rest)
+
+
+@pytest.mark.parametrize("shape", [(4, 3, 9), (9, 3, 4)])
+def test_the_rest_pose_tells_the_layout(tmp_path, rest, shape):
+    frames = np.random.default_rng(0).normal(size=shape)
+    expected = frames.transpose(2, 0, 1) if shape[0] == 4 else frames.transpose(0, 2, 1)
+    np.testing.assert_array_equal(frames_of(_lone(tmp_path / "clip.npy", frames, rest)), expected)
+
+
+def test_what_an_export_says_of_its_scene_is_taken(opened):
+    said = {"fps": 30.0, "start": 5, "up_axis": "Z", "metres_per_unit": np.float32(0.5)}
+    assert opened(verts=FRAMES, faces=FACES, **said).scene == SceneHints(30, 5, "Z", 0.5)
+    chosen = opened(ClipSettings(slice(1, None)), verts=FRAMES, faces=FACES, **said)
+    assert chosen.scene == SceneHints(30, 6, "Z", 0.5)
+
+
+def test_hints_that_cannot_be_are_noted_and_others_passed_by(opened):
+    sequence = opened(
+        verts=FRAMES, faces=FACES, fps=0, up_axis="up", start=[1, 2], metres_per_unit="m"
+    )
+    assert sequence.scene == SceneHints()
+    assert sequence.notes == (
+        "clip.npz: `fps` is passed by: 0 frames a second, expected a number above zero",
+        "clip.npz: `up_axis` is passed by: the up axis is up, expected Y or Z",
+    )
+    assert opened(verts=FRAMES, faces=FACES, fps=np.array(None)).scene == SceneHints()
+
+
+def test_an_export_is_read_back(tmp_path):
+    """Our own writer's file, and numpy's opinion of it."""
+    from cageik_cli.formats.base.writer import Animation
+    from cageik_cli.formats.scene import Scene
+    from cageik_cli.formats.write import created
+    from cageik_cli.geometry.mesh import TriMesh
+
+    path = tmp_path / "out.npz"
+    rest = TriMesh(FRAMES[0], FACES)
+    with created(
+        path, Animation(rest, len(FRAMES), Scene(30, 7, "Z", 0.1), "clip"), False
+    ) as writer:
+        writer.append(FRAMES)
+    sequence = open_sequence([str(path)])
+    np.testing.assert_array_equal(frames_of(sequence), np.load(path)["vertices"])
+    assert sequence.scene == SceneHints(30, 7, "Z", 0.1)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "says"),
+    [
+        ({"verts": FRAMES}, "holds positions and no faces; give a mesh that has"),
+        ({"faces": FACES}, "holds none of the arrays vertices, verts"),
+        ({"verts": FRAMES, "v": FRAMES, "f": FACES}, "holds verts, v of the arrays"),
+        ({"verts": FRAMES, "f": FACES, "tris": FACES}, "holds tris, f of the arrays"),
+        ({"verts": FRAMES.astype(int), "faces": FACES}, "positions are int64 of shape (2, 4, 3)"),
+        ({"verts": FRAMES[:0], "faces": FACES}, "positions have shape (0, 4, 3)"),
+        (
+            {"verts": FRAMES, "faces": FACES.astype(float)},
+            "faces are float64 of shape (2, 3), expected integers",
+        ),
+        ({"verts": FRAMES, "faces": FACES.ravel()}, "faces are int64 of shape (6,)"),
+        ({"verts": FRAMES, "faces": np.zeros((2, 4), int)}, "faces are int64 of shape (2, 4)"),
+        ({"verts": FRAMES, "faces": FACES[:0]}, "faces are none, expected one at least"),
+        (
+            {"verts": FRAMES[0], "faces": FACES},
+            "positions have shape (4, 3), expected (frames, vertices, 3) or",
+        ),
+        ({"verts": FRAMES[:, :, :2], "faces": FACES}, "positions have shape (2, 4, 2)"),
+        (
+            {"verts": FRAMES, "faces": FACES + 1},
+            "faces name vertices 1 to 4 of 4, so they are counted from 1",
+        ),
+        (
+            {"verts": FRAMES.transpose(1, 2, 0), "faces": FACES + 1},
+            "faces name vertices 1 to 4 of 4, so they are counted from 1",
+        ),
+        ({"verts": FRAMES, "faces": FACES + 2}, "face 0 names vertices 2, 3, 4"),
+        ({"verts": FRAMES, "faces": FACES - 1}, "face 0 names vertices -1, 0, 1"),
+        ({"verts": FRAMES * np.nan, "faces": FACES}, "vertex 0 is (nan, nan, nan)"),
+        (
+            {"poses": FRAMES, "betas": FRAMES, "trans": FRAMES},
+            "holds body parameters (AMASS or SMPL",
+        ),
+        ({"poses": FRAMES, "trans": FRAMES, "fps": 60}, "holds body parameters"),
+        ({"other": FRAMES}, "holds none of the arrays vertices, verts, V, v"),
+        (
+            {"verts": np.array([None]), "faces": FACES},
+            "positions are object of shape (1,), expected",
+        ),
+        ({"verts": FRAMES, "faces": np.array([None])}, "faces are object of shape (1,)"),
+    ],
+)
+def test_other_arrays_are_refused_with_what_was_found(opened, tmp_path, arrays, says):
+    with pytest.raises(InputError) as caught:
+        opened(**arrays)
+    assert str(caught.value).startswith(f"{tmp_path / 'clip.npz'}: ")
+    assert says in str(caught.value)
+
+
+def test_a_later_frame_that_is_not_finite_is_named(opened):
+    frames = FRAMES.copy()
+    frames[1, 2, 0] = np.inf
+    with pytest.raises(InputError, match=r"clip\.npz\[1\]: vertex 2 is"):
+        frames_of(opened(verts=frames, faces=FACES))
+
+
+def _with(data: bytes, old: bytes, new: bytes) -> bytes:
+    assert old in data
+    return data.replace(old, new)
+
+
+def _foreign(path, **members):
+    with zipfile.ZipFile(path, "w") as file:
+        for name, text in members.items():
+            file.writestr(name, text)
+    return path.read_bytes()
+
+
+def _array_file(path):
+    np.save(path.with_suffix(".npy"), FRAMES)
+    return path.with_suffix(".npy").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        pytest.param(lambda data, path: b"", id="empty"),
+        pytest.param(lambda data, path: b"no archive", id="text"),
+        pytest.param(lambda data, path: data[:-30], id="cut short"),
+        pytest.param(lambda data, path: data[: len(data) // 2], id="half"),
+        pytest.param(lambda data, path: b"\x80\x04N.", id="pickle"),
+        pytest.param(lambda data, path: _with(data, b"(2, 4, 3)", b"(9, 9, 9)"), id="claim"),
+        pytest.param(lambda data, path: _with(data, b"{'descr'", b"({descr'"), id="header"),
+        pytest.param(lambda data, path: _array_file(path), id="npy"),
+        pytest.param(lambda data, path: _foreign(path, vertices="a", faces="b"), id="text"),
+        pytest.param(
+            lambda data, path: _with(data, b"PK\1\2\x2d\3\x2d\0\0\0", b"PK\1\2\x2d\3\x2d\0\1\0"),
+            id="encrypted",
+        ),
+    ],
+)
+def test_a_damaged_or_foreign_file_is_refused_and_closed(tmp_path, monkeypatch, damage):
+    left = []
+    monkeypatch.setattr(sys, "unraisablehook", left.append)
+    path = tmp_path / "clip.npz"
+    np.savez(path, verts=FRAMES, faces=FACES)
+    path.write_bytes(damage(path.read_bytes(), path))
+    with pytest.raises(InputError) as caught:
+        open_sequence([str(path)])
+    assert str(caught.value).startswith(f"{path}: ")
+    del caught
+    gc.collect()
+    assert not left

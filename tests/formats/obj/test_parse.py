@@ -1,0 +1,257 @@
+"""OBJ text: every dialect gives one mesh, every number is `float(text)`, both ways of reading."""
+
+import codecs
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from cageik_cli.formats.obj.frames import FrameParser
+from cageik_cli.formats.obj.parse import _mesh_by_lines, parse_obj
+from cageik_cli.util.errors import InputError
+
+VERTICES = [[0, 0, 0], [1.5, 0, 0], [0, -2, 0], [0, 0, 0.25]]
+FACES = [[0, 2, 1], [0, 1, 3]]
+HEAD = b"# a comment\no thing\nv 0 0 0\nv 1.5 0 0\nv 0 -2 0\nv 0 0 0.25\n"
+PLAIN = HEAD + b"f 1 3 2\nf 1 2 4\n"
+
+DIALECTS = {
+    "plain": PLAIN,
+    "CRLF": PLAIN.replace(b"\n", b"\r\n"),
+    "byte order mark": b"\xef\xbb\xbf" + PLAIN[PLAIN.index(b"v 0 0 0") :],
+    "CR": PLAIN.replace(b"\n", b"\r"),
+    "no newline at the end": PLAIN.rstrip(),
+    "comments between": PLAIN.replace(b"\nv", b"\n# v 9 9 9\n\nv").replace(b"\nf", b"\n#\nf"),
+    "comment behind": PLAIN + b"# done\n",
+    "comments behind lines": PLAIN.replace(b"1.5 0 0", b"1.5 0 0 # wide").replace(
+        b"f 1 3 2", b"f 1 3 2# 4 5"
+    ),
+    "comment behind vertices": PLAIN.replace(b"-2 0\n", b"-2 0# v 1\n"),
+    "comments with backslashes": PLAIN.replace(b"1.5 0 0", b"1.5 0 0 # C:\\").replace(
+        b"f 1 3 2", b"f 1 3 2 # D:\\"
+    ),
+    "leading blanks": PLAIN.replace(b"\nv", b"\n  v").replace(b"\nf", b"\n\tf"),
+    "wide gaps": PLAIN.replace(b" ", b" \t "),
+    "trailing blanks": PLAIN.replace(b"\n", b" \n"),
+    "colours": PLAIN.replace(b"\nv 0 0 0\n", b"\nv 0 0 0 .1 .2 .3\n"),
+    "w": PLAIN.replace(b"\nv 0 0 0\n", b"\nv 0 0 0 1.0\n"),
+    "normals": PLAIN.replace(b"\nf", b"\nvn 0 0 1\nvt 0 1\nf", 1),
+    "normals between": PLAIN.replace(b"\nv", b"\nvn 0 0 1\nv"),
+    "f a/b": HEAD + b"f 1/1 3/2 2/3\nf 1/1 2/2 4/3\n",
+    "f a/b/c": HEAD + b"f 1/1/1 3/2/2 2/3/3\nf 1/1/1 2/2/2 4/3/3\n",
+    "f a//c": HEAD + b"f 1//1 3//2 2//3\nf 1//1 2//2 4//3\n",
+    "several spellings of a corner": HEAD + b"f 1 3//2 2/3\nf 1/1/ 2 4\n",
+    "colours and w of all": b"\n".join(
+        line + b" 1 0.5 1.0" * line.startswith(b"v ") for line in PLAIN.split(b"\n")
+    ),
+    "double blanks and a blank behind": PLAIN.replace(b"v ", b"v  ").replace(b"\n", b" \r\n"),
+    "scientific notation": PLAIN.replace(b"1.5", b"15E-1").replace(b"0.25", b"+2.5e-01"),
+    "normals, groups and materials": HEAD + b"vn 0 0 1\nvt 0 1\ng a\nusemtl b\ns 1\n"
+    b"f 1//1 3//1 2//1\n\ng c\n# 1 face\nf 1//1 2//1 4//1\n",
+    "several objects": b"o a\nv 0 0 0\nv 1.5 0 0\nv 0 -2 0\nvn 0 0 1\nf 1 3 2\n"
+    b"o b\nv 0 0 0.25\nvn 0 0 1\nf 1 2 4\n",
+    "negative indices of several objects": b"v 0 0 0\nv 1.5 0 0\nv 0 -2 0\nf -3 -1 -2\n"
+    b"v 0 0 0.25\nf -4 -3 -1\n",
+    "negative indices": HEAD + b"f -4 -2 -3\nf -4 -3 -1\n",
+    "faces first": b"f 1 3 2\nf 1 2 4\n" + HEAD,
+    "vertices behind a face": HEAD.replace(b"v 0 0 0.25\n", b"f 1 3 2\nv 0 0 0.25\nf 1 2 4\n"),
+    "groups between": HEAD + b"g a\nusemtl b\ns 1\nf 1 3 2\ng c\nf 1 2 4\n",
+    "line continuation": PLAIN.replace(b"f 1 3 2", b"f 1 \\\n3 2").replace(b"v 1.5", b"v \\\n1.5"),
+}
+
+
+SLOW = {"CR", "comment behind vertices", "line continuation",
+        "comments with backslashes", "faces first", "byte order mark"}  # fmt: skip
+"""Not read by the fast path for frames."""
+
+
+def frame_of(data: bytes, first: bytes = PLAIN) -> np.ndarray | None:
+    return FrameParser(first, parse_obj(first).vertices).positions(data)
+
+
+@pytest.mark.parametrize("data", DIALECTS.values(), ids=DIALECTS)
+def test_every_dialect_gives_the_same_mesh(data):
+    mesh = parse_obj(data)
+    np.testing.assert_array_equal(mesh.vertices, VERTICES)
+    np.testing.assert_array_equal(mesh.faces, FACES)
+    assert mesh.polygons == 0
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_the_fast_path_takes_what_exporters_write(dialect):
+    """The frame moves, and what is not compared changes with it."""
+    first = DIALECTS[dialect]
+    data = (
+        first.replace(b"1.5", b"1.25")
+        .replace(b"15E", b"12.5E")
+        .replace(b"vn 0 0 1", b"vn 1 0 0")
+        .replace(b"thing", b"b")
+    )
+    fast = frame_of(data, first)
+    if dialect in SLOW:
+        assert fast is None
+    else:
+        moved = np.array(VERTICES)
+        moved[1, 0] = 1.25
+        np.testing.assert_array_equal(fast, moved)
+
+
+def test_a_line_may_continue_in_a_file_of_crlf_lines():
+    data = DIALECTS["line continuation"].replace(b"\n", b"\r\n")
+    np.testing.assert_array_equal(parse_obj(data).vertices, VERTICES)
+
+
+def test_a_comment_that_ends_in_a_backslash_swallows_no_line():
+    data = PLAIN.replace(b"o thing", b"# C:\\models\\")
+    np.testing.assert_array_equal(parse_obj(data).vertices, VERTICES)
+
+
+def test_polygons_become_fans_at_their_first_corner():
+    pentagon = b"".join(b"v %d %d 0\n" % xy for xy in ((0, 0), (2, 0), (3, 1), (2, 2), (0, 2)))
+    mesh = parse_obj(pentagon + b"f 1 2 3\nf 1 3 4 5\nf 1 2 3 4 5\n")
+    expected = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 1, 2], [0, 2, 3], [0, 3, 4]]
+    np.testing.assert_array_equal(mesh.faces, expected)
+    assert mesh.polygons == 2
+
+
+def test_vertices_of_one_place_stay_apart():
+    mesh = parse_obj(b"v 1 1 1\nv 1 1 1\nv 1 1 1\nv 7 7 7\nf 1 2 3\n")
+    assert len(mesh.vertices) == 4
+
+
+FORMATS = ["{!r}", "{:.9g}", "{:.17g}", "{:e}", "{:.17E}", "{:.6f}"]
+
+
+@given(
+    st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=12),
+    st.sampled_from(FORMATS),
+)
+def test_numbers_are_those_of_float_to_the_bit(values, form):
+    words = [form.format(value) for value in values]
+    words += ["0"] * (-len(words) % 3)
+    rows = [words[k : k + 3] for k in range(0, len(words), 3)]
+    data = "".join(f"v {' '.join(row)}\n" for row in rows).encode() + b"f 1 1 1\n"
+    expected = np.array([[float(word) for word in row] for row in rows])
+    assert parse_obj(data).vertices.tobytes() == expected.tobytes()
+    fast = frame_of(data, first=data)
+    assert fast is not None
+    assert fast.tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("word", ["+1", ".5", "1.", "-0", "1e400", "1e-400", "inf", "-Infinity"])
+def test_unusual_numbers_are_those_of_float(word):
+    data = PLAIN.replace(b"1.5", word.encode())
+    expected = np.array(VERTICES, float)
+    expected[1, 0] = float(word)
+    assert parse_obj(data).vertices.tobytes() == expected.tobytes()
+    fast = frame_of(data)
+    assert fast is None or fast.tobytes() == expected.tobytes()
+
+
+SNIPPETS = [b"\n", b"\r", b" ", b"\t", b"v", b"f", b"#", b"-", b".", b"e", b"_", b"nan", b"vn",
+            b"\nv 1 2 3", b"\nvn 1 2 3", b"\nf 1 2 3", b"\nl 1 2", b"\"", b",", b"\\", b"\\\n",
+            b"\0", b"/1"]  # fmt: skip
+
+
+def edited(edits, data):
+    for place, removed, inserted in edits:
+        data = data[:place] + inserted + data[place + removed :]
+    return data
+
+
+EDITS = st.lists(
+    st.tuples(
+        st.integers(0, len(PLAIN)),
+        st.integers(0, 8),
+        st.one_of(st.sampled_from(SNIPPETS), st.binary(max_size=3)),
+    ),
+    max_size=3,
+)
+
+
+@given(EDITS, st.sampled_from(sorted(DIALECTS)))
+@example([(2, 0, b"\0")], "plain")
+@example([(len(b"# a comment\no thing"), 0, b"\\")], "plain")
+@example([(len(HEAD) + 3, 0, b"\r v 1 2 3")], "normals")
+@example([(len(HEAD), 0, b"v#\n")], "normals")
+def test_the_fast_path_declines_or_agrees_with_the_parser(edits, dialect):
+    """A frame as the first is, but for the edits; the full parser is the one that goes by lines."""
+    first = DIALECTS[dialect]
+    data = edited(edits, first)
+    fast = frame_of(data, first)
+    if fast is None:
+        return
+    full = _mesh_by_lines(data.removeprefix(codecs.BOM_UTF8))
+    assert fast.tobytes() == full.vertices.tobytes()
+    np.testing.assert_array_equal(full.faces, FACES)
+
+
+@given(EDITS, st.sampled_from(sorted(DIALECTS)))
+@example([(PLAIN.index(b"f 1 3") + 2, 1, b"0x1")], "plain")
+@example([(PLAIN.index(b"f 1 3") + 3, 0, b" /2")], "plain")
+@example([(len(HEAD) + len(b"f 1/1/1 3/2/2 2/3"), 0, b"#")], "f a/b/c")
+@example([(len(HEAD) + len(b"f 1/1/1 3/"), 0, b"#")], "f a/b/c")
+def test_a_regular_file_is_the_mesh_that_its_lines_are(edits, dialect):
+    data = edited(edits, DIALECTS[dialect]).removeprefix(codecs.BOM_UTF8)
+    outcomes = []
+    for parse in (_mesh_by_lines, parse_obj):
+        try:
+            mesh = parse(data)
+            outcomes.append((mesh.vertices.tobytes(), mesh.faces.tobytes(), mesh.polygons))
+        except InputError as error:
+            outcomes.append(str(error))
+    assert outcomes[0] == outcomes[1] or b"\0" in data or not data.strip()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        PLAIN.replace(b"f 1 2 4", b"f 1 4 2"),
+        PLAIN + b"f 1 2 3\n",
+        HEAD,
+        b"",
+        DIALECTS["CRLF"],
+        DIALECTS["vertices behind a face"],
+    ],
+)
+def test_the_fast_path_declines_another_face_block(data):
+    assert frame_of(data) is None
+
+
+def test_faces_between_vertices_are_compared_too():
+    first = DIALECTS["vertices behind a face"]
+    assert frame_of(first, first) is not None
+    assert frame_of(first.replace(b"f 1 3 2", b"f 1 2 3"), first) is None
+    moved = first.replace(b"f 1 3 2\nv 0 0 0.25\n", b"v 0 0 0.25\nf 1 3 2\n")
+    assert frame_of(moved, first) is None
+
+
+FAULTS = {
+    "empty": (b"", "is empty"),
+    "blank": (b" \n\n", "is empty"),
+    "binary": (b"v 0 0 0\n\0\1", "is binary"),
+    "other text": (b"solid thing\nendsolid\n", "0 vertices and 0 faces"),
+    "no faces": (HEAD, "4 vertices and 0 faces"),
+    "no vertices": (b"f 1 2 3\n", "0 vertices and 1 faces"),
+    "two coordinates": (PLAIN.replace(b"0 -2 0", b"0 -2"), "line 5: `v 0 -2` has 2 coordinates"),
+    "a word": (PLAIN.replace(b"-2", b"two"), "line 5: `v 0 two 0` holds something else"),
+    "digit separator": (PLAIN.replace(b"-2", b"1_0"), "line 5"),
+    "commented out": (PLAIN.replace(b"0 -2 0", b"0 -2 # 0"), "line 5: `v 0 -2 # 0` has 2"),
+    "two corners": (HEAD + b"f 1 2\n", "line 7: `f 1 2` has 2 corners"),
+    "a corner that is a word": (HEAD + b"f 1 2 x/1\n", "line 7"),
+    "vertex 0": (HEAD + b"f 0 1 2\n", "line 7: `f 0 1 2` names vertex 0"),
+    "back too far": (HEAD + b"f 1 2 -5\n", "line 7: `f 1 2 -5` names vertex -5"),
+    "beyond the last": (HEAD + b"f 1 2 5\n", "names vertex 5, the file has 4"),
+    "cut before the faces": (HEAD, "4 vertices and 0 faces found, expected a mesh in OBJ text; ex"),
+    "a long line": (HEAD + b"f " + b"1/2/x " * 40 + b"x\n", "..."),
+}
+
+
+@pytest.mark.parametrize(("data", "says"), FAULTS.values(), ids=FAULTS)
+def test_faults_name_the_line_and_what_it_says(data, says):
+    with pytest.raises(InputError) as caught:
+        parse_obj(data)
+    assert says in str(caught.value)
+    assert len(str(caught.value)) < 200
+    assert frame_of(data) is None

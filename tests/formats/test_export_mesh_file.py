@@ -1,0 +1,48 @@
+"""One mesh out, read back by another program."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from cageik_cli.formats.mesh_file import prepare_mesh, write_mesh
+from cageik_cli.util.errors import InputError
+from tests.shapes import ball
+
+MESH = ball(levels=1)
+MOVED = 2 * MESH.vertices + 1
+
+
+@pytest.mark.parametrize("name", ["posed.obj", "posed.ply", "POSED.OBJ"])
+def test_trimesh_reads_it(tmp_path, name):
+    write_mesh(tmp_path / name, MESH, MOVED, overwrite=False)
+    kind = name[-3:].lower()
+    read = trimesh.load(tmp_path / name, file_type=kind, process=False, maintain_order=True)
+    np.testing.assert_allclose(read.vertices, MOVED, rtol=1e-6, atol=0)
+    np.testing.assert_array_equal(read.faces, MESH.faces)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_the_text_of_an_obj_file_is_kept_in_one(tmp_path):
+    text = b"".join(b"v 0 0 0 %d\n" % k for k in range(len(MESH.vertices))) + b"f 1/1/1 2//2 3\n"
+    for name in ("text.obj", "text.ply"):
+        write_mesh(tmp_path / name, MESH, MOVED, overwrite=False, text=text)
+    lines = (tmp_path / "text.obj").read_text().splitlines()
+    assert lines[-1] == "f 1/1 2 3"
+    assert lines[5].split()[4:] == ["5"]
+    np.testing.assert_allclose([list(map(float, line.split()[1:4])) for line in lines[:-1]], MOVED)
+    write_mesh(tmp_path / "bare.ply", MESH, MOVED, overwrite=False)
+    assert (tmp_path / "text.ply").read_bytes() == (tmp_path / "bare.ply").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["posed.npz", "posed.abc", "posed", "posed.fbx"])
+def test_files_that_hold_no_single_mesh_are_refused(tmp_path, name):
+    with pytest.raises(InputError, match=r"not a kind of mesh written here, expected .obj, .ply"):
+        prepare_mesh(tmp_path / name, overwrite=False)
+
+
+def test_what_is_there_is_kept(tmp_path):
+    (tmp_path / "posed.obj").write_text("mine")
+    for refused in (prepare_mesh, lambda path, overwrite: write_mesh(path, MESH, MOVED, overwrite)):
+        with pytest.raises(InputError, match="exists already"):
+            refused(tmp_path / "posed.obj", overwrite=False)
+    assert (tmp_path / "posed.obj").read_text() == "mine"

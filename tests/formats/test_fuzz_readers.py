@@ -1,0 +1,160 @@
+"""Damaged files of every kind that holds a clip: sound frames or a sentence, in bounded memory.
+
+HDF5's own library may end the process on damaged metadata, so those files are read in another one.
+"""
+
+import struct
+import sys
+import tracemalloc
+import warnings
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import trimesh
+
+from cageik_cli.formats.mesh_file import LoadedMesh
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.errors import InputError
+from tests.clips import frames_of
+
+COUNT = 120
+MOST = 64 << 20
+"""Bytes that a file of a few KiB may make a reader take."""
+
+RNG = np.random.default_rng(0)
+FRAMES = RNG.normal(size=(6, 8, 3)).astype("f4")
+FACES = RNG.integers(0, 8, (10, 3)).astype("i4")
+FACES[0] = 5, 6, 7
+REST = LoadedMesh(*[TriMesh(FRAMES[0], FACES)] * 2, {"name": "rest.obj"})
+
+
+def write_mdd(path):
+    header = struct.pack(">ii", *FRAMES.shape[:2])
+    path.write_bytes(header + np.arange(6, dtype=">f4").tobytes() + FRAMES.astype(">f4").tobytes())
+
+
+def write_pc2(path):
+    header = struct.pack("<12siiffi", b"POINTCACHE2\0", 1, 8, 1.0, 1.0, 6)
+    path.write_bytes(header + FRAMES.tobytes())
+
+
+def write_anime(path):
+    header = struct.pack("<iii", 6, 8, 10)
+    parts = (FRAMES[0], FACES, FRAMES[1:] - FRAMES[0])
+    path.write_bytes(header + b"".join(part.tobytes() for part in parts))
+
+
+def write_ply(path):
+    path.write_bytes(trimesh.Trimesh(FRAMES[0], FACES, process=False).export(file_type="ply"))
+
+
+def write_splocs(path):
+    with h5py.File(path, "w") as file:
+        file["verts"], file["tris"] = FRAMES, FACES
+        file.attrs.update(scale=2.0, mean=[1.0, 2.0, 3.0], fps=24.0)
+
+
+def write_dfaust(path):
+    with h5py.File(path, "w") as file:
+        file["faces"] = FACES
+        data = FRAMES.transpose(1, 2, 0)
+        file.create_dataset("walk", data=data, chunks=(8, 3, 2), compression="gzip")
+
+
+KINDS = {
+    "mdd": ("clip.mdd", write_mdd),
+    "pc2": ("clip.pc2", write_pc2),
+    "anime": ("clip.anime", write_anime),
+    "npy": ("clip.npy", lambda path: np.save(path, FRAMES)),
+    "npz stored": ("clip.npz", lambda path: np.savez(path, verts=FRAMES, faces=FACES, fps=24)),
+    "npz deflated": (
+        "clip.npz",
+        lambda path: np.savez_compressed(path, verts=FRAMES, faces=FACES, up_axis="Z"),
+    ),
+    "ply": ("clip.ply", write_ply),
+    "splocs": ("clip.h5", write_splocs),
+    "dfaust": ("clip.hdf5", write_dfaust),
+}
+IN_PROCESS = [kind for kind in KINDS if kind not in ("splocs", "dfaust")]
+
+
+def damaged(data, rng):
+    """The file with a few bytes changed, an integer made huge, or an end or a middle missing."""
+    data = bytearray(data)
+    # The front, where headers are, as often as all the rest; a zip has its directory at the end.
+    places = rng.choice([len(data), min(len(data), 160), -min(len(data), 160)])
+    how = rng.integers(5)
+    for _ in range(rng.integers(1, 4)):
+        place = (
+            int(rng.integers(places)) if places > 0 else len(data) - 1 - int(rng.integers(-places))
+        )
+        if how == 0:
+            data[place] ^= 1 << rng.integers(8)
+        elif how == 1:
+            data[place] = rng.integers(256)
+        elif how == 2:
+            huge = rng.choice([-1, 0, 2**31 - 1, -(2**31), 2**28, 3])
+            data[place : place + 4] = struct.pack(rng.choice(["<i", ">i"]), huge)
+        elif how == 3:
+            return data[: int(rng.integers(len(data)))]
+        else:
+            del data[place : place + int(rng.integers(1, 40))]
+    return data
+
+
+def outcomes(folder, kind):
+    """What each damaged file came to: the shape of its frames, or the sentence."""
+    name, write = KINDS[kind]
+    path = Path(folder) / name
+    write(path)
+    sound = path.read_bytes()
+    rng = np.random.default_rng(len(sound))
+    for number in range(COUNT):
+        # HDF5 has what it knows of a file from the last time, if it is still open somewhere.
+        path.unlink()
+        path = path.with_name(f"{number}.{name}")
+        path.write_bytes(damaged(sound, rng))
+        try:
+            frames = frames_of(open_sequence([str(path)], None, REST))
+        except InputError as error:
+            yield str(error)
+        else:
+            assert np.isfinite(frames).all()
+            yield frames.shape
+
+
+def refused_and_taken(folder, kind):
+    """Both counts, after every outcome has been looked at; and the bytes that it took."""
+    tracemalloc.start()
+    found = list(outcomes(folder, kind))
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    sentences = [text for text in found if isinstance(text, str)]
+    assert all("clip." in text and "\n" not in text for text in sentences)
+    return len(sentences), len(found) - len(sentences), most
+
+
+@pytest.mark.parametrize("kind", IN_PROCESS)
+def test_damage_is_a_sentence_or_harmless(tmp_path, kind):
+    refused, taken, most = refused_and_taken(tmp_path, kind)
+    assert refused > COUNT / 4
+    assert taken > 0
+    assert most < MOST
+
+
+@pytest.mark.parametrize("kind", ["splocs", "dfaust"])
+def test_damage_of_hdf5_is_a_sentence_or_harmless(tmp_path, run_process, kind):
+    outcome = run_process("-m", "tests.formats.test_fuzz_readers", tmp_path, kind)
+    assert (outcome.code, outcome.err) == (0, "")
+    refused, taken, most = map(int, outcome.out.split())
+    assert refused > COUNT / 4
+    assert taken > 0
+    assert most < MOST
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("error")
+    print(*refused_and_taken(*sys.argv[1:]))

@@ -1,0 +1,228 @@
+"""One mesh of a file: other programs' PLY and OFF, in their order, with nothing changed unsaid."""
+
+import hashlib
+
+import meshio
+import numpy as np
+import pytest
+import trimesh
+
+from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.util.errors import InputError
+from tests.shapes import box
+
+QUADS = np.array(
+    [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+)
+
+
+def _by_trimesh(path, mesh):
+    trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(path)
+
+
+def _by_meshio(path, mesh, **options):
+    meshio.Mesh(mesh.vertices, [("triangle", mesh.faces)]).write(path, **options)
+
+
+def _rotated():
+    """A cube whose coordinates need every digit, with two vertices at one place."""
+    mesh = box(np.pi)
+    vertices = np.concatenate([mesh.vertices / 3, mesh.vertices[:1] / 3])
+    return type(mesh)(vertices, np.concatenate([mesh.faces, [[8, 1, 2]]]))
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "rtol"),
+    [
+        ("ascii.ply", lambda p, m: _by_meshio(p, m, binary=False), 1e-15),
+        ("binary.ply", lambda p, m: _by_meshio(p, m, binary=True), 0),
+        ("single.ply", _by_trimesh, 1e-6),
+        ("trimesh.off", _by_trimesh, 1e-7),
+        ("CAPITALS.PLY", lambda p, m: _by_trimesh(p.with_suffix(".ply"), m), 1e-6),
+        ("trimesh.obj", _by_trimesh, 1e-7),
+        ("meshio.obj", lambda p, m: _by_meshio(p, m), 1e-6),
+    ],
+)
+def test_files_of_other_programs_keep_every_vertex_in_its_place(tmp_path, name, write, rtol):
+    mesh, path = _rotated(), tmp_path / name
+    write(path, mesh)
+    if not path.exists():
+        path.with_suffix(path.suffix.lower()).rename(path)
+    loaded = load_mesh(path)
+    np.testing.assert_allclose(loaded.mesh.vertices, mesh.vertices, rtol=rtol, atol=0)
+    np.testing.assert_array_equal(loaded.mesh.faces, mesh.faces)
+    assert loaded.notes == ()
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert loaded.source == {"name": name, "sha256": digest}
+    assert loaded.text == (path.read_bytes() if path.suffix == ".obj" else b"")
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "off"])
+def test_polygons_are_cut_and_said_so(tmp_path, write_obj, kind):
+    path, mesh = tmp_path / f"quads.{kind}", box()
+    if kind == "obj":
+        write_obj(path, mesh.vertices, QUADS)
+    elif kind == "ply":
+        meshio.Mesh(mesh.vertices, [("quad", QUADS)]).write(path)
+    else:
+        faces = "".join(f"4 {a} {b} {c} {d}\n" for a, b, c, d in QUADS)
+        points = "".join("{} {} {}\n".format(*vertex) for vertex in mesh.vertices)
+        path.write_text(f"OFF\n8 6 0\n{points}{faces}")
+    loaded = load_mesh(path)
+    assert loaded.mesh.is_closed
+    assert loaded.mesh.volume == pytest.approx(8)
+    assert loaded.notes == ("6 polygons cut into triangles to compute with",)
+
+
+PENTAGON = np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [0.5, 1, 0], [0, 2, 0]])
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "binary.ply", "off"])
+@pytest.mark.parametrize("behind", [[], [[0, 1, 2]], [[4, 3, 1, 0]]])
+def test_a_concave_polygon_is_cut_without_folding_and_counted_once(tmp_path, kind, behind):
+    """In files of one kind of polygon, and of several; in the order of the file."""
+    polygons = [[1, 2, 3, 4, 0], *behind]
+    path = tmp_path / f"polygons.{kind}"
+    points = "".join("{} {} {}\n".format(*vertex) for vertex in PENTAGON)
+    lines = "".join(f"{len(p)} {' '.join(map(str, p))}\n" for p in polygons)
+    if kind == "obj":
+        corners = "".join("f " + " ".join(str(k + 1) for k in p) + "\n" for p in polygons)
+        path.write_text("".join(f"v {line}\n" for line in points.splitlines()) + corners)
+    elif kind == "off":
+        path.write_text(f"OFF\n5 {len(polygons)} 0\n{points}{lines}")
+    elif kind == "ply":
+        path.write_text(ply_header(len(polygons)) + points + lines)
+    else:
+        body = PENTAGON.astype("<f4").tobytes()
+        body += b"".join(bytes([len(p)]) + np.array(p, "<i4").tobytes() for p in polygons)
+        header = ply_header(len(polygons)).replace("ascii", "binary_little_endian")
+        path.write_bytes(header.encode() + body)
+    loaded = load_mesh(path)
+    count = 1 + (len(behind) > 0 and len(behind[0]) > 3)
+    assert loaded.notes == (
+        f"{count} polygon{'s' * (count > 1)} cut into triangles to compute with",
+    )
+    x, y = PENTAGON[:, :2].T
+    area = (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+    a, b, c = (loaded.mesh.vertices[corner] for corner in loaded.mesh.faces[:3].T)
+    areas = np.cross(b - a, c - a)[:, 2] / 2
+    assert (areas > 0).all()
+    assert areas.sum() == pytest.approx(area, rel=1e-7)
+    assert len(loaded.mesh.faces) == 3 + sum(len(p) - 2 for p in behind)
+
+
+def ply_header(faces):
+    return (
+        "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n"
+        f"property float z\nelement face {faces}\nproperty list uchar int vertex_indices\n"
+        "end_header\n"
+    )
+
+
+def test_a_signalling_nan_is_refused_without_a_warning(tmp_path):
+    path = tmp_path / "snan.ply"
+    points = PENTAGON.astype("<f4")
+    points.view("<u4")[2, 0] = 0x7FA00000
+    body = points.tobytes() + b"\5" + np.arange(5, dtype="<i4").tobytes()
+    path.write_bytes(ply_header(1).replace("ascii", "binary_little_endian").encode() + body)
+    with pytest.raises(InputError, match="vertex 2 is \\(nan, 1, 0\\)"):
+        load_mesh(path)
+
+
+OFF = "OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 2 3\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        OFF.replace("OFF\n", "OFF "),
+        OFF.replace("OFF\n", "OFF\n# a comment\n"),
+        OFF.replace("\n", "\r\n"),
+        OFF.replace("4 2 0\n", "4 2\n"),
+        OFF.replace("OFF\n", "COFF "),
+        OFF.replace("1 2\n", "1 2 255 0 0\n"),
+        OFF.replace("OFF", "COFF").replace(" 0\n", " 0 9 9 9 9\n").replace("2 0 9 9 9 9", "2 0"),
+        OFF.replace("3 0 1 2", "\n  3 0 1 2  # a comment\n"),
+    ],
+)
+def test_dialects_of_off(tmp_path, text):
+    path = tmp_path / "square.off"
+    path.write_text(text, newline="")
+    mesh = load_mesh(path).mesh
+    np.testing.assert_array_equal(mesh.vertices, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
+
+
+PLY = """ply
+format ascii 1.0
+comment TextureFile skin.png
+element vertex 4
+property float x
+property float y
+property float z
+element face 2
+property list uchar int vertex_indices
+property list uchar float texcoord
+end_header
+0 0 0
+1 0 0
+1 1 0
+0 1 0
+3 0 1 2 6 0 0 1 0 1 1
+3 0 2 3 6 .5 0 .6 0 .7 0
+"""
+
+
+def test_texture_seams_of_a_ply_split_no_vertex(tmp_path):
+    path = tmp_path / "textured.ply"
+    path.write_text(PLY)
+    assert len(load_mesh(path).mesh.vertices) == 4
+
+
+FAULTS = {
+    "missing.obj": (None, "cannot be read: No such file"),
+    "folder.obj": ("folder", "is a folder, expected a file"),
+    "mesh.stl": (b"solid", "`.stl` is not a kind of mesh read here, expected .obj, .ply, .off"),
+    "mesh": (b"", "`` is not a kind of mesh read here"),
+    "empty.obj": (b"", "the file is empty"),
+    "empty.ply": (b"", "the file is empty"),
+    "empty.off": (b"", "the file is empty"),
+    "text.ply": (b"hello", "no PLY mesh can be read from it"),
+    "text.off": (b"hello", "no OFF mesh can be read from it"),
+    "short.off": (OFF[:30].encode(), "no OFF mesh can be read from it"),
+    "short.ply": (PLY[:250].encode(), "no PLY mesh can be read from it"),
+    "points.ply": (
+        b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+        b"property float z\nend_header\n0 0 0\n",
+        "expected (count, 3)",
+    ),
+    "nan.off": (OFF.replace("1 1 0", "1 nan 0").encode(), "vertex 2 is (1, nan, 0)"),
+    "huge.off": (OFF.replace("3 0 2 3", f"3 0 2 {10**30}").encode(), "no OFF mesh can be read"),
+    "two.off": (OFF.replace("3 0 2 3", "2 0 2").encode(), "face 1 has 2 corners, expected 3"),
+    "lacking.off": (OFF.replace("3 0 2 3", "3 0 2").encode(), "the face `3 0 2` lacks corners"),
+    "uneven.off": (OFF.replace("1 1 0", "1 1").encode(), "no OFF mesh can be read"),
+    "counts.off": (b"OFF\n4\n", "no OFF mesh can be read"),
+    "bare.off": (b"OFF", "no OFF mesh can be read"),
+    "binary.off": (b"OFF BINARY\n\0\0\0\4", "no OFF mesh can be read"),
+    "beyond.off": (OFF.replace("3 0 2 3", "3 0 2 9").encode(), "vertices"),
+}
+
+
+@pytest.mark.parametrize(("name", "content", "says"), [(n, *f) for n, f in FAULTS.items()])
+def test_what_is_no_mesh_is_refused(tmp_path, name, content, says):
+    path = tmp_path / name
+    if content == "folder":
+        path.mkdir()
+    elif content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        load_mesh(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert says in str(caught.value)
+
+
+def test_an_off_file_that_ends_inside_its_faces_is_refused(tmp_path):
+    path = tmp_path / "short.off"
+    path.write_text(OFF[:-8])
+    with pytest.raises(InputError, match="announces 4 vertices and 2 faces, holds 4 and 1"):
+        load_mesh(path)

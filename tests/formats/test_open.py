@@ -1,0 +1,132 @@
+"""What the user types becomes frames: every file once, in natural order, of one kind."""
+
+from pathlib import Path
+
+import pytest
+
+from cageik_cli.formats.base.sequence import ClipSettings
+from cageik_cli.formats.open import frame_paths, open_sequence, outline
+from cageik_cli.util.errors import InputError
+
+WALKS = ["walk.bvh", "walk.C3D", "walk.fbx", "walk.blend", "walk.glb"]
+NUMBERS = ["frame_1.obj", "frame_2.obj", "frame_10.obj", "frame_11.obj"]
+
+
+@pytest.fixture
+def frames(tmp_path, monkeypatch, animation, write_obj):
+    """The current folder, with four frames in `frames`."""
+    for name in NUMBERS:
+        write_obj(tmp_path / "frames" / name, animation.rest.vertices, animation.rest.faces)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "frames"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["frames"],
+        ["frames/"],
+        ["./frames"],
+        ["frames/*.obj"],
+        ["frames/frame_?.obj", "frames/frame_??.obj"],
+        ["**/*.obj"],
+        [f"frames/{name}" for name in reversed(NUMBERS)],
+        ["frames/frame_10.obj", "frames", "./frames/*.obj", "frames/frame_1.obj"],
+        ["{here}/frames", "frames/*.obj"],
+    ],
+)
+def test_files_folders_and_globs_name_each_frame_once_in_natural_order(frames, arguments):
+    typed = [argument.replace("{here}", str(frames.parent)) for argument in arguments]
+    sequence = open_sequence(typed, ClipSettings(allow_gaps=True))
+    assert sequence.names == tuple(NUMBERS)
+
+
+def test_natural_order_goes_by_folder_then_number(tmp_path):
+    names = ["b/f1.obj", "a10/f2.obj", "a2/f10.obj", "a2/f9.obj", "a2/F-9.obj"]
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    found = frame_paths([str(tmp_path / "**" / "*.obj")], (".obj",))
+    shown = [str(path.relative_to(tmp_path).as_posix()) for path in found]
+    expected = ["a2/F-9.obj", "a2/f9.obj", "a2/f10.obj", "a10/f2.obj", "b/f1.obj"]
+    assert shown == expected
+
+
+def test_names_alike_but_for_zeros_have_one_order(tmp_path):
+    names = ["f_001.obj", "f_01.obj", "f_1.obj", "f_02.obj", "f_2.obj"]
+    for name in names:
+        (tmp_path / name).touch()
+    for order in (names, names[::-1], names[2:] + names[:2]):
+        found = frame_paths([str(tmp_path / name) for name in order], (".obj",))
+        assert [path.name for path in found] == names
+
+
+def test_hidden_files_folders_and_other_kinds_in_a_folder_are_passed_by(frames):
+    for name in (".hidden.obj", "._frame_1.obj", "notes.txt", "thumbs.db"):
+        (frames / name).write_text("not a mesh")
+    (frames / "more").mkdir()
+    assert open_sequence(["frames"], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
+    assert open_sequence(["frames/*.obj"], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
+
+
+def test_the_suffix_may_be_in_capitals(frames):
+    (frames / "frame_2.obj").rename(frames / "frame_2.OBJ")
+    assert len(open_sequence(["frames"], ClipSettings(allow_gaps=True))) == 4
+
+
+def test_a_file_whose_name_looks_like_a_glob_is_itself(frames):
+    (frames / "frame_1.obj").rename(frames / "frame_[1].obj")
+    assert open_sequence(["frames/frame_[1].obj"]).names == ("frame_[1].obj",)
+
+
+@pytest.mark.parametrize("pattern", ["{}c [1]/*.obj", "{}c [1]/**/*.obj", "{}c [[]1]/*.obj"])
+@pytest.mark.parametrize("absolute", [False, True])
+def test_a_folder_whose_name_looks_like_a_glob_is_itself(frames, pattern, absolute):
+    frames.rename(frames.parent / "c [1]")
+    typed = pattern.format(f"{frames.parent}/" if absolute else "")
+    assert open_sequence([typed], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
+
+
+def test_a_glob_may_name_folders_as_the_shell_would(frames):
+    assert open_sequence(["fram*"], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["nowhere"], "nowhere: no such file or folder"),
+        (["frames", "nowhere.obj"], "nowhere.obj: no such file or folder"),
+        (["frames/*.ply"], "frames/*.ply: no frame found"),
+        (["empty"], "empty: no frame found, expected files of kinds ."),
+        (["frames/notes.txt"], "frames/notes.txt: `.txt` is not a kind of clip read here"),
+        (["frames", "clip.npz"], "files of kinds .npz, .obj are mixed"),
+        (["clip.npz", "clop.npz"], "clip.npz: 2 files that each hold a clip were named"),
+        (["clip.npz::walk"], "clip.npz::walk: a `.npz` file holds one clip; leave `::walk` out"),
+        (["walk.bvh"], "walk.bvh: holds the motion of a skeleton, no mesh; export the mesh"),
+        (["walk.C3D"], "walk.C3D: holds the motion of a skeleton"),
+        (["walk.fbx"], "walk.fbx: is a scene of another program; export the mesh from there"),
+        (["walk.blend"], "as USD, Alembic or OBJ frames"),
+        (["walk.glb"], "walk.glb: is glTF, which is written here and not read; export USD"),
+        (["frames"], "frame_3.obj: missing between frame_2.obj and frame_10.obj"),
+    ],
+)
+def test_what_cannot_be_a_clip_is_refused_with_the_argument(frames, arguments, says):
+    Path("empty").mkdir()
+    for name in ("frames/notes.txt", "clip.npz", "clop.npz", *WALKS):
+        Path(name).touch()
+    with pytest.raises(InputError) as caught:
+        open_sequence(arguments)
+    assert says in str(caught.value)
+
+
+def test_a_layout_is_for_arrays_alone(frames):
+    with pytest.raises(
+        InputError, match=r"frames: the axes of `\.obj` files have one order; leave"
+    ):
+        open_sequence(["frames"], ClipSettings(layout="vxf", allow_gaps=True))
+
+
+def test_only_what_is_no_clip_by_itself_is_outlined(frames):
+    assert outline(["frames"], ClipSettings(allow_gaps=True)) == []
+    with pytest.raises(InputError, match="nowhere: no such file"):
+        outline(["nowhere"], ClipSettings())

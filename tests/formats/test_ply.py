@@ -1,0 +1,143 @@
+"""Binary PLY: every layout gives its mesh, and whatever is damaged a sentence."""
+
+import meshio
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from cageik_cli.formats.ply import PlyFrameParser, is_binary_ply, parse_binary_ply
+from cageik_cli.util.errors import InputError
+from tests.shapes import ball
+
+VERTICES = np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [0.5, 1, 0], [0, 2, 0.25]])
+POLYGONS = [[0, 1, 2, 3], [0, 1, 2], [0, 1, 2, 3, 4]]
+
+
+def ply(order="<", count="B", index="i4", polygons=POLYGONS, other=b"", behind=b""):
+    """A file whose vertices have a colour before z, and whose faces have a flag behind the list."""
+    names = {"<": "little", ">": "big", "B": "uchar", "i2": "short", "i4": "int", "u4": "uint32"}
+    header = (
+        f"ply\nformat binary_{names[order]}_endian 1.0\ncomment made by hand\n"
+        "element vertex 5\nproperty double x\nproperty float y\nproperty uchar red\n"
+        f"property float32 z\n{other.decode()}element face {len(polygons)}\n"
+        f"property list {names[count]} {names[index]} vertex_index\n"
+        "property short flag\nend_header\n"
+    )
+    rows = np.zeros(5, [("x", f"{order}f8"), ("y", f"{order}f4"), ("r", "u1"), ("z", f"{order}f4")])
+    rows["x"], rows["y"], rows["z"] = VERTICES.T
+    faces = [
+        np.array(len(p), order + count).tobytes() + np.array(p, order + index).tobytes() + b"\1\2"
+        for p in polygons
+    ]
+    return header.encode() + rows.tobytes() + behind + b"".join(faces)
+
+
+OTHER = b"element strip 2\nproperty float a\nproperty list uchar short b\n"
+STRIPS = b"\0\0\0\0\2\1\0\2\0" + b"\0\0\0\0\0"
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        ply(),
+        ply(">"),
+        ply("<", "B", "i2"),
+        ply("<", "i4", "u4"),
+        ply(other=OTHER, behind=STRIPS),
+        ply().replace(b"made by hand\n", b"made by hand\r\n"),
+        ply() + b"element of which nothing is said",
+    ],
+)
+def test_polygons_of_several_sizes_keep_their_order(data):
+    assert is_binary_ply(data)
+    vertices, corners, sizes = parse_binary_ply(data)
+    np.testing.assert_array_equal(vertices, VERTICES)
+    assert corners.tolist() == [0, 1, 2, 3, 0, 1, 2, 0, 1, 2, 3, 4]
+    assert sizes.tolist() == [4, 3, 5]
+
+
+def test_uneven_polygons_as_long_as_even_ones_are_not_misread():
+    """A quad, a triangle and a pentagon take the bytes of three quads."""
+    data = ply()
+    assert len(data) == len(ply(polygons=[[0, 1, 2, 3]] * 3))
+    assert parse_binary_ply(data)[2].tolist() == [4, 3, 5]
+
+
+def test_files_of_other_programs_are_read_as_they_read_them():
+    mesh = ball(2, np.pi)
+    by_trimesh = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(file_type="ply")
+    vertices, corners, sizes = parse_binary_ply(by_trimesh)
+    np.testing.assert_array_equal(vertices, mesh.vertices.astype(np.float32))
+    np.testing.assert_array_equal(corners.reshape(-1, 3), mesh.faces)
+    assert (sizes == 3).all()
+
+
+def test_triangles_and_quads_by_meshio(tmp_path):
+    path = tmp_path / "mixed.ply"
+    cells = [("triangle", np.array([[0, 1, 2]])), ("quad", np.array([[0, 2, 3, 4]]))]
+    meshio.Mesh(VERTICES, cells).write(path, binary=True)
+    vertices, corners, sizes = parse_binary_ply(path.read_bytes())
+    np.testing.assert_array_equal(vertices, VERTICES)
+    assert (corners.tolist(), sizes.tolist()) == ([0, 1, 2, 0, 2, 3, 4], [3, 4])
+
+
+def test_a_frame_is_read_by_its_vertices_alone():
+    first, place = ply(), ply().index(b"end_header\n") + 11
+    parser = PlyFrameParser(first)
+    moved = first[:place] + np.array(9.5, "<f8").tobytes() + first[place + 8 :]
+    expected = VERTICES.copy()
+    expected[0, 0] = 9.5
+    np.testing.assert_array_equal(parser.positions(moved), expected)
+    assert parser.positions(ply(polygons=POLYGONS[::-1])) is None
+    assert parser.positions(ply(">")) is None
+    assert parser.positions(first[:-1]) is None
+    assert parser.positions(b"") is None
+    assert PlyFrameParser(b"ply\nformat ascii 1.0\n").positions(first) is None
+    assert PlyFrameParser(b"OFF").positions(b"OFF") is None
+
+
+FAULTS = {
+    "cut inside the faces": (ply()[:-3], "no PLY mesh can be read from it"),
+    "cut in the last flag": (ply()[:-1], "no PLY mesh can be read from it"),
+    "cut inside the vertices": (ply()[:250], "no PLY mesh can be read from it"),
+    "no end of the header": (b"ply\nformat binary_little_endian 1.0\n", "not found"),
+    "middle endian": (ply().replace(b"little", b"middle"), "header says b'binary_middle_endian'"),
+    "type": (ply().replace(b"short flag", b"shirt flag"), "header says b'shirt'"),
+    "count": (ply().replace(b"vertex 5", b"vertex -1"), "no PLY mesh"),
+    "claim": (ply().replace(b"vertex 5", b"vertex 5" + b"0" * 40), "no PLY mesh"),
+    "more faces than bytes": (ply().replace(b"face 3", b"face 300000000000"), "no PLY mesh"),
+    "no x": (ply().replace(b"double x", b"double w"), "no PLY mesh"),
+    "two x": (ply().replace(b"float y", b"float x"), "header says `property float x`"),
+    "float count": (ply().replace(b"list uchar", b"list float"), "header says `property list"),
+    "float corners": (ply().replace(b"uchar int", b"uchar float"), "not whole"),
+    "no list": (ply().replace(b"list uchar int", b"uchar"), "hold no list"),
+    "no vertices": (ply().replace(b"t vertex", b"t vortex"), "it has no vertices"),
+    "vertex lists": (ply().replace(b"uchar red", b"list uchar uchar red"), "it has no vertices"),
+    "negative list": (
+        ply("<", "B").replace(b"list uchar", b"list char").replace(b"\4\0\0\0\0", b"\xfc\0\0\0\0"),
+        "a list of -4 items",
+    ),
+}
+
+
+@pytest.mark.parametrize(("data", "says"), FAULTS.values(), ids=FAULTS)
+def test_faults_have_a_sentence(data, says):
+    with pytest.raises(InputError) as caught:
+        parse_binary_ply(data)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@given(st.integers(0, len(ply())), st.integers(0, 5), st.binary(max_size=5))
+@example(0, 0, b"")
+def test_whatever_is_damaged_is_refused_or_read_alike(place, removed, inserted):
+    data = ply()[:place] + inserted + ply()[place + removed :]
+    fast = PlyFrameParser(ply()).positions(data)
+    try:
+        vertices, _, _ = parse_binary_ply(data)
+    except InputError:
+        assert fast is None
+    else:
+        assert fast is None or fast.tobytes() == vertices.tobytes()

@@ -1,0 +1,68 @@
+"""Time and space of an animation: who says what, and what cannot be."""
+
+import numpy as np
+import pytest
+
+from cageik_cli.cli.clip_options import LAYOUTS, UP_AXES
+from cageik_cli.formats.base.sequence import LAYOUTS as KNOWN_LAYOUTS
+from cageik_cli.formats.scene import UP_AXES as KNOWN_AXES
+from cageik_cli.formats.scene import Scene, SceneHints, sound_hints
+from cageik_cli.util.errors import InputError
+
+
+def test_what_is_said_stands_and_the_rest_is_usual():
+    said = SceneHints(fps=30.0, up_axis="Z")
+    assert said.applied(Scene(start=5.0)) == Scene(30.0, 5.0, "Z", 1.0)
+    assert SceneHints().applied(Scene(25.0)) == Scene(25.0)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"fps": 0.0}, "0 frames a second, expected a number above zero"),
+        ({"fps": float("nan")}, "nan frames"),
+        ({"metres_per_unit": -1.0}, "-1 metres a unit"),
+        ({"metres_per_unit": float("inf")}, "inf metres a unit"),
+        ({"start": float("inf")}, "the first frame's number is inf"),
+        ({"up_axis": "X"}, "the up axis is X, expected Y or Z"),
+    ],
+)
+@pytest.mark.parametrize("kind", [Scene, SceneHints])
+def test_what_cannot_be_is_refused(kind, wrong, says):
+    with pytest.raises(InputError, match=says):
+        kind(**wrong)
+
+
+def test_part_of_a_clip_keeps_its_place_and_speed():
+    hints = SceneHints(fps=24.0, start=1001.0)
+    assert hints.chosen(range(10, 20, 2)) == SceneHints(fps=12.0, start=1011.0)
+    assert SceneHints(up_axis="Z").chosen(range(4, 8, 3)) == SceneHints(up_axis="Z")
+
+
+def test_only_what_is_sound_of_a_files_words_is_taken():
+    said = {"fps": np.float32(30), "start": np.int64(-2), "up_axis": "Z", "metres_per_unit": 0.01}
+    assert sound_hints(said) == (SceneHints(30.0, -2.0, "Z", 0.01), ())
+    assert sound_hints({}) == (SceneHints(), ())
+    others = {"fps": [30.0], "start": "first", "up_axis": 1, "metres_per_unit": object()}
+    assert sound_hints(others) == (SceneHints(), ())
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("fps", 0), ("fps", np.nan), ("start", np.inf), ("up_axis", "X"), ("metres_per_unit", -1)],
+)
+def test_what_cannot_be_is_passed_by_with_a_note(name, value):
+    hints, (note,) = sound_hints({name: value})
+    assert hints == SceneHints()
+    assert note.startswith(f"`{name}` is passed by: ")
+
+
+def test_hints_in_words():
+    assert SceneHints().words == ""
+    assert SceneHints(start=0).words == "from frame 0"
+    words = "23.976 frames a second, from frame 1, Z up, 0.01 m a unit"
+    assert SceneHints(23.976, 1.0, "Z", 0.01).words == words
+
+
+def test_the_commands_words_are_the_packages():
+    assert (LAYOUTS, UP_AXES) == (KNOWN_LAYOUTS, KNOWN_AXES)

@@ -1,0 +1,89 @@
+"""Vertex weights: a number a vertex, from text or a numpy array."""
+
+import hashlib
+
+import numpy as np
+import pytest
+
+from cageik_cli.formats.vertex_weights import load_vertex_weights
+from cageik_cli.util.errors import InputError
+
+WEIGHTS = [1.0, 0.0, 0.1, 1e-300, 2.5]
+
+
+@pytest.mark.parametrize("text", ["1\n0\n.1\n1e-300\n2.5\n", "1 0 0.1\r\n1E-300\t2.5"])
+def test_text(tmp_path, text):
+    path = tmp_path / "weights.txt"
+    path.write_bytes(text.encode())
+    weights, source = load_vertex_weights(path)
+    assert weights.dtype == np.float64
+    np.testing.assert_array_equal(weights, WEIGHTS)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert source == {"name": "weights.txt", "sha256": digest}
+
+
+@pytest.mark.parametrize("kind", ["f8", "f4", "i4", "u1", "?"])
+def test_numpy_arrays(tmp_path, kind):
+    weights = np.array([1, 0, 1, 1]).astype(kind)
+    np.save(tmp_path / "weights.npy", weights)
+    found, _ = load_vertex_weights(tmp_path / "weights.npy")
+    assert found.dtype == np.float64
+    np.testing.assert_array_equal(found, weights)
+
+
+def _saved(path, array, **options):
+    np.save(path, array, **options)
+
+
+FAULTS = {
+    "missing.txt": (lambda path: None, "cannot be read"),
+    "folder.txt": (lambda path: path.mkdir(), "is a folder"),
+    "words.txt": (lambda path: path.write_text("1 two 3"), "is not a list of numbers"),
+    "binary.txt": (lambda path: path.write_bytes(b"\xff\xfe\0"), "is not a list of numbers"),
+    "text.npy": (lambda path: path.write_text("1 2 3"), "is not a list of numbers"),
+    "empty.npy": (lambda path: path.touch(), "is not a list of numbers"),
+    "words.npy": (lambda path: _saved(path, np.array(["a", "b"])), "is not a list of numbers"),
+    "objects.npy": (
+        lambda path: _saved(path, np.array([{}]), allow_pickle=True),
+        "is not a list of numbers",
+    ),
+    "archive.npy": (
+        lambda path: (
+            np.savez(path.with_suffix(".npz"), a=np.ones(3)),
+            path.with_suffix(".npz").rename(path),
+        ),
+        "is not a list of numbers",
+    ),
+    "header.npy": (
+        lambda path: (
+            _saved(path, np.ones(3)),
+            path.write_bytes(path.read_bytes().replace(b"{'descr'", b"({descr'")),
+        ),
+        "is not a list of numbers",
+    ),
+    "short.npy": (
+        lambda path: (_saved(path, np.ones(99)), path.write_bytes(path.read_bytes()[:200])),
+        "is not a list of numbers",
+    ),
+}
+
+
+@pytest.mark.parametrize(("name", "make", "says"), [(n, *f) for n, f in FAULTS.items()])
+def test_what_is_no_list_of_numbers_is_refused(tmp_path, name, make, says):
+    path = tmp_path / name
+    make(path)
+    with pytest.raises(InputError) as caught:
+        load_vertex_weights(path)
+    assert str(caught.value).startswith(f"{path}: {says}")
+
+
+def test_numbers_that_are_too_large_become_infinite_without_a_warning(tmp_path):
+    np.save(tmp_path / "weights.npy", np.full(3, np.finfo(np.longdouble).max))
+    weights, _ = load_vertex_weights(tmp_path / "weights.npy")
+    assert np.isinf(weights).all() or np.finfo(np.longdouble).max == np.finfo(float).max
+
+
+def test_complex_numbers_are_refused(tmp_path):
+    np.save(tmp_path / "weights.npy", np.array([1 + 1j]))
+    with pytest.raises(InputError):
+        load_vertex_weights(tmp_path / "weights.npy")

@@ -1,0 +1,99 @@
+"""Names of outputs: what they mean, and which are refused before any work."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.write import created, place_of, prepare_animation
+from cageik_cli.util.errors import InputError
+from tests.formats.written import write
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "place"),
+    [
+        ("x/cage.npz", None, "x/cage.npz"),
+        ("x/cage.PC2", None, "x/cage.PC2"),
+        ("x/cage_####.obj", None, "x"),
+        ("x/cage_####.obj", "obj", "x"),
+        ("x.y/cage.$F4.ply", None, "x.y"),
+        ("x/cage", None, "x/cage"),
+        ("x/cage/", "ply", "x/cage"),
+        ("x/cage.v2", "ply", "x/cage.v2"),
+        ("x#/cage", None, "x#/cage"),
+    ],
+)
+def test_what_is_written(name, kind, place):
+    assert place_of(Path(name), kind) == Path(place)
+
+
+@pytest.mark.parametrize(("kind", "files"), [(None, "obj"), ("obj", "obj"), ("ply", "ply")])
+def test_a_folder_alone_gives_its_files_its_name(tmp_path, animation, kind, files):
+    described = Animation(animation.rest, 5, Scene(start=0), "a")
+    with created(tmp_path / "v1.walk", described, False, kind or "obj") as writer:
+        writer.append(animation.frames)
+    found = sorted(item.name for item in (tmp_path / "v1.walk").iterdir())
+    assert found == [f"v1.walk_{k:04d}.{files}" for k in range(5)]
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "says"),
+    [
+        ("a.gif", None, "a.gif: `.gif` is not a kind of animation written here, expected "),
+        ("v1.walk", None, "v1.walk: `.walk` is not a kind of animation"),
+        ("a_####", None, "a_####: `` is not a kind of animation"),
+        ("a.obj", None, "a.obj: a `.obj` file holds one frame; name a folder of them, such as "
+                        "a/a_####.obj"),
+        ("x/a_##.npz", None, "x/a_##.npz: a `.npz` file holds all frames; leave the frame's"),
+        ("x/a_##_##.obj", None, "x/a_##_##.obj: the frame's number stands in a_##_##.obj 2 times"),
+        ("x/a_##.ply", "obj", "x/a_##.ply: has the suffix of another format than obj; leave "),
+        ("a.glb", "obj", "a.glb: has the suffix of another format than obj; leave --format out"),
+        ("a_####.obj", None, ".: is the folder of this command; name one for these files alone"),
+        ("../a_####.obj", None, "..: is the folder of this command"),
+        (".", None, ".: is the folder of this command"),
+        ("no/where/a_#.obj", None, "no/where: the folder no does not exist; create it first"),
+        ("there.txt/a_#.obj", None, "there.txt: is a file, expected the name of a folder"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_before_any_work(tmp_path, monkeypatch, name, kind, says):
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    Path("there.txt").write_text("")
+    with pytest.raises(InputError) as caught:
+        prepare_animation(Path(name), True, kind)
+    assert str(caught.value).startswith(says)
+    assert [item.name for item in Path().iterdir()] == ["there.txt"]
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "says"),
+    [
+        ("pygltflib", "a.glb", "a.glb: writing .glb needs pygltflib: pip install 'cageik[gltf]'"),
+        ("pxr", "a.usdc", "a.usdc: writing USD needs usd-core: pip install 'cageik[usd]'"),
+        ("alembic3d", "a.abc", "a.abc: writing .abc needs alembic3d: pip install 'cageik[abc]'"),
+    ],
+)
+def test_a_library_that_is_missing_is_named_before_any_work(monkeypatch, module, name, says):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(InputError) as caught:
+        prepare_animation(Path(name), False)
+    assert str(caught.value) == says
+    prepare_animation(Path("a.pc2"), False)
+
+
+def test_nothing_is_left_of_preparing(tmp_path):
+    for name in ("a.glb", "a/a_#.obj", "b"):
+        prepare_animation(tmp_path / name, False)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("start", [-1.0, 0.5])
+def test_files_are_numbered_by_whole_numbers(tmp_path, animation, start):
+    with pytest.raises(InputError, match=rf"number is {start:g}, expected a whole one.*--start"):
+        write(
+            tmp_path / "a" / "a_#.obj", animation.rest, animation.frames, scene=Scene(start=start)
+        )
+    assert not list(tmp_path.iterdir())

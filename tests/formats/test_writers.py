@@ -1,0 +1,297 @@
+"""Every kind of animation: what others read of it, and that it is whole, streamed and the same."""
+
+import json
+import resource
+import struct
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pygltflib
+import pytest
+import trimesh
+
+from cageik_cli.formats import write as opening
+from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.usd.errors import SUFFIXES
+from cageik_cli.formats.write import created
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.errors import InputError
+from tests.formats.written import bytes_under, single, write
+
+OUTPUTS = ("a.npz", "a.pc2", "a.mdd", "a.glb", "a/a_####.obj", "a/a_%04d.ply")
+WHOLE_LOT = 1 << 12
+"""Bytes after which the disk is full; less than any output of `long`."""
+
+
+@pytest.fixture
+def scene():
+    return Scene(fps=30.0, start=7.0, up_axis="Z", metres_per_unit=0.01)
+
+
+@pytest.fixture
+def long(animation):
+    """More frames than a buffer holds."""
+    return np.concatenate([animation.frames] * 40)
+
+
+def place(path):
+    return opening.place_of(path)
+
+
+def test_no_format_is_left_out():
+    """Those not here are read back by others in `test_alembic`, `test_usd` and `test_skeleton`."""
+    here = {Path(name).suffix for name in OUTPUTS}
+    assert here | {".abc", *SUFFIXES} == set(opening._writers())
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_neither_blocks_nor_time_change_the_bytes(tmp_path, animation, name):
+    found = []
+    for size in (1, 2, 3, 5, 2):
+        path = write(tmp_path / name, animation.rest, animation.frames, size, overwrite=True)
+        found.append(bytes_under(place(path)))
+    assert all(other == found[0] for other in found)
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_frames_in_any_order_of_memory_are_the_same(tmp_path, animation, name):
+    """A product's frames lie across each other."""
+    before = bytes_under(place(write(tmp_path / name, animation.rest, animation.frames)))
+    across = np.asfortranarray(animation.frames)
+    after = bytes_under(place(write(tmp_path / name, animation.rest, across, overwrite=True)))
+    assert before == after
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+@pytest.mark.parametrize("appended", [0, 3])
+def test_what_fails_leaves_nothing(tmp_path, animation, name, appended):
+    def fail():
+        with created(tmp_path / name, Animation(animation.rest, 5, Scene(), "a"), False) as writer:
+            writer.append(animation.frames[:appended])
+            raise RuntimeError("the frames end here")
+
+    with pytest.raises(RuntimeError, match="the frames end here"):
+        fail()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", OUTPUTS)
+def test_a_full_disk_is_said_and_what_was_there_stays(tmp_path, animation, long, name):
+    """As a limit on the size of a file, which the system enforces."""
+    path = write(tmp_path / name, animation.rest, animation.frames)
+    before = bytes_under(place(path))
+    many = trimesh.creation.icosphere(4)
+    mesh = TriMesh(many.vertices, many.faces)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (WHOLE_LOT, hard))
+    try:
+        with pytest.raises(InputError, match=r"a(\.\w+)?: cannot be written \(File too large\)"):
+            write(path, mesh, np.stack([mesh.vertices] * 3), overwrite=True)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert bytes_under(place(path)) == before
+    assert [item.name for item in tmp_path.iterdir()] == [place(path).name]
+
+
+@pytest.mark.parametrize("name", ["a.pc2", "a.mdd", "a.glb"])
+def test_what_float32_does_not_hold_is_refused(tmp_path, animation, name):
+    with pytest.raises(InputError, match=r"a coordinate of .*e\+39 is too large for this format"):
+        write(tmp_path / name, animation.rest, 1e39 * animation.frames)
+    assert not list(tmp_path.iterdir())
+
+
+# --- read back by others
+
+
+def test_obj_frames_in_trimesh_and_meshio(tmp_path, animation, scene):
+    write(tmp_path / "a" / "a_####.obj", animation.rest, animation.frames, scene=scene)
+    names = sorted(item.name for item in (tmp_path / "a").iterdir())
+    assert names == [f"a_{k:04d}.obj" for k in range(7, 12)]
+    for name, frame in zip(names, animation.frames, strict=True):
+        path = tmp_path / "a" / name
+        loaded = trimesh.load(path, process=False, maintain_order=True)
+        np.testing.assert_allclose(loaded.vertices, frame, rtol=1e-8, atol=1e-9)
+        np.testing.assert_array_equal(loaded.faces, animation.rest.faces)
+        other = meshio.read(path)
+        np.testing.assert_allclose(other.points, frame, rtol=1e-8, atol=1e-9)
+        np.testing.assert_array_equal(other.cells_dict["triangle"], animation.rest.faces)
+
+
+def test_obj_text_tells_float32_apart(tmp_path, animation):
+    """Nine digits do; eight do not."""
+    close = np.float32(1) + np.arange(18, dtype=np.float32) * np.finfo(np.float32).eps
+    frames = np.repeat(close[:, None], 3, axis=1)[None].astype(float) * 1.7
+    write(tmp_path / "a" / "a_#.obj", animation.rest, single(frames))
+    lines = (tmp_path / "a" / "a_1.obj").read_text().splitlines()
+    found = np.array([line.split()[1:] for line in lines if line.startswith("v ")], np.float32)
+    np.testing.assert_array_equal(found, frames[0].astype(np.float32))
+
+
+def test_ply_frames_in_trimesh_and_meshio(tmp_path, animation):
+    write(tmp_path / "a" / "a.$F4.ply", animation.rest, animation.frames)
+    for k, frame in enumerate(animation.frames, start=1):
+        path = tmp_path / "a" / f"a.{k:04d}.ply"
+        loaded = trimesh.load(path, process=False, maintain_order=True)
+        other = meshio.read(path)
+        np.testing.assert_array_equal(loaded.vertices, frame)
+        np.testing.assert_array_equal(other.points, frame)
+        np.testing.assert_array_equal(loaded.faces, animation.rest.faces)
+        np.testing.assert_array_equal(other.cells_dict["triangle"], animation.rest.faces)
+
+
+def test_npz_in_numpy(tmp_path, animation, scene):
+    path = write(tmp_path / "a.npz", animation.rest, animation.frames, scene=scene)
+    with np.load(path, allow_pickle=False) as file:
+        np.testing.assert_array_equal(file["vertices"], animation.frames)
+        np.testing.assert_array_equal(file["faces"], animation.rest.faces)
+        assert (file["fps"], file["start"]) == (30, 7)
+        assert (file["up_axis"], file["metres_per_unit"]) == ("Z", 0.01)
+
+
+def test_pc2_as_it_is_described(tmp_path, animation, scene):
+    path = write(tmp_path / "a.pc2", animation.rest, animation.frames, scene=scene)
+    data = path.read_bytes()
+    assert data[:12] == b"POINTCACHE2\0"
+    assert struct.unpack("<ii", data[12:20]) == (1, 18)
+    assert struct.unpack("<ff", data[20:28]) == (7.0, 1.0)
+    assert struct.unpack("<i", data[28:32]) == (5,)
+    found = np.frombuffer(data, "<f4", offset=32).reshape(5, 18, 3)
+    np.testing.assert_array_equal(found, animation.frames.astype(np.float32))
+
+
+def test_mdd_as_it_is_described(tmp_path, animation, scene):
+    path = write(tmp_path / "a.mdd", animation.rest, animation.frames, scene=scene)
+    data = path.read_bytes()
+    assert struct.unpack(">ii", data[:8]) == (5, 18)
+    times = np.frombuffer(data, ">f4", 5, offset=8)
+    np.testing.assert_allclose(times * 30, [7, 8, 9, 10, 11], rtol=1e-6)
+    found = np.frombuffer(data, ">f4", offset=28).reshape(5, 18, 3)
+    np.testing.assert_array_equal(found, animation.frames.astype(np.float32))
+
+
+@pytest.mark.parametrize("name", ["a.pc2", "a.mdd", "a.glb"])
+@pytest.mark.parametrize(("start", "says"), [(0.0, ""), (1.0, "1"), (1001.5, "1001.5")])
+def test_where_the_first_frame_lands_is_said(tmp_path, animation, name, start, says):
+    described = Animation(animation.rest, 5, Scene(start=start), "a")
+    with created(tmp_path / name, described, False) as writer:
+        writer.append(animation.frames)
+    assert " ".join(writer.notes).endswith(says)
+    assert bool(writer.notes) == bool(says)
+
+
+# --- glTF, decoded by hand
+
+
+class Glb:
+    """What the chunks of a file hold, by its own accessors."""
+
+    def __init__(self, path):
+        data = path.read_bytes()
+        magic, version, length = struct.unpack("<4sII", data[:12])
+        assert (magic, version, length) == (b"glTF", 2, len(data))
+        size, kind = struct.unpack("<I4s", data[12:20])
+        assert (kind, size % 4) == (b"JSON", 0)
+        self.json = json.loads(data[20 : 20 + size])
+        binary, kind = struct.unpack("<I4s", data[20 + size : 28 + size])
+        assert (kind, binary % 4) == (b"BIN\0", 0)
+        self.binary = data[28 + size :]
+        assert len(self.binary) == binary == self.json["buffers"][0]["byteLength"]
+
+    def array(self, index):
+        accessor = self.json["accessors"][index]
+        view = self.json["bufferViews"][accessor["bufferView"]]
+        width = {"SCALAR": 1, "VEC3": 3}[accessor["type"]]
+        kind = {5126: "<f4", 5125: "<u4"}[accessor["componentType"]]
+        assert view.get("byteStride", 4 * width) == 4 * width
+        start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+        count = accessor["count"] * width
+        assert accessor.get("byteOffset", 0) + 4 * count <= view["byteLength"]
+        found = np.frombuffer(self.binary, kind, count, start).reshape(-1, width)
+        for name, bound in (("min", found.min(axis=0)), ("max", found.max(axis=0))):
+            if name in accessor:
+                np.testing.assert_array_equal(np.array(accessor[name], "f4"), bound)
+        return found
+
+    def frames(self):
+        """Morphed positions at each time, in the file's own space: (F, m, 3), and the times."""
+        primitive = self.json["meshes"][0]["primitives"][0]
+        base = self.array(primitive["attributes"]["POSITION"]).astype(float)
+        targets = np.array([self.array(t["POSITION"]) for t in primitive["targets"]], float)
+        (animation,) = self.json["animations"]
+        (channel,) = animation["channels"]
+        assert channel["target"] == {"node": 0, "path": "weights"}
+        sampler = animation["samplers"][channel["sampler"]]
+        assert sampler.get("interpolation", "LINEAR") == "LINEAR"
+        times = self.array(sampler["input"])[:, 0]
+        weights = self.array(sampler["output"]).reshape(len(times), -1)
+        return times, base + np.einsum("ft,tmx->fmx", weights, targets)
+
+
+def test_glb_by_its_own_accessors(tmp_path, animation, scene):
+    moved = TriMesh(animation.rest.vertices + 5, animation.rest.faces)
+    path = write(tmp_path / "a.glb", moved, animation.frames, scene=scene)
+    file = Glb(path)
+    times, frames = file.frames()
+    np.testing.assert_allclose(times, np.arange(5) / 30, rtol=1e-7)
+    np.testing.assert_allclose(frames, animation.frames, rtol=0, atol=1e-6)
+    primitive = file.json["meshes"][0]["primitives"][0]
+    np.testing.assert_array_equal(
+        file.array(primitive["indices"]).reshape(-1, 3), animation.rest.faces
+    )
+    base = file.array(primitive["attributes"]["POSITION"])
+    np.testing.assert_array_equal(base, moved.vertices.astype(np.float32))
+    for index in [primitive["attributes"], *primitive["targets"]]:
+        assert {"min", "max"} <= set(file.json["accessors"][index["POSITION"]])
+    assert file.json["asset"]["version"] == "2.0"
+
+
+def test_glb_in_pygltflib_and_trimesh(tmp_path, animation):
+    path = write(tmp_path / "a.glb", animation.rest, animation.frames, name="cage")
+    loaded = pygltflib.GLTF2().load(str(path))
+    targets = loaded.meshes[0].primitives[0].targets
+    assert len(targets) == 5
+    for target, frame in zip(targets, animation.frames, strict=True):
+        accessor = loaded.accessors[target["POSITION"]]
+        start = loaded.bufferViews[accessor.bufferView].byteOffset + accessor.byteOffset
+        moves = np.frombuffer(loaded.binary_blob(), "<f4", 3 * accessor.count, start)
+        found = animation.rest.vertices + moves.reshape(-1, 3)
+        np.testing.assert_allclose(found, frame, rtol=0, atol=1e-6)
+    assert loaded.nodes[0].name == loaded.meshes[0].name == "cage"
+    assert loaded.nodes[0].rotation is loaded.nodes[0].scale is None
+    mesh = trimesh.load(path, process=False, force="mesh")
+    np.testing.assert_allclose(mesh.vertices, animation.rest.vertices, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(mesh.faces, animation.rest.faces)
+
+
+def test_glb_stands_upright_and_in_metres(tmp_path, animation, scene):
+    """What is up in the file's own space is +y, and a hundred units are a metre."""
+    path = write(tmp_path / "a.glb", animation.rest, animation.frames, scene=scene)
+    whole = trimesh.load(path, process=False)
+    (node,) = whole.graph.nodes_geometry
+    transform, _ = whole.graph[node]
+    up = transform @ [0, 0, 100, 1]
+    np.testing.assert_allclose(up, [0, 1, 0, 1], rtol=0, atol=1e-7)
+    np.testing.assert_allclose(transform @ [100, 0, 0, 1], [1, 0, 0, 1], rtol=0, atol=1e-7)
+
+
+def test_a_clip_of_one_frame(tmp_path, animation):
+    file = Glb(write(tmp_path / "a.glb", animation.rest, animation.frames[2:3]))
+    times, frames = file.frames()
+    assert times.tolist() == [0]
+    np.testing.assert_allclose(frames[0], animation.frames[2], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("count", "says"), [(40_000, "6.0 GiB"), (2_000_000, "14901.6 GiB"), (29_000, None)]
+)
+def test_what_a_glb_has_no_room_for_is_refused_at_once(tmp_path, animation, count, says):
+    described = Animation(animation.rest, count, Scene(), "a")
+    kind = opening._writers()[".glb"]
+    if says is None:
+        kind(tmp_path / "a.glb", described).abandon()
+        return
+    with pytest.raises(InputError, match=rf"{count} frames of 18 vertices take {says} as morph"):
+        kind(tmp_path / "a.glb", described)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,369 @@
+"""Clips in USD: files that usd-core wrote, in every way that scenes differ."""
+
+import hashlib
+
+import numpy as np
+import pytest
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
+
+from cageik_cli.formats.base.sequence import ClipSettings
+from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.usd import reader as usd
+from cageik_cli.util.errors import InputError
+from tests.clips import frames_of
+from tests.shapes import octahedron
+
+MESH = octahedron()
+FRAMES = (MESH.vertices + np.random.default_rng(2).normal(0, 0.1, (4, 6, 3))).astype("f4")
+
+
+def points_of(frame):
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(frame, np.float32))
+
+
+def add_mesh(stage, path="/hero/mesh", frames=FRAMES, times=(1, 2, 3, 4), faces=MESH.faces):
+    """A mesh of polygons; without times, the first frame is its default value."""
+    mesh = UsdGeom.Mesh.Define(stage, path)
+    mesh.CreateFaceVertexCountsAttr([len(face) for face in faces])
+    mesh.CreateFaceVertexIndicesAttr([int(corner) for face in faces for corner in face])
+    attribute = mesh.CreatePointsAttr()
+    if not times:
+        attribute.Set(points_of(frames[0]))
+    for time, frame in zip(times, frames, strict=False):
+        attribute.Set(points_of(frame), time)
+    return mesh
+
+
+@pytest.fixture
+def stage(tmp_path):
+    """A stage to be saved by `opened`."""
+    return Usd.Stage.CreateNew(str(tmp_path / "clip.usda"))
+
+
+def opened(stage, member="", **how):
+    stage.GetRootLayer().Save()
+    return open_sequence([stage.GetRootLayer().realPath + member], ClipSettings(**how))
+
+
+def refused(stage, member=""):
+    with pytest.raises(InputError) as caught:
+        frames_of(opened(stage, member))
+    place, _, sentence = str(caught.value).partition(": ")
+    assert "clip.usda" in place
+    return sentence
+
+
+@pytest.mark.parametrize("suffix", [".usd", ".usda", ".usdc", ".usdz"])
+def test_frames_faces_and_digest(tmp_path, suffix):
+    path = tmp_path / f"clip{suffix}"
+    inner = tmp_path / "inner.usdc" if suffix == ".usdz" else path
+    stage = Usd.Stage.CreateNew(str(inner))
+    add_mesh(stage)
+    stage.Save()
+    if suffix == ".usdz":
+        assert UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(inner)), str(path))
+        inner.unlink()
+    sequence = open_sequence([str(path)])
+    assert sequence.names == tuple(f"clip{suffix}[{k}]" for k in range(4))
+    assert sequence.notes == ()
+    np.testing.assert_array_equal(sequence.first.faces, MESH.faces)
+    np.testing.assert_array_equal(frames_of(sequence, 3, 4), FRAMES)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert sequence.source() == {"name": path.name, "sha256": digest}
+    assert sequence.digest(2).hex() == digest
+
+
+def test_the_scene_is_what_the_stage_says(stage):
+    add_mesh(stage, times=(5, 6, 7, 8))
+    assert opened(stage).scene == SceneHints(start=5.0)
+    stage.SetTimeCodesPerSecond(30)
+    UsdGeom.SetStageUpAxis(stage, "Z")
+    UsdGeom.SetStageMetersPerUnit(stage, 0.01)
+    assert opened(stage).scene == SceneHints(30.0, 5.0, "Z", 0.01)
+    assert opened(stage, selection=slice(1, None, 2)).scene == SceneHints(15.0, 6.0, "Z", 0.01)
+
+
+def test_frames_a_second_alone_are_time_codes_a_second_too(stage):
+    add_mesh(stage)
+    stage.SetFramesPerSecond(12)
+    assert opened(stage).scene.fps == 12
+
+
+def test_time_codes_between_samples_make_fewer_frames_a_second(stage):
+    add_mesh(stage, times=(1, 6, 11, 16))
+    stage.SetTimeCodesPerSecond(30)
+    sequence = opened(stage)
+    assert (len(sequence), sequence.scene.fps, sequence.scene.start) == (4, 6.0, 1.0)
+
+
+def test_uneven_samples_are_taken_at_whole_time_codes(stage):
+    add_mesh(stage, times=(0.5, 1, 4, 5.5))
+    stage.SetTimeCodesPerSecond(30)
+    sequence = opened(stage)
+    (note,) = sequence.notes
+    assert note.startswith(
+        "clip.usda: its 4 time samples are not evenly spaced; taken at the whole"
+    )
+    thirds = [FRAMES[1] + part * (FRAMES[2] - FRAMES[1]) for part in (0, 1 / 3, 2 / 3, 1)]
+    fifth = FRAMES[2] + (FRAMES[3] - FRAMES[2]) / 1.5
+    np.testing.assert_allclose(frames_of(sequence), [*thirds, fifth], atol=1e-6)
+    assert (sequence.scene.fps, sequence.scene.start) == (30.0, 1.0)
+
+
+@pytest.mark.parametrize("times", [(0, 1, 1e9), (0.1, 0.2, 0.7)])
+def test_a_span_of_uneven_samples_is_bounded(stage, times):
+    add_mesh(stage, times=times)
+    assert refused(stage).endswith("expected 1 to 100000; bake it to one sample a frame")
+
+
+def test_as_many_whole_codes_as_the_bound_are_taken(stage, monkeypatch):
+    monkeypatch.setattr(usd, "LARGEST_SPAN", 5)
+    add_mesh(stage, times=(1, 2, 5))
+    assert len(opened(stage)) == 5
+
+
+def test_points_that_never_move_are_one_frame(stage):
+    add_mesh(stage, times=())
+    np.testing.assert_array_equal(frames_of(opened(stage)), FRAMES[:1])
+
+
+def test_points_are_moved_into_the_space_of_the_stage(stage):
+    add_mesh(stage)
+    UsdGeom.Xform.Define(stage, "/hero").AddTranslateOp().Set((1, 2, 3))
+    UsdGeom.Xformable(stage.GetPrimAtPath("/hero/mesh")).AddRotateZOp().Set(90)
+    sequence = opened(stage)
+    x, y, z = FRAMES.astype(float).transpose(2, 0, 1)
+    expected = np.stack([1 - y, 2 + x, 3 + z], axis=2)
+    np.testing.assert_allclose(frames_of(sequence), expected, rtol=0, atol=1e-15)
+    assert sequence.notes == ("clip.usda: moved by its transform into the scene's space",)
+
+
+def test_a_mesh_moved_by_its_parent_alone(stage):
+    move = UsdGeom.Xform.Define(stage, "/hero").AddTranslateOp()
+    for time in (3, 4, 5):
+        move.Set((time, 0, 0), time)
+    add_mesh(stage, times=())
+    sequence = opened(stage)
+    np.testing.assert_allclose(
+        frames_of(sequence), [FRAMES[0] + np.array([k, 0, 0]) for k in (3, 4, 5)], rtol=1e-15
+    )
+    assert sequence.notes == ("clip.usda: moved by its animated transform into the scene's space",)
+
+
+def test_a_prim_may_leave_its_parents_transforms(stage):
+    move = UsdGeom.Xform.Define(stage, "/hero").AddTranslateOp()
+    move.Set((1, 0, 0), 1)
+    move.Set((9, 0, 0), 9)
+    add_mesh(stage, times=()).SetResetXformStack(True)
+    sequence = opened(stage)
+    np.testing.assert_array_equal(frames_of(sequence), FRAMES[:1])
+    assert sequence.notes == ()
+
+
+@pytest.mark.parametrize("is_left", [False, True])
+@pytest.mark.parametrize("is_mirrored", [False, True])
+def test_faces_turn_outward_whatever_turns_them(stage, is_left, is_mirrored):
+    """What faces outward in its own space does so in a mirror, whose faces then turn."""
+    faces = MESH.faces[:, ::-1] if is_left else MESH.faces
+    mesh = add_mesh(stage, frames=[MESH.vertices], times=(1,), faces=faces)
+    if is_left:
+        mesh.CreateOrientationAttr("leftHanded")
+    if is_mirrored:
+        mesh.AddScaleOp().Set((-1, 1, 1))
+    sequence = opened(stage)
+    np.testing.assert_allclose(sequence.first.volume, MESH.volume, rtol=1e-6)
+    assert ("clip.usda: left-handed faces turned" in sequence.notes) == is_left
+
+
+def test_polygons_are_cut_and_compared_as_fans(stage):
+    corners = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [1.5, 0.5, 0], [3, 3, 0]]
+    add_mesh(stage, frames=[np.array(corners)], times=(1,), faces=[[0, 1, 2, 3], [2, 1, 4]])
+    sequence = opened(stage)
+    assert sequence.fanned.faces.tolist() == [[0, 1, 2], [0, 2, 3], [2, 1, 4]]
+    areas = np.cross(
+        *(
+            sequence.first.vertices[sequence.first.faces[:2, k]]
+            - sequence.first.vertices[sequence.first.faces[:2, 0]]
+            for k in (1, 2)
+        )
+    )
+    assert (areas[:, 2] > 0).all()
+    assert sequence.notes == ("clip.usda: 1 polygon cut into triangles to compute with",)
+
+
+def test_one_of_several_meshes_is_named(stage):
+    add_mesh(stage)
+    add_mesh(stage, "/hero/hat", FRAMES + 1)
+    assert refused(stage).startswith(
+        "holds 2 meshes, expected one: /hero/mesh, /hero/hat; name the one behind the file, "
+        "as in FILE::/hero/mesh"
+    )
+    sequence = opened(stage, "::/hero/hat")
+    np.testing.assert_array_equal(frames_of(sequence), FRAMES + np.float32(1))
+    assert sequence.names[0] == "clip.usda::/hero/hat[0]"
+    assert "holds no mesh `/hero/shoe`, but /hero/mesh, /hero/hat" in refused(stage, "::/hero/shoe")
+
+
+def test_a_mesh_in_an_instance_is_found(stage):
+    stage.CreateClassPrim("/proto")
+    add_mesh(stage, "/proto/mesh")
+    one = stage.DefinePrim("/one", "Xform")
+    one.GetReferences().AddInternalReference("/proto")
+    one.SetInstanceable(True)
+    sequence = opened(stage)
+    np.testing.assert_array_equal(frames_of(sequence), FRAMES)
+
+
+def test_faces_that_change_are_refused(stage):
+    mesh = add_mesh(stage)
+    corners = MESH.faces.ravel().tolist()
+    mesh.GetFaceVertexIndicesAttr().Set(corners, 1)
+    mesh.GetFaceVertexIndicesAttr().Set(corners, 2)
+    assert len(opened(stage)) == 4
+    mesh.GetFaceVertexIndicesAttr().Set(corners[::-1], 3)
+    assert refused(stage).startswith("the faces change at time 3; all frames must share")
+
+
+def test_vertices_that_change_in_number_are_refused(stage):
+    add_mesh(stage, frames=[FRAMES[0], FRAMES[1], FRAMES[2][:5], FRAMES[3]])
+    with pytest.raises(InputError, match=r"clip\.usda\[2\]: 5 vertices, the rest pose has 6"):
+        frames_of(opened(stage))
+
+
+def test_a_skinned_mesh_is_refused_and_a_rig_without_root_is_none(stage):
+    UsdSkel.Skeleton.Define(stage, "/hero/rig")
+    mesh = add_mesh(stage)
+    UsdSkel.BindingAPI.Apply(mesh.GetPrim()).CreateSkeletonRel().SetTargets(["/hero/rig"])
+    assert len(opened(stage)) == 4
+    UsdSkel.Root.Define(stage, "/hero")
+    sentence = "the mesh /hero/mesh is moved by a skeleton or blend shapes, which are not evaluated"
+    assert refused(stage).startswith(sentence)
+
+
+def test_blend_shapes_are_refused(stage):
+    UsdSkel.Root.Define(stage, "/hero")
+    mesh = add_mesh(stage)
+    UsdSkel.BindingAPI.Apply(mesh.GetPrim()).CreateBlendShapesAttr(["smile"])
+    assert "skeleton or blend shapes" in refused(stage)
+
+
+def no_mesh(stage):
+    UsdGeom.Xform.Define(stage, "/hero")
+
+
+def no_points(stage):
+    add_mesh(stage, frames=[])
+
+
+def blocked_points(stage):
+    add_mesh(stage).GetPointsAttr().Set(Sdf.ValueBlock(), 2)
+
+
+def no_faces(stage):
+    add_mesh(stage, faces=[])
+
+
+def too_few_corners(stage):
+    add_mesh(stage).GetFaceVertexCountsAttr().Set([3] * 9)
+
+
+def negative_counts(stage):
+    add_mesh(stage).GetFaceVertexCountsAttr().Set([-3, 27])
+
+
+def wrong_vertex(stage):
+    add_mesh(stage, faces=[[0, 1, 6]])
+
+
+def points_of_text(stage):
+    add_mesh(stage)
+    points = stage.GetRootLayer().GetPrimAtPath("/hero/mesh").properties["points"]
+    stage.GetRootLayer().GetPrimAtPath("/hero/mesh").RemoveProperty(points)
+    Sdf.AttributeSpec(
+        stage.GetRootLayer().GetPrimAtPath("/hero/mesh"), "points", Sdf.ValueTypeNames.String
+    ).default = "none"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (no_mesh, "holds no mesh; export one that is animated"),
+        (no_points, "the mesh has no points at time"),
+        (blocked_points, "the mesh has no points at time 2; export it again"),
+        (no_faces, "0 faces of 0 corners in all come with 0 corners"),
+        (too_few_corners, "9 faces of 27 corners in all come with 24 corners"),
+        (negative_counts, "2 faces of 24 corners in all come with 24 corners"),
+        (wrong_vertex, "face 0 names vertices 0, 1, 6 (counted from 0), but there are 6"),
+        (points_of_text, "`points` is not of type point3f[] at time 0; export it again"),
+    ],
+)
+def test_what_makes_no_clip_is_a_sentence(stage, spoil, sentence):
+    spoil(stage)
+    assert refused(stage).startswith(sentence)
+
+
+def test_a_mirror_as_thin_as_a_plane_is_no_error(stage):
+    add_mesh(stage).AddScaleOp().Set(Gf.Vec3f(1, 1, 0))
+    assert (frames_of(opened(stage))[..., 2] == 0).all()
+
+
+@pytest.mark.parametrize("suffix", [".usd", ".usda", ".usdc", ".usdz"])
+@pytest.mark.parametrize(
+    "data", [b"", b"no USD\n", b"PXR-USDC", b"\xff" * 200, b"#usda 1.0\ndef \xb8\n", b"PK\x03\x04"]
+)
+def test_what_is_no_usd_is_a_sentence(tmp_path, capfd, suffix, data):
+    path = tmp_path / f"clip{suffix}"
+    path.write_bytes(data)
+    with pytest.raises(InputError) as caught:
+        open_sequence([str(path)])
+    assert str(caught.value).startswith(f"{path}: is not a sound USD file (")
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_file_cut_short_is_a_sentence(tmp_path, capfd):
+    stage = Usd.Stage.CreateNew(str(tmp_path / "whole.usdc"))
+    add_mesh(stage)
+    stage.Save()
+    data = (tmp_path / "whole.usdc").read_bytes()
+    for k, size in enumerate(range(0, len(data) - 1, 97)):
+        path = tmp_path / f"cut_{k}.usdc"
+        path.write_bytes(data[:size])
+        with pytest.raises(InputError, match=r"is not a sound USD file \("):
+            open_sequence([str(path)])
+    assert capfd.readouterr().err == ""
+
+
+def test_a_folder_is_a_sentence(tmp_path):
+    (tmp_path / "clip.usd").mkdir()
+    with pytest.raises(InputError, match=r"clip\.usd: is not a sound USD file"):
+        open_sequence([str(tmp_path / "clip.usd")])
+
+
+def test_what_usd_warns_of_is_noted_and_not_printed(stage, tmp_path, capfd):
+    add_mesh(stage)
+    stage.GetRootLayer().Save()
+    path = tmp_path / "shot.usda"
+    path.write_text("#usda 1.0\n(\n    subLayers = [@clip.usda@, @gone.usda@]\n)\n")
+    assert open_sequence([str(path)]).notes == (
+        "shot.usda: USD warns: Could not load sublayer gone.usda of layer shot.usda; skipping.",
+    )
+    assert capfd.readouterr().err == ""
+
+
+def test_the_digest_is_over_all_files_that_a_stage_is_made_of(tmp_path, stage):
+    add_mesh(stage)
+    stage.GetRootLayer().Save()
+    shot = Usd.Stage.CreateNew(str(tmp_path / "shot.usda"))
+    shot.GetRootLayer().subLayerPaths.append("clip.usda")
+    shot.GetRootLayer().Save()
+    path = tmp_path / "shot.usda"
+    files = b"".join(
+        hashlib.sha256(file.read_bytes()).digest() for file in (path, tmp_path / "clip.usda")
+    )
+    assert open_sequence([str(path)]).source() == {
+        "name": "shot.usda",
+        "sha256": hashlib.sha256(files).hexdigest(),
+        "files": 2,
+    }

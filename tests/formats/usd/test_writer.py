@@ -1,0 +1,130 @@
+"""USD out, read back by usd-core alone."""
+
+import zipfile
+
+import numpy as np
+import pytest
+from pxr import Usd, UsdGeom
+
+from cageik_cli.formats.usd import writer as usd_file
+from cageik_cli.formats.usd.errors import SUFFIXES
+from cageik_cli.util.errors import InputError
+from tests.formats.clips import FRAMES, REST, fail_halfway, faults_of, write_huge, written
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_frame_is_what_was_given_in_single_precision(tmp_path, suffix):
+    stage = Usd.Stage.Open(str(written(tmp_path / f"clip{suffix}")))
+    mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/hero/hero"))
+    points = mesh.GetPointsAttr()
+    assert points.GetTimeSamples() == [11 + k for k in range(7)]
+    for k, frame in enumerate(FRAMES.astype(np.float32)):
+        np.testing.assert_array_equal(np.array(points.Get(11 + k)), frame)
+        extent = [frame.min(axis=0), frame.max(axis=0)]
+        np.testing.assert_array_equal(np.array(mesh.GetExtentAttr().Get(11 + k)), extent)
+    assert list(mesh.GetFaceVertexCountsAttr().Get()) == [3] * 8
+    np.testing.assert_array_equal(mesh.GetFaceVertexIndicesAttr().Get(), REST.faces.ravel())
+    assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
+    assert mesh.GetOrientationAttr().Get() == "rightHanded"
+    assert mesh.GetPurposeAttr().Get() == "default"
+
+
+def test_the_stage_says_what_the_scene_is(tmp_path):
+    stage = Usd.Stage.Open(str(written(tmp_path / "clip.usdc")))
+    assert stage.GetDefaultPrim().GetPath() == "/hero"
+    assert stage.GetDefaultPrim().IsA(UsdGeom.Xform)
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (11, 17)
+    assert (stage.GetTimeCodesPerSecond(), stage.GetFramesPerSecond()) == (30, 30)
+    assert UsdGeom.GetStageUpAxis(stage) == "Z"
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 0.01
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_the_same_animation_gives_the_same_bytes(tmp_path, monkeypatch, suffix):
+    """Whatever the size of blocks, and although frames are saved as they come."""
+    monkeypatch.setattr(usd_file, "LARGEST_UNSAVED", 1000)
+    found = {written(tmp_path / f"{k}{suffix}", size=k).read_bytes() for k in (1, 4, 7)}
+    assert len(found) == 1
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_frames_saved_as_they_come_are_all_there(tmp_path, monkeypatch):
+    monkeypatch.setattr(usd_file, "LARGEST_UNSAVED", 12 * 6 * 2)
+    stage = Usd.Stage.Open(str(written(tmp_path / "clip.usdc")))
+    points = UsdGeom.Mesh(stage.GetPrimAtPath("/hero/hero")).GetPointsAttr()
+    found = [np.array(points.Get(11 + k)) for k in range(7)]
+    np.testing.assert_array_equal(found, FRAMES.astype(np.float32))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_usd_finds_no_fault_with_it(tmp_path, suffix):
+    assert faults_of(written(tmp_path / f"clip{suffix}")) == []
+
+
+def test_usd_would_find_one(tmp_path):
+    (tmp_path / "a.usda").write_text('#usda 1.0\ndef Mesh "a"\n{\n def Mesh "b"\n {\n }\n}\n')
+    assert faults_of(tmp_path / "a.usda") != []
+
+
+def test_binary_by_the_name_usd_alone(tmp_path):
+    assert written(tmp_path / "clip.usd").read_bytes().startswith(b"PXR-USDC")
+
+
+def test_a_package_is_stored_on_multiples_of_64_bytes(tmp_path):
+    path = written(tmp_path / "clip.usdz")
+    with zipfile.ZipFile(path) as archive:
+        (member,) = archive.infolist()
+        assert archive.testzip() is None
+    assert member.filename == "hero.usdc"
+    assert member.compress_type == zipfile.ZIP_STORED
+    data = path.read_bytes()
+    assert data.index(b"PXR-USDC") % 64 == 0
+
+
+@pytest.mark.parametrize(
+    ("suffix", "limit", "holds"), [(".usda", "LARGEST_UNSAVED", 5), (".usdz", "LARGEST_PACKAGE", 6)]
+)
+def test_too_much_for_a_kind_is_refused_before_anything_is_written(
+    tmp_path, monkeypatch, suffix, limit, holds
+):
+    monkeypatch.setattr(usd_file, limit, holds * 12 * 6 - 1)
+    with pytest.raises(InputError, match=r"MiB of positions.*write \.usdc instead"):
+        written(tmp_path / f"clip{suffix}", FRAMES[:holds])
+    assert list(tmp_path.iterdir()) == []
+    written(tmp_path / f"clip{suffix}", FRAMES[: holds - 1])
+
+
+def test_what_single_precision_cannot_hold_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"5e\+39 is too large for this format.*\.npz"):
+        write_huge(tmp_path / "clip.usdc")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_failure_leaves_nothing(tmp_path, suffix):
+    with pytest.raises(KeyError):
+        fail_halfway(tmp_path / f"clip{suffix}")
+    assert list(tmp_path.iterdir()) == []
+
+
+FULL = """
+import resource, signal, sys
+from pathlib import Path
+from cageik_cli.errors import InputError
+from tests.formats.clips import written
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    written(Path(sys.argv[1]))
+except InputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_full_disk_is_a_sentence(tmp_path, run_process, suffix):
+    path = tmp_path / f"clip{suffix}"
+    done = run_process("-c", FULL, path)
+    assert done.out.startswith(f"{path}: cannot be written (")
+    assert done.err == ""
+    assert list(tmp_path.iterdir()) == []
