@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import BindSettings, bind
+from cageik_cli.cages.bind import bind
+from cageik_cli.cages.soundness import checked_cage
+from cageik_cli.coordinates.binding import BindSettings
 from cageik_cli.formats.base.hdf5 import refuse_other_suffix
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh, read_bytes, source_of
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.soundness import checked_cage
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.cache import WeightCache
 from cageik_cli.util.errors import InputError, located

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli import __version__
-from cageik_cli.diagnosis import CageFacts, Diagnosis, RestFacts, diagnose
-from cageik_cli.findings import Finding
+from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts, diagnose
+from cageik_cli.cages.findings import Finding
 from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
 from cageik_cli.formats.open import clip_and_rest

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cageik_cli.cages.soundness import cage_findings
 from cageik_cli.formats.base.file_names import kind_of
 from cageik_cli.formats.base.hdf5 import SUFFIXES as HDF5_SUFFIXES
 from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
@@ -14,7 +15,6 @@ from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.text import accuracy_row, weights_row
 from cageik_cli.report.wording import wording_of
-from cageik_cli.soundness import cage_findings
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.partial import is_partial, progress_of
 from cageik_cli.store.result import Result, is_result, read_result

@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from meshes import Points
 
 from cageik_cli.anchors import Anchor, SurfacePoint, at_vertex, on_face, positions_of
-from cageik_cli.coordinates.binding import Binding, bind
+from cageik_cli.cages.bind import bind
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing import Poser

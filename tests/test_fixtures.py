@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.enclosure import check_enclosure
+from cageik_cli.cages.enclosure import check_enclosure
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import open_sequence
 

@@ -8,9 +8,10 @@ import h5py
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.coordinates.binding import WORST_PRECISION, Binding, BindSettings, WeightQuality
+from cageik_cli.cages.bind import WORST_PRECISION
+from cageik_cli.cages.soundness import checked_cage
+from cageik_cli.coordinates.binding import Binding, BindSettings, WeightQuality
 from cageik_cli.formats.base.hdf5 import numbers, opened
-from cageik_cli.soundness import checked_cage
 from cageik_cli.store.parts import (
     as_json,
     calls_itself,

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.coordinates.binding import Binding, bind
+from cageik_cli.cages.bind import bind
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings
 from cageik_cli.extraction import extract

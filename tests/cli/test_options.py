@@ -113,7 +113,7 @@ finally:
 
 
 def test_choices_are_the_numerics_own():
-    from cageik_cli import enclosure
+    from cageik_cli.cages import enclosure
     from cageik_cli.cli import options
     from cageik_cli.coordinates import binding
     from cageik_cli.coordinates.harmonic import ACCURACIES

@@ -4,8 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates import harmonic as module
-from cageik_cli.coordinates.binding import ALGORITHMS, Binding, BindSettings, bind
+from cageik_cli.coordinates.binding import ALGORITHMS, Binding, BindSettings
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.coordinates.weights import Weights

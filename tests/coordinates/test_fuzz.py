@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.coordinates.binding import COORDINATES, BindSettings, bind
+from cageik_cli.cages.bind import bind
+from cageik_cli.cages.soundness import checked_cage
+from cageik_cli.coordinates.binding import COORDINATES, BindSettings
 from cageik_cli.coordinates.harmonic import ACCURACIES
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
-from cageik_cli.soundness import checked_cage
 from cageik_cli.util.errors import CageikError, InputError, NumericalError
 from tests.coordinates.random_cages import KINDS, kind_of, points_within, random_cage
 from tests.shapes import box

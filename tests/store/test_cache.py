@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.binding import ALGORITHMS, COORDINATES, Binding, BindSettings, bind
+from cageik_cli.cages.bind import bind
+from cageik_cli.coordinates.binding import ALGORITHMS, COORDINATES, Binding, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store import cache as module
 from cageik_cli.store.cache import WeightCache, key_of

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.enclosure import place
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.weaknesses import (
+from cageik_cli.cages.enclosure import place
+from cageik_cli.cages.quality import (
     LARGEST,
     NEAREST,
     SHARPEST,
@@ -16,6 +15,7 @@ from cageik_cli.weaknesses import (
     size_findings,
     thin_findings,
 )
+from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import ball, box, concave, finer
 
 

@@ -4,14 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cageik_cli.coordinates.harmonic import PANEL_LIMIT, harmonic_weights
-from cageik_cli.enclosure import Placement, check_enclosure, outside_finding, place, point_finding
-from cageik_cli.findings import SEVERITIES, Finding
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import bounds_volume, corner_angles, is_flat
-from cageik_cli.soundness import cage_findings
-from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.weaknesses import (
+from cageik_cli.cages.enclosure import (
+    Placement,
+    check_enclosure,
+    outside_finding,
+    place,
+    point_finding,
+)
+from cageik_cli.cages.findings import SEVERITIES, Finding
+from cageik_cli.cages.quality import (
     clearance_findings,
     crossing_findings,
     influence_findings,
@@ -19,6 +20,11 @@ from cageik_cli.weaknesses import (
     size_findings,
     thin_findings,
 )
+from cageik_cli.cages.soundness import cage_findings
+from cageik_cli.coordinates.harmonic import PANEL_LIMIT, harmonic_weights
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import bounds_volume, corner_angles, is_flat
+from cageik_cli.util.arrays import Floats, Integers
 
 LISTED = 3
 """How many of the weakest cage vertices are facts."""

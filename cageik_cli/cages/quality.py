@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cageik_cli.enclosure import Placement
-from cageik_cli.findings import Finding, at
+from cageik_cli.cages.enclosure import Placement
+from cageik_cli.cages.findings import Finding, at
 from cageik_cli.geometry.intersections import crossings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles, is_flat, opposite_sheets

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli import diagnosis as module
+from cageik_cli.cages import diagnosis as module
+from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.coordinates.harmonic import harmonic_weights
-from cageik_cli.diagnosis import diagnose
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import ball, box, concave, finer, octahedron
 
@@ -157,7 +157,7 @@ def test_without_an_inside_nothing_is_said_of_the_model(cage):
 
 
 def test_a_pinched_cage_has_no_genus():
-    from tests.test_soundness import pinched
+    from tests.cages.test_soundness import pinched
 
     assert diagnose(pinched()).cage.genus is None
 

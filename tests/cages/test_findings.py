@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.findings import Finding, at
+from cageik_cli.cages.findings import Finding, at
 
 
 @pytest.mark.parametrize(

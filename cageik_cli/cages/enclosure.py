@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.findings import Finding
+from cageik_cli.cages.findings import Finding
+from cageik_cli.cages.soundness import checked_cage
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import (
     ROUNDING,
@@ -13,7 +14,6 @@ from cageik_cli.geometry.surface import (
     nearest_on_surface,
     winding_numbers,
 )
-from cageik_cli.soundness import checked_cage
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError, first_few
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from cageik_cli.cages.soundness import cage_findings, checked_cage
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.soundness import cage_findings, checked_cage
 from cageik_cli.util.errors import InputError
 from tests.exact import improper_pairs
 from tests.shapes import ball, box, changed, concave, finer, octahedron

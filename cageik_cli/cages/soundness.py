@@ -6,7 +6,7 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.findings import Finding, at, plural
+from cageik_cli.cages.findings import Finding, at, plural
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume, face_areas, is_flat
