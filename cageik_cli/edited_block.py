@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from cageik_cli.coordinates.binding import rebuilt
 from cageik_cli.layers import Clip, Edit, Layer, anchors_of, edited
-from cageik_cli.metrics import FrameFigures, measure
+from cageik_cli.solver.metrics import FrameFigures, measure
 from cageik_cli.util.arrays import Floats, Integers
 
 

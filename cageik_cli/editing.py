@@ -13,15 +13,12 @@ from cageik_cli.formats.base.clip_file import digest_of
 from cageik_cli.formats.base.hdf5 import refuse_other_suffix
 from cageik_cli.handles.reading import read_handles
 from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, layers_of
-from cageik_cli.metrics import FrameFigures
 from cageik_cli.pose_figures import PoseLedger
 from cageik_cli.posing_run import Posed, remark_layers
-from cageik_cli.solving import Budget
+from cageik_cli.solver.blocks import Budget, SolvedBlock, told_of
+from cageik_cli.solver.metrics import FIGURES, WHOLE_FIGURES, FrameFigures, refuse_unsound
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
-from cageik_cli.store.result_figures import FIGURES, WHOLE_FIGURES
-from cageik_cli.store.result_writer import Ending, Header, ResultWriter, create, refuse_unsound
-from cageik_cli.store.solved_block import SolvedBlock
-from cageik_cli.store.told import told_of
+from cageik_cli.store.result_writer import Ending, Header, ResultWriter, create
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError, located
 from cageik_cli.util.outputs import keep_apart, prepare

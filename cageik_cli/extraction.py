@@ -6,16 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.dual_laplacian import DualLaplacianSolver
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.inputs import ExtractSettings, Inputs, bound_of, opened, scene_of
 from cageik_cli.resuming import going_on, prepare_result, take_up, whole_already
-from cageik_cli.solving import BlockSolver, Budget, Crew, Threads
+from cageik_cli.solver.blocks import BlockSolver, Budget, Crew, Threads, told_of
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.partial import PartialResult, Plan, forget
 from cageik_cli.store.result import Result, partial_name, read_result
 from cageik_cli.store.result_writer import Ending, Header, create
-from cageik_cli.store.told import told_of
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.progress import Observer
@@ -76,7 +75,12 @@ def extract(
     with going_on(log, plan, settings.resume, settings.overwrite) as partial, blas_threads(1):
         with watch.stage("read"):
             take_up(partial, inputs.sequence, work.skip, settings.jobs, watch)
-        work.solve_all(partial, budget, crew or Threads(settings.jobs))
+        starts = range(partial.done, len(inputs.sequence), partial.plan.block)
+        with (crew or Threads(settings.jobs)).solving(work, starts, budget) as made:
+            for block in made:
+                with watch.stage("write"):
+                    partial.append(block)
+                watch.advance(block.stop, len(inputs.sequence))
         with watch.stage("write"):
             _compose(partial, header, inputs, settings)
     return read_result(settings.output)

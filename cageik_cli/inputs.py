@@ -10,12 +10,12 @@ import numpy as np
 
 from cageik_cli.binding_run import WeightSettings, from_file, made
 from cageik_cli.coordinates.binding import BindSettings
-from cageik_cli.dual_laplacian import SolveSettings, normalised_weights
 from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
 from cageik_cli.formats.open import clip_and_rest
 from cageik_cli.formats.scene import Scene, SceneHints
 from cageik_cli.formats.vertex_weights import load_vertex_weights
+from cageik_cli.solver.dual_laplacian import SolveSettings, normalised_weights
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError, located

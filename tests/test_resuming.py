@@ -11,12 +11,12 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.dual_laplacian import SolveSettings
 from cageik_cli.extraction import extract
 from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report.record import report_of
 from cageik_cli.report.tables import as_csv, as_json
 from cageik_cli.report.text import as_text
+from cageik_cli.solver.dual_laplacian import SolveSettings
 from cageik_cli.store.partial import progress_of
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.progress import Observer

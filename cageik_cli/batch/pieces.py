@@ -14,13 +14,12 @@ from cageik_cli.batch.jobs import ClipJob
 from cageik_cli.batch.work import bound_for
 from cageik_cli.batch.worker import make_fit
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.dual_laplacian import DualLaplacianSolver
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import clip_and_rest
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.solving import BlockSolver, Budget, Threads
+from cageik_cli.solver.blocks import BlockSolver, Budget, SolvedBlock, Threads
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.solved_block import SolvedBlock
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.progress import Observer
 

@@ -6,7 +6,7 @@ from cageik_cli.inputs import bound_of, opened
 from cageik_cli.report.overview import Entry, entry_of
 from cageik_cli.report.record import report_of
 from cageik_cli.resuming import prepare_result
-from cageik_cli.solving import Crew
+from cageik_cli.solver.blocks import Crew
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.partial import forget
 from cageik_cli.store.result import Result, has_weights, partial_name

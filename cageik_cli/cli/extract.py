@@ -148,8 +148,8 @@ def extract_settings(options: dict[str, Any]) -> Any:
         When values contradict each other.
     """
     from cageik_cli.coordinates.binding import BindSettings
-    from cageik_cli.dual_laplacian import SolveSettings
     from cageik_cli.inputs import ExtractSettings
+    from cageik_cli.solver.dual_laplacian import SolveSettings
 
     if options["cage"] is None and options["binding"] is None:
         raise click.UsageError("Missing option '--cage', or '--binding', which holds one.")

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.dual_laplacian import Quality
 from cageik_cli.report.figures import Clip, Frame, Summary
 from cageik_cli.report.gates import Gate
 from cageik_cli.report.record import SCHEMA, Report
 from cageik_cli.report.wording import Wording, wording_of
+from cageik_cli.solver.dual_laplacian import Quality
 
 POINTS = 120
 """Of a curve at most."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from cageik_cli.cages.bind import LOWEST_WEIGHT
 from cageik_cli.coordinates.binding import WeightQuality
 from cageik_cli.coordinates.weights import ACCURACIES
-from cageik_cli.dual_laplacian import WORST_CONDITION
 from cageik_cli.report.record import Report
 from cageik_cli.report.wording import wording_of
+from cageik_cli.solver.dual_laplacian import WORST_CONDITION
 
 
 @dataclass(frozen=True, slots=True)

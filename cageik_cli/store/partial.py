@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli import __version__
-from cageik_cli.store.solved_block import SolvedBlock, packed, unpacked
+from cageik_cli.solver.blocks import SolvedBlock, packed, unpacked
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import open_locked, remove_locked
 

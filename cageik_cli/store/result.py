@@ -8,11 +8,11 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cageik_cli.dual_laplacian import Quality
 from cageik_cli.formats.base.hdf5 import dataset, numbers, opened
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.metrics import FrameFigures
+from cageik_cli.solver.dual_laplacian import Quality
+from cageik_cli.solver.metrics import FrameFigures, are_lengths
 from cageik_cli.store.parts import (
     calls_itself,
     parsed,
@@ -24,7 +24,7 @@ from cageik_cli.store.parts import (
     refuse_others,
     version_of,
 )
-from cageik_cli.store.result_figures import are_lengths, read_figures, read_vertex_rms
+from cageik_cli.store.result_figures import read_figures, read_vertex_rms
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.text import printable

@@ -1,21 +1,20 @@
 """The figures of a result file, read with every check."""
 
-from dataclasses import fields
 from typing import Any
 
 import h5py
 import numpy as np
 
 from cageik_cli.formats.base.hdf5 import numbers
-from cageik_cli.metrics import FrameFigures
+from cageik_cli.solver.metrics import (
+    FIGURES,
+    WHOLE_FIGURES,
+    FrameFigures,
+    are_lengths,
+    fault_of,
+)
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError
-
-FIGURES = tuple(field.name for field in fields(FrameFigures))
-WHOLE_FIGURES = ("worst_vertex",)
-
-LARGEST_LENGTH = 1e60
-"""Far above any figure of positions that are taken; its square does not overflow."""
 
 
 def read_figures(file: h5py.File, frames: int, vertices: int, skipped: list[int]) -> FrameFigures:
@@ -47,20 +46,3 @@ def _column(file: h5py.File, name: str, frames: int) -> Any:
         return numbers(file, f"metrics/{name}", "iu", (frames,))
     with np.errstate(over="ignore", invalid="ignore"):  # what does not fit is found later
         return numbers(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
-
-
-def are_lengths(values: Floats) -> np.ndarray:
-    """Which of them can be lengths; nan is none."""
-    return np.asarray((values >= 0) & (values <= LARGEST_LENGTH))
-
-
-def fault_of(figures: FrameFigures) -> str | None:
-    """What cannot be a figure, in words; volumes may be nan."""
-    for name in ("rms", "max_deviation", "spread"):
-        column = getattr(figures, name)
-        if not are_lengths(column).all():
-            return f"`metrics/{name}` that is no length"
-    for name in ("volume", "volume_reconstructed"):
-        if np.isinf(getattr(figures, name)).any():
-            return f"`metrics/{name}` that is not finite"
-    return None

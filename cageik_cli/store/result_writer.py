@@ -11,14 +11,12 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.dual_laplacian import Quality
 from cageik_cli.formats.scene import Scene
-from cageik_cli.metrics import FrameFigures
+from cageik_cli.solver.dual_laplacian import Quality
+from cageik_cli.solver.metrics import FIGURES, WHOLE_FIGURES, FrameFigures
 from cageik_cli.store.parts import as_json, new_file, write_deflated, write_meshes
 from cageik_cli.store.result import FORMAT, SCHEMA
-from cageik_cli.store.result_figures import FIGURES, WHOLE_FIGURES, fault_of
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import NumericalError
 from cageik_cli.util.outputs import PatientFile, whole_file
 
 LARGEST_MISS = float(np.finfo(np.float32).max)
@@ -126,21 +124,6 @@ class ResultWriter:
         self._file.attrs["sources"] = as_json(ending.sources)
         self._file.attrs["skipped"] = as_json(skipped)
         self._file.attrs["complete"] = True
-
-
-def refuse_unsound(start: int, cages: Floats, figures: FrameFigures) -> None:
-    """Refuse frames from `start` on that are not finite, or too large to be read again.
-
-    Raises
-    ------
-    NumericalError
-    """
-    fault = fault_of(figures)
-    if fault is not None or not np.isfinite(cages).all():
-        raise NumericalError(
-            f"the solve gave {fault or 'cages that are not finite'} in frames {start} to "
-            f"{start + len(cages) - 1}; scale the scene to coordinates near 1"
-        )
 
 
 @contextmanager

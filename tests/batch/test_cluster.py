@@ -25,10 +25,10 @@ from cageik_cli.batch.jobs import ClipJob, State
 from cageik_cli.batch.pieces import Common, cut, pickled_without, unpickled_with
 from cageik_cli.batch.work import bound_for, looked_at, work_on
 from cageik_cli.coordinates.binding import BindSettings
-from cageik_cli.dual_laplacian import DualLaplacianSolver
 from cageik_cli.extraction import held_result
 from cageik_cli.inputs import ExtractSettings, bound_of
-from cageik_cli.solving import BlockSolver, Budget
+from cageik_cli.solver.blocks import BlockSolver, Budget
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.store.partial import progress_of
 from cageik_cli.store.result import partial_name

@@ -10,13 +10,13 @@ import trimesh
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.harmonic import harmonic_weights
-from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings
 from cageik_cli.extraction import extract
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.solving import LARGEST_BLOCK
+from cageik_cli.solver.blocks import LARGEST_BLOCK
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, SolveSettings
 from cageik_cli.util.threads import blas_threads, processors
 from tests.shapes import ball, inside
 

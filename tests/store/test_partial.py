@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.sequence import Block
-from cageik_cli.metrics import FrameFigures, Measured
+from cageik_cli.solver.blocks import SolvedBlock, packed, solved, unpacked
+from cageik_cli.solver.metrics import FrameFigures, Measured
 from cageik_cli.store.partial import MAGIC, PartialResult, Plan, forget, is_partial, progress_of
-from cageik_cli.store.solved_block import SolvedBlock, packed, solved, unpacked
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import open_locked
 

@@ -10,10 +10,10 @@ import pytest
 
 from cageik_cli import __version__
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.dual_laplacian import Quality
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import Scene
-from cageik_cli.metrics import FrameFigures
+from cageik_cli.solver.dual_laplacian import Quality
+from cageik_cli.solver.metrics import FrameFigures
 from cageik_cli.store import parts, result_writer
 from cageik_cli.store import result as store
 from cageik_cli.util.errors import InputError, NumericalError

@@ -1,11 +1,17 @@
 """How near a reconstruction is to its frame: RMS, deviation and volume."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
 from cageik_cli.util.arrays import Floats, Integers, Scratch
+from cageik_cli.util.errors import NumericalError
+
+LARGEST_LENGTH = 1e60
+"""Far above any figure of positions that are taken; its square does not overflow."""
+
+WHOLE_FIGURES = ("worst_vertex",)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,3 +99,38 @@ def measure(
         missing = np.delete(np.arange(frames.shape[1]), numbers)
         all_squares[:, missing] = np.nan
     return Measured(figures, all_squares)
+
+
+FIGURES = tuple(field.name for field in fields(FrameFigures))
+
+
+def are_lengths(values: Floats) -> np.ndarray:
+    """Which of them can be lengths; nan is none."""
+    return np.asarray((values >= 0) & (values <= LARGEST_LENGTH))
+
+
+def fault_of(figures: FrameFigures) -> str | None:
+    """What cannot be a figure, in words; volumes may be nan."""
+    for name in ("rms", "max_deviation", "spread"):
+        column = getattr(figures, name)
+        if not are_lengths(column).all():
+            return f"`metrics/{name}` that is no length"
+    for name in ("volume", "volume_reconstructed"):
+        if np.isinf(getattr(figures, name)).any():
+            return f"`metrics/{name}` that is not finite"
+    return None
+
+
+def refuse_unsound(start: int, cages: Floats, figures: FrameFigures) -> None:
+    """Refuse frames from `start` on that are not finite, or too large to be read again.
+
+    Raises
+    ------
+    NumericalError
+    """
+    fault = fault_of(figures)
+    if fault is not None or not np.isfinite(cages).all():
+        raise NumericalError(
+            f"the solve gave {fault or 'cages that are not finite'} in frames {start} to "
+            f"{start + len(cages) - 1}; scale the scene to coordinates near 1"
+        )

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cageik_cli.store.told import told_of
+from cageik_cli.solver.blocks import told_of
 from tests.store.test_partial import BLOCKS
 
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli import metrics
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver import metrics
 from tests.shapes import ball, rotation
 
 REST = ball(1)

@@ -18,9 +18,9 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import scipy.linalg
 
-from cageik_cli.alignment import best_rotations, centroids
 from cageik_cli.coordinates.binding import Binding, WeightQuality
 from cageik_cli.geometry.mesh import uniform_laplacian
+from cageik_cli.solver.alignment import best_rotations, centroids
 from cageik_cli.util.arrays import Floats, Scratch
 from cageik_cli.util.errors import InputError, NumericalError
 

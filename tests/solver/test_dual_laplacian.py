@@ -3,12 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cageik_cli import dual_laplacian
-from cageik_cli.alignment import best_rotations, centroids
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.dual_laplacian import DualLaplacianSolver, SolveSettings, normalised_weights
 from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
+from cageik_cli.solver import dual_laplacian
+from cageik_cli.solver.alignment import best_rotations, centroids
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, SolveSettings, normalised_weights
 from cageik_cli.util.errors import InputError, NumericalError
 from tests.shapes import ball, concave, finer, inside, octahedron, rotation
 
