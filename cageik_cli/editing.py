@@ -8,13 +8,20 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.edited_block import EditedBlock, Snapshot, edited_block
 from cageik_cli.formats.base.clip_file import digest_of
 from cageik_cli.formats.base.hdf5 import refuse_other_suffix
-from cageik_cli.handles.reading import read_handles
-from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, layers_of
-from cageik_cli.pose_figures import PoseLedger
-from cageik_cli.posing_run import Posed, remark_layers
+from cageik_cli.posing.edits import (
+    Clip,
+    EditedBlock,
+    Layer,
+    PosingSettings,
+    Skin,
+    edited_block,
+    layers_of,
+)
+from cageik_cli.posing.handles.reader import read_handles
+from cageik_cli.posing.summary import Posed, PoseLedger, Snapshot
+from cageik_cli.posing_run import remark_layers
 from cageik_cli.solver.blocks import Budget, SolvedBlock, told_of
 from cageik_cli.solver.metrics import FIGURES, WHOLE_FIGURES, FrameFigures, refuse_unsound
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights

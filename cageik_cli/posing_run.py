@@ -8,15 +8,22 @@ import numpy as np
 
 from cageik_cli.binding_run import WeightSettings, made
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.edited_block import EditedBlock, Snapshot, edited_block
 from cageik_cli.formats.base.file_names import kind_of
 from cageik_cli.formats.base.hdf5 import SUFFIXES as HDF5_SUFFIXES
 from cageik_cli.formats.mesh_file import MESH_SUFFIXES, load_mesh, prepare_mesh, write_mesh
 from cageik_cli.formats.open import clip_suffixes
 from cageik_cli.formats.scene import Scene
-from cageik_cli.handles.reading import read_handles
-from cageik_cli.layers import Clip, Layer, PosingSettings, Skin, layers_of
-from cageik_cli.pose_figures import PoseFigures, PoseLedger
+from cageik_cli.posing.edits import (
+    Clip,
+    EditedBlock,
+    Layer,
+    PosingSettings,
+    Skin,
+    edited_block,
+    layers_of,
+)
+from cageik_cli.posing.handles.reader import read_handles
+from cageik_cli.posing.summary import Posed, PoseLedger, Snapshot
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import InputError, located
 from cageik_cli.util.outputs import keep_apart
@@ -52,23 +59,6 @@ class PoseSettings:
     posing: PosingSettings = field(default_factory=PosingSettings)
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Posed:
-    """What a run came to.
-
-    Attributes
-    ----------
-    figures : PoseFigures
-    snapshot : Snapshot
-    up_axis : str
-        One of the scene's.
-    """
-
-    figures: PoseFigures
-    snapshot: Snapshot
-    up_axis: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)

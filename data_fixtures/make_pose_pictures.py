@@ -16,12 +16,12 @@ from make_picture import write
 from matplotlib.figure import Figure
 from meshes import Points
 
-from cageik_cli.anchors import Anchor, SurfacePoint, at_vertex, on_face, positions_of
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing import Poser
+from cageik_cli.posing.anchors import Anchor, SurfacePoint, at_vertex, on_face, positions_of
+from cageik_cli.posing.poser import Poser
 from cageik_cli.report.pose_picture import Panel, PoseView, figure_of
 from cageik_cli.report.style import own_style
 

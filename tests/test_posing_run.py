@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.handles.records import PlaceSettings
-from cageik_cli.layers import PosingSettings
+from cageik_cli.posing.edits import PosingSettings
+from cageik_cli.posing.handles.model import PlaceSettings
 from cageik_cli.posing_run import PoseSettings, pose
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.progress import Observer

@@ -26,7 +26,7 @@ OF_A_RESULT = ("memory",)
 
 def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
-        from cageik_cli.handles.schema import schema_text
+        from cageik_cli.posing.handles.schema import schema_text
 
         click.echo(schema_text(), nl=False)
         ctx.exit()
@@ -157,8 +157,8 @@ def _settings(options: dict[str, Any]) -> Any:
     from cageik_cli.coordinates.binding import BindSettings
     from cageik_cli.editing import EditSettings
     from cageik_cli.formats.base.hdf5 import SUFFIXES
-    from cageik_cli.handles.records import PlaceSettings
-    from cageik_cli.layers import PosingSettings
+    from cageik_cli.posing.edits import PosingSettings
+    from cageik_cli.posing.handles.model import PlaceSettings
     from cageik_cli.posing_run import PoseSettings
     from cageik_cli.store.binding_file import is_binding
 

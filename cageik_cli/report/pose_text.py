@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 
-from cageik_cli.pose_figures import AnchorFigures, PoseFigures
+from cageik_cli.posing.summary import AnchorFigures, PoseFigures
 from cageik_cli.report.figures import change_text, figure_text, percent_text, units_text
 from cageik_cli.util.text import shown
 

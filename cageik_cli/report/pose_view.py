@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cageik_cli.layers import Layer, acting, anchors_of
-from cageik_cli.posing_run import Posed
+from cageik_cli.posing.edits import Layer, acting, anchors_of
+from cageik_cli.posing.summary import Posed
 from cageik_cli.report.figures import percent_text
 from cageik_cli.report.pose_picture import PoseView
 from cageik_cli.report.pose_text import miss_text

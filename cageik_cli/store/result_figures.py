@@ -6,13 +6,7 @@ import h5py
 import numpy as np
 
 from cageik_cli.formats.base.hdf5 import numbers
-from cageik_cli.solver.metrics import (
-    FIGURES,
-    WHOLE_FIGURES,
-    FrameFigures,
-    are_lengths,
-    fault_of,
-)
+from cageik_cli.solver.metrics import FIGURES, WHOLE_FIGURES, FrameFigures, are_lengths, fault_of
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError
 

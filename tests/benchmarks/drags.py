@@ -9,9 +9,9 @@ import time
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
 
-from cageik_cli.anchors import Anchor, at_vertex
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.posing.anchors import Anchor, at_vertex
 from tests.benchmarks.growth import wavy_sphere
 
 NEAREST = 10

@@ -9,9 +9,9 @@ import igl
 import numpy as np
 import pytest
 
-from cageik_cli.anchors import Anchor, at_vertex, rows_of
 from cageik_cli.geometry.mesh import uniform_laplacian
-from cageik_cli.posing import Poser
+from cageik_cli.posing.anchors import Anchor, at_vertex, rows_of
+from cageik_cli.posing.poser import Poser
 from cageik_cli.util.threads import blas_threads
 from tests.benchmarks.drags import median_seconds, moves_of, spread_anchors, synthetic
 

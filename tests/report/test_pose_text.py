@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from cageik_cli.pose_figures import AnchorFigures, PoseFigures
+from cageik_cli.posing.summary import AnchorFigures, PoseFigures
 from cageik_cli.report.pose_text import SHOWN, pose_json, pose_rows
 
 HAND = AnchorFigures("hand", "", 0.2, 1e-9, 5e-8, "f_7", 0.03, 0.02)

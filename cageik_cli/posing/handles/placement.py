@@ -5,11 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.anchors import SurfacePoint, at_vertex, nearest_to, on_face, picked
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.handles.conflicts import Held, merged
-from cageik_cli.handles.drag import Drag
-from cageik_cli.handles.records import (
+from cageik_cli.posing.anchors import SurfacePoint, at_vertex, nearest_to, on_face, picked
+from cageik_cli.posing.handles.conflicts import Held, merged
+from cageik_cli.posing.handles.model import (
     Handle,
     HandleSet,
     InPixel,
@@ -19,6 +18,7 @@ from cageik_cli.handles.records import (
     PlaceSettings,
     Surface,
 )
+from cageik_cli.posing.handles.schedule import Drag
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError, located
 

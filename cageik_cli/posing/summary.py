@@ -6,8 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.edited_block import EditedBlock
-from cageik_cli.layers import Layer, acting, anchors_of
+from cageik_cli.posing.edits import (
+    Clip,
+    EditedBlock,
+    Layer,
+    acting,
+    anchors_of,
+)
 from cageik_cli.util.arrays import Floats, Integers
 
 
@@ -225,3 +230,41 @@ class _Bend:
             self.largest = bends if self.largest is None else np.maximum(self.largest, bends)
         self._frames, self._positions = frames[-2:], positions[-2:]
         self._is_changed = is_changed[-2:]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """One frame before and after an edit, to be drawn.
+
+    Attributes
+    ----------
+    frame : str
+        Its name; "" for a single pose.
+    layers : sequence of Layer
+        Of the edit.
+    block : EditedBlock
+        Of this frame alone.
+    clip : Clip
+    """
+
+    frame: str
+    layers: Sequence[Layer]
+    block: EditedBlock
+    clip: Clip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Posed:
+    """What a run came to.
+
+    Attributes
+    ----------
+    figures : PoseFigures
+    snapshot : Snapshot
+    up_axis : str
+        One of the scene's.
+    """
+
+    figures: PoseFigures
+    snapshot: Snapshot
+    up_axis: str

@@ -7,8 +7,8 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import BindSettings
-from cageik_cli.handles.reading import read_handles
-from cageik_cli.layers import Clip, PosingSettings, Skin, anchors_of, edited, layers_of
+from cageik_cli.posing.edits import Clip, PosingSettings, Skin, anchors_of, edited, layers_of
+from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from cageik_cli.anchors import Anchor, at_vertex
-from cageik_cli.handles.drag import Drag, Mover
-from cageik_cli.handles.motions import MoveBy, MoveTo, Pin, ScreenTo, Track
+from cageik_cli.posing.anchors import Anchor, at_vertex
+from cageik_cli.posing.handles.model import MoveBy, MoveTo, Pin, ScreenTo, Track
+from cageik_cli.posing.handles.schedule import Drag, Mover
 from cageik_cli.util.errors import InputError
-from tests.handles.test_motions import FRAMES, POSITIONS, STANDING
+from tests.posing.handles.test_model import FRAMES, POSITIONS, STANDING
 from tests.shapes import box
 
 OFFSET = np.array([[1.0, -2.0, 0.5]])

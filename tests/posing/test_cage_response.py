@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cage_field import CageField
 from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
-from cageik_cli.ties import Ties, free_basis
+from cageik_cli.posing.cage_response import CageField
+from cageik_cli.posing.constraints import Ties, free_basis
 from tests.shapes import ball, concave, finer, octahedron
 
 CAGE = finer(concave(), 1)

@@ -6,15 +6,23 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cageik_cli.anchors import Anchor, at_vertex, nearest_to, on_face, picked, positions_of, rows_of
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.camera import Camera, Stand
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.posing.anchors import (
+    Anchor,
+    at_vertex,
+    nearest_to,
+    on_face,
+    picked,
+    positions_of,
+    rows_of,
+)
 from cageik_cli.util.errors import InputError
 from tests.geometry.test_camera import orthographic
 from tests.shapes import ball, box, changed, finer, octahedron, rotation
 
-WALKER = Path(__file__).parents[1] / "data_fixtures/walker/frames/walker_1.obj"
+WALKER = Path(__file__).parents[2] / "data_fixtures/walker/frames/walker_1.obj"
 BALL = ball(2, 1.0)
 
 

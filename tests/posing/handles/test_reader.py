@@ -7,12 +7,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cageik_cli.geometry.camera import Camera, Stand
-from cageik_cli.handles.motions import MoveBy, MoveTo, Pin, ScreenBy, ScreenTo
-from cageik_cli.handles.placing import placed
-from cageik_cli.handles.reading import read_handles
-from cageik_cli.handles.records import InPixel, NearTo, OnFace, OnVertex, PlaceSettings
+from cageik_cli.posing.handles.model import (
+    InPixel,
+    MoveBy,
+    MoveTo,
+    NearTo,
+    OnFace,
+    OnVertex,
+    Pin,
+    PlaceSettings,
+    ScreenBy,
+    ScreenTo,
+)
+from cageik_cli.posing.handles.placement import placed
+from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.util.errors import CageikError, InputError
-from tests.handles.files import CAMERA, CLIP, HAND, KEYS, STILL, read, read_set
+from tests.posing.handles.files import CAMERA, CLIP, HAND, KEYS, STILL, read, read_set
 
 EYE = np.eye(4).tolist()
 MATRICES = {"view": EYE, "projection": EYE, "width": 640, "height": 480}

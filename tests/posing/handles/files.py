@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.handles.drag import Drag
-from cageik_cli.handles.placing import placed
-from cageik_cli.handles.reading import read_handles
-from cageik_cli.handles.records import Handles, HandleSet, PlaceSettings, Surface
+from cageik_cli.posing.handles.model import Handles, HandleSet, PlaceSettings, Surface
+from cageik_cli.posing.handles.placement import placed
+from cageik_cli.posing.handles.reader import read_handles
+from cageik_cli.posing.handles.schedule import Drag
 from tests.shapes import box
 
 FRAMES = 12

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.anchors import Anchor
 from cageik_cli.geometry.mesh import LARGEST_COORDINATE
-from cageik_cli.handles.motions import Motion
+from cageik_cli.posing.anchors import Anchor
+from cageik_cli.posing.handles.model import Motion
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError, located
 

@@ -5,11 +5,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cageik_cli.anchors import Anchor, SurfacePoint, at_vertex, rows_of
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
-from cageik_cli.posing import Poser
-from cageik_cli.ties import Mirror, Ties
+from cageik_cli.posing.anchors import Anchor, SurfacePoint, at_vertex, rows_of
+from cageik_cli.posing.constraints import Mirror, Ties
+from cageik_cli.posing.poser import Poser
 from cageik_cli.util.errors import InputError, NumericalError
 from tests.shapes import ball, box, concave, finer, octahedron, rotation
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cageik_cli.geometry.camera import Camera, Stand
-from cageik_cli.handles.motions import MoveBy, MoveTo, Pin, ScreenBy, ScreenTo, Track
+from cageik_cli.posing.handles.model import MoveBy, MoveTo, Pin, ScreenBy, ScreenTo, Track
 from cageik_cli.util.errors import InputError
 
 FRAMES = np.arange(12)

@@ -9,11 +9,12 @@ from difflib import get_close_matches
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-from cageik_cli.handles.document import place_of, value_text
+from cageik_cli.posing.handles.json_document import place_of, value_text
 from cageik_cli.util.errors import InputError
 
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
+
 
 ALIKE = 0.7
 """How alike a field is, of 1, to be what was meant; `name` and `frames` are 0.6."""
@@ -21,7 +22,7 @@ ALIKE = 0.7
 
 def schema_text() -> str:
     """The schema, draft 2020-12, as JSON."""
-    return files("cageik_cli.handles").joinpath("schema.json").read_text(encoding="utf-8")
+    return files("cageik_cli.posing.handles").joinpath("schema.json").read_text(encoding="utf-8")
 
 
 def refuse_faults(document: Any) -> None:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.anchors import ON_ONE_POINT, Anchor, SurfacePoint, positions_of
-from cageik_cli.handles.drag import Mover
-from cageik_cli.handles.records import Handle, Surface
+from cageik_cli.posing.anchors import ON_ONE_POINT, Anchor, SurfacePoint, positions_of
+from cageik_cli.posing.handles.model import Handle, Surface
+from cageik_cli.posing.handles.schedule import Mover
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from cageik_cli.anchors import positions_of
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.handles.records import Surface
+from cageik_cli.posing.anchors import positions_of
+from cageik_cli.posing.handles.model import Surface
 from cageik_cli.util.errors import InputError
-from tests.handles.files import CLIP, FRAMES, HAND, MESH, STILL, drag, read_set
+from tests.posing.handles.files import CLIP, FRAMES, HAND, MESH, STILL, drag, read_set
 
 CORNER = int(np.flatnonzero(MESH.faces[0] == MESH.faces[0, 1])[0])
 SHARES = np.eye(3)[CORNER].tolist()

@@ -15,13 +15,13 @@ from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.anchors import Anchor, positions_of, rows_of
-from cageik_cli.cage_field import CageField, Response
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import uniform_laplacian
-from cageik_cli.rigidity import Cells, Neighbours
+from cageik_cli.posing.anchors import Anchor, positions_of, rows_of
+from cageik_cli.posing.cage_response import CageField, Response
+from cageik_cli.posing.constraints import TiedMap, Ties, free_basis
+from cageik_cli.posing.rigidity import Cells, Neighbours
 from cageik_cli.solver.dual_laplacian import WORST_CONDITION
-from cageik_cli.ties import TiedMap, Ties, free_basis
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError, NumericalError
 

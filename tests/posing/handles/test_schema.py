@@ -6,9 +6,9 @@ from importlib.resources import files
 import pytest
 from jsonschema import Draft202012Validator
 
-from cageik_cli.handles.schema import refuse_faults, schema_text
+from cageik_cli.posing.handles.schema import refuse_faults, schema_text
 from cageik_cli.util.errors import InputError
-from tests.handles.files import CAMERA, HAND, KEYS
+from tests.posing.handles.files import CAMERA, HAND, KEYS
 
 EYE = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
 MATRICES = {"view": EYE, "projection": EYE, "width": 640, "height": 480}
@@ -225,7 +225,7 @@ def test_it_is_a_schema_that_is_packaged():
     schema = json.loads(schema_text())
     Draft202012Validator.check_schema(schema)
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
-    assert files("cageik_cli.handles").joinpath("schema.json").is_file()
+    assert files("cageik_cli.posing.handles").joinpath("schema.json").is_file()
 
 
 def test_every_field_is_described():

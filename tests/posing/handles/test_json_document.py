@@ -2,7 +2,13 @@ import os
 
 import pytest
 
-from cageik_cli.handles.document import DEEPEST, MOST_BYTES, place_of, read_document, value_text
+from cageik_cli.posing.handles.json_document import (
+    DEEPEST,
+    MOST_BYTES,
+    place_of,
+    read_document,
+    value_text,
+)
 from cageik_cli.util.errors import InputError
 
 

@@ -7,10 +7,9 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import BindSettings
-from cageik_cli.edited_block import edited_block
-from cageik_cli.handles.reading import read_handles
-from cageik_cli.layers import Clip, PosingSettings, Skin, layers_of
-from cageik_cli.pose_figures import PoseLedger
+from cageik_cli.posing.edits import Clip, PosingSettings, Skin, edited_block, layers_of
+from cageik_cli.posing.handles.reader import read_handles
+from cageik_cli.posing.summary import PoseLedger
 from tests.shapes import ball, box, changed
 
 COUNT = 12

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.anchors import Anchor, positions_of, rows_of
 from cageik_cli.coordinates.binding import Binding, rebuilt
-from cageik_cli.handles.drag import Drag
-from cageik_cli.handles.placing import placed
-from cageik_cli.handles.records import Handles, PlaceSettings, Surface
-from cageik_cli.posing import DEFAULT_ALPHA, Poser, refuse_no_weights
+from cageik_cli.posing.anchors import Anchor, positions_of, rows_of
+from cageik_cli.posing.handles.model import Handles, PlaceSettings, Surface
+from cageik_cli.posing.handles.placement import placed
+from cageik_cli.posing.handles.schedule import Drag
+from cageik_cli.posing.poser import DEFAULT_ALPHA, Poser, refuse_no_weights
+from cageik_cli.solver.metrics import FrameFigures, measure
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import located
 
@@ -208,3 +209,60 @@ def _poses(clip: Clip, layers: tuple[Layer, ...]) -> Callable[[int], Floats]:
         return np.asarray(clip.skin.meshes(cages)[0])
 
     return pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EditedBlock:
+    """k frames before and after an edit, with l anchors in all its layers.
+
+    Attributes
+    ----------
+    frames : (k,) int64
+        Their numbers, ascending.
+    cages : (k, n, 3) float64
+        Before.
+    edit : Edit
+        What was done.
+    meshes, edited : (k, m, 3) float64
+        Before and after.
+    anchors_before, anchors_after : (k, l, 3) float64
+    figures : FrameFigures
+        Of the meshes after against those before.
+    squares : (k, m) float64
+        Of how far each vertex was moved.
+    """
+
+    frames: Integers
+    cages: Floats
+    edit: Edit
+    meshes: Floats
+    edited: Floats
+    anchors_before: Floats
+    anchors_after: Floats
+    figures: FrameFigures
+    squares: Floats
+
+
+def edited_block(
+    layers: Sequence[Layer], clip: Clip, frames: Integers, cages: Floats
+) -> EditedBlock:
+    """Lay layers over the cages (k, n, 3) of frames (k,), and compare."""
+    edit = edited(layers, clip.skin, frames, cages)
+    meshes = clip.skin.meshes(cages)
+    after = meshes.copy()
+    is_changed = (edit.cages != cages).any(axis=(1, 2))
+    # What is added is the difference alone: nothing cancels, and where it is zero nothing changes.
+    after[is_changed] += rebuilt(clip.binding.weights, (edit.cages - cages)[is_changed])
+    measured = measure(clip.binding.rest, meshes, after, slice(None))
+    anchors = anchors_of(layers)
+    return EditedBlock(
+        frames=frames,
+        cages=cages,
+        edit=edit,
+        meshes=meshes,
+        edited=after,
+        anchors_before=clip.skin.positions(anchors, cages),
+        anchors_after=clip.skin.positions(anchors, edit.cages),
+        figures=measured.figures,
+        squares=measured.squares,
+    )

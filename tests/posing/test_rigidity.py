@@ -3,7 +3,7 @@ import pytest
 
 from cageik_cli.geometry.mesh import uniform_laplacian
 from cageik_cli.geometry.rotations import decomposed
-from cageik_cli.rigidity import Neighbours
+from cageik_cli.posing.rigidity import Neighbours
 from tests.shapes import ball, concave, finer, rotation
 
 CAGES = {"L": finer(concave(), 1), "ball": ball(1), "coarse": concave()}

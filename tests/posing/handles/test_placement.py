@@ -1,12 +1,23 @@
 import numpy as np
 import pytest
 
-from cageik_cli.anchors import positions_of
 from cageik_cli.geometry.camera import Stand
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.handles.records import HandleSet, Surface
+from cageik_cli.posing.anchors import positions_of
+from cageik_cli.posing.handles.model import HandleSet, Surface
 from cageik_cli.util.errors import InputError
-from tests.handles.files import CAMERA, CLIP, FRAMES, HAND, KEYS, MESH, STILL, drag, read_set, step
+from tests.posing.handles.files import (
+    CAMERA,
+    CLIP,
+    FRAMES,
+    HAND,
+    KEYS,
+    MESH,
+    STILL,
+    drag,
+    read_set,
+    step,
+)
 
 PIN = {"name": "foot", "vertex": 0, "pin": True}
 KNEE = {"name": "knee", "face": 4, "barycentric": [0.2, 0.3, 0.5], "pin": True}

@@ -3,7 +3,7 @@ import pytest
 import scipy.linalg
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.ties import Mirror, TiedMap, Ties, free_basis, partners
+from cageik_cli.posing.constraints import Mirror, TiedMap, Ties, free_basis, partners
 from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box, changed, rotation
 
