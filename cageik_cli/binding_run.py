@@ -13,7 +13,7 @@ from cageik_cli.formats.base.hdf5 import refuse_other_suffix
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh, read_bytes, source_of
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
-from cageik_cli.store.cache import WeightCache
+from cageik_cli.store.weight_cache import WeightCache
 from cageik_cli.util.errors import InputError, located
 from cageik_cli.util.outputs import prepare
 from cageik_cli.util.progress import Observer

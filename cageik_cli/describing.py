@@ -16,7 +16,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.text import accuracy_row, weights_row
 from cageik_cli.report.wording import wording_of
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
-from cageik_cli.store.partial import is_partial, progress_of
+from cageik_cli.store.checkpoint import is_partial, progress_of
 from cageik_cli.store.result import Result, is_result, read_result
 from cageik_cli.util.errors import first_few
 from cageik_cli.util.text import page

@@ -12,7 +12,7 @@ from cageik_cli.resuming import going_on, prepare_result, take_up, whole_already
 from cageik_cli.solver.blocks import BlockSolver, Budget, Crew, Threads, told_of
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.partial import PartialResult, Plan, forget
+from cageik_cli.store.checkpoint import PartialResult, Plan, forget
 from cageik_cli.store.result import Result, partial_name, read_result
 from cageik_cli.store.result_writer import Ending, Header, create
 from cageik_cli.util.arrays import Floats

@@ -10,7 +10,7 @@ from cageik_cli import __version__
 from cageik_cli.formats.base.hdf5 import refuse_other_suffix
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.inputs import ExtractSettings, Inputs, scene_of
-from cageik_cli.store.partial import PartialResult, Plan, progress_of
+from cageik_cli.store.checkpoint import PartialResult, Plan, progress_of
 from cageik_cli.store.result import Result, has_weights, partial_name, read_result
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import prepare

@@ -17,7 +17,7 @@ from cageik_cli.report.record import report_of
 from cageik_cli.report.tables import as_csv, as_json
 from cageik_cli.report.text import as_text
 from cageik_cli.solver.dual_laplacian import SolveSettings
-from cageik_cli.store.partial import progress_of
+from cageik_cli.store.checkpoint import progress_of
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.progress import Observer
 

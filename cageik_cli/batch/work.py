@@ -8,7 +8,7 @@ from cageik_cli.report.record import report_of
 from cageik_cli.resuming import prepare_result
 from cageik_cli.solver.blocks import Crew
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.partial import forget
+from cageik_cli.store.checkpoint import forget
 from cageik_cli.store.result import Result, has_weights, partial_name
 from cageik_cli.util.errors import CageikError, cause_of
 from cageik_cli.util.outputs import make_folder, write_text

@@ -6,13 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.posing.edits import (
-    Clip,
-    EditedBlock,
-    Layer,
-    acting,
-    anchors_of,
-)
+from cageik_cli.posing.edits import Clip, EditedBlock, Layer, acting, anchors_of
 from cageik_cli.util.arrays import Floats, Integers
 
 

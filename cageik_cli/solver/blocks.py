@@ -1,9 +1,5 @@
 """Frames through the solver, in blocks, measured."""
 
-import hashlib
-import io
-import json
-import struct
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -27,9 +23,6 @@ from cageik_cli.util.arrays import Floats, Integers, Scratch
 from cageik_cli.util.progress import Observer
 from cageik_cli.util.text import printable
 from cageik_cli.util.threads import InOrder
-
-DIGEST_BYTES = hashlib.sha256().digest_size
-_COUNTS = struct.Struct("<QQQ")  # first frame, frames, bytes of the faults
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,42 +76,6 @@ def solved(
         cages, figures = cages.copy(), FrameFigures(**columns)
         cages[gaps] = np.nan
     return SolvedBlock(block.start, cages, figures, squares.sum(axis=0), digests, faults)
-
-
-def packed(block: SolvedBlock) -> bytes:
-    """The bytes of a block."""
-    faults = json.dumps({str(k): text for k, text in block.faults.items()}).encode()
-    columns = [_kind(name, getattr(block.figures, name)) for name in FIGURES]
-    return b"".join(
-        [
-            _COUNTS.pack(block.start, len(block.cages), len(faults)),
-            *block.digests,
-            np.ascontiguousarray(block.cages, "<f8").tobytes(),
-            *(column.tobytes() for column in columns),
-            np.ascontiguousarray(block.squares, "<f8").tobytes(),
-            faults,
-        ]
-    )
-
-
-def unpacked(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
-    """The block whose bytes `data` are."""
-    stream = io.BytesIO(data)
-    start, count, length = _COUNTS.unpack(stream.read(_COUNTS.size))
-    digests = tuple(stream.read(DIGEST_BYTES) for _ in range(count))
-    cages = np.frombuffer(stream.read(24 * count * cage_vertices), "<f8")
-    columns = {
-        name: np.frombuffer(stream.read(8 * count), _kind(name, np.empty(0)).dtype)
-        for name in FIGURES
-    }
-    squares = np.frombuffer(stream.read(8 * vertices), "<f8")
-    faults = {int(k): text for k, text in json.loads(stream.read(length)).items()}
-    cages = cages.reshape(count, cage_vertices, 3)
-    return SolvedBlock(start, cages, FrameFigures(**columns), squares, digests, faults)
-
-
-def _kind(name: str, column: np.ndarray) -> np.ndarray:
-    return column.astype("<i8" if name in WHOLE_FIGURES else "<f8")
 
 
 LARGEST_BLOCK = 16

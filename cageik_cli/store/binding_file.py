@@ -12,7 +12,7 @@ from cageik_cli.cages.bind import WORST_PRECISION
 from cageik_cli.cages.soundness import checked_cage
 from cageik_cli.coordinates.binding import Binding, BindSettings, WeightQuality
 from cageik_cli.formats.base.hdf5 import numbers, opened
-from cageik_cli.store.parts import (
+from cageik_cli.store.hdf5_fields import (
     as_json,
     calls_itself,
     new_file,

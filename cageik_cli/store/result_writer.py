@@ -14,7 +14,7 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.scene import Scene
 from cageik_cli.solver.dual_laplacian import Quality
 from cageik_cli.solver.metrics import FIGURES, WHOLE_FIGURES, FrameFigures
-from cageik_cli.store.parts import as_json, new_file, write_deflated, write_meshes
+from cageik_cli.store.hdf5_fields import as_json, new_file, write_deflated, write_meshes
 from cageik_cli.store.result import FORMAT, SCHEMA
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.outputs import PatientFile, whole_file

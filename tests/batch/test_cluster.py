@@ -30,7 +30,7 @@ from cageik_cli.inputs import ExtractSettings, bound_of
 from cageik_cli.solver.blocks import BlockSolver, Budget
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import write_binding
-from cageik_cli.store.partial import progress_of
+from cageik_cli.store.checkpoint import progress_of
 from cageik_cli.store.result import partial_name
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import open_locked

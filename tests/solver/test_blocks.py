@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from cageik_cli.solver.blocks import told_of
-from tests.store.test_partial import BLOCKS
+from tests.store.test_checkpoint import BLOCKS
 
 
 def test_what_a_log_tells_of_all_its_frames():

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cageik_cli.store.cache_entry import Entry
+from cageik_cli.store.weight_cache import Entry
 from tests.shapes import box
 
 

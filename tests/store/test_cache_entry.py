@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.store.cache_entry import Unusable, packed, read_entry
+from cageik_cli.store.weight_cache import Unusable, packed, read_entry
 from tests.store.entries import entry, same
 
 KEY, OTHER = "1" * 64, "2" * 64

@@ -14,8 +14,9 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import Scene
 from cageik_cli.solver.dual_laplacian import Quality
 from cageik_cli.solver.metrics import FrameFigures
-from cageik_cli.store import parts, result_writer
+from cageik_cli.store import hdf5_fields as parts
 from cageik_cli.store import result as store
+from cageik_cli.store import result_writer
 from cageik_cli.util.errors import InputError, NumericalError
 from tests.shapes import TETRAHEDRON, ball
 

@@ -18,12 +18,22 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cageik_cli import __version__
-from cageik_cli.solver.blocks import SolvedBlock, packed, unpacked
+from cageik_cli.solver.blocks import SolvedBlock
+from cageik_cli.solver.metrics import (
+    FIGURES,
+    WHOLE_FIGURES,
+    FrameFigures,
+)
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import open_locked, remove_locked
 
+DIGEST_BYTES = hashlib.sha256().digest_size
+_COUNTS = struct.Struct("<QQQ")  # first frame, frames, bytes of the faults
 MAGIC = b"cageik.partial 1\n"
+
 HEAD_BYTES = 128
 """More than the line with the digest and the length of a plan takes."""
 
@@ -273,3 +283,39 @@ def _write(file: io.FileIO, data: bytes) -> None:
 
 def _unwritten(path: Path, error: OSError) -> InputError:
     return InputError(f"{path}: cannot be written ({error.strerror or error})")
+
+
+def packed(block: SolvedBlock) -> bytes:
+    """The bytes of a block."""
+    faults = json.dumps({str(k): text for k, text in block.faults.items()}).encode()
+    columns = [_kind(name, getattr(block.figures, name)) for name in FIGURES]
+    return b"".join(
+        [
+            _COUNTS.pack(block.start, len(block.cages), len(faults)),
+            *block.digests,
+            np.ascontiguousarray(block.cages, "<f8").tobytes(),
+            *(column.tobytes() for column in columns),
+            np.ascontiguousarray(block.squares, "<f8").tobytes(),
+            faults,
+        ]
+    )
+
+
+def unpacked(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
+    """The block whose bytes `data` are."""
+    stream = io.BytesIO(data)
+    start, count, length = _COUNTS.unpack(stream.read(_COUNTS.size))
+    digests = tuple(stream.read(DIGEST_BYTES) for _ in range(count))
+    cages = np.frombuffer(stream.read(24 * count * cage_vertices), "<f8")
+    columns = {
+        name: np.frombuffer(stream.read(8 * count), _kind(name, np.empty(0)).dtype)
+        for name in FIGURES
+    }
+    squares = np.frombuffer(stream.read(8 * vertices), "<f8")
+    faults = {int(k): text for k, text in json.loads(stream.read(length)).items()}
+    cages = cages.reshape(count, cage_vertices, 3)
+    return SolvedBlock(start, cages, FrameFigures(**columns), squares, digests, faults)
+
+
+def _kind(name: str, column: np.ndarray) -> np.ndarray:
+    return column.astype("<i8" if name in WHOLE_FIGURES else "<f8")

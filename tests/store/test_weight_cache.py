@@ -17,8 +17,8 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import ALGORITHMS, COORDINATES, Binding, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.store import cache as module
-from cageik_cli.store.cache import WeightCache, key_of
+from cageik_cli.store import weight_cache as module
+from cageik_cli.store.weight_cache import WeightCache, key_of
 from cageik_cli.util.outputs import open_locked, remove_locked
 from tests.shapes import TETRAHEDRON, ball, box
 from tests.store.entries import entry, same

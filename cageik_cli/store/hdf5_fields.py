@@ -17,7 +17,6 @@ from cageik_cli.util.text import printable, shown
 from cageik_cli.util.threads import InOrder, processors
 
 CHUNK_BYTES = 1 << 18
-
 Figures = TypeVar("Figures")
 
 

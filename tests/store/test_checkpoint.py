@@ -7,9 +7,18 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.sequence import Block
-from cageik_cli.solver.blocks import SolvedBlock, packed, solved, unpacked
+from cageik_cli.solver.blocks import SolvedBlock, solved
 from cageik_cli.solver.metrics import FrameFigures, Measured
-from cageik_cli.store.partial import MAGIC, PartialResult, Plan, forget, is_partial, progress_of
+from cageik_cli.store.checkpoint import (
+    MAGIC,
+    PartialResult,
+    Plan,
+    forget,
+    is_partial,
+    packed,
+    progress_of,
+    unpacked,
+)
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import open_locked
 
@@ -229,7 +238,7 @@ def test_a_block_that_cannot_be_written_leaves_those_before(log, monkeypatch):
         file.write(data[: len(data) // 2])
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("cageik_cli.store.partial._write", full)
+    monkeypatch.setattr("cageik_cli.store.checkpoint._write", full)
     with pytest.raises(InputError, match=r"cannot be written \(No space left on device\)"):
         partial.append(BLOCKS[2])
     monkeypatch.undo()
