@@ -13,8 +13,8 @@ from cageik_cli.formats.mesh_file import MESH_SUFFIXES, load_mesh
 from cageik_cli.formats.open import open_sequence, outline
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.report.text import accuracy_row, weights_row
-from cageik_cli.report.wording import wording_of
+from cageik_cli.report.views.text import accuracy_row, weights_row
+from cageik_cli.report.vocabulary import wording_of
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.checkpoint import is_partial, progress_of
 from cageik_cli.store.result import Result, is_result, read_result

@@ -22,8 +22,8 @@ from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import Anchor, SurfacePoint, at_vertex, on_face, positions_of
 from cageik_cli.posing.poser import Poser
-from cageik_cli.report.pose_picture import Panel, PoseView, figure_of
-from cageik_cli.report.style import own_style
+from cageik_cli.report.plots.pose_plot import Panel, PoseView, figure_of
+from cageik_cli.report.plots.style import own_style
 
 HERE = Path(__file__).resolve().parent
 

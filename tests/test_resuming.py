@@ -14,8 +14,8 @@ import pytest
 from cageik_cli.extraction import extract
 from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report.record import report_of
-from cageik_cli.report.tables import as_csv, as_json
-from cageik_cli.report.text import as_text
+from cageik_cli.report.views.tables import as_csv, as_json
+from cageik_cli.report.views.text import as_text
 from cageik_cli.solver.dual_laplacian import SolveSettings
 from cageik_cli.store.checkpoint import progress_of
 from cageik_cli.util.errors import InputError

@@ -6,7 +6,7 @@ from enum import Enum
 from typing import Protocol
 
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.report.gates import Limits
+from cageik_cli.report.limits import Limits
 from cageik_cli.report.overview import Entry
 
 CLIPS = "clips"

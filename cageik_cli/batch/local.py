@@ -18,7 +18,7 @@ from cageik_cli.batch.work import work_on
 from cageik_cli.report.overview import Entry
 from cageik_cli.util.threads import limit_blas_for_good
 
-PAGE = "cageik_cli.report.page"
+PAGE = "cageik_cli.report.html.page"
 """What draws pages, and takes as long to import as to draw one."""
 
 ATTEMPTS = 2

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from cageik_cli.batch.jobs import CLIPS, ClipJob, Outcome, Scheduler, State
 from cageik_cli.report.figures import percent_text
-from cageik_cli.report.index import as_index
-from cageik_cli.report.junit import as_junit
-from cageik_cli.report.markdown import as_markdown
+from cageik_cli.report.html.index import as_index
 from cageik_cli.report.overview import Entry, Overview, overview_of
-from cageik_cli.report.tables import overview_csv, overview_json
+from cageik_cli.report.views.junit import as_junit
+from cageik_cli.report.views.markdown import as_markdown
+from cageik_cli.report.views.tables import overview_csv, overview_json
 from cageik_cli.store.result import is_result
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import make_folder, open_locked, remove_locked, write_text

@@ -77,7 +77,7 @@ def _reported(job: ClipJob, result: Result, state: State) -> Outcome:
     report, place = report_of(result, job.limits, job.name), f"{CLIPS}/{job.name}"
     if not job.has_page:
         return Outcome(entry_of(report, f"{place}.h5"), state)
-    from cageik_cli.report.page import is_page_of, page_of
+    from cageik_cli.report.html.page import is_page_of, page_of
 
     page = result.path.with_suffix(".html")
     if not is_page_of(page, report, has_weights(result)):

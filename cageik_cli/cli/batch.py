@@ -66,7 +66,7 @@ def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     from cageik_cli.batch.running import refuse_foreign, refuse_used, run_batch
     from cageik_cli.cli.step_summary import append_step_summary
     from cageik_cli.cli.watching import Lines, watched
-    from cageik_cli.report.markdown import as_markdown
+    from cageik_cli.report.views.markdown import as_markdown
 
     output: Path = options["output"].absolute()
     if not options["overwrite"]:

@@ -107,7 +107,7 @@ def extract_command(**options: Any) -> None:
     from cageik_cli.formats.write import Output
     from cageik_cli.report.overview import entry_of, overview_of
     from cageik_cli.report.record import report_of
-    from cageik_cli.report.text import as_text
+    from cageik_cli.report.views.text import as_text
     from cageik_cli.util.outputs import keep_apart
     from cageik_cli.util.text import row
 

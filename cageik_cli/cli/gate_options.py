@@ -122,7 +122,7 @@ def limits_of(options: dict[str, Any], read: Callable[..., Any] | None = None) -
         When the baseline is not one.
     """
     from cageik_cli.report.baseline import read_baseline
-    from cageik_cli.report.gates import Limit, Limits
+    from cageik_cli.report.limits import Limit, Limits
 
     mosts = {metric: options.pop(name) for metric, name in zip(METRICS, OPTIONS, strict=True)}
     path: Path | None = options.pop("baseline")
@@ -142,8 +142,8 @@ def limits_of(options: dict[str, Any], read: Callable[..., Any] | None = None) -
 
 def echo_over_limits(overview: Any) -> None:
     """Say on stderr which figures are over their limits, a line each."""
-    from cageik_cli.report.text import gate_row
-    from cageik_cli.report.wording import wording_of
+    from cageik_cli.report.views.text import gate_row
+    from cageik_cli.report.vocabulary import wording_of
 
     for entry in overview.clips:
         words = wording_of(entry.edited_from)

@@ -111,7 +111,7 @@ def pose_command(
     from cageik_cli.cli.watching import watched
     from cageik_cli.editing import EditSettings, edit
     from cageik_cli.posing_run import pose
-    from cageik_cli.report.pose_text import pose_json, pose_rows
+    from cageik_cli.report.views.pose_text import pose_json, pose_rows
     from cageik_cli.util.outputs import keep_apart, prepare
     from cageik_cli.util.text import page
 
@@ -139,8 +139,7 @@ def pose_command(
 
 def _picture(posed: Any, up_axis: str | None) -> bytes:
     """Before and after, as a PNG file; matplotlib takes long to import."""
-    from cageik_cli.report.pose_picture import as_png
-    from cageik_cli.report.pose_view import view_of
+    from cageik_cli.report.plots.pose_plot import as_png, view_of
 
     return as_png(view_of(posed, up_axis or posed.up_axis))
 

@@ -41,12 +41,12 @@ def report_command(results: tuple[Path, ...], overwrite: bool, quiet: bool, **op
     is_stdout_taken = _is_stdout_taken(targets)
     _refuse_views_of_one(targets, len(results))
 
-    from cageik_cli.report.junit import as_junit
-    from cageik_cli.report.markdown import as_markdown
     from cageik_cli.report.overview import entry_of, overview_of
     from cageik_cli.report.record import report_of
-    from cageik_cli.report.tables import as_csv, as_json
-    from cageik_cli.report.text import as_text
+    from cageik_cli.report.views.junit import as_junit
+    from cageik_cli.report.views.markdown import as_markdown
+    from cageik_cli.report.views.tables import as_csv, as_json
+    from cageik_cli.report.views.text import as_text
     from cageik_cli.store.result import read_result
     from cageik_cli.util.outputs import keep_apart, prepare
 
@@ -108,13 +108,13 @@ def _names(results: tuple[Path, ...]) -> list[str]:
 
 
 def _page(result: Any, report: Any) -> str:
-    from cageik_cli.report.page import page_of
+    from cageik_cli.report.html.page import page_of
 
     return page_of(result, report)
 
 
 def _plot(report: Any, path: Path | None) -> str | bytes:
-    from cageik_cli.report.figure import as_png, as_svg
+    from cageik_cli.report.plots.error_plot import as_png, as_svg
 
     is_png = path is not None and path.suffix.lower() == ".png"
     return as_png(report) if is_png else as_svg(report)

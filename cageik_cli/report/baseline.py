@@ -7,7 +7,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any, NoReturn
 
-from cageik_cli.report.gates import Baseline
+from cageik_cli.report.limits import Baseline
 from cageik_cli.report.record import SCHEMA
 from cageik_cli.util.errors import InputError, located
 from cageik_cli.util.text import bytes_text

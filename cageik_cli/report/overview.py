@@ -7,9 +7,9 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.report.figures import Clip, Frame, Summary
-from cageik_cli.report.gates import Gate
+from cageik_cli.report.limits import Gate
 from cageik_cli.report.record import SCHEMA, Report
-from cageik_cli.report.wording import Wording, wording_of
+from cageik_cli.report.vocabulary import Wording, wording_of
 from cageik_cli.solver.dual_laplacian import Quality
 
 POINTS = 120

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.report.figures import Clip, Frame, Summary, VertexFigures, WorstVertex
-from cageik_cli.report.gates import Gate, Limits, judged, not_compared
+from cageik_cli.report.limits import Gate, Limits, judged, not_compared
 from cageik_cli.solver.dual_laplacian import Quality
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats

@@ -22,11 +22,7 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.solver.blocks import SolvedBlock
-from cageik_cli.solver.metrics import (
-    FIGURES,
-    WHOLE_FIGURES,
-    FrameFigures,
-)
+from cageik_cli.solver.metrics import FIGURES, WHOLE_FIGURES, FrameFigures
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import open_locked, remove_locked
 

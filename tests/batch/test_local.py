@@ -15,7 +15,7 @@ from cageik_cli.batch.jobs import ClipJob, State
 from cageik_cli.batch.local import Processes
 from cageik_cli.batch.work import work_on
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.report.gates import Limits
+from cageik_cli.report.limits import Limits
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.report.page import is_page_of
+from cageik_cli.report.html.page import is_page_of
 from cageik_cli.report.record import report_of
 from cageik_cli.store.result import read_result
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from cageik_cli.report.figures import Clip, Summary
-from cageik_cli.report.gates import Gate
+from cageik_cli.report.limits import Gate
 from cageik_cli.report.overview import Entry, entry_of
 from cageik_cli.report.record import Report
 

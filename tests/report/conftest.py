@@ -11,7 +11,7 @@ import pytest
 from cageik_cli.editing import EditSettings, edit
 from cageik_cli.extraction import extract
 from cageik_cli.inputs import ExtractSettings
-from cageik_cli.report.gates import Limits, judged
+from cageik_cli.report.limits import Limits, judged
 from cageik_cli.report.record import report_of
 from cageik_cli.store.result import Result, read_result
 

@@ -2,7 +2,7 @@
 
 from xml.etree import ElementTree
 
-from cageik_cli.report.figure import as_svg, figure_of
+from cageik_cli.report.plots.error_plot import as_svg, figure_of
 
 
 def lines(report, gid):

@@ -11,7 +11,7 @@ from cageik_cli.report import baseline
 from cageik_cli.report.baseline import read_baseline
 from cageik_cli.report.overview import Entry, entry_of, overview_of
 from cageik_cli.report.record import report_of
-from cageik_cli.report.tables import as_json, overview_json
+from cageik_cli.report.views.tables import as_json, overview_json
 from cageik_cli.util.errors import InputError
 from tests.report.clips import summary
 

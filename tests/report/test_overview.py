@@ -10,7 +10,7 @@ import pytest
 from cageik_cli.report.figures import Clip, Summary
 from cageik_cli.report.overview import Entry, entry_of, overview_of
 from cageik_cli.report.record import report_of
-from cageik_cli.report.tables import overview_csv, overview_json
+from cageik_cli.report.views.tables import overview_csv, overview_json
 from tests.report.clips import clip, gate
 
 WELL, OVER, FAILED = clip("a", gate(True)), clip("b", gate(False)), Entry("c", fault="broken")

@@ -1,0 +1,1 @@
+"""A small renderer in numpy: shaded meshes and cages as pixels. Start with `model_views`."""

@@ -1,0 +1,183 @@
+"""Triangles and lines in a depth buffer, without a graphics card.
+
+Pixels are counted from the upper left corner, x to the right and y downwards, and pixel (k, l) has
+its middle at (k + ½, l + ½). Depths grow away from the viewer. The projection is parallel.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from cageik_cli.util.arrays import Floats, Integers
+
+MARGIN = 0.03
+"""Of the picture, free on each side."""
+
+BLOCK = 1 << 18
+"""Pixels in the boxes around triangles that are gone through at once."""
+
+EDGE_ON = 1e-9
+"""A triangle whose normal's share along the view is below this has one depth."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """A parallel projection onto a square picture.
+
+    Attributes
+    ----------
+    axes : (3, 3) float64
+        Rows: to the right, upwards, and towards the viewer, of length one.
+    centre : (3,) float64
+        What is in the middle of the picture.
+    extent : float
+        Half of what the picture's width shows, in the points' units.
+    size : int
+        Pixels across and down.
+    """
+
+    axes: Floats
+    centre: Floats
+    extent: float
+    size: int
+
+    @classmethod
+    def fitted(cls, axes: Floats, points: Floats, size: int) -> Self:
+        """The camera that shows all points, (k, 3), as large as they fit; nan is left out."""
+        seen = points[np.isfinite(points).all(axis=1)] @ axes.T
+        low, high = (seen.min(axis=0), seen.max(axis=0)) if len(seen) else np.zeros((2, 3))
+        half = 0.5 * high - 0.5 * low
+        extent = float(half[:2].max()) or float(half[2]) or 1.0
+        return cls(axes, axes.T @ (0.5 * low + 0.5 * high), extent / (1 - 2 * MARGIN), size)
+
+    def project(self, points: Floats) -> Floats:
+        """Where points are seen, (k, 3): x, y and depth, all in pixels."""
+        seen = (points - self.centre) / self.extent @ self.axes.T
+        return np.asarray(0.5 * self.size * (seen * (1, -1, -1) + (1, 1, 0)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """What is nearest in each pixel.
+
+    Attributes
+    ----------
+    face : (s, s) int64
+        -1 where there is none.
+    depth : (s, s) float64
+        Infinite where there is none.
+    """
+
+    face: Integers
+    depth: Floats
+
+
+def rasterised(corners: Floats, size: int) -> Seen:
+    """The nearest of triangles, (t, 3, 3) as projected, in each pixel of a square of `size`.
+
+    A pixel belongs to a triangle when its middle does; triangles that meet in an edge share none
+    and leave none out. Those that are not finite are not seen.
+    """
+    depth = np.full(size * size, np.inf)
+    face = np.full(size * size, -1)
+    places = np.ascontiguousarray(corners.T)
+    ends = (places[:2].min(axis=1), places[:2].max(axis=1))
+    low, high = (np.clip(np.ceil(end - 0.5), 0, size) for end in ends)
+    usable = np.isfinite(places).all(axis=(0, 1)) & (high > low).all(axis=0)
+    kept = np.flatnonzero(usable)
+    places, low, high = places[..., kept], low[:, kept], high[:, kept]
+    rows = np.stack([low[1], high[1]]).astype(np.int64)
+    for block in _blocks((high - low).prod(axis=0)):
+        _draw(places[..., block], rows[:, block], kept[block], Seen(face, depth), size)
+    return Seen(face.reshape(size, size), depth.reshape(size, size))
+
+
+def lines(projected: Floats, edges: Integers, width: float, size: int) -> Floats:
+    """Depths of lines between projected vertices, (s, s); infinite beside them."""
+    ends = projected[edges]
+    along = ends[:, 1, :2] - ends[:, 0, :2]
+    lengths = np.hypot(along[:, 0], along[:, 1])[:, None]
+    along = 0.5 * width * np.where(lengths > 0, along / np.where(lengths > 0, lengths, 1), (1, 0))
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    quads = np.repeat(ends, 2, axis=1)
+    for corner, offset in enumerate(
+        (-along - across, -along + across, along + across, along - across)
+    ):
+        quads[:, corner, :2] += offset
+    triangles = np.concatenate([quads[:, (0, 1, 2)], quads[:, (0, 2, 3)]])
+    return rasterised(triangles, size).depth
+
+
+def crossed(one: Floats, two: Floats) -> Floats:
+    """The cross products of vectors, (3, t)."""
+    return np.stack([one[k - 2] * two[k - 1] - one[k - 1] * two[k - 2] for k in range(3)])
+
+
+def _blocks(areas: Floats) -> Iterator[slice]:
+    """Runs of triangles whose boxes hold some `BLOCK` pixels together."""
+    ends = np.searchsorted(np.cumsum(areas), np.arange(BLOCK, areas.sum() + BLOCK, BLOCK))
+    start = 0
+    for end in np.unique(np.minimum(ends + 1, len(areas))).tolist():
+        yield slice(start, end)
+        start = end
+
+
+def _draw(places: Floats, rows: Integers, names: Integers, seen: Seen, size: int) -> None:
+    """Add triangles to what is seen, by the stretches of each of their rows, (2, t).
+
+    `places`, (3, 3, t), are x, y and depth of their three corners.
+    """
+    count = rows[1] - rows[0]
+    triangle, row = np.repeat(np.arange(len(count)), count), _counted(rows[0], count)
+    start, end = _stretches(places, triangle, row, size)
+    slopes, depth = _planes(places)
+    slope = slopes[0, triangle]
+    depth_there = (
+        depth[triangle]
+        + slope * (start + 0.5 - places[0, 0, triangle])
+        + slopes[1, triangle] * (row + 0.5 - places[1, 0, triangle])
+    )
+    width = np.maximum(end - start, 0)
+    stretch, step = np.repeat(np.arange(len(width)), width), _counted(np.zeros_like(width), width)
+    pixel = (row * size + start)[stretch] + step
+    depths = depth_there[stretch] + slope[stretch] * step
+    np.minimum.at(seen.depth, pixel, depths)
+    nearest = np.flatnonzero(depths == seen.depth[pixel])
+    seen.face[pixel[nearest]] = names[triangle[stretch[nearest]]]
+
+
+def _counted(starts: Integers, counts: Integers) -> Integers:
+    """start, start + 1, ... of each, so many as its count, one after the other."""
+    ends = np.cumsum(counts)
+    return np.arange(ends[-1] if len(ends) else 0) + np.repeat(starts - ends + counts, counts)
+
+
+def _stretches(
+    places: Floats, triangle: Integers, row: Integers, size: int
+) -> tuple[Integers, Integers]:
+    """The first pixel of a triangle in a row, and the one after its last.
+
+    A row that a triangle has meets its longest edge upright, and one of the others.
+    """
+    # From the lower end whichever triangle asks, so that neighbours find the same place.
+    x, y = np.take_along_axis(places[:2], np.argsort(places[1], axis=0)[None], axis=1)
+    starts, ends = (0, 1, 0), (1, 2, 2)
+    rise = y[ends, :] - y[starts, :]
+    slope = ((x[ends, :] - x[starts, :]) / np.where(rise > 0, rise, 1.0)).ravel()
+    x, y, count = x[starts, :].ravel(), y[starts, :].ravel(), len(x[0])
+    at = row + 0.5
+    edges = (triangle + count * (at >= y[triangle + count]), triangle + 2 * count)
+    one, other = (x[edge] + slope[edge] * (at - y[edge]) for edge in edges)
+    sides = (np.minimum(one, other), np.maximum(one, other))
+    left, right = (np.clip(np.ceil(side - 0.5), 0, size).astype(np.int64) for side in sides)
+    return left, right
+
+
+def _planes(places: Floats) -> tuple[Floats, Floats]:
+    """How the depth of triangles grows with x and y, (2, t), and what it is at their corner 0."""
+    normal = crossed(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+    edge_on = np.abs(normal[2]) <= EDGE_ON * np.abs(normal).sum(axis=0)
+    slopes = -normal[:2] / np.where(edge_on, np.inf, normal[2])
+    return slopes, np.where(edge_on, places[2].mean(axis=0), places[2, 0])

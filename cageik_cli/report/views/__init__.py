@@ -1,0 +1,1 @@
+"""The record as text: terminal, CSV, JSON, JUnit XML, Markdown."""

@@ -1,0 +1,74 @@
+"""The report for test runners: JUnit's XML, a suite a clip and a case a limit.
+
+The elements and attributes are those that the schema of Ant's JUnit task demands.
+"""
+
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from cageik_cli.report.limits import Gate
+from cageik_cli.report.overview import Entry, Overview
+from cageik_cli.report.views.text import gate_row
+from cageik_cli.report.vocabulary import Wording, wording_of
+from cageik_cli.util.text import shown
+
+# The schema demands a time and a host; the same input is to give the same bytes.
+_FIXED = {"timestamp": "1970-01-01T00:00:00", "hostname": "localhost", "time": "0"}
+
+
+def as_junit(overview: Overview) -> str:
+    """Every clip is a suite, with a case `extracted`, or `edited`, and one for each limit.
+
+    A clip that failed is an error, a figure over its limit a failure, and one that is not defined
+    is skipped. Notes are the suite's output.
+    """
+    root = Element("testsuites")
+    for k, entry in enumerate(overview.clips):
+        _add_suite(root, k, entry)
+    ElementTree.indent(root, " ")
+    head = '<?xml version="1.0" encoding="UTF-8"?>'
+    return f"{head}\n{ElementTree.tostring(root, encoding='unicode')}\n"
+
+
+def _add_suite(root: Element, number: int, entry: Entry) -> None:
+    words = wording_of(entry.edited_from)
+    name = " ".join(shown(entry.name).split()) or "unnamed"
+    verdicts = [gate.passed for gate in entry.gates]
+    counts = {
+        "tests": 1 + len(verdicts),
+        "failures": verdicts.count(False),
+        "errors": int(entry.has_failed),
+        "skipped": verdicts.count(None),
+    }
+    attributes = {"name": name, "package": "", "id": str(number)}
+    attributes |= {key: str(count) for key, count in counts.items()}
+    suite = SubElement(root, "testsuite", attributes | _FIXED)
+    SubElement(suite, "properties")
+    done = SubElement(suite, "testcase", classname=name, name=words.done, time="0")
+    if entry.fault is not None:
+        _add_fault(done, "error", shown(entry.fault))
+    for gate in entry.gates:
+        _add_case(suite, name, gate, words)
+    SubElement(suite, "system-out").text = "\n".join(map(shown, entry.notes))
+    SubElement(suite, "system-err")
+
+
+def _add_case(suite: Element, clip: str, gate: Gate, words: Wording) -> None:
+    case = SubElement(suite, "testcase", classname=clip, name=_name(gate, words), time="0")
+    verdict, line = gate_row(gate, words)
+    if gate.passed is None:
+        SubElement(case, "skipped", message=line)
+    elif not gate.passed:
+        _add_fault(case, "failure", f"{verdict}: {line}")
+
+
+def _name(gate: Gate, words: Wording) -> str:
+    """What is asked, without what was found, so that it stays the same from run to run."""
+    metric = words.limits[gate.metric]
+    if gate.baseline is not None:
+        return f"{metric} against the baseline"
+    return f"{metric} at most {gate.limit:.10g} {gate.unit}"
+
+
+def _add_fault(case: Element, kind: str, sentence: str) -> None:
+    SubElement(case, kind, message=sentence, type=kind).text = sentence

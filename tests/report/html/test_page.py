@@ -1,0 +1,369 @@
+"""The page of a result: every figure as printed, nothing from outside, readable by all."""
+
+import hashlib
+import re
+import struct
+import zlib
+from dataclasses import replace
+from decimal import Decimal
+
+import numpy as np
+import pytest
+
+from cageik_cli.report.figures import change_text, figure_text, percent_text, units_text
+from cageik_cli.report.html.frames_table import quality_rows
+from cageik_cli.report.html.page import as_html, is_page_of, record_digest
+from cageik_cli.report.limits import Gate, Limit, Limits, Verdict, judged, verdict_of
+from cageik_cli.report.record import report_of
+from cageik_cli.report.render.model_views import Pictures, PosePictures
+from cageik_cli.report.views.tables import as_json
+from cageik_cli.report.views.text import as_text
+from tests.report.hostile import NAMES, with_hostile_names
+from tests.report.markup import faults_of, parsed
+
+LIMITS = Limits(
+    (
+        Limit("rms", Decimal("0.0001")),
+        Limit("max_deviation", Decimal("9.5"), "units"),
+        Limit("volume_change", Decimal("99")),
+    )
+)
+
+
+def png(noise: int = 0) -> bytes:
+    """A picture of one point; with bytes that do not pack as its text."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        check = zlib.crc32(kind + content)
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", check)
+
+    text = np.random.default_rng(1).bytes(noise)
+    return b"".join(
+        [
+            b"\x89PNG\r\n\x1a\n",
+            chunk(b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 2, 0, 0, 0)),
+            chunk(b"tEXt", b"Comment\0" + text),
+            chunk(b"IDAT", zlib.compress(b"\0\x80\x90\xa0")),
+            chunk(b"IEND", b""),
+        ]
+    )
+
+
+def pictures_of_one_point(noise: int = 0) -> Pictures:
+    picture = png(noise)
+    poses = [("rest", "rest pose"), ("worst", "frame_5"), ("median", "frame_3"), ("best", NAMES[0])]
+    return Pictures(
+        poses=tuple(PosePictures(label, name, *[picture] * 3) for label, name in poses),
+        spread=(picture, picture),
+        top_percent=1.5,
+        spread_top_percent=0.8,
+        colours=("#102030", "#405060", "#f0e020"),
+    )
+
+
+@pytest.fixture(scope="module")
+def report(closed):
+    return report_of(closed.result, LIMITS)
+
+
+@pytest.fixture(scope="module")
+def page(report):
+    return as_html(report, pictures_of_one_point())
+
+
+def _rows(page, name):
+    table = parsed(page).by_id(name)
+    return [[cell.text for cell in row.all("th", "td")] for row in table.all("tr")]
+
+
+def test_the_verdict_and_the_headline_come_first(page, report):
+    main = parsed(page).by_id("main").text
+    rms = percent_text(report.summary.rms_percent)
+    assert main.startswith(f"Verdict Over 1 of 3 limits {rms} % of the diagonal")
+
+
+def test_each_limit_has_its_row(page, report):
+    summary = report.summary
+    table = next(parsed(page).by_id("verdict").all("table"))
+    rows = [[cell.text for cell in row.all("th", "td")] for row in table.all("tr")]
+    assert rows[1:] == [
+        [
+            "error of the clip",
+            "0.0001",
+            percent_text(summary.rms_percent),
+            "% of the diagonal",
+            summary.worst_frame,
+            "over limit",
+        ],
+        [
+            "max deviation",
+            "9.5",
+            units_text(summary.max_deviation),
+            "units of the file",
+            summary.max_deviation_frame,
+            "within limit",
+        ],
+        [
+            "volume change",
+            "99",
+            percent_text(abs(summary.volume_change_percent_max)),
+            "% of the volume",
+            summary.volume_change_frame,
+            "within limit",
+        ],
+    ]
+
+
+def test_limits_of_a_baseline_are_told_from_those_typed(report):
+    gates = tuple(replace(gate, baseline=0.25) for gate in report.gates[:1]) + report.gates[1:]
+    table = next(parsed(as_html(replace(report, gates=gates), None)).by_id("verdict").all("table"))
+    names = [row.text for row in table.all("th") if row.attributes["scope"] == "row"]
+    assert names[0] == "error of the clip against 0.2500 of the baseline"
+    assert not any("baseline" in name for name in names[1:])
+
+
+def test_without_limits_it_says_so(report):
+    verdict = parsed(as_html(replace(report, gates=()), None)).by_id("verdict")
+    assert "No limits were stated" in verdict.text
+    assert list(verdict.all("table")) == []
+
+
+GATE = Gate("rms", "%", 1.0, 0.5, "a", True)
+OVER, UNJUDGED = replace(GATE, passed=False), replace(GATE, found=None, passed=None)
+
+
+@pytest.mark.parametrize(
+    ("gates", "state", "text"),
+    [
+        ([], "none", "No limits were stated"),
+        ([GATE], "good", "Within the limit"),
+        ([OVER], "bad", "Over the limit"),
+        ([UNJUDGED], "none", "No limit could be judged"),
+        ([GATE, GATE], "good", "Within 2 of 2 limits"),
+        ([GATE, UNJUDGED], "good", "Within 1 of 2 limits; 1 could not be judged"),
+        ([GATE, OVER, UNJUDGED], "bad", "Over 1 of 3 limits; 1 could not be judged"),
+    ],
+)
+def test_what_limits_come_to(gates, state, text):
+    assert verdict_of(gates) == Verdict(state, text)
+
+
+def test_a_limit_that_could_not_be_judged_says_so(opened):
+    report = report_of(opened.result, LIMITS)
+    table = next(parsed(as_html(report, None)).by_id("verdict").all("table"))
+    assert "volume change 99 not defined % of the volume" in table.text
+    assert "not judged" in table.text
+
+
+def test_every_figure_of_the_record_is_there_as_printed(page, report):
+    words = parsed(page).text
+    summary, vertices, binding = report.summary, report.vertices, report.binding
+    printed = [
+        *map(percent_text, (summary.rms_percent, summary.worst_frame_rms_percent)),
+        percent_text(summary.max_deviation_percent),
+        *map(units_text, (summary.rms, summary.worst_frame_rms, summary.max_deviation)),
+        *map(change_text, (summary.volume_change_percent_max, summary.volume_drift_percent_max)),
+        *map(figure_text, (summary.e_rms, summary.kg_error)),
+        *map(str, (summary.max_deviation_vertex, summary.floats_per_frame, summary.fixed_floats)),
+        *map(percent_text, vertices.edges_percent),
+        *map(str, vertices.counts),
+        f"{binding.partition_of_unity:.1e}",
+        f"{binding.linear_precision:.1e}",
+        f"{binding.min_weight:.1e}",
+        f"{binding.estimated_error:.1e}",
+        f"{binding.condition_number:.4g}",
+        *map(str, (binding.panels, binding.projected)),
+        *map(str, (report.clip.frames, report.clip.vertices, report.clip.cage_vertices)),
+        units_text(report.clip.diagonal),
+        *(str(value) for value in report.settings.values() if not isinstance(value, bool)),
+        *(source["sha256"] for source in report.sources.values() if "sha256" in source),
+        record_digest(report),
+    ]
+    for vertex in vertices.worst:
+        printed += [str(vertex.vertex), percent_text(vertex.rms_percent), units_text(vertex.rms)]
+        printed += map(units_text, vertex.position)
+    missing = [text for text in printed if not re.search(rf"(?<!\w){re.escape(text)}(?!\w)", words)]
+    assert missing == []
+
+
+def test_the_table_of_frames_is_the_record(page, report):
+    titles, *rows = _rows(page, "frames-table")
+    assert titles[:4] == ["#", "Frame", "RMS, %", "RMS, units"]
+    assert rows == [
+        [
+            str(frame.index),
+            frame.name,
+            percent_text(frame.rms_percent),
+            units_text(frame.rms),
+            percent_text(frame.max_deviation_percent),
+            units_text(frame.max_deviation),
+            str(frame.worst_vertex),
+            change_text(frame.volume_change),
+            units_text(frame.volume),
+            units_text(frame.volume_reconstructed),
+            change_text(frame.volume_drift),
+        ]
+        for frame in report.frames
+    ]
+
+
+def test_it_prints_what_the_text_prints(page, report):
+    words, text = parsed(page).text, as_text(report)
+    figures = re.findall(r"[-+]?\d+\.\d{4}\b|\b\d\.\de-\d\d\b", text)
+    assert len(figures) > 6
+    assert [figure for figure in figures if figure not in words] == []
+
+
+def test_an_open_model_has_no_columns_of_volumes(opened):
+    page = as_html(report_of(opened.result), None)
+    titles = _rows(page, "frames-table")[0]
+    assert titles[-1] == "At vertex"
+    assert "Volume change not defined the model is open" in parsed(page).by_id("verdict").text
+    assert "the model is open" in parsed(page).by_id("notes").text
+    assert faults_of(page) == []
+
+
+def test_a_closed_model_with_missing_data_says_why_there_is_no_volume(report):
+    none = replace(
+        report.summary,
+        volume_change_percent_max=None,
+        volume_change_frame=None,
+        volume_drift_percent_max=None,
+        kg_error=None,
+    )
+    words = parsed(as_html(replace(report, summary=none), None)).by_id("verdict").text
+    assert "Volume change not defined not every vertex is data" in words
+    assert "KG error not defined" in words
+
+
+def test_a_change_without_a_drift_says_so(report):
+    summary = replace(report.summary, volume_drift_percent_max=None)
+    words = parsed(as_html(replace(report, summary=summary), None)).by_id("verdict").text
+    assert "the input's own drift from rest is not defined" in words
+
+
+def test_skipped_frames_say_why(report):
+    frames = (*report.frames[:-1], with_hostile_names(report).frames[-1])
+    skipping = replace(
+        report, frames=frames, summary=replace(report.summary, frames_skipped=1), gates=()
+    )
+    page = as_html(skipping, None)
+    assert faults_of(page) == []
+    assert _rows(page, "frames-table")[-1][2] == f"skipped: {NAMES[1]}"
+    assert "1 of 5 frames were skipped and are in no figure" in parsed(page).text
+
+
+def test_the_quality_of_weights_is_explained(page, report):
+    text = parsed(page).by_id("weights").text
+    for row in quality_rows(report):
+        assert f"{row.label} {row.found} {row.meaning} {row.good}" in text
+
+
+def test_pictures_are_there_with_their_scales(page):
+    tree = parsed(page)
+    alts = [image.attributes["alt"] for image in tree.all("img")]
+    assert len(alts) == len(set(alts)) == 1 + 4 * 3 + 2
+    titles = [title.text for title in tree.by_id("poses").all("h3")]
+    assert titles == [
+        "Rest pose",
+        "Worst frame frame_5",
+        "Median frame frame_3",
+        f"Best frame {NAMES[0]}",
+    ]
+    assert "0 0.375 0.75 1.125 1.5" in tree.by_id("poses").text
+    assert "0 0.2 0.4 0.6 0.8" in tree.by_id("where").text
+    ramps = [e for e in tree.all("div") if e.attributes.get("class") == "ramp"]
+    assert len(ramps) == 2
+    assert all("#102030, #405060, #f0e020" in ramp.attributes["style"] for ramp in ramps)
+
+
+def test_without_pictures_it_says_why(report):
+    page = as_html(report, None)
+    assert "--no-weights" in parsed(page).by_id("poses").text
+    assert len(list(parsed(page).all("img"))) == 1
+
+
+def test_the_histogram_is_as_high_as_its_counts(page, report):
+    (svg,) = (
+        svg for svg in parsed(page).by_id("spread").all("svg") if svg.attributes["role"] == "img"
+    )
+    bars = [bar for bar in svg.all("rect") if bar.attributes["class"] == "bar"]
+    heights = np.array([float(bar.attributes["height"]) for bar in bars])
+    counts = np.array(report.vertices.counts)
+    np.testing.assert_allclose(heights, 100 * counts / counts.max(), rtol=0, atol=0.005)
+    assert str(counts.max()) in svg.attributes["aria-label"]
+
+
+@pytest.mark.parametrize(("top", "shown"), [(3.0, "3.0000"), (3e-14, "3e-14")])
+def test_the_bins_of_the_histogram_can_be_told_apart(report, top, shown):
+    edges = tuple(np.linspace(0, top, len(report.vertices.counts) + 1).tolist())
+    vertices = replace(report.vertices, edges_percent=edges)
+    spread = parsed(as_html(replace(report, vertices=vertices), None)).by_id("spread")
+    rows = [[cell.text for cell in row.all("td")] for row in spread.all("tr")][1:]
+    assert rows[-1][1] == shown
+    assert len({low for low, _, _ in rows}) == len(rows)
+
+
+def test_the_figure_says_where_its_axes_are(page, report):
+    plot = parsed(page).by_id("plot").attributes
+    left, right, top, bottom = (
+        float(plot[f"data-{side}"]) for side in ("left", "right", "top", "bottom")
+    )
+    assert 0 < left < right < 1
+    assert 0 < top < bottom < 1
+    assert float(plot["data-first"]) < 0 < len(report.frames) - 1 < float(plot["data-last"])
+
+
+def test_the_page_stands_alone_and_can_be_read_by_all(page):
+    assert faults_of(page) == []
+    order = [section.attributes["id"] for section in parsed(page).by_id("main").all("section")
+             if "id" in section.attributes]  # fmt: skip
+    links = [link.attributes["href"][1:] for link in next(parsed(page).all("nav")).all("a")]
+    assert order == links
+    assert order[0] == "verdict"
+
+
+def test_the_same_report_gives_the_same_bytes(page, report):
+    assert as_html(report, pictures_of_one_point()) == page
+
+
+def test_hostile_names_are_text(report):
+    hostile = with_hostile_names(report)
+    page = as_html(hostile, pictures_of_one_point())
+    assert faults_of(page) == []
+    assert len(list(parsed(page).all("script"))) == 1
+    assert not {element.tag for element in parsed(page).all()} & {"b", "iframe", "object"}
+    shown = [" ".join(frame.name.split()) for frame in hostile.frames]
+    assert [row[1] for row in _rows(page, "frames-table")[1:]] == shown
+
+
+def test_two_thousand_frames_with_pictures_are_under_5_mb(report):
+    """The pictures are as large as those of a figure of 10 000 vertices are."""
+    frames = [
+        replace(report.frames[k % 5], index=k, name=f"sequence_take_07_{k:06d}.obj")
+        for k in range(2000)
+    ]
+    page = as_html(replace(report, frames=tuple(frames)), pictures_of_one_point(100_000))
+    assert len(page.encode()) < 5_000_000
+
+
+def test_a_page_knows_the_report_that_it_shows(tmp_path, page, report):
+    path = tmp_path / "page.html"
+    assert not is_page_of(path, report, True)
+    path.write_text(page)
+    assert is_page_of(path, report, True)
+    assert not is_page_of(path, replace(report, notes=("another",)), True)
+    assert not is_page_of(path, replace(report, gates=judged("", report.summary, Limits())), True)
+    assert not is_page_of(path, report, False)
+    assert not is_page_of(tmp_path, report, True)
+
+
+def test_the_mark_is_in_the_head_whatever_the_name_is(tmp_path, report):
+    path = tmp_path / "page.html"
+    named = replace(report, result="x" * 10_000)
+    path.write_text(as_html(named, None))
+    assert is_page_of(path, named, False)
+
+
+def test_the_digest_is_that_of_the_json(report):
+    assert record_digest(report) == hashlib.sha256(as_json([report]).encode()).hexdigest()

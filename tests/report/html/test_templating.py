@@ -1,0 +1,71 @@
+"""What every page has in common: its policy, and that values are text."""
+
+import base64
+import hashlib
+
+import pytest
+from jinja2 import DictLoader, UndefinedError
+
+from cageik_cli.report.html import templating
+from cageik_cli.report.html.templating import data_url, rendered
+from tests.report.markup import parsed
+
+
+@pytest.fixture
+def template(monkeypatch):
+    """Have a template of this text between the parts of every page."""
+
+    def add(text):
+        parts = {
+            name: templating._part(name) for name in ("base.html.j2", "style.css", "script.js")
+        }
+        monkeypatch.setattr(
+            templating._environment, "loader", DictLoader(parts | {"test.html.j2": text})
+        )
+
+    return add
+
+
+TEXT = (
+    '{% extends "base.html.j2" %}'
+    '{% block body %}<p title="{{ value }}">{{ value }}</p>{% endblock %}'
+)
+
+
+def test_values_are_escaped(template):
+    template(TEXT)
+    value = "<b>\"'&</b>"
+    page = rendered("test.html.j2", value=value)
+    (paragraph,) = parsed(page).all("p")
+    assert (paragraph.text, paragraph.attributes["title"]) == (value, value)
+
+
+def test_a_value_that_is_missing_is_an_error(template):
+    template(TEXT)
+    with pytest.raises(UndefinedError, match="value"):
+        rendered("test.html.j2")
+
+
+def test_the_policy_lets_only_our_script_run_and_nothing_be_fetched(template):
+    template(TEXT)
+    page = parsed(rendered("test.html.j2", value=""))
+    (policy,) = (
+        meta.attributes["content"]
+        for meta in page.all("meta")
+        if meta.attributes.get("http-equiv") == "Content-Security-Policy"
+    )
+    (script,) = page.all("script")
+    digest = base64.b64encode(hashlib.sha256(script.source.encode()).digest()).decode()
+    assert dict(rule.split(" ", 1) for rule in policy.split("; ")) == {
+        "default-src": "'none'",
+        "img-src": "data:",
+        "style-src": "'unsafe-inline'",
+        "script-src": f"'sha256-{digest}'",
+        "base-uri": "'none'",
+        "form-action": "'none'",
+    }
+
+
+def test_a_picture_is_its_own_address():
+    kind, content = data_url(b"\x89PNG", "png").split(",")
+    assert (kind, base64.b64decode(content)) == ("data:image/png;base64", b"\x89PNG")

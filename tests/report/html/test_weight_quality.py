@@ -1,0 +1,33 @@
+"""What a page says of weights: that of their kind, and of the accuracy that was asked for."""
+
+from dataclasses import replace
+
+import pytest
+
+from cageik_cli.report.html.frames_table import quality_rows
+from cageik_cli.report.record import report_of
+
+
+@pytest.mark.parametrize(
+    ("settings", "panels", "words"),
+    [
+        ({"coordinates": "harmonic", "accuracy": "fine"}, 8, ["0.001 or less", "never negative"]),
+        ({"coordinates": "mean-value"}, 0, ["closed form", "negative across concave parts"]),
+        ({"coordinates": "harmonic", "accuracy": "other"}, 8, ["never negative"]),
+    ],
+)
+def test_weights_are_explained_by_their_kind(closed, settings, panels, words):
+    report = report_of(closed.result)
+    binding = replace(report.binding, panels=panels)
+    rows = quality_rows(replace(report, settings=settings, binding=binding))
+    text = " ".join(f"{row.meaning} {row.good}" for row in rows)
+    assert [word for word in words if word not in text] == []
+    assert ("Panels" in [row.label for row in rows]) == bool(panels)
+
+
+def test_an_accuracy_that_is_not_known_is_no_aim(closed):
+    report = report_of(closed.result)
+    binding = replace(report.binding, panels=8)
+    rows = quality_rows(replace(report, settings={"accuracy": "other"}, binding=binding))
+    (row,) = [row for row in rows if row.label.startswith("Mean row L1 error")]
+    assert row.good == ""

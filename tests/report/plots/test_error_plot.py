@@ -1,0 +1,178 @@
+"""The figure over the frames: its lines are the record's figures, and any record can be drawn."""
+
+import io
+import re
+from dataclasses import replace
+from decimal import Decimal
+from xml.etree import ElementTree
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from PIL import Image
+
+from cageik_cli.report.limits import Limit
+from cageik_cli.report.plots.error_plot import as_png, as_svg, figure_of, plot_of
+from cageik_cli.report.record import report_of
+from tests.report.drawings import lines, texts
+
+
+@pytest.fixture(scope="module")
+def report(closed):
+    return report_of(closed.result)
+
+
+def test_the_lines_are_the_figures_of_the_record(report):
+    (error,), (change,) = lines(report, "rms"), lines(report, "volume_change")
+    frames = report.frames
+    np.testing.assert_array_equal(error.get_xydata()[:, 0], range(5))
+    np.testing.assert_array_equal(error.get_ydata(), [frame.rms_percent for frame in frames])
+    np.testing.assert_array_equal(change.get_ydata(), [frame.volume_change for frame in frames])
+    left, right = figure_of(report).axes
+    assert left.get_ylabel() == "RMS error, % of the diagonal"
+    assert right.get_ylabel() == "volume change, %"
+    assert left.get_xlabel() == "frame of cages.h5, numbered from 0"
+    assert error.get_color() != change.get_color()
+    assert error.get_linestyle() != change.get_linestyle()
+    assert error.get_marker() != change.get_marker()
+
+
+def test_the_worst_frame_is_ringed_and_named(report):
+    (ring,), (clip,) = lines(report, "worst"), lines(report, "clip")
+    summary = report.summary
+    place = (summary.worst_frame_index, summary.worst_frame_rms_percent)
+    assert tuple(ring.get_xydata()[0]) == pytest.approx(place)
+    assert set(clip.get_ydata()) == {summary.rms_percent}
+    name = f"worst {summary.worst_frame_rms_percent:.4f} %, {summary.worst_frame}"
+    assert name in texts(report)
+
+
+def test_an_open_model_shows_its_largest_deviations(opened):
+    report = report_of(opened.result)
+    assert lines(report, "volume_change") == []
+    (deviation,) = lines(report, "max_deviation")
+    expected = [frame.max_deviation_percent for frame in report.frames]
+    np.testing.assert_array_equal(deviation.get_ydata(), expected)
+    assert "max deviation, % of the diagonal" in texts(report)
+
+
+def test_skipped_frames_are_gaps(made):
+    report = made([0.0, 1.0, None, None, 2.0, 1.0], [0.0, -1.0, None, None, 1.0, None])
+    (error,) = lines(report, "rms")
+    np.testing.assert_array_equal(error.get_ydata(), [0, 1, np.nan, np.nan, 2, 1])
+    (shades,) = figure_of(report).axes[1].collections
+    (box,) = [path.get_extents() for path in shades.get_paths()]
+    assert (box.x0, box.x1) == (1.5, 3.5)
+    assert "skipped" in texts(report)
+    assert "skipped" not in texts(made([1.0, 2.0]))
+
+
+def test_many_limits_without_a_line_are_cut_short(made):
+    limits = [Limit("max_deviation", Decimal(k)) for k in range(90, 99)]
+    (text,) = [
+        text
+        for text in texts(made([1.0, 2.0], [0.0, 1.0], limits=limits))
+        if text.startswith("not drawn: ")
+    ]
+    assert len(text) <= 100
+    assert text.endswith(" …")
+
+
+def test_limits_without_a_line_are_named(made):
+    far = made([1.0, 2.0], [0.0, 1.0], limits=[Limit("rms", Decimal(90))])
+    other = made([1.0, 2.0], [0.0, 1.0], limits=[Limit("max_deviation", Decimal(90))])
+    assert lines(far, "limit") == lines(other, "limit") == []
+    assert "not drawn: rms ≤ 90 %, within limit" in texts(far)
+    assert "not drawn: max deviation ≤ 90 %, within limit" in texts(other)
+    (error,) = lines(far, "rms")
+    assert error.axes.get_ylim()[1] < 5
+
+
+CLIPS = {
+    "one frame": ([0.5], [0.1]),
+    "no error": ([0.0] * 4, [0.0] * 4),
+    "one left": ([None, None, 0.3, None], [None, None, 0.1, None]),
+    "rounding": ([1e-15, 3e-15, 2e-15], [1e-13, -1e-13, 0.0]),
+    "tiny": ([1e-300, 2e-300], [1e-300, -1e-300]),
+    "huge": ([1e60, 1e120], [1e307, -1e307]),
+    "a peak": ([1e-9, 1e9], [1e-9, -1e9]),
+}
+
+
+@pytest.mark.parametrize(("errors", "changes"), CLIPS.values(), ids=CLIPS)
+def test_any_clip_is_drawn(made, errors, changes):
+    report = made(errors, changes)
+    assert as_png(report).startswith(b"\x89PNG")
+    assert len(texts(report)) > 8
+    (marked,) = lines(report, "rms")
+    assert marked.get_markevery() == [k for k, error in enumerate(errors) if error is not None]
+
+
+def test_rounding_does_not_look_like_error(made):
+    report = made([1e-15, 3e-15], [1e-13, -1e-13], limits=[Limit("rms", Decimal("0.3"))])
+    for axes in figure_of(report).axes:
+        assert 0.001 < axes.get_ylim()[1] < 0.002
+    assert "not drawn: rms ≤ 0.3 %, within limit" in texts(report)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 40])
+def test_frames_are_numbered_in_whole_numbers(made, count):
+    axes = figure_of(made([1.0] * count)).axes[0]
+    places = [place for place in axes.get_xticks() if -0.5 <= place <= count - 0.5]
+    assert places
+    assert places == [round(place) for place in places]
+
+
+def test_frames_between_gaps_are_marked_in_long_clips(made):
+    errors = [1.0] * 100
+    errors[10] = errors[12] = errors[-2] = None
+    assert lines(made(errors), "rms")[0].get_markevery() == [11, 99]
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "$a_{}$ <&> \"'", "\x01\x7f\n{}", "動き{}", "{}%\\"])
+def test_any_name_is_shown(made, name):
+    report = replace(made([1.0, 2.0], names=name), result=name)
+    as_png(report)
+    (shown,) = [text for text in texts(report) if text.startswith("worst ")]
+    assert len(shown) < 60
+    if name.startswith("$"):
+        assert shown == "worst 2.0000 %, $a_1$ <&> \"'"
+
+
+def test_a_long_clip_is_small(made):
+    values = np.random.default_rng(1).random((2, 2000))
+    assert len(plot_of(made(values[0].tolist(), values[1].tolist())).svg) < 300_000
+
+
+def test_the_same_report_gives_the_same_bytes_whatever_the_settings(report):
+    png, svg = as_png(report), as_svg(report)
+    with mpl.rc_context({"font.size": 30, "lines.linewidth": 9, "svg.fonttype": "path"}):
+        assert (as_png(report), as_svg(report)) == (png, svg)
+    image = Image.open(io.BytesIO(png))
+    assert image.size == (1440, 720)
+    assert set(image.info) <= {"dpi"}
+    assert "date" not in svg
+
+
+def test_pyplot_is_not_needed(run_process):
+    code = (
+        "import sys, cageik_cli.report.plots.error_plot; print('matplotlib.pyplot' in sys.modules)"
+    )
+    assert run_process("-c", code).out == "False\n"
+
+
+def test_a_page_knows_where_the_axes_are(report):
+    plot = plot_of(report)
+    root = ElementTree.fromstring(plot.svg)
+    assert plot.svg.startswith("<svg ")
+    assert {"width", "height"}.isdisjoint(root.attrib)
+    _, _, width, height = map(float, root.attrib["viewBox"].split())
+    axes = figure_of(report).axes[0]
+    assert axes.get_xlim() == (plot.first, plot.last)
+    # The first path of the axes is their background.
+    place = re.search(r'id="axes_1".*? d="(.*?)"', plot.svg, re.DOTALL)[1]
+    x, y = np.array(re.findall(r"[ML] ([\d.]+) ([\d.]+)", place), float).T
+    assert x.min() / width == pytest.approx(plot.left)
+    assert x.max() / width == pytest.approx(plot.right)
+    assert y.min() / height == pytest.approx(plot.top)
+    assert y.max() / height == pytest.approx(plot.bottom)

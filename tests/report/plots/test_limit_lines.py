@@ -1,0 +1,57 @@
+"""Limits in the figure over the frames: where their lines and labels are, and what they say."""
+
+from decimal import Decimal
+
+import pytest
+
+from cageik_cli.report.limits import Gate, Limit
+from cageik_cli.report.plots.error_plot import figure_of
+from cageik_cli.report.plots.limit_lines import limit_label
+from cageik_cli.report.vocabulary import EXTRACTED
+from tests.report.drawings import lines, texts
+
+
+def test_limits_are_dashed_lines_with_labels(made):
+    typed = (("rms", "1.5", "%"), ("frame_rms", "1.9", "%"), ("volume_change", "2", "%"))
+    report = made([0.0, 2.0], [0.0, -1.0], limits=[Limit(m, Decimal(v), u) for m, v, u in typed])
+    drawn = lines(report, "limit")
+    assert sorted(line.get_ydata()[0] for line in drawn) == [-2, 1.5, 1.9, 2]
+    assert all(line.is_dashed() for line in drawn)
+    assert {"rms ≤ 1.5 %, within limit", "frame rms ≤ 1.9 %, over limit"} <= set(texts(report))
+
+
+def test_labels_of_limits_that_are_close_do_not_meet(made):
+    """Nor do they leave the axes, or meet the name of the worst frame."""
+    typed = [("rms", 1.5), ("rms", 1.52), ("frame_rms", 1.9), ("frame_rms", 1.93)]
+    typed += [("volume_change", 0.9), ("volume_change", 0.92), ("frame_rms", 2.2)]
+    limits = [Limit(metric, Decimal(str(most))) for metric, most in typed]
+    drawn = figure_of(made([0.0, 2.0, 1.0], [0.0, -1.0, 1.0], limits=limits))
+    drawn.draw_without_rendering()
+    boxes = [
+        text.get_window_extent()
+        for text in drawn.axes[0].texts
+        if "≤" in text.get_text() or text.get_text().startswith("worst")
+    ]
+    assert len(boxes) == 8
+    axes = drawn.axes[0].get_window_extent()
+    for k, box in enumerate(boxes):
+        assert axes.x0 <= box.x0 < box.x1 <= axes.x1
+        assert axes.y0 <= box.y0 < box.y1 <= axes.y1
+        assert not any(box.overlaps(other) for other in boxes[:k])
+
+
+def test_a_limit_in_units_stands_where_the_diagonal_puts_it(made):
+    report = made([0.0, 2.0], limits=[Limit("frame_rms", Decimal("0.02"), "units")])
+    (line,) = lines(report, "limit")
+    assert line.get_ydata()[0] == pytest.approx(100 * 0.02 / report.clip.diagonal)
+    assert any(text.startswith("frame rms ≤ 0.02 units, ") for text in texts(report))
+
+
+def test_a_limit_made_of_a_baseline_is_printed_as_figures_are():
+    gate = Gate("volume_change", "%", 1.1, None, None, None, baseline=1.0)
+    assert limit_label(gate, EXTRACTED) == "volume change ≤ 1.1000 %, not judged"
+
+
+def test_a_limit_that_was_typed_keeps_its_digits():
+    gate = Gate("max_deviation", "units", 0.12345678, 0.1, "a", True)
+    assert limit_label(gate, EXTRACTED) == "max deviation ≤ 0.12345678 units, within limit"

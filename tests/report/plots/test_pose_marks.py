@@ -1,0 +1,55 @@
+"""Names stand beside their dots, apart from each other, inside, and where they hide little."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from cageik_cli.report.plots.pose_marks import EDGE, GAPS, name_places
+
+SIDE = 100.0
+NOTHING = np.empty((0, 2))
+
+
+def placed(dots, size=(20.0, 8.0), hidden=NOTHING):
+    dots = np.array(dots, float).reshape(-1, 2)
+    return name_places(dots, np.tile(size, (len(dots), 1)), np.asarray(hidden, float), SIDE)
+
+
+def test_a_name_stands_to_the_right_of_its_dot():
+    (box,) = placed([(50, 50)])
+    assert box == pytest.approx((50 + GAPS[0], 46, 70 + GAPS[0], 54))
+
+
+def test_at_the_right_end_it_stands_to_the_left():
+    (box,) = placed([(95, 50)], hidden=[(95, 50)])
+    assert box == pytest.approx((75 - GAPS[0], 46, 95 - GAPS[0], 54))
+
+
+def test_it_gives_way_to_what_is_better_not_covered():
+    line = np.column_stack([np.linspace(55, 90, 20), np.full(20, 50.0)])
+    (box,) = placed([(50, 50)], hidden=line)
+    left, top, right, bottom = box
+    x, y = line.T
+    assert not ((left < x) & (x < right) & (top < y) & (y < bottom)).any()
+
+
+@pytest.mark.parametrize("spread", [0.0, 5.0, 40.0])
+def test_names_never_meet_nor_leave_the_picture(spread):
+    dots = 50 + spread * np.random.default_rng(3).uniform(-1.3, 1.3, (40, 2))
+    boxes = [box for box in placed(dots) if box is not None]
+    assert len(boxes) >= 8
+    for left, top, right, bottom in boxes:
+        assert EDGE <= left < right <= SIDE - EDGE + 1e-9
+        assert EDGE <= top < bottom <= SIDE - EDGE + 1e-9
+    for (a, b, c, d), (e, f, g, h) in combinations(boxes, 2):
+        assert a >= g or e >= c or b >= h or f >= d
+
+
+def test_where_there_is_no_room_a_name_is_left_out():
+    assert placed([(50, 50)], size=(99.0, 8.0)) == [None]
+    assert placed(20 * [(50, 50)], size=(60.0, 30.0)).count(None) >= 16
+
+
+def test_without_names_there_are_no_places():
+    assert placed([]) == []

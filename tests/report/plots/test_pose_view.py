@@ -1,0 +1,106 @@
+"""What a picture of a pose is given: the frame that was moved most, before and after."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cageik_cli.editing import EditSettings, edit
+from cageik_cli.extraction import extract
+from cageik_cli.inputs import ExtractSettings
+from cageik_cli.posing_run import PoseSettings, pose
+from cageik_cli.report.plots.pose_plot import as_png, view_of
+from cageik_cli.store.result import read_result, read_weights
+
+HANDLES = [
+    {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3], "hard": True},
+    {"name": "pin", "vertex": 7, "pin": True, "hard": True},
+]
+
+
+@pytest.fixture
+def handles(folder):
+    def write(**others):
+        Path("handles.json").write_text(json.dumps({"handles": HANDLES} | others))
+
+    write()
+    return write
+
+
+def test_a_pose_is_seen_from_the_rest_pose_on(handles, animation):
+    settings = PoseSettings(
+        Path("frames/frame_1.obj"), Path("handles.json"), Path("posed.obj"), Path("cage.obj")
+    )
+    view = view_of(pose(settings), "Z")
+    np.testing.assert_array_equal(view.before, animation.rest.vertices)
+    np.testing.assert_array_equal(view.cage_before, animation.cage.vertices)
+    np.testing.assert_array_equal(view.starts, animation.rest.vertices[[0, 7]])
+    np.testing.assert_allclose(view.ends - view.starts, [[0.1, 0.2, -0.3], [0] * 3], atol=1e-12)
+    np.testing.assert_allclose(view.after[[0, 7]], view.ends, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(view.targets, view.ends, rtol=0, atol=1e-12)
+    assert (view.names, view.pinned.tolist(), view.up_axis) == (("tip", "pin"), [False, True], "Z")
+    assert view.title_before == "before"
+    assert view.title_after.startswith("after: mesh moved ")
+
+
+def test_an_edit_is_seen_in_the_frame_that_was_moved_most(handles):
+    settings = ExtractSettings(("frames",), Path("cage.obj"), Path("cages.h5"))
+    result = extract(settings)
+    keys = {"frames": [1, 3], "values": [[0.1, 0, 0], [0.5, 0, 0]]}
+    Path("handles.json").write_text(
+        json.dumps({"handles": [HANDLES[0] | {"offset": keys}, HANDLES[1]], "frames": [1, 3]})
+    )
+    view = view_of(edit(EditSettings(Path("cages.h5"), Path("handles.json"), Path("e.h5"))), "Y")
+    assert view.title_before == "frame_4.obj, before"
+    before = read_weights(result) @ view.cage_before
+    np.testing.assert_allclose(view.before, before, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(view.targets[0] - view.starts[0], [0.5, 0, 0], atol=1e-12)
+
+
+@pytest.fixture
+def viewed(folder, run):
+    """The picture of sets that are laid over the little animation, of five frames."""
+    assert run("extract", "frames", "--cage", "cage.obj", "-o", "cages.h5", "-q").code == 0
+
+    def make(*sets):
+        Path("handles.json").write_text(json.dumps({"sets": sets}))
+        settings = EditSettings(Path("cages.h5"), Path("handles.json"), Path("edited.h5"))
+        return view_of(edit(settings), "Y")
+
+    return make
+
+
+def miss_percent(view, name):
+    k = view.names.index(name)
+    rest = read_result(Path("edited.h5")).rest
+    return 100 * np.linalg.norm(view.ends[k] - view.targets[k]) / rest.diagonal
+
+
+def moving(name, vertex, offset, **others):
+    return {"handles": [{"name": name, "vertex": vertex, "offset": offset}], **others}
+
+
+def test_sets_that_do_nothing_in_the_frame_are_not_shown(viewed):
+    small, large = moving("a", 0, [0, 0.1, 0], frames=[0, 1]), moving("b", 3, [0, 1, 0])
+    view = viewed(small, large | {"frames": [3, 4]})
+    assert view.names == ("b",)
+    np.testing.assert_allclose(view.targets - view.starts, [[0, 1, 0]], rtol=0, atol=1e-12)
+    assert view.pinned.tolist() == [False]
+
+
+def test_of_several_sets_the_last_decides_a_point(viewed):
+    view = viewed(
+        moving("first", 0, [0, 0.1, 0]), moving("other", 3, [0, 0, 0]), moving("last", 0, [1, 0, 0])
+    )
+    assert view.names == ("other", "last")
+    np.testing.assert_allclose(view.ends[1], view.targets[1], rtol=0, atol=1e-6)
+    (missed,) = re.findall(r"met within (\S+) %", view.title_after)
+    assert float(missed) == pytest.approx(miss_percent(view, "other"), rel=1e-3)
+
+
+def test_nothing_is_drawn_of_an_edit_that_does_nothing(viewed):
+    view = viewed(moving("still", 0, [0, 0, 0], frames=[0, 1]))
+    assert view.names == ()
+    assert as_png(view, pixels=120).startswith(b"\x89PNG")

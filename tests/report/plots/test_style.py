@@ -1,0 +1,42 @@
+"""Figures look the same whatever the reader's settings; names are drawn as far as they can be."""
+
+import matplotlib as mpl
+import pytest
+
+from cageik_cli.report.plots.style import LONGEST, drawable, own_style, text_width
+
+
+def test_the_readers_settings_are_kept_out_and_kept():
+    with mpl.rc_context({"font.size": 31.0, "axes.facecolor": "red"}):
+        with own_style():
+            assert mpl.rcParams["font.size"] == 9.0
+            assert mpl.rcParams["axes.facecolor"] == "white"
+        assert mpl.rcParams["font.size"] == 31.0
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("walk_01.obj", "walk_01.obj"),
+        ("a\nb\ud800", "a\ufffdb\ufffd"),
+        ("x" * LONGEST, "x" * LONGEST),
+        ("", ""),
+    ],
+)
+def test_letters_that_the_font_lacks_are_replaced(name, expected):
+    assert drawable(name) == expected
+
+
+@pytest.mark.parametrize("longest", [20, LONGEST])
+def test_long_names_keep_their_ends(longest):
+    text = drawable("first" + "x" * 100 + "last", longest)
+    assert len(text) <= longest
+    assert text.startswith("first")
+    assert text.endswith("last")
+
+
+def test_widths_grow_with_letters_and_their_size():
+    assert text_width("", 10) == 0
+    assert 4 * text_width("m", 10) == pytest.approx(text_width("mmmm", 10), rel=0.1)
+    assert 2 * text_width("mile", 10) == pytest.approx(text_width("mile", 20), rel=0.1)
+    assert text_width("iiii", 10) < text_width("mmmm", 10)

@@ -1,0 +1,138 @@
+"""The pictures of a page: all of a pose from one place, one scale, and any pose at all."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from cageik_cli.report.render.model_views import (
+    COLOURS,
+    UNKNOWN,
+    Pose,
+    Poses,
+    pictures_of,
+    poses_of,
+)
+from tests.report.odd_poses import FACTORS
+from tests.shapes import ball, box
+
+PIXELS = 60
+
+
+@pytest.fixture(scope="module")
+def poses(closed):
+    return poses_of(closed.result)
+
+
+def opened_png(data):
+    image = Image.open(io.BytesIO(data))
+    assert (image.size, image.mode, image.info) == ((PIXELS, PIXELS), "RGBA", {})
+    return np.asarray(image, float)
+
+
+def all_of(pictures):
+    return [
+        *(data for pose in pictures.poses for data in (pose.given, pose.rebuilt, pose.cage)),
+        *pictures.spread,
+    ]
+
+
+def hue(text):
+    return np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)])
+
+
+def still(vertex_rms, deviation, **changes):
+    """Poses of a ball in a box, rebuilt exactly, whatever the deviations say."""
+    model, cage = ball(levels=3, size=1.0), box(1.2)
+    count = len(model.vertices)
+    given = Pose(
+        "rest",
+        "rest pose",
+        model.vertices,
+        model.vertices,
+        cage.vertices,
+        np.full(count, deviation),
+    )
+    poses = Poses(model.faces, cage.faces, (given,), np.full(count, vertex_rms), "Y")
+    return replace(poses, **changes)
+
+
+def test_every_pose_has_its_three_pictures(poses):
+    pictures = pictures_of(poses, PIXELS)
+    assert [(pose.label, pose.name) for pose in pictures.poses] == [
+        (pose.label, pose.name) for pose in poses.poses
+    ]
+    assert len(pictures.spread) == 2
+    assert pictures.colours == COLOURS
+    for data in all_of(pictures):
+        opacity = opened_png(data)[..., 3]
+        assert (opacity == 255).sum() > 50
+        assert (opacity == 0).sum() > 50
+    assert all_of(pictures_of(poses, PIXELS)) == all_of(pictures)
+
+
+def test_given_and_rebuilt_are_seen_from_one_place():
+    (pose,) = pictures_of(still(1.0, 1.0), PIXELS).poses
+    given, rebuilt, caged = map(opened_png, (pose.given, pose.rebuilt, pose.cage))
+    np.testing.assert_array_equal(given[..., 3], rebuilt[..., 3])
+    assert (caged[..., 3] >= given[..., 3]).all()
+    assert (caged[..., 3] > given[..., 3]).sum() > 100
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.5, 4), (1.0, 8), (5.0, 8)])
+def test_colours_tell_the_deviation(share, expected):
+    """Half of the vertices, those to the right, at a share of the scale that others end."""
+    poses = still(1.0, 0.0)
+    rest = poses.poses[0]
+    deviation = np.full(len(rest.given), share * 2.0)
+    deviation[rest.given[:, 1] < -0.5] = 2.0
+    shown = replace(poses, poses=(replace(rest, deviation=deviation),))
+    pictures = pictures_of(shown, PIXELS)
+    middle = opened_png(pictures.poses[0].rebuilt)[PIXELS // 2 - 5, PIXELS // 2, :3]
+    wanted = hue(COLOURS[4 if share == 0.5 else expected])
+    if share <= 1:
+        assert pictures.top_percent == 2
+    ratio = middle / wanted
+    assert ratio == pytest.approx(np.full(3, ratio.mean()), rel=0.06)
+
+
+def test_scales_end_at_round_numbers_that_nearly_all_keep():
+    assert pictures_of(still(0.43, 1.1), PIXELS).top_percent == 1.5
+    assert pictures_of(still(0.43, 1.1), PIXELS).spread_top_percent == 0.5
+    assert pictures_of(still(0.0, 1e-13), PIXELS).top_percent == 0.001
+    assert pictures_of(still(0.0, 9.5e7), PIXELS).top_percent == 1e8
+
+
+def test_missing_data_is_grey():
+    pictures = pictures_of(still(np.nan, 5.0), PIXELS)
+    assert pictures.top_percent == 0.001
+    for data in (pictures.poses[0].rebuilt, *pictures.spread):
+        ratio = opened_png(data)[PIXELS // 2, PIXELS // 2, :3] / hue(UNKNOWN)
+        assert ratio == pytest.approx(np.full(3, ratio.mean()), rel=0.05)
+
+
+@pytest.mark.parametrize("up_axis", ["Y", "Z"])
+def test_up_is_up(up_axis):
+    """A ball is pulled out along the axis that points up: the picture is as high as it can be."""
+    poses = still(1.0, 1.0, up_axis=up_axis)
+    stretch = np.where(np.arange(3) == "XYZ".index(up_axis), 4.0, 1.0)
+    rest = poses.poses[0]
+    tall = replace(rest, given=stretch * rest.given, rebuilt=stretch * rest.rebuilt)
+    drawn = opened_png(pictures_of(replace(poses, poses=(tall,)), PIXELS).spread[0])[..., 3] > 0
+    assert np.ptp(np.flatnonzero(drawn.any(axis=1))) > 2.5 * np.ptp(
+        np.flatnonzero(drawn.any(axis=0))
+    )
+
+
+@pytest.mark.parametrize(("model", "cage"), FACTORS.values(), ids=FACTORS)
+def test_any_pose_is_drawn(model, cage):
+    poses = still(1.0, 1.0)
+    rest = poses.poses[0]
+    odd = replace(
+        rest, given=model * rest.given, rebuilt=model * rest.rebuilt, cage=cage * rest.cage
+    )
+    pictures = pictures_of(replace(poses, poses=(odd,)), PIXELS)
+    assert len(pictures.poses) == 1
+    assert all(opened_png(data).shape == (PIXELS, PIXELS, 4) for data in all_of(pictures))

@@ -1,0 +1,180 @@
+"""What is judged is what is printed; and what an earlier run allows."""
+
+import json
+from dataclasses import asdict
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+from cageik_cli.cli import gate_options
+from cageik_cli.report import limits as gates
+from cageik_cli.report.figures import Summary, percent_text, units_text
+from cageik_cli.report.limits import PERCENT, UNITS, Baseline, Limit, Limits, judged, not_compared
+from cageik_cli.report.record import report_of
+from cageik_cli.report.views.text import gate_row
+from cageik_cli.report.vocabulary import EXTRACTED
+from tests.report.clips import summary
+
+FIELDS = {
+    ("rms", PERCENT): "rms_percent",
+    ("rms", UNITS): "rms",
+    ("frame_rms", PERCENT): "worst_frame_rms_percent",
+    ("frame_rms", UNITS): "worst_frame_rms",
+    ("max_deviation", PERCENT): "max_deviation_percent",
+    ("max_deviation", UNITS): "max_deviation",
+    ("volume_change", PERCENT): "volume_change_percent_max",
+}
+FRAMES = {"rms": "f_7.obj", "frame_rms": "f_7.obj", "max_deviation": "f_8.obj",
+          "volume_change": "f_9.obj"}  # fmt: skip
+
+
+def gate_on(figures: Summary, metric: str, most: str, unit: str = PERCENT):
+    (found,) = judged("a", figures, Limits((Limit(metric, Decimal(most), unit),)))
+    return found
+
+
+def test_the_command_knows_the_metrics():
+    assert gate_options.METRICS == gates.METRICS
+
+
+@pytest.mark.parametrize(("metric", "unit"), FIELDS)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_figure_is_judged_as_printed(metric, unit, sign):
+    """0.123456 and 0.1234449 are printed as they are not; a change has its size judged."""
+    name = FIELDS[metric, unit]
+    sign = sign if metric == "volume_change" else 1
+    printed = "0.1235" if unit == PERCENT else "0.123457"
+    step = "0.0001" if unit == PERCENT else "0.000001"
+    for value in (0.12346, 0.12354) if unit == PERCENT else (0.1234566, 0.1234574):
+        figures = summary(**{"rms_percent": 1.0, name: sign * value})
+        for most, passes in (
+            (printed, True),
+            (str(Decimal(printed) + Decimal(step)), True),
+            (str(Decimal(printed) - Decimal(step)), False),
+            (printed + "0000001", True),
+            (str(Decimal(printed) - Decimal("1e-12")), False),
+        ):
+            gate = gate_on(figures, metric, most, unit)
+            assert gate.passed is passes
+            assert (gate.found, gate.limit) == (float(printed), float(most))
+            assert (gate.metric, gate.unit, gate.frame) == (metric, unit, FRAMES[metric])
+            assert gate.baseline is None
+
+
+def test_a_limit_of_zero_is_kept_by_what_is_printed_as_zero():
+    assert gate_on(summary(0.00004), "rms", "0").passed is True
+    assert gate_on(summary(0.00006), "rms", "0").passed is False
+
+
+def test_a_figure_that_is_not_defined_is_not_judged():
+    opened = summary(volume_change_percent_max=None, volume_change_frame=None)
+    gate = gate_on(opened, "volume_change", "2")
+    assert (gate.found, gate.frame, gate.passed) == (None, None, None)
+    assert gate_row(gate, EXTRACTED) == ("not judged", "volume change not defined, limit 2 %")
+
+
+def test_lines_name_metric_found_limit_and_frame():
+    assert gate_row(gate_on(summary(0.25), "rms", "0.5"), EXTRACTED) == (
+        "within limit", "rms 0.2500 %, limit 0.5 %, worst frame f_7.obj",
+    )  # fmt: skip
+    assert gate_row(gate_on(summary(), "max_deviation", "0.0199", UNITS), EXTRACTED) == (
+        "over limit", "max deviation 0.02 units, limit 0.0199 units, at f_8.obj",
+    )  # fmt: skip
+    limits = Limits((), baseline({"a": figures_of(summary(0.2))}, "10"))
+    assert gate_row(judged("a", summary(0.25), limits)[0], EXTRACTED) == (
+        "over limit", "rms 0.2500 %, limit 0.2200 % (baseline 0.2000 %), worst frame f_7.obj",
+    )  # fmt: skip
+
+
+def figures_of(figures: Summary) -> dict[str, float | None]:
+    change = figures.volume_change_percent_max
+    return {
+        "rms": figures.rms_percent,
+        "frame_rms": figures.worst_frame_rms_percent,
+        "max_deviation": figures.max_deviation_percent,
+        "volume_change": None if change is None else abs(change),
+    }
+
+
+def baseline(figures, regression) -> Baseline:
+    return Baseline(Path("old.json"), figures, Decimal(regression))
+
+
+@pytest.mark.parametrize("regression", ["0", "0.01", "10", "1e300"])
+@pytest.mark.parametrize("value", [0.0, 0.00004, 0.12345, 0.12355, 2 / 3, 99.99995, 1e9, 1e300])
+def test_what_has_not_changed_passes(value, regression):
+    """Also the other way a float of the same print lies."""
+    figures = summary(value)
+    limits = Limits((), baseline({"a": figures_of(figures)}, regression))
+    found = judged("a", figures, limits)
+    assert [gate.metric for gate in found] == list(gates.METRICS)
+    assert all(gate.passed for gate in found)
+    assert found[0].baseline == float(percent_text(value))
+    json.dumps([asdict(gate) for gate in found], allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("old", "regression", "most"),
+    [
+        (0.2527, "0", "0.2527"),
+        (0.2527, "10", "0.2779"),  # 0.27797
+        (0.2527, "0.1", "0.2529"),  # 0.2529527
+        (0.2527, "0.01", "0.2527"),
+        (0.25274, "0", "0.2527"),
+        (0.25266, "100", "0.5054"),
+        (0.0, "50", "0.0000"),
+    ],
+)
+def test_the_limit_of_a_baseline_is_rounded_down(old, regression, most):
+    limits = Limits((), baseline({"a": figures_of(summary(old))}, regression))
+    for value, passes in ((Decimal(most), True), (Decimal(most) + Decimal("0.0001"), False)):
+        gate = judged("a", summary(float(value)), limits)[0]
+        assert (gate.limit, gate.passed) == (float(most), passes)
+
+
+@pytest.mark.parametrize("metric", gates.METRICS)
+def test_every_metric_is_compared(metric):
+    old = figures_of(summary())
+    limits = Limits((), baseline({"a": {**old, metric: old[metric] / 2}}, "10"))
+    over = [gate.metric for gate in judged("a", summary(), limits) if not gate.passed]
+    assert over == [metric]
+
+
+def test_one_result_is_compared_with_one_whatever_it_is_called():
+    one = Limits((), baseline({"a": figures_of(summary())}, "0"))
+    two = Limits((), baseline({"a": figures_of(summary()), "b": figures_of(summary())}, "0"))
+    says = ("not compared with old.json, which has no result of this name",)
+    for limits, name, count in (
+        (one, "a", 4), (one, "c", 4), (one.by_name(), "a", 4), (one.by_name(), "c", 0),
+        (two, "b", 4), (two, "c", 0),
+    ):  # fmt: skip
+        assert len(judged(name, summary(), limits)) == count
+        assert not_compared(name, summary(), limits) == (() if count else says)
+    assert Limits().by_name() == Limits()
+    assert not_compared("a", summary(), Limits()) == ()
+
+
+def test_a_volume_that_only_one_run_has_is_not_judged():
+    opened = summary(volume_change_percent_max=None, volume_change_frame=None)
+    now_open = Limits((), baseline({"a": figures_of(summary())}, "10"))
+    gate = judged("a", opened, now_open)[-1]
+    assert (gate.metric, gate.found, gate.passed) == ("volume_change", None, None)
+    now_closed = Limits((), baseline({"a": figures_of(opened)}, "10"))
+    assert [gate.metric for gate in judged("a", summary(), now_closed)] == list(gates.METRICS[:3])
+    assert not_compared("a", summary(), now_closed) == (
+        "volume change not compared: not defined in old.json",
+    )
+    assert not_compared("a", opened, now_closed) == ()
+
+
+def test_typed_limits_come_first(closed):
+    figures = report_of(closed.result).summary
+    limits = Limits(
+        (Limit("rms", Decimal(units_text(figures.rms)), UNITS),),
+        baseline({"other": figures_of(figures)}, "0"),
+    )
+    report = report_of(closed.result, limits)
+    assert [gate.baseline is None for gate in report.gates] == [True, False, False, False, False]
+    assert all(gate.passed for gate in report.gates)
+    assert report.notes == closed.result.notes

@@ -1,0 +1,152 @@
+"""JUnit's XML: what Ant's schema demands, held for every clip; no name breaks it."""
+
+import re
+from xml.etree import ElementTree
+
+import pytest
+
+from cageik_cli.report.overview import Entry, overview_of
+from cageik_cli.report.views.junit import as_junit
+from tests.report.clips import HOSTILE, clip, gate
+
+SUITE = {
+    "name", "package", "id", "tests", "failures", "errors", "skipped", "timestamp", "hostname",
+    "time",
+}  # fmt: skip
+FAULT = {"message", "type"}
+
+
+def is_token(text: str) -> bool:
+    """What the schema takes for a name, of one character at least."""
+    return text != "" and text == " ".join(text.split())
+
+
+def faults_of(text: str) -> list[str]:
+    """What in a document is not as the schema says, a line each."""
+    root = ElementTree.fromstring(text.encode())
+    suites = list(root)
+    found = ["root"] * (root.tag != "testsuites" or root.attrib != {})
+    found += ["ids do not count"] * (
+        [s.get("id") for s in suites] != [*map(str, range(len(suites)))]
+    )
+    for suite in suites:
+        found += _suite_faults(suite)
+    return found
+
+
+def _suite_faults(suite: ElementTree.Element) -> list[str]:
+    cases, tags = suite.findall("testcase"), [child.tag for child in suite]
+    counted = {
+        "tests": len(cases),
+        "failures": len(suite.findall("testcase/failure")),
+        "errors": len(suite.findall("testcase/error")),
+        "skipped": len(suite.findall("testcase/skipped")),
+    }
+    right = {
+        "suite": suite.tag == "testsuite" and set(suite.attrib) == SUITE,
+        "name": is_token(suite.get("name", "")),
+        "order": tags == ["properties", *["testcase"] * len(cases), "system-out", "system-err"],
+        "counts": {name: int(suite.get(name, "-1")) for name in counted} == counted,
+        "times": {e.get("time") for e in (suite, *cases)} == {"0"},
+        "stamp": bool(re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d", suite.get("timestamp", ""))),
+        "cases": all(set(case.attrib) == {"name", "classname", "time"} for case in cases),
+        "names": all(is_token(case.get(n, "")) for case in cases for n in ("name", "classname")),
+        "twice": len({case.get("name") for case in cases}) == len(cases),
+        "outcomes": all(len(case) <= 1 for case in cases),
+        "faults": all(
+            set(fault.attrib) == FAULT and fault.tag in ("failure", "error")
+            for case in cases
+            for fault in case
+            if fault.tag != "skipped"
+        ),
+    }
+    return [name for name, holds in right.items() if not holds]
+
+
+BASELINE = {"baseline": 0.2}
+CLIPS = (
+    clip("run", gate(True), gate(False, **BASELINE), notes=["one", "two & three"]),
+    Entry("broken", fault="frame_3.obj: is <empty>"),
+    clip("walk/open", gate(None, metric="volume_change", frame=None), gate(False)),
+    clip("plain"),
+)
+
+
+def test_it_is_as_the_schema_says():
+    assert faults_of(as_junit(overview_of(CLIPS))) == []
+    assert faults_of(as_junit(overview_of([]))) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("<testsuites>", '<testsuites name="a">', "root"),
+        ("testsuites>", "suites>", "root"),
+        ('tests="3"', 'tests="2"', "counts"),
+        ('failures="1"', 'failures="0"', "counts"),
+        ('errors="1"', 'errors="0"', "counts"),
+        ('skipped="1"', 'skipped="0"', "counts"),
+        ('<testsuite name="run"', '<testsuite name=""', "name"),
+        (' hostname="localhost"', "", "suite"),
+        ('id="3"', 'id="2"', "ids do not count"),
+        ("<properties />", "", "order"),
+        ("<system-err />", "", "order"),
+        ('name="extracted" time="0"', 'name="extracted" time="0.1"', "times"),
+        ('classname="run" ', "", "cases"),
+        ('classname="run"', 'classname=" run"', "names"),
+        (' type="failure"', "", "faults"),
+        ("T00:00:00", "", "stamp"),
+        ("rms against the baseline", "extracted", "twice"),
+        ("</failure>", "</failure><skipped />", "outcomes"),
+    ],
+)
+def test_what_is_not_is_found(old, new, fault):
+    text = as_junit(overview_of(CLIPS))
+    assert old in text
+    assert fault in faults_of(text.replace(old, new))
+
+
+def test_every_clip_is_a_suite_and_every_limit_a_case():
+    root = ElementTree.fromstring(as_junit(overview_of(CLIPS)))
+    run, broken, opened, plain = root
+    outcomes = {
+        suite.get("name"): {
+            case.get("name"): [e.tag for e in case] for case in suite.iter("testcase")
+        }
+        for suite in root
+    }
+    assert outcomes == {
+        "run": {"extracted": [], "rms at most 0.5 %": [], "rms against the baseline": ["failure"]},
+        "broken": {"extracted": ["error"]},
+        "walk/open": {
+            "extracted": [],
+            "volume change at most 0.5 %": ["skipped"],
+            "rms at most 0.5 %": ["failure"],
+        },
+        "plain": {"extracted": []},
+    }
+    assert run.find("testcase/failure").get("message") == (
+        "over limit: rms 0.7500 %, limit 0.5000 % (baseline 0.2000 %), worst frame f_7.obj"
+    )
+    assert broken.find("testcase/error").text == "frame_3.obj: is <empty>"
+    assert (
+        opened.find("testcase/skipped").get("message") == "volume change not defined, limit 0.5 %"
+    )
+    assert run.find("system-out").text == "one\ntwo & three"
+    assert [plain.get(count) for count in ("tests", "failures", "errors")] == ["1", "0", "0"]
+
+
+@pytest.mark.parametrize("name", HOSTILE.values(), ids=HOSTILE)
+def test_no_name_breaks_it(name):
+    entries = [
+        clip(name, gate(False, frame=name), notes=[name]),
+        Entry(name, fault=name),
+    ]
+    text = as_junit(overview_of(entries))
+    assert faults_of(text) == []
+    if name.isprintable() and is_token(name):
+        assert ElementTree.fromstring(text)[0].get("name") == name
+
+
+def test_the_same_run_is_the_same_text():
+    assert as_junit(overview_of(CLIPS)) == as_junit(overview_of(CLIPS))

@@ -1,0 +1,115 @@
+"""Markdown: the worst first, bounded, and names that a renderer shows as they are."""
+
+import html
+import re
+
+import pytest
+from markdown_it import MarkdownIt
+
+from cageik_cli.report.overview import Entry, overview_of
+from cageik_cli.report.views.markdown import LONGEST, as_markdown
+from tests.report.clips import HOSTILE, clip, gate, summary
+
+RENDERER = MarkdownIt("commonmark").enable(["table", "strikethrough"])
+
+
+def cells_of(text: str) -> list[list[str]]:
+    """What a reader sees in the rows of the table."""
+    rows = re.findall(r"<tr>(.*?)</tr>", RENDERER.render(text), re.DOTALL)
+    return [
+        [html.unescape(cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL)]
+        for row in rows[1:]
+    ]
+
+
+def items_of(text: str) -> list[str]:
+    return [
+        html.unescape(i) for i in re.findall(r"<li>(.*?)</li>", RENDERER.render(text), re.DOTALL)
+    ]
+
+
+CLIPS = (
+    clip("fine", gate(True), rms_percent=0.1),
+    clip("worse", gate(True), rms_percent=0.3, notes=["one"]),
+    clip("over", gate(True), gate(False), rms_percent=0.2, notes=["one", "two"]),
+    Entry("broken", fault="frame_3.obj: is empty"),
+    clip("plain", gate(None), rms_percent=0.01),
+)
+
+
+def test_the_worst_come_first_and_say_why():
+    text = as_markdown(overview_of(CLIPS))
+    assert text.startswith(
+        "## cageik: 5 clips: 1 failed, 1 over limit, 2 within limits, 1 extracted\n\n| clip |"
+    )
+    assert [row[:3] for row in cells_of(text)] == [
+        ["broken", "<strong>failed</strong>", ""],
+        ["over", "<strong>over limit</strong>", "0.2000"],
+        ["worse", "within limits", "0.3000"],
+        ["fine", "within limits", "0.1000"],
+        ["plain", "extracted", "0.0100"],
+    ]
+    assert cells_of(text)[1][3:] == ["0.3000", "f_7.obj", "1.0000", "-1.4400"]
+    assert items_of(text) == [
+        "broken: frame_3.obj: is empty",
+        "over: rms 0.7500 %, limit 0.5 %, worst frame f_7.obj",
+        "one (2 clips)",
+        "two",
+    ]
+
+
+def test_what_there_is_none_of_has_no_heading():
+    text = as_markdown(overview_of([clip("a")]))
+    assert text.startswith("## cageik: 1 clip: 1 extracted\n")
+    assert "###" not in text
+
+
+def seen(name: str) -> str:
+    """What is to be seen of a name."""
+    line = "".join(" " if c.isspace() else c if c.isprintable() else "\ufffd" for c in name).strip()
+    return line if len(line) <= LONGEST else line[: LONGEST - 1] + "…"
+
+
+@pytest.mark.parametrize("name", HOSTILE.values(), ids=HOSTILE)
+def test_names_are_seen_as_they_are(name):
+    entries = [clip(name, gate(False, frame=name), notes=[f"{name} note"]), Entry(name, fault=name)]
+    text = as_markdown(overview_of(entries))
+    assert [row[0] for row in cells_of(text)] == [seen(name)] * 2
+    assert items_of(text)[0] == f"{seen(name)}: {seen(name)}".strip()
+    rendered = RENDERER.render(text)
+    assert not re.search(r"<(img|a|em|code|del|b|ol|h1)\b", rendered)
+    assert len(items_of(text)) == 3
+
+
+def test_the_frames_name_is_seen_too():
+    for name in HOSTILE.values():
+        entry = Entry("a", summary=summary(worst_frame=name))
+        assert cells_of(as_markdown(overview_of([entry])))[0][4] == seen(name)
+
+
+@pytest.mark.parametrize("name", ["clip_", "ü|<>" * 60, "\U0001f600" * 290], ids=range(3))
+def test_any_number_of_clips_has_room(name):
+    """Failed ones and those over a limit are among the first; the others are counted."""
+    clips = [
+        clip(f"{k} {name}", gate(k % 40 > 0), notes=[f"{k} {name} note"])
+        if k % 100
+        else Entry(f"{k} {name}", fault="it is broken " * 50)
+        for k in range(2000)
+    ]
+    text = as_markdown(overview_of(clips))
+    assert len(text.encode()) < 60_000
+    assert "## cageik: 2000 clips: 20 failed, 40 over limit, 1940 within limits\n" in text
+    *rows, last = cells_of(text)
+    assert len(rows) > 15
+    assert last[0] == f"and {2000 - len(rows)} more"
+    expected = ["<strong>failed</strong>"] * 20 + ["<strong>over limit</strong>"] * 40
+    expected += ["within limits"] * 1940
+    assert [row[1] for row in rows] == expected[: len(rows)]
+    for heading in ("Failed", "Over a limit", "Notes"):
+        assert f"### {heading}\n" in text
+
+
+def test_a_few_clips_are_all_shown():
+    text = as_markdown(overview_of([clip(f"clip_{k}", gate(False)) for k in range(100)]))
+    assert " more" not in text
+    assert len(cells_of(text)) == 100
