@@ -28,12 +28,12 @@ from meshes import Points
 from numpy.typing import NDArray
 from PIL import Image
 
-from cageik_cli.extraction import extract
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs import ExtractSettings
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Integers
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 Flags = NDArray[np.bool_]
 

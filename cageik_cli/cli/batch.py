@@ -63,17 +63,17 @@ def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     cageik batch animations --cage rest_cage.obj -o out
     cageik batch walks runs -o out --resume --max-rms 0.5%
     """  # noqa: D301
-    from cageik_cli.batch.running import refuse_foreign, refuse_used, run_batch
     from cageik_cli.cli.step_summary import append_step_summary
     from cageik_cli.cli.watching import Lines, watched
     from cageik_cli.report.views.markdown import as_markdown
+    from cageik_cli.workflows.batch.run import refuse_foreign, refuse_used, run_batch
 
     output: Path = options["output"].absolute()
     if not options["overwrite"]:
         (refuse_foreign if options["resume"] else refuse_used)(output)
     batch = batch_of(folders, output, options)
     if options["dry_run"]:
-        from cageik_cli.batch.listing import listed
+        from cageik_cli.workflows.batch.dry_run import listed
 
         click.echo("\n".join(listed(batch)))
         return
@@ -96,10 +96,10 @@ def _scheduler(options: dict[str, Any]) -> Any:
     if address:
         if is_typed("jobs"):
             raise click.UsageError("--jobs is of this machine; the cluster's workers are its own")
-        from cageik_cli.batch.cluster import Cluster
+        from cageik_cli.workflows.batch.dask_cluster import Cluster
 
         return Cluster(address)
-    from cageik_cli.batch.local import Processes
+    from cageik_cli.workflows.batch.processes import Processes
 
     return Processes(options["jobs"])
 

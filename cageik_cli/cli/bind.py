@@ -31,11 +31,11 @@ def bind_command(timings: Path | None, quiet: bool, **options: Any) -> None:
     """Compute the weights that tie a rest pose to its cage, for `cageik extract --binding`."""
     settings = _settings(options)
 
-    from cageik_cli.binding_run import bind_files
     from cageik_cli.cli.watching import watched
-    from cageik_cli.describing import binding_rows
     from cageik_cli.util.outputs import keep_apart
     from cageik_cli.util.text import page
+    from cageik_cli.workflows.bind import bind_files
+    from cageik_cli.workflows.info import binding_rows
 
     output = settings.output
     keep_apart([output, timings], [settings.cage, settings.rest])
@@ -50,8 +50,8 @@ def bind_command(timings: Path | None, quiet: bool, **options: Any) -> None:
 
 def _settings(options: dict[str, Any]) -> Any:
     """The settings that the options mean."""
-    from cageik_cli.binding_run import BindRunSettings, WeightSettings
     from cageik_cli.coordinates.binding import BindSettings
+    from cageik_cli.workflows.bind import BindRunSettings, WeightSettings
 
     bind = BindSettings(*(options.pop(name) for name in ("coordinates", "accuracy", "outside")))
     cache = cache_folder(options.pop("cache"), options.pop("no_cache"))

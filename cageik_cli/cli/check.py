@@ -27,9 +27,9 @@ def check_command(json: Path | None, overwrite: bool, quiet: bool, **options: An
     """
     settings = _settings(options)
 
-    from cageik_cli.checking import as_json, as_text, check
     from cageik_cli.formats.open import files_read
     from cageik_cli.util.outputs import keep_apart, prepare
+    from cageik_cli.workflows.check import as_json, as_text, check
 
     keep_apart([json], [settings.cage, settings.rest, *files_read(list(settings.frames))])
     on_stdout = str(json) == "-"
@@ -46,7 +46,7 @@ def check_command(json: Path | None, overwrite: bool, quiet: bool, **options: An
 
 def _settings(options: dict[str, Any]) -> Any:
     """The settings that the options mean; values that contradict are wrong usage."""
-    from cageik_cli.checking import CheckSettings
+    from cageik_cli.workflows.check import CheckSettings
 
     if options["rest"] is not None and options["rest_frame"] is not None:
         raise click.UsageError("--rest and --rest-frame both name the rest pose; give one")

@@ -34,13 +34,13 @@ def batch_of(folders: tuple[Path, ...], output: Path, options: dict[str, Any]) -
     InputError
         When there are none, or none can be begun for the same reason.
     """
-    from cageik_cli.batch.finding import Search, clips_under, folders_under
-    from cageik_cli.batch.jobs import CLIPS, ClipJob
-    from cageik_cli.batch.running import VIEWS, WEIGHTS, Batch, refuse_no_result
     from cageik_cli.report.baseline import read_baseline
     from cageik_cli.report.overview import Entry
     from cageik_cli.util.outputs import keep_apart
     from cageik_cli.util.text import printable
+    from cageik_cli.workflows.batch.discover import Search, clips_under, folders_under
+    from cageik_cli.workflows.batch.jobs import CLIPS, ClipJob
+    from cageik_cli.workflows.batch.run import VIEWS, WEIGHTS, Batch, refuse_no_result
 
     read = cache(read_baseline)
     tables = ClipTables(extract_command, commands_of(click.get_current_context()), OWN)
@@ -81,7 +81,7 @@ def batch_of(folders: tuple[Path, ...], output: Path, options: dict[str, Any]) -
 
 def _refuse_results(folder: Path, output: Path) -> None:
     """Refuse to look for clips where the results are to be."""
-    from cageik_cli.batch.jobs import CLIPS
+    from cageik_cli.workflows.batch.jobs import CLIPS
 
     place, results = folder.resolve(), output.resolve() / CLIPS
     if place == output.resolve() or results in (place, *place.parents):

@@ -48,10 +48,10 @@ def deform_command(result: Path, quiet: bool, **options: Any) -> None:
     settings = _settings(result, options)
 
     from cageik_cli.cli.watching import watched
-    from cageik_cli.deforming import deform
     from cageik_cli.formats.open import files_read
     from cageik_cli.util.outputs import keep_apart
     from cageik_cli.util.text import page
+    from cageik_cli.workflows.deform import deform
 
     cages = files_read([settings.cages]) if settings.cages is not None else []
     keep_apart([settings.output.place], [result, settings.mesh, *cages])
@@ -63,9 +63,9 @@ def deform_command(result: Path, quiet: bool, **options: Any) -> None:
 
 def _settings(result: Path, options: dict[str, Any]) -> Any:
     """The settings that the options mean; values that contradict are wrong usage."""
-    from cageik_cli.deforming import DeformSettings
     from cageik_cli.formats.base.sequence import ClipSettings
     from cageik_cli.formats.write import Output
+    from cageik_cli.workflows.deform import DeformSettings
 
     clip, scene = clip_of(options), scene_of(options)
     if options["cages"] is None and clip != ClipSettings():

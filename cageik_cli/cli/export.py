@@ -36,10 +36,10 @@ def export_command(result: Path, out: Path, quiet: bool, **options: Any) -> None
     scene = scene_of(options)
 
     from cageik_cli.cli.watching import watched
-    from cageik_cli.exporting import ExportSettings, export
     from cageik_cli.formats.write import Output
     from cageik_cli.util.outputs import keep_apart
     from cageik_cli.util.text import page
+    from cageik_cli.workflows.export import ExportSettings, export
 
     output = Output(out, options.pop("kind"), options.pop("overwrite"))
     keep_apart([output.place], [result])

@@ -101,8 +101,6 @@ def extract_command(**options: Any) -> None:
     settings = extract_settings(options)
 
     from cageik_cli.cli.watching import watched
-    from cageik_cli.exporting import ExportSettings, export, prepare_export
-    from cageik_cli.extraction import extract
     from cageik_cli.formats.open import files_read
     from cageik_cli.formats.write import Output
     from cageik_cli.report.overview import entry_of, overview_of
@@ -110,6 +108,8 @@ def extract_command(**options: Any) -> None:
     from cageik_cli.report.views.text import as_text
     from cageik_cli.util.outputs import keep_apart
     from cageik_cli.util.text import row
+    from cageik_cli.workflows.export import ExportSettings, export, prepare_export
+    from cageik_cli.workflows.extract import extract
 
     inputs = [settings.cage, settings.binding, settings.rest, settings.vertex_weights, baseline]
     also = [
@@ -148,8 +148,8 @@ def extract_settings(options: dict[str, Any]) -> Any:
         When values contradict each other.
     """
     from cageik_cli.coordinates.binding import BindSettings
-    from cageik_cli.inputs import ExtractSettings
     from cageik_cli.solver.dual_laplacian import SolveSettings
+    from cageik_cli.workflows.extract_inputs import ExtractSettings
 
     if options["cage"] is None and options["binding"] is None:
         raise click.UsageError("Missing option '--cage', or '--binding', which holds one.")

@@ -12,7 +12,7 @@ from cageik_cli.cli.options import common
 @common
 def info_command(files: tuple[str, ...], layout: str | None, quiet: bool) -> None:
     """Say what FILES hold: a result, a clip (files, folder, glob) or one mesh, such as a cage."""
-    from cageik_cli.describing import describe
+    from cageik_cli.workflows.info import describe
 
     text = describe(list(files), layout)
     if not quiet:

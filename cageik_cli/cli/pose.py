@@ -109,11 +109,11 @@ def pose_command(
     settings = _settings(options)
 
     from cageik_cli.cli.watching import watched
-    from cageik_cli.editing import EditSettings, edit
-    from cageik_cli.posing_run import pose
     from cageik_cli.report.views.pose_text import pose_json, pose_rows
     from cageik_cli.util.outputs import keep_apart, prepare
     from cageik_cli.util.text import page
+    from cageik_cli.workflows.edit import EditSettings, edit
+    from cageik_cli.workflows.pose import pose
 
     inputs = [options["target"], options["handles"], options["cage"]]
     keep_apart([settings.output, options["cage_out"], plot, json_out, timings], inputs)
@@ -152,14 +152,14 @@ def _settings(options: dict[str, Any]) -> Any:
     click.UsageError
         When options contradict each other or TARGET.
     """
-    from cageik_cli.binding_run import WeightSettings
     from cageik_cli.coordinates.binding import BindSettings
-    from cageik_cli.editing import EditSettings
     from cageik_cli.formats.base.hdf5 import SUFFIXES
     from cageik_cli.posing.edits import PosingSettings
     from cageik_cli.posing.handles.model import PlaceSettings
-    from cageik_cli.posing_run import PoseSettings
     from cageik_cli.store.binding_file import is_binding
+    from cageik_cli.workflows.bind import WeightSettings
+    from cageik_cli.workflows.edit import EditSettings
+    from cageik_cli.workflows.pose import PoseSettings
 
     place = PlaceSettings(options["snap"], options["allow_conflicts"], options["hard"])
     try:

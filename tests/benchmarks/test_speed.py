@@ -10,14 +10,14 @@ import trimesh
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.harmonic import harmonic_weights
-from cageik_cli.extraction import extract
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.inputs import ExtractSettings
 from cageik_cli.solver.blocks import LARGEST_BLOCK
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, SolveSettings
 from cageik_cli.util.threads import blas_threads, processors
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.extract_inputs import ExtractSettings
 from tests.shapes import ball, inside
 
 pytestmark = pytest.mark.bench

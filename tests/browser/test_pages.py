@@ -7,8 +7,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cageik_cli.extraction import extract
-from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report.figures import change_text, percent_text
 from cageik_cli.report.html.index import as_index
 from cageik_cli.report.html.page import as_html
@@ -16,6 +14,8 @@ from cageik_cli.report.limits import Limit, Limits
 from cageik_cli.report.overview import Entry, entry_of, overview_of
 from cageik_cli.report.record import report_of
 from cageik_cli.report.render.model_views import pictures_of, poses_of
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.extract_inputs import ExtractSettings
 from tests.report.clips import five_hundred
 from tests.report.hostile import NAMES, with_hostile_names
 

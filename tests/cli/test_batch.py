@@ -17,9 +17,9 @@ import pytest
 
 import cageik_cli.cli.batch as command
 import cageik_cli.report
-from cageik_cli.batch.running import WEIGHTS
-from cageik_cli.batch.work import work_on
 from cageik_cli.store.result import read_result
+from cageik_cli.workflows.batch.clip_task import work_on
+from cageik_cli.workflows.batch.run import WEIGHTS
 
 BATCH = ("batch", "anim", "-o", "out", "--no-pages")
 

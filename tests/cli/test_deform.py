@@ -6,10 +6,10 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli import deforming
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.workflows import deform as deforming
 from tests.clips import frames_of
 from tests.shapes import box, finer, quad_text
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli import exporting
 from cageik_cli.cli import options
 from cageik_cli.formats import write as opening
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.workflows import export as exporting
 from tests.clips import frames_of
 from tests.formats.test_writers import Glb
 

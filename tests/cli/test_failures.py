@@ -67,7 +67,7 @@ def failing(monkeypatch):
         def extract(settings, watch):
             raise error
 
-        monkeypatch.setattr("cageik_cli.extraction.extract", extract)
+        monkeypatch.setattr("cageik_cli.workflows.extract.extract", extract)
 
     return with_error
 

@@ -17,8 +17,8 @@ def result_bytes(tmp_path_factory, animation, write_obj):
     """The bytes of a result of the little animation."""
     import numpy as np
 
-    from cageik_cli.extraction import extract
-    from cageik_cli.inputs import ExtractSettings
+    from cageik_cli.workflows.extract import extract
+    from cageik_cli.workflows.extract_inputs import ExtractSettings
 
     folder = tmp_path_factory.mktemp("report")
     np.savez(folder / "clip.npz", verts=animation.frames, faces=animation.rest.faces)
@@ -109,7 +109,8 @@ def test_a_plot_keeps_away_from_other_files(run, results):
 def test_only_pictures_need_the_libraries_that_draw(run_process, results):
     for command in ("extract", "report"):
         code = (
-            f"import sys, cageik_cli.cli.{command}, cageik_cli.extraction, cageik_cli.report; "
+            f"import sys, cageik_cli.cli.{command}, cageik_cli.workflows.extract, "
+            "cageik_cli.report.overview, cageik_cli.report.views.text; "
             "print({'matplotlib', 'PIL'} & set(sys.modules))"
         )
         assert run_process("-c", code).out == "set()\n"

@@ -8,12 +8,12 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.editing import EditSettings, edit
-from cageik_cli.extraction import extract
-from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report.limits import Limits, judged
 from cageik_cli.report.record import report_of
 from cageik_cli.store.result import Result, read_result
+from cageik_cli.workflows.edit import EditSettings, edit
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.editing import EditSettings, edit
-from cageik_cli.extraction import extract
-from cageik_cli.inputs import ExtractSettings
-from cageik_cli.posing_run import PoseSettings, pose
 from cageik_cli.report.plots.pose_plot import as_png, view_of
 from cageik_cli.store.result import read_result, read_weights
+from cageik_cli.workflows.edit import EditSettings, edit
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.pose import PoseSettings, pose
 
 HANDLES = [
     {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3], "hard": True},

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.extraction import extract
-from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report.record import report_of
 from cageik_cli.report.render.model_views import poses_of
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 
 def misses_of(case):

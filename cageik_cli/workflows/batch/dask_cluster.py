@@ -14,14 +14,19 @@ from typing import Any
 from uuid import uuid4
 
 from cageik_cli import __version__
-from cageik_cli.batch.jobs import ClipJob, Outcome
-from cageik_cli.batch.pieces import PIECE_SECONDS, Pieces, WeightsTask, sentence_of_killed
-from cageik_cli.batch.work import failed, looked_at, work_on
-from cageik_cli.batch.worker import make_fit
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import partial_name
 from cageik_cli.util.errors import InputError, needing, sentence_of
 from cageik_cli.util.outputs import open_locked
+from cageik_cli.workflows.batch.clip_task import failed, looked_at, work_on
+from cageik_cli.workflows.batch.dask_pieces import (
+    PIECE_SECONDS,
+    Pieces,
+    WeightsTask,
+    sentence_of_killed,
+)
+from cageik_cli.workflows.batch.dask_worker import make_fit
+from cageik_cli.workflows.batch.jobs import ClipJob, Outcome
 
 PACKAGE = "cageik"
 """As it is called where packages are installed."""

@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from cageik_cli.batch.jobs import CLIPS, ClipJob, Outcome, Scheduler, State
 from cageik_cli.report.figures import percent_text
 from cageik_cli.report.html.index import as_index
 from cageik_cli.report.overview import Entry, Overview, overview_of
@@ -17,6 +16,7 @@ from cageik_cli.store.result import is_result
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import make_folder, open_locked, remove_locked, write_text
 from cageik_cli.util.progress import Observer
+from cageik_cli.workflows.batch.jobs import CLIPS, ClipJob, Outcome, Scheduler, State
 
 VIEWS = {
     "index.html": as_index,

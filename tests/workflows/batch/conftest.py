@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from cageik_cli.extraction import extract
-from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report.overview import Entry, entry_of
 from cageik_cli.report.record import report_of
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 
 @pytest.fixture(scope="session")

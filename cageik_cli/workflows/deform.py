@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.binding_run import WeightSettings, made
 from cageik_cli.coordinates.binding import GROUP, Binding, BindSettings, rebuilt
-from cageik_cli.exporting import remark_gaps
 from cageik_cli.formats.base.connectivity import refuse_other_order
 from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
 from cageik_cli.formats.base.writer import Animation
@@ -23,6 +21,8 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import located
 from cageik_cli.util.progress import Observer
 from cageik_cli.util.threads import blas_threads
+from cageik_cli.workflows.bind import WeightSettings, made
+from cageik_cli.workflows.export import remark_gaps
 
 LARGEST_BLOCK = 16
 """Frames to a block at most, a few groups; nothing is gained from more."""

@@ -10,9 +10,9 @@ import pytest
 
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.model import PlaceSettings
-from cageik_cli.posing_run import PoseSettings, pose
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.progress import Observer
+from cageik_cli.workflows.pose import PoseSettings, pose
 from tests.shapes import box, quad_text
 
 TIP = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}

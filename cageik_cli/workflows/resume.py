@@ -9,12 +9,12 @@ from typing import Any
 from cageik_cli import __version__
 from cageik_cli.formats.base.hdf5 import refuse_other_suffix
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.inputs import ExtractSettings, Inputs, scene_of
 from cageik_cli.store.checkpoint import PartialResult, Plan, progress_of
 from cageik_cli.store.result import Result, has_weights, partial_name, read_result
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import prepare
 from cageik_cli.util.progress import Observer
+from cageik_cli.workflows.extract_inputs import ExtractSettings, Inputs, scene_of
 
 
 def prepare_result(output: Path, overwrite: bool, resume: bool) -> None:

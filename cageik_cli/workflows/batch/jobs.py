@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
 
-from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report.limits import Limits
 from cageik_cli.report.overview import Entry
+from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 CLIPS = "clips"
 """The folder of the clips' results, in the batch's."""

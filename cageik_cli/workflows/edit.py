@@ -21,7 +21,6 @@ from cageik_cli.posing.edits import (
 )
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.summary import Posed, PoseLedger, Snapshot
-from cageik_cli.posing_run import remark_layers
 from cageik_cli.solver.blocks import Budget, SolvedBlock, told_of
 from cageik_cli.solver.metrics import FIGURES, WHOLE_FIGURES, FrameFigures, refuse_unsound
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
@@ -32,6 +31,7 @@ from cageik_cli.util.outputs import keep_apart, prepare
 from cageik_cli.util.progress import Observer
 from cageik_cli.util.text import printable, shown
 from cageik_cli.util.threads import blas_threads
+from cageik_cli.workflows.pose import remark_layers
 
 
 @dataclass(frozen=True, slots=True)

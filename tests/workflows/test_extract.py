@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.extraction import extract
-from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report.record import report_of
 from cageik_cli.report.views.text import as_text
 from cageik_cli.solver.blocks import ARRAYS_PER_FRAME, Budget
 from cageik_cli.solver.dual_laplacian import SolveSettings
 from cageik_cli.util.errors import InputError, NumericalError
 from cageik_cli.util.progress import Observer
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.extract_inputs import ExtractSettings
 from tests.shapes import ball, box, rotation
 
 TRUTH = SolveSettings(alpha=0.0)

@@ -19,14 +19,7 @@ import numpy as np
 import pytest
 
 import cageik_cli
-from cageik_cli.batch import cluster as module
-from cageik_cli.batch.cluster import Cluster, await_log
-from cageik_cli.batch.jobs import ClipJob, State
-from cageik_cli.batch.pieces import Common, cut, pickled_without, unpickled_with
-from cageik_cli.batch.work import bound_for, looked_at, work_on
 from cageik_cli.coordinates.binding import BindSettings
-from cageik_cli.extraction import held_result
-from cageik_cli.inputs import ExtractSettings, bound_of
 from cageik_cli.solver.blocks import BlockSolver, Budget
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import write_binding
@@ -35,6 +28,13 @@ from cageik_cli.store.result import partial_name
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import open_locked
 from cageik_cli.util.progress import Observer
+from cageik_cli.workflows.batch import dask_cluster as module
+from cageik_cli.workflows.batch.clip_task import bound_for, looked_at, work_on
+from cageik_cli.workflows.batch.dask_cluster import Cluster, await_log
+from cageik_cli.workflows.batch.dask_pieces import Common, cut, pickled_without, unpickled_with
+from cageik_cli.workflows.batch.jobs import ClipJob, State
+from cageik_cli.workflows.extract import held_result
+from cageik_cli.workflows.extract_inputs import ExtractSettings, bound_of
 
 ONE_FRAME = 7_000
 """Bytes that the weights, and blocks of one frame of the little animation, have room for."""
@@ -301,7 +301,7 @@ def threaded():
 
 
 def test_pieces_that_end_every_worker(threaded, job, monkeypatch):
-    monkeypatch.setattr("cageik_cli.batch.pieces.solved_piece", killing)
+    monkeypatch.setattr("cageik_cli.workflows.batch.dask_pieces.solved_piece", killing)
     long = job("long", 30)
     found = outcomes(threaded(1), [long], piece_seconds=0.0)
     fault = found["long"].entry.fault

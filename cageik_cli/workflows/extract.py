@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.inputs import ExtractSettings, Inputs, bound_of, opened, scene_of
-from cageik_cli.resuming import going_on, prepare_result, take_up, whole_already
 from cageik_cli.solver.blocks import BlockSolver, Budget, Crew, Threads, told_of
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import StoredBinding
@@ -19,6 +17,8 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.progress import Observer
 from cageik_cli.util.threads import blas_threads
+from cageik_cli.workflows.extract_inputs import ExtractSettings, Inputs, bound_of, opened, scene_of
+from cageik_cli.workflows.resume import going_on, prepare_result, take_up, whole_already
 
 
 def extract(

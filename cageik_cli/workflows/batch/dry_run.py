@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 
-from cageik_cli.batch.jobs import ClipJob
-from cageik_cli.batch.running import Batch
-from cageik_cli.extraction import held_result
 from cageik_cli.store.result import partial_name
 from cageik_cli.util.errors import CageikError
 from cageik_cli.util.text import page
+from cageik_cli.workflows.batch.jobs import ClipJob
+from cageik_cli.workflows.batch.run import Batch
+from cageik_cli.workflows.extract import held_result
 
 FAULT = "would fail"
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.binding_run import WeightSettings, made
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.file_names import kind_of
 from cageik_cli.formats.base.hdf5 import SUFFIXES as HDF5_SUFFIXES
@@ -29,6 +28,7 @@ from cageik_cli.util.errors import InputError, located
 from cageik_cli.util.outputs import keep_apart
 from cageik_cli.util.progress import Observer
 from cageik_cli.util.threads import blas_threads
+from cageik_cli.workflows.bind import WeightSettings, made
 
 
 @dataclass(frozen=True, slots=True)

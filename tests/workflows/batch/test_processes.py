@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.batch import local
-from cageik_cli.batch.jobs import ClipJob, State
-from cageik_cli.batch.local import Processes
-from cageik_cli.batch.work import work_on
-from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report.limits import Limits
+from cageik_cli.workflows.batch import processes as local
+from cageik_cli.workflows.batch.clip_task import work_on
+from cageik_cli.workflows.batch.jobs import ClipJob, State
+from cageik_cli.workflows.batch.processes import Processes
+from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 
 @dataclass(frozen=True)

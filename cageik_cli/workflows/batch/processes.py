@@ -13,10 +13,10 @@ from dataclasses import replace
 from multiprocessing.context import BaseContext
 from queue import SimpleQueue
 
-from cageik_cli.batch.jobs import ClipJob, Outcome, State
-from cageik_cli.batch.work import work_on
 from cageik_cli.report.overview import Entry
 from cageik_cli.util.threads import limit_blas_for_good
+from cageik_cli.workflows.batch.clip_task import work_on
+from cageik_cli.workflows.batch.jobs import ClipJob, Outcome, State
 
 PAGE = "cageik_cli.report.html.page"
 """What draws pages, and takes as long to import as to draw one."""

@@ -1,11 +1,7 @@
 """The work on one clip, wherever it is done: extract, report, draw the page."""
 
-from cageik_cli.batch.jobs import CLIPS, ClipJob, Outcome, State
-from cageik_cli.extraction import extract, held_result
-from cageik_cli.inputs import bound_of, opened
 from cageik_cli.report.overview import Entry, entry_of
 from cageik_cli.report.record import report_of
-from cageik_cli.resuming import prepare_result
 from cageik_cli.solver.blocks import Crew
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import forget
@@ -14,6 +10,10 @@ from cageik_cli.util.errors import CageikError, cause_of
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.progress import Observer
 from cageik_cli.util.text import printable
+from cageik_cli.workflows.batch.jobs import CLIPS, ClipJob, Outcome, State
+from cageik_cli.workflows.extract import extract, held_result
+from cageik_cli.workflows.extract_inputs import bound_of, opened
+from cageik_cli.workflows.resume import prepare_result
 
 
 class _Heard(Observer):

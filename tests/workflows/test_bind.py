@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.binding_run import BindRunSettings, WeightSettings, bind_files, from_file
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import BindSettings
 from cageik_cli.formats.mesh_file import load_mesh
@@ -14,6 +13,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.progress import Observer
+from cageik_cli.workflows.bind import BindRunSettings, WeightSettings, bind_files, from_file
 
 
 class Listener(Observer):

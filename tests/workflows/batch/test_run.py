@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.batch.jobs import ClipJob, Outcome, State
-from cageik_cli.batch.running import LOCK, VIEWS, WEIGHTS, Batch, refuse_used, run_batch
-from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report.overview import Entry
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import open_locked
 from cageik_cli.util.progress import Observer
+from cageik_cli.workflows.batch.jobs import ClipJob, Outcome, State
+from cageik_cli.workflows.batch.run import LOCK, VIEWS, WEIGHTS, Batch, refuse_used, run_batch
+from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 
 class Scripted:

@@ -11,8 +11,6 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.extraction import extract
-from cageik_cli.inputs import ExtractSettings
 from cageik_cli.report.record import report_of
 from cageik_cli.report.views.tables import as_csv, as_json
 from cageik_cli.report.views.text import as_text
@@ -20,6 +18,8 @@ from cageik_cli.solver.dual_laplacian import SolveSettings
 from cageik_cli.store.checkpoint import progress_of
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.progress import Observer
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 LOG = Path("cages.h5.partial")
 
@@ -139,7 +139,7 @@ def test_a_whole_result_is_told_before_anything_is_bound(plain, whole, monkeypat
     def bind(*given):
         raise AssertionError("bound")
 
-    monkeypatch.setattr("cageik_cli.extraction.bound_of", bind)
+    monkeypatch.setattr("cageik_cli.workflows.extract.bound_of", bind)
     assert extract(replace(plain, resume=True)).path.read_bytes() == whole
     with pytest.raises(AssertionError, match="bound"):
         extract(replace(plain, resume=True, overwrite=True, keep_weights=False))
@@ -201,7 +201,7 @@ def test_another_result_is_not_replaced_by_going_on(plain, whole, change, says):
 
 def test_a_result_of_another_version_is_not_taken_for_this_ones(plain, whole, monkeypatch):
     extract(plain)
-    monkeypatch.setattr("cageik_cli.resuming.__version__", "9.9")
+    monkeypatch.setattr("cageik_cli.workflows.resume.__version__", "9.9")
     with pytest.raises(InputError, match="is the result of another version of cageik; choose"):
         extract(replace(plain, resume=True))
     assert Path("cages.h5").read_bytes() == whole

@@ -10,18 +10,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from cageik_cli.batch.jobs import ClipJob
-from cageik_cli.batch.work import bound_for
-from cageik_cli.batch.worker import make_fit
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import clip_and_rest
-from cageik_cli.inputs import ExtractSettings
 from cageik_cli.solver.blocks import BlockSolver, Budget, SolvedBlock, Threads
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.progress import Observer
+from cageik_cli.workflows.batch.clip_task import bound_for
+from cageik_cli.workflows.batch.dask_worker import make_fit
+from cageik_cli.workflows.batch.jobs import ClipJob
+from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 PIECE_SECONDS = 0.5
 """Work of a piece at least; what a scheduler spends on a task is a hundredth of it."""

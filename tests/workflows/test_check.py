@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from cageik_cli import __version__
-from cageik_cli.checking import CheckSettings, as_json, as_text, check
 from cageik_cli.util.errors import InputError
+from cageik_cli.workflows.check import CheckSettings, as_json, as_text, check
 from tests.shapes import ball, box
 
 pytestmark = pytest.mark.usefixtures("folder")

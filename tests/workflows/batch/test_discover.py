@@ -6,8 +6,8 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.batch.finding import Search, _plain, clips_under, folders_under
 from cageik_cli.util.errors import InputError
+from cageik_cli.workflows.batch.discover import Search, _plain, clips_under, folders_under
 
 NOWHERE = Search(frozenset(), Path("out"))
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.binding_run import WeightSettings, from_file, made
 from cageik_cli.coordinates.binding import BindSettings
 from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
@@ -20,6 +19,7 @@ from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError, located
 from cageik_cli.util.progress import Observer
+from cageik_cli.workflows.bind import WeightSettings, from_file, made
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,4 @@
+"""Every clip under some folders, in processes of this machine or on a Dask cluster.
+
+Start with `run`; `discover` finds the clips, and `clip_task` is the work on one of them.
+"""
