@@ -7,9 +7,9 @@ from cageik_cli.cli.batch import batch_command
 from cageik_cli.cli.bind import bind_command
 from cageik_cli.cli.check import check_command
 from cageik_cli.cli.deform import deform_command
+from cageik_cli.cli.errors import CageikGroup
 from cageik_cli.cli.export import export_command
 from cageik_cli.cli.extract import extract_command
-from cageik_cli.cli.failures import CageikGroup
 from cageik_cli.cli.info import info_command
 from cageik_cli.cli.pose import pose_command
 from cageik_cli.cli.report import report_command

@@ -6,9 +6,9 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.clip_jobs import PER_CLIP, batch_of
-from cageik_cli.cli.gate_options import echo_over_limits, exit_by
-from cageik_cli.cli.options import PATH, common, is_typed
+from cageik_cli.cli.batch_config import PER_CLIP, batch_of
+from cageik_cli.cli.options.common import PATH, common, is_typed
+from cageik_cli.cli.options.limits import echo_over_limits, exit_by
 from cageik_cli.util.threads import processors
 
 
@@ -63,8 +63,8 @@ def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     cageik batch animations --cage rest_cage.obj -o out
     cageik batch walks runs -o out --resume --max-rms 0.5%
     """  # noqa: D301
-    from cageik_cli.cli.step_summary import append_step_summary
-    from cageik_cli.cli.watching import Lines, watched
+    from cageik_cli.cli.github_summary import append_step_summary
+    from cageik_cli.cli.progress import Lines, watched
     from cageik_cli.report.views.markdown import as_markdown
     from cageik_cli.workflows.batch.run import refuse_foreign, refuse_used, run_batch
 

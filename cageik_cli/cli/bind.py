@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.options import (
+from cageik_cli.cli.options.common import (
     PATH,
     binding_options,
     cache_folder,
@@ -31,7 +31,7 @@ def bind_command(timings: Path | None, quiet: bool, **options: Any) -> None:
     """Compute the weights that tie a rest pose to its cage, for `cageik extract --binding`."""
     settings = _settings(options)
 
-    from cageik_cli.cli.watching import watched
+    from cageik_cli.cli.progress import watched
     from cageik_cli.util.outputs import keep_apart
     from cageik_cli.util.text import page
     from cageik_cli.workflows.bind import bind_files

@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.clip_options import clip_of, clip_options
-from cageik_cli.cli.options import PATH, common, jobs, write_or_print
+from cageik_cli.cli.options.clip import clip_of, clip_options
+from cageik_cli.cli.options.common import PATH, common, jobs, write_or_print
 
 
 @click.command("check")

@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.clip_options import clip_of, clip_options, scene_of, scene_options
-from cageik_cli.cli.options import (
+from cageik_cli.cli.options.clip import clip_of, clip_options, scene_of, scene_options
+from cageik_cli.cli.options.common import (
     PATH,
     animation_options,
     cache_folder,
@@ -47,7 +47,7 @@ def deform_command(result: Path, quiet: bool, **options: Any) -> None:
     """
     settings = _settings(result, options)
 
-    from cageik_cli.cli.watching import watched
+    from cageik_cli.cli.progress import watched
     from cageik_cli.formats.open import files_read
     from cageik_cli.util.outputs import keep_apart
     from cageik_cli.util.text import page

@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.clip_options import scene_of, scene_options
-from cageik_cli.cli.options import PATH, animation_options, common
+from cageik_cli.cli.options.clip import scene_of, scene_options
+from cageik_cli.cli.options.common import PATH, animation_options, common
 
 
 @click.command("export")
@@ -35,7 +35,7 @@ def export_command(result: Path, out: Path, quiet: bool, **options: Any) -> None
         raise click.UsageError("--max-influences is for --skeleton; give both, or neither")
     scene = scene_of(options)
 
-    from cageik_cli.cli.watching import watched
+    from cageik_cli.cli.progress import watched
     from cageik_cli.formats.write import Output
     from cageik_cli.util.outputs import keep_apart
     from cageik_cli.util.text import page

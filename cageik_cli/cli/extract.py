@@ -6,9 +6,8 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.clip_options import clip_of, clip_options, scene_of, scene_options
-from cageik_cli.cli.gate_options import echo_over_limits, exit_by, gate_options, limits_of
-from cageik_cli.cli.options import (
+from cageik_cli.cli.options.clip import clip_of, clip_options, scene_of, scene_options
+from cageik_cli.cli.options.common import (
     PATH,
     binding_options,
     cache_folder,
@@ -19,6 +18,7 @@ from cageik_cli.cli.options import (
     timings_option,
     verbosity,
 )
+from cageik_cli.cli.options.limits import echo_over_limits, exit_by, gate_options, limits_of
 from cageik_cli.util.errors import CageikError
 
 
@@ -100,7 +100,7 @@ def extract_command(**options: Any) -> None:
     limits = limits_of(options)
     settings = extract_settings(options)
 
-    from cageik_cli.cli.watching import watched
+    from cageik_cli.cli.progress import watched
     from cageik_cli.formats.open import files_read
     from cageik_cli.formats.write import Output
     from cageik_cli.report.overview import entry_of, overview_of

@@ -2,8 +2,8 @@
 
 import click
 
-from cageik_cli.cli.clip_options import layout_option
-from cageik_cli.cli.options import common
+from cageik_cli.cli.options.clip import layout_option
+from cageik_cli.cli.options.common import common
 
 
 @click.command("info")

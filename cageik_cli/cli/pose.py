@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.clip_options import UP_AXES
-from cageik_cli.cli.options import (
+from cageik_cli.cli.options.clip import UP_AXES
+from cageik_cli.cli.options.common import (
     PATH,
     binding_options,
     cache_folder,
@@ -108,7 +108,7 @@ def pose_command(
         raise click.UsageError(f"--plot {plot}: expected a name that ends in .png")
     settings = _settings(options)
 
-    from cageik_cli.cli.watching import watched
+    from cageik_cli.cli.progress import watched
     from cageik_cli.report.views.pose_text import pose_json, pose_rows
     from cageik_cli.util.outputs import keep_apart, prepare
     from cageik_cli.util.text import page

@@ -7,15 +7,14 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.gate_options import echo_over_limits, exit_by, gate_options, limits_of
-from cageik_cli.cli.options import PATH, common, write_or_print
-from cageik_cli.cli.step_summary import append_step_summary
+from cageik_cli.cli.github_summary import append_step_summary
+from cageik_cli.cli.options.common import PATH, common, write_or_print
+from cageik_cli.cli.options.limits import echo_over_limits, exit_by, gate_options, limits_of
 
 OF_ALL = ("json", "csv", "junit", "markdown")
 """Views of any number of results."""
 
 OF_ONE = ("html", "plot")
-
 PICTURES = (".png", ".svg")
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.cli import options
+from cageik_cli.cli.options import common as options
 from cageik_cli.formats import write as opening
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.workflows import export as exporting

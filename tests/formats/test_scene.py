@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cli.clip_options import LAYOUTS, UP_AXES
+from cageik_cli.cli.options.clip import LAYOUTS, UP_AXES
 from cageik_cli.formats.base.sequence import LAYOUTS as KNOWN_LAYOUTS
 from cageik_cli.formats.scene import UP_AXES as KNOWN_AXES
 from cageik_cli.formats.scene import Scene, SceneHints, sound_hints

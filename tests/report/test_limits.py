@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.cli import gate_options
+from cageik_cli.cli.options import limits as gate_options
 from cageik_cli.report import limits as gates
 from cageik_cli.report.figures import Summary, percent_text, units_text
 from cageik_cli.report.limits import PERCENT, UNITS, Baseline, Limit, Limits, judged, not_compared

@@ -68,7 +68,7 @@ def test_wrong_usage_is_exit_code_2(run, folder, words, says):
     ],
 )
 def test_sizes(text, size):
-    from cageik_cli.cli.options import Size
+    from cageik_cli.cli.options.common import Size
 
     assert Size().convert(text, None, None) == size
 
@@ -114,7 +114,7 @@ finally:
 
 def test_choices_are_the_numerics_own():
     from cageik_cli.cages import enclosure
-    from cageik_cli.cli import options
+    from cageik_cli.cli.options import common as options
     from cageik_cli.coordinates import binding
     from cageik_cli.coordinates.harmonic import ACCURACIES
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.options import verbosity
+from cageik_cli.cli.options.common import verbosity
 from cageik_cli.util.errors import sentence_of
 
 

@@ -13,15 +13,14 @@ from cageik_cli.cli.config import read_config
 from cageik_cli.util.threads import processors
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-
 PATH = click.Path(path_type=Path)
 
 # The numerics' own words, which would take a second to import; a test compares them.
 COORDINATES = ("harmonic", "mean-value")
+
 ACCURACIES = {"preview": 0.03, "standard": 0.005, "fine": 0.001}
 OUTSIDE = ("refuse", "project")
 FRAME_KINDS = ("obj", "ply")
-
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 

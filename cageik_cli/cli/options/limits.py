@@ -10,14 +10,14 @@ from typing import Any, TypeVar
 
 import click
 
-from cageik_cli.cli.options import PATH
+from cageik_cli.cli.options.common import PATH
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 # The report's own words, which would take a second to import; a test compares them.
 METRICS = ("rms", "frame_rms", "max_deviation", "volume_change")
-OPTIONS = ("max_rms", "max_frame_rms", "max_deviation", "max_volume_change")
 
+OPTIONS = ("max_rms", "max_frame_rms", "max_deviation", "max_volume_change")
 REGRESSION = Decimal(10)
 
 

@@ -12,6 +12,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 # The reader's own words, which would take a second to import; a test compares them.
 LAYOUTS = ("fvx", "vxf", "fxv")
+
 UP_AXES = ("Y", "Z")
 
 

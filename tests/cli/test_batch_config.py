@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 import pytest
 
-from cageik_cli.cli.clip_tables import ClipTables
+from cageik_cli.cli.batch_config import ClipTables
 from cageik_cli.cli.extract import extract_command
 
 TABLES = partial(ClipTables, extract_command, ("extract", "report"), ("output",))
