@@ -55,10 +55,11 @@ test-browser: $(READY)  ## Open the pages in Chromium, and use them by mouse and
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright
 	CHROMIUM="$$(command -v $(CHROMIUM))" $(BIN)/python -m pytest tests/browser -m browser
 
-check: $(READY)  ## Format, lint and types
+check: $(READY)  ## Format, lint, types, and who imports what
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 format: $(READY)  ## Format the code and sort the imports
 	$(BIN)/ruff format .
