@@ -89,7 +89,16 @@ def _unlikeness(old, new):
 
 
 def rewrite_page(path, folder, cache):
-    """Run a page, and write what its commands say now; return the faults of other blocks."""
+    """Run a page, and write what its commands say now.
+
+    A page on which a command ends with an unexpected exit code stays as it is: its output would be
+    an error message.
+
+    Returns
+    -------
+    list of Fault
+        Those that are not mended by new output.
+    """
     outputs = {}
 
     def keep(block, number, _code, found):
@@ -97,6 +106,9 @@ def rewrite_page(path, folder, cache):
 
     with contextlib.chdir(folder):
         faults, _ = run_page(path, folder, cache, keep)
+    faults = [fault for fault in faults if fault.kind != "output"]
+    if any(fault.kind == "exit code" for fault in faults):
+        return faults
     lines = path.read_text(encoding="utf-8").split("\n")
     for line in sorted({line for line, _ in outputs}, reverse=True):
         end = next(k for k in range(line, len(lines)) if lines[k] == "```")
@@ -106,7 +118,7 @@ def rewrite_page(path, folder, cache):
             for number, step in enumerate(steps)
         )
     path.write_text("\n".join(lines), encoding="utf-8")
-    return [fault for fault in faults if "not as shown" not in fault]
+    return faults
 
 
 def _write_steps(steps):

@@ -22,6 +22,26 @@ class Skipped:
     reason: str
 
 
+@dataclass(frozen=True)
+class Fault:
+    """A block that gives something else than its page shows.
+
+    Attributes
+    ----------
+    kind : str
+        `output`, `exit code` or `python`.
+    place, text : str
+        The block and, of a console block, the command; what is wrong.
+    """
+
+    kind: str
+    place: str
+    text: str
+
+    def __str__(self):
+        return f"{self.place}: {self.text}"
+
+
 def run_page(path, folder, cache, on_step=None):
     """Run all blocks of a page that can run; the current folder must be `folder`.
 
@@ -32,8 +52,7 @@ def run_page(path, folder, cache, on_step=None):
 
     Returns
     -------
-    faults : list of str
-        One for each block or step that gives something else than the page shows.
+    faults : list of Fault
     skipped : list of Skipped
     """
     link_fixtures(folder)
@@ -81,7 +100,7 @@ def find_missing_names(code):
 
 
 def run_python(block, names):
-    """Run a block of Python with the names of the page; return what went wrong, a text each."""
+    """Run a block of Python with the names of the page; return the faults."""
     if ">>>" in block.text:
         parser = doctest.DocTestParser()
         test = parser.get_doctest(block.text, names, str(block), block.page, block.line)
@@ -89,12 +108,12 @@ def run_python(block, names):
         runner = doctest.DocTestRunner(verbose=False, optionflags=doctest.ELLIPSIS)
         result = runner.run(test, out=said.write, clear_globs=False)
         names |= test.globs
-        return [f"{block}: {said.getvalue()}"] if result.failed else []
+        return [Fault("python", str(block), said.getvalue())] if result.failed else []
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             exec(compile(block.text, str(block), "exec"), names)
     except Exception as error:  # whatever it is, it is told with the place
-        return [f"{block}: {type(error).__name__}: {error}"]
+        return [Fault("python", str(block), f"{type(error).__name__}: {error}")]
     return []
 
 
@@ -106,11 +125,12 @@ def _run_console(block, folder, cache, on_step):
         code, found = run_step(step, folder, cache)
         if on_step is not None:
             on_step(block, number, code, found)
-        command = " ".join(step.typed)
+        place = f"{block}: {' '.join(step.typed)}"
         if code != expected:
-            faults.append(f"{block}: {command}: exit code {code}, expected {expected}")
+            text = f"exit code {code}, expected {expected}"
+            faults.append(Fault("exit code", place, text))
         line = find_mismatch(step.shown, found)
         if line is not None:
-            text = "\n    ".join(found)
-            faults.append(f"{block}: {command}: not as shown: {line}\n  found:\n    {text}")
+            text = "\n    ".join([f"not as shown: {line}", *found])
+            faults.append(Fault("output", place, text))
     return faults

@@ -12,7 +12,7 @@ PAGES = [path for path in find_pages() if RUN & {block.language for block in rea
 @pytest.mark.parametrize("path", PAGES, ids=name_page)
 def test_a_page_shows_what_its_blocks_give(path, page_folder, docs_cache):
     faults, _ = run_page(path, page_folder, docs_cache)
-    assert not faults, "\n".join(faults)
+    assert not faults, "\n".join(map(str, faults))
 
 
 class TestAWrongPage:
@@ -20,7 +20,7 @@ class TestAWrongPage:
 
     @pytest.fixture
     def faults_of(self, page_folder, docs_cache, write_page):
-        return lambda text: run_page(write_page(text), page_folder, docs_cache)[0]
+        return lambda text: list(map(str, run_page(write_page(text), page_folder, docs_cache)[0]))
 
     def test_a_right_page_has_no_fault(self, faults_of):
         text = (
@@ -82,5 +82,5 @@ class TestSkippedBlocks:
         code = "from cageik_cli import __version__\nassert not __version__\n"
         page = write_page(f"<!-- skip -->\n\n```python\n{code}```\n")
         (fault,), skipped = run_page(page, page_folder, docs_cache)
-        assert "AssertionError" in fault
+        assert "AssertionError" in fault.text
         assert skipped == []

@@ -71,7 +71,9 @@ class TestAPage:
         assert page.read_bytes() == before
         assert "unchanged" in capsys.readouterr().out
 
-    def test_a_command_that_fails_unexpectedly_is_told(self, write_page, capsys):
-        page = write_page("```console\n$ cageik info nothing.obj\n```\n")
+    def test_a_command_that_fails_unexpectedly_is_told_and_not_shown(self, write_page, capsys):
+        page = write_page("```console\n$ cageik info nothing.obj\nwhat it was\n```\n")
+        before = page.read_bytes()
         assert main([str(page)]) == 1
+        assert page.read_bytes() == before
         assert "exit code 1, expected 0" in capsys.readouterr().out

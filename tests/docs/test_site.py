@@ -8,6 +8,7 @@ import sys
 import pytest
 import yaml
 
+from cageik_cli.cli import main
 from tests.docs.pages import ROOT
 
 LONGEST_README = 150
@@ -69,6 +70,11 @@ def test_the_readme_links_every_page_but_the_generated():
     text = (ROOT / "README.md").read_text()
     pages = set(list_nav(read_config()["nav"])) - {"index.md", "api.md", "commands.md"}
     assert sorted(page for page in pages if f"(docs/{page})" not in text) == []
+
+
+def test_the_readme_names_every_command():
+    text = (ROOT / "README.md").read_text()
+    assert sorted(name for name in main.commands if f"`cageik {name} " not in text) == []
 
 
 def test_the_citation_is_complete():
