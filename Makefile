@@ -14,7 +14,7 @@ READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/bl
 
 CHROMIUM      ?= chromium
 
-.PHONY: help run test test-blender test-browser check format fuzz bench growth latency fixtures clean
+.PHONY: help run test test-blender test-browser check format fuzz bench growth latency docs fixtures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
@@ -78,6 +78,10 @@ growth: $(READY)  ## Measure how a bind grows with cage and model (takes minutes
 latency: $(READY)  ## Measure how long a move of anchors takes over the size of the model
 	@mkdir -p $(OUT)
 	$(BIN)/python -m tests.benchmarks.latency $(OUT)/latency.png
+
+docs: $(READY)  ## Build the documentation site, strictly
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --site-dir $(OUT)/site
 
 fixtures: $(READY)  ## Make data_fixtures again, byte for byte, and the pictures
 	$(BIN)/python data_fixtures/make_fixtures.py

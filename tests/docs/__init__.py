@@ -1,0 +1,1 @@
+"""The documents as tests: every code block runs, or says why it does not."""

@@ -1,0 +1,72 @@
+"""The files that a page's commands find: `<!-- setup: NAME -->` before a block asks for one."""
+
+import shutil
+
+import h5py
+import numpy as np
+
+from tests.docs.pages import ROOT
+
+WALKER = ROOT / "data_fixtures" / "walker"
+
+
+def link_fixtures(folder):
+    """Put the project's fixtures where a clone has them."""
+    (folder / "data_fixtures").symlink_to(ROOT / "data_fixtures", target_is_directory=True)
+
+
+def add_damaged_frames(folder):
+    """Make `frames` and `cage.obj`, the walking figure with one line of one frame cut short."""
+    shutil.copytree(WALKER / "frames", folder / "frames")
+    shutil.copy(WALKER / "cage.obj", folder)
+    _damage(folder / "frames" / "walker_30.obj")
+
+
+def add_model(folder):
+    """Make `rest.obj` and `cage.obj`, and `handles.json` with a vertex that is not there."""
+    shutil.copy(WALKER / "frames" / "walker_1.obj", folder / "rest.obj")
+    shutil.copy(WALKER / "cage.obj", folder)
+    text = (WALKER / "handles.json").read_text()
+    (folder / "handles.json").write_text(text.replace("1040", "10400"))
+
+
+def add_animations(folder):
+    """Make `animations`: two folders of frames, one of them damaged, and a file of two clips."""
+    walker = folder / "animations" / "walker"
+    walker.mkdir(parents=True)
+    shutil.copy(WALKER / "cage.obj", walker)
+    shutil.copy(WALKER / "frames" / "walker_1.obj", walker / "rest.obj")
+    for name, numbers in {"stroll": range(1, 13), "stop": range(25, 37)}.items():
+        (walker / name).mkdir()
+        for number in numbers:
+            shutil.copy(WALKER / "frames" / f"walker_{number}.obj", walker / name)
+    _damage(walker / "stop" / "walker_30.obj")
+    frames = np.array([_read_vertices(WALKER / "frames" / f"walker_{k}.obj") for k in range(1, 9)])
+    with h5py.File(walker / "takes.hdf5", "w") as file:
+        file["faces"] = _read_rows(walker / "rest.obj", "f", int) - 1
+        file["fast"] = np.moveaxis(frames[::2], 0, 2)
+        file["slow"] = np.moveaxis(frames, 0, 2)
+
+
+def _damage(path):
+    lines = path.read_text().splitlines(keepends=True)
+    lines[192] = "v 0.5881\n"
+    path.write_text("".join(lines))
+
+
+def _read_vertices(path):
+    return _read_rows(path, "v", float)
+
+
+def _read_rows(path, keyword, number):
+    lines = [line.split() for line in path.read_text().splitlines()]
+    return np.array(
+        [[number(word) for word in line[1:]] for line in lines if line[:1] == [keyword]]
+    )
+
+
+SCENES = {
+    "damaged frames": add_damaged_frames,
+    "model": add_model,
+    "animations": add_animations,
+}
