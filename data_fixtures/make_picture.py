@@ -117,7 +117,7 @@ class Walk:
 
     def error(self, frame: int) -> float:
         """Return a frame's RMS deviation in percent of the rest pose's diagonal."""
-        return float(100 * self.result.figures.rms[frame - 1] / self.result.rest.diagonal)
+        return float(100 * self.result.metrics.rms[frame - 1] / self.result.rest.diagonal)
 
     def rebuilt(self, frame: int) -> Points:
         """Return the model as a frame's cage carries it."""
@@ -138,7 +138,7 @@ def extracted() -> Walk:
         with h5py.File(output) as file:
             cages, weights = file["verts"][:], file["weights"][:]
     sequence = open_sequence([str(clip)])
-    return Walk(result, cages, weights, {frame: sequence.frame(frame - 1) for frame in SHOWN})
+    return Walk(result, cages, weights, {frame: sequence.read_frame(frame - 1) for frame in SHOWN})
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +211,7 @@ def draw_surface(axes: Axes, view: View, verts: Points, faces: Integers, colors:
     Parameters
     ----------
     axes : Axes
-    view : View
+    view : PanelView
     verts : (m, 3) float64
     faces : (t, 3) int64
     colors : (m, 3) float64
@@ -250,7 +250,7 @@ def draw_cage(axes: Axes, view: View, cage: TriMesh, model: TriMesh) -> None:
     points, triangles = view(cage.vertices), view(model.vertices)[model.faces]
     triangles = triangles[facing(triangles)]
     front = facing(points[cage.faces])
-    ends, sides = cage.edges.ends, cage.edges.of_side
+    ends, sides = cage.edges.ends, cage.edges.side_edges
     near_edge, near_vertex = np.zeros(len(ends), bool), np.zeros(len(points), bool)
     near_edge[sides[front]], near_vertex[cage.faces[front]] = True, True
     lines: dict[Stroke, list[Points]] = {NEAR: [], FAR: [], COVERED: []}

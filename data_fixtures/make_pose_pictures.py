@@ -20,10 +20,16 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.anchors import Anchor, SurfacePoint, at_vertex, on_face, positions_of
+from cageik_cli.posing.anchors import (
+    Anchor,
+    SurfacePoint,
+    anchor_positions,
+    point_at_vertex,
+    point_on_face,
+)
 from cageik_cli.posing.poser import Poser
-from cageik_cli.report.plots.pose_plot import Panel, PoseView, figure_of
-from cageik_cli.report.plots.style import own_style
+from cageik_cli.report.plots.pose_plot import Panel, PoseView, draw_pose
+from cageik_cli.report.plots.style import use_fixed_style
 
 HERE = Path(__file__).resolve().parent
 
@@ -62,7 +68,7 @@ class Task:
         """Return what handles ask for."""
         rest = binding.rest
         anchors = tuple(Anchor(handle["name"], _point(rest, handle)) for handle in handles)
-        starts = positions_of(anchors, rest.vertices)
+        starts = anchor_positions(anchors, rest.vertices)
         targets = [
             handle.get("target", start + handle.get("offset", 0.0))
             for handle, start in zip(handles, starts, strict=True)
@@ -73,7 +79,7 @@ class Task:
     @property
     def starts(self) -> Points:
         """Return where the anchors are at rest."""
-        return positions_of(self.anchors, self.binding.rest.vertices)
+        return anchor_positions(self.anchors, self.binding.rest.vertices)
 
     def before(self, title: str) -> Panel:
         """Return the rest pose, with arrows."""
@@ -83,9 +89,9 @@ class Task:
     def after(self, rigidity: int, title: str) -> Panel:
         """Return the pose with so many rounds of rigidity."""
         binding = self.binding
-        cage = Poser(binding, self.anchors).cage(self.targets - self.starts, rigidity)
+        cage = Poser(binding, self.anchors).solve_cage(self.targets - self.starts, rigidity)
         mesh = binding.rest.vertices + binding.weights @ (cage - binding.cage.vertices)
-        return Panel(mesh, cage, positions_of(self.anchors, mesh), False, title)
+        return Panel(mesh, cage, anchor_positions(self.anchors, mesh), False, title)
 
     def view(self, before: Panel, after: Panel) -> PoseView:
         """Return two panels as one view."""
@@ -109,8 +115,8 @@ class Task:
 
 def _point(mesh: TriMesh, handle: Handle) -> SurfacePoint:
     if "vertex" in handle:
-        return at_vertex(mesh, handle["vertex"])
-    return on_face(mesh, handle["face"], np.array(handle["barycentric"]))
+        return point_at_vertex(mesh, handle["vertex"])
+    return point_on_face(mesh, handle["face"], np.array(handle["barycentric"]))
 
 
 def greeting() -> Figure:
@@ -118,7 +124,7 @@ def greeting() -> Figure:
     rest = load_mesh(HERE / "walker" / "frames" / "walker_1.obj").mesh
     task = Task.of(bind(rest, load_mesh(HERE / "walker" / "cage.obj").mesh), GREETING)
     before, after = task.before("before"), task.after(RIGIDITY, f"after, rigidity {RIGIDITY}")
-    return figure_of(task.view(before, after), (before, after), PIXELS)
+    return draw_pose(task.view(before, after), (before, after), PIXELS)
 
 
 def limb() -> Figure:
@@ -139,7 +145,7 @@ def limb() -> Figure:
     bent = [task.after(count, f"rigidity {count}" if count else "no rigidity") for count in ROUNDS]
     bent = [replace(panel, title=f"{panel.title}: {_volume(panel, rest)}") for panel in bent]
     panels = [task.before("rest pose"), *bent]
-    return figure_of(task.view(panels[0], panels[1]), panels, NARROW)
+    return draw_pose(task.view(panels[0], panels[1]), panels, NARROW)
 
 
 def _volume(panel: Panel, rest: TriMesh) -> str:
@@ -170,7 +176,7 @@ def main(arguments: list[str]) -> int:
         print(__doc__)
         return 2
     folder = Path(arguments[0]) if arguments else HERE / "pictures"
-    with own_style():
+    with use_fixed_style():
         write(greeting(), folder / "pose.png")
         write(limb(), folder / "limb.png")
     return 0

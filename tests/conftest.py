@@ -86,7 +86,7 @@ def no_step_summary(monkeypatch) -> None:
 @pytest.fixture
 def coarse_panels(monkeypatch) -> None:
     """Linear densities on the cage's faces: quick, exact still on affine maps and on the cage."""
-    monkeypatch.setattr("cageik_cli.coordinates.harmonic.FEWEST_PANELS", 1)
+    monkeypatch.setattr("cageik_cli.coordinates.harmonic.MIN_PANELS", 1)
     monkeypatch.setitem(harmonic.ACCURACIES, "standard", harmonic.Accuracy(10.0, 1, 0.0, 0))
 
 

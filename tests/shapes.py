@@ -65,7 +65,7 @@ def changed(mesh, faces=None, vertices=None) -> TriMesh:
 def finer(mesh: TriMesh, levels: int) -> TriMesh:
     """Every face divided in four, `levels` times."""
     for _ in range(levels):
-        panels = BoundaryMesh.of(mesh).divided(np.ones(len(mesh.faces), bool)).panels
+        panels = BoundaryMesh.from_cage(mesh).divide(np.ones(len(mesh.faces), bool)).panels
         mesh = TriMesh(panels.vertices, panels.corners)
     return mesh
 
@@ -83,13 +83,13 @@ def concave() -> TriMesh:
 
 def inside(mesh: TriMesh, count: int, seed: int = 0, margin: float = 0.02) -> np.ndarray:
     """Random points inside `mesh`, at least `margin` diagonals from it."""
-    from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
+    from cageik_cli.geometry.surface import closest_points, winding_numbers
 
     generator = np.random.default_rng(seed)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     points = generator.uniform(low, high, (40 * count, 3))
     kept = winding_numbers(mesh, points) > 0.5
-    kept &= nearest_on_surface(mesh, points).distance > margin * mesh.diagonal
+    kept &= closest_points(mesh, points).distance > margin * mesh.diagonal
     return points[kept][:count]
 
 

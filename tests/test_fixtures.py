@@ -48,7 +48,7 @@ def test_the_walker_is_closed_articulated_and_held_by_its_cage():
     cage = load_mesh(FOLDER / "walker/cage.obj").mesh
     assert 40 <= len(cage.vertices) <= 80
     assert check_enclosure(cage, rest).notes == ()
-    travelled = np.linalg.norm(sequence.frame(47).mean(axis=0) - rest.vertices.mean(axis=0))
+    travelled = np.linalg.norm(sequence.read_frame(47).mean(axis=0) - rest.vertices.mean(axis=0))
     assert travelled > rest.diagonal
 
 

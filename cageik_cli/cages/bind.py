@@ -3,18 +3,18 @@
 from collections.abc import Callable
 
 from cageik_cli.cages.enclosure import Enclosure, check_enclosure
-from cageik_cli.coordinates.binding import Binding, BindSettings, _missed
-from cageik_cli.coordinates.weights import ACCURACIES, Weights, no_progress
+from cageik_cli.coordinates.binding import Binding, BindSettings, _reproduction_error
+from cageik_cli.coordinates.weights import ACCURACIES, Weights, ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import NumericalError
 
-LOWEST_WEIGHT = -0.05
+MIN_HARMONIC_WEIGHT = -0.05
 """Harmonic weights below it are poor: those of sound cages stay above −0.02."""
 
-WORST_ERROR = 0.5
+MAX_ESTIMATED_ERROR = 0.5
 """Rows of harmonic weights that are off by more are no weights."""
 
-WORST_PRECISION = 1e-6
+MAX_REPRODUCTION_ERROR = 1e-6
 """Weights that miss the rest pose by more, in diagonals, are not weights of this cage."""
 
 
@@ -23,7 +23,7 @@ def bind(
     cage: TriMesh,
     settings: BindSettings | None = None,
     jobs: int | None = None,
-    progress: Callable[[int, int], None] = no_progress,
+    progress: Callable[[int, int], None] = ignore_progress,
 ) -> Binding:
     """Write the rest model in coordinates of the cage, harmonic by default.
 
@@ -35,36 +35,41 @@ def bind(
         When the weights do not reproduce the rest model.
     """
     settings = settings or BindSettings()
-    held = check_enclosure(cage, rest, settings.outside)
-    weights = _weights(held, settings, jobs, progress)
+    enclosure = check_enclosure(cage, rest, settings.outside)
+    weights = _compute_weights(enclosure, settings, jobs, progress)
     binding = Binding(
         rest=rest,
-        cage=held.cage,
+        cage=enclosure.cage,
         weights=weights.values,
         settings=settings,
         panels=weights.panels,
         estimated_error=weights.error,
-        projected=len(held.projected),
-        notes=held.notes + _poor(weights, settings),
+        projected=len(enclosure.projected_indices),
+        notes=enclosure.notes + _weight_warnings(weights, settings),
     )
-    if not weights.error <= WORST_ERROR:
+    if not weights.error <= MAX_ESTIMATED_ERROR:
         raise NumericalError(
-            f"the weights' estimated error is {weights.error:.2g}, more than {WORST_ERROR:g}; the "
+            f"the weights' estimated error is {weights.error:.2g}, more than "
+            f"{MAX_ESTIMATED_ERROR:g}; the "
             "cage has needle-like faces or sheets that nearly touch: cageik check names them"
         )
-    missed = _missed(held.points, binding)
-    if not missed <= WORST_PRECISION:
+    reproduction_error = _reproduction_error(enclosure.points, binding)
+    if not reproduction_error <= MAX_REPRODUCTION_ERROR:
         raise NumericalError(
-            f"the weights miss the rest pose by {missed:.1e} of the diagonal, "
-            f"more than {WORST_PRECISION:.0e}; the cage may cross itself or have needle-like faces"
+            f"the weights miss the rest pose by {reproduction_error:.1e} of the diagonal, "
+            f"more than {MAX_REPRODUCTION_ERROR:.0e}; the cage may cross itself or have "
+            f"needle-like faces"
         )
     return binding
 
 
-def _weights(
-    held: Enclosure, settings: BindSettings, jobs: int | None, progress: Callable[[int, int], None]
+def _compute_weights(
+    enclosure: Enclosure,
+    settings: BindSettings,
+    jobs: int | None,
+    progress: Callable[[int, int], None],
 ) -> Weights:
-    cage, points = held.cage, held.points
+    cage, points = enclosure.cage, enclosure.points
     # Imported here: weights that are kept need neither, and they take a sixth of a second.
     if settings.coordinates == "mean-value":
         from cageik_cli.coordinates.mean_value import mean_value_weights
@@ -75,7 +80,7 @@ def _weights(
     return harmonic_weights(cage, points, settings.accuracy, jobs, progress)
 
 
-def _poor(weights: Weights, settings: BindSettings) -> tuple[str, ...]:
+def _weight_warnings(weights: Weights, settings: BindSettings) -> tuple[str, ...]:
     """What is poor about harmonic weights, a sentence each."""
     if settings.coordinates != "harmonic":
         return ()
@@ -88,9 +93,10 @@ def _poor(weights: Weights, settings: BindSettings) -> tuple[str, ...]:
             "from the model, is easier"
         )
     lowest = float(weights.values.min(initial=0.0))
-    if lowest < LOWEST_WEIGHT:
+    if lowest < MIN_HARMONIC_WEIGHT:
         notes.append(
-            f"the smallest weight is {lowest:.2g}, below {LOWEST_WEIGHT:g}, where exact harmonic "
+            f"the smallest weight is {lowest:.2g}, below {MIN_HARMONIC_WEIGHT:g}, where exact "
+            f"harmonic "
             "weights are not negative: the cage may be very thin for its faces; divide faces "
             "there, or raise --accuracy"
         )

@@ -7,29 +7,29 @@ import numpy as np
 from cageik_cli.cages.enclosure import (
     Placement,
     check_enclosure,
-    outside_finding,
-    place,
-    point_finding,
+    find_missing_extent,
+    find_outside_vertices,
+    locate_vertices,
 )
 from cageik_cli.cages.findings import SEVERITIES, Finding
 from cageik_cli.cages.quality import (
-    clearance_findings,
-    crossing_findings,
-    influence_findings,
-    needle_findings,
-    size_findings,
-    thin_findings,
+    find_low_clearance,
+    find_needle_faces,
+    find_oversized_cage,
+    find_surface_crossings,
+    find_thin_parts,
+    find_weak_vertices,
 )
-from cageik_cli.cages.soundness import cage_findings
-from cageik_cli.coordinates.harmonic import PANEL_LIMIT, harmonic_weights
+from cageik_cli.cages.soundness import find_cage_faults
+from cageik_cli.coordinates.harmonic import MAX_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import bounds_volume, corner_angles, is_flat
+from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
 from cageik_cli.util.arrays import Floats, Integers
 
-LISTED = 3
+MAX_WEAKEST_LISTED = 3
 """How many of the weakest cage vertices are facts."""
 
-NOTHING: Integers = np.empty(0, np.int64)
+NO_NUMBERS: Integers = np.empty(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,39 +114,39 @@ class Diagnosis:
 
 def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None) -> Diagnosis:
     """Look at everything of a cage, and of a rest pose in it if there is one."""
-    findings = [*cage_findings(cage), *_too_many_faces(cage), *needle_findings(cage)]
-    sound = not _unfit(findings)
+    findings = [*find_cage_faults(cage), *_find_too_many_faces(cage), *find_needle_faces(cage)]
+    sound = not _is_any_unfit(findings)
     if sound:
-        findings += thin_findings(cage)
+        findings += find_thin_parts(cage)
     kinds = {finding.kind for finding in findings}
-    facts, rest_facts = _cage_facts(cage, is_manifold="pinched-vertex" not in kinds), None
+    facts, rest_facts = _measure_cage(cage, is_manifold="pinched-vertex" not in kinds), None
     if rest is not None:
         has_inside = bounds_volume(cage) and "no-volume" not in kinds
-        rest_facts, found = _rest_diagnosis(cage, rest, has_inside)
+        rest_facts, found = _diagnose_rest(cage, rest, has_inside)
         findings += found
-        if sound and not _unfit(found):
-            rest_facts, found = _influence(cage, rest, rest_facts, jobs)
+        if sound and not _is_any_unfit(found):
+            rest_facts, found = _measure_influence(cage, rest, rest_facts, jobs)
             findings += found
         elif len(cage.vertices) > len(rest.vertices):
-            findings.append(_swapped(cage, rest))
+            findings.append(_suspect_swap(cage, rest))
     return Diagnosis(
         facts, rest_facts, tuple(sorted(findings, key=lambda f: SEVERITIES.index(f.severity)))
     )
 
 
-def _unfit(findings: list[Finding]) -> bool:
+def _is_any_unfit(findings: list[Finding]) -> bool:
     return any(finding.severity == "unfit" for finding in findings)
 
 
-def _outward(cage: TriMesh) -> TriMesh:
-    return cage if cage.volume > 0 else cage.flipped()
+def _turn_outward(cage: TriMesh) -> TriMesh:
+    return cage if cage.volume > 0 else cage.flip()
 
 
-def _cage_facts(cage: TriMesh, is_manifold: bool) -> CageFacts:
+def _measure_cage(cage: TriMesh, is_manifold: bool) -> CageFacts:
     used, closed = np.unique(cage.faces), bounds_volume(cage)
     parts = len(np.unique(cage.components[used]))
     euler = len(used) - len(cage.edges.ends) + len(cage.faces)
-    angles = np.where(is_flat(cage), np.inf, corner_angles(cage).min(axis=1))
+    angles = np.where(degenerate_face_mask(cage), np.inf, corner_angles(cage).min(axis=1))
     face = int(angles.argmin())
     measured = bool(np.isfinite(angles[face]))
     return CageFacts(
@@ -160,28 +160,28 @@ def _cage_facts(cage: TriMesh, is_manifold: bool) -> CageFacts:
     )
 
 
-def _rest_diagnosis(
+def _diagnose_rest(
     cage: TriMesh, rest: TriMesh, has_inside: bool
 ) -> tuple[RestFacts, list[Finding]]:
     facts = RestFacts(len(rest.vertices), len(rest.faces), rest.diagonal)
-    if point := point_finding(rest):
+    if point := find_missing_extent(rest):
         return facts, [point]
     if not has_inside:
         return facts, []
-    placement = place(_outward(cage), rest)
-    findings = [*crossing_findings(placement, rest)]
-    if outside := outside_finding(placement, rest):
+    placement = locate_vertices(_turn_outward(cage), rest)
+    findings = [*find_surface_crossings(placement, rest)]
+    if outside := find_outside_vertices(placement, rest):
         findings.append(outside)
     else:
-        findings += [*size_findings(cage, rest), *clearance_findings(placement, rest)]
-    return _with_clearance(facts, placement), findings
+        findings += [*find_oversized_cage(cage, rest), *find_low_clearance(placement, rest)]
+    return _add_clearance(facts, placement), findings
 
 
-def _with_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
-    far = placement.far
+def _add_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
+    far = placement.outside_indices
     if len(far) == facts.vertices:
         return replace(facts, outside=len(far))
-    distance = placement.nearest.distance.copy()
+    distance = placement.closest.distance.copy()
     distance[far] = np.inf
     vertex = int(distance.argmin())
     return replace(
@@ -189,36 +189,36 @@ def _with_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
         outside=len(far),
         clearance=float(100 * distance[vertex] / facts.diagonal),
         clearance_vertex=vertex,
-        clearance_face=int(placement.nearest.face[vertex]),
+        clearance_face=int(placement.closest.face[vertex]),
     )
 
 
-def _influence(
+def _measure_influence(
     cage: TriMesh, rest: TriMesh, facts: RestFacts, jobs: int | None
 ) -> tuple[RestFacts, list[Finding]]:
     """What the weights tell of each cage vertex: computed, at the accuracy of a preview."""
-    held = check_enclosure(cage, rest)
-    weights: Floats = harmonic_weights(held.cage, held.points, "preview", jobs).values
+    enclosure = check_enclosure(cage, rest)
+    weights: Floats = harmonic_weights(enclosure.cage, enclosure.points, "preview", jobs).values
     strongest = weights.max(axis=0)
-    order = np.argsort(strongest, kind="stable")[:LISTED]
+    order = np.argsort(strongest, kind="stable")[:MAX_WEAKEST_LISTED]
     facts = replace(
         facts,
         weakest_vertices=tuple(order.tolist()),
         weakest_weights=tuple(strongest[order].tolist()),
     )
-    return facts, [*influence_findings(strongest)]
+    return facts, [*find_weak_vertices(strongest)]
 
 
-def _too_many_faces(cage: TriMesh) -> list[Finding]:
+def _find_too_many_faces(cage: TriMesh) -> list[Finding]:
     count = len(cage.faces)
-    if count <= PANEL_LIMIT:
+    if count <= MAX_FACES:
         return []
-    message = f"the cage has {count} faces, at most {PANEL_LIMIT} fit in memory"
+    message = f"the cage has {count} faces, at most {MAX_FACES} fit in memory"
     remedy = "use a coarser cage"
-    return [Finding("too-many-faces", "unfit", message, remedy, "", NOTHING, float(count))]
+    return [Finding("too-many-faces", "unfit", message, remedy, "", NO_NUMBERS, float(count))]
 
 
-def _swapped(cage: TriMesh, rest: TriMesh) -> Finding:
+def _suspect_swap(cage: TriMesh, rest: TriMesh) -> Finding:
     message = f"the cage has {len(cage.vertices)} vertices and the model {len(rest.vertices)}"
     value = float(len(cage.vertices))
-    return Finding("swapped", "note", message, "are they swapped?", "", NOTHING, value)
+    return Finding("swapped", "note", message, "are they swapped?", "", NO_NUMBERS, value)

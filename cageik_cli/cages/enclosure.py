@@ -6,21 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.cages.findings import Finding
-from cageik_cli.cages.soundness import checked_cage
+from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import (
-    ROUNDING,
-    NearestOnSurface,
-    nearest_on_surface,
+    ROUNDING_TOL,
+    ClosestPoints,
+    closest_points,
     winding_numbers,
 )
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError, first_few
+from cageik_cli.util.errors import InputError, join_truncated
 
-TOUCHING = 1e-8
+TOUCH_TOL = 1e-8
 """A vertex outside by no more than this, in diagonals, is on the cage but for rounding."""
 
-MISPLACED = 0.5
+MAX_OUTSIDE_SHARE = 0.5
 """A cage with more than this share of the vertices outside is another's; they are not projected."""
 
 
@@ -34,7 +34,7 @@ class Enclosure:
         Closed, manifold, of one component, outward.
     points : (m, 3) float64
         The model's vertices, those outside moved to the nearest point of the cage.
-    projected : (k,) int64
+    projected_indices : (k,) int64
         Vertices that were moved by more than rounding.
     notes : tuple of str
         What was changed, one sentence each.
@@ -42,7 +42,7 @@ class Enclosure:
 
     cage: TriMesh
     points: Floats
-    projected: Integers
+    projected_indices: Integers
     notes: tuple[str, ...]
 
 
@@ -52,7 +52,7 @@ class Placement:
 
     Attributes
     ----------
-    nearest : NearestOnSurface
+    closest : ClosestPoints
         The cage's nearest points.
     outside : (m,) bool
         Beyond the surface, be it by rounding.
@@ -60,14 +60,14 @@ class Placement:
         How far outside is rounding, file units.
     """
 
-    nearest: NearestOnSurface
+    closest: ClosestPoints
     outside: NDArray[np.bool_]
     tolerance: float
 
     @property
-    def far(self) -> Integers:
+    def outside_indices(self) -> Integers:
         """The vertices that are outside by more than rounding."""
-        return np.flatnonzero(self.outside & (self.nearest.distance > self.tolerance))
+        return np.flatnonzero(self.outside & (self.closest.distance > self.tolerance))
 
 
 def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Enclosure:
@@ -79,8 +79,8 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> En
         With what is wrong, where, and whether cage and model look swapped.
     """
     try:
-        outward, notes = checked_cage(cage)
-        return _held(outward, rest, notes, outside)
+        outward, notes = validate_cage(cage)
+        return _project_outside(outward, rest, notes, outside)
     except InputError as error:
         if len(cage.vertices) <= len(rest.vertices):
             raise
@@ -90,32 +90,33 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> En
         ) from error
 
 
-def place(cage: TriMesh, rest: TriMesh) -> Placement:
+def locate_vertices(cage: TriMesh, rest: TriMesh) -> Placement:
     """Find where the vertices of the rest pose are, against a cage that is turned outward."""
     largest = max(np.abs(mesh.vertices).max() for mesh in (cage, rest))
     return Placement(
-        nearest=nearest_on_surface(cage, rest.vertices),
+        closest=closest_points(cage, rest.vertices),
         outside=winding_numbers(cage, rest.vertices) < 0.5,
-        tolerance=float(max(TOUCHING * rest.diagonal, ROUNDING * largest)),
+        tolerance=float(max(TOUCH_TOL * rest.diagonal, ROUNDING_TOL * largest)),
     )
 
 
-def outside_finding(placement: Placement, rest: TriMesh) -> Finding | None:
+def find_outside_vertices(placement: Placement, rest: TriMesh) -> Finding | None:
     """Say which vertices of the rest pose are outside, if any are."""
-    far = placement.far
+    far = placement.outside_indices
     if len(far) == 0:
         return None
-    worst = far[placement.nearest.distance[far].argmax()]
-    percent = 100 * placement.nearest.distance[worst] / rest.diagonal
+    worst = far[placement.closest.distance[far].argmax()]
+    percent = 100 * placement.closest.distance[worst] / rest.diagonal
     return Finding(
         kind="outside",
         severity="unfit",
         message=(
             f"{len(far)} of {len(rest.vertices)} vertices of the rest pose are outside the cage, "
-            f"the worst, {worst}, by {percent:.3g} % of the diagonal: numbers {first_few(far)} "
+            f"the worst, {worst}, by {percent:.3g} % of the diagonal: numbers "
+            f"{join_truncated(far)} "
             "(from 0)"
         ),
-        remedy=_misfit(placement.nearest.mesh, rest)
+        remedy=_likely_cause(placement.closest.mesh, rest)
         if _is_misplaced(placement)
         else "enlarge the cage there, give the rest pose it was made for, or take the "
         "nearest points of the cage with --outside project",
@@ -127,10 +128,10 @@ def outside_finding(placement: Placement, rest: TriMesh) -> Finding | None:
 
 def _is_misplaced(placement: Placement) -> bool:
     """Whether so much is outside that the cage cannot have been made for this rest pose."""
-    return len(placement.far) > MISPLACED * len(placement.outside)
+    return len(placement.outside_indices) > MAX_OUTSIDE_SHARE * len(placement.outside)
 
 
-def _misfit(cage: TriMesh, rest: TriMesh) -> str:
+def _likely_cause(cage: TriMesh, rest: TriMesh) -> str:
     """What is likely wrong between a cage and a model most of which is outside it."""
     ratio = cage.diagonal / rest.diagonal
     if not 0.2 < ratio < 5:
@@ -151,7 +152,7 @@ def _misfit(cage: TriMesh, rest: TriMesh) -> str:
     )
 
 
-def point_finding(rest: TriMesh) -> Finding | None:
+def find_missing_extent(rest: TriMesh) -> Finding | None:
     """Say so if the rest pose has no extent."""
     if rest.diagonal > 0:
         return None
@@ -166,18 +167,20 @@ def point_finding(rest: TriMesh) -> Finding | None:
     )
 
 
-def _held(cage: TriMesh, rest: TriMesh, notes: tuple[str, ...], allowed: str) -> Enclosure:
-    """Move vertices that are outside onto the cage: by rounding, or by more if `allowed`."""
-    if point := point_finding(rest):
+def _project_outside(
+    cage: TriMesh, rest: TriMesh, notes: tuple[str, ...], policy: str
+) -> Enclosure:
+    """Move vertices that are outside onto the cage: by rounding, or by more if `policy`."""
+    if point := find_missing_extent(rest):
         raise InputError(point.sentence)
-    placement = place(cage, rest)
-    if found := outside_finding(placement, rest):
-        if allowed == "refuse" or _is_misplaced(placement):
+    placement = locate_vertices(cage, rest)
+    if found := find_outside_vertices(placement, rest):
+        if policy == "refuse" or _is_misplaced(placement):
             raise InputError(found.sentence)
         notes = (
             *notes,
             f"{found.message}; they have the weights of the nearest points of the cage",
         )
     moved = placement.outside[:, None]
-    points = np.where(moved, placement.nearest.position, rest.vertices)
-    return Enclosure(cage, points, placement.far, notes)
+    points = np.where(moved, placement.closest.position, rest.vertices)
+    return Enclosure(cage, points, placement.outside_indices, notes)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cageik_cli.util.arrays import Integers
-from cageik_cli.util.errors import first_few
+from cageik_cli.util.errors import join_truncated
 
 SEVERITIES = ("unfit", "usable", "note")
 """It does not bind; it binds, but something will be poor; worth a thought."""
@@ -32,7 +32,8 @@ class Finding:
     remedy : str
         What to do.
     elements : str
-        What `numbers` count: `vertices`, `edges`, `faces`, `face pairs`; empty if there are none.
+        What `read_array` count: `vertices`, `edges`, `faces`, `face pairs`; empty if there are
+        none.
     numbers : (k,) or (k, 2) int64
         All of them, from 0; an edge is its two vertices.
     value : float
@@ -53,14 +54,14 @@ class Finding:
         return f"{self.message}; {self.remedy}"
 
 
-def at(noun: str, numbers: ArrayLike) -> str:
+def format_elements(noun: str, numbers: ArrayLike) -> str:
     """Such as `face 12`, `edge 3-7` or `3 edges (1-3, 3-7, 1-7)`."""
     names = ["-".join(map(str, np.ravel(number))) for number in np.asarray(numbers).tolist()]
     if len(names) == 1:
         return f"{noun} {names[0]}"
-    return f"{len(names)} {plural(noun)} ({first_few(names)})"
+    return f"{len(names)} {pluralize(noun)} ({join_truncated(names)})"
 
 
-def plural(noun: str) -> str:
+def pluralize(noun: str) -> str:
     """Of the nouns for parts of a mesh."""
     return _PLURALS.get(noun, f"{noun}s")

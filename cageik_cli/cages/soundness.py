@@ -6,14 +6,14 @@ import igl
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.cages.findings import Finding, at, plural
+from cageik_cli.cages.findings import Finding, format_elements, pluralize
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import bounds_volume, face_areas, is_flat
+from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask, face_areas
 from cageik_cli.util.arrays import Integers
-from cageik_cli.util.errors import InputError, first_few
+from cageik_cli.util.errors import InputError, join_truncated
 
-FLATTEST = 1e-9
+MIN_VOLUME_RATIO = 1e-9
 """Smallest volume of a cage over its area and diagonal; below it there is no inside."""
 
 _REMEDIES = {
@@ -30,7 +30,7 @@ _REMEDIES = {
 }
 
 
-def checked_cage(cage: TriMesh) -> tuple[TriMesh, tuple[str, ...]]:
+def validate_cage(cage: TriMesh) -> tuple[TriMesh, tuple[str, ...]]:
     """The cage with its faces turned outward, and notes on what was changed.
 
     Raises
@@ -39,88 +39,105 @@ def checked_cage(cage: TriMesh) -> tuple[TriMesh, tuple[str, ...]]:
         Unless the cage is a closed, manifold, consistently oriented surface of one component that
         does not cross itself, without degenerate or repeated faces and unreferenced vertices.
     """
-    findings = cage_findings(cage)
+    findings = find_cage_faults(cage)
     for finding in findings:
         if finding.severity == "unfit":
             raise InputError(finding.sentence)
     if findings:
-        return cage.flipped(), tuple(finding.message for finding in findings)
+        return cage.flip(), tuple(finding.message for finding in findings)
     return cage, ()
 
 
-def cage_findings(cage: TriMesh) -> tuple[Finding, ...]:
+def find_cage_faults(cage: TriMesh) -> tuple[Finding, ...]:
     """Everything that is wrong with a cage itself, causes before what may follow from them.
 
     Faces that are to be deleted (a vertex twice, a repetition) are left out of what is looked at
     after them.
     """
     corners = np.sort(cage.faces, axis=1)
-    pointed = (corners[:, 1:] == corners[:, :-1]).any(axis=1)
+    repeats_corner = (corners[:, 1:] == corners[:, :-1]).any(axis=1)
     _, first = np.unique(corners, axis=0, return_index=True)
-    again = ~pointed & ~np.isin(np.arange(len(corners)), first)
-    flat = is_flat(cage) & ~pointed & ~again
-    lone = np.setdiff1d(np.arange(len(cage.vertices)), cage.faces)
+    is_duplicate = ~repeats_corner & ~np.isin(np.arange(len(corners)), first)
+    flat = degenerate_face_mask(cage) & ~repeats_corner & ~is_duplicate
+    unreferenced = np.setdiff1d(np.arange(len(cage.vertices)), cage.faces)
     found = [
-        _fault("repeated-vertex", "has a vertex twice in a face:", "face", pointed),
-        _fault("degenerate-face", "is degenerate, corners on a line, at", "face", flat),
-        _fault("duplicate-face", "has faces that repeat others:", "face", again),
-        _fault(
+        _make_finding("repeated-vertex", "has a vertex twice in a face:", "face", repeats_corner),
+        _make_finding("degenerate-face", "is degenerate, corners on a line, at", "face", flat),
+        _make_finding("duplicate-face", "has faces that repeat others:", "face", is_duplicate),
+        _make_finding(
             "unreferenced-vertex",
             "has vertices in no face, which can move nothing:",
             "vertex",
-            lone,
+            unreferenced,
         ),
     ]
-    kept = np.flatnonzero(~(pointed | again))
+    kept = np.flatnonzero(~(repeats_corner | is_duplicate))
     if len(kept):
         surface = TriMesh(cage.vertices, cage.faces[kept])
         # An open cage may have yet to be merged: vertices at one place are then taken as one.
-        joined = surface if surface.is_closed else _merged(surface)
-        found += [*_edge_findings(surface, joined), _pinch_finding(surface)]
-        found += [*_part_findings(joined), *_volume_findings(surface)]
-        found += [_crossing_finding(joined, kept, flat[kept])]
+        joined = surface if surface.is_closed else _merge_coincident_vertices(surface)
+        found += [*_find_edge_faults(surface, joined), _nonmanifold_vertex(surface)]
+        found += [*_find_loose_components(joined), *_find_volume_faults(surface)]
+        found += [_find_self_intersections(joined, kept, flat[kept])]
     return tuple(finding for finding in found if finding is not None)
 
 
-def _fault(
-    kind: str, what: str, noun: str, wrong: NDArray[np.bool_] | Integers, remedy: str = ""
+def _make_finding(
+    kind: str,
+    description: str,
+    noun: str,
+    mask_or_numbers: NDArray[np.bool_] | Integers,
+    remedy: str = "",
 ) -> Finding | None:
-    """A fault of the cage at the elements where `wrong` is true, or that it lists; or None."""
-    numbers = np.flatnonzero(wrong) if wrong.dtype == np.bool_ else wrong
+    """Describe a fault of the cage at the elements that a mask or a list names; None if none."""
+    numbers = (
+        np.flatnonzero(mask_or_numbers) if mask_or_numbers.dtype == np.bool_ else mask_or_numbers
+    )
     if len(numbers) == 0:
         return None
     remedy = _REMEDIES[remedy or kind].format(it="it" if len(numbers) == 1 else "them")
-    message = f"the cage {what} {at(noun, numbers)}"
+    message = f"the cage {description} {format_elements(noun, numbers)}"
     return Finding(
-        kind, "unfit", message, remedy, plural(noun), numbers.astype(np.int64), float(len(numbers))
+        kind,
+        "unfit",
+        message,
+        remedy,
+        pluralize(noun),
+        numbers.astype(np.int64),
+        float(len(numbers)),
     )
 
 
-def _edge_findings(surface: TriMesh, joined: TriMesh) -> Iterator[Finding | None]:
+def _find_edge_faults(surface: TriMesh, joined: TriMesh) -> Iterator[Finding | None]:
     edges = surface.edges
     unmerged = "" if np.array_equal(joined.faces, surface.faces) else "unmerged-edge"
     for kind, what, bad, remedy in (
-        ("non-manifold-edge", "is not manifold: more than two faces meet at", edges.uses > 2, ""),
-        ("open-edge", "is open: no second face at", edges.uses < 2, unmerged),
+        (
+            "non-manifold-edge",
+            "is not manifold: more than two faces meet at",
+            edges.face_counts > 2,
+            "",
+        ),
+        ("open-edge", "is open: no second face at", edges.face_counts < 2, unmerged),
         (
             "orientation",
             "has neighbours facing opposite ways at",
-            (edges.uses == 2) & ~edges.is_balanced,
+            (edges.face_counts == 2) & ~edges.is_balanced,
             "",
         ),
     ):
-        yield _fault(kind, what, "edge", edges.ends[bad], remedy)
+        yield _make_finding(kind, what, "edge", edges.ends[bad], remedy)
 
 
-def _pinch_finding(surface: TriMesh) -> Finding | None:
+def _nonmanifold_vertex(surface: TriMesh) -> Finding | None:
     used = np.unique(surface.faces)
     pinched = used[~np.asarray(igl.is_vertex_manifold(surface.faces))[used]]
-    return _fault(
+    return _make_finding(
         "pinched-vertex", "is not manifold: its parts touch in a point at", "vertex", pinched
     )
 
 
-def _part_findings(surface: TriMesh) -> Iterator[Finding]:
+def _find_loose_components(surface: TriMesh) -> Iterator[Finding]:
     used = np.unique(surface.faces)
     parts, of_vertex = np.unique(surface.components[used], return_inverse=True)
     if len(parts) > 1:
@@ -129,7 +146,7 @@ def _part_findings(surface: TriMesh) -> Iterator[Finding]:
         yield Finding(
             kind="components",
             severity="unfit",
-            message=f"the cage has {len(parts)} components (of {first_few(sizes)} vertices), "
+            message=f"the cage has {len(parts)} components (of {join_truncated(sizes)} vertices), "
             "expected one connected surface",
             remedy="join them or delete the loose ones",
             elements="vertices",
@@ -138,12 +155,12 @@ def _part_findings(surface: TriMesh) -> Iterator[Finding]:
         )
 
 
-def _volume_findings(surface: TriMesh) -> Iterator[Finding]:
+def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
     if not bounds_volume(surface):
         return
     area = face_areas(surface).sum()
     none = np.empty(0, np.int64)
-    if abs(surface.volume) <= FLATTEST * area * surface.diagonal:
+    if abs(surface.volume) <= MIN_VOLUME_RATIO * area * surface.diagonal:
         yield Finding(
             kind="no-volume",
             severity="unfit",
@@ -165,18 +182,20 @@ def _volume_findings(surface: TriMesh) -> Iterator[Finding]:
         )
 
 
-def _crossing_finding(surface: TriMesh, kept: Integers, flat: NDArray[np.bool_]) -> Finding | None:
+def _find_self_intersections(
+    surface: TriMesh, face_numbers: Integers, is_degenerate: NDArray[np.bool_]
+) -> Finding | None:
     """Faces that cross or touch; none at the vertices of faces without a plane, which do that."""
     faces = surface.faces
-    judged = np.flatnonzero(~np.isin(faces, faces[flat]).any(axis=1))
+    judged = np.flatnonzero(~np.isin(faces, faces[is_degenerate]).any(axis=1))
     if len(judged) == 0:
         return None
     pairs = self_intersections(TriMesh(surface.vertices, faces[judged]))
     what = "crosses or touches itself at"
-    return _fault("self-intersection", what, "face pair", kept[judged[pairs]])
+    return _make_finding("self-intersection", what, "face pair", face_numbers[judged[pairs]])
 
 
-def _merged(surface: TriMesh) -> TriMesh:
+def _merge_coincident_vertices(surface: TriMesh) -> TriMesh:
     """The same vertices, and faces that name the first of those at one place."""
     _, first, place_of = np.unique(surface.vertices, axis=0, return_index=True, return_inverse=True)
     return TriMesh(surface.vertices, first[place_of.ravel()][surface.faces])

@@ -6,16 +6,16 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.batch_config import PER_CLIP, batch_of
-from cageik_cli.cli.options.common import PATH, common, is_typed
-from cageik_cli.cli.options.limits import echo_over_limits, exit_by
-from cageik_cli.util.threads import processors
+from cageik_cli.cli.batch_config import PER_CLIP_OPTIONS, plan_batch
+from cageik_cli.cli.options.common import PATH_TYPE, common_options, is_on_command_line
+from cageik_cli.cli.options.limits import echo_exceeded_limits, exit_with_code
+from cageik_cli.util.threads import count_processors
 
 
 @click.command("batch")
-@click.argument("folders", nargs=-1, required=True, type=PATH)
+@click.argument("folders", nargs=-1, required=True, type=PATH_TYPE)
 @click.option(
-    "-o", "--output", type=PATH, required=True, help="The folder of all results and reports."
+    "-o", "--output", type=PATH_TYPE, required=True, help="The folder of all results and reports."
 )
 @click.option(
     "--exclude",
@@ -46,11 +46,11 @@ from cageik_cli.util.threads import processors
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    default=processors,
+    default=count_processors,
     show_default="processors",
     help="Clips that are extracted at a time, each in a process of its own.",
 )
-@common
+@common_options
 def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     """Extract every clip under FOLDERS, in parallel, with one report over all.
 
@@ -64,47 +64,47 @@ def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     cageik batch walks runs -o out --resume --max-rms 0.5%
     """  # noqa: D301
     from cageik_cli.cli.github_summary import append_step_summary
-    from cageik_cli.cli.progress import Lines, watched
-    from cageik_cli.report.views.markdown import as_markdown
-    from cageik_cli.workflows.batch.run import refuse_foreign, refuse_used, run_batch
+    from cageik_cli.cli.progress import LineLogger, show_progress
+    from cageik_cli.report.views.markdown import format_markdown
+    from cageik_cli.workflows.batch.run import check_batch_folder, check_folder_empty, run_batch
 
     output: Path = options["output"].absolute()
     if not options["overwrite"]:
-        (refuse_foreign if options["resume"] else refuse_used)(output)
-    batch = batch_of(folders, output, options)
+        (check_batch_folder if options["resume"] else check_folder_empty)(output)
+    batch = plan_batch(folders, output, options)
     if options["dry_run"]:
-        from cageik_cli.workflows.batch.dry_run import listed
+        from cageik_cli.workflows.batch.dry_run import dry_run_lines
 
-        click.echo("\n".join(listed(batch)))
+        click.echo("\n".join(dry_run_lines(batch)))
         return
-    scheduler = _scheduler(options)
-    with watched(not options["quiet"], None, False, Lines) as watch:
-        overview = run_batch(batch, scheduler, watch)
-    append_step_summary(as_markdown(overview))
-    _show(overview, options["quiet"])
+    scheduler = _choose_scheduler(options)
+    with show_progress(not options["quiet"], None, False, LineLogger) as progress:
+        overview = run_batch(batch, scheduler, progress)
+    append_step_summary(format_markdown(overview))
+    _show_overview(overview, options["quiet"])
     if not options["quiet"]:
         click.echo(f"wrote {options['output'] / 'index.html'}", err=True)
-    exit_by(overview)
+    exit_with_code(overview)
 
 
-batch_command.params += PER_CLIP
+batch_command.params += PER_CLIP_OPTIONS
 
 
-def _scheduler(options: dict[str, Any]) -> Any:
+def _choose_scheduler(options: dict[str, Any]) -> Any:
     """Who does the jobs."""
     address = options["scheduler"] or os.environ.get("DASK_SCHEDULER_ADDRESS")
     if address:
-        if is_typed("jobs"):
+        if is_on_command_line("jobs"):
             raise click.UsageError("--jobs is of this machine; the cluster's workers are its own")
-        from cageik_cli.workflows.batch.dask_cluster import Cluster
+        from cageik_cli.workflows.batch.dask_cluster import DaskScheduler
 
-        return Cluster(address)
-    from cageik_cli.workflows.batch.processes import Processes
+        return DaskScheduler(address)
+    from cageik_cli.workflows.batch.processes import ProcessScheduler
 
-    return Processes(options["jobs"])
+    return ProcessScheduler(options["jobs"])
 
 
-def _show(overview: Any, quiet: bool) -> None:
+def _show_overview(overview: Any, quiet: bool) -> None:
     """How the batch ended: in numbers, and why each clip failed or is over a limit."""
     failed = [entry for entry in overview.clips if entry.has_failed]
     over = [entry for entry in overview.clips if entry.exceeds]
@@ -114,4 +114,4 @@ def _show(overview: Any, quiet: bool) -> None:
         click.echo(f"{text}, {len(over)} over a limit", err=True)
     for entry in failed:  # again, as they are far above in a long log
         click.echo(f"{entry.name}: {entry.fault}", err=True)
-    echo_over_limits(overview)
+    echo_exceeded_limits(overview)

@@ -15,13 +15,19 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from cageik_cli.cli.config import CLIPS, commands_of, options_of, read_tables, refuse_other_tables
-from cageik_cli.cli.extract import extract_command, extract_settings
-from cageik_cli.cli.options.limits import limits_of
+from cageik_cli.cli.config import (
+    CLIPS_TABLE,
+    check_tables,
+    list_commands,
+    parse_options,
+    read_tables,
+)
+from cageik_cli.cli.extract import extract_command, make_extract_settings
+from cageik_cli.cli.options.limits import pop_limits
 from cageik_cli.util.errors import CageikError, InputError
 
-NAME = "cageik.toml"
-COMMAND = "extract"
+CONFIG_NAME = "cageik.toml"
+EXTRACT_COMMAND = "extract"
 
 
 class ClipTables:
@@ -38,104 +44,121 @@ class ClipTables:
     """
 
     def __init__(
-        self, command: click.Command, commands: Sequence[str], of_batch: Sequence[str]
+        self, command: click.Command, commands: Sequence[str], batch_options: Sequence[str]
     ) -> None:
         self._command = command
         self._commands = commands
-        self._of_batch = of_batch
-        self._read: dict[Path, dict[str, Any]] = {}
+        self._batch_options = batch_options
+        self._tables_by_file: dict[Path, dict[str, Any]] = {}
 
-    def given(self, home: Path, path: Path) -> dict[str, Any]:
-        """What the clip at `path`, in the folder `home`, is given, by parameters' names.
+    def collect_options(self, folder: Path, path: Path) -> dict[str, Any]:
+        """What the clip at `path`, in the folder `folder`, is given, by parameters' names.
 
         Raises
         ------
         click.BadParameter
             Naming the file that is at fault.
         """
-        chosen: dict[str, Any] = {}
-        for file in reversed(list(self._files(home))):
+        options: dict[str, Any] = {}
+        for file in reversed(list(self._config_files(folder))):
             name = path.relative_to(file.parent).as_posix()
-            for title, table in self._tables(file):
-                pattern = title.removeprefix(f"{CLIPS}.")
-                if title == COMMAND or fnmatch(name, pattern):
-                    chosen |= self._placed(file, title, table)
-        return chosen
+            for title, table in self._read_clip_tables(file):
+                pattern = title.removeprefix(f"{CLIPS_TABLE}.")
+                if title == EXTRACT_COMMAND or fnmatch(name, pattern):
+                    options |= self._resolve_options(file, title, table)
+        return options
 
-    def paths(self, folder: Path) -> set[Path]:
+    def find_auxiliary_files(self, folder: Path) -> set[Path]:
         """Every file that tables of this folder, or of those above it, name.
 
         A file that cannot be read names none; its clips are told.
         """
-        named: set[Path] = set()
-        for file in self._files(folder):
+        files: set[Path] = set()
+        for file in self._config_files(folder):
             try:
-                tables = [self._placed(file, *table) for table in self._tables(file)]
+                tables = [
+                    self._resolve_options(file, *table) for table in self._read_clip_tables(file)
+                ]
             except click.UsageError:
                 continue
-            named.update(
+            files.update(
                 Path(value).resolve()
                 for table in tables
                 for name, value in table.items()
-                if is_no_frame(self._command, name)
+                if is_auxiliary_path(self._command, name)
             )
-        return named
+        return files
 
-    def _files(self, folder: Path) -> Iterator[Path]:
+    def _config_files(self, folder: Path) -> Iterator[Path]:
         """Those that count in a folder, its own first."""
         place = folder.absolute()
-        return (above / NAME for above in (place, *place.parents) if (above / NAME).is_file())
-
-    def _tables(self, file: Path) -> Iterator[tuple[str, Any]]:
-        if file not in self._read:
-            tables = read_tables(file)
-            refuse_other_tables(file, tables, self._commands)
-            self._read[file] = tables
-        tables = self._read[file]
-        if COMMAND in tables:
-            yield COMMAND, tables[COMMAND]
-        yield from (
-            (f"{CLIPS}.{pattern}", table) for pattern, table in tables.get(CLIPS, {}).items()
+        return (
+            above / CONFIG_NAME
+            for above in (place, *place.parents)
+            if (above / CONFIG_NAME).is_file()
         )
 
-    def _placed(self, file: Path, title: str, table: Any) -> dict[str, Any]:
+    def _read_clip_tables(self, file: Path) -> Iterator[tuple[str, Any]]:
+        if file not in self._tables_by_file:
+            tables = read_tables(file)
+            check_tables(file, tables, self._commands)
+            self._tables_by_file[file] = tables
+        tables = self._tables_by_file[file]
+        if EXTRACT_COMMAND in tables:
+            yield EXTRACT_COMMAND, tables[EXTRACT_COMMAND]
+        yield from (
+            (f"{CLIPS_TABLE}.{pattern}", table)
+            for pattern, table in tables.get(CLIPS_TABLE, {}).items()
+        )
+
+    def _resolve_options(self, file: Path, title: str, table: Any) -> dict[str, Any]:
         """A table's options, paths made absolute."""
-        chosen = options_of(file, title, table, self._command)
-        for name in chosen:
-            if name in self._of_batch:
+        options = parse_options(file, title, table, self._command)
+        for name in options:
+            if name in self._batch_options:
                 raise click.BadParameter(
                     f"{file}: [{title}] sets {name}, which is not of one clip; give it to "
                     "cageik batch, if it has it"
                 )
         return {
-            name: str(file.parent / value) if is_path(self._command, name) else value
-            for name, value in chosen.items()
+            name: str(file.parent / value) if is_path_option(self._command, name) else value
+            for name, value in options.items()
         }
 
 
-def is_no_frame(command: click.Command, name: str) -> bool:
+def is_auxiliary_path(command: click.Command, name: str) -> bool:
     """Whether what a parameter names is a file beside a clip: a rest pose may be a frame of it."""
-    return name != "rest" and is_path(command, name)
+    return name != "rest" and is_path_option(command, name)
 
 
-def is_path(command: click.Command, name: str) -> bool:
+def is_path_option(command: click.Command, name: str) -> bool:
     """Whether the values of a parameter are paths."""
     return any(
         param.name == name and isinstance(param.type, click.Path) for param in command.params
     )
 
 
-OWN = ("output", "exports", "overwrite", "resume", "timings", "jobs", "quiet", "config", "verbose")
+BATCH_OPTIONS = (
+    "output",
+    "exports",
+    "overwrite",
+    "resume",
+    "timings",
+    "jobs",
+    "quiet",
+    "config",
+    "verbose",
+)
 """Options of `extract` that a batch has of its own, or that are not for one clip of many."""
 
-PER_CLIP = [
+PER_CLIP_OPTIONS = [
     option
     for option in extract_command.params
-    if isinstance(option, click.Option) and option.name not in OWN
+    if isinstance(option, click.Option) and option.name not in BATCH_OPTIONS
 ]
 
 
-def batch_of(folders: tuple[Path, ...], output: Path, options: dict[str, Any]) -> Any:
+def plan_batch(folders: tuple[Path, ...], output: Path, options: dict[str, Any]) -> Any:
     """What is to be done: a job a clip that is found.
 
     Raises
@@ -146,103 +169,119 @@ def batch_of(folders: tuple[Path, ...], output: Path, options: dict[str, Any]) -
         When there are none, or none can be begun for the same reason.
     """
     from cageik_cli.report.baseline import read_baseline
-    from cageik_cli.report.overview import Entry
-    from cageik_cli.util.outputs import keep_apart
-    from cageik_cli.util.text import printable
-    from cageik_cli.workflows.batch.discover import Search, clips_under, folders_under
-    from cageik_cli.workflows.batch.jobs import CLIPS, ClipJob
-    from cageik_cli.workflows.batch.run import VIEWS, WEIGHTS, Batch, refuse_no_result
+    from cageik_cli.report.overview import ClipEntry
+    from cageik_cli.util.outputs import check_no_overlap
+    from cageik_cli.util.text import to_unicode
+    from cageik_cli.workflows.batch.discover import DiscoveryFilter, discover_clips, walk_folders
+    from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob
+    from cageik_cli.workflows.batch.run import (
+        REPORT_FILES,
+        WEIGHT_CACHE_FOLDER,
+        BatchPlan,
+        check_is_result,
+    )
 
-    read = cache(read_baseline)
-    tables = ClipTables(extract_command, commands_of(click.get_current_context()), OWN)
-    own, base = _typed()
-    files = [value for name, value in (base | own).items() if is_no_frame(extract_command, name)]
-    named = {Path(file).resolve() for file in files if file is not None}
-    roots = [_placed(folder) for folder in folders]
+    load_baseline = cache(read_baseline)
+    tables = ClipTables(extract_command, list_commands(click.get_current_context()), BATCH_OPTIONS)
+    command_line, config_file = _split_options()
+    files = [
+        value
+        for name, value in (config_file | command_line).items()
+        if is_auxiliary_path(extract_command, name)
+    ]
+    auxiliary_files = {Path(file).resolve() for file in files if file is not None}
+    roots = [_make_absolute(folder) for folder in folders]
     for root in roots:
-        _refuse_results(root, output)
-        named.update(*(tables.paths(folder) for folder in folders_under(root, output)))
-    keep_apart([output / name for name in VIEWS], list(named))
-    found = clips_under(roots, Search(frozenset(named), output, options["exclude"]))
-    jobs, refused = [], []
+        _check_not_results(root, output)
+        auxiliary_files.update(
+            *(tables.find_auxiliary_files(folder) for folder in walk_folders(root, output))
+        )
+    check_no_overlap([output / name for name in REPORT_FILES], list(auxiliary_files))
+    found = discover_clips(
+        roots, DiscoveryFilter(frozenset(auxiliary_files), output, options["exclude"])
+    )
+    jobs, rejected = [], []
     for clip in found:
         try:
-            given = base | tables.given(clip.home, clip.place)
-            settings, limits = _settings(clip, given, own, read)
-            place = output / CLIPS / f"{clip.name}.h5"
+            given = config_file | tables.collect_options(clip.folder, clip.path)
+            settings, limits = _make_clip_settings(clip, given, command_line, load_baseline)
+            place = output / CLIPS_FOLDER / f"{clip.name}.h5"
             if not options["overwrite"]:
-                refuse_no_result(place)
+                check_is_result(place)
         except (click.UsageError, CageikError) as error:
-            refused.append(Entry(clip.name, fault=printable(_fault(error))))
+            rejected.append(ClipEntry(clip.name, fault=to_unicode(_describe_fault(error))))
             continue
         settings = replace(
             settings,
             output=place,
-            cache=settings.cache or output / WEIGHTS,
+            cache=settings.cache or output / WEIGHT_CACHE_FOLDER,
             resume=options["resume"] or not options["overwrite"],
             overwrite=options["resume"] or options["overwrite"],
         )
         jobs.append(ClipJob(clip.name, settings, limits, options["pages"]))
-    faults = {entry.fault for entry in refused}
+    faults = {entry.fault for entry in rejected}
     if not jobs and len(faults) == 1:
         raise InputError(f"none of {len(found)} clips can be begun: {faults.pop()}")
     order = tuple(clip.name for clip in found)
-    return Batch(output, tuple(jobs), tuple(refused), order)
+    return BatchPlan(output, tuple(jobs), tuple(rejected), order)
 
 
-def _refuse_results(folder: Path, output: Path) -> None:
+def _check_not_results(folder: Path, output: Path) -> None:
     """Refuse to look for clips where the results are to be."""
-    from cageik_cli.workflows.batch.jobs import CLIPS
+    from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER
 
-    place, results = folder.resolve(), output.resolve() / CLIPS
+    place, results = folder.resolve(), output.resolve() / CLIPS_FOLDER
     if place == output.resolve() or results in (place, *place.parents):
         raise click.UsageError(f"{folder}: is where the results would be; name another with -o")
 
 
-def _typed() -> tuple[dict[str, Any], dict[str, Any]]:
+def _split_options() -> tuple[dict[str, Any], dict[str, Any]]:
     """The options for all clips: those of the command line, and those of its file of options."""
     context = click.get_current_context()
     values = {
         name: str(value.absolute()) if isinstance(value, Path) else value
         for name, value in context.params.items()
-        if name in {option.name for option in PER_CLIP}
+        if name in {option.name for option in PER_CLIP_OPTIONS}
     }
     sources = {name: context.get_parameter_source(name) for name in values}
-    own, base = (
+    command_line, config_file = (
         {name: value for name, value in values.items() if sources[name] is source}
         for source in (ParameterSource.COMMANDLINE, ParameterSource.DEFAULT_MAP)
     )
-    return own, base
+    return command_line, config_file
 
 
-def _placed(folder: Path) -> Path:
+def _make_absolute(folder: Path) -> Path:
     """A folder's absolute path, whose parents are the folders above it."""
     return folder.resolve() if ".." in folder.parts else folder.absolute()
 
 
-def _settings(clip: Any, given: dict[str, Any], own: dict[str, Any], read: Any) -> Any:
+def _make_clip_settings(
+    clip: Any, given: dict[str, Any], command_line: dict[str, Any], load_baseline: Any
+) -> Any:
     """What `cageik extract` would make of the clip, options of files, and those that are typed."""
-    given = given | own
+    given = given | command_line
     if given.get("cage") is None and given.get("binding") is None:
         raise click.UsageError(
-            f"no cage is named for it; give --cage, or name one in a {NAME} in its folder or above"
+            f"no cage is named for it; give --cage, or name one in a {CONFIG_NAME} in its "
+            f"folder or above"
         )
     parent = click.get_current_context().parent
     with extract_command.make_context(
         "extract", list(clip.frames), parent=parent, default_map=given
     ) as context:
-        for name in own:
+        for name in command_line:
             context.set_parameter_source(name, ParameterSource.COMMANDLINE)
         options = dict(context.params)
-        for name in OWN:
+        for name in BATCH_OPTIONS:
             options.pop(name, None)
-        limits = limits_of(options, read).by_name()
-        return extract_settings(options | {"output": Path()}), limits
+        limits = pop_limits(options, load_baseline).by_name()
+        return make_extract_settings(options | {"output": Path()}), limits
 
 
-def _fault(error: click.UsageError | CageikError) -> str:
+def _describe_fault(error: click.UsageError | CageikError) -> str:
     """Why a clip cannot be begun; values of the command line have been checked by then."""
     if isinstance(error, click.BadParameter) and error.param is not None:
         option = max(error.param.opts, key=len)
-        return f"{option} of a {NAME} in its folder or above: {error.message.rstrip('.')}"
+        return f"{option} of a {CONFIG_NAME} in its folder or above: {error.message.rstrip('.')}"
     return error.message if isinstance(error, click.UsageError) else str(error)

@@ -8,11 +8,11 @@ from typing import Any
 
 import click
 
-CLIPS = "clips"
+CLIPS_TABLE = "clips"
 """The table of tables by clips' names, for `cageik batch`."""
 
 
-def read_config(ctx: click.Context, param: click.Parameter, path: Path | None) -> None:
+def apply_config(ctx: click.Context, param: click.Parameter, path: Path | None) -> None:
     """Make the entries of the file's table for this command its defaults.
 
     Raises
@@ -23,8 +23,8 @@ def read_config(ctx: click.Context, param: click.Parameter, path: Path | None) -
     if path is None:
         return
     tables, name = read_tables(path), str(ctx.info_name)
-    refuse_other_tables(path, tables, commands_of(ctx))
-    chosen = options_of(path, name, tables.get(name, {}), ctx.command)
+    check_tables(path, tables, list_commands(ctx))
+    chosen = parse_options(path, name, tables.get(name, {}), ctx.command)
     ctx.default_map = {**(ctx.default_map or {}), **chosen}
 
 
@@ -42,7 +42,7 @@ def read_tables(path: Path) -> dict[str, Any]:
         raise click.BadParameter(f"{path}: cannot be read as TOML: {error}") from error
 
 
-def options_of(path: Path, title: str, table: Any, command: click.Command) -> dict[str, Any]:
+def parse_options(path: Path, title: str, table: Any, command: click.Command) -> dict[str, Any]:
     """The values that a file's table called `title` gives to options, by their parameters' names.
 
     Raises
@@ -53,7 +53,7 @@ def options_of(path: Path, title: str, table: Any, command: click.Command) -> di
     if not isinstance(table, dict):
         raise click.BadParameter(f"{path}: `{title}` is not a table of options")
     options = {
-        _typed(option): option
+        _option_key(option): option
         for option in command.params
         if isinstance(option, click.Option) and option.name != "config"
     }
@@ -62,35 +62,35 @@ def options_of(path: Path, title: str, table: Any, command: click.Command) -> di
         option = options.get(key.replace("-", "_"))
         if option is None:
             raise click.BadParameter(
-                f"{path}: [{title}] has no option {key}; {_hint(key, options)}"
+                f"{path}: [{title}] has no option {key}; {_suggest_option(key, options)}"
             )
         values = value if option.multiple and isinstance(value, list) else [value]
-        if not all(_is_value_of(option, one) for one in values):
+        if not all(_is_value_for(option, one) for one in values):
             raise click.BadParameter(f"{path}: {key} = {value!r} is not a value of --{key}")
         chosen[str(option.name)] = values if option.multiple else value
     return chosen
 
 
-def _hint(key: str, options: Iterable[str]) -> str:
+def _suggest_option(key: str, options: Iterable[str]) -> str:
     """The option that was meant, or all."""
     known = sorted(name.replace("_", "-") for name in options)
     near = get_close_matches(key.replace("_", "-"), known, n=1)
     return f"did you mean {near[0]}?" if near else f"expected some of {', '.join(known)}"
 
 
-def _typed(param: click.Parameter) -> str:
+def _option_key(param: click.Parameter) -> str:
     """What is typed for it, without dashes; an argument's name."""
     longest = max(param.opts, key=len)
     return longest.removeprefix("--").replace("-", "_")
 
 
-def commands_of(ctx: click.Context) -> tuple[str, ...]:
+def list_commands(ctx: click.Context) -> tuple[str, ...]:
     """The names of all commands beside this one, and its own."""
     group = ctx.parent.command if ctx.parent else None
     return tuple(group.commands) if isinstance(group, click.Group) else (str(ctx.info_name),)
 
 
-def refuse_other_tables(path: Path, tables: dict[str, Any], commands: Sequence[str]) -> None:
+def check_tables(path: Path, tables: dict[str, Any], commands: Sequence[str]) -> None:
     """Refuse a file with anything but tables of commands, and of clips.
 
     Raises
@@ -99,16 +99,16 @@ def refuse_other_tables(path: Path, tables: dict[str, Any], commands: Sequence[s
         Naming the file and what it is that stands there.
     """
     for name, table in tables.items():
-        if name not in [*commands, CLIPS]:
+        if name not in [*commands, CLIPS_TABLE]:
             raise click.BadParameter(
                 f"{path}: {name} is not a command; expected tables of options, "
-                f'{", ".join(f"[{command}]" for command in commands)}, or [{CLIPS}."PATTERN"]'
+                f'{", ".join(f"[{command}]" for command in commands)}, or [{CLIPS_TABLE}."PATTERN"]'
             )
         if not isinstance(table, dict):
             raise click.BadParameter(f"{path}: `{name}` is not a table of options")
 
 
-def _is_value_of(option: click.Option, value: object) -> bool:
+def _is_value_for(option: click.Option, value: object) -> bool:
     """Whether a TOML value can be what would be typed for the option; click parses it then."""
     if isinstance(value, str):
         return "\0" not in value  # which nobody can type

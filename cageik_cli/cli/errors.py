@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.options.common import verbosity
-from cageik_cli.util.errors import sentence_of
+from cageik_cli.cli.options.common import get_verbosity
+from cageik_cli.util.errors import format_error
 
 
 class CageikGroup(click.Group):
@@ -26,6 +26,6 @@ class CageikGroup(click.Group):
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except (Exception, KeyboardInterrupt) as error:
-            if verbosity() > 1:
+            if get_verbosity() > 1:
                 click.echo(traceback.format_exc(), err=True)
-            raise click.ClickException(sentence_of(error)) from error  # its exit code is 1
+            raise click.ClickException(format_error(error)) from error  # its exit code is 1

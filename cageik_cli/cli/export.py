@@ -5,13 +5,13 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.options.clip import scene_of, scene_options
-from cageik_cli.cli.options.common import PATH, animation_options, common
+from cageik_cli.cli.options.clip import pop_scene_hints, scene_options
+from cageik_cli.cli.options.common import PATH_TYPE, animation_options, common_options
 
 
 @click.command("export")
-@click.argument("result", type=PATH)
-@click.argument("out", type=PATH)
+@click.argument("result", type=PATH_TYPE)
+@click.argument("out", type=PATH_TYPE)
 @scene_options
 @click.option(
     "--skeleton",
@@ -24,7 +24,7 @@ from cageik_cli.cli.options.common import PATH, animation_options, common
     help="Joints that may move a vertex at most, with --skeleton.  [default: all]",
 )
 @animation_options
-@common
+@common_options
 def export_command(result: Path, out: Path, quiet: bool, **options: Any) -> None:
     """Write the cage animation of RESULT in the format of OUT's suffix.
 
@@ -33,17 +33,17 @@ def export_command(result: Path, out: Path, quiet: bool, **options: Any) -> None
     """
     if options["max_influences"] is not None and not options["skeleton"]:
         raise click.UsageError("--max-influences is for --skeleton; give both, or neither")
-    scene = scene_of(options)
+    scene = pop_scene_hints(options)
 
-    from cageik_cli.cli.progress import watched
+    from cageik_cli.cli.progress import show_progress
     from cageik_cli.formats.write import Output
-    from cageik_cli.util.outputs import keep_apart
-    from cageik_cli.util.text import page
+    from cageik_cli.util.outputs import check_no_overlap
+    from cageik_cli.util.text import format_block
     from cageik_cli.workflows.export import ExportSettings, export
 
     output = Output(out, options.pop("kind"), options.pop("overwrite"))
-    keep_apart([output.place], [result])
-    with watched(not quiet, None, False) as watch:
-        written = export(ExportSettings(result, output, scene, **options), watch)
+    check_no_overlap([output.target_path], [result])
+    with show_progress(not quiet, None, False) as progress:
+        summary = export(ExportSettings(result, output, scene, **options), progress)
     if not quiet:
-        click.echo(page(written.line, watch.remarks), err=True)
+        click.echo(format_block(summary.message, progress.notes), err=True)

@@ -6,32 +6,44 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.options.clip import clip_of, clip_options, scene_of, scene_options
+from cageik_cli.cli.options.clip import (
+    clip_options,
+    pop_clip_settings,
+    pop_scene_hints,
+    scene_options,
+)
 from cageik_cli.cli.options.common import (
-    PATH,
+    PATH_TYPE,
     binding_options,
-    cache_folder,
-    common,
-    is_typed,
-    jobs,
+    choose_cache_folder,
+    common_options,
+    get_verbosity,
+    is_on_command_line,
+    jobs_option,
     memory_option,
     timings_option,
-    verbosity,
 )
-from cageik_cli.cli.options.limits import echo_over_limits, exit_by, gate_options, limits_of
+from cageik_cli.cli.options.limits import (
+    echo_exceeded_limits,
+    exit_with_code,
+    limit_options,
+    pop_limits,
+)
 from cageik_cli.util.errors import CageikError
 
 
 @click.command("extract")
 @click.argument("frames", nargs=-1, required=True)
-@click.option("--cage", type=PATH, help="The cage around the rest pose.")
+@click.option("--cage", type=PATH_TYPE, help="The cage around the rest pose.")
 @click.option(
-    "--binding", type=PATH, help="Take the weights, and the cage, from this file of cageik bind."
+    "--binding",
+    type=PATH_TYPE,
+    help="Take the weights, and the cage, from this file of cageik bind.",
 )
 @click.option(
-    "-o", "--output", type=PATH, default="cages.h5", show_default=True, help="The result file."
+    "-o", "--output", type=PATH_TYPE, default="cages.h5", show_default=True, help="The result file."
 )
-@click.option("--rest", type=PATH, help="The rest pose.  [default: the first frame taken]")
+@click.option("--rest", type=PATH_TYPE, help="The rest pose.  [default: the first frame taken]")
 @click.option("--rest-frame", type=int, help="Which of the frames taken is the rest pose, from 0.")
 @binding_options
 @click.option(
@@ -49,7 +61,9 @@ from cageik_cli.util.errors import CageikError
     help="Move each frame rigidly onto the rest pose, solve there, move the cage back.",
 )
 @click.option(
-    "--vertex-weights", type=PATH, help="One number a vertex (text or .npy); 0 is missing data."
+    "--vertex-weights",
+    type=PATH_TYPE,
+    help="One number a vertex (text or .npy); 0 is missing data.",
 )
 @scene_options
 @click.option(
@@ -71,16 +85,16 @@ from cageik_cli.util.errors import CageikError
 @click.option(
     "--export",
     "exports",
-    type=PATH,
+    type=PATH_TYPE,
     multiple=True,
     help="Write the cages there too, as cageik export does; may be repeated.",
 )
-@gate_options
+@limit_options
 @click.option("--overwrite", is_flag=True, help="Replace existing outputs.")
 @memory_option
 @timings_option
-@jobs
-@common
+@jobs_option
+@common_options
 def extract_command(**options: Any) -> None:
     """Extract the cage of every frame of an animation.
 
@@ -97,49 +111,49 @@ def extract_command(**options: Any) -> None:
     quiet: bool = options.pop("quiet")
     exports: tuple[Path, ...] = options.pop("exports")
     baseline: Path | None = options["baseline"]
-    limits = limits_of(options)
-    settings = extract_settings(options)
+    limits = pop_limits(options)
+    settings = make_extract_settings(options)
 
-    from cageik_cli.cli.progress import watched
-    from cageik_cli.formats.open import files_read
+    from cageik_cli.cli.progress import show_progress
+    from cageik_cli.formats.open import list_input_files
     from cageik_cli.formats.write import Output
-    from cageik_cli.report.overview import entry_of, overview_of
-    from cageik_cli.report.record import report_of
-    from cageik_cli.report.views.text import as_text
-    from cageik_cli.util.outputs import keep_apart
-    from cageik_cli.util.text import row
-    from cageik_cli.workflows.export import ExportSettings, export, prepare_export
+    from cageik_cli.report.overview import build_clip_entry, build_overview
+    from cageik_cli.report.record import build_report
+    from cageik_cli.report.views.text import format_text
+    from cageik_cli.util.outputs import check_no_overlap
+    from cageik_cli.util.text import format_row
+    from cageik_cli.workflows.export import ExportSettings, check_export, export
     from cageik_cli.workflows.extract import extract
 
     inputs = [settings.cage, settings.binding, settings.rest, settings.vertex_weights, baseline]
-    also = [
+    export_settings = [
         ExportSettings(settings.output, Output(path, overwrite=settings.overwrite))
         for path in exports
     ]
-    outputs = [settings.output, timings, *(one.output.place for one in also)]
-    keep_apart(outputs, inputs + files_read(list(settings.frames)))
-    for one in also:
-        prepare_export(one)
-    with watched(not quiet, timings, settings.overwrite) as watch:
-        result = extract(settings, watch)
-        written = [export(one, watch) for one in also]
-    report = report_of(result, limits)
-    overview = overview_of([entry_of(report)])
+    outputs = [settings.output, timings, *(one.output.target_path for one in export_settings)]
+    check_no_overlap(outputs, inputs + list_input_files(list(settings.frames)))
+    for one in export_settings:
+        check_export(one)
+    with show_progress(not quiet, timings, settings.overwrite) as progress:
+        result = extract(settings, progress)
+        summaries = [export(one, progress) for one in export_settings]
+    report = build_report(result, limits)
+    overview = build_overview([build_clip_entry(report)])
     if quiet:
-        echo_over_limits(overview)
+        echo_exceeded_limits(overview)
     else:
-        lines = [as_text(report), *map(row, watch.rows())]
-        lines += [one.line for one in written]
+        lines = [format_text(report), *map(format_row, progress.make_rows())]
+        lines += [one.message for one in summaries]
         click.echo("\n".join(lines), err=True)
         click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
-    if verbosity():
+    if get_verbosity():
         click.echo(f"cache: {settings.cache}", err=True)
         click.echo(f"settings: {json.dumps(result.settings)}", err=True)
         click.echo(f"sources: {json.dumps(result.sources)}", err=True)
-    exit_by(overview)
+    exit_with_code(overview)
 
 
-def extract_settings(options: dict[str, Any]) -> Any:
+def make_extract_settings(options: dict[str, Any]) -> Any:
     """The settings that the options mean.
 
     Raises
@@ -161,25 +175,25 @@ def extract_settings(options: dict[str, Any]) -> Any:
         raise click.UsageError(str(error)) from error
     bind = BindSettings(*(options.pop(name) for name in ("coordinates", "accuracy", "outside")))
     if options["binding"] is not None:
-        _refuse_other_settings(options["binding"], bind)
-    options["cache"] = cache_folder(options["cache"], options.pop("no_cache"))
+        _check_binding_settings(options["binding"], bind)
+    options["cache"] = choose_cache_folder(options["cache"], options.pop("no_cache"))
     options["rest_frame"] = options["rest_frame"] or 0
-    options["clip"], options["scene"] = clip_of(options), scene_of(options)
+    options["clip"], options["scene"] = pop_clip_settings(options), pop_scene_hints(options)
     options["keep_weights"] = not options.pop("no_weights")
     return ExtractSettings(solve=solve, bind=bind, **options)
 
 
-def _refuse_other_settings(binding: Path, asked: Any) -> None:
+def _check_binding_settings(binding: Path, requested: Any) -> None:
     """Refuse options that were typed and are not those the binding was made with."""
     from cageik_cli.store.binding_file import read_bind_settings
 
-    names = [name for name in ("coordinates", "accuracy", "outside") if is_typed(name)]
+    names = [name for name in ("coordinates", "accuracy", "outside") if is_on_command_line(name)]
     if not names:
         return
-    held = read_bind_settings(binding)
+    stored = read_bind_settings(binding)
     for name in names:
-        if getattr(asked, name) != getattr(held, name):
+        if getattr(requested, name) != getattr(stored, name):
             raise click.UsageError(
-                f"--{name} {getattr(asked, name)}: {binding} was made with "
-                f"{getattr(held, name)}; leave the option out, or bind again"
+                f"--{name} {getattr(requested, name)}: {binding} was made with "
+                f"{getattr(stored, name)}; leave the option out, or bind again"
             )

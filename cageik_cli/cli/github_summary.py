@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-MOST_BYTES = 1 << 20
+MAX_BYTES = 1 << 20
 """Of the page; GitHub shows none that is larger."""
 
 
@@ -22,14 +22,14 @@ def append_step_summary(text: str) -> None:
     except OSError as error:
         _warn(named, f"cannot be written ({error.strerror or error})")
         return
-    if size > MOST_BYTES:
-        _warn(named, f"has {size} bytes of the {MOST_BYTES} that GitHub shows, nothing was added")
+    if size > MAX_BYTES:
+        _warn(named, f"has {size} bytes of the {MAX_BYTES} that GitHub shows, nothing was added")
 
 
 def _append(path: Path, data: bytes) -> int:
     """Append what fits, all or nothing; return the bytes that the file has or would have."""
     size = (path.stat().st_size if path.exists() else 0) + len(data)
-    if size <= MOST_BYTES:
+    if size <= MAX_BYTES:
         with path.open("ab") as stream:
             stream.write(data)
     return size

@@ -7,43 +7,43 @@ import click
 
 from cageik_cli.cli.options.clip import UP_AXES
 from cageik_cli.cli.options.common import (
-    PATH,
+    PATH_TYPE,
     binding_options,
-    cache_folder,
-    common,
-    is_typed,
-    jobs,
+    choose_cache_folder,
+    common_options,
+    is_on_command_line,
+    jobs_option,
     memory_option,
     timings_option,
     write_or_print,
 )
 from cageik_cli.util.errors import CageikError
 
-OF_A_CAGE = ("cage", "cage_out")
-OF_WEIGHTS = ("coordinates", "accuracy", "outside", "cache", "no_cache", "jobs")
-OF_A_RESULT = ("memory",)
+CAGE_OPTIONS = ("cage", "cage_out")
+WEIGHT_OPTIONS = ("coordinates", "accuracy", "outside", "cache", "no_cache", "jobs")
+RESULT_OPTIONS = ("memory",)
 
 
 def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
-        from cageik_cli.posing.handles.schema import schema_text
+        from cageik_cli.posing.handles.schema import read_schema
 
-        click.echo(schema_text(), nl=False)
+        click.echo(read_schema(), nl=False)
         ctx.exit()
 
 
 @click.command("pose")
-@click.argument("target", type=PATH)
-@click.argument("handles", type=PATH)
+@click.argument("target", type=PATH_TYPE)
+@click.argument("handles", type=PATH_TYPE)
 @click.option(
     "-o",
     "--output",
-    type=PATH,
+    type=PATH_TYPE,
     required=True,
     help="The posed model (.obj, .ply); of a result, the edited result (.h5).",
 )
-@click.option("--cage", type=PATH, help="The cage around TARGET, when that is a model.")
-@click.option("--cage-out", type=PATH, help="Write the posed cage there, too (.obj, .ply).")
+@click.option("--cage", type=PATH_TYPE, help="The cage around TARGET, when that is a model.")
+@click.option("--cage-out", type=PATH_TYPE, help="Write the posed cage there, too (.obj, .ply).")
 @click.option(
     "--alpha",
     type=float,
@@ -66,13 +66,15 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     is_flag=True,
     help="Take the mean of different targets of one point.",
 )
-@click.option("--plot", type=PATH, help="Draw it before and after, with the handles (.png).")
+@click.option("--plot", type=PATH_TYPE, help="Draw it before and after, with the handles (.png).")
 @click.option(
     "--up-axis",
     type=click.Choice(UP_AXES),
     help="Which axis is up in the picture.  [default: the result's, or Y]",
 )
-@click.option("--json", "json_out", type=PATH, help="Write the figures as JSON (- for stdout).")
+@click.option(
+    "--json", "json_out", type=PATH_TYPE, help="Write the figures as JSON (- for stdout)."
+)
 @click.option(
     "--schema",
     is_flag=True,
@@ -85,8 +87,8 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
 @click.option("--overwrite", is_flag=True, help="Replace existing outputs.")
 @memory_option
 @timings_option
-@jobs
-@common
+@jobs_option
+@common_options
 def pose_command(
     plot: Path | None,
     up_axis: str | None,
@@ -106,45 +108,45 @@ def pose_command(
     """  # noqa: D301
     if plot is not None and str(plot) != "-" and plot.suffix.lower() != ".png":
         raise click.UsageError(f"--plot {plot}: expected a name that ends in .png")
-    settings = _settings(options)
+    settings = _make_settings(options)
 
-    from cageik_cli.cli.progress import watched
-    from cageik_cli.report.views.pose_text import pose_json, pose_rows
-    from cageik_cli.util.outputs import keep_apart, prepare
-    from cageik_cli.util.text import page
+    from cageik_cli.cli.progress import show_progress
+    from cageik_cli.report.views.pose_text import format_pose_json, format_pose_rows
+    from cageik_cli.util.outputs import check_no_overlap, check_writable
+    from cageik_cli.util.text import format_block
     from cageik_cli.workflows.edit import EditSettings, edit
     from cageik_cli.workflows.pose import pose
 
     inputs = [options["target"], options["handles"], options["cage"]]
-    keep_apart([settings.output, options["cage_out"], plot, json_out, timings], inputs)
+    check_no_overlap([settings.output, options["cage_out"], plot, json_out, timings], inputs)
     for path in (plot, json_out):
         if path is not None and str(path) != "-":
-            prepare(path, settings.overwrite)
+            check_writable(path, settings.overwrite)
     is_edit = isinstance(settings, EditSettings)
-    with watched(not quiet, timings, settings.overwrite) as watch:
-        posed = edit(settings, watch) if is_edit else pose(settings, watch)
+    with show_progress(not quiet, timings, settings.overwrite) as progress:
+        result = edit(settings, progress) if is_edit else pose(settings, progress)
         if plot is not None:
-            with watch.stage("plot"):
-                write_or_print(_picture(posed, up_axis), plot, settings.overwrite)
+            with progress.stage("plot"):
+                write_or_print(_render_plot(result, up_axis), plot, settings.overwrite)
     if json_out is not None:
-        write_or_print(pose_json(posed.figures), json_out, settings.overwrite)
+        write_or_print(format_pose_json(result.figures), json_out, settings.overwrite)
     if not quiet:
-        rows = [*pose_rows(posed.figures), *watch.rows()]
-        click.echo(page(str(settings.output), rows), err=True)
-        following = f"; next: cageik report {settings.output}" if is_edit else ""
+        rows = [*format_pose_rows(result.figures), *progress.make_rows()]
+        click.echo(format_block(str(settings.output), rows), err=True)
+        next_step = f"; next: cageik report {settings.output}" if is_edit else ""
         written = [settings.output, options["cage_out"], plot, json_out]
         names = [str(path) for path in written if path is not None and str(path) != "-"]
-        click.echo(f"wrote {', '.join(names)}{following}", err=True)
+        click.echo(f"wrote {', '.join(names)}{next_step}", err=True)
 
 
-def _picture(posed: Any, up_axis: str | None) -> bytes:
+def _render_plot(result: Any, up_axis: str | None) -> bytes:
     """Before and after, as a PNG file; matplotlib takes long to import."""
-    from cageik_cli.report.plots.pose_plot import as_png, view_of
+    from cageik_cli.report.plots.pose_plot import build_pose_view, render_pose_png
 
-    return as_png(view_of(posed, up_axis or posed.up_axis))
+    return render_pose_png(build_pose_view(result, up_axis or result.up_axis))
 
 
-def _settings(options: dict[str, Any]) -> Any:
+def _make_settings(options: dict[str, Any]) -> Any:
     """What is to be done, as an edit of a result or a pose of a model.
 
     Raises
@@ -153,15 +155,15 @@ def _settings(options: dict[str, Any]) -> Any:
         When options contradict each other or TARGET.
     """
     from cageik_cli.coordinates.binding import BindSettings
-    from cageik_cli.formats.base.hdf5 import SUFFIXES
+    from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
     from cageik_cli.posing.edits import PosingSettings
-    from cageik_cli.posing.handles.model import PlaceSettings
+    from cageik_cli.posing.handles.model import PlacementSettings
     from cageik_cli.store.binding_file import is_binding
     from cageik_cli.workflows.bind import WeightSettings
     from cageik_cli.workflows.edit import EditSettings
     from cageik_cli.workflows.pose import PoseSettings
 
-    place = PlaceSettings(options["snap"], options["allow_conflicts"], options["hard"])
+    place = PlacementSettings(options["snap"], options["allow_conflicts"], options["hard"])
     try:
         posing = PosingSettings(options["alpha"], options["beta"], options["rigidity"], place)
     except CageikError as error:
@@ -171,23 +173,25 @@ def _settings(options: dict[str, Any]) -> Any:
         raise click.UsageError(f"TARGET comes before HANDLES; swap {target} and {handles}")
     files = (target, handles, options["output"])
     overwrite = options["overwrite"]
-    is_hdf5 = target.suffix.lower() in SUFFIXES
+    is_hdf5 = target.suffix.lower() in HDF5_SUFFIXES
     if is_hdf5 and not is_binding(target):
-        _refuse_typed((*OF_A_CAGE, *OF_WEIGHTS), "a model; a result has its cage and weights")
+        _reject_options(
+            (*CAGE_OPTIONS, *WEIGHT_OPTIONS), "a model; a result has its cage and weights"
+        )
         return EditSettings(*files, posing, options["memory"], overwrite)
-    _refuse_typed(OF_A_RESULT, "a result, whose frames are gone through in blocks")
+    _reject_options(RESULT_OPTIONS, "a result, whose frames are gone through in blocks")
     if is_hdf5:
-        _refuse_typed(("cage", *OF_WEIGHTS), "a model; a binding has its cage and weights")
+        _reject_options(("cage", *WEIGHT_OPTIONS), "a model; a binding has its cage and weights")
     elif options["cage"] is None:
         raise click.UsageError(f"Missing option '--cage', which {target} needs.")
     bind = BindSettings(*(options[name] for name in ("coordinates", "accuracy", "outside")))
-    cache = cache_folder(options["cache"], options["no_cache"])
+    cache = choose_cache_folder(options["cache"], options["no_cache"])
     weights = WeightSettings(bind, cache, options["jobs"])
     return PoseSettings(*files, options["cage"], options["cage_out"], posing, weights, overwrite)
 
 
-def _refuse_typed(names: tuple[str, ...], whose: str) -> None:
+def _reject_options(names: tuple[str, ...], purpose: str) -> None:
     """Refuse options that say nothing of this kind of TARGET."""
     for name in names:
-        if is_typed(name):
-            raise click.UsageError(f"--{name.replace('_', '-')} is for {whose}; leave it out")
+        if is_on_command_line(name):
+            raise click.UsageError(f"--{name.replace('_', '-')} is for {purpose}; leave it out")

@@ -10,13 +10,13 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError
 
-OUTSIDE = ("refuse", "project")
+OUTSIDE_POLICIES = ("refuse", "project")
 """What may be done with vertices further outside."""
 
-ALGORITHMS = {"harmonic": 3, "mean-value": 1}
+ALGORITHM_VERSIONS = {"harmonic": 3, "mean-value": 1}
 """To be raised when weights, notes or refusals change, so that no cache gives the old ones."""
 
-COORDINATES = tuple(ALGORITHMS)
+COORDINATES = tuple(ALGORITHM_VERSIONS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +30,8 @@ class BindSettings:
     accuracy : str
         One of `ACCURACIES`; coordinates in closed form do not ask.
     outside : str
-        One of `OUTSIDE`: vertices outside the cage are refused, or get the weights of the nearest
-        point on it.
+        One of `OUTSIDE_POLICIES`: vertices outside the cage are refused, or get the weights of the
+        nearest point on it.
     """
 
     coordinates: str = "harmonic"
@@ -42,7 +42,7 @@ class BindSettings:
         for name, known in (
             ("coordinates", COORDINATES),
             ("accuracy", ACCURACIES),
-            ("outside", OUTSIDE),
+            ("outside", OUTSIDE_POLICIES),
         ):
             if getattr(self, name) not in known:
                 raise InputError(
@@ -114,7 +114,7 @@ class Binding:
         """Measured of the weights as they are."""
         return WeightQuality(
             partition_of_unity=float(np.abs(self.weights.sum(axis=1) - 1).max()),
-            linear_precision=_missed(self.rest.vertices, self),
+            linear_precision=_reproduction_error(self.rest.vertices, self),
             min_weight=float(self.weights.min()),
             panels=self.panels,
             estimated_error=self.estimated_error,
@@ -122,23 +122,23 @@ class Binding:
         )
 
 
-def _missed(points: Floats, binding: Binding) -> float:
+def _reproduction_error(points: Floats, binding: Binding) -> float:
     """Largest distance of `weights @ cage` from `points`, in diagonals of the rest pose."""
     origin = points.mean(axis=0)
-    rebuilt = binding.weights @ (binding.cage.vertices - origin)
-    misses = np.linalg.norm(rebuilt - (points - origin), axis=1)
-    return float(misses.max() / binding.rest.diagonal)
+    reconstruction = binding.weights @ (binding.cage.vertices - origin)
+    distances = np.linalg.norm(reconstruction - (points - origin), axis=1)
+    return float(distances.max() / binding.rest.diagonal)
 
 
-GROUP = 4
+FRAMES_PER_PRODUCT = 4
 """Frames to a product, always: its last digits depend on how many there are."""
 
 
-def rebuilt(weights: Floats, cages: Floats) -> Floats:
+def reconstruct(weights: Floats, cages: Floats) -> Floats:
     """The meshes (k, m, 3) that cages (k, n, 3) give by weights (m, n)."""
     meshes = np.empty((len(cages), len(weights), 3))
-    for start in range(0, len(cages), GROUP):
-        block = cages[start : start + GROUP]
+    for start in range(0, len(cages), FRAMES_PER_PRODUCT):
+        block = cages[start : start + FRAMES_PER_PRODUCT]
         k, n, _ = block.shape
         columns = weights @ block.transpose(1, 0, 2).reshape(n, 3 * k)
         meshes[start : start + k] = columns.reshape(-1, k, 3).transpose(1, 0, 2)

@@ -18,38 +18,38 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates.bem.boundary_equation import (
-    FADE,
+    FADE_FACTOR,
     BoundarySolution,
-    blocks,
+    interior_weights,
     solve_boundary,
-    weights_inside,
+    split_points,
 )
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.bem.error_estimate import estimated
-from cageik_cli.coordinates.bem.polynomials import LINEAR, exponents
-from cageik_cli.coordinates.weights import ACCURACIES, Accuracy, Weights, no_progress
+from cageik_cli.coordinates.bem.error_estimate import estimate_error
+from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, exponents
+from cageik_cli.coordinates.weights import ACCURACIES, Accuracy, Weights, ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError
-from cageik_cli.util.threads import blas_threads, processors
+from cageik_cli.util.threads import count_processors, limit_blas_threads
 
-FEWEST_PANELS = 60
+MIN_PANELS = 60
 """Faces of cages that have fewer are divided in four: it costs nothing."""
 
-PANEL_LIMIT = 5000
+MAX_FACES = 5000
 """Most faces of a cage: its matrix has nine float32 times their square, 0.9 GB."""
 
-ROUNDS = 4
+MAX_REFINEMENTS = 4
 """How often the panels that are resolved worst are divided, at most."""
 
-SAMPLE = 128
+SAMPLE_SIZE = 128
 """Points at which the error is estimated."""
 
-SHARED = 0.6
+REFINED_SHARE = 0.6
 """The panels that are divided have this share of the estimated error."""
 
-DIGITS = 1e10
+MAX_ROUNDING_GROWTH = 1e10
 """How much the rounding of higher terms may grow; they need few digits, constants keep theirs."""
 
 
@@ -58,14 +58,14 @@ def harmonic_weights(
     points: Floats,
     accuracy: str = "standard",
     jobs: int | None = None,
-    progress: Callable[[int, int], None] = no_progress,
+    progress: Callable[[int, int], None] = ignore_progress,
 ) -> Weights:
     """Harmonic coordinates of points inside or on a cage.
 
     Parameters
     ----------
     cage : TriMesh
-        Closed, manifold, outward, of one component (`enclosure.checked_cage`).
+        Closed, manifold, outward, of one component (`enclosure.validate_cage`).
     points : (m, 3)
         Inside or on the cage, file units. A point on it gets barycentric weights.
     accuracy : str
@@ -83,13 +83,13 @@ def harmonic_weights(
     Raises
     ------
     InputError
-        When the cage has more faces than `PANEL_LIMIT`, or the accuracy is none we know.
+        When the cage has more faces than `MAX_FACES`, or the accuracy is none we know.
     """
     if accuracy not in ACCURACIES:
         raise InputError(f"accuracy is {accuracy!r}, expected one of {', '.join(ACCURACIES)}")
-    if len(cage.faces) > PANEL_LIMIT:
+    if len(cage.faces) > MAX_FACES:
         raise InputError(
-            f"the cage has {len(cage.faces)} faces, at most {PANEL_LIMIT} fit in memory; "
+            f"the cage has {len(cage.faces)} faces, at most {MAX_FACES} fit in memory; "
             "use a coarser cage"
         )
     weights, within = weights_on_surface(cage, points)
@@ -98,69 +98,71 @@ def harmonic_weights(
     origin, scale = cage.vertices.mean(axis=0), cage.diagonal
     unit = TriMesh((cage.vertices - origin) / scale, cage.faces)
     tree = cKDTree((points[within] - origin) / scale)
-    with blas_threads(1), ThreadPoolExecutor(jobs or processors()) as pool:
-        boundary, error = _resolved(unit, tree, ACCURACIES[accuracy], pool)
+    with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
+        boundary, error = _solve_to_tolerance(unit, tree, ACCURACIES[accuracy], pool)
 
         def fill(block: slice) -> int:
             chosen = tree.indices[block]
-            weights[within[chosen]] = weights_inside(boundary, tree.data[chosen])
+            weights[within[chosen]] = interior_weights(boundary, tree.data[chosen])
             return int(block.stop)
 
-        for done in pool.map(fill, blocks(boundary.mesh, len(within))):
+        for done in pool.map(fill, split_points(boundary.mesh, len(within))):
             progress(done, len(within))
     return Weights(weights, len(boundary.mesh.panels.corners), error)
 
 
-def _resolved(
-    cage: TriMesh, points: cKDTree, asked: Accuracy, pool: ThreadPoolExecutor
+def _solve_to_tolerance(
+    cage: TriMesh, points: cKDTree, accuracy: Accuracy, pool: ThreadPoolExecutor
 ) -> tuple[BoundarySolution, float]:
     """Divide panels until the estimated error is what was asked, or they are too many."""
-    sample = points.data[points.indices[:: -(-points.n // SAMPLE)]]
-    mesh = BoundaryMesh.of(cage)
-    while len(mesh.panels.corners) < FEWEST_PANELS:
-        mesh = mesh.divided(np.ones(len(mesh.panels.corners), bool))
-    mesh = _raised(mesh, points, asked)
+    sample = points.data[points.indices[:: -(-points.n // SAMPLE_SIZE)]]
+    mesh = BoundaryMesh.from_cage(cage)
+    while len(mesh.panels.corners) < MIN_PANELS:
+        mesh = mesh.divide(np.ones(len(mesh.panels.corners), bool))
+    mesh = _raise_order(mesh, points, accuracy)
     best = solve_boundary(mesh, pool)
-    error, shares = estimated(best, sample)
-    for _ in range(ROUNDS):
-        if error <= asked.tolerance:
+    error, shares = estimate_error(best, sample)
+    for _ in range(MAX_REFINEMENTS):
+        if error <= accuracy.tolerance:
             break
-        mesh = _raised(best.mesh.divided(_worst(shares)), points, asked)
-        no_room = mesh.unknowns > asked.most or len(mesh.high) < len(best.mesh.high)
+        mesh = _raise_order(best.mesh.divide(_worst_panel_mask(shares)), points, accuracy)
+        no_room = mesh.unknowns > accuracy.max_unknowns or len(mesh.high_panels) < len(
+            best.mesh.high_panels
+        )
         if no_room or mesh.order < best.mesh.order:
             break
         finer = solve_boundary(mesh, pool)
-        less, shares = estimated(finer, sample)
+        less, shares = estimate_error(finer, sample)
         if less >= error:
             break
         best, error = finer, less
     return best, error
 
 
-def _worst(shares: Floats) -> NDArray[np.bool_]:
-    """The fewest panels that have `SHARED` of the error."""
+def _worst_panel_mask(shares: Floats) -> NDArray[np.bool_]:
+    """The fewest panels that have `REFINED_SHARE` of the error."""
     order = np.argsort(-shares, kind="stable")
-    count = np.searchsorted(np.cumsum(shares[order]), SHARED * shares.sum()) + 1
+    count = np.searchsorted(np.cumsum(shares[order]), REFINED_SHARE * shares.sum()) + 1
     chosen = np.zeros(len(shares), bool)
     chosen[order[:count]] = True
     return chosen
 
 
-def _raised(mesh: BoundaryMesh, points: cKDTree, asked: Accuracy) -> BoundaryMesh:
+def _raise_order(mesh: BoundaryMesh, points: cKDTree, accuracy: Accuracy) -> BoundaryMesh:
     """Higher order where one of `points` is within reach, as high as there is room for.
 
     Needles stay linear: the recurrences of higher terms do not reach as far as their length.
     """
     panels = mesh.panels
     distance = np.asarray(points.query(panels.centroids)[0])
-    room = max(0, asked.most - mesh.linear_unknowns)
-    for order in range(asked.order, 1, -1):
-        extra = len(exponents(order)) - LINEAR
-        furthest = panels.altitudes.min(axis=0) * DIGITS ** (0.5 / order) / FADE
-        reach = np.minimum(asked.reach * panels.radii, furthest)
-        near = np.flatnonzero((distance < FADE * reach) & (reach > panels.radii))
+    room = max(0, accuracy.max_unknowns - mesh.linear_unknowns)
+    for order in range(accuracy.order, 1, -1):
+        extra = len(exponents(order)) - LINEAR_TERMS
+        furthest = panels.altitudes.min(axis=0) * MAX_ROUNDING_GROWTH ** (0.5 / order) / FADE_FACTOR
+        reach = np.minimum(accuracy.reach * panels.radii, furthest)
+        near = np.flatnonzero((distance < FADE_FACTOR * reach) & (reach > panels.radii))
         if extra * len(near) <= room or order == 2:
             nearest = np.argsort(distance[near] / reach[near], kind="stable")
             near = np.sort(near[nearest[: room // extra]])
-            return mesh.raised(order, near, reach[near])
+            return mesh.raise_order(order, near, reach[near])
     return mesh

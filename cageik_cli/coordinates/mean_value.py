@@ -39,24 +39,24 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.coordinates.weights import Weights, no_progress
+from cageik_cli.coordinates.weights import Weights, ignore_progress
 from cageik_cli.geometry.mesh import Edges, TriMesh
 from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.threads import blas_threads, processors
+from cageik_cli.util.threads import count_processors, limit_blas_threads
 
-BLOCK = 2**15
+MAX_BLOCK_ENTRIES = 2**15
 """Faces times points evaluated together: few enough for the processor's cache."""
 
-FLAT = 0.03
+EDGE_ON_RATIO = 0.03
 """|h| over p's distance beyond a side, below which V is taken without its quotient."""
 
-SMALL_SQUARE = 0.02
+MAX_SERIES_SQUARE = 0.02
 """Squared tangents z² below which the terms of `_SERIES` are arctan z / z to the last bit."""
 
 _SERIES = [(-1) ** k / (2 * k + 1) for k in range(9)]
 
-_SMALLEST = 1e-200
+_MIN_DISTANCE = 1e-200
 """Stands for a distance of 0 from an edge's line, where θ/d has its limit."""
 
 
@@ -78,7 +78,7 @@ class _Faces:
         First coordinate of corner 2, then both of corner 0.
     side_normals : (2, 3, f, 1)
         m_k in the frame.
-    forms : (5f + e, 4)
+    linear_forms : (5f + e, 4)
         Linear forms of (x, 1): of every face h, t_0, t_1, t_2 and p's first coordinate (t_0 is its
         second); s of every edge, its first end's distance from x along it.
     corner_sums : (n, 3f) sparse
@@ -92,17 +92,17 @@ class _Faces:
     apex: Floats
     altitude: Floats
     side_normals: Floats
-    forms: Floats
+    linear_forms: Floats
     corner_sums: sparse.csr_array
 
     @staticmethod
-    def of(mesh: TriMesh) -> "_Faces":
+    def from_mesh(mesh: TriMesh) -> "_Faces":
         """Measure the faces of `mesh`."""
-        corners = _longest_side_first(mesh)
-        edges = Edges.of(corners)
+        corners = _put_longest_side_first(mesh)
+        edges = Edges.from_faces(corners)
         start, stop = mesh.vertices[edges.ends].swapaxes(0, 1)
         a, b, c = (mesh.vertices[corners[:, k]] for k in range(3))
-        axes = _axes(a, b, c)
+        axes = _face_axes(a, b, c)
         base = np.linalg.norm(c - b, axis=1)
         apex, altitude = np.einsum("fx,afx->af", a - b, axes)
         zero = np.zeros(len(corners))
@@ -113,7 +113,7 @@ class _Faces:
             (np.cross(*axes), b),
             *zip(outward, (b, c, b), strict=True),
             (-axes[0], b),
-            (_unit(stop - start), start),
+            (_normalize(stop - start), start),
         ]
         forms = [np.column_stack([-n, np.einsum("ix,ix->i", n, o)]) for n, o in anchored]
         count = corners.size
@@ -125,7 +125,7 @@ class _Faces:
             apex=apex[:, None],
             altitude=altitude[:, None],
             side_normals=normals[..., None],
-            forms=np.concatenate(forms),
+            linear_forms=np.concatenate(forms),
             corner_sums=sparse.csr_array(
                 (np.ones(count), (corners.T.ravel(), np.arange(count))),
                 shape=(len(mesh.vertices), count),
@@ -137,7 +137,7 @@ def mean_value_weights(
     cage: TriMesh,
     points: Floats,
     jobs: int | None = None,
-    progress: Callable[[int, int], None] = no_progress,
+    progress: Callable[[int, int], None] = ignore_progress,
 ) -> Weights:
     """Mean value coordinates of points inside or on a cage.
 
@@ -146,7 +146,7 @@ def mean_value_weights(
     Parameters
     ----------
     cage : TriMesh
-        Closed, manifold, outward, of one component (`enclosure.checked_cage`).
+        Closed, manifold, outward, of one component (`enclosure.validate_cage`).
     points : (m, 3)
         Inside or on the cage, file units. A point on it gets barycentric weights.
     jobs : int, optional
@@ -163,7 +163,7 @@ def mean_value_weights(
     origin = cage.vertices.mean(axis=0)
     mesh = TriMesh((cage.vertices - origin) / cage.diagonal, cage.faces)
     points = (points - origin) / cage.diagonal
-    faces, size = _Faces.of(mesh), max(1, BLOCK // len(mesh.faces))
+    faces, size = _Faces.from_mesh(mesh), max(1, MAX_BLOCK_ENTRIES // len(mesh.faces))
 
     def fill(start: int) -> int:
         chosen = within[start : start + size]
@@ -171,7 +171,7 @@ def mean_value_weights(
         weights[chosen] = sums / sums.sum(axis=1, keepdims=True)
         return start + len(chosen)
 
-    with blas_threads(1), ThreadPoolExecutor(jobs or processors()) as pool:
+    with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
         for done in pool.map(fill, range(0, len(within), size)):
             progress(done, len(within))
     return Weights(weights)
@@ -180,16 +180,16 @@ def mean_value_weights(
 def _ray_integrals(faces: _Faces, points: Floats) -> Floats:
     """∫ φ_i / r dS of every vertex, (n, q), from points off the cage."""
     count, normals = len(faces.corners), faces.side_normals
-    forms = faces.forms @ np.vstack([points.T, np.ones(len(points))])
+    forms = faces.linear_forms @ np.vstack([points.T, np.ones(len(points))])
     height, along, start = forms[:count], forms[4 * count : 5 * count], forms[5 * count :]
     side = forms[count : 4 * count].reshape(3, count, -1)
     spread = start * (start + faces.edge_lengths[:, None])
     edges = _edge_integrals(faces, height, side, spread)
-    edge = [edges[faces.edges.of_side[:, k]] for k in range(3)]
+    edge = [edges[faces.edges.side_edges[:, k]] for k in range(3)]
 
     with np.errstate(invalid="ignore", divide="ignore"):  # what is in a plane is set next
         total = sum(side[k] * edge[k] for k in range(3)) / (2 * height)
-    _set_flat_totals(total, faces, height, side, spread)
+    _set_edge_on_totals(total, faces, height, side, spread)
     half = height / 2
     moment = along * total - half * sum(normals[0, k] * edge[k] for k in (1, 2))
     apex = side[0] * total - half * sum(normals[1, k] * edge[k] for k in range(3))
@@ -204,21 +204,21 @@ def _edge_integrals(faces: _Faces, height: Floats, side: Floats, spread: Floats)
     face, k = np.divmod(faces.edges.first_side, 3)
     squares = side[k, face] ** 2
     squares += height[face] ** 2
-    distance = np.maximum(np.sqrt(squares), _SMALLEST)
+    distance = np.maximum(np.sqrt(squares), _MIN_DISTANCE)
     return np.asarray(
         np.arctan2(distance * faces.edge_lengths[:, None], squares + spread) / distance
     )
 
 
-def _set_flat_totals(
+def _set_edge_on_totals(
     total: Floats, faces: _Faces, height: Floats, side: Floats, spread: Floats
 ) -> None:
     """Set V of faces that are seen nearly edge-on; `spread` is s_a s_b of the edges."""
     points = height.shape[1]
     beyond = -np.minimum(np.minimum(side[0], side[1]), side[2])
-    flat = np.flatnonzero(np.abs(height) < FLAT * beyond)
+    flat = np.flatnonzero(np.abs(height) < EDGE_ON_RATIO * beyond)
     face, point = np.divmod(flat, points)
-    edge = faces.edges.of_side[face].T
+    edge = faces.edges.side_edges[face].T
     height = height.reshape(-1)[flat]
     side = side.reshape(3, -1)[:, flat]
     spread = spread.reshape(-1)[edge * points + point]
@@ -231,17 +231,19 @@ def _side_strengths(side: Floats, height: Floats, spread: Floats, length: Floats
     width = np.abs(side)
     near, far = width**2, width**2 + height**2  # t² and d²
     ahead = near + spread  # an angle's cosine, times the distances of the ends
-    small = (ahead > 0) & (far * length**2 < SMALL_SQUARE * ahead**2)
+    small = (ahead > 0) & (far * length**2 < MAX_SERIES_SQUARE * ahead**2)
     strength = np.empty_like(width)
     arguments = near, far, spread, length
-    strength[small] = _narrow(*(values[small] for values in arguments))
+    strength[small] = _narrow_side_strengths(*(values[small] for values in arguments))
     strength[small] *= width[small]
     height = np.broadcast_to(height, width.shape)
-    strength[~small] = _wide(*(values[~small] for values in (width, height, spread, length)))
+    strength[~small] = _wide_side_strengths(
+        *(values[~small] for values in (width, height, spread, length))
+    )
     return np.copysign(strength, side)
 
 
-def _narrow(near: Floats, far: Floats, spread: Floats, length: Floats) -> Floats:
+def _narrow_side_strengths(near: Floats, far: Floats, spread: Floats, length: Floats) -> Floats:
     """J of sides under small angles: with A(z²) = arctan z / z, θ/d is L A(z²) / (d² + s_a s_b).
 
     The difference of that at t² and d² is taken apart into differences without cancellation.
@@ -259,7 +261,7 @@ def _narrow(near: Floats, far: Floats, spread: Floats, length: Floats) -> Floats
     return np.asarray(ratio / far_cosine * (value - change))
 
 
-def _wide(width: Floats, height: Floats, spread: Floats, length: Floats) -> Floats:
+def _wide_side_strengths(width: Floats, height: Floats, spread: Floats, length: Floats) -> Floats:
     """|t| J of sides under larger angles, from the closed form of θ₀ − θ."""
     distance = np.sqrt(width**2 + height**2)
     near, far = width**2 + spread, distance**2 + spread
@@ -271,7 +273,7 @@ def _wide(width: Floats, height: Floats, spread: Floats, length: Floats) -> Floa
     return np.asarray((angle / (distance + width) - width * slope) / distance)
 
 
-def _longest_side_first(mesh: TriMesh) -> Integers:
+def _put_longest_side_first(mesh: TriMesh) -> Integers:
     """The faces of `mesh`, turned so that side 0 is the longest."""
     corner = mesh.vertices[mesh.faces]
     lengths = np.linalg.norm(np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1), axis=2)
@@ -279,15 +281,15 @@ def _longest_side_first(mesh: TriMesh) -> Integers:
     return np.take_along_axis(mesh.faces, turned, axis=1)
 
 
-def _unit(vectors: Floats) -> Floats:
+def _normalize(vectors: Floats) -> Floats:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
 
 
-def _axes(a: Floats, b: Floats, c: Floats) -> Floats:
+def _face_axes(a: Floats, b: Floats, c: Floats) -> Floats:
     """First and second axes of the frames of faces abc, (2, f, 3)."""
-    along = _unit(c - b)
+    along = _normalize(c - b)
     upward = a - b
     # Twice, for of a needle the first difference is short and not yet square to the side.
     for _ in range(2):
-        upward = _unit(upward - np.einsum("fx,fx->f", upward, along)[:, None] * along)
+        upward = _normalize(upward - np.einsum("fx,fx->f", upward, along)[:, None] * along)
     return np.stack([along, upward])

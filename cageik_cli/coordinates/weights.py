@@ -37,14 +37,14 @@ class Accuracy:
         Degree of the densities on panels that points come near.
     reach : float
         Radii of a panel at which what is beyond linear has half faded out.
-    most : int
+    max_unknowns : int
         Unknowns not to be passed for accuracy's sake; the matrix takes 4 bytes times their square.
     """
 
     tolerance: float
     order: int
     reach: float
-    most: int
+    max_unknowns: int
 
 
 ACCURACIES = {
@@ -54,5 +54,5 @@ ACCURACIES = {
 }
 
 
-def no_progress(done: int, total: int) -> None:
+def ignore_progress(done: int, total: int) -> None:
     """Tell nobody."""

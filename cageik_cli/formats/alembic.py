@@ -12,23 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.clip_file import ClipFile, only
-from cageik_cli.formats.base.polygons import unfolded
+from cageik_cli.formats.base.clip_file import ClipFile, single_path
+from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
     Sampling,
-    mirrors,
-    moved,
-    picked,
-    rate,
-    transform_notes,
-    unchanging,
+    choose_mesh,
+    describe_transform,
+    frames_per_second,
+    is_mirroring,
+    read_constant_polygons,
+    transform_points,
 )
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.base.writer import Animation, AnimationWriter, single_precision
+from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, located, needing
+from cageik_cli.util.errors import InputError, error_context, require_optional
 
 
 class Reader(ClipFile):
@@ -38,72 +38,76 @@ class Reader(ClipFile):
     has_members = True
 
     def __init__(self, request: ClipRequest) -> None:
-        path = only(request.paths)
-        with located(path):
-            with needing("alembic3d", "abc", "reading .abc"):
+        path = single_path(request.paths)
+        with error_context(path):
+            with require_optional("alembic3d", "abc", "reading .abc"):
                 import alembic3d  # noqa: F401
-            _refuse_cut(path)
+            _check_header(path)
             self._lock = Lock()  # the library's streams are not for several threads
-            with _sound():
-                notes = self._open(str(path), request)
+            with _wrap_alembic_errors():
+                notes = self._open_mesh(str(path), request)
         self.notes = tuple(f"{path.name}: {note}" for note in notes)
 
-    def positions(self, index: int) -> Floats:
+    def read_positions(self, index: int) -> Floats:
         """Vertices of one frame."""
-        with located(self.place(index)), _sound(), self._lock:
-            return self._placed(self._times[index])
+        with error_context(self.location(index)), _wrap_alembic_errors(), self._lock:
+            return self._read_points(self._times[index])
 
-    def _open(self, path: str, request: ClipRequest) -> list[str]:
+    def _open_mesh(self, path: str, request: ClipRequest) -> list[str]:
         """Find the mesh and its frames; what was changed is returned."""
         from alembic3d.Abc import IArchive, WrapExistingFlag
         from alembic3d.AbcGeom import IPolyMesh
 
         self._archive = IArchive(path)
-        objects = {thing.getFullName(): thing for thing in _below(self._archive.getTop())}
+        objects = {
+            thing.getFullName(): thing for thing in _iterate_descendants(self._archive.getTop())
+        }
         meshes = [k for k, thing in objects.items() if IPolyMesh.matches(thing.getHeader())]
-        found = objects[picked(meshes, request.member)]
+        found = objects[choose_mesh(meshes, request.member)]
         self._schema = IPolyMesh(found, WrapExistingFlag.kWrapExisting).getSchema()
         self._points = self._schema.getPositionsProperty()
-        self._transforms = _transforms(found)
-        sampling, notes = self._sampling()
-        self.take(request, len(sampling.times), _hints(sampling))
-        self._times = sampling.times[list(self.numbers)].tolist()
-        matrix = self._matrix(self._times[0])
+        self._transforms = _find_transforms(found)
+        sampling, notes = self._choose_sampling()
+        self.set_frames(request, len(sampling.times), _make_scene_hints(sampling))
+        self._times = sampling.times[list(self.frame_indices)].tolist()
+        matrix = self._world_matrix(self._times[0])
         # Alembic's faces wind clockwise.
-        mesh = self._polygons().mesh(self._placed(self._times[0]), turned=not mirrors(matrix))
-        self._fanned = mesh.fanned
-        self.first = unfolded(self._fanned, mesh.sizes)
+        mesh = self._read_polygons().make_mesh(
+            self._read_points(self._times[0]), is_clockwise=not is_mirroring(matrix)
+        )
+        self._fan_triangulated = mesh.fan_triangulated
+        self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)
         is_animated = any(transform.getNumSamples() > 1 for transform in self._transforms)
-        return [*notes, *transform_notes(matrix, is_animated), *mesh.notes]
+        return [*notes, *describe_transform(matrix, is_animated), *mesh.notes]
 
-    def _sampling(self) -> tuple[Sampling, list[str]]:
+    def _choose_sampling(self) -> tuple[Sampling, list[str]]:
         """When the points are, or the transforms of points that do not move."""
-        times = _times(self._points)
+        times = _sample_times(self._points)
         if len(times) < 2:
-            times = set().union(*map(_times, self._transforms), times)
-        sampling = Sampling.of(times)
+            times = set().union(*map(_sample_times, self._transforms), times)
+        sampling = Sampling.from_times(times)
         note = f"its {len(times)} samples are not evenly spaced in time; taken one after the other"
         return sampling, [note] if sampling.is_uneven else []
 
-    def _placed(self, time: float) -> Floats:
+    def _read_points(self, time: float) -> Floats:
         index = self._points.getTimeSampling().getNearIndex(time, self._points.getNumSamples())
-        points = np.array(_sample(self._points, index), np.float32)
-        return moved(points.reshape(-1, 3), self._matrix(time))
+        points = np.array(_read_sample(self._points, index), np.float32)
+        return transform_points(points.reshape(-1, 3), self._world_matrix(time))
 
-    def _matrix(self, time: float) -> Floats:
+    def _world_matrix(self, time: float) -> Floats:
         matrix = np.eye(4)
         for transform in self._transforms:
-            matrix = matrix @ _matrix_at(transform, time)
+            matrix = matrix @ _interpolate_matrix(transform, time)
         return matrix
 
-    def _polygons(self) -> Polygons:
+    def _read_polygons(self) -> Polygons:
         """The faces, which must be the same at all times."""
         properties = (self._schema.getFaceCountsProperty(), self._schema.getFaceIndicesProperty())
         samples = range(max(1 if p.isConstant() else p.getNumSamples() for p in properties))
-        return unchanging(partial(_polygons_at, properties), samples)
+        return read_constant_polygons(partial(_read_polygons_at, properties), samples)
 
 
-def _refuse_cut(path: Path) -> None:
+def _check_header(path: Path) -> None:
     """Refuse what the library would take for an archive without objects, or not know."""
     try:
         with path.open("rb") as stream:
@@ -122,7 +126,7 @@ def _refuse_cut(path: Path) -> None:
 
 
 @contextmanager
-def _sound() -> Iterator[None]:
+def _wrap_alembic_errors() -> Iterator[None]:
     """Make of whatever Alembic raises inside an InputError."""
     try:
         yield
@@ -132,13 +136,13 @@ def _sound() -> Iterator[None]:
         raise InputError(f"is not a sound Alembic file ({cause}); export it again") from error
 
 
-def _below(thing: Any) -> Iterator[Any]:
+def _iterate_descendants(thing: Any) -> Iterator[Any]:
     for child in thing.children:
         yield child
-        yield from _below(child)
+        yield from _iterate_descendants(child)
 
 
-def _transforms(thing: Any) -> list[Any]:
+def _find_transforms(thing: Any) -> list[Any]:
     """The transforms that move an object, its own first."""
     from alembic3d.Abc import WrapExistingFlag
     from alembic3d.AbcGeom import IXform
@@ -153,14 +157,14 @@ def _transforms(thing: Any) -> list[Any]:
     return found
 
 
-def _times(sampled: Any) -> set[float]:
+def _sample_times(sampled: Any) -> set[float]:
     """When samples are, if there are several."""
     count = sampled.getNumSamples()
     sampling = sampled.getTimeSampling()
     return {sampling.getSampleTime(k) for k in range(count)} if count > 1 else set()
 
 
-def _matrix_at(transform: Any, time: float) -> Floats:
+def _interpolate_matrix(transform: Any, time: float) -> Floats:
     """A transform at a time; between two samples, both in proportion."""
     from alembic3d.Abc import ISampleSelector
 
@@ -180,22 +184,22 @@ def _matrix_at(transform: Any, time: float) -> Floats:
     return np.asarray(before + min(max(part, 0.0), 1.0) * (after - before))
 
 
-def _polygons_at(properties: tuple[Any, Any], sample: int) -> Polygons:
-    counts, corners = (_sample(p, min(sample, p.getNumSamples() - 1)) for p in properties)
+def _read_polygons_at(properties: tuple[Any, Any], sample: int) -> Polygons:
+    counts, corners = (_read_sample(p, min(sample, p.getNumSamples() - 1)) for p in properties)
     return Polygons(np.array(counts, np.int64), np.array(corners, np.int64))
 
 
-def _sample(sampled: Any, index: int) -> Any:
+def _read_sample(sampled: Any, index: int) -> Any:
     """One array; the library would not survive one that is not there, which has no digest."""
     if not sampled.getKey(index):
         raise InputError(f"sample {index} of `{sampled.getName()}` is missing; export it again")
     return sampled.getValue(index)
 
 
-def _hints(sampling: Sampling) -> SceneHints:
+def _make_scene_hints(sampling: Sampling) -> SceneHints:
     if sampling.step is None:
         return SceneHints()
-    fps = rate(sampling.step)
+    fps = frames_per_second(sampling.step)
     return SceneHints(fps=fps, start=round(float(sampling.times[0]) * fps, 6))
 
 
@@ -205,19 +209,19 @@ class Writer(AnimationWriter):
     suffixes = (".abc",)
 
     @classmethod
-    def require(cls) -> None:
+    def require_libraries(cls) -> None:
         """Refuse to go on without alembic3d."""
-        with needing("alembic3d", "abc", "writing .abc"):
+        with require_optional("alembic3d", "abc", "writing .abc"):
             import alembic3d  # noqa: F401
 
     def __init__(self, target: Path, animation: Animation) -> None:
-        with needing("alembic3d", "abc", "writing .abc"):
+        with require_optional("alembic3d", "abc", "writing .abc"):
             from alembic3d.Abc import OArchive
             from alembic3d.AbcCoreAbstract import TimeSampling
             from alembic3d.AbcGeom import OPolyMesh
             from imath import IntArray, IntArrayFromBuffer
 
-        _refuse_full_disk(target, animation)
+        _check_disk_space(target, animation)
         scene, faces = animation.scene, animation.rest.faces
         corners = np.ascontiguousarray(faces[:, ::-1], np.int32).ravel()
         self._faces = (IntArrayFromBuffer(corners), IntArray(3, len(faces)))
@@ -236,7 +240,7 @@ class Writer(AnimationWriter):
         from alembic3d.AbcGeom import OPolyMeshSchemaSample
         from imath import V3fArrayFromBuffer
 
-        for points in map(single_precision, frames):
+        for points in map(to_float32, frames):
             positions = V3fArrayFromBuffer(points)
             self._schema.set(OPolyMeshSchemaSample(positions, *self._faces))
 
@@ -249,8 +253,10 @@ class Writer(AnimationWriter):
         self.__dict__.pop("_schema", None)
 
 
-def _refuse_full_disk(target: Path, animation: Animation) -> None:
+def _check_disk_space(target: Path, animation: Animation) -> None:
     """Refuse what will not fit: Alembic ends the process when a last write fails."""
-    size = 12 * animation.count * len(animation.rest.vertices) + 16 * len(animation.rest.faces)
+    size = 12 * animation.frame_count * len(animation.rest.vertices) + 16 * len(
+        animation.rest.faces
+    )
     if size > shutil.disk_usage(target.parent).free:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

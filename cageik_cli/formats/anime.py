@@ -3,53 +3,53 @@
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import (
+    ArrayLayout,
     BinaryFile,
-    Packing,
     StoredFrames,
-    refuse_other_size,
+    check_file_size,
 )
-from cageik_cli.formats.base.clip_file import PackedClip, PackedClipFile, only
+from cageik_cli.formats.base.clip_file import ArrayClip, ArrayClipFile, single_path
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.util.errors import InputError
 
-_WHOLE, _SINGLE = np.dtype("<i4"), np.dtype("<f4")
+_INT32, _FLOAT32 = np.dtype("<i4"), np.dtype("<f4")
 
 
-class Reader(PackedClipFile):
+class Reader(ArrayClipFile):
     """Frames of one `.anime`, little-endian: int32 F, m, t; v0 (m, 3); faces; offsets (F - 1)."""
 
     suffixes = (".anime",)
 
     @classmethod
-    def opened(cls, request: ClipRequest) -> PackedClip:
+    def open_clip(cls, request: ClipRequest) -> ArrayClip:
         """Read faces and frame 0, and find the offsets of the others."""
-        file = BinaryFile.at(only(request.paths))
+        file = BinaryFile.open(single_path(request.paths))
         if file.size < 12:
             raise InputError(f"{file.size} bytes, an .anime file has 12 at least; copy it again")
-        frames, vertices, triangles = map(int, file.numbers(0, _WHOLE, (3,)))
-        refuse_other_size(
+        frames, vertices, triangles = map(int, file.read_array(0, _INT32, (3,)))
+        check_file_size(
             file,
             12 + 12 * frames * vertices + 12 * triangles,
             {"frames": frames, "vertices": vertices, "triangles": triangles},
         )
-        first = file.numbers(12, _SINGLE, (vertices, 3))
-        faces = file.numbers(12 + 12 * vertices, _WHOLE, (triangles, 3))
-        place = 12 + 12 * (vertices + triangles)
-        offsets = StoredFrames(file, Packing(place, _SINGLE, frames - 1, vertices))
-        return PackedClip(_FromFirst(first, offsets), faces)
+        first = file.read_array(12, _FLOAT32, (vertices, 3))
+        faces = file.read_array(12 + 12 * vertices, _INT32, (triangles, 3))
+        offset = 12 + 12 * (vertices + triangles)
+        offsets = StoredFrames(file, ArrayLayout(offset, _FLOAT32, frames - 1, vertices))
+        return ArrayClip(_OffsetFrames(first, offsets), faces)
 
 
-class _FromFirst:
+class _OffsetFrames:
     """Frames that are kept as offsets from frame 0."""
 
     def __init__(self, first: np.ndarray, offsets: StoredFrames) -> None:
         with np.errstate(invalid="ignore"):  # frames are checked where they enter
             self._first, self._offsets = first.astype(np.float64), offsets
-        self.count, self.vertices = offsets.count + 1, offsets.vertices
+        self.frame_count, self.vertex_count = offsets.frame_count + 1, offsets.vertex_count
 
-    def frame(self, index: int) -> np.ndarray:
+    def read_frame(self, index: int) -> np.ndarray:
         """Positions of one frame, (m, 3)."""
         if index == 0:
             return self._first
         with np.errstate(invalid="ignore"):
-            return np.asarray(self._first + self._offsets.frame(index - 1))
+            return np.asarray(self._first + self._offsets.read_frame(index - 1))

@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.formats.base.writer import Animation, AnimationWriter, single_precision
+from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.scene import Scene
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, needing
+from cageik_cli.util.errors import InputError, require_optional
 
-LARGEST_FILE = 2**32 - 1
+MAX_FILE_BYTES = 2**32 - 1
 """Bytes whose count a GLB file has room to state."""
 
-LARGEST_TEXT = 1 << 29
+MAX_JSON_BYTES = 1 << 29
 """Bytes kept free for the JSON, far above what it takes."""
 
 _Z_TO_Y = [-sqrt(0.5), 0.0, 0.0, sqrt(0.5)]
@@ -34,29 +34,29 @@ class Writer(AnimationWriter):
     suffixes = (".glb",)
 
     @classmethod
-    def require(cls) -> None:
+    def require_libraries(cls) -> None:
         """Refuse to go on without pygltflib."""
-        with needing("pygltflib", "gltf", "writing .glb"):
+        with require_optional("pygltflib", "gltf", "writing .glb"):
             import pygltflib  # noqa: F401
 
     def __init__(self, target: Path, animation: Animation) -> None:
         vertices, faces = len(animation.rest.vertices), len(animation.rest.faces)
-        frames = animation.count
+        frames = animation.frame_count
         self._sizes = [12 * faces, 12 * vertices * (1 + frames), 4 * frames, 4 * frames**2]
-        if sum(self._sizes) > LARGEST_FILE - LARGEST_TEXT:
+        if sum(self._sizes) > MAX_FILE_BYTES - MAX_JSON_BYTES:
             raise InputError(
                 f"{frames} frames of {vertices} vertices take {sum(self._sizes) / 2**30:.1f} GiB "
                 "as morph targets, and a .glb holds less than 4; write .usdc, .abc or .pc2"
             )
         self._target, self._animation = target, animation
         self._bounds: list[tuple[list[float], list[float]]] = []
-        rest = single_precision(animation.rest.vertices)
+        rest = to_float32(animation.rest.vertices)
         self._rest = rest.astype(np.float64)
         with ExitStack() as stack:
             # The text stands first in the file and has the bounds of all frames.
             self._data = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))
             self._data.write(animation.rest.faces.astype("<u4").tobytes())
-            self._write(rest)
+            self._write_positions(rest)
             stack.pop_all()  # open from here on
         start = animation.scene.start
         if start != 0:
@@ -67,11 +67,11 @@ class Writer(AnimationWriter):
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
         for positions in frames:
-            self._write(single_precision(positions - self._rest))
+            self._write_positions(to_float32(positions - self._rest))
 
     def complete(self) -> None:
         """Write the track, and compose the file."""
-        count = self._animation.count
+        count = self._animation.frame_count
         times = np.arange(count) / self._animation.scene.fps
         self._data.write(times.astype("<f4").tobytes())
         row = np.zeros(count, "<f4")
@@ -79,7 +79,7 @@ class Writer(AnimationWriter):
             row[k] = 1
             self._data.write(row.data)
             row[k] = 0
-        text = self._json().encode()
+        text = self._make_json().encode()
         text += b" " * (-len(text) % 4)
         size = self._data.tell()
         self._data.seek(0)
@@ -94,16 +94,16 @@ class Writer(AnimationWriter):
         """Let go of what was gathered."""
         self._data.close()
 
-    def _write(self, positions: np.ndarray) -> None:
+    def _write_positions(self, positions: np.ndarray) -> None:
         self._data.write(positions.data)
         self._bounds.append((positions.min(axis=0).tolist(), positions.max(axis=0).tolist()))
 
-    def _json(self) -> str:
+    def _make_json(self) -> str:
         """What is where in the binary chunk: views and accessors in the order of the bytes."""
         import pygltflib as gltf
 
         animation = self._animation
-        name, count = animation.name, animation.count
+        name, count = animation.name, animation.frame_count
         rest, *targets = [gltf.Attributes(POSITION=1 + k) for k in range(1 + count)]
         shape = gltf.Primitive(attributes=rest, indices=0, targets=targets)
         channel = gltf.AnimationChannel(
@@ -114,20 +114,20 @@ class Writer(AnimationWriter):
             asset=gltf.Asset(generator=f"cageik {__version__}"),
             scene=0,
             scenes=[gltf.Scene(nodes=[0])],
-            nodes=[gltf.Node(name=name, mesh=0, **_placement(animation.scene))],
+            nodes=[gltf.Node(name=name, mesh=0, **_make_node_transform(animation.scene))],
             meshes=[gltf.Mesh(name=name, primitives=[shape])],
             animations=[gltf.Animation(name=name, channels=[channel], samplers=[sampler])],
-            accessors=self._accessors(),
-            bufferViews=self._views(),
+            accessors=self._make_accessors(),
+            bufferViews=self._make_views(),
             buffers=[gltf.Buffer(byteLength=sum(self._sizes))],
         )
         return str(scene.gltf_to_json(separators=(",", ":"), indent=None))
 
-    def _accessors(self) -> list[object]:
+    def _make_accessors(self) -> list[object]:
         import pygltflib as gltf
 
         vertices, faces = self._animation.rest.vertices, self._animation.rest.faces
-        count, fps = self._animation.count, self._animation.scene.fps
+        count, fps = self._animation.frame_count, self._animation.scene.fps
         last = float(np.float32((count - 1) / fps))
         number = {"componentType": gltf.FLOAT, "type": gltf.SCALAR}
         corners = gltf.Accessor(
@@ -149,7 +149,7 @@ class Writer(AnimationWriter):
         track = gltf.Accessor(bufferView=3, count=count**2, **number)
         return [corners, *positions, times, track]
 
-    def _views(self) -> list[object]:
+    def _make_views(self) -> list[object]:
         import pygltflib as gltf
 
         uses = [
@@ -165,7 +165,7 @@ class Writer(AnimationWriter):
         ]
 
 
-def _placement(scene: Scene) -> dict[str, list[float]]:
+def _make_node_transform(scene: Scene) -> dict[str, list[float]]:
     """The node's transform into metres and y up, as far as the scene has other ones."""
     placement = {}
     if scene.up_axis == "Z":

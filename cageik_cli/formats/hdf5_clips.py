@@ -9,27 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.binary_frames import FramesInRuns
-from cageik_cli.formats.base.clip_file import ClipFile, only, refuse_counted_from_one
+from cageik_cli.formats.base.binary_frames import ChunkedFrames
+from cageik_cli.formats.base.clip_file import ClipFile, check_zero_based, single_path
 from cageik_cli.formats.base.hdf5 import (
-    dataset,
-    lone_attributes,
-    numbers,
-    numeric_shapes,
+    get_dataset,
+    list_numeric_shapes,
+    open_checked,
     open_file,
-    opened,
-    sound,
+    read_array,
+    scalar_attributes,
+    wrap_hdf5_errors,
 )
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.scene import SceneHints, sound_hints
+from cageik_cli.formats.scene import SceneHints, parse_scene_metadata
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, first_few
-from cageik_cli.util.text import printable
+from cageik_cli.util.errors import InputError, join_truncated
+from cageik_cli.util.text import to_unicode
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class Hdf5Layout:
     """Where a file has its faces, and which axis of its positions is the frames.
 
     Attributes
@@ -47,14 +47,14 @@ class Layout:
     is_scaled: bool
 
 
-LARGEST_CHUNK = 1 << 28
+MAX_HDF5_CHUNK_BYTES = 1 << 28
 """Bytes of a chunk, which HDF5 unpacks whole for whatever is read of it."""
 
-SPLOCS = Layout("tris", 0, True)
-DFAUST = Layout("faces", 2, False)
+SPLOCS = Hdf5Layout("tris", 0, True)
+DFAUST = Hdf5Layout("faces", 2, False)
 
 
-def clips_of(file: Any) -> tuple[Layout, list[str]]:
+def find_clips(file: Any) -> tuple[Hdf5Layout, list[str]]:
     """The layout of a file, and the names of its clips' datasets.
 
     Raises
@@ -71,7 +71,7 @@ def clips_of(file: Any) -> tuple[Layout, list[str]]:
         return SPLOCS, ["verts"]
     if "default" in file:
         raise InputError("holds components of a model, not a clip; name the clip they are of")
-    shapes = numeric_shapes(file, "f")
+    shapes = list_numeric_shapes(file, "f")
     found = [name for name, shape in shapes.items() if len(shape) == 3 and shape[1] == 3]
     if not found or "faces" not in file:
         raise InputError(
@@ -81,7 +81,7 @@ def clips_of(file: Any) -> tuple[Layout, list[str]]:
     return DFAUST, found
 
 
-def chosen(names: list[str], member: str | None) -> str:
+def choose_clip(names: list[str], member: str | None) -> str:
     """The clip of a file's that is asked for.
 
     Raises
@@ -94,58 +94,62 @@ def chosen(names: list[str], member: str | None) -> str:
     if member is not None:
         near = get_close_matches(member, names, cutoff=0.0)
         raise InputError(
-            f"holds no clip `{printable(member)}`; the nearest names are "
-            f"{_listed(near)}, and cageik info lists all"
+            f"holds no clip `{to_unicode(member)}`; the nearest names are "
+            f"{_join_names(near)}, and cageik info lists all"
         )
     if len(names) > 1:
         raise InputError(
-            f"holds {len(names)} clips: {_listed(names)}; name one of them as "
-            f"FILE::{printable(names[0])}"
+            f"holds {len(names)} clips: {_join_names(names)}; name one of them as "
+            f"FILE::{to_unicode(names[0])}"
         )
     return names[0]
 
 
-class Hdf5Frames(FramesInRuns):
+class Hdf5Frames(ChunkedFrames):
     """Frames of a dataset in a file that stays open.
 
     Those that share chunks are read together, so that no chunk is decompressed for each of them.
     """
 
-    def __init__(self, file: Any, name: str, layout: Layout) -> None:
-        self._is_last = layout.frame_axis == 2
-        shape = (None, 3, None) if self._is_last else (None, None, 3)
-        self._stored = stored = dataset(file, name, "f", shape)
+    def __init__(self, file: Any, name: str, layout: Hdf5Layout) -> None:
+        self._is_frame_axis_last = layout.frame_axis == 2
+        shape = (None, 3, None) if self._is_frame_axis_last else (None, None, 3)
+        self._stored = stored = get_dataset(file, name, "f", shape)
         self._scale, self._mean = np.ones(1), np.zeros(1)
         if layout.is_scaled:
-            self._scale = _attribute(file, name, "scale", 1.0)
-            self._mean = _attribute(file, name, "mean", 0.0)
-        count, vertices = stored.shape[layout.frame_axis], stored.shape[0 if self._is_last else 1]
-        unchunked = count if self._is_last else 1
+            self._scale = _read_attribute(file, name, "scale", 1.0)
+            self._mean = _read_attribute(file, name, "mean", 0.0)
+        count, vertices = (
+            stored.shape[layout.frame_axis],
+            stored.shape[0 if self._is_frame_axis_last else 1],
+        )
+        unchunked = count if self._is_frame_axis_last else 1
         chunk = prod(stored.chunks or (1,)) * stored.dtype.itemsize
-        if chunk > LARGEST_CHUNK:
+        if chunk > MAX_HDF5_CHUNK_BYTES:
             raise InputError(
-                f"`{printable(name)}` is in chunks of {chunk} bytes, expected {LARGEST_CHUNK} at "
+                f"`{to_unicode(name)}` is in chunks of {chunk} bytes, expected "
+                f"{MAX_HDF5_CHUNK_BYTES} at "
                 "most; write it in smaller ones, such as a frame each (h5repack -l)"
             )
-        layer = stored.chunks[layout.frame_axis] if stored.chunks else unchunked
-        super().__init__(count, vertices, layer, stored.dtype.itemsize)
+        chunk_frames = stored.chunks[layout.frame_axis] if stored.chunks else unchunked
+        super().__init__(count, vertices, chunk_frames, stored.dtype.itemsize)
 
-    def frame(self, index: int) -> Floats:
+    def read_frame(self, index: int) -> Floats:
         """Positions of one frame, (m, 3), with `scale` and `mean` undone."""
-        positions = np.array(super().frame(index), np.float64)
+        positions = np.array(super().read_frame(index), np.float64)
         with np.errstate(over="ignore", invalid="ignore"):  # frames are checked where they enter
             positions *= self._scale
             positions += self._mean
         return positions
 
-    def run(self, start: int, stop: int) -> np.ndarray:
+    def read_chunk(self, start: int, stop: int) -> np.ndarray:
         """Read frames `start` to `stop`, that left out: (k, m, 3)."""
-        if self._is_last:
+        if self._is_frame_axis_last:
             return np.moveaxis(self._stored[:, :, start:stop], 2, 0)
         return np.asarray(self._stored[start:stop])
 
 
-def _attribute(file: Any, clip: str, name: str, default: float) -> Floats:
+def _read_attribute(file: Any, clip: str, name: str, default: float) -> Floats:
     """A number or three, of the file or of its clip."""
     value = file.attrs.get(name, file[clip].attrs.get(name, default))
     array = np.asarray(value)
@@ -154,8 +158,8 @@ def _attribute(file: Any, clip: str, name: str, default: float) -> Floats:
     return np.asarray(array, np.float64).reshape(-1)
 
 
-def _listed(names: list[str]) -> str:
-    return first_few(printable(name) for name in names)
+def _join_names(names: list[str]) -> str:
+    return join_truncated(to_unicode(name) for name in names)
 
 
 class Reader(ClipFile):
@@ -165,44 +169,48 @@ class Reader(ClipFile):
     has_members = True
 
     def __init__(self, request: ClipRequest) -> None:
-        path = only(request.paths)
-        with sound(path), ExitStack() as stack:
+        path = single_path(request.paths)
+        with wrap_hdf5_errors(path), ExitStack() as stack:
             file = stack.enter_context(open_file(path))
-            layout, names = clips_of(file)
-            self._frames = Hdf5Frames(file, chosen(names, request.member), layout)
-            faces = numbers(file, layout.faces, "iu", (None, 3))
-            hints, notes = sound_hints(lone_attributes(file, SceneHints.__slots__))
-            self.take(request, self._frames.count, hints)
-            self.notes = tuple(f"{printable(path.name)}: {note}" for note in notes)
-            refuse_counted_from_one(faces, self._frames.vertices)
-            self.first = TriMesh(self._frames.frame(self.numbers[0]), faces)
+            layout, names = find_clips(file)
+            self._frames = Hdf5Frames(file, choose_clip(names, request.member), layout)
+            faces = read_array(file, layout.faces, "iu", (None, 3))
+            hints, notes = parse_scene_metadata(scalar_attributes(file, SceneHints.__slots__))
+            self.set_frames(request, self._frames.frame_count, hints)
+            self.notes = tuple(f"{to_unicode(path.name)}: {note}" for note in notes)
+            check_zero_based(faces, self._frames.vertex_count)
+            self.first = TriMesh(self._frames.read_frame(self.frame_indices[0]), faces)
             stack.pop_all()  # open from here on
 
     @classmethod
-    def members(cls, path: Path) -> list[str]:
+    def list_members(cls, path: Path) -> list[str]:
         """The clips of a file that holds several."""
-        with opened(path) as file:
-            _, names = clips_of(file)
+        with open_checked(path) as file:
+            _, names = find_clips(file)
         return names if len(names) > 1 else []
 
     @classmethod
-    def outline(cls, request: ClipRequest) -> list[tuple[str, str]]:
+    def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
         """The clips of a file that holds several, if none of them is asked for."""
-        path = only(request.paths)
-        with opened(path) as file:
-            layout, names = clips_of(file)
+        path = single_path(request.paths)
+        with open_checked(path) as file:
+            layout, names = find_clips(file)
             if len(names) == 1 or request.member is not None:
                 return []
             clips = [(name, Hdf5Frames(file, name, layout)) for name in names]
             return [
                 ("holds", f"{len(names)} clips, each named as FILE::CLIP"),
                 *(
-                    ("clip", f"{printable(name)}, {clip.count} frames of {clip.vertices} vertices")
+                    (
+                        "clip",
+                        f"{to_unicode(name)}, {clip.frame_count} frames of {clip.vertex_count} "
+                        f"vertices",
+                    )
                     for name, clip in clips
                 ),
             ]
 
-    def positions(self, index: int) -> np.ndarray:
+    def read_positions(self, index: int) -> np.ndarray:
         """Vertices of one frame."""
-        with sound(self.path):
-            return self._frames.frame(self.numbers[index])
+        with wrap_hdf5_errors(self.path):
+            return self._frames.read_frame(self.frame_indices[index])

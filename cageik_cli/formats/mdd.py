@@ -6,44 +6,44 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import (
+    ArrayLayout,
     BinaryFile,
-    Packing,
     StoredFrames,
-    refuse_other_size,
+    check_file_size,
 )
-from cageik_cli.formats.base.clip_file import PackedClip, PackedClipFile, only
+from cageik_cli.formats.base.clip_file import ArrayClip, ArrayClipFile, single_path
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.base.writer import Animation, PointCacheWriter, blender_note
+from cageik_cli.formats.base.writer import Animation, PointCacheWriter, make_blender_notes
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.util.errors import InputError
 
-_WHOLE, _SINGLE = np.dtype(">i4"), np.dtype(">f4")
+_INT32, _FLOAT32 = np.dtype(">i4"), np.dtype(">f4")
 
 
-class Reader(PackedClipFile):
+class Reader(ArrayClipFile):
     """Frames of one `.mdd`, big-endian throughout."""
 
     suffixes = (".mdd",)
 
     @classmethod
-    def opened(cls, request: ClipRequest) -> PackedClip:
+    def open_clip(cls, request: ClipRequest) -> ArrayClip:
         """Find frames and times."""
-        file = BinaryFile.at(only(request.paths))
+        file = BinaryFile.open(single_path(request.paths))
         if file.size < 8:
             raise InputError(f"{file.size} bytes, an MDD file has 8 at least; export it again")
-        frames, vertices = map(int, file.numbers(0, _WHOLE, (2,)))
-        refuse_other_size(
+        frames, vertices = map(int, file.read_array(0, _INT32, (2,)))
+        check_file_size(
             file,
             8 + 4 * frames + 12 * frames * vertices,
             {"frames": frames, "vertices": vertices},
         )
-        times = file.numbers(8, _SINGLE, (frames,))
-        scene, notes = _timing(times)
-        packing = Packing(8 + 4 * frames, _SINGLE, frames, vertices)
-        return PackedClip(StoredFrames(file, packing), None, scene, notes)
+        times = file.read_array(8, _FLOAT32, (frames,))
+        scene, notes = _infer_timing(times)
+        layout = ArrayLayout(8 + 4 * frames, _FLOAT32, frames, vertices)
+        return ArrayClip(StoredFrames(file, layout), None, scene, notes)
 
 
-def _timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
+def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
     """Frames a second and the first frame's number, if the times (F,) are evenly spaced.
 
     They are rounded to single precision, so the plainest number is taken that rounds to them.
@@ -66,11 +66,11 @@ def _timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
         )
         return SceneHints(), (note,)
     fps = (len(times) - 1) / duration
-    fps = _plainest(fps, fps * rounding / duration)
-    return SceneHints(fps, _plainest(seconds[0] * fps, rounding * fps)), ()
+    fps = _simplest_number(fps, fps * rounding / duration)
+    return SceneHints(fps, _simplest_number(seconds[0] * fps, rounding * fps)), ()
 
 
-def _plainest(value: float, tolerance: float) -> float:
+def _simplest_number(value: float, tolerance: float) -> float:
     """The number of fewest decimals that is as near."""
     rounded = (round(value, digits) for digits in range(10))
     return next((number for number in rounded if abs(number - value) <= tolerance), value)
@@ -80,15 +80,15 @@ class Writer(PointCacheWriter):
     """A sample a frame, at the time of the frame's number in the scene."""
 
     suffixes = (".mdd",)
-    kind = ">f4"
+    dtype = ">f4"
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
-        self.notes = blender_note(animation.scene.start)
+        self.notes = make_blender_notes(animation.scene.start)
 
-    def header(self, animation: Animation) -> bytes:
+    def make_header(self, animation: Animation) -> bytes:
         """Both counts, and the times."""
         scene = animation.scene
-        times = (scene.start + np.arange(animation.count)) / scene.fps
-        counts = struct.pack(">ii", animation.count, len(animation.rest.vertices))
+        times = (scene.start + np.arange(animation.frame_count)) / scene.fps
+        counts = struct.pack(">ii", animation.frame_count, len(animation.rest.vertices))
         return counts + times.astype(">f4").tobytes()

@@ -9,9 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.formats.base.file_names import PACKED, kind_of, unpacked
-from cageik_cli.formats.base.polygons import FileMesh, fans, fans_of, unfolded
-from cageik_cli.formats.base.registry import by_suffix
+from cageik_cli.formats.base.file_names import GZIP_SUFFIX, decompress, file_suffix
+from cageik_cli.formats.base.polygons import (
+    FileMesh,
+    fan_triangulate,
+    fan_triangulate_polygons,
+    replace_folded_fans,
+)
+from cageik_cli.formats.base.registry import discover_plugins
 from cageik_cli.formats.base.writer import Animation, FrameFileWriter
 from cageik_cli.formats.obj.parse import parse_obj
 from cageik_cli.formats.off import parse_off
@@ -19,15 +24,18 @@ from cageik_cli.formats.ply import is_binary_ply, parse_binary_ply
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError, located
-from cageik_cli.util.outputs import prepare, write_bytes
-from cageik_cli.util.text import printable
+from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.outputs import check_writable, write_bytes
+from cageik_cli.util.text import to_unicode
 
-_PLAIN = (".obj", ".ply", ".off")
-MESH_SUFFIXES = (*_PLAIN, *(suffix + PACKED for suffix in _PLAIN))
+_UNCOMPRESSED_SUFFIXES = (".obj", ".ply", ".off")
+MESH_SUFFIXES = (
+    *_UNCOMPRESSED_SUFFIXES,
+    *(suffix + GZIP_SUFFIX for suffix in _UNCOMPRESSED_SUFFIXES),
+)
 
 # Where a PLY header announces how many vertices and faces follow.
-_ANNOUNCED = re.compile(rb"(?ms)^element vertex (\d+)\s.*?^element face (\d+)\s")
+_PLY_COUNTS = re.compile(rb"(?ms)^element vertex (\d+)\s.*?^element face (\d+)\s")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,21 +45,21 @@ class LoadedMesh:
     Attributes
     ----------
     mesh : TriMesh
-    fanned : TriMesh
+    fan_triangulated : TriMesh
         The same with every polygon as a fan: what connectivity is compared by.
     source : dict
         `name` and `sha256` of the file; the name alone of a frame of the clip.
     notes : tuple of str
         What was changed, one sentence each.
-    text : bytes
+    obj_text : bytes
         An OBJ file as it is, unpacked; empty for other kinds.
     """
 
     mesh: TriMesh
-    fanned: TriMesh
+    fan_triangulated: TriMesh
     source: dict[str, str]
     notes: tuple[str, ...] = ()
-    text: bytes = b""
+    obj_text: bytes = b""
 
 
 def load_mesh(path: Path) -> LoadedMesh:
@@ -62,24 +70,24 @@ def load_mesh(path: Path) -> LoadedMesh:
     InputError
         Naming the file, when it is missing, not a mesh, or not of a kind we read.
     """
-    with located(path):
+    with error_context(path):
         if path.is_dir():
             raise InputError("is a folder, expected a file; name a mesh in it")
-        kind = kind_of(path)
+        kind = file_suffix(path)
         if kind not in MESH_SUFFIXES:
             raise InputError(
                 f"`{kind}` is not a kind of mesh read here, expected {', '.join(MESH_SUFFIXES)}"
             )
         data = read_bytes(path)
-        content = unpacked(data, kind)
-        mesh = file_mesh(content, kind)
-        fanned = mesh.fanned
+        content = decompress(data, kind)
+        mesh = parse_mesh(content, kind)
+        fan_triangulated = mesh.fan_triangulated
         return LoadedMesh(
-            mesh=unfolded(fanned, mesh.sizes),
-            fanned=fanned,
-            source=source_of(path, data),
+            mesh=replace_folded_fans(fan_triangulated, mesh.corner_counts),
+            fan_triangulated=fan_triangulated,
+            source=describe_source(path, data),
             notes=mesh.notes,
-            text=content if kind.removesuffix(PACKED) == ".obj" else b"",
+            obj_text=content if kind.removesuffix(GZIP_SUFFIX) == ".obj" else b"",
         )
 
 
@@ -93,26 +101,26 @@ def read_bytes(path: Path) -> bytes:
         raise InputError(f"cannot be read: {error.strerror or error}") from error
 
 
-def source_of(path: Path, data: bytes) -> dict[str, str]:
+def describe_source(path: Path, data: bytes) -> dict[str, str]:
     """What is recorded of a file that was read: its name and digest."""
-    return {"name": printable(path.name), "sha256": hashlib.sha256(data).hexdigest()}
+    return {"name": to_unicode(path.name), "sha256": hashlib.sha256(data).hexdigest()}
 
 
-def file_mesh(data: bytes, kind: str) -> FileMesh:
+def parse_mesh(data: bytes, kind: str) -> FileMesh:
     """The mesh in the bytes, unpacked, of a mesh file of some kind."""
-    suffix = kind.removesuffix(PACKED)
+    suffix = kind.removesuffix(GZIP_SUFFIX)
     if suffix == ".obj":
         return parse_obj(data)
     if not data:
         raise InputError("the file is empty, expected a mesh; export it again")
     if is_binary_ply(data):
         vertices, corners, sizes = parse_binary_ply(data)
-        return FileMesh(vertices, fans_of(corners, sizes), sizes)
-    vertices, polygons = parse_off(data) if suffix == ".off" else _ply_by_trimesh(data)
-    return FileMesh(vertices, *fans(polygons))
+        return FileMesh(vertices, fan_triangulate(corners, sizes), sizes)
+    vertices, polygons = parse_off(data) if suffix == ".off" else _parse_ply_with_trimesh(data)
+    return FileMesh(vertices, *fan_triangulate_polygons(polygons))
 
 
-def _ply_by_trimesh(data: bytes) -> tuple[Floats, list[Integers]]:
+def _parse_ply_with_trimesh(data: bytes) -> tuple[Floats, list[Integers]]:
     from trimesh.exchange.ply import load_ply
 
     # Its loader may log a traceback of its own before it raises.
@@ -126,7 +134,7 @@ def _ply_by_trimesh(data: bytes) -> tuple[Floats, list[Integers]]:
         vertices, polygons = np.asarray(loaded["vertices"]), list(lists[name])
     except Exception as error:  # whatever a damaged file makes trimesh raise
         raise InputError(f"no PLY mesh can be read from it: {error}") from error
-    announced = _ANNOUNCED.search(data)
+    announced = _PLY_COUNTS.search(data)
     counts = (len(vertices), len(polygons))
     if announced is not None and counts != tuple(map(int, announced.groups())):
         raise InputError(
@@ -136,7 +144,7 @@ def _ply_by_trimesh(data: bytes) -> tuple[Floats, list[Integers]]:
     return vertices, polygons
 
 
-def prepare_mesh(path: Path, overwrite: bool) -> None:
+def check_mesh_output(path: Path, overwrite: bool) -> None:
     """Refuse, before any work, a mesh of no known kind, that exists or cannot be written.
 
     Raises
@@ -144,19 +152,19 @@ def prepare_mesh(path: Path, overwrite: bool) -> None:
     InputError
         Naming the output and what to do.
     """
-    _kind(path)
-    prepare(path, overwrite)
+    _choose_mesh_writer(path)
+    check_writable(path, overwrite)
 
 
 def write_mesh(
-    path: Path, mesh: TriMesh, positions: Floats, overwrite: bool, text: bytes = b""
+    path: Path, mesh: TriMesh, positions: Floats, overwrite: bool, obj_text: bytes = b""
 ) -> None:
     """Write a mesh at other positions, (m, 3), as animations of files do.
 
     Parameters
     ----------
     path, mesh, positions, overwrite
-    text : bytes
+    obj_text : bytes
         As of `Animation`.
 
     Raises
@@ -164,14 +172,14 @@ def write_mesh(
     InputError
         When it cannot be written.
     """
-    animation = Animation(mesh, 1, Scene(start=0), path.stem, text)
-    writer = _kind(path)(path.with_name(f"_####{path.suffix.lower()}"), animation)
-    write_bytes(path, writer.content(positions), overwrite)
+    animation = Animation(mesh, 1, Scene(start=0), path.stem, obj_text)
+    writer = _choose_mesh_writer(path)(path.with_name(f"_####{path.suffix.lower()}"), animation)
+    write_bytes(path, writer.encode_frame(positions), overwrite)
 
 
-def _kind(path: Path) -> type[FrameFileWriter]:
+def _choose_mesh_writer(path: Path) -> type[FrameFileWriter]:
     """The writer of files of one frame by the suffix."""
-    found = by_suffix("Writer").items()
+    found = discover_plugins("Writer").items()
     kinds: dict[str, type[FrameFileWriter]] = {
         suffix: kind for suffix, kind in found if issubclass(kind, FrameFileWriter)
     }

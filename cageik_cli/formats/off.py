@@ -27,7 +27,7 @@ def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
         counts = next(lines, [])
         count, faces = map(int, counts[:2])
         vertices = np.array([words[:3] for words in islice(lines, count)], np.float64)
-        polygons = [_polygon(words) for words in islice(lines, faces)]
+        polygons = [_parse_polygon(words) for words in islice(lines, faces)]
         if (len(vertices), len(polygons)) != (count, faces):
             raise ValueError(
                 f"it announces {count} vertices and {faces} faces, holds {len(vertices)} and "
@@ -38,7 +38,7 @@ def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
     return vertices, polygons
 
 
-def _polygon(words: list[str]) -> Integers:
+def _parse_polygon(words: list[str]) -> Integers:
     """The corners of a line that says first how many there are; a colour may follow them."""
     size = int(words[0])
     if len(words) <= size:

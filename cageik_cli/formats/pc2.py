@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import (
+    ArrayLayout,
     BinaryFile,
-    Packing,
     StoredFrames,
-    refuse_other_size,
+    check_file_size,
 )
-from cageik_cli.formats.base.clip_file import PackedClip, PackedClipFile, only
+from cageik_cli.formats.base.clip_file import ArrayClip, ArrayClipFile, single_path
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.base.writer import Animation, PointCacheWriter, blender_note
+from cageik_cli.formats.base.writer import Animation, PointCacheWriter, make_blender_notes
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.util.errors import InputError
 
@@ -22,37 +22,37 @@ _HEADER = struct.Struct("<12siiffi")
 _MAGIC = b"POINTCACHE2\0"
 
 
-class Reader(PackedClipFile):
+class Reader(ArrayClipFile):
     """Frames of one `.pc2`."""
 
     suffixes = (".pc2",)
 
     @classmethod
-    def opened(cls, request: ClipRequest) -> PackedClip:
+    def open_clip(cls, request: ClipRequest) -> ArrayClip:
         """Find frames, and the first one's number."""
-        file = BinaryFile.at(only(request.paths))
+        file = BinaryFile.open(single_path(request.paths))
         if file.size < _HEADER.size:
             raise InputError(f"{file.size} bytes, a PC2 file has 32 at least; export it again")
-        header = file.numbers(0, np.dtype(np.uint8), (_HEADER.size,)).tobytes()
+        header = file.read_array(0, np.dtype(np.uint8), (_HEADER.size,)).tobytes()
         magic, version, vertices, start, rate, frames = _HEADER.unpack(header)
         if magic != _MAGIC or version != 1:
             raise InputError(
                 f"begins with {magic!r} and version {version}, expected {_MAGIC!r} and version 1; "
                 "it is no PC2 file of a kind read here"
             )
-        refuse_other_size(
-            file, 32 + 12 * frames * vertices, {"frames": frames, "vertices": vertices}
-        )
+        check_file_size(file, 32 + 12 * frames * vertices, {"frames": frames, "vertices": vertices})
         if not isfinite(start) or not 0 < rate < float("inf"):
             raise InputError(
                 f"starts at frame {start} with a sample every {rate} frames, expected a finite "
                 "start and a rate above zero; export it again"
             )
-        packing = Packing(32, np.dtype("<f4"), frames, vertices)
-        return PackedClip(StoredFrames(file, packing), None, SceneHints(start=start), _notes(rate))
+        layout = ArrayLayout(32, np.dtype("<f4"), frames, vertices)
+        return ArrayClip(
+            StoredFrames(file, layout), None, SceneHints(start=start), _make_rate_notes(rate)
+        )
 
 
-def _notes(rate: float) -> tuple[str, ...]:
+def _make_rate_notes(rate: float) -> tuple[str, ...]:
     if rate == 1:
         return ()
     return (
@@ -65,13 +65,15 @@ class Writer(PointCacheWriter):
     """A sample a frame, the first at the scene's start."""
 
     suffixes = (".pc2",)
-    kind = "<f4"
+    dtype = "<f4"
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
-        self.notes = blender_note(animation.scene.start)
+        self.notes = make_blender_notes(animation.scene.start)
 
-    def header(self, animation: Animation) -> bytes:
+    def make_header(self, animation: Animation) -> bytes:
         """The 32 bytes before the first sample."""
         count, start = len(animation.rest.vertices), animation.scene.start
-        return struct.pack("<12siiffi", b"POINTCACHE2\0", 1, count, start, 1.0, animation.count)
+        return struct.pack(
+            "<12siiffi", b"POINTCACHE2\0", 1, count, start, 1.0, animation.frame_count
+        )

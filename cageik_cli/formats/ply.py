@@ -12,9 +12,9 @@ from cageik_cli.formats.base.writer import Animation, FrameFileWriter
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
 
-_BINARY = {b"binary_little_endian": "<", b"binary_big_endian": ">"}
+_BYTE_ORDERS = {b"binary_little_endian": "<", b"binary_big_endian": ">"}
 
-_CODES = {
+_TYPE_CODES = {
     **dict.fromkeys((b"char", b"int8"), "b"),
     **dict.fromkeys((b"uchar", b"uint8"), "B"),
     **dict.fromkeys((b"short", b"int16"), "h"),
@@ -36,7 +36,7 @@ class _Element:
 
     name: bytes
     count: int
-    properties: dict[bytes, str]
+    type_codes: dict[bytes, str]
 
 
 class PlyFrameParser:
@@ -50,19 +50,24 @@ class PlyFrameParser:
     def __init__(self, first: bytes) -> None:
         self._head, self._tail, self._size = b"", b"", len(first)
         if is_binary_ply(first):
-            order, elements, start = _header(first)
+            order, elements, start = _parse_header(first)
             if elements[0].name == b"vertex" and not _has_lists(elements[0]):
-                self._type, self._count = _row_type(elements[0], order, {}), elements[0].count
+                self._row_dtype, self._vertex_count = (
+                    _make_row_dtype(elements[0], order, {}),
+                    elements[0].count,
+                )
                 self._head = first[:start]
-                self._tail = first[start + self._type.itemsize * self._count :]
+                self._tail = first[start + self._row_dtype.itemsize * self._vertex_count :]
 
-    def positions(self, data: bytes) -> Floats | None:
+    def parse_positions(self, data: bytes) -> Floats | None:
         """Vertices (m, 3) if all else is the first frame's, else None."""
         if not self._head or len(data) != self._size:
             return None
         if not data.startswith(self._head) or not data.endswith(self._tail):
             return None
-        return _points(np.frombuffer(data, self._type, self._count, len(self._head)))
+        return _stack_positions(
+            np.frombuffer(data, self._row_dtype, self._vertex_count, len(self._head))
+        )
 
 
 def is_binary_ply(data: bytes) -> bool:
@@ -80,16 +85,18 @@ def parse_binary_ply(data: bytes) -> tuple[Floats, Integers, Integers]:
         When it is none.
     """
     try:
-        order, elements, at = _header(data)
+        order, elements, offset = _parse_header(data)
         vertices, corners, sizes = None, np.empty(0, np.int64), np.empty(0, np.int64)
         for element in elements:
             if element.name == b"face":
-                corners, sizes, at = _faces(data, at, element, order)
+                corners, sizes, offset = _parse_faces(data, offset, element, order)
             elif element.name == b"vertex" and not _has_lists(element):
-                rows = np.frombuffer(data, _row_type(element, order, {}), element.count, at)
-                vertices, at = _points(rows), at + rows.nbytes
+                rows = np.frombuffer(
+                    data, _make_row_dtype(element, order, {}), element.count, offset
+                )
+                vertices, offset = _stack_positions(rows), offset + rows.nbytes
             elif vertices is None or not len(sizes):
-                _, _, at = _walked(data, at, element, order, b"")
+                _, _, offset = _parse_list_rows(data, offset, element, order, b"")
         if vertices is None:
             raise ValueError("it has no vertices")
     except KeyError as error:
@@ -99,32 +106,32 @@ def parse_binary_ply(data: bytes) -> tuple[Floats, Integers, Integers]:
     return vertices, corners, sizes
 
 
-def _header(data: bytes) -> tuple[str, list[_Element], int]:
+def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
     """The order of bytes, the elements, and where they begin."""
     end = data.index(b"\n", data.index(b"end_header")) + 1
     order, elements = "", []
     for words in map(bytes.split, data[:end].splitlines()):
         if words[:1] == [b"format"]:
-            order = _BINARY[words[1]]
+            order = _BYTE_ORDERS[words[1]]
         elif words[:1] == [b"element"]:
             elements.append(_Element(words[1], int(words[2]), {}))
         elif words[:1] == [b"property"]:
             types = words[2:4] if words[1] == b"list" else words[1:2]
-            codes = "".join(_CODES[kind] for kind in types)
-            if words[-1] in elements[-1].properties or (len(codes) == 2 and codes[0] in "efd"):
+            codes = "".join(_TYPE_CODES[kind] for kind in types)
+            if words[-1] in elements[-1].type_codes or (len(codes) == 2 and codes[0] in "efd"):
                 raise ValueError(f"its header says `{b' '.join(words).decode()}`")
-            elements[-1].properties[words[-1]] = codes
+            elements[-1].type_codes[words[-1]] = codes
     return order, elements, end
 
 
 def _has_lists(element: _Element) -> bool:
-    return any(len(codes) == 2 for codes in element.properties.values())
+    return any(len(codes) == 2 for codes in element.type_codes.values())
 
 
-def _row_type(element: _Element, order: str, sizes: dict[bytes, int]) -> np.dtype[Any]:
+def _make_row_dtype(element: _Element, order: str, sizes: dict[bytes, int]) -> np.dtype[Any]:
     """A row of an element whose lists have these sizes; a list's count is field `NAME#`."""
     fields: list[Any] = []
-    for name, codes in element.properties.items():
+    for name, codes in element.type_codes.items():
         key = name.decode()
         if len(codes) == 2:
             fields.append((f"{key}#", order + codes[0]))
@@ -134,58 +141,60 @@ def _row_type(element: _Element, order: str, sizes: dict[bytes, int]) -> np.dtyp
     return np.dtype(fields)
 
 
-def _points(rows: NDArray[Any]) -> Floats:
+def _stack_positions(rows: NDArray[Any]) -> Floats:
     with np.errstate(invalid="ignore"):  # a signalling NaN is refused with the others
         return np.stack([rows[axis] for axis in "xyz"], axis=1, dtype=np.float64)
 
 
-def _faces(data: bytes, at: int, element: _Element, order: str) -> tuple[Integers, Integers, int]:
+def _parse_faces(
+    data: bytes, offset: int, element: _Element, order: str
+) -> tuple[Integers, Integers, int]:
     """Corners of the faces, how many each has, and where the next element begins."""
-    lists = [name for name, codes in element.properties.items() if len(codes) == 2]
+    lists = [name for name, codes in element.type_codes.items() if len(codes) == 2]
     if not lists:
         raise ValueError("its faces hold no list of vertices")
     wanted = next((n for n in (b"vertex_indices", b"vertex_index") if n in lists), lists[0])
-    code = element.properties[wanted][1]
+    code = element.type_codes[wanted][1]
     if code in "efd":
         raise ValueError("its faces name vertices by numbers that are not whole")
     if lists == [wanted] and element.count:
-        _, sizes, _ = _walked(data, at, replace(element, count=1), order, wanted)
-        kind = _row_type(element, order, {wanted: int(sizes[0])})
-        if at + element.count * kind.itemsize <= len(data):
-            rows = np.frombuffer(data, kind, element.count, at)
+        _, sizes, _ = _parse_list_rows(data, offset, replace(element, count=1), order, wanted)
+        kind = _make_row_dtype(element, order, {wanted: int(sizes[0])})
+        if offset + element.count * kind.itemsize <= len(data):
+            rows = np.frombuffer(data, kind, element.count, offset)
             counts = rows[f"{wanted.decode()}#"].astype(np.int64)
             if (counts == sizes[0]).all():
                 corners = rows[wanted.decode()].astype(np.int64)
-                return corners.ravel(), counts, at + rows.nbytes
-    found, sizes, at = _walked(data, at, element, order, wanted)
-    return np.frombuffer(found, order + code).astype(np.int64), sizes, at
+                return corners.ravel(), counts, offset + rows.nbytes
+    found, sizes, offset = _parse_list_rows(data, offset, element, order, wanted)
+    return np.frombuffer(found, order + code).astype(np.int64), sizes, offset
 
 
-def _walked(
-    data: bytes, at: int, element: _Element, order: str, wanted: bytes
+def _parse_list_rows(
+    data: bytes, offset: int, element: _Element, order: str, wanted: bytes
 ) -> tuple[bytes, Integers, int]:
     """The items of one list of every row, how many each has, and where the next element begins."""
     steps = [
         (name == wanted, struct.Struct(order + codes[0]), struct.calcsize(order + codes[1:]))
-        for name, codes in element.properties.items()
+        for name, codes in element.type_codes.items()
     ]
     items, sizes = [], []
     for _ in range(element.count if steps else 0):
         for is_wanted, first, width in steps:
-            (count,) = first.unpack_from(data, at)
-            at += first.size
+            (count,) = first.unpack_from(data, offset)
+            offset += first.size
             if width and count < 0:
                 raise ValueError(f"a list of {count} items")
             if is_wanted:
-                items.append(data[at : at + count * width])
+                items.append(data[offset : offset + count * width])
                 sizes.append(count)
-            at += count * width if width else 0
-    if at > len(data):
+            offset += count * width if width else 0
+    if offset > len(data):
         raise ValueError("it is cut short")
-    return b"".join(items), np.array(sizes, np.int64), at
+    return b"".join(items), np.array(sizes, np.int64), offset
 
 
-_HEADER = """\
+_HEADER_TEMPLATE = """\
 ply
 format binary_little_endian 1.0
 element vertex {vertices}
@@ -209,8 +218,8 @@ class Writer(FrameFileWriter):
         counts = {"vertices": len(rest.vertices), "faces": len(rest.faces)}
         faces = np.empty(len(rest.faces), [("corners", "u1"), ("vertices", "<i4", 3)])
         faces["corners"], faces["vertices"] = 3, rest.faces
-        self._head, self._tail = _HEADER.format(**counts).encode(), faces.tobytes()
+        self._head, self._tail = _HEADER_TEMPLATE.format(**counts).encode(), faces.tobytes()
 
-    def content(self, positions: Floats) -> bytes:
+    def encode_frame(self, positions: Floats) -> bytes:
         """The bytes of one frame."""
         return self._head + positions.astype("<f8").tobytes() + self._tail

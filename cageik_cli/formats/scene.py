@@ -61,14 +61,14 @@ class SceneHints:
     metres_per_unit: float | None = None
 
     def __post_init__(self) -> None:
-        self.applied(Scene())
+        self.override(Scene())
 
-    def applied(self, scene: Scene) -> Scene:
+    def override(self, scene: Scene) -> Scene:
         """`scene`, but for what is said here."""
         said = {name: getattr(self, name) for name in self.__slots__}
         return replace(scene, **{name: value for name, value in said.items() if value is not None})
 
-    def chosen(self, frames: range) -> "SceneHints":
+    def restrict_to_frames(self, frames: range) -> "SceneHints":
         """What is said of those frames of the clip alone.
 
         Every second frame has half the frames a second, so that the motion keeps its speed.
@@ -78,7 +78,7 @@ class SceneHints:
         return replace(self, fps=fps, start=start)
 
     @property
-    def words(self) -> str:
+    def describe(self) -> str:
         """What is said, in a line; empty if nothing is."""
         said = (
             self.fps is not None and f"{self.fps:g} frames a second",
@@ -89,14 +89,14 @@ class SceneHints:
         return ", ".join(word for word in said if word)
 
 
-def sound_hints(said: Mapping[str, Any]) -> tuple[SceneHints, tuple[str, ...]]:
+def parse_scene_metadata(metadata: Mapping[str, Any]) -> tuple[SceneHints, tuple[str, ...]]:
     """The hints among the values that a file has under their names, and what is wrong with others.
 
     What is no single number (text for the axis) is somebody else's and passed by.
     """
     hints, notes = SceneHints(), []
     for field in fields(SceneHints):
-        value = np.asarray(said.get(field.name))
+        value = np.asarray(metadata.get(field.name))
         if value.shape != () or value.dtype.kind not in ("U" if field.name == "up_axis" else "fiu"):
             continue
         try:

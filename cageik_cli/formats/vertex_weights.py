@@ -6,9 +6,9 @@ from tokenize import TokenError
 
 import numpy as np
 
-from cageik_cli.formats.mesh_file import read_bytes, source_of
+from cageik_cli.formats.mesh_file import describe_source, read_bytes
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.errors import InputError, error_context
 
 
 def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
@@ -19,7 +19,7 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
     InputError
         Naming the file, when it cannot be read or is not a list of numbers.
     """
-    with located(path):
+    with error_context(path):
         data = read_bytes(path)
         try:
             if path.suffix.lower() == ".npy":
@@ -34,4 +34,4 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
                 f"is not a list of numbers ({error}); expected one a line, or a .npy array"
             ) from error
         with np.errstate(over="ignore", invalid="ignore"):  # infinite weights are refused later
-            return np.asarray(weights, dtype=np.float64), source_of(path, data)
+            return np.asarray(weights, dtype=np.float64), describe_source(path, data)

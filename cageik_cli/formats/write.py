@@ -6,24 +6,29 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cageik_cli.formats.base.file_names import FrameNames
-from cageik_cli.formats.base.registry import by_suffix
+from cageik_cli.formats.base.registry import discover_plugins
 from cageik_cli.formats.base.writer import Animation, AnimationWriter
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, located
-from cageik_cli.util.outputs import prepare, prepare_folder, whole_folder, whole_path
-from cageik_cli.util.progress import Observer
-from cageik_cli.util.text import bytes_text
+from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.outputs import (
+    atomic_folder,
+    atomic_path,
+    check_folder_writable,
+    check_writable,
+)
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import format_bytes
 
-USUAL_KIND = "obj"
+DEFAULT_FORMAT = "obj"
 """Of the files of a folder, where nobody says."""
 
-USUAL_DIGITS = 4
+DEFAULT_DIGITS = 4
 """Of the numbers of files in a folder that is but named."""
 
-Maker = Callable[[Path, Animation], AnimationWriter]
+WriterFactory = Callable[[Path, Animation], AnimationWriter]
 
 
-def prepare_animation(path: Path, overwrite: bool, kind: str | None = None) -> None:
+def check_animation_output(path: Path, overwrite: bool, file_format: str | None = None) -> None:
     """Refuse, before any work, an output of no known kind, that exists or cannot be written.
 
     Parameters
@@ -33,7 +38,7 @@ def prepare_animation(path: Path, overwrite: bool, kind: str | None = None) -> N
         files get its name and a number.
     overwrite : bool
         Whether what is there may be replaced: a file, or a folder of nothing but such files.
-    kind : str, optional
+    file_format : str, optional
         Of the files of a folder that is but named: their suffix without the dot.
 
     Raises
@@ -41,36 +46,36 @@ def prepare_animation(path: Path, overwrite: bool, kind: str | None = None) -> N
     InputError
         Naming the output and what to do.
     """
-    target = _target_of(path, kind)
-    with located(path):
-        target.writer.require()
-    if target.names is None:
-        prepare(path, overwrite)
+    target = _resolve_target(path, file_format)
+    with error_context(path):
+        target.writer.require_libraries()
+    if target.frame_names is None:
+        check_writable(path, overwrite)
     else:
-        prepare_folder(target.place, overwrite, target.names.has)
+        check_folder_writable(target.path, overwrite, target.frame_names.matches)
 
 
-def place_of(path: Path, kind: str | None = None) -> Path:
+def output_path(path: Path, file_format: str | None = None) -> Path:
     """The file or the folder that is written for the output `path`."""
-    return _target_of(path, kind).place
+    return _resolve_target(path, file_format).path
 
 
 @contextmanager
-def created(
+def open_writer(
     path: Path,
     animation: Animation,
     overwrite: bool,
-    kind: str | None = None,
-    make: Maker | None = None,
+    file_format: str | None = None,
+    writer_factory: WriterFactory | None = None,
 ) -> Iterator[AnimationWriter]:
     """A writer of the kind of `path`, which gets its name when the block ends without an error.
 
     Parameters
     ----------
-    path, overwrite, kind
-        As of `prepare_animation`.
+    path, overwrite, file_format
+        As of `check_animation_output`.
     animation : Animation
-    make : callable, optional
+    writer_factory : callable, optional
         Makes the writer, if it is not to be the usual one of that suffix.
 
     Raises
@@ -78,10 +83,10 @@ def created(
     InputError
         When it cannot be written, or cannot hold the animation.
     """
-    target = _target_of(path, kind)
-    with target.whole(overwrite) as name:
-        with located(path):
-            writer = (make or target.writer)(name, animation)
+    target = _resolve_target(path, file_format)
+    with target.open_atomic(overwrite) as name:
+        with error_context(path):
+            writer = (writer_factory or target.writer)(name, animation)
         try:
             yield writer
             writer.complete()
@@ -96,58 +101,60 @@ class _Target:
 
     Attributes
     ----------
-    place : Path
+    path : Path
         The file or the folder that is written.
     writer : type of AnimationWriter
-    names : FrameNames, optional
+    frame_names : FrameNames, optional
         Of the files in a folder.
     """
 
-    place: Path
+    path: Path
     writer: type[AnimationWriter]
-    names: FrameNames | None
+    frame_names: FrameNames | None
 
-    def whole(self, overwrite: bool) -> AbstractContextManager[Path]:
+    def open_atomic(self, overwrite: bool) -> AbstractContextManager[Path]:
         """The name to give the writer; what it writes takes the output's own when whole."""
-        if self.names is None:
-            return whole_path(self.place, overwrite)
-        return self._whole_files(self.names, overwrite)
+        if self.frame_names is None:
+            return atomic_path(self.path, overwrite)
+        return self._open_atomic_folder(self.frame_names, overwrite)
 
     @contextmanager
-    def _whole_files(self, names: FrameNames, overwrite: bool) -> Iterator[Path]:
-        with whole_folder(self.place, overwrite, names.has) as folder:
+    def _open_atomic_folder(self, names: FrameNames, overwrite: bool) -> Iterator[Path]:
+        with atomic_folder(self.path, overwrite, names.matches) as folder:
             yield folder / names.pattern
 
 
-def _target_of(path: Path, kind: str | None) -> _Target:
-    with located(path):
-        names, place = FrameNames.of(path.name), path.parent
+def _resolve_target(path: Path, file_format: str | None) -> _Target:
+    with error_context(path):
+        names, folder = FrameNames.parse(path.name), path.parent
         suffix = path.suffix.lower()
-        kinds = _writers()
-        if names is None and suffix not in kinds and (kind or not suffix):
-            suffix = f".{kind or USUAL_KIND}"
-            names, place = FrameNames(f"{path.name}_", USUAL_DIGITS, suffix), path
+        kinds = _find_writers()
+        if names is None and suffix not in kinds and (file_format or not suffix):
+            suffix = f".{file_format or DEFAULT_FORMAT}"
+            names, folder = FrameNames(f"{path.name}_", DEFAULT_DIGITS, suffix), path
         if suffix not in kinds:
             raise InputError(
                 f"`{path.suffix}` is not a kind of animation written here, expected "
                 f"{', '.join(kinds)}"
             )
         writer = kinds[suffix]
-        if kind and suffix != f".{kind}":
-            raise InputError(f"has the suffix of another format than {kind}; leave --format out")
-        if writer.into_folder and names is None:
+        if file_format and suffix != f".{file_format}":
+            raise InputError(
+                f"has the suffix of another format than {file_format}; leave --format out"
+            )
+        if writer.writes_folder and names is None:
             raise InputError(
                 f"a `{suffix}` file holds one frame; name a folder of them, "
                 f"such as {path.stem}/{path.stem}_####{suffix}"
             )
-        if names is not None and not writer.into_folder:
+        if names is not None and not writer.writes_folder:
             raise InputError(f"a `{suffix}` file holds all frames; leave the frame's number out")
-    return _Target(path if names is None else place, writer, names)
+    return _Target(path if names is None else folder, writer, names)
 
 
-def _writers() -> dict[str, type[AnimationWriter]]:
+def _find_writers() -> dict[str, type[AnimationWriter]]:
     """The writers by the suffixes they take."""
-    return by_suffix("Writer")
+    return discover_plugins("Writer")
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,57 +164,57 @@ class Output:
     Attributes
     ----------
     path : Path
-    kind : str, optional
+    file_format : str, optional
     overwrite : bool
-        As `prepare_animation` has them.
+        As `check_animation_output` has them.
     """
 
     path: Path
-    kind: str | None = None
+    file_format: str | None = None
     overwrite: bool = False
 
     @property
-    def place(self) -> Path:
+    def target_path(self) -> Path:
         """The file or the folder that is written."""
-        return place_of(self.path, self.kind)
+        return output_path(self.path, self.file_format)
 
-    def prepare(self) -> None:
-        """Refuse, before any work, what cannot be written; see `prepare_animation`."""
-        prepare_animation(self.path, self.overwrite, self.kind)
+    def check_writable(self) -> None:
+        """Refuse, before any work, what cannot be written; see `check_animation_output`."""
+        check_animation_output(self.path, self.overwrite, self.file_format)
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class ExportSummary:
     """What was written.
 
     Attributes
     ----------
     path : Path
         As the user named it.
-    frames, vertices : int
-    size : int
+    frame_count, vertex_count : int
+    byte_count : int
         Bytes, of all files.
     """
 
     path: Path
-    frames: int
-    vertices: int
-    size: int
+    frame_count: int
+    vertex_count: int
+    byte_count: int
 
     @property
-    def line(self) -> str:
+    def message(self) -> str:
         """What to tell the user."""
-        counts = f"{self.frames} frames of {self.vertices} vertices"
-        return f"wrote {self.path}: {counts}, {bytes_text(self.size)}"
+        counts = f"{self.frame_count} frames of {self.vertex_count} vertices"
+        return f"wrote {self.path}: {counts}, {format_bytes(self.byte_count)}"
 
 
 def write_animation(
     output: Output,
     animation: Animation,
     blocks: Iterator[Floats],
-    watch: Observer,
-    make: Maker | None = None,
-) -> Written:
+    progress: ProgressListener,
+    writer_factory: WriterFactory | None = None,
+) -> ExportSummary:
     """Write all `blocks` of frames, (k, m, 3), one after the other; what to mind is remarked.
 
     Raises
@@ -216,21 +223,23 @@ def write_animation(
         When it cannot be written, or cannot hold the animation.
     """
     path, done = output.path, 0
-    with created(path, animation, output.overwrite, output.kind, make) as writer:
+    with open_writer(
+        path, animation, output.overwrite, output.file_format, writer_factory
+    ) as writer:
         while True:
-            with watch.stage("export"):
+            with progress.stage("export"):
                 block = next(blocks, None)
                 if block is None:
                     break
-                with located(path):
+                with error_context(path):
                     writer.append(block)
             done += len(block)
-            watch.advance(done, animation.count)
+            progress.update(done, animation.frame_count)
     for note in writer.notes:
-        watch.remark("note", f"{path.name}: {note}")
-    return Written(path, done, len(animation.rest.vertices), _size(output.place))
+        progress.note("note", f"{path.name}: {note}")
+    return ExportSummary(path, done, len(animation.rest.vertices), _total_size(output.target_path))
 
 
-def _size(place: Path) -> int:
-    files = place.iterdir() if place.is_dir() else [place]
+def _total_size(path: Path) -> int:
+    files = path.iterdir() if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files)

@@ -14,25 +14,25 @@ import numpy as np
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError
 
-WORST_CONDITION = 1e14
+MAX_CONDITION = 1e14
 """Matrices of a larger condition number are singular, as far as the numbers tell."""
 
-NEAREST = 1e-6
+NEAR_PLANE_RATIO = 1e-6
 """Where the near plane of a camera without matrices is, in distances of what it looks at."""
 
-STEEPEST = 1e-9
+MIN_UP_SINE = 1e-9
 """Sine of the least angle between the direction of a camera's look and what is up."""
 
-AFFINE = (0, 0, 0, 1)
+AFFINE_ROW = (0, 0, 0, 1)
 """Last row of a view, and of a parallel projection."""
 
-PERSPECTIVE = (0, 0, -1, 0)
+PERSPECTIVE_ROW = (0, 0, -1, 0)
 """Last row of a perspective projection: w is how far a point is ahead."""
 
-ROW_SLIP = 1e-6
+ROW_TOL = 1e-6
 """By how much these may be off: programs invert matrices in single precision."""
 
-_TRANSPOSE = "act on columns, so transpose both if they act on rows"
+_TRANSPOSE_HINT = "act on columns, so transpose both if they act on rows"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,21 +80,24 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name in ("view", "projection"):
-            object.__setattr__(self, name, _checked_matrix(name, getattr(self, name)))
-        if not np.allclose(self.view[3], AFFINE, rtol=0, atol=ROW_SLIP):
+            object.__setattr__(self, name, _validate_matrix(name, getattr(self, name)))
+        if not np.allclose(self.view[3], AFFINE_ROW, rtol=0, atol=ROW_TOL):
             raise InputError(
-                f"the last row of view is {_row_text(self.view[3])}, expected 0, 0, 0, 1; matrices "
-                f"{_TRANSPOSE}"
+                f"the last row of view is {_format_row(self.view[3])}, expected 0, 0, 0, 1; "
+                f"matrices "
+                f"{_TRANSPOSE_HINT}"
             )
         for name, matrix in (("view", self.view[:3, :3]), ("projection", self.projection)):
-            if not np.linalg.cond(_scaled(matrix)) < WORST_CONDITION:
+            if not np.linalg.cond(_normalize_rows(matrix)) < MAX_CONDITION:
                 raise InputError(f"{name} is singular; expected a matrix that can be inverted")
         last = self.projection[3]
-        if not any(np.allclose(last, row, rtol=0, atol=ROW_SLIP) for row in (PERSPECTIVE, AFFINE)):
+        if not any(
+            np.allclose(last, row, rtol=0, atol=ROW_TOL) for row in (PERSPECTIVE_ROW, AFFINE_ROW)
+        ):
             raise InputError(
-                f"the last row of projection is {_row_text(last)}, expected "
+                f"the last row of projection is {_format_row(last)}, expected "
                 "0, 0, -1, 0 of a perspective, or 0, 0, 0, 1 of a parallel view; matrices are "
-                f"OpenGL's, and {_TRANSPOSE}"
+                f"OpenGL's, and {_TRANSPOSE_HINT}"
             )
         for name in ("width", "height"):
             size = getattr(self, name)
@@ -102,12 +105,14 @@ class Camera:
                 raise InputError(f"{name} is {size:g}, expected a number of pixels above 0")
 
     @classmethod
-    def looking_at(cls, place: "Stand", fov_degrees: float, width: float, height: float) -> Self:
+    def from_look_at(
+        cls, viewpoint: "LookAt", fov_degrees: float, width: float, height: float
+    ) -> Self:
         """A perspective camera without a far plane.
 
         Parameters
         ----------
-        place : Stand
+        viewpoint : LookAt
         fov_degrees : float
             Angle between the upper and the lower edge of the picture, above 0 and below 180.
         width, height : float
@@ -115,12 +120,12 @@ class Camera:
         """
         if not 0 < fov_degrees < 180:
             raise InputError(f"fov_degrees is {fov_degrees:g}, expected more than 0, less than 180")
-        near = NEAREST * float(np.linalg.norm(place.look_at - place.position))
+        near = NEAR_PLANE_RATIO * float(np.linalg.norm(viewpoint.target - viewpoint.position))
         scale = 1 / np.tan(np.radians(fov_degrees) / 2)
         projection = np.zeros((4, 4))
         projection[0, 0], projection[1, 1] = scale * height / width, scale
         projection[2, 2:], projection[3, 2] = (-1, -2 * near), -1
-        return cls(place.view, projection, width, height)
+        return cls(viewpoint.view, projection, width, height)
 
     def project(self, points: Floats) -> Floats:
         """Where points, (…, 3), are seen, (…, 3): x and y in pixels, and depth from −1 to 1.
@@ -130,13 +135,13 @@ class Camera:
         InputError
             When a point is behind the viewer, or as near as the eye.
         """
-        clip = _homogeneous(points) @ (self.projection @ self.view).T
+        clip = _to_homogeneous(points) @ (self.projection @ self.view).T
         if not (clip[..., 3] > 0).all():
             raise InputError("it is behind the camera; choose another view, or frame")
         x, y, depth = np.moveaxis(clip[..., :3] / clip[..., 3:], -1, 0)
         return np.stack([(1 + x) / 2 * self.width, (1 - y) / 2 * self.height, depth], axis=-1)
 
-    def rays(self, pixels: Floats) -> Rays:
+    def cast_rays(self, pixels: Floats) -> Rays:
         """What is seen in pixels, (p, 2)."""
         x, y = 2 * pixels[:, 0] / self.width - 1, 1 - 2 * pixels[:, 1] / self.height
         unproject, to_world = np.linalg.inv(self.projection), np.linalg.inv(self.view[:3, :3])
@@ -152,7 +157,7 @@ class Camera:
         origins = (near[:, :3] / near[:, 3:] - self.view[:3, 3]) @ to_world.T
         return Rays(origins, ways / sizes[:, None], lengths)
 
-    def dragged(self, points: Floats, pixels: Floats) -> Floats:
+    def move_to_pixels(self, points: Floats, pixels: Floats) -> Floats:
         """Where points are, (p, 3), when they are seen in pixels, (p, 2), as deep as before.
 
         The ray of each pixel meets the plane through the point that is parallel to the screen
@@ -164,18 +169,18 @@ class Camera:
             When a point is behind the viewer.
         """
         self.project(points)
-        rays, normal = self.rays(pixels), self.view[2, :3]
+        rays, normal = self.cast_rays(pixels), self.view[2, :3]
         ahead = (points - rays.origins) @ normal / (rays.directions @ normal)
         return np.asarray(rays.origins + ahead[:, None] * rays.directions)
 
 
 @dataclass(frozen=True, eq=False)
-class Stand:
+class LookAt:
     """Where a viewer stands, and what it looks at.
 
     Attributes
     ----------
-    position, look_at : (3,) float64
+    position, target : (3,) float64
     up : (3,) float64
         What is seen upright.
 
@@ -186,29 +191,29 @@ class Stand:
     """
 
     position: Floats
-    look_at: Floats
+    target: Floats
     up: Floats
 
     def __post_init__(self) -> None:
-        away, sizes = self.position - self.look_at, np.linalg.norm(self.up)
+        away, sizes = self.position - self.target, np.linalg.norm(self.up)
         distance = np.linalg.norm(away)
         if not distance > 0:
             raise InputError("position and look_at are the same point; the camera looks nowhere")
-        if not np.linalg.norm(np.cross(away, self.up)) > STEEPEST * distance * sizes:
+        if not np.linalg.norm(np.cross(away, self.up)) > MIN_UP_SINE * distance * sizes:
             raise InputError("up is along the direction in which the camera looks; choose another")
 
     @property
     def view(self) -> Floats:
         """World to eye, (4, 4)."""
-        back = _unit(self.position - self.look_at)
-        right = _unit(np.cross(self.up, back))
+        back = _normalize(self.position - self.target)
+        right = _normalize(np.cross(self.up, back))
         axes = np.stack([right, np.cross(back, right), back])
         view = np.eye(4)
         view[:3, :3], view[:3, 3] = axes, -axes @ self.position
         return view
 
 
-def _checked_matrix(name: str, values: Floats) -> Floats:
+def _validate_matrix(name: str, values: Floats) -> Floats:
     matrix = np.array(values, np.float64)
     if matrix.shape != (4, 4):
         raise InputError(f"{name} has shape {matrix.shape}, expected (4, 4)")
@@ -218,19 +223,19 @@ def _checked_matrix(name: str, values: Floats) -> Floats:
     return matrix
 
 
-def _scaled(matrix: Floats) -> Floats:
+def _normalize_rows(matrix: Floats) -> Floats:
     """With rows of length one: units and far planes do not make a matrix singular."""
     sizes = np.linalg.norm(matrix, axis=1, keepdims=True)
     return np.asarray(np.divide(matrix, sizes, out=np.zeros_like(matrix), where=sizes > 0))
 
 
-def _row_text(row: Floats) -> str:
+def _format_row(row: Floats) -> str:
     return ", ".join(f"{value:g}" for value in row)
 
 
-def _homogeneous(points: Floats) -> Floats:
+def _to_homogeneous(points: Floats) -> Floats:
     return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
 
 
-def _unit(vector: Floats) -> Floats:
+def _normalize(vector: Floats) -> Floats:
     return np.asarray(vector / np.linalg.norm(vector))

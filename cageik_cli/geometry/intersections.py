@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
-Truths = NDArray[np.bool_]
+Booleans = NDArray[np.bool_]
 
-BLOCK = 1 << 16
+PAIRS_PER_BLOCK = 1 << 16
 """Pairs of neighbours judged together, to bound the memory they take."""
 
 
@@ -23,39 +23,41 @@ def self_intersections(mesh: TriMesh) -> Integers:
     Faces that merely touch are such a pair, and so are neighbours folded flat onto each other.
     Faces on the same three vertices, and faces without area, are not judged.
     """
-    pairs = _candidates(mesh, mesh)
-    pairs = _sorted(pairs[pairs[:, 0] < pairs[:, 1]])
-    blocks = [pairs[start : start + BLOCK] for start in range(0, len(pairs), BLOCK)]
+    pairs = _find_candidate_pairs(mesh, mesh)
+    pairs = _sort_pairs(pairs[pairs[:, 0] < pairs[:, 1]])
+    blocks = [
+        pairs[start : start + PAIRS_PER_BLOCK] for start in range(0, len(pairs), PAIRS_PER_BLOCK)
+    ]
     found = [block[_meet_improperly(mesh, block)] for block in blocks]
     return np.concatenate([np.empty((0, 2), np.int64), *found])
 
 
-def crossings(first: TriMesh, second: TriMesh, depth: float) -> Integers:
+def crossing_face_pairs(first: TriMesh, second: TriMesh, min_depth: float) -> Integers:
     """Pairs of a face of `first` and a face of `second` that pass through each other, (p, 2).
 
     Each then has corners on both sides of the other's plane, and they have a segment in common, all
-    by more than `depth` (file units): faces that touch, but for rounding, do not count.
+    by more than `min_depth` (file units): faces that touch, but for rounding, do not count.
     """
-    pairs = _sorted(_candidates(first, second))
+    pairs = _sort_pairs(_find_candidate_pairs(first, second))
     a = first.vertices[first.faces[pairs[:, 0]]]
     b = second.vertices[second.faces[pairs[:, 1]]]
-    chosen = _straddles(a, b, depth) & _straddles(b, a, depth)
-    chosen[chosen] = _common_length(a[chosen], b[chosen]) > depth
+    chosen = _straddle_planes(a, b, min_depth) & _straddle_planes(b, a, min_depth)
+    chosen[chosen] = _common_length(a[chosen], b[chosen]) > min_depth
     return pairs[chosen]
 
 
-def _meet_improperly(mesh: TriMesh, pairs: Integers) -> Truths:
+def _meet_improperly(mesh: TriMesh, pairs: Integers) -> Booleans:
     a, b = (mesh.faces[pairs[:, k]] for k in range(2))
-    a, b = _shared_first(a, b), _shared_first(b, a)
+    a, b = _put_shared_first(a, b), _put_shared_first(b, a)
     shared = (a == b).cumprod(axis=1).sum(axis=1)
     found = np.zeros(len(pairs), bool)
-    for count, meet in enumerate((triangles_meet, _meet_beside_corner, _fold_at_side)):
+    for count, meet in enumerate((triangles_meet, _meet_away_from_corner, _are_folded_together)):
         chosen = shared == count
         found[chosen] = meet(mesh.vertices[a[chosen]], mesh.vertices[b[chosen]])
     return found
 
 
-def triangles_meet(a: Floats, b: Floats) -> Truths:
+def triangles_meet(a: Floats, b: Floats) -> Booleans:
     """Whether triangles (k, 3, 3) have a point in common, (k,); exact.
 
     If they have, an edge of one meets the other.
@@ -67,29 +69,29 @@ def triangles_meet(a: Floats, b: Floats) -> Truths:
     return found
 
 
-def segments_meet(start: Floats, stop: Floats, triangle: Floats) -> Truths:
+def segments_meet(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
     """Whether segments, (k, 3) each, meet triangles (k, 3, 3); exact.
 
     A triangle without area is met by none: what meets it meets with an edge of it.
     """
     a, b, c = (triangle[:, k] for k in range(3))
-    before, behind = _side(a, b, c, start), _side(a, b, c, stop)
+    before, behind = _side_of_plane(a, b, c, start), _side_of_plane(a, b, c, stop)
     found = before * behind <= 0
     within = (before == 0) & (behind == 0)
     found[within] = _meet_in_plane(start[within], stop[within], triangle[within])
     through = found & ~within
-    found[through] = _pass_inside(start[through], stop[through], triangle[through])
+    found[through] = _lines_pass_through(start[through], stop[through], triangle[through])
     return np.asarray(found, np.bool_)
 
 
-def _pass_inside(start: Floats, stop: Floats, triangle: Floats) -> Truths:
+def _lines_pass_through(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
     """Whether lines pass through triangles, in whose planes they do not lie."""
     a, b, c = (triangle[:, k] for k in range(3))
-    turns = np.stack([_side(start, stop, p, q) for p, q in ((a, b), (b, c), (c, a))])
+    turns = np.stack([_side_of_plane(start, stop, p, q) for p, q in ((a, b), (b, c), (c, a))])
     return np.asarray((turns.min(axis=0) >= 0) | (turns.max(axis=0) <= 0), np.bool_)
 
 
-def _meet_beside_corner(a: Floats, b: Floats) -> Truths:
+def _meet_away_from_corner(a: Floats, b: Floats) -> Booleans:
     """Whether triangles that share their first corner meet elsewhere.
 
     A ray from the corner that stays in both leaves one of them through the opposite side.
@@ -99,17 +101,17 @@ def _meet_beside_corner(a: Floats, b: Floats) -> Truths:
     )
 
 
-def _fold_at_side(a: Floats, b: Floats) -> Truths:
+def _are_folded_together(a: Floats, b: Floats) -> Booleans:
     """Whether triangles that share their first two corners lie in a plane, on one side of them."""
-    flat = _side(a[:, 0], a[:, 1], a[:, 2], b[:, 2]) == 0
+    flat = _side_of_plane(a[:, 0], a[:, 1], a[:, 2], b[:, 2]) == 0
     same = np.zeros(len(a), bool)
     for axis in range(3):
-        here, there = (_turn(t[:, 0], t[:, 1], t[:, 2], axis) for t in (a, b))
+        here, there = (_turning_direction(t[:, 0], t[:, 1], t[:, 2], axis) for t in (a, b))
         same |= here * there > 0
     return np.asarray(flat & same, np.bool_)
 
 
-def _meet_in_plane(start: Floats, stop: Floats, triangle: Floats) -> Truths:
+def _meet_in_plane(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
     """Whether segments meet triangles in whose plane they lie: no line in it parts them.
 
     A line that parts two convex shapes of a plane can be turned until it has a side of one.
@@ -117,33 +119,35 @@ def _meet_in_plane(start: Floats, stop: Floats, triangle: Floats) -> Truths:
     a, b, c = (triangle[:, k] for k in range(3))
     found = np.zeros(len(start), bool)
     for axis in range(3):
-        around = _turn(a, b, c, axis)
+        around = _turning_direction(a, b, c, axis)
         apart = np.zeros(len(start), bool)
         for p, q in ((a, b), (b, c), (c, a)):
-            outside = [around * _turn(p, q, end, axis) < 0 for end in (start, stop)]
+            outside = [around * _turning_direction(p, q, end, axis) < 0 for end in (start, stop)]
             apart |= outside[0] & outside[1]
-        corners = np.stack([_turn(start, stop, corner, axis) for corner in (a, b, c)])
+        corners = np.stack([_turning_direction(start, stop, corner, axis) for corner in (a, b, c)])
         apart |= (corners.min(axis=0) > 0) | (corners.max(axis=0) < 0)
         found |= (around != 0) & ~apart
     return found
 
 
-def _side(a: Floats, b: Floats, c: Floats, point: Floats) -> Integers:
+def _side_of_plane(a: Floats, b: Floats, c: Floats, point: Floats) -> Integers:
     """On which side of the plane through a, b, c points lie, (k,): 1, 0 or −1; exact."""
     rows = [np.ascontiguousarray(p) for p in (a, b, c, point)]
     return np.asarray(igl.predicates.orient3d(*rows), np.int64)
 
 
-def _turn(a: Floats, b: Floats, c: Floats, axis: int) -> Integers:
+def _turning_direction(a: Floats, b: Floats, c: Floats, axis: int) -> Integers:
     """Which way a, b, c turn as seen along an axis, (k,): 1, 0 or −1; exact."""
     p, q, r = (np.where(np.arange(3) == axis, 0.0, point) for point in (a, b, c))
-    return _side(p, q, r, p + np.eye(3)[axis])
+    return _side_of_plane(p, q, r, p + np.eye(3)[axis])
 
 
-def _straddles(a: Floats, b: Floats, depth: float) -> Truths:
-    """Whether triangles `a` have corners further than `depth` on both sides of those `b`."""
+def _straddle_planes(a: Floats, b: Floats, min_depth: float) -> Booleans:
+    """Whether triangles `a` have corners further than `min_depth` on both sides of those `b`."""
     height = _heights(a, b)
-    return np.asarray((height.max(axis=1) > depth) & (height.min(axis=1) < -depth), np.bool_)
+    return np.asarray(
+        (height.max(axis=1) > min_depth) & (height.min(axis=1) < -min_depth), np.bool_
+    )
 
 
 def _common_length(a: Floats, b: Floats) -> Floats:
@@ -151,7 +155,7 @@ def _common_length(a: Floats, b: Floats) -> Floats:
 
     Negative if they meet the line between their planes apart from each other.
     """
-    line = np.cross(_normals(a), _normals(b))
+    line = np.cross(_unit_normals(a), _unit_normals(b))
     line /= np.linalg.norm(line, axis=1, keepdims=True)
     low, high = np.full(len(a), -np.inf), np.full(len(a), np.inf)
     for one, other in ((a, b), (b, a)):
@@ -167,16 +171,16 @@ def _common_length(a: Floats, b: Floats) -> Floats:
 
 def _heights(a: Floats, b: Floats) -> Floats:
     """Of the corners of triangles `a` over the planes of those `b`, (k, 3); 0 if there is none."""
-    return np.asarray(np.einsum("kcx,kx->kc", a - b[:, :1], _normals(b)))
+    return np.asarray(np.einsum("kcx,kx->kc", a - b[:, :1], _unit_normals(b)))
 
 
-def _normals(triangles: Floats) -> Floats:
+def _unit_normals(triangles: Floats) -> Floats:
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(normals / np.where(length > 0, length, 1))
 
 
-def _candidates(first: TriMesh, second: TriMesh) -> Integers:
+def _find_candidate_pairs(first: TriMesh, second: TriMesh) -> Integers:
     """Pairs of faces, (p, 2), all among them that have a point in common."""
     _, pairs, _ = igl.predicates.find_intersections(
         first.vertices, first.faces, second.vertices, second.faces
@@ -184,12 +188,12 @@ def _candidates(first: TriMesh, second: TriMesh) -> Integers:
     return np.asarray(pairs, np.int64).reshape(-1, 2)
 
 
-def _shared_first(corners: Integers, others: Integers) -> Integers:
+def _put_shared_first(corners: Integers, others: Integers) -> Integers:
     """The corners of faces (k, 3), those that the face beside it has too first, by number."""
     shared = (corners[:, :, None] == others[:, None]).any(axis=2)
     order = np.lexsort((corners, ~shared), axis=1)
     return np.take_along_axis(corners, order, axis=1)
 
 
-def _sorted(pairs: Integers) -> Integers:
+def _sort_pairs(pairs: Integers) -> Integers:
     return pairs[np.lexsort(pairs.T[::-1])]

@@ -11,7 +11,7 @@ from scipy.sparse import csgraph
 from cageik_cli.util.arrays import Floats, Integers, Number
 from cageik_cli.util.errors import InputError
 
-LARGEST_COORDINATE = 1e50
+MAX_COORDINATE = 1e50
 """Positions beyond it are refused: areas and volumes, and their squares, would overflow."""
 
 
@@ -23,7 +23,7 @@ class TriMesh:
     ----------
     vertices : (n, 3) float64
         Positions, in the units of the file they came from. Finite, no coordinate beyond
-        `LARGEST_COORDINATE`. Read-only.
+        `MAX_COORDINATE`. Read-only.
     faces : (f, 3) int64
         Indices into `vertices`, counted from 0. Read-only.
 
@@ -38,8 +38,8 @@ class TriMesh:
     faces: Integers
 
     def __post_init__(self) -> None:
-        vertices = _read_only(checked_positions(self.vertices))
-        faces = _read_only(_checked_faces(self.faces, len(vertices)))
+        vertices = _make_read_only(validate_positions(self.vertices))
+        faces = _make_read_only(_validate_faces(self.faces, len(vertices)))
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 
@@ -51,7 +51,7 @@ class TriMesh:
     @cached_property
     def edges(self) -> "Edges":
         """The undirected edges of the faces."""
-        return Edges.of(self.faces)
+        return Edges.from_faces(self.faces)
 
     @cached_property
     def is_closed(self) -> bool:
@@ -72,7 +72,7 @@ class TriMesh:
         """Signed volume, cubed file units; positive when the faces turn outward. Closed meshes."""
         return float(signed_volumes(self.vertices[None], self.faces)[0])
 
-    def flipped(self) -> "TriMesh":
+    def flip(self) -> "TriMesh":
         """The same surface seen from its other side."""
         return TriMesh(self.vertices, self.faces[:, ::-1])
 
@@ -86,24 +86,24 @@ class Edges:
     ends : (e, 2) int64
         Vertex numbers, the smaller first. Edges are in the order in which the faces first have
         them, so that what is summed over edges cancels panel by panel and rounds little.
-    of_side : (f, 3) int64
+    side_edges : (f, 3) int64
         The edge of each face's side; side k lies opposite corner k.
     first_side : (e,) int64
         3 face + side of the first side that is on the edge.
-    uses : (e,) int64
+    face_counts : (e,) int64
         How many faces have the edge.
     is_balanced : (e,) bool
         Whether as many faces pass the edge from the smaller to the larger number as back.
     """
 
     ends: Integers
-    of_side: Integers
+    side_edges: Integers
     first_side: Integers
-    uses: Integers
+    face_counts: Integers
     is_balanced: NDArray[np.bool_]
 
     @staticmethod
-    def of(faces: Integers) -> "Edges":
+    def from_faces(faces: Integers) -> "Edges":
         """Collect the edges of `faces`, (f, 3)."""
         starts, stops = np.roll(faces, -1, axis=1).ravel(), np.roll(faces, -2, axis=1).ravel()
         low, high = np.minimum(starts, stops), np.maximum(starts, stops)
@@ -121,7 +121,7 @@ class Edges:
         )
 
 
-def checked_positions(positions: ArrayLike) -> Floats:
+def validate_positions(positions: ArrayLike) -> Floats:
     """`positions` as (n, 3) float64; an InputError names the first vertex that cannot be used."""
     with np.errstate(over="ignore", invalid="ignore"):  # a conversion's overflow is found below
         array = np.asarray(positions, dtype=np.float64)
@@ -135,12 +135,12 @@ def checked_positions(positions: ArrayLike) -> Floats:
             f"vertex {vertex} is ({x:g}, {y:g}, {z:g}) and {np.count_nonzero(~finite)} of "
             f"{len(array)} vertices are not finite; expected finite numbers, export the file again"
         )
-    if max(array.max(), -array.min()) > LARGEST_COORDINATE:
-        vertex = int(np.argmax(np.abs(array).max(axis=1) > LARGEST_COORDINATE))
+    if max(array.max(), -array.min()) > MAX_COORDINATE:
+        vertex = int(np.argmax(np.abs(array).max(axis=1) > MAX_COORDINATE))
         x, y, z = array[vertex]
         raise InputError(
             f"vertex {vertex} is ({x:g}, {y:g}, {z:g}), expected coordinates of "
-            f"{LARGEST_COORDINATE:g} at most; export the file again, or scale it"
+            f"{MAX_COORDINATE:g} at most; export the file again, or scale it"
         )
     return array
 
@@ -194,24 +194,24 @@ def uniform_laplacian(mesh: TriMesh) -> Floats:
     return np.asarray(np.eye(n) - adjacency / adjacency.sum(axis=1, keepdims=True))
 
 
-def _checked_faces(faces: ArrayLike, count: int) -> Integers:
+def _validate_faces(faces: ArrayLike, vertex_count: int) -> Integers:
     array = np.asarray(faces)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise InputError(f"faces have shape {array.shape}, expected (count, 3) triangles")
     if not np.issubdtype(array.dtype, np.integer):
         raise InputError(f"faces are {array.dtype} numbers, expected integers")
     array = array.astype(np.int64)
-    wrong = (array < 0) | (array >= count)
+    wrong = (array < 0) | (array >= vertex_count)
     if wrong.any():
         face = int(np.argmax(wrong.any(axis=1)))
         raise InputError(
             f"face {face} names vertices {', '.join(map(str, array[face]))} (counted from 0), "
-            f"but there are {count}; export the mesh again"
+            f"but there are {vertex_count}; export the mesh again"
         )
     return array
 
 
-def _read_only(array: NDArray[Number]) -> NDArray[Number]:
+def _make_read_only(array: NDArray[Number]) -> NDArray[Number]:
     if array.flags.writeable:
         array = array.copy()
         array.flags.writeable = False

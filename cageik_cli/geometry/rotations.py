@@ -18,29 +18,29 @@ import numpy as np
 
 from cageik_cli.util.arrays import Floats
 
-STEPS = 4
+NEWTON_STEPS = 4
 """Of Newton's method: two or three are enough unless the matrix turns things inside out."""
 
-LARGEST_LAST_STEP = 1e-9
+MAX_LAST_STEP = 1e-9
 """What the last step may still change of f; the next would change its square, many times."""
 
-LEAST_SLOPE = 0.03
+MIN_SLOPE = 0.03
 """Of ½ f g − det A: below, the next root is near, and digits are lost."""
 
-LEAST_SIZE = 1e-140
+MIN_NORM = 1e-140
 """Matrices of a smaller norm lose digits when it is squared."""
 
 
-def _minors() -> list[int]:
+def _list_cofactor_factors() -> list[int]:
     """Where in a flat matrix the factors of cofactors are: cof A = A₀ A₁ − A₂ A₃, all nine."""
     steps = ((1, 1), (2, 2), (1, 2), (2, 1))
     places = [(i, j) for i in range(3) for j in range(3)]
     return [3 * ((i + down) % 3) + (j + right) % 3 for down, right in steps for i, j in places]
 
 
-FACTORS = np.array(_minors())
+FACTOR_INDICES = np.array(_list_cofactor_factors())
 
-PARTNERS = FACTORS.reshape(2, 2, 9)[:, ::-1].ravel()
+PARTNER_INDICES = FACTOR_INDICES.reshape(2, 2, 9)[:, ::-1].ravel()
 """What each factor is multiplied by."""
 
 
@@ -50,22 +50,25 @@ def nearest_rotations(matrices: Floats) -> Floats:
     A matrix of zeros, which has none, is given the identity.
     """
     entries = np.ascontiguousarray(matrices.reshape(-1, 9).T)
-    return np.ascontiguousarray(nearest_by_entry(entries).T).reshape(-1, 3, 3)
+    return np.ascontiguousarray(nearest_rotations_by_entry(entries).T).reshape(-1, 3, 3)
 
 
-def nearest_by_entry(entries: Floats) -> Floats:
+def nearest_rotations_by_entry(entries: Floats) -> Floats:
     """The same for matrices and rotations laid out entry by entry, (9, k), row after row."""
     with np.errstate(all="ignore"):  # what fails here is done otherwise
-        sizes = np.sqrt(_dots(entries, entries))
+        sizes = np.sqrt(_column_dots(entries, entries))
         unit = entries / sizes
-        factors = unit.take(FACTORS, axis=0).reshape(4, 9, -1)
+        factors = unit.take(FACTOR_INDICES, axis=0).reshape(4, 9, -1)
         cofactors = factors[0] * factors[1]
         cofactors -= factors[2] * factors[3]
-        determinants, squares = _dots(unit[:3], cofactors[:3]), _dots(cofactors, cofactors)
+        determinants, squares = (
+            _column_dots(unit[:3], cofactors[:3]),
+            _column_dots(cofactors, cofactors),
+        )
         f, last_step = _largest_root(determinants, squares)
         half_g = (f * f - 1) / 2
         slopes = f * half_g - determinants
-        factors *= cofactors.take(PARTNERS, axis=0).reshape(4, 9, -1)
+        factors *= cofactors.take(PARTNER_INDICES, axis=0).reshape(4, 9, -1)
         found = unit * half_g
         found += cofactors * f
         found += factors[0]
@@ -73,10 +76,10 @@ def nearest_by_entry(entries: Floats) -> Floats:
         found -= factors[2]
         found -= factors[3]
         found /= slopes
-        is_found = (slopes > LEAST_SLOPE) & (last_step < LARGEST_LAST_STEP) & (sizes > LEAST_SIZE)
+        is_found = (slopes > MIN_SLOPE) & (last_step < MAX_LAST_STEP) & (sizes > MIN_NORM)
     if not is_found.all():
         others = entries[:, ~is_found].T.reshape(-1, 3, 3)
-        found[:, ~is_found] = decomposed(others).reshape(-1, 9).T
+        found[:, ~is_found] = nearest_rotations_by_svd(others).reshape(-1, 9).T
     return np.asarray(found)
 
 
@@ -90,7 +93,7 @@ def _largest_root(determinants: Floats, squares: Floats) -> tuple[Floats, Floats
     bounds = constant + np.maximum(linear, np.sqrt(3) * linear)
     f = np.sqrt(1 + np.sqrt(np.maximum(bounds, 0)))
     constant -= 1
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         # The polynomial ((f² − 2) f − linear) f − constant, and its derivative, by few passes.
         slope = f * f
         slope -= 2
@@ -106,11 +109,11 @@ def _largest_root(determinants: Floats, squares: Floats) -> tuple[Floats, Floats
     return f, np.abs(step)
 
 
-def _dots(left: Floats, right: Floats) -> Floats:
+def _column_dots(left: Floats, right: Floats) -> Floats:
     return np.asarray(np.add.reduce(left * right, axis=0))
 
 
-def decomposed(matrices: Floats) -> Floats:
+def nearest_rotations_by_svd(matrices: Floats) -> Floats:
     """The same rotations by singular values: slower, of whatever matrices.
 
     References

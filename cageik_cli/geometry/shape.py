@@ -6,13 +6,13 @@ from numpy.typing import NDArray
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
-THINNEST = 1e-9
+MIN_ALTITUDE_RATIO = 1e-9
 """Smallest altitude of a cage face over its longest side; below it the face has no plane."""
 
-PARALLEL = 1e-12
+PARALLEL_TOL = 1e-12
 """Cosine between a direction and a plane's normal, below which they do not meet."""
 
-BLOCK = 256
+FACES_PER_BLOCK = 256
 """Faces looked at together for sheets opposite."""
 
 
@@ -32,21 +32,21 @@ def corner_angles(mesh: TriMesh) -> Floats:
     return np.asarray(np.degrees(np.arctan2(sine, (ahead * back).sum(axis=2))))
 
 
-def is_flat(mesh: TriMesh) -> NDArray[np.bool_]:
+def degenerate_face_mask(mesh: TriMesh) -> NDArray[np.bool_]:
     """Which faces have no plane, (f,)."""
     corner = mesh.vertices[mesh.faces]
     sides = corner - np.roll(corner, 1, axis=1)
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    return np.asarray(~(2 * face_areas(mesh) > THINNEST * longest**2), np.bool_)
+    return np.asarray(~(2 * face_areas(mesh) > MIN_ALTITUDE_RATIO * longest**2), np.bool_)
 
 
 def bounds_volume(mesh: TriMesh) -> bool:
     """Whether each edge has two faces that turn alike: there is an inside and an outside."""
-    return bool((mesh.edges.uses == 2).all() and mesh.is_closed)
+    return bool((mesh.edges.face_counts == 2).all() and mesh.is_closed)
 
 
-def opposite_sheets(mesh: TriMesh, limit: float) -> tuple[Integers, Floats]:
-    """Faces, and the faces opposite them, before or behind, nearer than `limit` times their width.
+def thin_face_pairs(mesh: TriMesh, max_ratio: float) -> tuple[Integers, Floats]:
+    """Find pairs of opposite faces that are nearer than `max_ratio` times their width.
 
     Along the normal through the centroid; the width is the root of the area. No face may be flat.
 
@@ -63,7 +63,7 @@ def opposite_sheets(mesh: TriMesh, limit: float) -> tuple[Integers, Floats]:
     normal = np.cross(one, two) / (2 * width**2)[:, None]
     # Barycentric coordinates of a point are these gradients times its distance from the base.
     gradients = (np.cross(edge, normal) / (2 * width**2)[:, None] for edge in (two, -one))
-    first, second, reach = _reached_planes(corner.mean(axis=1), base, normal, limit * width)
+    first, second, reach = _find_plane_hits(corner.mean(axis=1), base, normal, max_ratio * width)
     hit = corner.mean(axis=1)[first] + reach[:, None] * normal[first] - base[second]
     u, v = ((hit * gradient[second]).sum(axis=1) for gradient in gradients)
     met = (u >= 0) & (v >= 0) & (u + v <= 1)
@@ -71,18 +71,18 @@ def opposite_sheets(mesh: TriMesh, limit: float) -> tuple[Integers, Floats]:
     return pairs, np.abs(reach[met]) / width[pairs[:, 0]]
 
 
-def _reached_planes(
-    origin: Floats, base: Floats, normal: Floats, furthest: Floats
+def _find_plane_hits(
+    origin: Floats, base: Floats, normal: Floats, max_distance: Floats
 ) -> tuple[Integers, Integers, Floats]:
-    """Which faces' normals meet which others' planes at most `furthest` away, and where."""
+    """Which faces' normals meet which others' planes at most `max_distance` away, and where."""
     found = []
-    for start in range(0, len(base), BLOCK):
-        own = np.arange(start, min(start + BLOCK, len(base)))
+    for start in range(0, len(base), FACES_PER_BLOCK):
+        own = np.arange(start, min(start + FACES_PER_BLOCK, len(base)))
         along = normal[own] @ normal.T
         height = (base * normal).sum(axis=1) - origin[own] @ normal.T
-        near = np.abs(height) <= furthest[own, None] * np.abs(along)
+        near = np.abs(height) <= max_distance[own, None] * np.abs(along)
         near[np.arange(len(own)), own] = False
-        here, other = np.nonzero(near & (np.abs(along) > PARALLEL))
+        here, other = np.nonzero(near & (np.abs(along) > PARALLEL_TOL))
         found.append((own[here], other, height[here, other] / along[here, other]))
     first, second, reach = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return first, second, reach

@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
-ON_SURFACE = 1e-12
+SURFACE_TOL = 1e-12
 """A point this near a surface, in diagonals, is on it."""
 
-ROUNDING = 8 * np.finfo(np.float64).eps
+ROUNDING_TOL = 8 * np.finfo(np.float64).eps
 """Or this near in the largest coordinate, which is more when that is far away."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NearestOnSurface:
+class ClosestPoints:
     """The surface point nearest to each of m points.
 
     Attributes
@@ -35,12 +35,14 @@ class NearestOnSurface:
     position: Floats
 
     @property
-    def touching(self) -> NDArray[np.bool_]:
+    def is_touching(self) -> NDArray[np.bool_]:
         """Which points are on the surface but for rounding, (m,)."""
         largest = np.abs(self.mesh.vertices).max()
-        return np.asarray(self.distance <= max(ON_SURFACE * self.mesh.diagonal, ROUNDING * largest))
+        return np.asarray(
+            self.distance <= max(SURFACE_TOL * self.mesh.diagonal, ROUNDING_TOL * largest)
+        )
 
-    def weights(self, chosen: NDArray[np.bool_]) -> Floats:
+    def barycentric_weights(self, chosen: NDArray[np.bool_]) -> Floats:
         """Barycentric weights of the `chosen` nearest points among all vertices, (count, n)."""
         corners = self.mesh.faces[self.face[chosen]]
         weights = np.zeros((len(corners), len(self.mesh.vertices)))
@@ -51,10 +53,10 @@ class NearestOnSurface:
         return weights
 
 
-def nearest_on_surface(mesh: TriMesh, points: Floats) -> NearestOnSurface:
+def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
     """Find the point of `mesh` nearest to each of `points`, (m, 3)."""
     squares, face, position = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)
-    return NearestOnSurface(mesh, np.sqrt(squares), face.astype(np.int64), position)
+    return ClosestPoints(mesh, np.sqrt(squares), face.astype(np.int64), position)
 
 
 def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]:
@@ -66,10 +68,10 @@ def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]
     (k,) int64
         Numbers of the points that are off the surface by more than rounding.
     """
-    nearest = nearest_on_surface(mesh, points)
+    nearest = closest_points(mesh, points)
     weights = np.empty((len(points), len(mesh.vertices)))
-    weights[nearest.touching] = nearest.weights(nearest.touching)
-    return weights, np.flatnonzero(~nearest.touching)
+    weights[nearest.is_touching] = nearest.barycentric_weights(nearest.is_touching)
+    return weights, np.flatnonzero(~nearest.is_touching)
 
 
 def winding_numbers(mesh: TriMesh, points: Floats) -> Floats:

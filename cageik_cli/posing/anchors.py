@@ -12,14 +12,14 @@ import numpy as np
 
 from cageik_cli.geometry.camera import Camera
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import nearest_on_surface
+from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
 
-LARGEST_SLIP = 1e-6
+BARYCENTRIC_TOL = 1e-6
 """Barycentric coordinates whose sum is off by more are a mistake; up to it, they are divided."""
 
-ON_ONE_POINT = 1e-9
+COINCIDENT_TOL = 1e-9
 """Points nearer to each other than this, in diagonals, are one."""
 
 
@@ -38,7 +38,7 @@ class SurfacePoint:
     corners: Integers
     barycentric: Floats
 
-    def row(self, weights: Floats) -> Floats:
+    def cage_weights(self, weights: Floats) -> Floats:
         """Σ_i γ_i H_i, (n,): the point in cage space."""
         return np.asarray(self.barycentric @ weights[self.corners])
 
@@ -78,19 +78,19 @@ class Anchor:
             )
 
 
-def rows_of(anchors: Sequence[Anchor], weights: Floats) -> Floats:
+def anchor_matrix(anchors: Sequence[Anchor], weights: Floats) -> Floats:
     """The anchors in cage space, (l, n), by weights (m, n)."""
-    rows = [anchor.point.row(weights) for anchor in anchors]
+    rows = [anchor.point.cage_weights(weights) for anchor in anchors]
     return np.array(rows).reshape(len(rows), weights.shape[1])
 
 
-def positions_of(anchors: Sequence[Anchor], vertices: Floats) -> Floats:
+def anchor_positions(anchors: Sequence[Anchor], vertices: Floats) -> Floats:
     """Where the anchors are on meshes (…, m, 3): (…, l, 3)."""
     points = [anchor.point.position(vertices) for anchor in anchors]
     return np.stack(points, axis=-2) if points else np.empty((*vertices.shape[:-2], 0, 3))
 
 
-def at_vertex(mesh: TriMesh, vertex: int) -> SurfacePoint:
+def point_at_vertex(mesh: TriMesh, vertex: int) -> SurfacePoint:
     """A vertex.
 
     Raises
@@ -106,7 +106,7 @@ def at_vertex(mesh: TriMesh, vertex: int) -> SurfacePoint:
     return SurfacePoint(np.full(3, vertex), np.array([1.0, 0.0, 0.0]))
 
 
-def on_face(mesh: TriMesh, face: int, barycentric: Floats) -> SurfacePoint:
+def point_on_face(mesh: TriMesh, face: int, barycentric: Floats) -> SurfacePoint:
     """The point of a face that has these barycentric coordinates.
 
     Raises
@@ -123,9 +123,9 @@ def on_face(mesh: TriMesh, face: int, barycentric: Floats) -> SurfacePoint:
         )
     if shares.shape != (3,) or not np.isfinite(shares).all():
         raise InputError("barycentric coordinates are not three finite numbers")
-    if abs(shares.sum() - 1) > LARGEST_SLIP:
+    if abs(shares.sum() - 1) > BARYCENTRIC_TOL:
         raise InputError(f"barycentric coordinates sum to {shares.sum():.10g}, expected 1")
-    if shares.min() < -LARGEST_SLIP:
+    if shares.min() < -BARYCENTRIC_TOL:
         raise InputError(
             f"a barycentric coordinate is {shares.min():g}, expected 0 or above: the point is "
             "not on the face"
@@ -133,11 +133,11 @@ def on_face(mesh: TriMesh, face: int, barycentric: Floats) -> SurfacePoint:
     return SurfacePoint(mesh.faces[face], shares / shares.sum())
 
 
-def nearest_to(mesh: TriMesh, position: Floats) -> SurfacePoint:
+def closest_point(mesh: TriMesh, position: Floats) -> SurfacePoint:
     """The point of the surface nearest to a position in space, (3,)."""
     from scipy.optimize import nnls  # a tenth of a second, which few handles files need
 
-    nearest = nearest_on_surface(mesh, np.asarray(position, np.float64)[None])
+    nearest = closest_points(mesh, np.asarray(position, np.float64)[None])
     corners = mesh.faces[nearest.face[0]]
     away = (mesh.vertices[corners] - nearest.position[0]) / (mesh.diagonal or 1.0)
     # Faces without area have points with many coordinates: any that are not negative will do.
@@ -145,7 +145,7 @@ def nearest_to(mesh: TriMesh, position: Floats) -> SurfacePoint:
     return SurfacePoint(corners, shares / shares.sum())
 
 
-def picked(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:
+def pick(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:
     """The front-most point of the surface that is seen in a pixel, (2,).
 
     Faces are hit from both sides, and rays do not slip through between two.
@@ -159,8 +159,8 @@ def picked(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:
     ----------
     Woop, Benthin and Wald 2013, for edge functions that faces share bit for bit.
     """
-    rays = camera.rays(np.asarray(pixel, np.float64)[None])
-    seen = (mesh.vertices - rays.origins[0]) @ _axes(rays.directions[0]).T
+    rays = camera.cast_rays(np.asarray(pixel, np.float64)[None])
+    seen = (mesh.vertices - rays.origins[0]) @ _ray_axes(rays.directions[0]).T
     x, y, depth = (np.ascontiguousarray(column)[mesh.faces].T for column in seen.T)
     edges = np.roll(x, -2, axis=0) * np.roll(y, -1, axis=0)
     edges = np.roll(x, -1, axis=0) * np.roll(y, -2, axis=0) - edges
@@ -176,13 +176,13 @@ def picked(mesh: TriMesh, camera: Camera, pixel: Floats) -> SurfacePoint:
         verb = "meets" if beyond else "misses"
         raise InputError(
             f"pixel ({x_text}, {y_text}) of {camera.width:g} x {camera.height:g} {verb} the mesh"
-            f"{beyond}; {_where_seen(mesh, camera)}"
+            f"{beyond}; {_suggest_visible_pixels(mesh, camera)}"
         )
     nearest = int(np.where(is_seen, depths, np.inf).argmin())
     return SurfacePoint(mesh.faces[faces[nearest]], shares[:, nearest])
 
 
-def _where_seen(mesh: TriMesh, camera: Camera) -> str:
+def _suggest_visible_pixels(mesh: TriMesh, camera: Camera) -> str:
     """What to do about a pixel that shows nothing."""
     try:
         seen = camera.project(mesh.vertices)[:, :2]
@@ -195,7 +195,7 @@ def _where_seen(mesh: TriMesh, camera: Camera) -> str:
     return f"choose one where it is seen: x {left:.0f} to {right:.0f}, y {upper:.0f} to {lower:.0f}"
 
 
-def _axes(direction: Floats) -> Floats:
+def _ray_axes(direction: Floats) -> Floats:
     """Axes, (3, 3), of which the last is `direction`, of length one."""
     start = np.eye(3)[np.abs(direction).argmin()]
     first = np.cross(direction, start)

@@ -8,9 +8,9 @@ from scipy.linalg.blas import dgemv
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError, first_few
+from cageik_cli.util.errors import InputError, join_truncated
 
-LARGEST_ASYMMETRY = 1e-3
+MAX_ASYMMETRY = 1e-3
 """Diagonals of the cage by which a vertex may be off the mirror image of its partner."""
 
 
@@ -45,14 +45,14 @@ class Mirror:
         object.__setattr__(self, "normal", normal / size)
         object.__setattr__(self, "point", point)
 
-    def reflected(self, points: Floats) -> Floats:
+    def reflect(self, points: Floats) -> Floats:
         """The mirror images of points, (…, 3)."""
         heights = (points - self.point) @ self.normal
         return np.asarray(points - 2 * heights[..., None] * self.normal)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ties:
+class CageConstraints:
     """What binds the vertices of a cage beside its Laplacian.
 
     Attributes
@@ -68,7 +68,7 @@ class Ties:
     mirror: Mirror | None = None
 
 
-def partners(cage: TriMesh, mirror: Mirror) -> Integers:
+def mirror_pairs(cage: TriMesh, mirror: Mirror) -> Integers:
     """The mirror image's number of each cage vertex, (n,); its own for one on the plane.
 
     Raises
@@ -76,21 +76,21 @@ def partners(cage: TriMesh, mirror: Mirror) -> Integers:
     InputError
         When the cage is not its own mirror image, naming vertices.
     """
-    images = mirror.reflected(cage.vertices)
+    images = mirror.reflect(cage.vertices)
     distances = np.linalg.norm(images[:, None] - cage.vertices, axis=2)
     nearest = distances.argmin(axis=1)
-    off = distances.min(axis=1) > LARGEST_ASYMMETRY * cage.diagonal
+    off = distances.min(axis=1) > MAX_ASYMMETRY * cage.diagonal
     wrong = np.flatnonzero(off | (nearest[nearest] != np.arange(len(nearest))))
     if len(wrong):
         raise InputError(
             f"the cage is not symmetric about the mirror: {len(wrong)} of {len(nearest)} cage "
-            f"vertices have no partner within {LARGEST_ASYMMETRY:g} of its diagonal "
-            f"({first_few(wrong.tolist(), 5)}); move the plane, or leave the mirror out"
+            f"vertices have no partner within {MAX_ASYMMETRY:g} of its diagonal "
+            f"({join_truncated(wrong.tolist(), 5)}); move the plane, or leave the mirror out"
         )
     return np.asarray(nearest, np.int64)
 
 
-def free_basis(cage: TriMesh, ties: Ties, sign: int) -> Floats:
+def free_basis(cage: TriMesh, constraints: CageConstraints, sign: int) -> Floats:
     """What is free of one coordinate of all cage vertices: (n, r), columns of length one.
 
     Parameters
@@ -105,15 +105,15 @@ def free_basis(cage: TriMesh, ties: Ties, sign: int) -> Floats:
         When a vertex that is locked does not exist, or the mirror does not fit.
     """
     n = len(cage.vertices)
-    wrong = [vertex for vertex in ties.locked if not 0 <= vertex < n]
+    wrong = [vertex for vertex in constraints.locked if not 0 <= vertex < n]
     if wrong:
         raise InputError(
             f"there is no cage vertex {wrong[0]} to lock; the cage has {n}, numbered from 0 to "
             f"{n - 1}"
         )
-    partner = np.arange(n) if ties.mirror is None else partners(cage, ties.mirror)
+    partner = np.arange(n) if constraints.mirror is None else mirror_pairs(cage, constraints.mirror)
     tied = np.eye(n) + sign * np.eye(n)[partner]
-    locked = np.array(ties.locked, np.int64)
+    locked = np.array(constraints.locked, np.int64)
     is_free = np.ones(n, bool)
     is_free[locked] = is_free[partner[locked]] = False
     kept = is_free & (np.arange(n) <= partner) & tied.any(axis=0)
@@ -121,7 +121,7 @@ def free_basis(cage: TriMesh, ties: Ties, sign: int) -> Floats:
     return np.asarray(basis / np.linalg.norm(basis, axis=0))
 
 
-class TiedMap:
+class MirroredMap:
     """A linear map of points; of their coordinate across a mirror, another one.
 
     Parameters
@@ -133,14 +133,14 @@ class TiedMap:
 
     def __init__(self, maps: Sequence[Floats], mirror: Mirror | None) -> None:
         self._mirror, self._along = mirror, maps[0]
-        self._across_more = maps[0] if mirror is None else maps[1] - maps[0]
+        self._across_difference = maps[0] if mirror is None else maps[1] - maps[0]
 
     def __call__(self, points: Floats) -> Floats:
         """Points (…, q, 3) mapped, (…, p, 3)."""
         if self._mirror is None:
             return np.asarray(self._along @ points)
         normal = self._mirror.normal
-        heights = (self._across_more @ (points @ normal)[..., None])[..., 0]
+        heights = (self._across_difference @ (points @ normal)[..., None])[..., 0]
         return np.asarray(self._along @ points + heights[..., None] * normal)
 
     def add_to(self, columns: Floats, points: Floats) -> None:
@@ -155,10 +155,10 @@ class TiedMap:
             dgemv(1.0, self._along, coordinate, beta=1.0, y=column, overwrite_y=True)
         if self._mirror is not None:
             normal = self._mirror.normal
-            columns += normal[:, None] * (self._across_more @ (points @ normal))
+            columns += normal[:, None] * (self._across_difference @ (points @ normal))
 
-    def followed_by(self, matrix: Floats) -> "TiedMap":
+    def compose(self, matrix: Floats) -> "MirroredMap":
         """The map, then a matrix that is the same for all coordinates."""
-        more = [] if self._mirror is None else [self._along + self._across_more]
+        more = [] if self._mirror is None else [self._along + self._across_difference]
         maps = [np.asfortranarray(matrix @ values) for values in (self._along, *more)]
-        return TiedMap(maps, self._mirror)
+        return MirroredMap(maps, self._mirror)

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Binding, rebuilt
-from cageik_cli.posing.anchors import Anchor, positions_of, rows_of
-from cageik_cli.posing.handles.model import Handles, PlaceSettings, Surface
-from cageik_cli.posing.handles.placement import placed
-from cageik_cli.posing.handles.schedule import Drag
-from cageik_cli.posing.poser import DEFAULT_ALPHA, Poser, refuse_no_weights
-from cageik_cli.solver.metrics import FrameFigures, measure
+from cageik_cli.coordinates.binding import Binding, reconstruct
+from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
+from cageik_cli.posing.handles.model import Handles, PlacementSettings, PosedSurface
+from cageik_cli.posing.handles.placement import place_handles
+from cageik_cli.posing.handles.schedule import HandleSchedule
+from cageik_cli.posing.poser import DEFAULT_ALPHA, Poser, validate_weights
+from cageik_cli.solver.metrics import FrameMetrics, measure
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import located
+from cageik_cli.util.errors import error_context
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class PosingSettings:
         As `Poser` has them.
     rigidity : int
         Rounds in which the cage's cells turn.
-    place : PlaceSettings
+    placement : PlacementSettings
 
     Raises
     ------
@@ -39,50 +39,52 @@ class PosingSettings:
     alpha: float = DEFAULT_ALPHA
     beta: float = 1.0
     rigidity: int = 0
-    place: PlaceSettings = field(default_factory=PlaceSettings)
+    placement: PlacementSettings = field(default_factory=PlacementSettings)
 
     def __post_init__(self) -> None:
-        refuse_no_weights(self.alpha, self.beta)
+        validate_weights(self.alpha, self.beta)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Skin:
-    """What cages make of a model: `mesh + weights @ (cages - cage)`.
+class CageSkin:
+    """What cages make of a model: `base_mesh + weights @ (cages - cage)`.
 
     Attributes
     ----------
     weights : (m, n) float64
-    cage : (n, 3) float64
-    mesh : (m, 3) float64
+    base_cage : (n, 3) float64
+    base_mesh : (m, 3) float64
         What that cage is to give exactly, whatever weights times cage are; zeros and zeros for
         weights times cages alone.
     """
 
     weights: Floats
-    cage: Floats
-    mesh: Floats
+    base_cage: Floats
+    base_mesh: Floats
 
     @classmethod
-    def at_rest(cls, binding: Binding) -> "Skin":
+    def for_rest_pose(cls, binding: Binding) -> "CageSkin":
         """One that gives the rest pose bit for bit."""
         return cls(binding.weights, binding.cage.vertices, binding.rest.vertices)
 
     @classmethod
-    def rebuilding(cls, binding: Binding) -> "Skin":
+    def for_reconstruction(cls, binding: Binding) -> "CageSkin":
         """One that gives what a result's cages rebuild."""
         m, n = binding.weights.shape
         return cls(binding.weights, np.zeros((n, 3)), np.zeros((m, 3)))
 
-    def meshes(self, cages: Floats) -> Floats:
+    def deform(self, cages: Floats) -> Floats:
         """The meshes (k, m, 3) of cages (k, n, 3)."""
-        meshes = rebuilt(self.weights, cages - self.cage)
-        meshes += self.mesh
+        meshes = reconstruct(self.weights, cages - self.base_cage)
+        meshes += self.base_mesh
         return meshes
 
-    def positions(self, anchors: Sequence[Anchor], cages: Floats) -> Floats:
+    def anchor_positions(self, anchors: Sequence[Anchor], cages: Floats) -> Floats:
         """Where anchors are on the meshes of cages (k, n, 3): (k, l, 3)."""
-        rows = rows_of(anchors, self.weights)
-        return np.asarray(positions_of(anchors, self.mesh) + rows @ (cages - self.cage))
+        rows = anchor_matrix(anchors, self.weights)
+        return np.asarray(
+            anchor_positions(anchors, self.base_mesh) + rows @ (cages - self.base_cage)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +93,7 @@ class Layer:
 
     Attributes
     ----------
-    drag : Drag
+    schedule : HandleSchedule
         Where its anchors are to go.
     poser : Poser
         Of those anchors.
@@ -101,52 +103,54 @@ class Layer:
         Where its set is in the file of handles; "" for the only one.
     """
 
-    drag: Drag
+    schedule: HandleSchedule
     poser: Poser
     rigidity: int
     name: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Clip:
+class EditTarget:
     """What layers are laid over.
 
     Attributes
     ----------
     binding : Binding
-    skin : Skin
-    cage : callable
+    skin : CageSkin
+    cage_at : callable
         The cage of a frame, (n, 3), by its number.
-    count : int, optional
+    frame_count : int, optional
         Of its frames; None for a single pose, whose only frame is 0.
     """
 
     binding: Binding
-    skin: Skin
-    cage: Callable[[int], Floats]
-    count: int | None
+    skin: CageSkin
+    cage_at: Callable[[int], Floats]
+    frame_count: int | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Edit:
+class EditedCages:
     """What layers did to k frames.
 
     Attributes
     ----------
     cages : (k, n, 3) float64
         As they are after all layers.
-    starts : (k, l, 3) float64
+    start_positions : (k, l, 3) float64
         Where the anchors of all layers were, each before its own layer.
-    targets : (k, l, 3) float64
+    target_positions : (k, l, 3) float64
         Where they were to be, at the strength that their layer has in each frame.
     """
 
     cages: Floats
-    starts: Floats
-    targets: Floats
+    start_positions: Floats
+    target_positions: Floats
 
 
-def layers_of(handles: Handles, clip: Clip, settings: PosingSettings) -> list[Layer]:
+def build_layers(
+    handles: Handles, edit_target: EditTarget, settings: PosingSettings
+) -> list[Layer]:
     """The sets of a file of handles as layers; points are picked on what those before have made.
 
     Raises
@@ -158,111 +162,125 @@ def layers_of(handles: Handles, clip: Clip, settings: PosingSettings) -> list[La
     """
     layers: list[Layer] = []
     for k, handle_set in enumerate(handles.sets):
-        surface = Surface(clip.binding.rest, _poses(clip, tuple(layers)), clip.count)
+        surface = PosedSurface(
+            edit_target.binding.rest,
+            _make_pose_function(edit_target, tuple(layers)),
+            edit_target.frame_count,
+        )
         name = f"sets[{k}]" if len(handles.sets) > 1 else ""
-        with _named(name):
-            drag = placed(handle_set, surface, settings.place)
-            poser = Poser(clip.binding, drag.anchors, settings.alpha, settings.beta, handles.ties)
+        with _set_context(name):
+            drag = place_handles(handle_set, surface, settings.placement)
+            poser = Poser(
+                edit_target.binding,
+                drag.anchors,
+                settings.alpha,
+                settings.beta,
+                handles.constraints,
+            )
         layers.append(Layer(drag, poser, settings.rigidity, name))
     return layers
 
 
-def anchors_of(layers: Sequence[Layer]) -> list[Anchor]:
+def collect_anchors(layers: Sequence[Layer]) -> list[Anchor]:
     """The anchors of all layers, l of them."""
-    return [anchor for layer in layers for anchor in layer.drag.anchors]
+    return [anchor for layer in layers for anchor in layer.schedule.anchors]
 
 
-def acting(layers: Sequence[Layer], frames: Integers) -> NDArray[np.bool_]:
+def active_anchors(layers: Sequence[Layer], frames: Integers) -> NDArray[np.bool_]:
     """Which of all anchors have a part in frames (k,), (k, l): those of layers that change them."""
-    strengths = [layer.drag.blend(frames) for layer in layers for _ in layer.drag.anchors]
+    strengths = [layer.schedule.blend(frames) for layer in layers for _ in layer.schedule.anchors]
     return np.stack(strengths, axis=1) > 0
 
 
-def edited(layers: Sequence[Layer], skin: Skin, frames: Integers, cages: Floats) -> Edit:
+def apply_layers(
+    layers: Sequence[Layer], skin: CageSkin, frames: Integers, cages: Floats
+) -> EditedCages:
     """Lay all layers over the cages (k, n, 3) of frames (k,).
 
     A frame that no layer changes keeps its cage bit for bit.
     """
     starts, targets = [], []
     for layer in layers:
-        found = skin.positions(layer.drag.anchors, cages)
-        with _named(layer.name):
-            displacements = layer.drag.displacements(frames, found)
-        cages = layer.poser.edited(cages, displacements, layer.rigidity)
+        found = skin.anchor_positions(layer.schedule.anchors, cages)
+        with _set_context(layer.name):
+            displacements = layer.schedule.displacements(frames, found)
+        cages = layer.poser.edit_cages(cages, displacements, layer.rigidity)
         starts.append(found)
         targets.append(found + displacements)
-    return Edit(cages, np.concatenate(starts, axis=1), np.concatenate(targets, axis=1))
+    return EditedCages(cages, np.concatenate(starts, axis=1), np.concatenate(targets, axis=1))
 
 
-def _named(name: str) -> AbstractContextManager[None]:
+def _set_context(name: str) -> AbstractContextManager[None]:
     """Put the name of a set in front of what is wrong with it."""
-    return located(name) if name else nullcontext()
+    return error_context(name) if name else nullcontext()
 
 
-def _poses(clip: Clip, layers: tuple[Layer, ...]) -> Callable[[int], Floats]:
+def _make_pose_function(
+    edit_target: EditTarget, layers: tuple[Layer, ...]
+) -> Callable[[int], Floats]:
     """The mesh of a frame, (m, 3), by its number, as the layers leave it."""
 
     def pose(frame: int) -> Floats:
-        cages = clip.cage(frame)[None]
+        cages = edit_target.cage_at(frame)[None]
         if layers:
-            cages = edited(layers, clip.skin, np.array([frame]), cages).cages
-        return np.asarray(clip.skin.meshes(cages)[0])
+            cages = apply_layers(layers, edit_target.skin, np.array([frame]), cages).cages
+        return np.asarray(edit_target.skin.deform(cages)[0])
 
     return pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EditedBlock:
+class EditedFrames:
     """k frames before and after an edit, with l anchors in all its layers.
 
     Attributes
     ----------
     frames : (k,) int64
         Their numbers, ascending.
-    cages : (k, n, 3) float64
+    cages_before : (k, n, 3) float64
         Before.
-    edit : Edit
+    edit : EditedCages
         What was done.
-    meshes, edited : (k, m, 3) float64
+    meshes_before, meshes_after : (k, m, 3) float64
         Before and after.
     anchors_before, anchors_after : (k, l, 3) float64
-    figures : FrameFigures
+    metrics : FrameMetrics
         Of the meshes after against those before.
-    squares : (k, m) float64
+    squared_displacements : (k, m) float64
         Of how far each vertex was moved.
     """
 
     frames: Integers
-    cages: Floats
-    edit: Edit
-    meshes: Floats
-    edited: Floats
+    cages_before: Floats
+    edit: EditedCages
+    meshes_before: Floats
+    meshes_after: Floats
     anchors_before: Floats
     anchors_after: Floats
-    figures: FrameFigures
-    squares: Floats
+    metrics: FrameMetrics
+    squared_displacements: Floats
 
 
-def edited_block(
-    layers: Sequence[Layer], clip: Clip, frames: Integers, cages: Floats
-) -> EditedBlock:
+def edit_frames(
+    layers: Sequence[Layer], edit_target: EditTarget, frames: Integers, cages: Floats
+) -> EditedFrames:
     """Lay layers over the cages (k, n, 3) of frames (k,), and compare."""
-    edit = edited(layers, clip.skin, frames, cages)
-    meshes = clip.skin.meshes(cages)
+    edit = apply_layers(layers, edit_target.skin, frames, cages)
+    meshes = edit_target.skin.deform(cages)
     after = meshes.copy()
     is_changed = (edit.cages != cages).any(axis=(1, 2))
     # What is added is the difference alone: nothing cancels, and where it is zero nothing changes.
-    after[is_changed] += rebuilt(clip.binding.weights, (edit.cages - cages)[is_changed])
-    measured = measure(clip.binding.rest, meshes, after, slice(None))
-    anchors = anchors_of(layers)
-    return EditedBlock(
+    after[is_changed] += reconstruct(edit_target.binding.weights, (edit.cages - cages)[is_changed])
+    measured = measure(edit_target.binding.rest, meshes, after, slice(None))
+    anchors = collect_anchors(layers)
+    return EditedFrames(
         frames=frames,
-        cages=cages,
+        cages_before=cages,
         edit=edit,
-        meshes=meshes,
-        edited=after,
-        anchors_before=clip.skin.positions(anchors, cages),
-        anchors_after=clip.skin.positions(anchors, edit.cages),
-        figures=measured.figures,
-        squares=measured.squares,
+        meshes_before=meshes,
+        meshes_after=after,
+        anchors_before=edit_target.skin.anchor_positions(anchors, cages),
+        anchors_after=edit_target.skin.anchor_positions(anchors, edit.cages),
+        metrics=measured.metrics,
+        squared_displacements=measured.squared_errors,
     )

@@ -17,28 +17,28 @@ import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import uniform_laplacian
-from cageik_cli.posing.anchors import Anchor, positions_of, rows_of
-from cageik_cli.posing.cage_response import CageField, Response
-from cageik_cli.posing.constraints import TiedMap, Ties, free_basis
+from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
+from cageik_cli.posing.cage_response import CageResponseSolver, Response
+from cageik_cli.posing.constraints import CageConstraints, MirroredMap, free_basis
 from cageik_cli.posing.rigidity import Cells, Neighbours
-from cageik_cli.solver.dual_laplacian import WORST_CONDITION
+from cageik_cli.solver.dual_laplacian import MAX_CONDITION
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError, NumericalError
 
 DEFAULT_ALPHA = 1e-6
 """Of posing: a few anchors are to be met, where thousands of vertices are to be fitted."""
 
-MOST_NAMED = 3
+MAX_NAMED = 3
 """Anchors that are named when they cannot all be met, those first that have most part in it."""
 
-LEAST_NAMED = 0.1
+MIN_NAMED_SHARE = 0.1
 """Those that have less part in it than this share of the first's are not named."""
 
-LARGEST_RATIO = 1e100
+MAX_WEIGHT_RATIO = 1e100
 """Of alpha to beta: far beyond, numbers overflow."""
 
 
-def refuse_no_weights(alpha: float, beta: float) -> None:
+def validate_weights(alpha: float, beta: float) -> None:
     """Refuse weights of the Laplacian and of the anchors that are not finite numbers above 0.
 
     So are those between which nothing is left of the anchors.
@@ -50,9 +50,9 @@ def refuse_no_weights(alpha: float, beta: float) -> None:
     for name, value in (("alpha", alpha), ("beta", beta)):
         if not (np.isfinite(value) and value > 0):
             raise InputError(f"{name} is {value}, expected a finite number above 0")
-    if alpha / LARGEST_RATIO > beta:
+    if alpha / MAX_WEIGHT_RATIO > beta:
         raise InputError(
-            f"alpha is {alpha} and beta {beta}, expected no more than {LARGEST_RATIO:g} times "
+            f"alpha is {alpha} and beta {beta}, expected no more than {MAX_WEIGHT_RATIO:g} times "
             "beta; make alpha smaller"
         )
 
@@ -68,7 +68,7 @@ class Poser:
         l of them, with names of their own. Without any the cage is free to go anywhere, and stays.
     alpha, beta : float
         Weights of the Laplacian and of the anchors that are not hard; finite, above 0.
-    ties : Ties, optional
+    constraints : CageConstraints, optional
         Cage vertices that are locked, or mirrored.
 
     Attributes
@@ -76,10 +76,10 @@ class Poser:
     binding : Binding
     anchors : tuple of Anchor
     alpha, beta : float
-    ties : Ties
+    constraints : CageConstraints
     condition_number : float
         Of the anchors' system: how much it magnifies errors of what it is given.
-    loose : int
+    free_modes : int
         In how many ways parts of the cage could move as one and no anchor says how; they stay, or
         follow those that are held.
 
@@ -97,21 +97,26 @@ class Poser:
         anchors: Iterable[Anchor],
         alpha: float = DEFAULT_ALPHA,
         beta: float = 1.0,
-        ties: Ties | None = None,
+        constraints: CageConstraints | None = None,
     ) -> None:
-        refuse_no_weights(alpha, beta)
-        self.binding, self.alpha, self.beta, self.ties = binding, alpha, beta, ties or Ties()
+        validate_weights(alpha, beta)
+        self.binding, self.alpha, self.beta, self.constraints = (
+            binding,
+            alpha,
+            beta,
+            constraints or CageConstraints(),
+        )
         cage = binding.cage
         laplacian = uniform_laplacian(cage)
         self._neighbours = Neighbours(laplacian)
-        signs = (1,) if self.ties.mirror is None else (1, -1)
-        bases = [free_basis(cage, self.ties, sign) for sign in signs]
-        self._fields = [CageField(cage, laplacian, basis) for basis in bases]
-        self._fix(tuple(anchors))
+        signs = (1,) if self.constraints.mirror is None else (1, -1)
+        bases = [free_basis(cage, self.constraints, sign) for sign in signs]
+        self._response_solvers = [CageResponseSolver(cage, laplacian, basis) for basis in bases]
+        self._solve_responses(tuple(anchors))
 
     def with_anchor(self, anchor: Anchor) -> "Poser":
         """The same with one anchor more; the cage is not factored again."""
-        return self._with((*self.anchors, anchor))
+        return self._with_anchors((*self.anchors, anchor))
 
     def without_anchor(self, name: str) -> "Poser":
         """The same with one anchor less; the cage is not factored again.
@@ -124,13 +129,13 @@ class Poser:
         kept = tuple(anchor for anchor in self.anchors if anchor.name != name)
         if len(kept) == len(self.anchors):
             raise InputError(f"there is no anchor called {name!r}")
-        return self._with(kept)
+        return self._with_anchors(kept)
 
     def displacements(self, targets: Floats) -> Floats:
         """t, (l, 3), that brings the anchors from the rest pose to targets, (l, 3)."""
-        return np.asarray(targets - self._rest)
+        return np.asarray(targets - self._rest_positions)
 
-    def cage(self, displacements: Floats, rigidity: int = 0) -> Floats:
+    def solve_cage(self, displacements: Floats, rigidity: int = 0) -> Floats:
         """The cage, (n, 3), for displacements of the anchors from the rest pose, (l, 3).
 
         `rigidity` is the number of rounds in which the cage's cells turn with the motion; without
@@ -138,24 +143,24 @@ class Poser:
         """
         moved = self._cage_map(displacements)
         if rigidity and displacements.any():
-            moved = self._turned(self._cells_at_rest, moved, rigidity)
+            moved = self._rotate_cells(self._cells_at_rest, moved, rigidity)
         return np.asarray(self.binding.cage.vertices + moved)
 
-    def mesh(self, displacements: Floats, rigidity: int = 0) -> Floats:
+    def solve_mesh(self, displacements: Floats, rigidity: int = 0) -> Floats:
         """The mesh, (m, 3), for displacements of the anchors from the rest pose, (l, 3).
 
         It lies in memory coordinate by coordinate, which is faster: all x, then all y, then all z.
         """
         columns = self._rest_columns.copy()
         if rigidity:
-            moved = self.cage(displacements, rigidity) - self.binding.cage.vertices
+            moved = self.solve_cage(displacements, rigidity) - self.binding.cage.vertices
             for column, coordinate in zip(columns, moved.T, strict=True):
                 column += self.binding.weights @ coordinate
         else:
             self._mesh_map.add_to(columns, displacements)
         return columns.T
 
-    def edited(self, cages: Floats, displacements: Floats, rigidity: int = 0) -> Floats:
+    def edit_cages(self, cages: Floats, displacements: Floats, rigidity: int = 0) -> Floats:
         """Cages (k, n, 3) with their anchors moved by displacements (k, l, 3).
 
         Each cage's own δ = L c is kept, so that its motion and detail stay. A cage whose anchors
@@ -165,68 +170,76 @@ class Poser:
         edited, chosen = cages.copy(), cages[is_moved]
         moved = self._cage_map(displacements[is_moved])
         if rigidity:
-            for cage, asked in zip(chosen, moved, strict=True):
-                asked[...] = self._turned(self._neighbours.cells(cage), asked, rigidity)
+            for cage, unrotated in zip(chosen, moved, strict=True):
+                unrotated[...] = self._rotate_cells(
+                    self._neighbours.build_cells(cage), unrotated, rigidity
+                )
         edited[is_moved] += moved
         return edited
 
-    def _turned(self, cells: Cells, asked: Floats, rounds: int) -> Floats:
+    def _rotate_cells(self, cells: Cells, unrotated: Floats, rounds: int) -> Floats:
         """Displacements (n, 3) of a cage whose cells turn, from those of cells that do not."""
-        moved = asked
+        moved = unrotated
         for _ in range(rounds):
-            moved = asked + self._turn_map(cells.turned(cells.rotations(moved)))
+            moved = unrotated + self._differential_map(
+                cells.rotate_differences(cells.fit_rotations(moved))
+            )
         return moved
 
-    def _with(self, anchors: tuple[Anchor, ...]) -> "Poser":
+    def _with_anchors(self, anchors: tuple[Anchor, ...]) -> "Poser":
         """What does not depend on the anchors is shared."""
         other = copy(self)
-        other._fix(anchors)
+        other._solve_responses(anchors)
         return other
 
-    def _fix(self, anchors: tuple[Anchor, ...]) -> None:
+    def _solve_responses(self, anchors: tuple[Anchor, ...]) -> None:
         """Solve for the responses to anchors."""
         names = [anchor.name for anchor in anchors]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise InputError(f"two anchors are called {twice!r}; give each a name of its own")
+        duplicate = next((name for name in names if names.count(name) > 1), None)
+        if duplicate is not None:
+            raise InputError(f"two anchors are called {duplicate!r}; give each a name of its own")
         self.anchors = anchors
-        rows = rows_of(anchors, self.binding.weights)
-        self._rest = positions_of(anchors, self.binding.rest.vertices)
-        slack = self.alpha * len(anchors) / (self.beta * len(self.binding.cage.vertices))
-        slacks = np.array([0.0 if anchor.hard else slack / anchor.weight for anchor in anchors])
-        responses = [field.response(rows, slacks) for field in self._fields]
+        rows = anchor_matrix(anchors, self.binding.weights)
+        self._rest_positions = anchor_positions(anchors, self.binding.rest.vertices)
+        unit_compliance = self.alpha * len(anchors) / (self.beta * len(self.binding.cage.vertices))
+        compliance = np.array(
+            [0.0 if anchor.hard else unit_compliance / anchor.weight for anchor in anchors]
+        )
+        responses = [field.solve_response(rows, compliance) for field in self._response_solvers]
         for response in responses:
-            _refuse_dependent(response, anchors)
+            _check_independent(response, anchors)
         self.condition_number = max(response.condition_number for response in responses)
-        self.loose = sum(response.loose for response in responses)
-        mirror = self.ties.mirror
-        self._cage_map = TiedMap([response.of_anchors for response in responses], mirror)
-        self._turn_map = TiedMap([response.of_differences for response in responses], mirror)
+        self.free_modes = sum(response.free_modes for response in responses)
+        mirror = self.constraints.mirror
+        self._cage_map = MirroredMap([response.anchor_response for response in responses], mirror)
+        self._differential_map = MirroredMap(
+            [response.differential_response for response in responses], mirror
+        )
         self.__dict__.pop("_mesh_map", None)
 
     @cached_property
     def _cells_at_rest(self) -> Cells:
-        return self._neighbours.cells(self.binding.cage.vertices)
+        return self._neighbours.build_cells(self.binding.cage.vertices)
 
     @cached_property
-    def _mesh_map(self) -> TiedMap:
-        return self._cage_map.followed_by(self.binding.weights)
+    def _mesh_map(self) -> MirroredMap:
+        return self._cage_map.compose(self.binding.weights)
 
     @cached_property
     def _rest_columns(self) -> Floats:
         return np.ascontiguousarray(self.binding.rest.vertices.T)
 
 
-def _refuse_dependent(response: Response, anchors: tuple[Anchor, ...]) -> None:
+def _check_independent(response: Response, anchors: tuple[Anchor, ...]) -> None:
     """Refuse anchors that cannot go where they are to, each for itself."""
-    if response.condition_number <= WORST_CONDITION:
+    if response.condition_number <= MAX_CONDITION:
         return
-    parts = np.round(np.abs(response.weakest) / np.abs(response.weakest).max(), 6)
-    order = np.argsort(-parts, kind="stable")[:MOST_NAMED]
-    names = [repr(anchors[k].name) for k in order if parts[k] > LEAST_NAMED]
+    parts = np.round(np.abs(response.weakest_mode) / np.abs(response.weakest_mode).max(), 6)
+    order = np.argsort(-parts, kind="stable")[:MAX_NAMED]
+    names = [repr(anchors[k].name) for k in order if parts[k] > MIN_NAMED_SHARE]
     raise NumericalError(
         f"the anchors cannot all be met: the system's condition number is "
-        f"{response.condition_number:.1e}, more than {WORST_CONDITION:.0e}, and "
+        f"{response.condition_number:.1e}, more than {MAX_CONDITION:.0e}, and "
         f"{' and '.join(names)} {'has' if len(names) == 1 else 'have'} most part in it; leave one "
         "out, make it soft, raise alpha, or unlock cage vertices near it"
     )

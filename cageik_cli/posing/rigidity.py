@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.geometry.rotations import nearest_by_entry
+from cageik_cli.geometry.rotations import nearest_rotations_by_entry
 from cageik_cli.util.arrays import Floats
 
 
@@ -34,28 +34,28 @@ class Cells:
     ----------
     differences : (n, 3) float64
         δ = L c.
-    at_rest : (3n, 3) float64
+    rest_covariance : (3n, 3) float64
         S of the cage at rest: its columns, which are its rows too, one below the other.
-    covariance : sparse (3n, n)
+    covariance_map : sparse (3n, n)
         Δ_x + E_x, one below the other.
-    turning : sparse (n, 3n)
+    rotation_map : sparse (n, 3n)
         ½ (Δ_x − E_x), beside each other.
     """
 
     differences: Floats
-    at_rest: Floats
-    covariance: Any
-    turning: Any
+    rest_covariance: Floats
+    covariance_map: Any
+    rotation_map: Any
 
-    def rotations(self, displacements: Floats) -> Floats:
+    def fit_rotations(self, displacements: Floats) -> Floats:
         """R of every cell, (3, 3, n), for displacements (n, 3)."""
-        columns = self.at_rest + self.covariance @ displacements
+        columns = self.rest_covariance + self.covariance_map @ displacements
         entries = np.ascontiguousarray(columns.T).reshape(9, -1)
-        return nearest_by_entry(entries).reshape(3, 3, -1)
+        return nearest_rotations_by_entry(entries).reshape(3, 3, -1)
 
-    def turned(self, rotations: Floats) -> Floats:
+    def rotate_differences(self, rotations: Floats) -> Floats:
         """How δ changes by rotations (3, 3, n): b − L c of every cell, (n, 3)."""
-        return np.asarray(self.turning @ rotations.reshape(3, -1).T - self.differences)
+        return np.asarray(self.rotation_map @ rotations.reshape(3, -1).T - self.differences)
 
 
 class Neighbours:
@@ -71,7 +71,7 @@ class Neighbours:
         self._rows, self._columns = np.nonzero(laplacian)  # i and j, by i
         self._entries = laplacian[self._rows, self._columns]
         self._transposed = laplacian[self._columns, self._rows]
-        self._own = np.flatnonzero(self._rows == self._columns)
+        self._diagonal = np.flatnonzero(self._rows == self._columns)
         self._firsts = np.searchsorted(self._rows, np.arange(len(laplacian)))
         # L has its entries at the same places as its transpose: its rows, three times, are those of
         # one of the two matrices of cells, and the columns of the other.
@@ -79,13 +79,13 @@ class Neighbours:
         starts = np.add.outer(np.arange(3) * len(self._rows), self._firsts)
         self._starts = np.append(starts, len(self._places))
 
-    def cells(self, cage: Floats) -> Cells:
+    def build_cells(self, cage: Floats) -> Cells:
         """The cells of the cage at (n, 3)."""
         edges = (cage[self._rows] - cage[self._columns]).T
         rows, columns = self._entries * edges, self._transposed * edges / 2
         # L c by these edges: a cage that moves as one then changes S by nothing but rounding.
         differences = -np.add.reduceat(rows, self._firsts, axis=1)
-        rows[:, self._own], columns[:, self._own] = differences, differences / 2
+        rows[:, self._diagonal], columns[:, self._diagonal] = differences, differences / 2
         shape = (3 * len(cage), len(cage))
         covariance = sparse.csr_array((rows.ravel(), self._places, self._starts), shape)
         turning = sparse.csc_array((columns.ravel(), self._places, self._starts), shape[::-1])

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.posing.edits import Clip, EditedBlock, Layer, acting, anchors_of
+from cageik_cli.posing.edits import EditedFrames, EditTarget, Layer, active_anchors, collect_anchors
 from cageik_cli.util.arrays import Floats, Integers
 
 
 @dataclass(frozen=True, slots=True)
-class AnchorFigures:
+class AnchorSummary:
     """How an anchor went, in the frames that its layer changes.
 
     Attributes
@@ -42,14 +42,14 @@ class AnchorFigures:
 
 
 @dataclass(frozen=True, slots=True)
-class PoseFigures:
+class PoseSummary:
     """What a pose or an edit came to; lengths in file units.
 
     Attributes
     ----------
     diagonal : float
         Of the rest model.
-    anchors : tuple of AnchorFigures
+    anchors : tuple of AnchorSummary
     rms, rms_percent : float
         How far the mesh moved: sqrt(mean |v' − v|²) over vertices and frames.
     moved : float
@@ -74,7 +74,7 @@ class PoseFigures:
     """
 
     diagonal: float
-    anchors: tuple[AnchorFigures, ...]
+    anchors: tuple[AnchorSummary, ...]
     rms: float
     rms_percent: float
     moved: float
@@ -89,7 +89,7 @@ class PoseFigures:
     changed: tuple[str, str] | None
 
 
-class PoseLedger:
+class PoseStatistics:
     """Takes block after block, and keeps what is largest.
 
     Parameters
@@ -101,89 +101,90 @@ class PoseLedger:
 
     def __init__(self, layers: Sequence[Layer], diagonal: float) -> None:
         self._layers, self._diagonal = layers, diagonal
-        self._anchors = anchors_of(layers)
-        self._layer_names = [layer.name for layer in layers for _ in layer.drag.anchors]
+        self._anchors = collect_anchors(layers)
+        self._layer_names = [layer.name for layer in layers for _ in layer.schedule.anchors]
         self._moved, self._residual = np.zeros((2, len(self._anchors)))
         self._residual_frame = np.zeros(len(self._anchors), np.int64)
-        self._squares, self._count = 0.0, 0
+        self._squares, self._frame_count = 0.0, 0
         self._farthest, self._vertex, self._frame = 0.0, 0, 0
-        self._least = 0.0
+        self._smallest_motion = 0.0
         self._cage_farthest, self._cage_vertex = 0.0, 0
-        self._volume: float | None = None
+        self._volume_change: float | None = None
         self._changed: list[int] = []
-        self._bends = _Bend(), _Bend()
+        self._acceleration_trackers = _AccelerationTracker(), _AccelerationTracker()
 
-    def take(self, block: EditedBlock) -> None:
+    def update(self, block: EditedFrames) -> None:
         """Look at the next frames, if there are any."""
         if not len(block.frames):
             return
-        acts = acting(self._layers, block.frames)
+        acts = active_anchors(self._layers, block.frames)
         distances = np.linalg.norm(block.anchors_after - block.anchors_before, axis=2) * acts
         self._moved = np.maximum(self._moved, distances.max(axis=0))
-        residuals = np.linalg.norm(block.anchors_after - block.edit.targets, axis=2) * acts
+        residuals = np.linalg.norm(block.anchors_after - block.edit.target_positions, axis=2) * acts
         worst, largest = residuals.argmax(axis=0), residuals.max(axis=0)
         is_worse = largest > self._residual
         self._residual_frame[is_worse] = block.frames[worst[is_worse]]
         self._residual = np.maximum(self._residual, largest)
-        is_changed = (block.edit.cages != block.cages).any(axis=(1, 2))
+        is_changed = (block.edit.cages != block.cages_before).any(axis=(1, 2))
         for bend, positions in zip(
-            self._bends, (block.anchors_before, block.anchors_after), strict=True
+            self._acceleration_trackers, (block.anchors_before, block.anchors_after), strict=True
         ):
-            bend.take(block.frames, positions, is_changed)
-        self._take_meshes(block)
+            bend.update(block.frames, positions, is_changed)
+        self._update_meshes(block)
         if is_changed.any():
             numbers = block.frames[is_changed]
             self._changed = [*self._changed[:1], int(numbers[0]), int(numbers[-1])]
 
-    def _take_meshes(self, block: EditedBlock) -> None:
-        figures = block.figures
-        self._squares += float(figures.rms @ figures.rms)
-        self._count += len(block.frames)
-        worst = int(figures.max_deviation.argmax())
-        if figures.max_deviation[worst] > self._farthest:
-            self._farthest = float(figures.max_deviation[worst])
-            self._vertex = int(figures.worst_vertex[worst])
+    def _update_meshes(self, block: EditedFrames) -> None:
+        metrics = block.metrics
+        self._squares += float(metrics.rms @ metrics.rms)
+        self._frame_count += len(block.frames)
+        worst = int(metrics.max_deviation.argmax())
+        if metrics.max_deviation[worst] > self._farthest:
+            self._farthest = float(metrics.max_deviation[worst])
+            self._vertex = int(metrics.worst_vertex[worst])
             self._frame = int(block.frames[worst])
-            self._least = float(np.sqrt(block.squares[worst].min()))
-        distances = np.linalg.norm(block.edit.cages - block.cages, axis=2).max(axis=0)
+            self._smallest_motion = float(np.sqrt(block.squared_displacements[worst].min()))
+        distances = np.linalg.norm(block.edit.cages - block.cages_before, axis=2).max(axis=0)
         if distances.max() > self._cage_farthest:
             self._cage_farthest, self._cage_vertex = float(distances.max()), int(distances.argmax())
         with np.errstate(divide="ignore", invalid="ignore"):
-            changes = 100 * (figures.volume_reconstructed / figures.volume - 1)
+            changes = 100 * (metrics.volume_reconstructed / metrics.volume - 1)
         known = changes[np.isfinite(changes)]
         if len(known):
             largest = float(known[np.abs(known).argmax()])
-            self._volume = max(self._volume or 0.0, largest, key=abs)
+            self._volume_change = max(self._volume_change or 0.0, largest, key=abs)
 
-    def figures(self, names: Sequence[str]) -> PoseFigures:
+    def summarize(self, names: Sequence[str]) -> PoseSummary:
         """The figures of all blocks; `names` are those of the frames, or none for a single pose."""
 
         def named(frame: int) -> str:
             return names[frame] if names else ""
 
-        rms = float(np.sqrt(self._squares / max(1, self._count)))
-        return PoseFigures(
+        rms = float(np.sqrt(self._squares / max(1, self._frame_count)))
+        return PoseSummary(
             diagonal=self._diagonal,
             anchors=tuple(
-                self._anchor(k, named(int(frame))) for k, frame in enumerate(self._residual_frame)
+                self._summarize_anchor(k, named(int(frame)))
+                for k, frame in enumerate(self._residual_frame)
             ),
             rms=rms,
             rms_percent=100 * rms / self._diagonal,
             moved=self._farthest,
-            moved_least=self._least,
+            moved_least=self._smallest_motion,
             vertex=self._vertex,
             frame=named(self._frame),
             cage_moved=self._cage_farthest,
             cage_vertex=self._cage_vertex,
-            volume_change_percent=self._volume,
+            volume_change_percent=self._volume_change,
             condition_number=max(layer.poser.condition_number for layer in self._layers),
             rigidity=max(layer.rigidity for layer in self._layers),
             changed=(named(self._changed[0]), named(self._changed[-1])) if self._changed else None,
         )
 
-    def _anchor(self, k: int, frame: str) -> AnchorFigures:
-        before, after = (bend.largest for bend in self._bends)
-        return AnchorFigures(
+    def _summarize_anchor(self, k: int, frame: str) -> AnchorSummary:
+        before, after = (bend.max_acceleration for bend in self._acceleration_trackers)
+        return AnchorSummary(
             name=self._anchors[k].name,
             layer=self._layer_names[k],
             moved=float(self._moved[k]),
@@ -195,23 +196,23 @@ class PoseLedger:
         )
 
 
-class _Bend:
+class _AccelerationTracker:
     """The largest second differences of l positions over frames that follow each other.
 
     Only those count in which a frame is changed: elsewhere a clip may accelerate as it likes.
 
     Attributes
     ----------
-    largest : (l,) float64, optional
+    max_acceleration : (l,) float64, optional
     """
 
     def __init__(self) -> None:
-        self.largest: Floats | None = None
+        self.max_acceleration: Floats | None = None
         self._frames = np.empty(0, np.int64)
         self._is_changed = np.empty(0, bool)
         self._positions: Floats | None = None
 
-    def take(self, frames: Integers, positions: Floats, is_changed: NDArray[np.bool_]) -> None:
+    def update(self, frames: Integers, positions: Floats, is_changed: NDArray[np.bool_]) -> None:
         """Go on with positions, (k, l, 3), of frames (k,) that are changed, or not."""
         if self._positions is not None:
             frames = np.concatenate([self._frames, frames])
@@ -221,13 +222,15 @@ class _Bend:
         in_row &= is_changed[2:] | is_changed[1:-1] | is_changed[:-2]
         if in_row.any():
             bends = np.linalg.norm(np.diff(positions, 2, axis=0)[in_row], axis=2).max(axis=0)
-            self.largest = bends if self.largest is None else np.maximum(self.largest, bends)
+            self.max_acceleration = (
+                bends if self.max_acceleration is None else np.maximum(self.max_acceleration, bends)
+            )
         self._frames, self._positions = frames[-2:], positions[-2:]
         self._is_changed = is_changed[-2:]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Snapshot:
+class PoseSnapshot:
     """One frame before and after an edit, to be drawn.
 
     Attributes
@@ -236,29 +239,29 @@ class Snapshot:
         Its name; "" for a single pose.
     layers : sequence of Layer
         Of the edit.
-    block : EditedBlock
+    block : EditedFrames
         Of this frame alone.
-    clip : Clip
+    edit_target : Clip
     """
 
     frame: str
     layers: Sequence[Layer]
-    block: EditedBlock
-    clip: Clip
+    block: EditedFrames
+    edit_target: EditTarget
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Posed:
+class PoseResult:
     """What a run came to.
 
     Attributes
     ----------
-    figures : PoseFigures
-    snapshot : Snapshot
+    figures : PoseSummary
+    snapshot : PoseSnapshot
     up_axis : str
         One of the scene's.
     """
 
-    figures: PoseFigures
-    snapshot: Snapshot
+    figures: PoseSummary
+    snapshot: PoseSnapshot
     up_axis: str

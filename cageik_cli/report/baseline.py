@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from cageik_cli.report.limits import Baseline
-from cageik_cli.report.record import SCHEMA
-from cageik_cli.util.errors import InputError, located
-from cageik_cli.util.text import bytes_text
+from cageik_cli.report.record import SCHEMA_VERSION
+from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.text import format_bytes
 
-MOST_BYTES = 256 << 20
+MAX_BYTES = 256 << 20
 """Of a file that is read."""
 
-FIGURES = {
+SUMMARY_FIELDS = {
     "rms": "rms_percent",
     "frame_rms": "worst_frame_rms_percent",
     "max_deviation": "max_deviation_percent",
@@ -23,10 +23,10 @@ FIGURES = {
 }
 """The metrics that are compared, and the summary's names of them in percent."""
 
-_KINDS: dict[type, str] = {dict: "an object", list: "a list", str: "a text"}
+_TYPE_NAMES: dict[type, str] = {dict: "an object", list: "a list", str: "a text"}
 
 
-def read_baseline(path: Path, regression: Decimal) -> Baseline:
+def read_baseline(path: Path, max_regression: Decimal) -> Baseline:
     """Read what results are to be compared with.
 
     Parameters
@@ -34,7 +34,7 @@ def read_baseline(path: Path, regression: Decimal) -> Baseline:
     path : Path
         What `cageik report --json` wrote, of one result or several, or the report.json of a batch,
         whose failed clips have no figures.
-    regression : Decimal
+    max_regression : Decimal
         By how many percent its figures may be passed.
 
     Raises
@@ -42,9 +42,9 @@ def read_baseline(path: Path, regression: Decimal) -> Baseline:
     InputError
         Naming the file, and the place in it that is not what it should be.
     """
-    with located(path):
+    with error_context(path):
         figures: dict[str, dict[str, float | None]] = {}
-        for name, found in _results(_loaded(path)):
+        for name, found in _iterate_results(_load_json(path)):
             if name in figures:
                 raise InputError(
                     f"holds two results of the name {name}, expected one of each; "
@@ -53,20 +53,21 @@ def read_baseline(path: Path, regression: Decimal) -> Baseline:
             figures[name] = found
         if not figures:
             raise InputError("holds no result with figures; expected at least one")
-    return Baseline(path, figures, regression)
+    return Baseline(path, figures, max_regression)
 
 
-def _loaded(path: Path) -> Any:
+def _load_json(path: Path) -> Any:
     try:
         size = path.stat().st_size
         if not path.is_file():
             raise InputError("is not a plain file; name the JSON of an earlier report")
-        if size > MOST_BYTES:
+        if size > MAX_BYTES:
             raise InputError(
-                f"is of {bytes_text(size)}, more than the {bytes_text(MOST_BYTES)} that are read; "
+                f"is of {format_bytes(size)}, more than the {format_bytes(MAX_BYTES)} that are "
+                f"read; "
                 "name the JSON of an earlier report"
             )
-        return json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=_no_number)
+        return json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=_reject_constant)
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error}); check the path") from error
     except (ValueError, RecursionError) as error:
@@ -75,59 +76,62 @@ def _loaded(path: Path) -> Any:
         ) from error
 
 
-def _no_number(word: str) -> NoReturn:
+def _reject_constant(word: str) -> NoReturn:
     raise ValueError(f"{word} is not a number of JSON")
 
 
-def _results(document: Any) -> Iterator[tuple[str, dict[str, float | None]]]:
+def _iterate_results(document: Any) -> Iterator[tuple[str, dict[str, float | None]]]:
     """Name and figures of each result that has figures."""
     if isinstance(document, list):
         for k, record in enumerate(document):
-            with located(f"[{k}]"):
-                yield _record(_checked(record, dict))
-    elif "clips" in _checked(document, dict):
+            with error_context(f"[{k}]"):
+                yield _parse_record(_check_type(record, dict))
+    elif "clips" in _check_type(document, dict):
         _check_schema(document)
-        for k, entry in enumerate(_member(document, "clips", list)):
-            with located(f"clips[{k}]"):
-                if _checked(entry, dict).get("summary") is not None:
-                    yield _member(entry, "name", str), _figures(entry)
+        for k, entry in enumerate(_get_member(document, "clips", list)):
+            with error_context(f"clips[{k}]"):
+                if _check_type(entry, dict).get("summary") is not None:
+                    yield _get_member(entry, "name", str), _parse_metrics(entry)
     else:
-        yield _record(document)
+        yield _parse_record(document)
 
 
-def _record(record: dict[str, Any]) -> tuple[str, dict[str, float | None]]:
+def _parse_record(record: dict[str, Any]) -> tuple[str, dict[str, float | None]]:
     _check_schema(record)
-    return _member(record, "result", str), _figures(record)
+    return _get_member(record, "result", str), _parse_metrics(record)
 
 
 def _check_schema(record: dict[str, Any]) -> None:
     schema = record.get("schema")
-    if schema != SCHEMA or isinstance(schema, bool):
+    if schema != SCHEMA_VERSION or isinstance(schema, bool):
         raise InputError(
-            f"schema is {_short(schema)}, expected {SCHEMA}; name the JSON of cageik report or "
+            f"schema is {_shorten_json(schema)}, expected {SCHEMA_VERSION}; name the JSON of "
+            f"cageik report or "
             "cageik batch, of this version"
         )
 
 
-def _figures(record: dict[str, Any]) -> dict[str, float | None]:
-    summary = _member(record, "summary", dict)
-    return {metric: _figure(summary, metric, name) for metric, name in FIGURES.items()}
+def _parse_metrics(record: dict[str, Any]) -> dict[str, float | None]:
+    summary = _get_member(record, "summary", dict)
+    return {metric: _parse_metric(summary, metric, name) for metric, name in SUMMARY_FIELDS.items()}
 
 
-def _figure(summary: dict[str, Any], metric: str, name: str) -> float | None:
+def _parse_metric(summary: dict[str, Any], metric: str, name: str) -> float | None:
     value = summary.get(name)
     if metric == "volume_change" and value is None and name in summary:
         return None
-    size = _finite(value)
+    size = _parse_finite(value)
     if size is not None and metric == "volume_change":
         size = abs(size)
     if size is None or size < 0:
         expected = " or null" if metric == "volume_change" else ", zero or above"
-        raise InputError(f"summary.{name} is {_short(value)}, expected a finite number{expected}")
+        raise InputError(
+            f"summary.{name} is {_shorten_json(value)}, expected a finite number{expected}"
+        )
     return size
 
 
-def _finite(value: Any) -> float | None:
+def _parse_finite(value: Any) -> float | None:
     """A number of JSON; None if it is none, or too large for one here."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
@@ -138,21 +142,22 @@ def _finite(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _member(record: dict[str, Any], name: str, kind: type) -> Any:
-    with located(name):
-        return _checked(record.get(name), kind)
+def _get_member(record: dict[str, Any], name: str, kind: type) -> Any:
+    with error_context(name):
+        return _check_type(record.get(name), kind)
 
 
-def _checked(value: Any, kind: type) -> Any:
+def _check_type(value: Any, kind: type) -> Any:
     if not isinstance(value, kind):
         raise InputError(
-            f"is {_short(value)}, expected {_KINDS[kind]}; name the JSON of cageik report or "
+            f"is {_shorten_json(value)}, expected {_TYPE_NAMES[kind]}; name the JSON of cageik "
+            f"report or "
             "cageik batch"
         )
     return value
 
 
-def _short(value: Any) -> str:
+def _shorten_json(value: Any) -> str:
     """A value as JSON, cut when long."""
     text = json.dumps(value)
     return text if len(text) <= 40 else f"{text[:37]}..."

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Clip:
+class ClipRecord:
     """What was extracted: counts, the diagonal in file units, and whether the model is closed."""
 
     frames: int
@@ -25,7 +25,7 @@ class Clip:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class FrameRecord:
     """Figures of one frame: lengths in file units and percent of the diagonal, changes in percent.
 
     What depends on a volume is None for an open model, or when vertices are missing data. Of a
@@ -47,7 +47,7 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
+class ReportSummary:
     """Figures of the clip, over the frames that were not skipped.
 
     `volume_change_percent_max` is the change of largest size, with its sign.
@@ -85,7 +85,7 @@ class WorstVertex:
 
 
 @dataclass(frozen=True, slots=True)
-class VertexFigures:
+class VertexMetrics:
     """How the error is spread over the model.
 
     Attributes
@@ -103,21 +103,21 @@ class VertexFigures:
     worst: tuple[WorstVertex, ...]
 
 
-def percent_text(value: float) -> str:
+def format_percent(value: float) -> str:
     """A figure in percent as it is printed everywhere."""
     return f"{value:.4f}"
 
 
-def units_text(value: float) -> str:
+def format_length(value: float) -> str:
     """A length in file units as it is printed everywhere."""
     return f"{value:.6g}"
 
 
-def change_text(value: float) -> str:
+def format_change(value: float) -> str:
     """A change in percent, with its sign, as it is printed everywhere."""
     return f"{round(value, 4) + 0.0:+.4f}"  # −0 + 0 is 0
 
 
-def figure_text(value: float) -> str:
+def format_metric(value: float) -> str:
     """A figure of the literature as it is printed everywhere."""
     return f"{value:.4g}"

@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 from decimal import ROUND_FLOOR, Decimal, localcontext
 from pathlib import Path
 
-from cageik_cli.report.figures import Summary, percent_text, units_text
+from cageik_cli.report.figures import ReportSummary, format_length, format_percent
 
 METRICS = ("rms", "frame_rms", "max_deviation", "volume_change")
 """The clip's rms, that of its worst frame, the largest deviation, the largest volume change."""
 
 PERCENT, UNITS = "%", "units"
 
-DIGITS = 1000
+DECIMAL_DIGITS = 1000
 """Enough for the product of any two floats to be exact before it is rounded."""
 
 
@@ -28,14 +28,14 @@ class Limit:
     ----------
     metric : str
         One of `METRICS`.
-    most : Decimal
+    value : Decimal
         As it was typed.
     unit : str
         `PERCENT`, of the diagonal or of the volume, or `UNITS` of the file.
     """
 
     metric: str
-    most: Decimal
+    value: Decimal
     unit: str = PERCENT
 
 
@@ -50,21 +50,21 @@ class Baseline:
     figures : mapping of str to mapping of str to float or None
         In percent, by the result's name and the metric; a change without its sign, None where
         the figure was not defined.
-    regression : Decimal
+    max_regression : Decimal
         Percent of a figure.
-    by_name : bool
+    is_matched_by_name : bool
         Whether a result is compared with that of its name alone; else the only one of the file is
         compared with whatever result there is.
     """
 
     path: Path
     figures: Mapping[str, Mapping[str, float | None]]
-    regression: Decimal
-    by_name: bool = False
+    max_regression: Decimal
+    is_matched_by_name: bool = False
 
-    def counterpart(self, name: str) -> Mapping[str, float | None] | None:
+    def find_counterpart(self, name: str) -> Mapping[str, float | None] | None:
         """The earlier figures of a result; None if there are none."""
-        if len(self.figures) == 1 and not self.by_name:
+        if len(self.figures) == 1 and not self.is_matched_by_name:
             return next(iter(self.figures.values()))
         return self.figures.get(name)
 
@@ -76,15 +76,15 @@ class Limits:
     limits: tuple[Limit, ...] = ()
     baseline: Baseline | None = None
 
-    def by_name(self) -> "Limits":
+    def match_by_name(self) -> "Limits":
         """The same for each of several results: a baseline then holds for those of its names."""
         if self.baseline is None:
             return self
-        return replace(self, baseline=replace(self.baseline, by_name=True))
+        return replace(self, baseline=replace(self.baseline, is_matched_by_name=True))
 
 
 @dataclass(frozen=True, slots=True)
-class Gate:
+class LimitCheck:
     """A limit, and what was found.
 
     Attributes
@@ -111,61 +111,66 @@ class Gate:
     baseline: float | None = None
 
 
-def judged(name: str, summary: Summary, limits: Limits) -> tuple[Gate, ...]:
+def check_limits(name: str, summary: ReportSummary, limits: Limits) -> tuple[LimitCheck, ...]:
     """What a result of this name and summary makes of the limits.
 
     A limit made of an earlier figure is that figure as printed, times 1 + regression/100, rounded
     down to the digits in which figures are printed. Rounding changes no verdict, since what is
     compared has no more digits; and a figure that has not changed always passes.
     """
-    gates = [_gate(limit, summary) for limit in limits.limits]
+    checks = [_check_limit(limit, summary) for limit in limits.limits]
     baseline = limits.baseline
     if baseline is not None:
-        earlier = baseline.counterpart(name) or {}
-        for metric, value in earlier.items():
+        baseline_metrics = baseline.find_counterpart(name) or {}
+        for metric, value in baseline_metrics.items():
             if value is not None:
-                old = Decimal(percent_text(value))
-                limit = Limit(metric, _raised(old, baseline.regression))
-                gates.append(replace(_gate(limit, summary), baseline=float(old)))
-    return tuple(gates)
+                baseline_value = Decimal(format_percent(value))
+                limit = Limit(metric, _allow_regression(baseline_value, baseline.max_regression))
+                checks.append(replace(_check_limit(limit, summary), baseline=float(baseline_value)))
+    return tuple(checks)
 
 
-def not_compared(name: str, summary: Summary, limits: Limits) -> tuple[str, ...]:
+def missing_in_baseline(name: str, summary: ReportSummary, limits: Limits) -> tuple[str, ...]:
     """Sentences on what a baseline has no figure for."""
     baseline = limits.baseline
     if baseline is None:
         return ()
-    earlier = baseline.counterpart(name)
-    if earlier is None:
+    baseline_metrics = baseline.find_counterpart(name)
+    if baseline_metrics is None:
         return (f"not compared with {baseline.path}, which has no result of this name",)
     missing = [
         metric.replace("_", " ")
-        for metric, value in earlier.items()
-        if value is None and _printed(summary, metric, PERCENT) is not None
+        for metric, value in baseline_metrics.items()
+        if value is None and _round_as_printed(summary, metric, PERCENT) is not None
     ]
     return tuple(f"{metric} not compared: not defined in {baseline.path}" for metric in missing)
 
 
-def _raised(old: Decimal, regression: Decimal) -> Decimal:
+def _allow_regression(baseline_value: Decimal, max_regression: Decimal) -> Decimal:
     """The most that may become of a printed figure; a float, as records hold it."""
-    with localcontext(prec=DIGITS):
-        raised = (old + old * regression / 100).quantize(Decimal(percent_text(0)), ROUND_FLOOR)
-    return min(raised, Decimal(sys.float_info.max))
+    with localcontext(prec=DECIMAL_DIGITS):
+        max_value = (baseline_value + baseline_value * max_regression / 100).quantize(
+            Decimal(format_percent(0)), ROUND_FLOOR
+        )
+    return min(max_value, Decimal(sys.float_info.max))
 
 
-def _gate(limit: Limit, summary: Summary) -> Gate:
-    found, frame = _printed(summary, limit.metric, limit.unit), _frame(summary, limit.metric)
-    return Gate(
+def _check_limit(limit: Limit, summary: ReportSummary) -> LimitCheck:
+    found, frame = (
+        _round_as_printed(summary, limit.metric, limit.unit),
+        _worst_frame_name(summary, limit.metric),
+    )
+    return LimitCheck(
         metric=limit.metric,
         unit=limit.unit,
-        limit=float(limit.most),
+        limit=float(limit.value),
         found=None if found is None else float(found),
         frame=frame,
-        passed=None if found is None else found <= limit.most,
+        passed=None if found is None else found <= limit.value,
     )
 
 
-def _printed(summary: Summary, metric: str, unit: str) -> Decimal | None:
+def _round_as_printed(summary: ReportSummary, metric: str, unit: str) -> Decimal | None:
     """The figure as it is printed."""
     change = summary.volume_change_percent_max
     value = {
@@ -179,10 +184,10 @@ def _printed(summary: Summary, metric: str, unit: str) -> Decimal | None:
     }[metric, unit]
     if value is None:
         return None
-    return Decimal(percent_text(value) if unit == PERCENT else units_text(value))
+    return Decimal(format_percent(value) if unit == PERCENT else format_length(value))
 
 
-def _frame(summary: Summary, metric: str) -> str | None:
+def _worst_frame_name(summary: ReportSummary, metric: str) -> str | None:
     return {
         "max_deviation": summary.max_deviation_frame,
         "volume_change": summary.volume_change_frame,
@@ -204,47 +209,47 @@ class Verdict:
     text: str
 
 
-def gate_verdict(gate: Gate) -> Verdict:
+def make_verdict(check: LimitCheck) -> Verdict:
     """What is said of one limit."""
     return {
         True: Verdict("good", "within limit"),
         False: Verdict("bad", "over limit"),
         None: Verdict("none", "not judged"),
-    }[gate.passed]
+    }[check.passed]
 
 
-def verdict_of(gates: Sequence[Gate]) -> Verdict:
+def make_overall_verdict(checks: Sequence[LimitCheck]) -> Verdict:
     """What is said of all limits of a result."""
-    if not gates:
+    if not checks:
         return Verdict("none", "No limits were stated")
-    over = sum(gate.passed is False for gate in gates)
-    kept = sum(gate.passed is True for gate in gates)
-    rest = len(gates) - over - kept
+    over = sum(check.passed is False for check in checks)
+    kept = sum(gate.passed is True for gate in checks)
+    rest = len(checks) - over - kept
     unjudged = f"; {rest} could not be judged" if rest else ""
     if over:
-        share = f"{over} of {len(gates)} limits" if len(gates) > 1 else "the limit"
+        share = f"{over} of {len(checks)} limits" if len(checks) > 1 else "the limit"
         return Verdict("bad", f"Over {share}{unjudged}")
     if kept:
-        share = "the limit" if len(gates) == 1 else f"{kept} of {len(gates)} limits"
+        share = "the limit" if len(checks) == 1 else f"{kept} of {len(checks)} limits"
         return Verdict("good", f"Within {share}{unjudged}")
     return Verdict("none", "No limit could be judged")
 
 
-def most_text(gate: Gate) -> str:
+def format_limit(check: LimitCheck) -> str:
     """The limit as it was typed, or as figures are printed when it was made of one."""
-    return f"{gate.limit:.10g}" if gate.baseline is None else percent_text(gate.limit)
+    return f"{check.limit:.10g}" if check.baseline is None else format_percent(check.limit)
 
 
-def limit_text(gate: Gate, unit: str = "") -> str:
+def format_limit_with_baseline(check: LimitCheck, unit: str = "") -> str:
     """The limit, and what it was made of if it was not typed; `unit` is put behind numbers."""
-    limit = f"{most_text(gate)}{unit}"
-    if gate.baseline is None:
+    limit = f"{format_limit(check)}{unit}"
+    if check.baseline is None:
         return limit
-    return f"{limit} (baseline {percent_text(gate.baseline)}{unit})"
+    return f"{limit} (baseline {format_percent(check.baseline)}{unit})"
 
 
-def found_text(gate: Gate) -> str:
+def format_measured(check: LimitCheck) -> str:
     """What was found, as it is printed everywhere."""
-    if gate.found is None:
+    if check.found is None:
         return "not defined"
-    return percent_text(gate.found) if gate.unit == PERCENT else units_text(gate.found)
+    return format_percent(check.found) if check.unit == PERCENT else format_length(check.found)

@@ -6,19 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.report.figures import Clip, Frame, Summary
-from cageik_cli.report.limits import Gate
-from cageik_cli.report.record import SCHEMA, Report
-from cageik_cli.report.vocabulary import Wording, wording_of
-from cageik_cli.solver.dual_laplacian import Quality
+from cageik_cli.report.figures import ClipRecord, FrameRecord, ReportSummary
+from cageik_cli.report.limits import LimitCheck
+from cageik_cli.report.record import SCHEMA_VERSION, Report
+from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
+from cageik_cli.solver.dual_laplacian import SolveQuality
 
-POINTS = 120
+MAX_CURVE_POINTS = 120
 """Of a curve at most."""
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """The figure of a clip in little: the largest values of each of at most `POINTS` spans.
+    """A small curve of a clip: the largest value in each of at most `MAX_CURVE_POINTS` spans.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class ClipEntry:
     """A clip: its figures, or why it has none.
 
     Attributes
@@ -48,7 +48,7 @@ class Entry:
         Its files, relative to the overview's; slashes are forward.
     clip, binding, summary, curve
         As in its report.
-    gates : tuple of Gate
+    gates : tuple of LimitCheck
     notes : tuple of str
     edited_from : str, optional
         As in its report.
@@ -58,11 +58,11 @@ class Entry:
     fault: str | None = None
     result: str | None = None
     page: str | None = None
-    clip: Clip | None = None
-    binding: Quality | None = None
-    summary: Summary | None = None
+    clip: ClipRecord | None = None
+    binding: SolveQuality | None = None
+    summary: ReportSummary | None = None
     curve: Curve | None = None
-    gates: tuple[Gate, ...] = ()
+    gates: tuple[LimitCheck, ...] = ()
     notes: tuple[str, ...] = ()
     edited_from: str | None = None
 
@@ -72,9 +72,9 @@ class Entry:
         return self.fault is not None
 
     @property
-    def exceeds(self) -> bool:
+    def exceeds_limit(self) -> bool:
         """Whether a limit was passed."""
-        return any(gate.passed is False for gate in self.gates)
+        return any(check.passed is False for check in self.gates)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,17 +83,17 @@ class Overview:
 
     schema: int
     tool: dict[str, str]
-    clips: tuple[Entry, ...]
+    clips: tuple[ClipEntry, ...]
 
     @property
-    def worst_first(self) -> list[Entry]:
+    def worst_first(self) -> list[ClipEntry]:
         """Those that failed, those over a limit, and the others by error."""
-        return sorted(self.clips, key=_badness)
+        return sorted(self.clips, key=_severity_key)
 
     @property
-    def wording(self) -> Wording:
+    def vocabulary(self) -> Vocabulary:
         """The words for all clips that have figures."""
-        return wording_of(*(clip.edited_from for clip in self.clips if not clip.has_failed))
+        return choose_vocabulary(*(clip.edited_from for clip in self.clips if not clip.has_failed))
 
     @property
     def exit_code(self) -> int:
@@ -101,50 +101,52 @@ class Overview:
         failed = sum(entry.has_failed for entry in self.clips)
         if failed:
             return 1 if failed == len(self.clips) else 4
-        return 3 if any(entry.exceeds for entry in self.clips) else 0
+        return 3 if any(entry.exceeds_limit for entry in self.clips) else 0
 
 
-def _badness(entry: Entry) -> tuple[bool, bool, float]:
+def _severity_key(entry: ClipEntry) -> tuple[bool, bool, float]:
     """What sorts the worst clips first: those that failed, those over a limit, then by error."""
     error = entry.summary.rms_percent if entry.summary else 0.0
-    return not entry.has_failed, not entry.exceeds, -error
+    return not entry.has_failed, not entry.exceeds_limit, -error
 
 
-def overview_of(entries: Sequence[Entry]) -> Overview:
+def build_overview(entries: Sequence[ClipEntry]) -> Overview:
     """The overview of clips, in the order given."""
-    return Overview(SCHEMA, {"name": "cageik", "version": __version__}, tuple(entries))
+    return Overview(SCHEMA_VERSION, {"name": "cageik", "version": __version__}, tuple(entries))
 
 
-def entry_of(report: Report, result: str | None = None, page: str | None = None) -> Entry:
+def build_clip_entry(
+    report: Report, result: str | None = None, page: str | None = None
+) -> ClipEntry:
     """What an overview shows of a report."""
-    return Entry(
+    return ClipEntry(
         name=report.result,
         result=result,
         page=page,
         clip=report.clip,
         binding=report.binding,
         summary=report.summary,
-        curve=_curve(report),
+        curve=_build_curve(report),
         gates=report.gates,
         notes=report.notes,
         edited_from=report.edited_from,
     )
 
 
-def _curve(report: Report) -> Curve:
+def _build_curve(report: Report) -> Curve:
     count = len(report.frames)
-    spans = np.array_split(np.arange(count), min(count, POINTS))
+    spans = np.array_split(np.arange(count), min(count, MAX_CURVE_POINTS))
     other = "volume_change" if report.summary.volume_change_percent_max is not None else None
     return Curve(
-        rms_percent=tuple(_largest(report.frames, span, "rms_percent") for span in spans),
+        rms_percent=tuple(_largest_value(report.frames, span, "rms_percent") for span in spans),
         other=tuple(
-            _largest(report.frames, span, other or "max_deviation_percent") for span in spans
+            _largest_value(report.frames, span, other or "max_deviation_percent") for span in spans
         ),
         worst=next(k for k, span in enumerate(spans) if report.summary.worst_frame_index in span),
     )
 
 
-def _largest(frames: Sequence[Frame], span: np.ndarray, name: str) -> float | None:
+def _largest_value(frames: Sequence[FrameRecord], span: np.ndarray, name: str) -> float | None:
     """The value of largest size, with its sign, of the frames that have one."""
     values = [getattr(frames[k], name) for k in span]
     return max((value for value in values if value is not None), key=abs, default=None)

@@ -5,20 +5,26 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.report.figures import Clip, Frame, Summary, VertexFigures, WorstVertex
-from cageik_cli.report.limits import Gate, Limits, judged, not_compared
-from cageik_cli.solver.dual_laplacian import Quality
+from cageik_cli.report.figures import (
+    ClipRecord,
+    FrameRecord,
+    ReportSummary,
+    VertexMetrics,
+    WorstVertex,
+)
+from cageik_cli.report.limits import LimitCheck, Limits, check_limits, missing_in_baseline
+from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.text import printable
+from cageik_cli.util.text import to_unicode
 
-SCHEMA = 1
-E_RMS = 2000 / np.sqrt(3)
+SCHEMA_VERSION = 1
+E_RMS_FACTOR = 2000 / np.sqrt(3)
 
-BINS = 40
+HISTOGRAM_BINS = 40
 """Of the histogram over vertices."""
 
-WORST = 10
+MAX_WORST_VERTICES = 10
 """Vertices that are named."""
 
 
@@ -37,15 +43,15 @@ class Report:
     sources: dict[str, Any]
     settings: dict[str, Any]
     notes: tuple[str, ...]
-    clip: Clip
-    binding: Quality
-    summary: Summary
-    vertices: VertexFigures
-    frames: tuple[Frame, ...]
-    gates: tuple[Gate, ...]
+    clip: ClipRecord
+    binding: SolveQuality
+    summary: ReportSummary
+    vertices: VertexMetrics
+    frames: tuple[FrameRecord, ...]
+    gates: tuple[LimitCheck, ...]
 
 
-def report_of(result: Result, limits: Limits | None = None, name: str | None = None) -> Report:
+def build_report(result: Result, limits: Limits | None = None, name: str | None = None) -> Report:
     """Compute the report of a result.
 
     Parameters
@@ -56,19 +62,19 @@ def report_of(result: Result, limits: Limits | None = None, name: str | None = N
     name : str, optional
         What it is called; its file's name by default.
     """
-    rest, called = result.rest, printable(name or result.path.name)
+    rest, result_name = result.rest, to_unicode(name or result.path.name)
     limits = limits or Limits()
-    frames = _frames(result)
-    summary = _summary(result, frames)
+    frames = _build_frames(result)
+    summary = _build_summary(result, frames)
     return Report(
-        schema=SCHEMA,
+        schema=SCHEMA_VERSION,
         tool={"name": "cageik", "version": result.version},
-        result=called,
+        result=result_name,
         edited_from=result.edited_from,
         sources=result.sources,
         settings=result.settings,
-        notes=(*result.notes, *not_compared(called, summary, limits)),
-        clip=Clip(
+        notes=(*result.notes, *missing_in_baseline(result_name, summary, limits)),
+        clip=ClipRecord(
             frames=len(frames),
             vertices=len(rest.vertices),
             cage_vertices=len(result.cage.vertices),
@@ -78,39 +84,39 @@ def report_of(result: Result, limits: Limits | None = None, name: str | None = N
         ),
         binding=result.quality,
         summary=summary,
-        vertices=_vertices(result),
+        vertices=_build_vertex_metrics(result),
         frames=frames,
-        gates=judged(called, summary, limits),
+        gates=check_limits(result_name, summary, limits),
     )
 
 
-def _frames(result: Result) -> tuple[Frame, ...]:
-    rest, figures = result.rest, result.figures
+def _build_frames(result: Result) -> tuple[FrameRecord, ...]:
+    rest, figures = result.rest, result.metrics
     percent = 100 / rest.diagonal
     change = _percent_change(figures.volume_reconstructed, figures.volume)
     rest_volume = rest.volume if rest.is_closed else np.nan
     drift = _percent_change(figures.volume, np.full(len(figures.volume), rest_volume))
     return tuple(
-        Frame(
+        FrameRecord(
             index=k,
             name=name,
-            rms=_finite(figures.rms[k]),
-            rms_percent=_finite(percent * figures.rms[k]),
-            max_deviation=_finite(figures.max_deviation[k]),
-            max_deviation_percent=_finite(percent * figures.max_deviation[k]),
+            rms=_finite_or_none(figures.rms[k]),
+            rms_percent=_finite_or_none(percent * figures.rms[k]),
+            max_deviation=_finite_or_none(figures.max_deviation[k]),
+            max_deviation_percent=_finite_or_none(percent * figures.max_deviation[k]),
             worst_vertex=None if k in result.skipped else int(figures.worst_vertex[k]),
-            volume=_finite(figures.volume[k]),
-            volume_reconstructed=_finite(figures.volume_reconstructed[k]),
-            volume_change=_finite(change[k]),
-            volume_drift=_finite(drift[k]),
+            volume=_finite_or_none(figures.volume[k]),
+            volume_reconstructed=_finite_or_none(figures.volume_reconstructed[k]),
+            volume_change=_finite_or_none(change[k]),
+            volume_drift=_finite_or_none(drift[k]),
             skipped=result.skipped.get(k),
         )
         for k, name in enumerate(result.frames)
     )
 
 
-def _summary(result: Result, frames: tuple[Frame, ...]) -> Summary:
-    figures, diagonal = result.figures, result.rest.diagonal
+def _build_summary(result: Result, frames: tuple[FrameRecord, ...]) -> ReportSummary:
+    figures, diagonal = result.metrics, result.rest.diagonal
     rms = float(np.sqrt(np.nanmean(figures.rms**2)))
     spread = float(np.sqrt(np.nanmean(figures.spread**2)))
     worst, furthest = int(np.nanargmax(figures.rms)), int(np.nanargmax(figures.max_deviation))
@@ -121,7 +127,7 @@ def _summary(result: Result, frames: tuple[Frame, ...]) -> Summary:
         default=None,
     )
     drifts = [frame.volume_drift for frame in frames if frame.volume_drift is not None]
-    return Summary(
+    return ReportSummary(
         rms=rms,
         rms_percent=100 * rms / diagonal,
         worst_frame=frames[worst].name,
@@ -135,7 +141,7 @@ def _summary(result: Result, frames: tuple[Frame, ...]) -> Summary:
         volume_change_percent_max=changed.volume_change if changed else None,
         volume_change_frame=changed.name if changed else None,
         volume_drift_percent_max=max(drifts, key=abs, default=None),
-        e_rms=float(E_RMS * rms / diagonal),
+        e_rms=float(E_RMS_FACTOR * rms / diagonal),
         kg_error=100 * rms / spread if spread > 0 else None,
         frames_skipped=len(result.skipped),
         floats_per_frame=3 * len(result.cage.vertices),
@@ -143,12 +149,14 @@ def _summary(result: Result, frames: tuple[Frame, ...]) -> Summary:
     )
 
 
-def _vertices(result: Result) -> VertexFigures:
+def _build_vertex_metrics(result: Result) -> VertexMetrics:
     rms, percent = result.vertex_rms, 100 / result.rest.diagonal
     known = np.flatnonzero(np.isfinite(rms))
-    counts, edges = np.histogram(percent * rms[known], BINS, (0.0, _above_zero(percent * rms)))
-    worst = known[np.argsort(-rms[known], kind="stable")[:WORST]]
-    return VertexFigures(
+    counts, edges = np.histogram(
+        percent * rms[known], HISTOGRAM_BINS, (0.0, _positive_max(percent * rms))
+    )
+    worst = known[np.argsort(-rms[known], kind="stable")[:MAX_WORST_VERTICES]]
+    return VertexMetrics(
         edges_percent=tuple(edges.tolist()),
         counts=tuple(counts.tolist()),
         worst=tuple(
@@ -160,7 +168,7 @@ def _vertices(result: Result) -> VertexFigures:
     )
 
 
-def _above_zero(values: Floats) -> float:
+def _positive_max(values: Floats) -> float:
     """The largest of them, or one if that is zero."""
     return float(np.nanmax(values)) or 1.0
 
@@ -172,5 +180,5 @@ def _percent_change(new: Floats, old: Floats) -> Floats:
         return np.asarray(100 * (new - old) / usable)
 
 
-def _finite(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None

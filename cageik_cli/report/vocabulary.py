@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-SETTINGS = {
+SETTING_MEANINGS = {
     "accuracy": "how near harmonic weights are to exact ones",
     "align": "each frame is moved rigidly onto the rest pose before it is solved",
     "allow_conflicts": "whether the mean was taken of different targets of one point",
@@ -20,14 +20,14 @@ SETTINGS = {
     "vertex_weights": "whether vertices were weighed one by one",
 }
 
-_SIZE = (
+_SIZE_MEANING = (
     "Size",
     "",
     "A cage has three numbers a vertex in each frame; the weights, one for each vertex of the "
     "model and of the cage, are kept once.",
 )
 
-_VERDICT = (
+_VERDICT_MEANING = (
     "Verdict",
     "",
     "A figure is compared with its limit as it is printed here. Over a limit, the command ends "
@@ -83,8 +83,8 @@ MEANINGS = (
         "The error against the spread of each frame about its centroid E(V), V being all "
         "coordinates of the clip (Karni and Gotsman 2004), in percent.",
     ),
-    _SIZE,
-    _VERDICT,
+    _SIZE_MEANING,
+    _VERDICT_MEANING,
     (
         "Worst, median and best frame",
         "",
@@ -129,8 +129,8 @@ EDIT_MEANINGS = (
         "100 (V − V_rest) / V_rest",
         "How far the volume of the mesh before the edit is from that of the rest pose, in percent.",
     ),
-    _SIZE,
-    _VERDICT,
+    _SIZE_MEANING,
+    _VERDICT_MEANING,
     (
         "Most moved, median and least moved frame",
         "",
@@ -141,7 +141,7 @@ EDIT_MEANINGS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Wording:
+class Vocabulary:
     """The words in which views of a result differ.
 
     Attributes
@@ -167,12 +167,12 @@ class Wording:
     meanings : tuple
         Terms, formulas, and what they say.
     columns : mapping of str to str
-        Titles of columns over frames that are not the usual ones, by the field of `Frame`.
+        Titles of columns over frames that are not the usual ones, by the field of `FrameRecord`.
     title : str
         What stands before the figure in a page's title.
     remark : str
         A sentence after the headline.
-    has_literature : bool
+    has_published_metrics : bool
         Whether the rms is an error as the literature states them.
     """
 
@@ -194,9 +194,9 @@ class Wording:
     columns: Mapping[str, str] = field(default_factory=dict)
     title: str = ""
     remark: str = ""
-    has_literature: bool = True
+    has_published_metrics: bool = True
 
-    def metric(self, name: str) -> str:
+    def describe_metric(self, name: str) -> str:
         """What a limit is on, in full."""
         return {
             "rms": f"{self.measure} of the clip",
@@ -206,7 +206,7 @@ class Wording:
         }[name]
 
 
-EXTRACTED = Wording(
+EXTRACTION_VOCABULARY = Vocabulary(
     command="cageik extract",
     done="extracted",
     measure="error",
@@ -229,7 +229,7 @@ EXTRACTED = Wording(
     meanings=MEANINGS,
 )
 
-EDITED = Wording(
+EDIT_VOCABULARY = Vocabulary(
     command="cageik pose",
     done="edited",
     measure="distance moved",
@@ -260,15 +260,15 @@ EDITED = Wording(
     },
     title="moved ",
     remark=" It tells how far the edit moved the mesh, not how well frames were met.",
-    has_literature=False,
+    has_published_metrics=False,
 )
 
 
-def wording_of(*edited_from: str | None) -> Wording:
-    """The words for results, given what each was edited from: `EDITED` when all of them were."""
-    return EDITED if edited_from and None not in edited_from else EXTRACTED
+def choose_vocabulary(*edited_from: str | None) -> Vocabulary:
+    """Choose the words for results: those of edits when every one was edited."""
+    return EDIT_VOCABULARY if edited_from and None not in edited_from else EXTRACTION_VOCABULARY
 
 
-def marked(name: str, edited_from: str | None) -> str:
+def display_name(name: str, edited_from: str | None) -> str:
     """A result's name among others', which tells of an edited one what its figures are."""
     return name if edited_from is None else f"{name} (edited: how far it moved from {edited_from})"

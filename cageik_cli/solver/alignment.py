@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cageik_cli.geometry.rotations import decomposed
+from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.util.arrays import Floats
 
 
@@ -39,4 +39,4 @@ def best_rotations(centred: Floats, rest: Floats, weights: Floats) -> Floats:
     Kabsch 1976.
     """
     covariances = (rest * weights[:, None]).T @ centred
-    return decomposed(covariances)
+    return nearest_rotations_by_svd(covariances)

@@ -9,20 +9,20 @@ from typing import Protocol
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.formats.base.sequence import Block, MeshSequence, ReadAhead
+from cageik_cli.formats.base.sequence import Block, FramePrefetcher, MeshSequence
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.metrics import (
-    FIGURES,
-    WHOLE_FIGURES,
-    FrameFigures,
-    Measured,
+    INTEGER_METRICS,
+    METRIC_NAMES,
+    FrameErrors,
+    FrameMetrics,
+    check_finite,
     measure,
-    refuse_unsound,
 )
-from cageik_cli.util.arrays import Floats, Integers, Scratch
-from cageik_cli.util.progress import Observer
-from cageik_cli.util.text import printable
-from cageik_cli.util.threads import InOrder
+from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import to_unicode
+from cageik_cli.util.threads import OrderedMap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,86 +35,86 @@ class SolvedBlock:
         Number of the first.
     cages : (k, n, 3) float64
         nan for a frame that was skipped.
-    figures : FrameFigures
-    squares : (m,) float64
+    metrics : FrameMetrics
+    squared_errors : (m,) float64
         Of each vertex, |v̂ − v|² summed over the frames that were not skipped; nan for missing data.
     digests : tuple of bytes
         SHA-256 of the file of each frame; zeros for one that cannot be read.
-    faults : dict
+    skipped : dict
         By number in the clip, why a frame was skipped.
     """
 
     start: int
     cages: Floats
-    figures: FrameFigures
-    squares: Floats
+    metrics: FrameMetrics
+    squared_errors: Floats
     digests: tuple[bytes, ...]
-    faults: dict[int, str]
+    skipped: dict[int, str]
 
     @property
     def stop(self) -> int:
         """Number of the frame after the last."""
         return self.start + len(self.cages)
 
-    def cage(self, frame: int) -> Floats:
+    def get_cage(self, frame: int) -> Floats:
         """That of the frame of this number in the clip, (n, 3)."""
         return np.asarray(self.cages[frame - self.start])
 
 
-def solved(
-    block: Block, cages: Floats, measured: Measured, digests: tuple[bytes, ...]
+def make_solved_block(
+    block: Block, cages: Floats, errors: FrameErrors, digests: tuple[bytes, ...]
 ) -> SolvedBlock:
     """A block's cages and figures; those of frames that could not be read become gaps."""
-    faults = {k: printable(str(error)) for k, error in block.faults.items()}
-    figures, squares = measured.figures, measured.squares
+    faults = {k: to_unicode(str(error)) for k, error in block.read_errors.items()}
+    figures, squares = errors.metrics, errors.squared_errors
     if faults:
         gaps = np.array(list(faults)) - block.start
         squares = np.delete(squares, gaps, axis=0)
-        columns = {name: getattr(figures, name).copy() for name in FIGURES}
+        columns = {name: getattr(figures, name).copy() for name in METRIC_NAMES}
         for name, column in columns.items():
-            column[gaps] = -1 if name in WHOLE_FIGURES else np.nan
-        cages, figures = cages.copy(), FrameFigures(**columns)
+            column[gaps] = -1 if name in INTEGER_METRICS else np.nan
+        cages, figures = cages.copy(), FrameMetrics(**columns)
         cages[gaps] = np.nan
     return SolvedBlock(block.start, cages, figures, squares.sum(axis=0), digests, faults)
 
 
-LARGEST_BLOCK = 16
+MAX_BLOCK_FRAMES = 16
 """Frames solved together at most; the product gains nothing from more right-hand sides."""
 
 ARRAYS_PER_FRAME = 12
 """Arrays (m, 3) that a frame has at once: read, moved, target, rebuilt, measured."""
 
-LARGEST_QUEUE = 1 << 24
+MAX_QUEUE_BYTES = 1 << 24
 """Bytes of frames read in advance at most, and an eighth of the memory."""
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
+class MemoryPlan:
     """How a run keeps within its memory.
 
     Attributes
     ----------
-    block : int
+    block_size : int
         Frames solved together; the number of threads does not change it, nor any figure.
-    solvers : int
+    max_parallel_blocks : int
         Blocks that are solved at once.
-    queue : int
+    max_queued_frames : int
         Frames that are read in advance.
     """
 
-    block: int
-    solvers: int
-    queue: int
+    block_size: int
+    max_parallel_blocks: int
+    max_queued_frames: int
 
     @staticmethod
-    def of(memory: int, binding: Binding, jobs: int) -> "Budget":
+    def fit(memory: int, binding: Binding, jobs: int) -> "MemoryPlan":
         """What the weights and frames have room for in `memory` bytes, with `jobs` threads."""
         frame = ARRAYS_PER_FRAME * 24 * len(binding.rest.vertices)
         left = memory - binding.weights.nbytes
-        block = int(np.clip(left // frame, 1, LARGEST_BLOCK))
+        block = int(np.clip(left // frame, 1, MAX_BLOCK_FRAMES))
         solvers = int(np.clip(left // (block * frame), 1, jobs))
-        queue = min(memory // 8, LARGEST_QUEUE) // binding.rest.vertices.nbytes
-        return Budget(block, solvers, max(1, queue))
+        queue = min(memory // 8, MAX_QUEUE_BYTES) // binding.rest.vertices.nbytes
+        return MemoryPlan(block, solvers, max(1, queue))
 
 
 class BlockSolver:
@@ -124,21 +124,25 @@ class BlockSolver:
     ----------
     sequence : MeshSequence
     solver : DualLaplacianSolver
-    skip : bool
+    skips_bad_frames : bool
         Leave a gap for a frame that cannot be read; else it is refused.
-    watch : Observer
+    progress : ProgressListener
 
     All are attributes, too.
     """
 
     def __init__(
-        self, sequence: MeshSequence, solver: DualLaplacianSolver, skip: bool, watch: Observer
+        self,
+        sequence: MeshSequence,
+        solver: DualLaplacianSolver,
+        skips_bad_frames: bool,
+        progress: ProgressListener,
     ) -> None:
-        self.sequence, self.solver, self.watch = sequence, solver, watch
-        self._own = threading.local()
-        self.skip = skip
+        self.sequence, self.solver, self.progress = sequence, solver, progress
+        self._thread_local = threading.local()
+        self.skips_bad_frames = skips_bad_frames
 
-    def solved(self, block: Block) -> SolvedBlock:
+    def solve_block(self, block: Block) -> SolvedBlock:
         """The cages and figures of a block.
 
         Raises
@@ -148,57 +152,59 @@ class BlockSolver:
         NumericalError
             When the solve gives numbers that are not finite, or too large.
         """
-        if not self.skip:
-            block.refuse_faults()
-        scratch = self._own.__dict__.setdefault("scratch", Scratch())
-        with self.watch.stage("solve"):
-            solution = self.solver.solve(block.positions, scratch)
-        with self.watch.stage("measure"):
-            rest, counted = self.solver.binding.rest, self.solver.counted
+        if not self.skips_bad_frames:
+            block.raise_read_errors()
+        workspace = self._thread_local.__dict__.setdefault("scratch", Workspace())
+        with self.progress.stage("solve"):
+            solution = self.solver.solve(block.positions, workspace)
+        with self.progress.stage("measure"):
+            rest, counted = self.solver.binding.rest, self.solver.data_vertices
             rebuilt = solution.reconstructions
-            measured = measure(rest, block.positions, rebuilt, counted, scratch)
-        refuse_unsound(block.start, solution.cages, measured.figures)
-        stamps = tuple(map(self.sequence.stamp, range(block.start, block.stop)))
-        return solved(block, solution.cages, measured, stamps)
+            measured = measure(rest, block.positions, rebuilt, counted, workspace)
+        check_finite(block.start, solution.cages, measured.metrics)
+        digests = tuple(map(self.sequence.digest_or_zeros, range(block.start, block.stop)))
+        return make_solved_block(block, solution.cages, measured, digests)
 
 
-class Crew(Protocol):
+class BlockExecutor(Protocol):
     """Who solves the blocks of a clip."""
 
-    def solving(
-        self, work: BlockSolver, starts: range, budget: Budget
+    def run_blocks(
+        self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
     ) -> AbstractContextManager[Iterator[SolvedBlock]]:
         """The blocks that begin at `starts`, in order, solved before they are asked for."""
 
 
 @dataclass(frozen=True, slots=True)
-class Threads:
+class ThreadExecutor:
     """Threads of this process, which read frames ahead and solve blocks beside each other."""
 
     jobs: int
 
     @contextmanager
-    def solving(
-        self, work: BlockSolver, starts: range, budget: Budget
+    def run_blocks(
+        self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
     ) -> Iterator[Iterator[SolvedBlock]]:
         """The blocks that begin at `starts`, in order."""
         frames = range(starts.start, starts.stop)
         with (
-            ReadAhead(work.sequence, self.jobs, budget.queue, frames) as read,
-            InOrder(
-                work.solved,
-                _awaited(read.blocks(starts.step), work.watch),
-                budget.solvers,
-                budget.solvers,
-            ) as made,
+            FramePrefetcher(
+                block_solver.sequence, self.jobs, memory_plan.max_queued_frames, frames
+            ) as read,
+            OrderedMap(
+                block_solver.solve_block,
+                _timed_reads(read.blocks(starts.step), block_solver.progress),
+                memory_plan.max_parallel_blocks,
+                memory_plan.max_parallel_blocks,
+            ) as solved_blocks,
         ):
-            yield made
+            yield solved_blocks
 
 
-def _awaited(blocks: Iterator[Block], watch: Observer) -> Iterator[Block]:
+def _timed_reads(blocks: Iterator[Block], progress: ProgressListener) -> Iterator[Block]:
     """Blocks, the time that is spent waiting for them taken as the stage `read`."""
     while True:
-        with watch.stage("read"):
+        with progress.stage("read"):
             block = next(blocks, None)
         if block is None:
             return
@@ -206,7 +212,7 @@ def _awaited(blocks: Iterator[Block], watch: Observer) -> Iterator[Block]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Told:
+class ClipSummary:
     """What a log of F frames tells of them together.
 
     Attributes
@@ -217,26 +223,26 @@ class Told:
         SHA-256 of the file of each frame.
     vertex_rms : (m,) float64
         sqrt(mean |v̂ − v|²) over the frames that were not skipped; nan for missing data.
-    posed : (3,) int64
+    key_frames : (3,) int64
         Numbers of the worst, the median and the best frame, by rms.
     """
 
     skipped: dict[int, str]
     digests: list[bytes]
     vertex_rms: Floats
-    posed: Integers
+    key_frames: Integers
 
 
-def told_of(blocks: Iterable[SolvedBlock]) -> Told:
+def summarize_blocks(blocks: Iterable[SolvedBlock]) -> ClipSummary:
     """Gather what all blocks of a clip tell."""
     skipped: dict[int, str] = {}
     digests: list[bytes] = []
     squares, rms = np.zeros(()), []
     for block in blocks:
-        skipped |= block.faults
+        skipped |= block.skipped
         digests += block.digests
-        squares = squares + block.squares
-        rms.append(block.figures.rms)
+        squares = squares + block.squared_errors
+        rms.append(block.metrics.rms)
     ranked = np.argsort(np.concatenate(rms), kind="stable")[: len(digests) - len(skipped)]
     posed = ranked[[-1, (len(ranked) - 1) // 2, 0]] if len(ranked) else ranked
-    return Told(skipped, digests, np.sqrt(squares / max(1, len(ranked))), posed)
+    return ClipSummary(skipped, digests, np.sqrt(squares / max(1, len(ranked))), posed)

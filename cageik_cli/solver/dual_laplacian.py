@@ -21,16 +21,16 @@ import scipy.linalg
 from cageik_cli.coordinates.binding import Binding, WeightQuality
 from cageik_cli.geometry.mesh import uniform_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
-from cageik_cli.util.arrays import Floats, Scratch
+from cageik_cli.util.arrays import Floats, Workspace
 from cageik_cli.util.errors import InputError, NumericalError
 
-WORST_CONDITION = 1e12
+MAX_CONDITION = 1e12
 """Normal matrices of a larger condition number are refused."""
 
-REFINED_CONDITION = 1e6
+REFINE_ABOVE_CONDITION = 1e6
 """Above it, forming the normal matrix has lost digits that a step of refinement gives back."""
 
-WEIGHTED_AT_ONCE = 1 << 22
+MAX_WEIGHTED_ENTRIES = 1 << 22
 """Entries of H that are weighted at once for the normal matrix."""
 
 
@@ -59,7 +59,7 @@ class SolveSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class Quality(WeightQuality):
+class SolveQuality(WeightQuality):
     """How far weights and system can be trusted.
 
     Attributes
@@ -94,15 +94,15 @@ class DualLaplacianSolver:
     binding : Binding
     settings : SolveSettings
     vertex_weights : (m,) float64, optional
-        As `normalised_weights` gives them; ones by default. A vertex of weight 0 is missing data.
+        As `normalize_weights` gives them; ones by default. A vertex of weight 0 is missing data.
 
     Attributes
     ----------
     binding : Binding
-    quality : Quality
-    counted : (c,) int64 or a slice of all
+    quality : SolveQuality
+    data_vertices : (c,) int64 or a slice of all
         The vertices that are data: all but those of weight 0.
-    missing : int
+    missing_count : int
         How many are not.
 
     Raises
@@ -119,8 +119,10 @@ class DualLaplacianSolver:
         self._align = settings.align
         self._vertex_weights = np.ones(m) if vertex_weights is None else vertex_weights
         self._is_weighted = vertex_weights is not None
-        self.missing = int(np.count_nonzero(self._vertex_weights == 0))
-        self.counted = np.flatnonzero(self._vertex_weights) if self.missing else slice(None)
+        self.missing_count = int(np.count_nonzero(self._vertex_weights == 0))
+        self.data_vertices = (
+            np.flatnonzero(self._vertex_weights) if self.missing_count else slice(None)
+        )
         self._origin = self._vertex_weights @ binding.rest.vertices / m
         self._rest = binding.rest.vertices - self._origin
         self._rest_cage = binding.cage.vertices - self._origin
@@ -130,64 +132,66 @@ class DualLaplacianSolver:
         self._data_scale = beta / m
         laplacian = uniform_laplacian(binding.cage)
         self._smoothness = (alpha / n) * laplacian.T @ laplacian
-        data = self._normal_data()
-        condition = _checked_condition(self._smoothness, data, binding)
-        self.quality = Quality(**asdict(binding.quality), condition_number=condition)
+        data = self._build_data_matrix()
+        condition = _validate_condition(self._smoothness, data, binding)
+        self.quality = SolveQuality(**asdict(binding.quality), condition_number=condition)
         normal = self._smoothness + data
         self._factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
 
-    def solve(self, frames: Floats, scratch: Scratch | None = None) -> Solution:
+    def solve(self, frames: Floats, workspace: Workspace | None = None) -> Solution:
         """The cages of `frames`, (k, m, 3).
 
-        With `scratch`, the reconstructions are good until the next call that is given it.
+        With `workspace`, the reconstructions are good until the next call that is given it.
         """
-        scratch = scratch or Scratch()
+        workspace = workspace or Workspace()
         centres = np.tile(self._origin, (len(frames), 1))
         rotations = np.tile(np.eye(3), (len(frames), 1, 1))
         if self._align:
             centres = centroids(frames, self._vertex_weights)
-        centred = scratch.array("centred", *frames.shape)
+        centred = workspace.array("centred", *frames.shape)
         np.subtract(frames, centres[:, None], out=centred)
         if self._align:
             rotations = best_rotations(centred, self._rest, self._vertex_weights)
-        moved = scratch.array("moved", *frames.shape)
+        moved = workspace.array("moved", *frames.shape)
         np.matmul(centred, rotations.swapaxes(1, 2), out=moved)
         moved -= self._rest
-        columns = scratch.array("columns", len(self._rest), 3 * len(frames))
-        _in_frames(columns)[...] = moved
-        displaced = _in_frames(self._minimiser(columns))
+        columns = workspace.array("columns", len(self._rest), 3 * len(frames))
+        _columns_to_frames(columns)[...] = moved
+        displaced = _columns_to_frames(self._solve_displacements(columns))
         turned = (self._rest_cage + displaced) @ rotations
-        np.matmul(self._weights, _in_columns(turned), out=columns)
-        np.add(_in_frames(columns), centres[:, None], out=moved)
+        np.matmul(self._weights, _frames_to_columns(turned), out=columns)
+        np.add(_columns_to_frames(columns), centres[:, None], out=moved)
         return Solution(turned + centres[:, None], moved)
 
-    def _minimiser(self, target: Floats) -> Floats:
+    def _solve_displacements(self, target: Floats) -> Floats:
         """Cage displacements (n, 3k) that best give vertex displacements (m, 3k).
 
         Refinement takes its residual over the vertices, where no squares were formed (Björck 1987,
         the corrected seminormal equations).
         """
-        displaced = self._substituted(self._gathered(target))
-        if self.quality.condition_number > REFINED_CONDITION:
+        displaced = self._back_substitute(self._normal_rhs(target))
+        if self.quality.condition_number > REFINE_ABOVE_CONDITION:
             residual = target - self._weights @ displaced
-            displaced += self._substituted(self._gathered(residual) - self._smoothness @ displaced)
+            displaced += self._back_substitute(
+                self._normal_rhs(residual) - self._smoothness @ displaced
+            )
         return displaced
 
-    def _gathered(self, columns: Floats) -> Floats:
+    def _normal_rhs(self, columns: Floats) -> Floats:
         """(β/m) HᵀW of columns (m, 3k), (n, 3k)."""
         weighted = self._vertex_weights[:, None] * columns if self._is_weighted else columns
         return np.asarray(self._data_scale * (self._weights.T @ weighted))
 
-    def _substituted(self, columns: Floats) -> Floats:
+    def _back_substitute(self, columns: Floats) -> Floats:
         """The normal matrix's inverse times columns (n, 3k)."""
         return np.asarray(
             scipy.linalg.cho_solve(self._factor, columns, overwrite_b=True, check_finite=False)
         )
 
-    def _normal_data(self) -> Floats:
+    def _build_data_matrix(self) -> Floats:
         """(β/m) HᵀWH, summed over blocks of vertices: a weighted copy of H may not fit."""
         m, n = self._weights.shape
-        rows = max(1, WEIGHTED_AT_ONCE // n)
+        rows = max(1, MAX_WEIGHTED_ENTRIES // n)
         data = np.zeros((n, n))
         for start in range(0, m, rows):
             block = slice(start, start + rows)
@@ -196,18 +200,18 @@ class DualLaplacianSolver:
         return np.asarray(self._data_scale * data)
 
 
-def _in_columns(points: Floats) -> Floats:
+def _frames_to_columns(points: Floats) -> Floats:
     """Points of k frames, (k, p, 3), as columns (p, 3k)."""
     k, p, _ = points.shape
     return points.transpose(1, 0, 2).reshape(p, 3 * k)
 
 
-def _in_frames(columns: Floats) -> Floats:
+def _columns_to_frames(columns: Floats) -> Floats:
     """Columns (p, 3k) as points of k frames, (k, p, 3); a view."""
     return columns.reshape(len(columns), -1, 3).transpose(1, 0, 2)
 
 
-def normalised_weights(weights: Floats, count: int) -> Floats:
+def normalize_weights(weights: Floats, count: int) -> Floats:
     """Weights of `count` vertices, scaled to a mean of one.
 
     Raises
@@ -232,12 +236,12 @@ def normalised_weights(weights: Floats, count: int) -> Floats:
     return np.asarray(shares * (count / shares.sum()))
 
 
-def _checked_condition(smoothness: Floats, data: Floats, binding: Binding) -> float:
+def _validate_condition(smoothness: Floats, data: Floats, binding: Binding) -> float:
     """Condition number of the sum of both terms' matrices, unless it is too large."""
     eigenvalues = scipy.linalg.eigvalsh(smoothness + data, check_finite=False)
     smallest, largest = float(eigenvalues[0]), float(eigenvalues[-1])
     condition = largest / smallest if smallest > 0 else float("inf")
-    if condition > WORST_CONDITION:
+    if condition > MAX_CONDITION:
         remedy = "raise --alpha, whose default is 1e-3, or remove cage vertices far from the model"
         if np.trace(smoothness) > np.trace(data):
             remedy = "lower --alpha, whose default is 1e-3: the Laplacian dwarfs the vertices"
@@ -246,6 +250,6 @@ def _checked_condition(smoothness: Floats, data: Floats, binding: Binding) -> fl
         weakest = int(np.argmin(np.abs(binding.weights).max(axis=0)))
         raise NumericalError(
             f"the system is singular: its condition number is {condition:.1e}, more than "
-            f"{WORST_CONDITION:.0e} (cage vertex {weakest} moves the model least); {remedy}"
+            f"{MAX_CONDITION:.0e} (cage vertex {weakest} moves the model least); {remedy}"
         )
     return condition

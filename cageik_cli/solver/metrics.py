@@ -5,17 +5,17 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
-from cageik_cli.util.arrays import Floats, Integers, Scratch
+from cageik_cli.util.arrays import Floats, Integers, Workspace
 from cageik_cli.util.errors import NumericalError
 
-LARGEST_LENGTH = 1e60
+MAX_LENGTH = 1e60
 """Far above any figure of positions that are taken; its square does not overflow."""
 
-WHOLE_FIGURES = ("worst_vertex",)
+INTEGER_METRICS = ("worst_vertex",)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FrameFigures:
+class FrameMetrics:
     """Figures of k frames, each an array (k,); lengths in file units.
 
     Attributes
@@ -41,53 +41,53 @@ class FrameFigures:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
+class FrameErrors:
     """What is known of k frames when they are measured.
 
     Attributes
     ----------
-    figures : FrameFigures
-    squares : (k, m) float64
+    metrics : FrameMetrics
+    squared_errors : (k, m) float64
         |v̂_i − v_i|², nan for vertices that are missing data.
     """
 
-    figures: FrameFigures
-    squares: Floats
+    metrics: FrameMetrics
+    squared_errors: Floats
 
 
 def measure(
     rest: TriMesh,
     frames: Floats,
-    rebuilt: Floats,
-    counted: slice | Integers,
-    scratch: Scratch | None = None,
-) -> Measured:
+    reconstructions: Floats,
+    data_vertices: slice | Integers,
+    workspace: Workspace | None = None,
+) -> FrameErrors:
     """Compare reconstructions with their frames.
 
     Parameters
     ----------
     rest : TriMesh
         For the faces, and whether they enclose a volume.
-    frames, rebuilt : (k, m, 3)
-    counted : slice or (c,) int64
+    frames, reconstructions : (k, m, 3)
+    data_vertices : slice or (c,) int64
         The vertices that are data; all but those of vertex weight 0.
-    scratch : Scratch, optional
+    workspace : Workspace, optional
         Memory to use.
     """
-    misses = (scratch or Scratch()).array("misses", *frames.shape)
-    np.subtract(rebuilt, frames, out=misses)
+    misses = (workspace or Workspace()).array("misses", *frames.shape)
+    np.subtract(reconstructions, frames, out=misses)
     all_squares = np.einsum("kjx,kjx->kj", misses, misses)
-    squares = all_squares[:, counted]
+    squares = all_squares[:, data_vertices]
     worst = squares.argmax(axis=1)
-    numbers = np.arange(frames.shape[1])[counted]
-    data = frames[:, counted]
+    numbers = np.arange(frames.shape[1])[data_vertices]
+    data = frames[:, data_vertices]
     centroids = np.full(len(numbers), 1 / len(numbers)) @ data
     centred = np.subtract(data, centroids[:, None], out=misses[:, : len(numbers)])
     if rest.is_closed and len(numbers) == frames.shape[1]:
-        volume, volume_rebuilt = (signed_volumes(v, rest.faces) for v in (frames, rebuilt))
+        volume, volume_rebuilt = (signed_volumes(v, rest.faces) for v in (frames, reconstructions))
     else:
         volume = volume_rebuilt = np.full(len(frames), np.nan)
-    figures = FrameFigures(
+    metrics = FrameMetrics(
         rms=np.sqrt(squares.mean(axis=1)),
         max_deviation=np.sqrt(np.take_along_axis(squares, worst[:, None], axis=1)[:, 0]),
         worst_vertex=numbers[worst].astype(np.int64),
@@ -98,18 +98,18 @@ def measure(
     if len(numbers) < frames.shape[1]:
         missing = np.delete(np.arange(frames.shape[1]), numbers)
         all_squares[:, missing] = np.nan
-    return Measured(figures, all_squares)
+    return FrameErrors(metrics, all_squares)
 
 
-FIGURES = tuple(field.name for field in fields(FrameFigures))
+METRIC_NAMES = tuple(field.name for field in fields(FrameMetrics))
 
 
 def are_lengths(values: Floats) -> np.ndarray:
     """Which of them can be lengths; nan is none."""
-    return np.asarray((values >= 0) & (values <= LARGEST_LENGTH))
+    return np.asarray((values >= 0) & (values <= MAX_LENGTH))
 
 
-def fault_of(figures: FrameFigures) -> str | None:
+def find_invalid_metric(figures: FrameMetrics) -> str | None:
     """What cannot be a figure, in words; volumes may be nan."""
     for name in ("rms", "max_deviation", "spread"):
         column = getattr(figures, name)
@@ -121,14 +121,14 @@ def fault_of(figures: FrameFigures) -> str | None:
     return None
 
 
-def refuse_unsound(start: int, cages: Floats, figures: FrameFigures) -> None:
+def check_finite(start: int, cages: Floats, metrics: FrameMetrics) -> None:
     """Refuse frames from `start` on that are not finite, or too large to be read again.
 
     Raises
     ------
     NumericalError
     """
-    fault = fault_of(figures)
+    fault = find_invalid_metric(metrics)
     if fault is not None or not np.isfinite(cages).all():
         raise NumericalError(
             f"the solve gave {fault or 'cages that are not finite'} in frames {start} to "

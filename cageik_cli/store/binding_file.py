@@ -8,31 +8,31 @@ import h5py
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.cages.bind import WORST_PRECISION
-from cageik_cli.cages.soundness import checked_cage
+from cageik_cli.cages.bind import MAX_REPRODUCTION_ERROR
+from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.coordinates.binding import Binding, BindSettings, WeightQuality
-from cageik_cli.formats.base.hdf5 import numbers, opened
+from cageik_cli.formats.base.hdf5 import open_checked, read_array
 from cageik_cli.store.hdf5_fields import (
-    as_json,
-    calls_itself,
-    new_file,
-    parsed,
-    parsed_notes,
-    parsed_quality,
-    parsed_sources,
+    check_format,
+    create_hdf5,
+    has_format,
+    read_json_attr,
     read_meshes,
-    refuse_others,
-    version_of,
+    read_notes,
+    read_quality,
+    read_sources,
+    read_version,
+    to_json,
     write_deflated,
     write_meshes,
 )
 from cageik_cli.util.errors import InputError
-from cageik_cli.util.outputs import whole_file
+from cageik_cli.util.outputs import atomic_file
 
 FORMAT = "cageik.binding"
 SCHEMA = 1
 
-ROUNDING = 1e-12
+ROUNDING_TOL = 1e-12
 """By how much figures of the same weights may differ between machines."""
 
 
@@ -63,20 +63,20 @@ def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:
         When it cannot be written, or another file has come to have the name meanwhile.
     """
     binding = stored.binding
-    with whole_file(path, overwrite) as sink, new_file(sink) as file:
+    with atomic_file(path, overwrite) as sink, create_hdf5(sink) as file:
         write_meshes(file, binding.rest, binding.cage)
         write_deflated(file, "weights", binding.weights)
         file.attrs.update(format=FORMAT, schema=SCHEMA, version=stored.version)
-        file.attrs["settings"] = as_json(asdict(binding.settings))
-        file.attrs["quality"] = as_json(asdict(binding.quality))
-        file.attrs["notes"] = as_json(binding.notes)
-        file.attrs["sources"] = as_json(stored.sources)
+        file.attrs["settings"] = to_json(asdict(binding.settings))
+        file.attrs["quality"] = to_json(asdict(binding.quality))
+        file.attrs["notes"] = to_json(binding.notes)
+        file.attrs["sources"] = to_json(stored.sources)
 
 
 def is_binding(path: Path) -> bool:
     """Whether an HDF5 file calls itself one of our bindings."""
-    with opened(path) as file:
-        return calls_itself(file, FORMAT)
+    with open_checked(path) as file:
+        return has_format(file, FORMAT)
 
 
 def read_binding(path: Path) -> StoredBinding:
@@ -88,25 +88,25 @@ def read_binding(path: Path) -> StoredBinding:
         When it is not HDF5, not a binding, of another schema, damaged, or its weights are not
         those that its figures were taken of.
     """
-    with opened(path) as file:
-        refuse_others(file, FORMAT, SCHEMA, "a binding of cageik bind")
+    with open_checked(path) as file:
+        check_format(file, FORMAT, SCHEMA, "a binding of cageik bind")
         rest, cage = read_meshes(file)
-        if checked_cage(cage)[0] is not cage:
+        if validate_cage(cage)[0] is not cage:
             raise InputError("the cage's faces turn inward, expected outward; make it again")
         shape = (len(rest.vertices), len(cage.vertices))
-        quality = parsed_quality(file, WeightQuality)
+        quality = read_quality(file, WeightQuality)
         binding = Binding(
             rest=rest,
             cage=cage,
-            weights=numbers(file, "weights", "f", shape).astype(np.float64, copy=False),
-            settings=_settings(file),
-            panels=_count(quality, "panels"),
+            weights=read_array(file, "weights", "f", shape).astype(np.float64, copy=False),
+            settings=_read_settings(file),
+            panels=_read_count(quality, "panels"),
             estimated_error=quality.estimated_error,
-            projected=_count(quality, "projected"),
-            notes=parsed_notes(file),
+            projected=_read_count(quality, "projected"),
+            notes=read_notes(file),
         )
-        _refuse_other_weights(binding, quality)
-        return StoredBinding(binding, _sources(file), version_of(file))
+        _check_weights(binding, quality)
+        return StoredBinding(binding, _read_binding_sources(file), read_version(file))
 
 
 def read_bind_settings(path: Path) -> BindSettings:
@@ -117,34 +117,34 @@ def read_bind_settings(path: Path) -> BindSettings:
     InputError
         When it is not a binding.
     """
-    with opened(path) as file:
-        refuse_others(file, FORMAT, SCHEMA, "a binding of cageik bind")
-        return _settings(file)
+    with open_checked(path) as file:
+        check_format(file, FORMAT, SCHEMA, "a binding of cageik bind")
+        return _read_settings(file)
 
 
-def _settings(file: h5py.File) -> BindSettings:
-    held = parsed(file, "settings", dict)
+def _read_settings(file: h5py.File) -> BindSettings:
+    held = read_json_attr(file, "settings", dict)
     expected = {field.name for field in fields(BindSettings)}
     if set(held) != expected or not all(isinstance(value, str) for value in held.values()):
         raise InputError(f"attribute `settings` does not say {', '.join(sorted(expected))}")
     return BindSettings(**held)
 
 
-def _sources(file: h5py.File) -> dict[str, Any]:
-    sources = parsed_sources(file)
+def _read_binding_sources(file: h5py.File) -> dict[str, Any]:
+    sources = read_sources(file)
     if not all("name" in sources.get(key, ()) for key in ("cage", "rest")):
         raise InputError("attribute `sources` does not name cage and rest; make it again")
     return sources
 
 
-def _count(quality: WeightQuality, name: str) -> int:
+def _read_count(quality: WeightQuality, name: str) -> int:
     value = getattr(quality, name)
     if not isinstance(value, int) or value < 0:
         raise InputError(f"attribute `quality` says that {name} is {value!r}, expected a count")
     return value
 
 
-def _refuse_other_weights(binding: Binding, stated: WeightQuality) -> None:
+def _check_weights(binding: Binding, stated: WeightQuality) -> None:
     """Refuse weights that cannot be trusted, or are not those of the `stated` figures."""
     if not np.isfinite(binding.weights).all():
         row = int(np.argmin(np.isfinite(binding.weights).all(axis=1)))
@@ -152,7 +152,7 @@ def _refuse_other_weights(binding: Binding, stated: WeightQuality) -> None:
     found = binding.quality
     for name in ("partition_of_unity", "linear_precision", "min_weight"):
         value, expected = getattr(found, name), getattr(stated, name)
-        if not np.isclose(value, expected, rtol=1e-9, atol=ROUNDING):
+        if not np.isclose(value, expected, rtol=1e-9, atol=ROUNDING_TOL):
             raise InputError(
                 f"`weights` have {name} {value:.3g} where attribute `quality` says "
                 f"{expected:.3g}; it is damaged, make it again"
@@ -162,8 +162,8 @@ def _refuse_other_weights(binding: Binding, stated: WeightQuality) -> None:
         "partition_of_unity", "linear_precision"
     )  # fmt: skip
     for name in trusted:
-        if not getattr(found, name) <= WORST_PRECISION:
+        if not getattr(found, name) <= MAX_REPRODUCTION_ERROR:
             raise InputError(
                 f"`weights` have {name} {getattr(found, name):.3g}, expected at most "
-                f"{WORST_PRECISION:.0e}; make it again"
+                f"{MAX_REPRODUCTION_ERROR:.0e}; make it again"
             )

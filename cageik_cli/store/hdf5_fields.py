@@ -8,38 +8,38 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from cageik_cli.formats.base.hdf5 import numbers
+from cageik_cli.formats.base.hdf5 import read_array
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError
-from cageik_cli.util.outputs import PatientFile
-from cageik_cli.util.text import printable, shown
-from cageik_cli.util.threads import InOrder, processors
+from cageik_cli.util.outputs import DeferredErrorFile
+from cageik_cli.util.text import single_line, to_unicode
+from cageik_cli.util.threads import OrderedMap, count_processors
 
 CHUNK_BYTES = 1 << 18
-Figures = TypeVar("Figures")
+Record = TypeVar("Record")
 
 
-def new_file(sink: PatientFile) -> h5py.File:
+def create_hdf5(sink: DeferredErrorFile) -> h5py.File:
     """An HDF5 file that holds neither times nor addresses: same input, same bytes."""
     return h5py.File(sink, "w", libver=("earliest", "v110"))
 
 
-def calls_itself(file: h5py.File, kind: str) -> bool:
-    """Whether its attribute `format` is `kind`, whatever else strangers may write there."""
+def has_format(file: h5py.File, format_name: str) -> bool:
+    """Whether its attribute `format` is `format_name`, whatever else strangers may write there."""
     name = file.attrs.get("format")
-    return isinstance(name, str) and name == kind
+    return isinstance(name, str) and name == format_name
 
 
-def refuse_others(file: h5py.File, kind: str, schema: int, what: str) -> None:
-    """Refuse a file that does not say that it is `what`, of format `kind` and this schema.
+def check_format(file: h5py.File, format_name: str, schema: int, description: str) -> None:
+    """Refuse a file that is not `description`, of this format and schema.
 
     Raises
     ------
     InputError
     """
-    if not calls_itself(file, kind):
-        raise InputError(f"is not {what}; name one")
+    if not has_format(file, format_name):
+        raise InputError(f"is not {description}; name one")
     found = file.attrs.get("schema")
     if not (isinstance(found, np.integer) and found == schema):
         raise InputError(f"is of schema {found}, this program reads schema {schema}; make it again")
@@ -62,7 +62,9 @@ def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
         in no face.
     """
     rest, cage = (
-        TriMesh(numbers(file, vertices, "f", (None, 3)), numbers(file, faces, "iu", (None, 3)))
+        TriMesh(
+            read_array(file, vertices, "f", (None, 3)), read_array(file, faces, "iu", (None, 3))
+        )
         for vertices, faces in (("rest/verts", "rest/tris"), ("cage/verts", "tris"))
     )
     if rest.diagonal == 0:
@@ -73,22 +75,22 @@ def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
     return rest, cage
 
 
-def version_of(file: h5py.File) -> str:
+def read_version(file: h5py.File) -> str:
     """Of the program that wrote the file, as it says."""
-    return printable(str(file.attrs.get("version", "unknown")))
+    return to_unicode(str(file.attrs.get("version", "unknown")))
 
 
-def parsed_notes(file: h5py.File) -> tuple[str, ...]:
+def read_notes(file: h5py.File) -> tuple[str, ...]:
     """What was changed or left out, one sentence each, on one line each."""
-    return tuple(shown(str(note)) for note in parsed(file, "notes", list))
+    return tuple(single_line(str(note)) for note in read_json_attr(file, "notes", list))
 
 
-def as_json(value: Any) -> str:
+def to_json(value: Any) -> str:
     """The text of an attribute."""
     return json.dumps(value, sort_keys=True, allow_nan=False)
 
 
-def parsed(file: h5py.File, name: str, kind: type) -> Any:
+def read_json_attr(file: h5py.File, name: str, expected_type: type) -> Any:
     """The value of an attribute of JSON, all numbers finite.
 
     Raises
@@ -100,27 +102,29 @@ def parsed(file: h5py.File, name: str, kind: type) -> Any:
     try:
         value = json.loads(
             text if isinstance(text, str) else "",
-            parse_float=_finite,
-            parse_int=_finite_integer,
-            parse_constant=_finite,
+            parse_float=_parse_finite,
+            parse_int=_parse_finite_integer,
+            parse_constant=_parse_finite,
         )
         json.dumps(value, ensure_ascii=False).encode()  # what is no Unicode text fails here
     except ValueError:
         value = None
-    if not isinstance(value, kind):
-        raise InputError(f"attribute `{name}` is not a JSON {kind.__name__}; make it again")
+    if not isinstance(value, expected_type):
+        raise InputError(
+            f"attribute `{name}` is not a JSON {expected_type.__name__}; make it again"
+        )
     return value
 
 
-def parsed_sources(file: h5py.File) -> dict[str, Any]:
+def read_sources(file: h5py.File) -> dict[str, Any]:
     """Name and digest of each file that went in."""
-    sources: dict[str, Any] = parsed(file, "sources", dict)
+    sources: dict[str, Any] = read_json_attr(file, "sources", dict)
     if not all(isinstance(source, dict) for source in sources.values()):
         raise InputError("attribute `sources` does not name files; make it again")
     return sources
 
 
-def parsed_name(file: h5py.File, name: str) -> str | None:
+def read_text_attr(file: h5py.File, name: str) -> str | None:
     """An attribute of plain text, None if it is not there.
 
     Raises
@@ -131,17 +135,17 @@ def parsed_name(file: h5py.File, name: str) -> str | None:
     text = file.attrs.get(name)
     if text is not None and not isinstance(text, str):
         raise InputError(f"attribute `{name}` holds no text; make it again")
-    return None if text is None else printable(text)
+    return None if text is None else to_unicode(text)
 
 
-def parsed_quality(file: h5py.File, kind: type[Figures]) -> Figures:
+def read_quality(file: h5py.File, record_type: type[Record]) -> Record:
     """The attribute `quality` as a record of numbers."""
-    figures = parsed(file, "quality", dict)
-    expected = {field.name for field in fields(kind)}  # type: ignore[arg-type]
+    figures = read_json_attr(file, "quality", dict)
+    expected = {field.name for field in fields(record_type)}  # type: ignore[arg-type]
     numbers_only = all(isinstance(value, int | float) for value in figures.values())
     if set(figures) != expected or not numbers_only:
         raise InputError(f"attribute `quality` is not {', '.join(sorted(expected))}")
-    return kind(**figures)
+    return record_type(**figures)
 
 
 def write_deflated(file: h5py.File, name: str, matrix: Floats) -> None:
@@ -155,25 +159,25 @@ def write_deflated(file: h5py.File, name: str, matrix: Floats) -> None:
     filters = {"shuffle": True, "compression": "gzip", "compression_opts": 1}
     dataset = file.create_dataset(name, matrix.shape, "f8", chunks=chunks, **filters)
 
-    def deflated(start: int) -> bytes:
+    def compress_chunk(start: int) -> bytes:
         chunk = np.zeros(chunks)
         chunk[: len(matrix) - start] = matrix[start : start + rows]
         shuffled = chunk.view(np.uint8).reshape(-1, 8).T.tobytes()
         deflate = zlib.compressobj(1, strategy=zlib.Z_HUFFMAN_ONLY)
         return deflate.compress(shuffled) + deflate.flush()
 
-    starts, jobs = range(0, len(matrix), rows), processors()
-    with InOrder(deflated, starts, jobs, 2 * jobs) as parts:
+    starts, jobs = range(0, len(matrix), rows), count_processors()
+    with OrderedMap(compress_chunk, starts, jobs, 2 * jobs) as parts:
         for start, data in zip(starts, parts, strict=True):
             dataset.id.write_direct_chunk((start, 0), data)
 
 
-def _finite_integer(text: str) -> int:
-    _finite(text)
+def _parse_finite_integer(text: str) -> int:
+    _parse_finite(text)
     return int(text)
 
 
-def _finite(text: str) -> float:
+def _parse_finite(text: str) -> float:
     value = float(text)
     if not np.isfinite(value):
         raise ValueError(f"{text} is not a finite number")

@@ -8,33 +8,41 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cageik_cli.formats.base.hdf5 import dataset, numbers, opened
+from cageik_cli.formats.base.hdf5 import get_dataset, open_checked, read_array
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.dual_laplacian import Quality
-from cageik_cli.solver.metrics import FIGURES, WHOLE_FIGURES, FrameFigures, are_lengths, fault_of
+from cageik_cli.solver.dual_laplacian import SolveQuality
+from cageik_cli.solver.metrics import (
+    INTEGER_METRICS,
+    METRIC_NAMES,
+    FrameMetrics,
+    are_lengths,
+    find_invalid_metric,
+)
 from cageik_cli.store.hdf5_fields import (
-    calls_itself,
-    parsed,
-    parsed_name,
-    parsed_notes,
-    parsed_quality,
-    parsed_sources,
+    check_format,
+    has_format,
+    read_json_attr,
     read_meshes,
-    refuse_others,
-    version_of,
+    read_notes,
+    read_quality,
+    read_sources,
+    read_text_attr,
+    read_version,
 )
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
-from cageik_cli.util.text import printable
+from cageik_cli.util.text import to_unicode
 
 
-def read_figures(file: h5py.File, frames: int, vertices: int, skipped: list[int]) -> FrameFigures:
+def read_frame_metrics(
+    file: h5py.File, frames: int, vertices: int, skipped: list[int]
+) -> FrameMetrics:
     """The figures of all frames; those that were skipped have none."""
-    columns = {name: _column(file, name, frames) for name in FIGURES}
-    figures = FrameFigures(**columns)
-    held = FrameFigures(**{name: np.delete(column, skipped) for name, column in columns.items()})
-    fault = fault_of(held)
+    columns = {name: _read_column(file, name, frames) for name in METRIC_NAMES}
+    figures = FrameMetrics(**columns)
+    held = FrameMetrics(**{name: np.delete(column, skipped) for name, column in columns.items()})
+    fault = find_invalid_metric(held)
     if fault is not None:
         raise InputError(f"holds {fault}; extract it again")
     if not np.isnan(figures.rms[skipped]).all():
@@ -46,25 +54,25 @@ def read_figures(file: h5py.File, frames: int, vertices: int, skipped: list[int]
 
 def read_vertex_rms(file: h5py.File, vertices: int) -> Floats:
     """The rms of every vertex, (m,); nan for missing data."""
-    values = numbers(file, "metrics/vertex_rms", "f", (vertices,)).astype(np.float64)
+    values = read_array(file, "metrics/vertex_rms", "f", (vertices,)).astype(np.float64)
     is_missing = np.isnan(values)
     if is_missing.all() or not (is_missing | are_lengths(values)).all():
         raise InputError("holds `metrics/vertex_rms` that is no length; extract it again")
     return values
 
 
-def _column(file: h5py.File, name: str, frames: int) -> Any:
-    if name in WHOLE_FIGURES:
-        return numbers(file, f"metrics/{name}", "iu", (frames,))
+def _read_column(file: h5py.File, name: str, frames: int) -> Any:
+    if name in INTEGER_METRICS:
+        return read_array(file, f"metrics/{name}", "iu", (frames,))
     with np.errstate(over="ignore", invalid="ignore"):  # what does not fit is found later
-        return numbers(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
+        return read_array(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
 
 
 FORMAT = "cageik.result"
 SCHEMA = 1
-LOG_SUFFIX = ".partial"
+CHECKPOINT_SUFFIX = ".partial"
 
-POSED = 3
+KEY_FRAME_COUNT = 3
 """Frames that are held in full: the worst, the median and the best."""
 
 
@@ -80,14 +88,14 @@ class Result:
     scene : Scene
     settings, sources : dict
         What was asked; name and digest of what was read.
-    quality : Quality
+    quality : SolveQuality
     notes : tuple of str
         What was changed or left out, one sentence each.
     frames : tuple of str
         Where each of the F frames came from.
     rest, cage : TriMesh
         The rest pose, m vertices, and its cage, n vertices.
-    figures : FrameFigures
+    metrics : FrameMetrics
         nan for a frame that was skipped, and a worst vertex of -1.
     vertex_rms : (m,) float64
         sqrt(mean |v̂ − v|²) of each vertex over the frames that were not skipped; nan for vertices
@@ -104,41 +112,41 @@ class Result:
     scene: Scene
     settings: dict[str, Any]
     sources: dict[str, Any]
-    quality: Quality
+    quality: SolveQuality
     notes: tuple[str, ...]
     frames: tuple[str, ...]
     rest: TriMesh
     cage: TriMesh
-    figures: FrameFigures
+    metrics: FrameMetrics
     vertex_rms: Floats
     skipped: dict[int, str] = field(default_factory=dict)
     edited_from: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PosedFrames:
+class KeyFrames:
     """The worst, the median and the best frame, as their cages rebuild them and as they were.
 
     Attributes
     ----------
-    frames : (3,) int64
+    indices : (3,) int64
         Their numbers in the clip.
     cages : (3, n, 3) float64
-    rebuilt : (3, m, 3) float64
+    reconstructed : (3, m, 3) float64
         v̂, the weights times the cages.
-    misses : (3, m, 3) float64
+    errors : (3, m, 3) float64
         v − v̂, in diagonals of the rest model.
     """
 
-    frames: Integers
+    indices: Integers
     cages: Floats
-    rebuilt: Floats
-    misses: Floats
+    reconstructed: Floats
+    errors: Floats
 
 
-def partial_name(path: Path) -> Path:
+def checkpoint_path(path: Path) -> Path:
     """What the log of a run is called that makes the result at `path`."""
-    return path.with_name(path.name + LOG_SUFFIX)
+    return path.with_name(path.name + CHECKPOINT_SUFFIX)
 
 
 def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
@@ -153,20 +161,20 @@ def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
         When a block cannot be read, or is not finite.
     """
     known = np.setdiff1d(np.arange(len(result.frames)), list(result.skipped))
-    with opened(result.path) as file:
-        cages = dataset(file, "verts", "f", (len(result.frames), len(result.cage.vertices), 3))
+    with open_checked(result.path) as file:
+        cages = get_dataset(file, "verts", "f", (len(result.frames), len(result.cage.vertices), 3))
         for start in range(first, len(cages), size):
             block = np.asarray(cages[start : start + size], np.float64)
             for k in range(start, start + len(block)):
                 if k in result.skipped:
-                    block[k - start] = _between(cages, known, k)
+                    block[k - start] = _interpolate_gap(cages, known, k)
             wrong = np.flatnonzero(~np.isfinite(block).all(axis=(1, 2)))
             if len(wrong):
                 raise InputError(f"the cage of frame {start + wrong[0]} is not finite")
             yield block
 
 
-def _between(cages: h5py.Dataset, known: Integers, frame: int) -> Floats:
+def _interpolate_gap(cages: h5py.Dataset, known: Integers, frame: int) -> Floats:
     """What the cages of the nearest `known` frames give for one between them."""
     place = int(np.searchsorted(known, frame))
     before, after = (int(known[np.clip(k, 0, len(known) - 1)]) for k in (place - 1, place))
@@ -176,7 +184,7 @@ def _between(cages: h5py.Dataset, known: Integers, frame: int) -> Floats:
 
 def has_weights(result: Result) -> bool:
     """Whether a result was written with its weights."""
-    with opened(result.path) as file:
+    with open_checked(result.path) as file:
         return "weights" in file
 
 
@@ -189,10 +197,10 @@ def read_weights(result: Result) -> Floats | None:
         When they are not as many as the meshes have vertices, or not finite.
     """
     shape = (len(result.rest.vertices), len(result.cage.vertices))
-    with opened(result.path) as file:
+    with open_checked(result.path) as file:
         if "weights" not in file:
             return None
-        weights = numbers(file, "weights", "f", shape).astype(np.float64, copy=False)
+        weights = read_array(file, "weights", "f", shape).astype(np.float64, copy=False)
         largest = np.maximum(weights.max(axis=1), -weights.min(axis=1))
         wrong = np.flatnonzero(~are_lengths(largest))
         if len(wrong):
@@ -202,7 +210,7 @@ def read_weights(result: Result) -> Floats | None:
         return weights
 
 
-def read_posed_frames(result: Result, weights: Floats) -> PosedFrames:
+def read_key_frames(result: Result, weights: Floats) -> KeyFrames:
     """The frames that a result written with its weights holds in full.
 
     Raises
@@ -211,22 +219,22 @@ def read_posed_frames(result: Result, weights: Floats) -> PosedFrames:
         When they are not there, or are no frames of it.
     """
     m, n, count = *weights.shape, len(result.frames)
-    with opened(result.path) as file:
-        frames = numbers(file, "poses/frame", "iu", (POSED,)).astype(np.int64)
-        misses = numbers(file, "poses/misses", "f", (POSED, m, 3)).astype(np.float64)
+    with open_checked(result.path) as file:
+        frames = read_array(file, "poses/frame", "iu", (KEY_FRAME_COUNT,)).astype(np.int64)
+        misses = read_array(file, "poses/misses", "f", (KEY_FRAME_COUNT, m, 3)).astype(np.float64)
         if not ((frames >= 0) & (frames < count)).all():
             raise InputError(f"`poses/frame` names other frames than the {count} there are")
-        cages = dataset(file, "verts", "f", (count, n, 3))
+        cages = get_dataset(file, "verts", "f", (count, n, 3))
         posed = np.stack([np.asarray(cages[k], np.float64) for k in frames])
         if not all(are_lengths(np.abs(held)).all() for held in (posed, misses)):
             raise InputError("`poses` are not finite, or far too large; extract it again")
-    return PosedFrames(frames, posed, weights @ posed, misses)
+    return KeyFrames(frames, posed, weights @ posed, misses)
 
 
 def is_result(path: Path) -> bool:
     """Whether an HDF5 file calls itself one of our results."""
-    with opened(path) as file:
-        return calls_itself(file, FORMAT)
+    with open_checked(path) as file:
+        return has_format(file, FORMAT)
 
 
 def read_result(path: Path) -> Result:
@@ -238,43 +246,43 @@ def read_result(path: Path) -> Result:
         When it is not HDF5, not a result, of another schema, not complete, or damaged.
     """
     if not path.exists():
-        raise InputError(f"{path}: no such result; {_what_instead(path)}")
-    if path.suffix == LOG_SUFFIX:
+        raise InputError(f"{path}: no such result; {_suggest_instead(path)}")
+    if path.suffix == CHECKPOINT_SUFFIX:
         raise InputError(
             f"{path}: is what an interrupted run has left, and no result; go on with the same "
             "command and --resume"
         )
-    with opened(path) as file:
-        _refuse_other_files(file)
+    with open_checked(path) as file:
+        _check_result_format(file)
         rest, cage = read_meshes(file)
-        frames = len(dataset(file, "verts", "f", (None, len(cage.vertices), 3)))
-        skipped = _skipped(file, frames)
+        frames = len(get_dataset(file, "verts", "f", (None, len(cage.vertices), 3)))
+        skipped = _read_skipped(file, frames)
         return Result(
             path=path,
-            version=version_of(file),
-            scene=_scene(file),
-            settings=parsed(file, "settings", dict),
-            sources=parsed_sources(file),
-            quality=parsed_quality(file, Quality),
-            notes=parsed_notes(file),
-            frames=_frame_names(file, frames),
+            version=read_version(file),
+            scene=_read_scene(file),
+            settings=read_json_attr(file, "settings", dict),
+            sources=read_sources(file),
+            quality=read_quality(file, SolveQuality),
+            notes=read_notes(file),
+            frames=_read_frame_names(file, frames),
             rest=rest,
             cage=cage,
-            figures=read_figures(file, frames, len(rest.vertices), list(skipped)),
+            metrics=read_frame_metrics(file, frames, len(rest.vertices), list(skipped)),
             vertex_rms=read_vertex_rms(file, len(rest.vertices)),
             skipped=skipped,
-            edited_from=parsed_name(file, "edited_from"),
+            edited_from=read_text_attr(file, "edited_from"),
         )
 
 
-def _refuse_other_files(file: h5py.File) -> None:
-    refuse_others(file, FORMAT, SCHEMA, "a result of cageik extract")
+def _check_result_format(file: h5py.File) -> None:
+    check_format(file, FORMAT, SCHEMA, "a result of cageik extract")
     complete = file.attrs.get("complete")
     if not (isinstance(complete, np.bool_) and complete):
         raise InputError("is not complete: the run that wrote it was interrupted; extract it again")
 
 
-def _scene(file: h5py.File) -> Scene:
+def _read_scene(file: h5py.File) -> Scene:
     values = {field.name: file.attrs.get(field.name) for field in fields(Scene)}
     for name, value in values.items():
         if name == "up_axis" and isinstance(value, str):
@@ -287,25 +295,25 @@ def _scene(file: h5py.File) -> Scene:
     return Scene(**values)
 
 
-def _frame_names(file: h5py.File, count: int) -> tuple[str, ...]:
-    names = dataset(file, "frames/name", "O", (count,))
+def _read_frame_names(file: h5py.File, count: int) -> tuple[str, ...]:
+    names = get_dataset(file, "frames/name", "O", (count,))
     if h5py.check_string_dtype(names.dtype) is None:
         raise InputError("`frames/name` does not hold text; extract it again")
     return tuple(names.asstr(errors="replace")[:])
 
 
-def _what_instead(path: Path) -> str:
-    log = partial_name(path)
+def _suggest_instead(path: Path) -> str:
+    log = checkpoint_path(path)
     if log.exists():
         return f"an interrupted run has left {log.name}; go on with cageik extract --resume"
     return "make it with cageik extract, or name another"
 
 
-def _skipped(file: h5py.File, frames: int) -> dict[int, str]:
-    held = parsed(file, "skipped", dict)
+def _read_skipped(file: h5py.File, frames: int) -> dict[int, str]:
+    held = read_json_attr(file, "skipped", dict)
     numbers_only = all(key.isdecimal() and int(key) < frames for key in held)
     if not numbers_only or not all(isinstance(text, str) for text in held.values()):
         raise InputError("attribute `skipped` does not say which frames were and why")
     if len(held) == frames:
         raise InputError("every frame was skipped; extract it again")
-    return {int(key): printable(held[key]) for key in sorted(held, key=int)}
+    return {int(key): to_unicode(held[key]) for key in sorted(held, key=int)}

@@ -23,21 +23,21 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.coordinates.binding import ALGORITHMS, Binding, BindSettings
+from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.outputs import open_locked, remove_locked
 
 _MAGIC = b"cageik weights 1\n"
-_DIGEST = hashlib.sha256().digest_size
-_START = struct.Struct(f"<{len(_MAGIC)}s{_DIGEST}sQ")
+_DIGEST_BYTES = hashlib.sha256().digest_size
+_FILE_START = struct.Struct(f"<{len(_MAGIC)}s{_DIGEST_BYTES}sQ")
 
 
-class Unusable(Exception):
+class CorruptEntry(Exception):
     """What an entry's name leads to is not that entry, whole."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Entry:
+class CacheEntry:
     """What is kept of a binding, beside what its key stands for.
 
     Attributes
@@ -63,12 +63,12 @@ class Entry:
     seconds: float
 
 
-def packed(key: str, entry: Entry) -> list[memoryview]:
+def pack_entry(key: str, entry: CacheEntry) -> list[memoryview]:
     """The parts of an entry's file, one behind the other."""
     arrays = [as_bytes(entry.faces, "<i8"), as_bytes(entry.weights, "<f8")]
     header = {
         "key": key,
-        "digest": _digest(arrays).hex(),
+        "digest": _compute_digest(arrays).hex(),
         "faces": entry.faces.shape,
         "weights": entry.weights.shape,
         "panels": entry.panels,
@@ -78,11 +78,11 @@ def packed(key: str, entry: Entry) -> list[memoryview]:
         "seconds": entry.seconds,
     }
     text = json.dumps(header).encode()
-    start = _START.pack(_MAGIC, _digest([memoryview(text)]), len(text))
+    start = _FILE_START.pack(_MAGIC, _compute_digest([memoryview(text)]), len(text))
     return [memoryview(start + text), *arrays]
 
 
-def read_entry(path: Path, key: str) -> Entry:
+def read_entry(path: Path, key: str) -> CacheEntry:
     """Read an entry and compare its digests.
 
     Raises
@@ -94,19 +94,19 @@ def read_entry(path: Path, key: str) -> Entry:
     """
     # Before it is opened: opening a pipe would wait for its writer.
     if not stat.S_ISREG(path.stat(follow_symlinks=False).st_mode):
-        raise Unusable("is not a plain file")
+        raise CorruptEntry("is not a plain file")
     with open(path, "rb") as file:
-        header = _header(file)
+        header = _read_header(file)
         if header.pop("key") != key:
-            raise Unusable("is the entry of another key")
+            raise CorruptEntry("is the entry of another key")
         expected = bytes.fromhex(header.pop("digest"))
         faces = np.empty(header.pop("faces"), "<i8")
         weights = np.empty(header.pop("weights"), "<f8")
         parts = [as_bytes(faces, "<i8"), as_bytes(weights, "<f8")]
         whole = all(file.readinto(part) == len(part) for part in parts)
-        if not whole or file.read(1) or _digest(parts) != expected:
-            raise Unusable("is damaged")
-    return Entry(
+        if not whole or file.read(1) or _compute_digest(parts) != expected:
+            raise CorruptEntry("is damaged")
+    return CacheEntry(
         faces=faces.astype(np.int64, copy=False),
         weights=weights.astype(np.float64, copy=False),
         notes=tuple(header.pop("notes")),
@@ -114,25 +114,25 @@ def read_entry(path: Path, key: str) -> Entry:
     )
 
 
-def as_bytes(array: np.ndarray, kind: str) -> memoryview:
+def as_bytes(array: np.ndarray, dtype: str) -> memoryview:
     """The numbers of an array, row by row, as bytes."""
-    return np.ascontiguousarray(array, kind).reshape(-1).view(np.uint8).data
+    return np.ascontiguousarray(array, dtype).reshape(-1).view(np.uint8).data
 
 
-def _header(file: BinaryIO) -> dict[str, Any]:
+def _read_header(file: BinaryIO) -> dict[str, Any]:
     """The header as it was written, or none; only then is it believed how long the arrays are."""
-    start = file.read(_START.size)
-    if len(start) == _START.size:
-        magic, expected, length = _START.unpack(start)
+    start = file.read(_FILE_START.size)
+    if len(start) == _FILE_START.size:
+        magic, expected, length = _FILE_START.unpack(start)
         if magic == _MAGIC and length <= os.fstat(file.fileno()).st_size:
             text = file.read(length)
-            if _digest([memoryview(text)]) == expected:
+            if _compute_digest([memoryview(text)]) == expected:
                 header: dict[str, Any] = json.loads(text)
                 return header
-    raise Unusable("is damaged")
+    raise CorruptEntry("is damaged")
 
 
-def _digest(parts: list[memoryview]) -> bytes:
+def _compute_digest(parts: list[memoryview]) -> bytes:
     """SHA-256, for which processors have instructions: twice as fast as others."""
     digest = hashlib.sha256()
     for part in parts:
@@ -140,17 +140,17 @@ def _digest(parts: list[memoryview]) -> bytes:
     return digest.digest()
 
 
-LARGEST = 2 << 30
+DEFAULT_MAX_BYTES = 2 << 30
 """Bytes that the entries of a cache may take; those used longest ago make room."""
 
-PAUSE = 0.05
+POLL_SECONDS = 0.05
 """Seconds between two looks whether another process has computed an entry."""
 
-STALE = 3600.0
+STALE_SECONDS = 3600.0
 """Seconds after which a file that is still being written was left by a process that was killed."""
 
-_ENTRY = re.compile(r"[0-9a-f]{64}\.weights")
-_PARTIAL = re.compile(r"[0-9a-f]{64}\.\w+\.partial")
+_ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.weights")
+_PARTIAL_NAME = re.compile(r"[0-9a-f]{64}\.\w+\.partial")
 
 
 class WeightCache:
@@ -162,27 +162,29 @@ class WeightCache:
         Made when the first entry is computed. Files in it that are not of the cache are left alone.
     remark : callable
         Told, in a sentence, what could not be read or written, and what was saved.
-    largest : int
+    max_bytes : int
         Bytes that entries may take together.
     """
 
-    def __init__(self, folder: Path, remark: Callable[[str], None], largest: int = LARGEST) -> None:
-        self.folder, self.largest = folder, largest
-        self._remark = remark
+    def __init__(
+        self, folder: Path, note: Callable[[str], None], max_bytes: int = DEFAULT_MAX_BYTES
+    ) -> None:
+        self.folder, self.max_bytes = folder, max_bytes
+        self._note = note
 
-    def bound(
+    def get_or_compute(
         self, rest: TriMesh, cage: TriMesh, settings: BindSettings, compute: Callable[[], Binding]
     ) -> Binding:
         """The binding that `compute` gives, from the cache if it is there."""
-        key = key_of(rest, cage, settings)
-        entry = self._timed(key)
+        key = compute_key(rest, cage, settings)
+        entry = self._lookup(key)
         if entry is None:
-            with self._alone(key):
-                entry = self._timed(key)  # who was waited for has written it
+            with self._entry_lock(key):
+                entry = self._lookup(key)  # who was waited for has written it
                 if entry is None:
                     start = time.perf_counter()
                     binding = compute()
-                    self.write(key, _entry_of(binding, time.perf_counter() - start))
+                    self.write(key, _make_entry(binding, time.perf_counter() - start))
                     return binding
         return Binding(
             rest=rest,
@@ -195,17 +197,17 @@ class WeightCache:
             notes=entry.notes,
         )
 
-    def _timed(self, key: str) -> Entry | None:
+    def _lookup(self, key: str) -> CacheEntry | None:
         """The entry of a key, if it is there; what that saved is remarked."""
         start = time.perf_counter()
         entry = self.read(key)
         if entry is not None:
             saved = max(0.0, entry.seconds - (time.perf_counter() - start))
-            self._remark(f"weights taken from it, {saved:.1f} s saved")
+            self._note(f"weights taken from it, {saved:.1f} s saved")
         return entry
 
     @contextmanager
-    def _alone(self, key: str) -> Iterator[None]:
+    def _entry_lock(self, key: str) -> Iterator[None]:
         """Wait for the process that computes this entry, and be it then.
 
         In a folder that cannot be written nobody waits.
@@ -214,7 +216,7 @@ class WeightCache:
         try:
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             while (file := open_locked(path)) is None:
-                time.sleep(PAUSE)
+                time.sleep(POLL_SECONDS)
         except OSError:
             yield
             return
@@ -223,16 +225,16 @@ class WeightCache:
         finally:
             remove_locked(path, file)
 
-    def read(self, key: str) -> Entry | None:
+    def read(self, key: str) -> CacheEntry | None:
         """The entry of a key, if it is there; one that is damaged is deleted, and remarked."""
-        path = self._path(key)
+        path = self._entry_path(key)
         try:
             entry = read_entry(path, key)
         except OSError:
             # Not there, or out of reach, which is remarked when the entry is to be written.
             return None
-        except Unusable as error:
-            self._remark(f"{path}: {error}; it is deleted and the weights are computed")
+        except CorruptEntry as error:
+            self._note(f"{path}: {error}; it is deleted and the weights are computed")
             with suppress(OSError):  # a folder stays, and is in the way when the entry is written
                 path.unlink()
             return None
@@ -240,25 +242,25 @@ class WeightCache:
             os.utime(path)
         return entry
 
-    def write(self, key: str, entry: Entry) -> None:
+    def write(self, key: str, entry: CacheEntry) -> None:
         """Keep an entry, and make room for it; what cannot be written is remarked."""
-        parts = packed(key, entry)
+        parts = pack_entry(key, entry)
         size = sum(map(len, parts))
-        if size > self.largest:
-            self._remark(f"holds {self.largest} bytes at most, the weights have {size}: not kept")
+        if size > self.max_bytes:
+            self._note(f"holds {self.max_bytes} bytes at most, the weights have {size}: not kept")
             return
         try:
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            self._replace(key, parts)
-            self._make_room()
+            self._write_atomically(key, parts)
+            self._evict_oldest()
         except OSError as error:
             reason = error.strerror or error
-            self._remark(f"{self.folder}: cannot be written ({reason}); the weights are not kept")
+            self._note(f"{self.folder}: cannot be written ({reason}); the weights are not kept")
 
-    def _path(self, key: str) -> Path:
+    def _entry_path(self, key: str) -> Path:
         return self.folder / f"{key}.weights"
 
-    def _replace(self, key: str, parts: list[memoryview]) -> None:
+    def _write_atomically(self, key: str, parts: list[memoryview]) -> None:
         """Write beside the entry's name, which only its owner may read, and rename.
 
         Nothing waits for the disk: an entry that a power cut leaves in part fails its digest.
@@ -267,30 +269,33 @@ class WeightCache:
         try:
             with open(descriptor, "wb") as file:
                 file.writelines(parts)
-            os.replace(name, self._path(key))
+            os.replace(name, self._entry_path(key))
         except BaseException:
             Path(name).unlink(missing_ok=True)
             raise
 
-    def _make_room(self) -> None:
+    def _evict_oldest(self) -> None:
         """Delete the entries used longest ago, until the others fit, and what was left unfinished.
 
         Others may do the same meanwhile: what has gone already is as good as deleted here.
         """
         entries = sorted(
-            ((status.st_mtime_ns, path, status.st_size) for path, status in self._files(_ENTRY)),
+            (
+                (status.st_mtime_ns, path, status.st_size)
+                for path, status in self._list_files(_ENTRY_NAME)
+            ),
             reverse=True,
         )
         taken = 0
         for _, path, size in entries:
             taken += size
-            if taken > self.largest:
+            if taken > self.max_bytes:
                 path.unlink(missing_ok=True)
-        for path, status in self._files(_PARTIAL):
-            if status.st_mtime < time.time() - STALE:
+        for path, status in self._list_files(_PARTIAL_NAME):
+            if status.st_mtime < time.time() - STALE_SECONDS:
                 path.unlink(missing_ok=True)
 
-    def _files(self, name: re.Pattern[str]) -> list[tuple[Path, os.stat_result]]:
+    def _list_files(self, name: re.Pattern[str]) -> list[tuple[Path, os.stat_result]]:
         found = []
         for path in self.folder.iterdir():
             if name.fullmatch(path.name):
@@ -299,7 +304,7 @@ class WeightCache:
         return [(path, status) for path, status in found if stat.S_ISREG(status.st_mode)]
 
 
-def key_of(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
+def compute_key(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
     """The key of a binding: a digest of all its weights, notes and figures depend on, bit by bit.
 
     The faces of the rest pose are not of it, since weights belong to points. Nor are the threads,
@@ -307,7 +312,7 @@ def key_of(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
     """
     said = {
         "version": __version__,
-        "algorithm": ALGORITHMS[settings.coordinates],
+        "algorithm": ALGORITHM_VERSIONS[settings.coordinates],
         **asdict(settings),
         "rest": len(rest.vertices),
         "cage": len(cage.vertices),
@@ -320,8 +325,8 @@ def key_of(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
     return digest.hexdigest()
 
 
-def _entry_of(binding: Binding, seconds: float) -> Entry:
-    return Entry(
+def _make_entry(binding: Binding, seconds: float) -> CacheEntry:
+    return CacheEntry(
         faces=binding.cage.faces,
         weights=binding.weights,
         panels=binding.panels,

@@ -11,7 +11,7 @@ Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 
-class Scratch:
+class Workspace:
     """Arrays that are used again block after block, so that memory is asked for once.
 
     Fresh arrays of a block's size cost more in page faults than in arithmetic. One thread's own.
@@ -28,7 +28,7 @@ class Scratch:
             held = self._arrays[name] = np.empty(size)
         return held[:size].reshape(shape)
 
-    def rows(self, name: str, source: Floats, chosen: Integers) -> Floats:
+    def take_rows(self, name: str, source: Floats, indices: Integers) -> Floats:
         """`source[chosen]` in the array of that name."""
-        out = self.array(name, len(chosen), source.shape[1])
-        return np.take(source, chosen, axis=0, out=out, mode="clip")
+        out = self.array(name, len(indices), source.shape[1])
+        return np.take(source, indices, axis=0, out=out, mode="clip")

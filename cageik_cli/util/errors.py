@@ -17,20 +17,20 @@ class NumericalError(CageikError):
 
 
 @contextmanager
-def located(place: object) -> Iterator[None]:
-    """Put `place` (a file, a member of a file) in front of the message of errors raised inside."""
+def error_context(location: object) -> Iterator[None]:
+    """Put a location (a file, a member of one) in front of messages raised inside."""
     try:
         yield
     except CageikError as error:
-        raise type(error)(f"{place}: {error}") from error
+        raise type(error)(f"{location}: {error}") from error
 
 
-def sentence_of(error: BaseException) -> str:
+def format_error(error: BaseException) -> str:
     """What went wrong, and what was noted on the error on its way: what is kept, how to go on."""
-    return "; ".join([cause_of(error), *getattr(error, "__notes__", ())])
+    return "; ".join([describe_error(error), *getattr(error, "__notes__", ())])
 
 
-def cause_of(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """What went wrong, in a sentence."""
     if isinstance(error, CageikError):
         text = str(error)
@@ -48,14 +48,14 @@ def cause_of(error: BaseException) -> str:
     return " ".join(text.split())
 
 
-def first_few(things: Iterable[object], limit: int = 10) -> str:
+def join_truncated(items: Iterable[object], limit: int = 10) -> str:
     """List the first `limit` of them, with a mark when there are more."""
-    listed = [str(thing) for thing in things]
+    listed = [str(thing) for thing in items]
     return ", ".join(listed[:limit]) + (", ..." if len(listed) > limit else "")
 
 
 @contextmanager
-def needing(library: str, extra: str, act: str) -> Iterator[None]:
+def require_optional(library: str, extra: str, purpose: str) -> Iterator[None]:
     """Make of an import that fails inside a sentence on what to install.
 
     Parameters
@@ -64,10 +64,10 @@ def needing(library: str, extra: str, act: str) -> Iterator[None]:
         As package indexes call it.
     extra : str
         Which of our extras brings it.
-    act : str
+    purpose : str
         What it is needed for: "reading .usdc".
     """
     try:
         yield
     except ImportError as error:
-        raise InputError(f"{act} needs {library}: pip install 'cageik[{extra}]'") from error
+        raise InputError(f"{purpose} needs {library}: pip install 'cageik[{extra}]'") from error

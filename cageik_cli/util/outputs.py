@@ -13,7 +13,7 @@ from typing import Any
 from cageik_cli.util.errors import InputError
 
 
-def prepare(path: Path, overwrite: bool) -> None:
+def check_writable(path: Path, overwrite: bool) -> None:
     """Refuse, before any work, an output that exists or cannot be written.
 
     Raises
@@ -31,7 +31,7 @@ def prepare(path: Path, overwrite: bool) -> None:
         )
     if not path.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
-    partial = _partial(path)
+    partial = _unique_path(path)
     try:
         partial.touch(exist_ok=False)
         partial.unlink()
@@ -41,7 +41,9 @@ def prepare(path: Path, overwrite: bool) -> None:
         ) from error
 
 
-def prepare_folder(path: Path, overwrite: bool, is_ours: Callable[[str], bool]) -> None:
+def check_folder_writable(
+    path: Path, overwrite: bool, is_output_name: Callable[[str], bool]
+) -> None:
     """Refuse, before any work, a folder of files that exists or cannot be written.
 
     Parameters
@@ -50,7 +52,7 @@ def prepare_folder(path: Path, overwrite: bool, is_ours: Callable[[str], bool]) 
         It is to hold what is written and nothing else.
     overwrite : bool
         Whether it may be replaced.
-    is_ours : callable
+    is_output_name : callable
         Whether a file of this name is one of those to be written; a folder that holds another is
         not replaced in any case.
 
@@ -66,10 +68,10 @@ def prepare_folder(path: Path, overwrite: bool, is_ours: Callable[[str], bool]) 
         )
     if place.exists() and not place.is_dir():
         raise InputError(f"{path}: is a file, expected the name of a folder to write")
-    with _refused(path):
+    with _convert_os_errors(path):
         entries = sorted(place.iterdir()) if place.exists() else []
     for entry in entries:
-        if entry.is_symlink() or not entry.is_file() or not is_ours(entry.name):
+        if entry.is_symlink() or not entry.is_file() or not is_output_name(entry.name):
             raise InputError(
                 f"{path}: holds {entry.name}, which is none of the files to be written; "
                 "choose a folder for these alone"
@@ -80,8 +82,8 @@ def prepare_folder(path: Path, overwrite: bool, is_ours: Callable[[str], bool]) 
         )
     if not place.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
-    partial = _partial(place)
-    with _refused(path):
+    partial = _unique_path(place)
+    with _convert_os_errors(path):
         partial.mkdir()
         partial.rmdir()
 
@@ -100,7 +102,7 @@ def make_folder(folder: Path) -> None:
         raise InputError(f"{folder}: cannot be made ({error.strerror or error})") from error
 
 
-def keep_apart(outputs: list[Path | None], inputs: list[Path | None]) -> None:
+def check_no_overlap(outputs: list[Path | None], inputs: list[Path | None]) -> None:
     """Refuse an output that is an input, or another output, or a folder with one; `-` is neither.
 
     Raises
@@ -122,11 +124,11 @@ def keep_apart(outputs: list[Path | None], inputs: list[Path | None]) -> None:
         taken.add(place)
 
 
-class PatientFile(io.FileIO):
+class DeferredErrorFile(io.FileIO):
     """A new binary file that keeps the first failure to itself until it is asked for.
 
     HDF5 does not survive a write that fails: it fails again while it cleans up, aloud, and may
-    crash. Here every write seems to succeed; `check` raises what did not.
+    crash. Here every write seems to succeed; `raise_deferred_error` raises what did not.
     """
 
     def __init__(self, path: Path) -> None:
@@ -152,52 +154,54 @@ class PatientFile(io.FileIO):
             self._failure = self._failure or error
             return size or 0
 
-    def check(self) -> None:
+    def raise_deferred_error(self) -> None:
         """Raise the OSError that a write met, if one did."""
         if self._failure is not None:
             raise self._failure
 
 
 @contextmanager
-def whole_file(path: Path, overwrite: bool, beside: Path | None = None) -> Iterator[PatientFile]:
+def atomic_file(
+    path: Path, overwrite: bool, temporary_path: Path | None = None
+) -> Iterator[DeferredErrorFile]:
     """A file beside `path` that takes its name if the block ends without an error.
 
-    It has a name of its own, or `beside` when no other run can have that; what a killed run left
-    there is deleted.
+    It has a name of its own, or `temporary_path` when no other run can have that; what a killed
+    run left there is deleted.
 
     Raises
     ------
     InputError
         When it cannot be written, or another file has come to have the name meanwhile.
     """
-    partial = beside or _partial(path)
-    with _refused(path):
-        if beside is not None:
-            beside.unlink(missing_ok=True)
-        new = PatientFile(partial)
+    partial = temporary_path or _unique_path(path)
+    with _convert_os_errors(path):
+        if temporary_path is not None:
+            temporary_path.unlink(missing_ok=True)
+        new = DeferredErrorFile(partial)
         try:
-            with _brought_to_disk(new):
+            with _flush_to_disk(new):
                 yield new
-            _take_name(path, partial, overwrite)
+            _rename_into_place(path, partial, overwrite)
         finally:
             partial.unlink(missing_ok=True)
 
 
 @contextmanager
-def _brought_to_disk(file: PatientFile) -> Iterator[None]:
+def _flush_to_disk(file: DeferredErrorFile) -> Iterator[None]:
     """Close the file when the block ends; its own first failure is raised before the block's."""
     with file:
         try:
             yield
         except Exception:
-            file.check()
+            file.raise_deferred_error()
             raise
-        file.check()
+        file.raise_deferred_error()
         os.fsync(file.fileno())
 
 
 @contextmanager
-def whole_path(path: Path, overwrite: bool) -> Iterator[Path]:
+def atomic_path(path: Path, overwrite: bool) -> Iterator[Path]:
     """A name beside `path`, of its suffix; what the block writes there takes the name of `path`.
 
     For libraries that write files by name. What is there is removed if the block fails.
@@ -208,17 +212,19 @@ def whole_path(path: Path, overwrite: bool) -> Iterator[Path]:
         When it cannot be written, or another file has come to have the name meanwhile.
     """
     partial = path.with_name(f"{path.stem}.{secrets.token_hex(8)}.partial{path.suffix}")
-    with _refused(path):
+    with _convert_os_errors(path):
         try:
             yield partial
-            _sync(partial)
-            _take_name(path, partial, overwrite)
+            _fsync(partial)
+            _rename_into_place(path, partial, overwrite)
         finally:
             partial.unlink(missing_ok=True)
 
 
 @contextmanager
-def whole_folder(path: Path, overwrite: bool, is_ours: Callable[[str], bool]) -> Iterator[Path]:
+def atomic_folder(
+    path: Path, overwrite: bool, is_output_name: Callable[[str], bool]
+) -> Iterator[Path]:
     """A folder beside `path` that takes its name if the block ends without an error.
 
     Raises
@@ -227,20 +233,20 @@ def whole_folder(path: Path, overwrite: bool, is_ours: Callable[[str], bool]) ->
         When it cannot be written, or the folder of that name may not be replaced (any more).
     """
     place = path.resolve()
-    partial = _partial(place)
-    with _refused(path):
+    partial = _unique_path(place)
+    with _convert_os_errors(path):
         partial.mkdir()
         try:
             yield partial
             for file in partial.iterdir():
-                _sync(file)
-            prepare_folder(path, overwrite, is_ours)
+                _fsync(file)
+            check_folder_writable(path, overwrite, is_output_name)
             _replace_folder(place, partial)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
 
 
-def _take_name(path: Path, new: Path, overwrite: bool) -> None:
+def _rename_into_place(path: Path, new: Path, overwrite: bool) -> None:
     """Let the file `new` be called `path`."""
     if path.exists() and not overwrite:
         raise InputError(f"{path}: another run has written it meanwhile; choose another")
@@ -252,7 +258,7 @@ def _replace_folder(place: Path, new: Path) -> None:
     if not place.exists():
         new.rename(place)
         return
-    old = _partial(place)
+    old = _unique_path(place)
     place.rename(old)
     try:
         new.rename(place)
@@ -264,13 +270,13 @@ def _replace_folder(place: Path, new: Path) -> None:
     old.rmdir()
 
 
-def _sync(path: Path) -> None:
+def _fsync(path: Path) -> None:
     with path.open("rb") as stream:
         os.fsync(stream.fileno())
 
 
 @contextmanager
-def _refused(path: Path) -> Iterator[None]:
+def _convert_os_errors(path: Path) -> Iterator[None]:
     """Make of whatever the system refuses inside a sentence about the output `path`."""
     try:
         yield
@@ -297,12 +303,12 @@ def write_bytes(path: Path, data: bytes, overwrite: bool) -> None:
     InputError
         As `write_text` does.
     """
-    prepare(path, overwrite)
-    with whole_file(path, overwrite) as file:
+    check_writable(path, overwrite)
+    with atomic_file(path, overwrite) as file:
         file.write(data)
 
 
-def _partial(path: Path) -> Path:
+def _unique_path(path: Path) -> Path:
     """A name beside `path` that no other run has, on whatever machine that shares the folder."""
     return path.with_name(f"{path.name}.{secrets.token_hex(8)}.partial")
 
@@ -310,7 +316,7 @@ def _partial(path: Path) -> Path:
 if sys.platform == "win32":
     import msvcrt
 
-    def _is_mine(file: io.FileIO) -> bool:
+    def _try_lock(file: io.FileIO) -> bool:
         try:
             msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
         except PermissionError:
@@ -320,7 +326,7 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-    def _is_mine(file: io.FileIO) -> bool:
+    def _try_lock(file: io.FileIO) -> bool:
         try:
             fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -336,18 +342,18 @@ def open_locked(path: Path) -> io.FileIO | None:
     while True:
         flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0)
         file = io.FileIO(os.open(path, flags, 0o666), "r+")
-        if not _is_mine(file):
+        if not _try_lock(file):
             file.close()
             return None
         # Who had it may have ended, and taken the name away, while it was opened here.
-        if _has_name(file, path):
+        if _is_still_at(file, path):
             return file
         file.close()
 
 
 def remove_locked(path: Path, file: io.FileIO) -> None:
     """Close the file of `open_locked`, and delete it if it still has its name."""
-    is_there = _has_name(file, path)
+    is_there = _is_still_at(file, path)
     if sys.platform == "win32":
         file.close()  # an open file cannot be deleted there
     if is_there:
@@ -355,7 +361,7 @@ def remove_locked(path: Path, file: io.FileIO) -> None:
     file.close()
 
 
-def _has_name(file: io.FileIO, path: Path) -> bool:
+def _is_still_at(file: io.FileIO, path: Path) -> bool:
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.stat())
     except FileNotFoundError:

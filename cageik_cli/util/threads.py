@@ -10,19 +10,19 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 Item = TypeVar("Item")
-Made = TypeVar("Made")
-CONTROL_GROUP = Path("/sys/fs/cgroup")
+Output = TypeVar("Output")
+CGROUP_ROOT = Path("/sys/fs/cgroup")
 
 
-def processors() -> int:
+def count_processors() -> int:
     """Processors that this process may use; a container's share of time counts, rounded up."""
     count = os.cpu_count() or 1
     if hasattr(os, "sched_getaffinity"):
         count = len(os.sched_getaffinity(0))
-    return max(1, math.ceil(min(count, _share(CONTROL_GROUP))))
+    return max(1, math.ceil(min(count, _read_cgroup_cpu_limit(CGROUP_ROOT))))
 
 
-def _share(group: Path) -> float:
+def _read_cgroup_cpu_limit(group: Path) -> float:
     """Processors' worth of time that a control group grants, by version 2 or 1 of its files."""
     for names in (("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")):
         try:
@@ -38,7 +38,7 @@ def _share(group: Path) -> float:
     return math.inf
 
 
-def blas_threads(count: int) -> AbstractContextManager[object]:
+def limit_blas_threads(count: int) -> AbstractContextManager[object]:
     """Let the linear algebra use `count` threads inside, so that it does not fight with workers."""
     from threadpoolctl import threadpool_limits
 
@@ -46,7 +46,7 @@ def blas_threads(count: int) -> AbstractContextManager[object]:
     return limits
 
 
-def limit_blas_for_good(count: int = 1) -> None:
+def set_blas_threads(count: int = 1) -> None:
     """Let the linear algebra of this process use `count` threads from now on.
 
     For processes that work beside others: each has its share of the processors.
@@ -56,7 +56,7 @@ def limit_blas_for_good(count: int = 1) -> None:
     threadpool_limits(limits=count, user_api="blas")
 
 
-class InOrder(Generic[Item, Made]):
+class OrderedMap(Generic[Item, Output]):
     """What `work` makes of items, in their order, made by threads before it is asked for.
 
     Threads begin at once. What an item's work raises is raised where it would have been given.
@@ -73,14 +73,14 @@ class InOrder(Generic[Item, Made]):
     """
 
     def __init__(
-        self, work: Callable[[Item], Made], items: Iterable[Item], jobs: int, ahead: int
+        self, function: Callable[[Item], Output], items: Iterable[Item], jobs: int, max_pending: int
     ) -> None:
-        self._work, self._items, self._ahead = work, iter(items), ahead
+        self._function, self._items, self._max_pending = function, iter(items), max_pending
         self._pool = ThreadPoolExecutor(jobs)
-        self._pending: deque[Future[Made]] = deque()
+        self._pending: deque[Future[Output]] = deque()
         self._fill()
 
-    def __enter__(self) -> "InOrder[Item, Made]":
+    def __enter__(self) -> "OrderedMap[Item, Output]":
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -88,10 +88,10 @@ class InOrder(Generic[Item, Made]):
             future.cancel()
         self._pool.shutdown()
 
-    def __iter__(self) -> "InOrder[Item, Made]":
+    def __iter__(self) -> "OrderedMap[Item, Output]":
         return self
 
-    def __next__(self) -> Made:
+    def __next__(self) -> Output:
         if not self._pending:
             raise StopIteration
         made = self._pending[0].result()
@@ -100,9 +100,9 @@ class InOrder(Generic[Item, Made]):
         return made
 
     def _fill(self) -> None:
-        while len(self._pending) < self._ahead:
+        while len(self._pending) < self._max_pending:
             try:
                 item = next(self._items)
             except StopIteration:
                 return
-            self._pending.append(self._pool.submit(self._work, item))
+            self._pending.append(self._pool.submit(self._function, item))

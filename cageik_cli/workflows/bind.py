@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.soundness import checked_cage
+from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.coordinates.binding import BindSettings
-from cageik_cli.formats.base.hdf5 import refuse_other_suffix
-from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh, read_bytes, source_of
+from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
+from cageik_cli.formats.mesh_file import LoadedMesh, describe_source, load_mesh, read_bytes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.weight_cache import WeightCache
-from cageik_cli.util.errors import InputError, located
-from cageik_cli.util.outputs import prepare
-from cageik_cli.util.progress import Observer
+from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.outputs import check_writable
+from cageik_cli.util.progress import ProgressListener
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,9 @@ class BindRunSettings:
     overwrite: bool = False
 
 
-def bind_files(settings: BindRunSettings, observer: Observer | None = None) -> StoredBinding:
+def bind_files(
+    settings: BindRunSettings, progress: ProgressListener | None = None
+) -> StoredBinding:
     """Bind a rest pose to a cage and write the binding file.
 
     Raises
@@ -65,39 +67,39 @@ def bind_files(settings: BindRunSettings, observer: Observer | None = None) -> S
     NumericalError
         When the weights cannot be trusted.
     """
-    watch = observer or Observer()
-    prepare(settings.output, settings.overwrite)
-    refuse_other_suffix(settings.output)
-    with watch.stage("open"):
+    progress = progress or ProgressListener()
+    check_writable(settings.output, settings.overwrite)
+    check_hdf5_suffix(settings.output)
+    with progress.stage("open"):
         rest, cage = load_mesh(settings.rest), load_mesh(settings.cage)
         for note in rest.notes:
-            watch.remark("note", f"{rest.source['name']}: {note}")
-    with watch.stage("bind"), located(settings.cage):
-        stored = made(rest, cage, settings.weights, watch)
-    with watch.stage("write"):
+            progress.note("note", f"{rest.source['name']}: {note}")
+    with progress.stage("bind"), error_context(settings.cage):
+        stored = bind_cached(rest, cage, settings.weights, progress)
+    with progress.stage("write"):
         write_binding(settings.output, stored, settings.overwrite)
     return stored
 
 
-def made(
-    rest: LoadedMesh, cage: LoadedMesh, settings: WeightSettings, watch: Observer
+def bind_cached(
+    rest: LoadedMesh, cage: LoadedMesh, settings: WeightSettings, progress: ProgressListener
 ) -> StoredBinding:
     """Bind a rest pose to a cage, or take the weights that the cache has of them.
 
     What was changed when the cage was read is among the binding's notes.
     """
-    work = partial(bind, rest.mesh, cage.mesh, settings.bind, settings.jobs, watch.advance)
+    compute = partial(bind, rest.mesh, cage.mesh, settings.bind, settings.jobs, progress.update)
     if settings.cache is None:
-        binding = work()
+        binding = compute()
     else:
-        cache = WeightCache(settings.cache, partial(watch.remark, "cache"))
-        binding = cache.bound(rest.mesh, cage.mesh, settings.bind, work)
-        watch.advance(len(rest.mesh.vertices), len(rest.mesh.vertices))
+        cache = WeightCache(settings.cache, partial(progress.note, "cache"))
+        binding = cache.get_or_compute(rest.mesh, cage.mesh, settings.bind, compute)
+        progress.update(len(rest.mesh.vertices), len(rest.mesh.vertices))
     sources = {"cage": cage.source, "rest": rest.source}
     return StoredBinding(replace(binding, notes=cage.notes + binding.notes), sources)
 
 
-def from_file(path: Path, rest: LoadedMesh, cage: LoadedMesh | None) -> StoredBinding:
+def load_matching_binding(path: Path, rest: LoadedMesh, cage: LoadedMesh | None) -> StoredBinding:
     """The binding of a file that was made for this rest pose and, if one is given, this cage.
 
     Raises
@@ -105,22 +107,22 @@ def from_file(path: Path, rest: LoadedMesh, cage: LoadedMesh | None) -> StoredBi
     InputError
         When it was made for others, with what differs.
     """
-    with located(path):
-        source = source_of(path, read_bytes(path))
+    with error_context(path):
+        source = describe_source(path, read_bytes(path))
     stored = read_binding(path)
     binding = stored.binding
     sources = {"binding": source, "cage": stored.sources["cage"], "rest": rest.source}
     if cage is not None:
-        with located(cage.source["name"]):
-            outward, _ = checked_cage(cage.mesh)
+        with error_context(cage.source["name"]):
+            outward, _ = validate_cage(cage.mesh)
         sources["cage"] = cage.source
-        _refuse_other(path, "cage", binding.cage, outward)
-    _refuse_other(path, "rest pose", binding.rest, rest.mesh)
+        _check_same_mesh(path, "cage", binding.cage, outward)
+    _check_same_mesh(path, "rest pose", binding.rest, rest.mesh)
     return replace(stored, sources=sources)
 
 
-def _refuse_other(path: Path, what: str, expected: TriMesh, given: TriMesh) -> None:
-    difference = _difference(expected, given)
+def _check_same_mesh(path: Path, what: str, expected: TriMesh, given: TriMesh) -> None:
+    difference = _describe_difference(expected, given)
     if difference:
         option = "--" + what.split()[0]
         leave = "leave --cage out, " if what == "cage" else ""
@@ -130,7 +132,7 @@ def _refuse_other(path: Path, what: str, expected: TriMesh, given: TriMesh) -> N
         )
 
 
-def _difference(expected: TriMesh, given: TriMesh) -> str:
+def _describe_difference(expected: TriMesh, given: TriMesh) -> str:
     """What first differs between two meshes, if anything does."""
     for noun, there, here in (
         ("vertices", len(expected.vertices), len(given.vertices)),

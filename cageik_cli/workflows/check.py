@@ -10,10 +10,10 @@ from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts, diagnose
 from cageik_cli.cages.findings import Finding
 from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
-from cageik_cli.formats.open import clip_and_rest
-from cageik_cli.util.text import page
+from cageik_cli.formats.open import open_clip_and_rest
+from cageik_cli.util.text import format_block
 
-SCHEMA = 1
+SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class CheckSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Check:
+class CheckResult:
     """What was looked at, and what was found."""
 
     cage: LoadedMesh
@@ -58,7 +58,7 @@ class Check:
         return tuple(f"{mesh.source['name']}: {note}" for mesh in loaded for note in mesh.notes)
 
 
-def check(settings: CheckSettings) -> Check:
+def check_cage(settings: CheckSettings) -> CheckResult:
     """Read the cage and the rest pose, if there is one, and diagnose them.
 
     Raises
@@ -68,44 +68,46 @@ def check(settings: CheckSettings) -> Check:
     """
     cage, rest = load_mesh(settings.cage), None
     if settings.frames:
-        _, rest = clip_and_rest(settings.frames, settings.clip, settings.rest, settings.rest_frame)
+        _, rest = open_clip_and_rest(
+            settings.frames, settings.clip, settings.rest, settings.rest_frame
+        )
     elif settings.rest is not None:
         rest = load_mesh(settings.rest)
-    return Check(
+    return CheckResult(
         cage, rest, diagnose(cage.mesh, rest.mesh if rest is not None else None, settings.jobs)
     )
 
 
-def as_text(checked: Check) -> str:
+def format_check_text(result: CheckResult) -> str:
     """The verdict, the facts, and what was found, the worst first."""
-    diagnosis = checked.diagnosis
+    diagnosis = result.diagnosis
     rows = _cage_rows(diagnosis.cage)
-    if checked.rest is not None and diagnosis.rest is not None:
-        rows += _rest_rows(checked.rest.source["name"], diagnosis.rest)
+    if result.rest is not None and diagnosis.rest is not None:
+        rows += _rest_rows(result.rest.source["name"], diagnosis.rest)
     rows += [(finding.severity, finding.sentence) for finding in diagnosis.findings]
-    rows += [("note", note) for note in checked.notes]
-    return page(f"{checked.cage.source['name']}: {diagnosis.verdict}", rows)
+    rows += [("note", note) for note in result.notes]
+    return format_block(f"{result.cage.source['name']}: {diagnosis.verdict}", rows)
 
 
-def as_json(checked: Check) -> str:
+def format_check_json(result: CheckResult) -> str:
     """The whole record; a finding has all its numbers."""
-    diagnosis = checked.diagnosis
+    diagnosis = result.diagnosis
     record = {
-        "schema": SCHEMA,
+        "schema": SCHEMA_VERSION,
         "tool": {"name": "cageik", "version": __version__},
         "verdict": diagnosis.verdict,
-        "cage": checked.cage.source | asdict(diagnosis.cage),
-        "rest": _rest_record(checked),
-        "notes": checked.notes,
+        "cage": result.cage.source | asdict(diagnosis.cage),
+        "rest": _rest_record(result),
+        "notes": result.notes,
         "findings": [_finding_record(finding) for finding in diagnosis.findings],
     }
     return json.dumps(record, indent=1, allow_nan=False) + "\n"
 
 
-def _rest_record(checked: Check) -> dict[str, Any] | None:
-    if checked.rest is None or checked.diagnosis.rest is None:
+def _rest_record(result: CheckResult) -> dict[str, Any] | None:
+    if result.rest is None or result.diagnosis.rest is None:
         return None
-    return checked.rest.source | asdict(checked.diagnosis.rest)
+    return result.rest.source | asdict(result.diagnosis.rest)
 
 
 def _finding_record(finding: Finding) -> dict[str, Any]:

@@ -8,23 +8,23 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import GROUP, Binding, BindSettings, rebuilt
-from cageik_cli.formats.base.connectivity import refuse_other_order
+from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding, BindSettings, reconstruct
+from cageik_cli.formats.base.connectivity import check_vertex_order
 from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.formats.write import Output, Written, write_animation
+from cageik_cli.formats.write import ExportSummary, Output, write_animation
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import located
-from cageik_cli.util.progress import Observer
-from cageik_cli.util.threads import blas_threads
-from cageik_cli.workflows.bind import WeightSettings, made
-from cageik_cli.workflows.export import remark_gaps
+from cageik_cli.util.errors import error_context
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.threads import limit_blas_threads
+from cageik_cli.workflows.bind import WeightSettings, bind_cached
+from cageik_cli.workflows.export import report_skipped_frames
 
-LARGEST_BLOCK = 16
+MAX_BLOCK_FRAMES = 16
 """Frames to a block at most, a few groups; nothing is gained from more."""
 
 ARRAYS_PER_FRAME = 4
@@ -71,7 +71,7 @@ class DeformSettings:
     jobs: int = 1
 
 
-def deform(settings: DeformSettings, observer: Observer | None = None) -> Written:
+def deform(settings: DeformSettings, progress: ProgressListener | None = None) -> ExportSummary:
     """Write the animation of the mesh that the cages move.
 
     Raises
@@ -81,94 +81,100 @@ def deform(settings: DeformSettings, observer: Observer | None = None) -> Writte
     NumericalError
         When the weights cannot be trusted.
     """
-    watch = observer or Observer()
-    settings.output.prepare()
+    progress = progress or ProgressListener()
+    settings.output.check_writable()
     result = read_result(settings.result)
-    clip = _clip(settings, result, watch)
-    mesh = load_mesh(settings.mesh) if settings.mesh is not None else _rest_model(result)
-    binding = _binding(settings, mesh, result, watch)
-    scene = result.scene if clip is None else clip.scene.applied(result.scene)
+    clip = _open_cage_clip(settings, result, progress)
+    mesh = load_mesh(settings.mesh) if settings.mesh is not None else _make_rest_model(result)
+    binding = _load_or_compute_binding(settings, mesh, result, progress)
+    scene = result.scene if clip is None else clip.scene.override(result.scene)
     animation = Animation(
         rest=binding.rest,
-        count=len(result.frames) if clip is None else len(clip),
-        scene=settings.scene.applied(scene),
-        name=_object_name(settings.mesh),
-        text=mesh.text,
+        frame_count=len(result.frames) if clip is None else len(clip),
+        scene=settings.scene.override(scene),
+        name=_make_object_name(settings.mesh),
+        obj_text=mesh.obj_text,
     )
-    size = block_size(settings.memory - binding.weights.nbytes, len(binding.rest.vertices))
+    size = choose_block_size(settings.memory - binding.weights.nbytes, len(binding.rest.vertices))
     if clip is None:
-        remark_gaps(result, watch)
-    cages = read_cages(result, size) if clip is None else _cages(clip, size, settings.jobs)
-    frames = (rebuilt(binding.weights, block) for block in cages)
+        report_skipped_frames(result, progress)
+    cages = (
+        read_cages(result, size) if clip is None else _read_cage_blocks(clip, size, settings.jobs)
+    )
+    frames = (reconstruct(binding.weights, block) for block in cages)
     # One thread: the last digits depend on how many, and the writer takes longer anyway.
-    with blas_threads(1):
-        return write_animation(settings.output, animation, frames, watch)
+    with limit_blas_threads(1):
+        return write_animation(settings.output, animation, frames, progress)
 
 
-def block_size(memory: int, vertices: int) -> int:
+def choose_block_size(memory: int, vertices: int) -> int:
     """Frames to a block of whole groups, such that it takes no more than `memory` bytes.
 
     One group at least.
     """
-    groups = memory // (ARRAYS_PER_FRAME * 24 * vertices * GROUP)
-    return GROUP * int(np.clip(groups, 1, LARGEST_BLOCK // GROUP))
+    groups = memory // (ARRAYS_PER_FRAME * 24 * vertices * FRAMES_PER_PRODUCT)
+    return FRAMES_PER_PRODUCT * int(np.clip(groups, 1, MAX_BLOCK_FRAMES // FRAMES_PER_PRODUCT))
 
 
-def _clip(settings: DeformSettings, result: Result, watch: Observer) -> MeshSequence | None:
+def _open_cage_clip(
+    settings: DeformSettings, result: Result, progress: ProgressListener
+) -> MeshSequence | None:
     """The cages that are not the result's own, of its connectivity."""
     if settings.cages is None:
         return None
-    clip = open_sequence([settings.cages], settings.clip, _rest_cage(result))
-    with located(settings.cages):
-        refuse_other_order(clip, result.cage, "the result's cage")
+    clip = open_sequence([settings.cages], settings.clip, _make_rest_cage(result))
+    with error_context(settings.cages):
+        check_vertex_order(clip, result.cage, "the result's cage")
     for note in clip.notes:
-        watch.remark("note", note)
+        progress.note("note", note)
     return clip
 
 
-def _cages(clip: MeshSequence, size: int, jobs: int) -> Iterator[Floats]:
+def _read_cage_blocks(clip: MeshSequence, size: int, jobs: int) -> Iterator[Floats]:
     with closing(clip.blocks(size, jobs)) as blocks:
         for block in blocks:
-            block.refuse_faults()
+            block.raise_read_errors()
             yield block.positions
 
 
-def _binding(
-    settings: DeformSettings, mesh: LoadedMesh, result: Result, watch: Observer
+def _load_or_compute_binding(
+    settings: DeformSettings, mesh: LoadedMesh, result: Result, progress: ProgressListener
 ) -> Binding:
     """What ties the mesh to the rest cage: the result's own weights where these are asked for."""
-    own = _own_settings(result)
-    asked = BindSettings(
-        settings.coordinates or own.coordinates,
-        settings.accuracy or own.accuracy,
-        settings.outside or own.outside,
+    result_settings = _read_bind_settings(result)
+    bind_settings = BindSettings(
+        settings.coordinates or result_settings.coordinates,
+        settings.accuracy or result_settings.accuracy,
+        settings.outside or result_settings.outside,
     )
-    weights = read_weights(result) if settings.mesh is None and asked == own else None
+    weights = (
+        read_weights(result) if settings.mesh is None and bind_settings == result_settings else None
+    )
     if weights is not None:
-        return Binding(result.rest, result.cage, weights, own)
-    how = WeightSettings(asked, settings.cache, settings.jobs)
-    with watch.stage("bind"), located(settings.mesh or settings.result):
-        binding = made(mesh, _rest_cage(result), how, watch).binding
+        return Binding(result.rest, result.cage, weights, result_settings)
+    weight_settings = WeightSettings(bind_settings, settings.cache, settings.jobs)
+    with progress.stage("bind"), error_context(settings.mesh or settings.result):
+        binding = bind_cached(mesh, _make_rest_cage(result), weight_settings, progress).binding
     for note in mesh.notes + binding.notes:
-        watch.remark("note", f"{mesh.source['name']}: {note}")
+        progress.note("note", f"{mesh.source['name']}: {note}")
     return binding
 
 
-def _own_settings(result: Result) -> BindSettings:
-    with located(result.path):
+def _read_bind_settings(result: Result) -> BindSettings:
+    with error_context(result.path):
         names = ("coordinates", "accuracy", "outside")
         return BindSettings(**{name: str(result.settings.get(name)) for name in names})
 
 
-def _rest_cage(result: Result) -> LoadedMesh:
+def _make_rest_cage(result: Result) -> LoadedMesh:
     return LoadedMesh(result.cage, result.cage, {"name": f"the cage of {result.path.name}"})
 
 
-def _rest_model(result: Result) -> LoadedMesh:
+def _make_rest_model(result: Result) -> LoadedMesh:
     return LoadedMesh(result.rest, result.rest, {"name": f"the rest pose of {result.path.name}"})
 
 
-def _object_name(mesh: Path | None) -> str:
+def _make_object_name(mesh: Path | None) -> str:
     """What formats may call the object: the mesh's name, as far as they all take it."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", mesh.stem) if mesh is not None else "mesh"
     return f"_{name}" if name[0].isdigit() else name

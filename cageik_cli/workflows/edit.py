@@ -8,30 +8,35 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.formats.base.clip_file import digest_of
-from cageik_cli.formats.base.hdf5 import refuse_other_suffix
+from cageik_cli.formats.base.clip_file import hash_file
+from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.posing.edits import (
-    Clip,
-    EditedBlock,
+    CageSkin,
+    EditedFrames,
+    EditTarget,
     Layer,
     PosingSettings,
-    Skin,
-    edited_block,
-    layers_of,
+    build_layers,
+    edit_frames,
 )
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.summary import Posed, PoseLedger, Snapshot
-from cageik_cli.solver.blocks import Budget, SolvedBlock, told_of
-from cageik_cli.solver.metrics import FIGURES, WHOLE_FIGURES, FrameFigures, refuse_unsound
+from cageik_cli.posing.summary import PoseResult, PoseSnapshot, PoseStatistics
+from cageik_cli.solver.blocks import MemoryPlan, SolvedBlock, summarize_blocks
+from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
-from cageik_cli.store.result_writer import Ending, Header, ResultWriter, create
+from cageik_cli.store.result_writer import (
+    ResultHeader,
+    ResultWriter,
+    RunSummary,
+    open_result_writer,
+)
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError, located
-from cageik_cli.util.outputs import keep_apart, prepare
-from cageik_cli.util.progress import Observer
-from cageik_cli.util.text import printable, shown
-from cageik_cli.util.threads import blas_threads
-from cageik_cli.workflows.pose import remark_layers
+from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.outputs import check_no_overlap, check_writable
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import single_line, to_unicode
+from cageik_cli.util.threads import limit_blas_threads
+from cageik_cli.workflows.pose import report_layer_notes
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +60,7 @@ class EditSettings:
     overwrite: bool = False
 
 
-def edit(settings: EditSettings, observer: Observer | None = None) -> Posed:
+def edit(settings: EditSettings, progress: ProgressListener | None = None) -> PoseResult:
     """Lay the sets of a file of handles over the cage animation of a result, and write a result.
 
     Frames that no set touches keep their cages bit for bit. The figures of the new result compare
@@ -68,34 +73,43 @@ def edit(settings: EditSettings, observer: Observer | None = None) -> Posed:
     NumericalError
         When hard handles cannot all be met.
     """
-    watch = observer or Observer()
-    keep_apart([settings.output], [settings.result, settings.handles])
-    prepare(settings.output, settings.overwrite)
-    refuse_other_suffix(settings.output)
-    with watch.stage("open"):
+    progress = progress or ProgressListener()
+    check_no_overlap([settings.output], [settings.result, settings.handles])
+    check_writable(settings.output, settings.overwrite)
+    check_hdf5_suffix(settings.output)
+    with progress.stage("open"):
         handles = read_handles(settings.handles)
         result = read_result(settings.result)
-        clip = _clip(result)
+        target = _build_target(result)
     # One thread: the last digits depend on how many.
-    with watch.stage("pose"), located(settings.handles), blas_threads(1):
-        layers = layers_of(handles, clip, settings.posing)
-    remark_layers(layers, settings.handles, watch)
-    run = _Run(result, settings.handles, clip, layers, PoseLedger(layers, result.rest.diagonal))
-    size = Budget.of(settings.memory, clip.binding, jobs=1).block
-    header = _header(settings, result, clip.binding)
-    with create(settings.output, header, settings.overwrite) as file, blas_threads(1):
-        told = told_of(run.written(file, size, watch))
-        posed = [run.at(frame) for frame in told.posed.tolist()]
-        misses = np.concatenate([block.meshes - block.edited for block in posed])
-        sources = _sources(settings, result)
-        with watch.stage("write"):
-            file.complete(Ending(sources, told.skipped, told.vertex_rms, told.posed, misses))
-    snapshot = Snapshot(result.frames[told.posed[0]], layers, posed[0], clip)
-    return Posed(run.ledger.figures(result.frames), snapshot, result.scene.up_axis)
+    with progress.stage("pose"), error_context(settings.handles), limit_blas_threads(1):
+        layers = build_layers(handles, target, settings.posing)
+    report_layer_notes(layers, settings.handles, progress)
+    edit_run = _EditRun(
+        result, settings.handles, target, layers, PoseStatistics(layers, result.rest.diagonal)
+    )
+    size = MemoryPlan.fit(settings.memory, target.binding, jobs=1).block_size
+    header = _build_header(settings, result, target.binding)
+    with (
+        open_result_writer(settings.output, header, settings.overwrite) as file,
+        limit_blas_threads(1),
+    ):
+        summary = summarize_blocks(edit_run.write_blocks(file, size, progress))
+        posed = [edit_run.edit_frame(frame) for frame in summary.key_frames.tolist()]
+        offsets = np.concatenate([block.meshes_before - block.meshes_after for block in posed])
+        sources = _collect_sources(settings, result)
+        with progress.stage("write"):
+            file.complete(
+                RunSummary(
+                    sources, summary.skipped, summary.vertex_rms, summary.key_frames, offsets
+                )
+            )
+    snapshot = PoseSnapshot(result.frames[summary.key_frames[0]], layers, posed[0], target)
+    return PoseResult(edit_run.statistics.summarize(result.frames), snapshot, result.scene.up_axis)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Run:
+class _EditRun:
     """An edit that goes on.
 
     Attributes
@@ -104,62 +118,64 @@ class _Run:
         That is edited.
     handles : Path
         The file whose handles are at fault when a frame cannot be edited.
-    clip : Clip
+    target : Clip
     layers : list of Layer
-    ledger : PoseLedger
+    statistics : PoseStatistics
     """
 
     result: Result
     handles: Path
-    clip: Clip
+    target: EditTarget
     layers: list[Layer]
-    ledger: PoseLedger
+    statistics: PoseStatistics
 
-    def written(self, file: ResultWriter, size: int, watch: Observer) -> Iterator[SolvedBlock]:
+    def write_blocks(
+        self, file: ResultWriter, size: int, progress: ProgressListener
+    ) -> Iterator[SolvedBlock]:
         """All frames in blocks of a size, each when it is written and its figures are taken."""
         start = 0
         for cages in read_cages(self.result, size):
-            with watch.stage("edit"):
-                block = self._solved(cages, start)
-            with watch.stage("write"):
-                file.append(block.cages, block.figures)
+            with progress.stage("edit"):
+                block = self._edit_block(cages, start)
+            with progress.stage("write"):
+                file.append(block.cages, block.metrics)
             yield block
             start += len(cages)
-            watch.advance(start, len(self.result.frames))
+            progress.update(start, len(self.result.frames))
 
-    def at(self, frame: int) -> EditedBlock:
+    def edit_frame(self, frame: int) -> EditedFrames:
         """One frame before and after."""
-        return self._edited(np.array([frame]), self.clip.cage(frame)[None])
+        return self._edit_frames(np.array([frame]), self.target.cage_at(frame)[None])
 
-    def _edited(self, frames: Integers, cages: Floats) -> EditedBlock:
-        with located(self.handles):
-            return edited_block(self.layers, self.clip, frames, cages)
+    def _edit_frames(self, frames: Integers, cages: Floats) -> EditedFrames:
+        with error_context(self.handles):
+            return edit_frames(self.layers, self.target, frames, cages)
 
-    def _solved(self, cages: Floats, start: int) -> SolvedBlock:
+    def _edit_block(self, cages: Floats, start: int) -> SolvedBlock:
         """Frames from `start` on with all layers; those that were skipped stay gaps."""
         frames = start + np.arange(len(cages))
         known = ~np.isin(frames, list(self.result.skipped))
-        block = self._edited(frames[known], cages[known])
-        refuse_unsound(start, block.edit.cages, block.figures)
-        self.ledger.take(block)
+        block = self._edit_frames(frames[known], cages[known])
+        check_finite(start, block.edit.cages, block.metrics)
+        self.statistics.update(block)
         all_cages, columns = np.full_like(cages, np.nan), {}
         all_cages[known] = block.edit.cages
-        for name in FIGURES:
-            found = getattr(block.figures, name)
-            gap = -1 if name in WHOLE_FIGURES else np.nan
+        for name in METRIC_NAMES:
+            found = getattr(block.metrics, name)
+            gap = -1 if name in INTEGER_METRICS else np.nan
             columns[name] = np.full(len(cages), gap, found.dtype)
             columns[name][known] = found
         return SolvedBlock(
             start=start,
             cages=all_cages,
-            figures=FrameFigures(**columns),
-            squares=block.squares.sum(axis=0),
+            metrics=FrameMetrics(**columns),
+            squared_errors=block.squared_displacements.sum(axis=0),
             digests=(b"",) * len(cages),
-            faults={k: self.result.skipped[k] for k in frames[~known].tolist()},
+            skipped={k: self.result.skipped[k] for k in frames[~known].tolist()},
         )
 
 
-def _clip(result: Result) -> Clip:
+def _build_target(result: Result) -> EditTarget:
     """What a result's cages rebuild."""
     weights = read_weights(result)
     if weights is None:
@@ -172,40 +188,42 @@ def _clip(result: Result) -> Clip:
     def cage(frame: int) -> Floats:
         return np.asarray(next(read_cages(result, 1, frame))[0])
 
-    return Clip(binding, Skin.rebuilding(binding), cage, len(result.frames))
+    return EditTarget(binding, CageSkin.for_reconstruction(binding), cage, len(result.frames))
 
 
-def _header(settings: EditSettings, result: Result, binding: Binding) -> Header:
-    posing, place = settings.posing, settings.posing.place
-    said = {
+def _build_header(settings: EditSettings, result: Result, binding: Binding) -> ResultHeader:
+    posing, placement = settings.posing, settings.posing.placement
+    pose_settings = {
         "pose_alpha": posing.alpha,
         "pose_beta": posing.beta,
         "rigidity": posing.rigidity,
-        "hard": place.hard,
-        "snap": place.snap,
-        "allow_conflicts": place.allow_conflicts,
+        "hard": placement.hard,
+        "snap": placement.snap,
+        "allow_conflicts": placement.allow_conflicts,
     }
-    editor, source = (shown(printable(path.name)) for path in (settings.handles, settings.result))
+    editor, source = (
+        single_line(to_unicode(path.name)) for path in (settings.handles, settings.result)
+    )
     note = (
         f"edited by {editor}: figures tell how far the mesh was moved from {source}, not how well "
         "frames were met"
     )
-    return Header(
+    return ResultHeader(
         binding=binding,
         quality=result.quality,
         frames=result.frames,
         scene=result.scene,
-        settings=result.settings | said,
+        settings=result.settings | pose_settings,
         notes=(*result.notes, note),
         keep_weights=True,
-        edited_from=printable(settings.result.name),
+        edited_from=to_unicode(settings.result.name),
     )
 
 
-def _sources(settings: EditSettings, result: Result) -> dict[str, Any]:
+def _collect_sources(settings: EditSettings, result: Result) -> dict[str, Any]:
     """Those of the result, and what edited it."""
     files = {"result": settings.result, "handles": settings.handles}
     return result.sources | {
-        role: {"name": printable(path.name), "sha256": digest_of(path).hex()}
+        role: {"name": to_unicode(path.name), "sha256": hash_file(path).hex()}
         for role, path in files.items()
     }

@@ -7,12 +7,12 @@ from pathlib import Path
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd.skeleton import SkeletonWriter
-from cageik_cli.formats.write import Maker, Output, Written, write_animation
+from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
-from cageik_cli.util.errors import InputError, first_few
-from cageik_cli.util.progress import Observer
+from cageik_cli.util.errors import InputError, join_truncated
+from cageik_cli.util.progress import ProgressListener
 
-BLOCK_BYTES = 1 << 26
+MAX_BLOCK_BYTES = 1 << 26
 """Most that a block of cages takes."""
 
 
@@ -39,7 +39,7 @@ class ExportSettings:
     max_influences: int | None = None
 
 
-def export(settings: ExportSettings, observer: Observer | None = None) -> Written:
+def export(settings: ExportSettings, progress: ProgressListener | None = None) -> ExportSummary:
     """Write the cage animation of a result.
 
     Raises
@@ -47,35 +47,35 @@ def export(settings: ExportSettings, observer: Observer | None = None) -> Writte
     InputError
         Naming the file at fault and what to do.
     """
-    watch = observer or Observer()
-    prepare_export(settings)
+    progress = progress or ProgressListener()
+    check_export(settings)
     result = read_result(settings.result)
     animation = Animation(
         rest=result.cage,
-        count=len(result.frames),
-        scene=settings.scene.applied(result.scene),
+        frame_count=len(result.frames),
+        scene=settings.scene.override(result.scene),
         name="cage",
     )
-    remark_gaps(result, watch)
-    blocks = read_cages(result, max(1, BLOCK_BYTES // result.cage.vertices.nbytes))
+    report_skipped_frames(result, progress)
+    blocks = read_cages(result, max(1, MAX_BLOCK_BYTES // result.cage.vertices.nbytes))
     if not settings.skeleton:
-        return write_animation(settings.output, animation, blocks, watch)
-    make = _skeleton(result, settings.max_influences)
-    return write_animation(settings.output, animation, blocks, watch, make)
+        return write_animation(settings.output, animation, blocks, progress)
+    make_writer = _make_skeleton_factory(result, settings.max_influences)
+    return write_animation(settings.output, animation, blocks, progress, make_writer)
 
 
-def remark_gaps(result: Result, watch: Observer) -> None:
+def report_skipped_frames(result: Result, progress: ProgressListener) -> None:
     """Say which frames were skipped, and what is written in their stead."""
     if result.skipped:
-        names = first_few((result.frames[k] for k in result.skipped), 5)
-        watch.remark(
+        names = join_truncated((result.frames[k] for k in result.skipped), 5)
+        progress.note(
             "note",
             f"{len(result.skipped)} of {len(result.frames)} frames skipped ({names}); their "
             "cages are put between those before and after, or are the nearest at either end",
         )
 
 
-def prepare_export(settings: ExportSettings) -> None:
+def check_export(settings: ExportSettings) -> None:
     """Refuse, before any work, an export that cannot be.
 
     Raises
@@ -89,10 +89,10 @@ def prepare_export(settings: ExportSettings) -> None:
             f"{path}: `{path.suffix}` holds no skeleton here, expected "
             f"{', '.join(SkeletonWriter.suffixes)}"
         )
-    settings.output.prepare()
+    settings.output.check_writable()
 
 
-def _skeleton(result: Result, max_influences: int | None) -> Maker:
+def _make_skeleton_factory(result: Result, max_influences: int | None) -> WriterFactory:
     """What makes the writer of the result's skeleton."""
     weights = read_weights(result)
     if weights is None:

@@ -11,15 +11,15 @@ import numpy as np
 from cageik_cli.coordinates.binding import BindSettings
 from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
-from cageik_cli.formats.open import clip_and_rest
+from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.formats.scene import Scene, SceneHints
 from cageik_cli.formats.vertex_weights import load_vertex_weights
-from cageik_cli.solver.dual_laplacian import SolveSettings, normalised_weights
+from cageik_cli.solver.dual_laplacian import SolveSettings, normalize_weights
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, located
-from cageik_cli.util.progress import Observer
-from cageik_cli.workflows.bind import WeightSettings, from_file, made
+from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class Inputs:
     rest : LoadedMesh
     cage : LoadedMesh, optional
         None when it comes with a binding.
-    bound : StoredBinding, optional
+    stored_binding : StoredBinding, optional
         That of the binding file, if one is named.
     vertex_weights : (m,) float64, optional
         Of mean one.
@@ -101,29 +101,31 @@ class Inputs:
     sequence: MeshSequence
     rest: LoadedMesh
     cage: LoadedMesh | None
-    bound: StoredBinding | None
+    stored_binding: StoredBinding | None
     vertex_weights: Floats | None
     sources: dict[str, Any]
 
-    def bind_settings(self, settings: ExtractSettings) -> BindSettings:
+    def choose_bind_settings(self, settings: ExtractSettings) -> BindSettings:
         """Those of the binding file, or those asked for."""
-        return settings.bind if self.bound is None else self.bound.binding.settings
+        return (
+            settings.bind if self.stored_binding is None else self.stored_binding.binding.settings
+        )
 
-    def weights_key(self, settings: ExtractSettings) -> str:
+    def compute_weights_key(self, settings: ExtractSettings) -> str:
         """A digest of what the weights come from: runs of one key may share a `StoredBinding`.
 
         The name of the rest pose's file is not of it, for the frames of two clips have different
         names; nor are the threads.
         """
         shared = {name: self.sources[name] for name in ("cage", "binding") if name in self.sources}
-        said = asdict(self.bind_settings(settings)) | shared
-        digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
+        recorded = asdict(self.choose_bind_settings(settings)) | shared
+        digest = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode())
         for array in (self.rest.mesh.vertices, self.rest.mesh.faces):
             digest.update(np.ascontiguousarray(array).data)
         return digest.hexdigest()
 
 
-def opened(settings: ExtractSettings, bound: StoredBinding | None = None) -> Inputs:
+def open_inputs(settings: ExtractSettings, stored_binding: StoredBinding | None = None) -> Inputs:
     """Open the clip, and read what is named beside it; not the binding file again if it is known.
 
     Raises
@@ -131,38 +133,40 @@ def opened(settings: ExtractSettings, bound: StoredBinding | None = None) -> Inp
     InputError
         Naming the file at fault.
     """
-    sequence, rest = clip_and_rest(
+    sequence, rest = open_clip_and_rest(
         settings.frames, settings.clip, settings.rest, settings.rest_frame
     )
     cage = load_mesh(settings.cage) if settings.cage is not None else None
     if settings.binding is not None:
-        bound = bound or from_file(settings.binding, rest, cage)
-        sources = bound.sources | {"rest": rest.source}
+        stored_binding = stored_binding or load_matching_binding(settings.binding, rest, cage)
+        sources = stored_binding.sources | {"rest": rest.source}
     else:
-        bound, sources = None, {"rest": rest.source}
+        stored_binding, sources = None, {"rest": rest.source}
         if cage is not None:
             sources["cage"] = cage.source
     weights = None
     if settings.vertex_weights is not None:
         loaded, sources["vertex_weights"] = load_vertex_weights(settings.vertex_weights)
-        with located(settings.vertex_weights):
-            weights = normalised_weights(loaded, len(rest.mesh.vertices))
-    return Inputs(sequence, rest, cage, bound, weights, sources)
+        with error_context(settings.vertex_weights):
+            weights = normalize_weights(loaded, len(rest.mesh.vertices))
+    return Inputs(sequence, rest, cage, stored_binding, weights, sources)
 
 
-def scene_of(settings: ExtractSettings, inputs: Inputs) -> Scene:
+def resolve_scene(settings: ExtractSettings, inputs: Inputs) -> Scene:
     """Time and space: as asked, else as the clip says, else as usual."""
-    return settings.scene.applied(inputs.sequence.scene.applied(Scene()))
+    return settings.scene.override(inputs.sequence.scene.override(Scene()))
 
 
-def bound_of(inputs: Inputs, settings: ExtractSettings, watch: Observer) -> StoredBinding:
+def load_or_compute_binding(
+    inputs: Inputs, settings: ExtractSettings, progress: ProgressListener
+) -> StoredBinding:
     """The weights: of the file that was named, out of the cache, or computed."""
     rest = inputs.rest
-    if inputs.bound is not None:
-        watch.advance(len(rest.mesh.vertices), len(rest.mesh.vertices))
-        return inputs.bound
+    if inputs.stored_binding is not None:
+        progress.update(len(rest.mesh.vertices), len(rest.mesh.vertices))
+        return inputs.stored_binding
     if inputs.cage is None:
         raise InputError("neither a cage nor a binding is given, expected one of them")
-    with located(settings.cage):
-        how = WeightSettings(settings.bind, settings.cache, settings.jobs)
-        return made(rest, inputs.cage, how, watch)
+    with error_context(settings.cage):
+        weight_settings = WeightSettings(settings.bind, settings.cache, settings.jobs)
+        return bind_cached(rest, inputs.cage, weight_settings, progress)

@@ -5,24 +5,24 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.cages.soundness import cage_findings
-from cageik_cli.formats.base.file_names import kind_of
-from cageik_cli.formats.base.hdf5 import SUFFIXES as HDF5_SUFFIXES
+from cageik_cli.cages.soundness import find_cage_faults
+from cageik_cli.formats.base.file_names import file_suffix
+from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES as HDF5_SUFFIXES
 from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
 from cageik_cli.formats.mesh_file import MESH_SUFFIXES, load_mesh
-from cageik_cli.formats.open import open_sequence, outline
+from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.report.views.text import accuracy_row, weights_row
-from cageik_cli.report.vocabulary import wording_of
+from cageik_cli.report.views.text import format_accuracy_row, format_weights_row
+from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
-from cageik_cli.store.checkpoint import is_partial, progress_of
+from cageik_cli.store.checkpoint import checkpoint_progress, is_checkpoint
 from cageik_cli.store.result import Result, is_result, read_result
-from cageik_cli.util.errors import first_few
-from cageik_cli.util.text import page
+from cageik_cli.util.errors import join_truncated
+from cageik_cli.util.text import format_block
 
 
-def describe(arguments: list[str], layout: str | None = None) -> str:
+def describe_files(arguments: list[str], layout: str | None = None) -> str:
     """Describe results, bindings, one mesh, or the clip that files, a folder or a glob name.
 
     `layout` is the order of an array's axes, as in `ClipSettings`.
@@ -33,68 +33,68 @@ def describe(arguments: list[str], layout: str | None = None) -> str:
         Naming the file that cannot be read.
     """
     paths = [Path(argument) for argument in arguments]
-    if paths and all(map(is_partial, paths)):
-        return "\n\n".join(page(str(path), _log_rows(path)) for path in paths)
+    if paths and all(map(is_checkpoint, paths)):
+        return "\n\n".join(format_block(str(path), _checkpoint_rows(path)) for path in paths)
     if all(path.is_file() and path.suffix.lower() in HDF5_SUFFIXES for path in paths):
-        pages = [_own_page(path) for path in paths]
+        pages = [_describe_hdf5(path) for path in paths]
         if all(pages):
             return "\n\n".join(pages)
-    if len(paths) == 1 and paths[0].is_file() and kind_of(paths[0]) in MESH_SUFFIXES:
+    if len(paths) == 1 and paths[0].is_file() and file_suffix(paths[0]) in MESH_SUFFIXES:
         loaded = load_mesh(paths[0])
         rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
-        return page(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
-    how = ClipSettings(layout=layout, allow_gaps=True)
-    rows = outline(arguments, how) or _clip_rows(open_sequence(arguments, how))
-    return page(first_few(arguments, 3), rows)
+        return format_block(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
+    settings = ClipSettings(layout=layout, allow_gaps=True)
+    rows = describe_contents(arguments, settings) or _clip_rows(open_sequence(arguments, settings))
+    return format_block(join_truncated(arguments, 3), rows)
 
 
-def binding_rows(stored: StoredBinding) -> list[tuple[str, str]]:
+def format_binding_rows(stored: StoredBinding) -> list[tuple[str, str]]:
     """What a binding ties to what, and how well."""
     binding, quality = stored.binding, stored.binding.quality
     settings = asdict(binding.settings)
     return [
-        ("model", _counts(binding.rest)),
-        ("cage", _counts(binding.cage)),
+        ("model", _format_counts(binding.rest)),
+        ("cage", _format_counts(binding.cage)),
         ("settings", ", ".join(f"{key} {value}" for key, value in settings.items())),
-        weights_row(quality),
-        accuracy_row(quality, binding.settings.accuracy),
+        format_weights_row(quality),
+        format_accuracy_row(quality, binding.settings.accuracy),
         *([("projected", f"{quality.projected} vertices outside")] if quality.projected else []),
         *((f"from {key}", str(source.get("name"))) for key, source in stored.sources.items()),
         *(("note", f"{stored.sources['cage']['name']}: {note}") for note in binding.notes),
     ]
 
 
-def _own_page(path: Path) -> str:
+def _describe_hdf5(path: Path) -> str:
     """The page of a result or a binding, empty for other files."""
     if is_result(path):
-        return page(str(path), _result_rows(read_result(path)))
+        return format_block(str(path), _result_rows(read_result(path)))
     if is_binding(path):
         stored = read_binding(path)
         holds = ("holds", f"a binding of cageik bind {stored.version}")
-        return page(str(path), [holds, *binding_rows(stored)])
+        return format_block(str(path), [holds, *format_binding_rows(stored)])
     return ""
 
 
-def _log_rows(path: Path) -> list[tuple[str, str]]:
-    done, count = progress_of(path)
+def _checkpoint_rows(path: Path) -> list[tuple[str, str]]:
+    done, count = checkpoint_progress(path)
     return [
         ("holds", "what an interrupted run of cageik extract has left, or one that is running"),
         ("frames", f"{done} of {count}; the same command with --resume goes on from there"),
     ]
 
 
-def _counts(mesh: TriMesh) -> str:
+def _format_counts(mesh: TriMesh) -> str:
     return f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles"
 
 
 def _result_rows(result: Result) -> list[tuple[str, str]]:
-    command = wording_of(result.edited_from).command
+    command = choose_vocabulary(result.edited_from).command
     return [
         ("holds", f"a result of {command} {result.version}"),
         ("frames", f"{len(result.frames)}, {result.frames[0]} to {result.frames[-1]}"),
-        ("model", _counts(result.rest)),
-        ("cage", _counts(result.cage)),
-        ("scene", _scene(result.scene)),
+        ("model", _format_counts(result.rest)),
+        ("cage", _format_counts(result.cage)),
+        ("scene", _format_scene(result.scene)),
         ("settings", ", ".join(f"{key} {value}" for key, value in result.settings.items())),
         *((f"from {key}", str(source.get("name"))) for key, source in result.sources.items()),
         *_skipped_rows(result),
@@ -105,11 +105,11 @@ def _result_rows(result: Result) -> list[tuple[str, str]]:
 def _skipped_rows(result: Result) -> list[tuple[str, str]]:
     if not result.skipped:
         return []
-    names = first_few((result.frames[k] for k in result.skipped), 5)
+    names = join_truncated((result.frames[k] for k in result.skipped), 5)
     return [("skipped", f"{names}; cageik report says why")]
 
 
-def _scene(scene: Scene) -> str:
+def _format_scene(scene: Scene) -> str:
     return (
         f"{scene.fps:g} frames a second from frame {scene.start:g}, {scene.up_axis} up, "
         f"{scene.metres_per_unit:g} m a unit"
@@ -121,7 +121,7 @@ def _clip_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
         ("holds", "a clip"),
         ("frames", f"{len(sequence)}, {sequence.names[0]} to {sequence.names[-1]}"),
         *_mesh_rows(sequence.first),
-        *([("scene", sequence.scene.words)] if sequence.scene.words else []),
+        *([("scene", sequence.scene.describe)] if sequence.scene.describe else []),
         *(("note", note) for note in sequence.notes),
     ]
 
@@ -134,12 +134,12 @@ def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
         ("vertices", str(len(mesh.vertices))),
         ("triangles", str(len(mesh.faces))),
         ("surface", f"{volume}, {components} component{'s' * (components > 1)}"),
-        ("bounds", f"{_point(low)} to {_point(high)}, diagonal {mesh.diagonal:.6g}"),
+        ("bounds", f"{_format_point(low)} to {_format_point(high)}, diagonal {mesh.diagonal:.6g}"),
     ]
 
 
 def _cage_row(mesh: TriMesh) -> tuple[str, str]:
-    findings = cage_findings(mesh)
+    findings = find_cage_faults(mesh)
     unfit = [finding.sentence for finding in findings if finding.severity == "unfit"]
     if not unfit:
         return "as a cage", "; ".join(["sound", *(finding.message for finding in findings)])
@@ -147,5 +147,5 @@ def _cage_row(mesh: TriMesh) -> tuple[str, str]:
     return "as a cage", f"unfit: {unfit[0]}{more}"
 
 
-def _point(position: np.ndarray) -> str:
+def _format_point(position: np.ndarray) -> str:
     return "(" + ", ".join(f"{value:.6g}" for value in position) + ")"

@@ -7,28 +7,28 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.formats.base.file_names import kind_of
-from cageik_cli.formats.base.hdf5 import SUFFIXES as HDF5_SUFFIXES
-from cageik_cli.formats.mesh_file import MESH_SUFFIXES, load_mesh, prepare_mesh, write_mesh
+from cageik_cli.formats.base.file_names import file_suffix
+from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES as HDF5_SUFFIXES
+from cageik_cli.formats.mesh_file import MESH_SUFFIXES, check_mesh_output, load_mesh, write_mesh
 from cageik_cli.formats.open import clip_suffixes
 from cageik_cli.formats.scene import Scene
 from cageik_cli.posing.edits import (
-    Clip,
-    EditedBlock,
+    CageSkin,
+    EditedFrames,
+    EditTarget,
     Layer,
     PosingSettings,
-    Skin,
-    edited_block,
-    layers_of,
+    build_layers,
+    edit_frames,
 )
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.summary import Posed, PoseLedger, Snapshot
+from cageik_cli.posing.summary import PoseResult, PoseSnapshot, PoseStatistics
 from cageik_cli.store.binding_file import read_binding
-from cageik_cli.util.errors import InputError, located
-from cageik_cli.util.outputs import keep_apart
-from cageik_cli.util.progress import Observer
-from cageik_cli.util.threads import blas_threads
-from cageik_cli.workflows.bind import WeightSettings, made
+from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.outputs import check_no_overlap
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.threads import limit_blas_threads
+from cageik_cli.workflows.bind import WeightSettings, bind_cached
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class PoseSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Bound:
+class _BoundModel:
     """A model in its cage, and what their files say beside.
 
     Attributes
@@ -77,7 +77,7 @@ class _Bound:
     cage_text: bytes = b""
 
 
-def pose(settings: PoseSettings, observer: Observer | None = None) -> Posed:
+def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:
     """Pose a model by handles, and write it.
 
     Raises
@@ -87,72 +87,74 @@ def pose(settings: PoseSettings, observer: Observer | None = None) -> Posed:
     NumericalError
         When the weights cannot be trusted, or hard handles cannot all be met.
     """
-    watch = observer or Observer()
-    _prepare(settings)
-    with watch.stage("open"):
+    progress = progress or ProgressListener()
+    _check_outputs(settings)
+    with progress.stage("open"):
         handles = read_handles(settings.handles)
-    with watch.stage("bind"):
-        bound = _bound(settings, watch)
-    binding = bound.binding
+    with progress.stage("bind"):
+        model = _load_bound_model(settings, progress)
+    binding = model.binding
     cage = binding.cage.vertices
-    clip = Clip(binding, Skin.at_rest(binding), lambda _: cage, None)
+    target = EditTarget(binding, CageSkin.for_rest_pose(binding), lambda _: cage, None)
     # One thread: the last digits depend on how many.
-    with watch.stage("pose"), located(settings.handles), blas_threads(1):
-        layers = layers_of(handles, clip, settings.posing)
-        block = edited_block(layers, clip, np.zeros(1, np.int64), cage[None])
-    remark_layers(layers, settings.handles, watch)
-    with watch.stage("write"):
-        _write(settings, bound, block)
-    ledger = PoseLedger(layers, binding.rest.diagonal)
-    ledger.take(block)
-    return Posed(ledger.figures([]), Snapshot("", layers, block, clip), Scene().up_axis)
+    with progress.stage("pose"), error_context(settings.handles), limit_blas_threads(1):
+        layers = build_layers(handles, target, settings.posing)
+        block = edit_frames(layers, target, np.zeros(1, np.int64), cage[None])
+    report_layer_notes(layers, settings.handles, progress)
+    with progress.stage("write"):
+        _write_outputs(settings, model, block)
+    statistics = PoseStatistics(layers, binding.rest.diagonal)
+    statistics.update(block)
+    return PoseResult(
+        statistics.summarize([]), PoseSnapshot("", layers, block, target), Scene().up_axis
+    )
 
 
-def remark_layers(layers: Sequence[Layer], handles: Path, watch: Observer) -> None:
+def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: ProgressListener) -> None:
     """Say what there is to know of how handles were taken."""
     for layer in layers:
-        for note in layer.drag.notes:
-            watch.remark("note", f"{handles.name}: {note}")
+        for note in layer.schedule.notes:
+            progress.note("note", f"{handles.name}: {note}")
 
 
-def _prepare(settings: PoseSettings) -> None:
-    _refuse_animation(settings.target)
+def _check_outputs(settings: PoseSettings) -> None:
+    _check_target_kind(settings.target)
     outputs = [settings.output, settings.cage_output]
-    keep_apart(outputs, [settings.target, settings.cage, settings.handles])
+    check_no_overlap(outputs, [settings.target, settings.cage, settings.handles])
     for path in outputs:
         if path is not None:
-            prepare_mesh(path, settings.overwrite)
+            check_mesh_output(path, settings.overwrite)
 
 
-def _refuse_animation(target: Path) -> None:
+def _check_target_kind(target: Path) -> None:
     """Refuse frames whose cages are not known yet."""
     of_models = {*MESH_SUFFIXES, *HDF5_SUFFIXES}
-    if target.is_dir() or kind_of(target) in {*clip_suffixes()} - of_models:
-        what = "a folder" if target.is_dir() else f"a clip (`{kind_of(target)}`)"
+    if target.is_dir() or file_suffix(target) in {*clip_suffixes()} - of_models:
+        what = "a folder" if target.is_dir() else f"a clip (`{file_suffix(target)}`)"
         raise InputError(
             f"{target}: is {what}, expected a model, a binding or a result; to edit an animation, "
             "extract its cages first (cageik extract) and pose that result"
         )
 
 
-def _bound(settings: PoseSettings, watch: Observer) -> _Bound:
+def _load_bound_model(settings: PoseSettings, progress: ProgressListener) -> _BoundModel:
     """The weights of the binding file that was named, or of the model in the cage."""
     if settings.target.suffix.lower() in HDF5_SUFFIXES:
-        return _Bound(read_binding(settings.target).binding)
+        return _BoundModel(read_binding(settings.target).binding)
     if settings.cage is None:
         raise InputError(f"{settings.target}: is a model without a cage; name one with --cage")
     rest, cage = load_mesh(settings.target), load_mesh(settings.cage)
-    with located(settings.cage):
-        binding = made(rest, cage, settings.weights, watch).binding
+    with error_context(settings.cage):
+        binding = bind_cached(rest, cage, settings.weights, progress).binding
     for mesh, notes in ((rest, rest.notes), (cage, binding.notes)):
         for note in notes:
-            watch.remark("note", f"{mesh.source['name']}: {note}")
-    return _Bound(binding, rest.text, cage.text)
+            progress.note("note", f"{mesh.source['name']}: {note}")
+    return _BoundModel(binding, rest.obj_text, cage.obj_text)
 
 
-def _write(settings: PoseSettings, bound: _Bound, block: EditedBlock) -> None:
+def _write_outputs(settings: PoseSettings, model: _BoundModel, block: EditedFrames) -> None:
     """Write the posed model, and the cage if it is asked for."""
-    rest, cage, overwrite = bound.binding.rest, bound.binding.cage, settings.overwrite
-    write_mesh(settings.output, rest, block.edited[0], overwrite, bound.text)
+    rest, cage, overwrite = model.binding.rest, model.binding.cage, settings.overwrite
+    write_mesh(settings.output, rest, block.meshes_after[0], overwrite, model.text)
     if settings.cage_output is not None:
-        write_mesh(settings.cage_output, cage, block.edit.cages[0], overwrite, bound.cage_text)
+        write_mesh(settings.cage_output, cage, block.edit.cages[0], overwrite, model.cage_text)

@@ -7,17 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli import __version__
-from cageik_cli.formats.base.hdf5 import refuse_other_suffix
+from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.store.checkpoint import PartialResult, Plan, progress_of
-from cageik_cli.store.result import Result, has_weights, partial_name, read_result
+from cageik_cli.store.checkpoint import Checkpoint, RunSpec, checkpoint_progress
+from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
 from cageik_cli.util.errors import InputError
-from cageik_cli.util.outputs import prepare
-from cageik_cli.util.progress import Observer
-from cageik_cli.workflows.extract_inputs import ExtractSettings, Inputs, scene_of
+from cageik_cli.util.outputs import check_writable
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.extract_inputs import ExtractSettings, Inputs, resolve_scene
 
 
-def prepare_result(output: Path, overwrite: bool, resume: bool) -> None:
+def check_output_path(output: Path, overwrite: bool, resume: bool) -> None:
     """Refuse, before any work, to write over a result or over what an interrupted run left.
 
     Raises
@@ -25,18 +25,19 @@ def prepare_result(output: Path, overwrite: bool, resume: bool) -> None:
     InputError
         Naming the file and what to do.
     """
-    prepare(output, overwrite or resume)
-    refuse_other_suffix(output)
-    log = partial_name(output)
-    if log.exists() and not (overwrite or resume):
-        done, count = progress_of(log)
+    check_writable(output, overwrite or resume)
+    check_hdf5_suffix(output)
+    checkpoint_file = checkpoint_path(output)
+    if checkpoint_file.exists() and not (overwrite or resume):
+        done, count = checkpoint_progress(checkpoint_file)
         raise InputError(
-            f"{log}: an interrupted run has left {done} of {count} frames there; go on with "
+            f"{checkpoint_file}: an interrupted run has left {done} of {count} frames there; go "
+            f"on with "
             "--resume, or begin again with --overwrite"
         )
 
 
-def whole_already(
+def find_existing_result(
     settings: ExtractSettings, inputs: Inputs, recorded: dict[str, Any]
 ) -> Result | None:
     """The result that is there if it is what this run would make of the same files, else None.
@@ -52,7 +53,7 @@ def whole_already(
         return None
     try:
         result = read_result(output)
-        _refuse_other(result, settings, inputs, recorded)
+        _check_same_run(result, settings, inputs, recorded)
     except InputError:
         if settings.overwrite:
             return None
@@ -60,7 +61,7 @@ def whole_already(
     return result
 
 
-def _refuse_other(
+def _check_same_run(
     result: Result, settings: ExtractSettings, inputs: Inputs, recorded: dict[str, Any]
 ) -> None:
     sequence = inputs.sequence
@@ -69,8 +70,8 @@ def _refuse_other(
         ("other settings", result.settings != recorded),
         ("other settings", has_weights(result) != settings.keep_weights),
         ("other frames", result.frames != sequence.names),
-        ("another scene", result.scene != scene_of(settings, inputs)),
-        ("other files", result.sources != inputs.sources | {"frames": sequence.source()}),
+        ("another scene", result.scene != resolve_scene(settings, inputs)),
+        ("other files", result.sources != inputs.sources | {"frames": sequence.describe_source()}),
     )
     for what, differs in differences:
         if differs:
@@ -87,26 +88,33 @@ def _refuse_other(
 
 
 @contextmanager
-def going_on(log: Path, plan: Plan, resume: bool, overwrite: bool) -> Iterator[PartialResult]:
+def open_checkpoint(
+    path: Path, spec: RunSpec, resume: bool, overwrite: bool
+) -> Iterator[Checkpoint]:
     """The log of this run: what is there of it, or a new one. An error tells how to go on."""
-    partial = PartialResult.opened(log, plan, resume, overwrite)
+    checkpoint = Checkpoint.open(path, spec, resume, overwrite)
     try:
-        yield partial
+        yield checkpoint
     except BaseException as error:
-        if partial.done:
+        if checkpoint.frames_done:
             error.add_note(
-                f"{partial.done} of {len(plan.frames)} frames are kept in {log}; go on with "
+                f"{checkpoint.frames_done} of {len(spec.frames)} frames are kept in {path}; go "
+                f"on with "
                 "--resume"
             )
-            partial.close()
+            checkpoint.close()
         else:
-            partial.discard()
+            checkpoint.discard()
         raise
-    partial.discard()
+    checkpoint.discard()
 
 
-def take_up(
-    partial: PartialResult, sequence: MeshSequence, keep_gaps: bool, jobs: int, watch: Observer
+def resume_from_checkpoint(
+    checkpoint: Checkpoint,
+    sequence: MeshSequence,
+    keep_gaps: bool,
+    jobs: int,
+    progress: ProgressListener,
 ) -> None:
     """Say where the run goes on: at the first block of which a frame's file is another by now.
 
@@ -120,19 +128,19 @@ def take_up(
     """
     reason = ""
     with ThreadPoolExecutor(jobs) as pool:
-        for block in partial.blocks():
-            stamps = pool.map(sequence.stamp, range(block.start, block.stop))
-            pairs = enumerate(zip(stamps, block.digests, strict=True), block.start)
+        for block in checkpoint.blocks():
+            digests = pool.map(sequence.digest_or_zeros, range(block.start, block.stop))
+            pairs = enumerate(zip(digests, block.digests, strict=True), block.start)
             stale = [k for k, (now, then) in pairs if now != then]
             if not keep_gaps:
-                stale += block.faults
+                stale += block.skipped
                 for k in sorted(stale):
-                    sequence.frame(k)  # the run would end at it, and what is cut be lost
+                    sequence.read_frame(k)  # the run would end at it, and what is cut be lost
             if stale:
-                partial.cut(block.start)
+                checkpoint.truncate(block.start)
                 reason = f", for {sequence.names[min(stale)]} is not what it was"
                 break
-    count = len(partial.plan.frames)
-    if partial.done or reason:
-        watch.remark("resumed", f"from frame {partial.done} of {count}{reason}")
-        watch.advance(partial.done, count)
+    count = len(checkpoint.spec.frames)
+    if checkpoint.frames_done or reason:
+        progress.note("resumed", f"from frame {checkpoint.frames_done} of {count}{reason}")
+        progress.update(checkpoint.frames_done, count)

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.anchors import Anchor, at_vertex
+from cageik_cli.posing.anchors import Anchor, point_at_vertex
 from tests.benchmarks.growth import wavy_sphere
 
 NEAREST = 10
@@ -40,7 +40,7 @@ def synthetic(vertices: int, points: int, is_meshed: bool = False) -> Binding:
 def spread_anchors(binding: Binding, count: int) -> list[Anchor]:
     """Vertices from all over the model."""
     chosen = np.linspace(0, len(binding.rest.vertices) - 1, count).astype(int)
-    return [Anchor(f"a{vertex}", at_vertex(binding.rest, vertex)) for vertex in chosen]
+    return [Anchor(f"a{vertex}", point_at_vertex(binding.rest, vertex)) for vertex in chosen]
 
 
 def moves_of(count: int, anchors: int) -> np.ndarray:

@@ -8,7 +8,7 @@ One thread, medians of 1000 moves. The cage's time does not depend on the model.
 import argparse
 
 from cageik_cli.posing.poser import Poser
-from cageik_cli.util.threads import blas_threads
+from cageik_cli.util.threads import limit_blas_threads
 from tests.benchmarks.drags import median_seconds, moves_of, spread_anchors, synthetic
 
 VERTICES, ANCHORS, MOVES = 100, 8, 1000
@@ -20,12 +20,12 @@ def measured(points: int) -> dict[str, float]:
     binding = synthetic(VERTICES, points)
     poser = Poser(binding, spread_anchors(binding, ANCHORS))
     moves = moves_of(MOVES, ANCHORS)
-    poser.mesh(moves[0])
+    poser.solve_mesh(moves[0])
     return {
         "m": points,
-        "cage": 1e6 * median_seconds(moves, poser.cage),
-        "both": 1e6 * median_seconds(moves, lambda t: (poser.cage(t), poser.mesh(t))),
-        "turning": 1e6 * median_seconds(moves, lambda t: poser.cage(t, 10)),
+        "cage": 1e6 * median_seconds(moves, poser.solve_cage),
+        "both": 1e6 * median_seconds(moves, lambda t: (poser.solve_cage(t), poser.solve_mesh(t))),
+        "turning": 1e6 * median_seconds(moves, lambda t: poser.solve_cage(t, 10)),
     }
 
 
@@ -58,7 +58,7 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
     print(f"{'m':>8} {'cage, us':>9} {'and mesh, us':>13} {'rigidity 10, us':>16}")
-    with blas_threads(1):
+    with limit_blas_threads(1):
         for points in MODELS:
             if points <= options.most:
                 rows.append(measured(points))

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import uniform_laplacian
-from cageik_cli.posing.anchors import Anchor, at_vertex, rows_of
+from cageik_cli.posing.anchors import Anchor, anchor_matrix, point_at_vertex
 from cageik_cli.posing.poser import Poser
-from cageik_cli.util.threads import blas_threads
+from cageik_cli.util.threads import limit_blas_threads
 from tests.benchmarks.drags import median_seconds, moves_of, spread_anchors, synthetic
 
 pytestmark = pytest.mark.bench
@@ -20,7 +20,7 @@ MOVES = 1000
 
 
 def microseconds(moves, work):
-    with blas_threads(1):
+    with limit_blas_threads(1):
         return 1e6 * median_seconds(moves, work)
 
 
@@ -29,7 +29,9 @@ def example():
     """A poser of the size that the paper's 78 microseconds are held against, and its moves."""
     binding = synthetic(100, 10_000, is_meshed=True)
     poser = Poser(binding, spread_anchors(binding, 8))
-    poser.mesh(moves_of(1, 8)[0])  # the response of the mesh is computed once, not at every move
+    poser.solve_mesh(
+        moves_of(1, 8)[0]
+    )  # the response of the mesh is computed once, not at every move
     return poser, moves_of(MOVES, 8)
 
 
@@ -38,10 +40,10 @@ def test_a_move(n, m, count):
     binding = synthetic(n, m)
     start = time.perf_counter()
     poser = Poser(binding, spread_anchors(binding, count))
-    poser.mesh(moves_of(1, count)[0])
+    poser.solve_mesh(moves_of(1, count)[0])
     made, moves = time.perf_counter() - start, moves_of(MOVES, count)
-    cage = microseconds(moves, poser.cage)
-    both = microseconds(moves, lambda move: (poser.cage(move), poser.mesh(move)))
+    cage = microseconds(moves, poser.solve_cage)
+    both = microseconds(moves, lambda move: (poser.solve_cage(move), poser.solve_mesh(move)))
     print(
         f"\nn = {n}, m = {m}, l = {count}: cage {cage:.1f} us, cage and mesh {both:.1f} us; "
         f"the poser was made in {1e3 * made:.0f} ms",
@@ -62,7 +64,7 @@ def test_a_move_of_cells_that_turn(example):
 
 def test_an_anchor_more_and_one_less(example):
     poser, _ = example
-    another = Anchor("another", at_vertex(poser.binding.rest, 1234))
+    another = Anchor("another", point_at_vertex(poser.binding.rest, 1234))
     wider, rounds = poser.with_anchor(another), np.arange(100)
     new = microseconds(rounds[:20], lambda _: Poser(poser.binding, wider.anchors))
     more = microseconds(rounds, lambda _: poser.with_anchor(another))
@@ -81,7 +83,7 @@ def test_against_lstsq_from_scratch(example):
     poser, moves = example
     binding, alpha = poser.binding, poser.alpha
     smooth = uniform_laplacian(binding.cage) * np.sqrt(alpha / len(binding.cage.vertices))
-    pull = rows_of(poser.anchors, binding.weights) * np.sqrt(poser.beta / len(poser.anchors))
+    pull = anchor_matrix(poser.anchors, binding.weights) * np.sqrt(poser.beta / len(poser.anchors))
     matrix, rest, scale = np.vstack([smooth, pull]), binding.cage.vertices, pull[0].sum()
 
     def posed(move):

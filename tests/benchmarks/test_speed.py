@@ -13,9 +13,9 @@ from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.blocks import LARGEST_BLOCK
+from cageik_cli.solver.blocks import MAX_BLOCK_FRAMES
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, SolveSettings
-from cageik_cli.util.threads import blas_threads, processors
+from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.extract_inputs import ExtractSettings
 from tests.shapes import ball, inside
@@ -42,7 +42,7 @@ def show(what, ours, yardstick, name):
 def test_reading_against_trimesh():
     paths = sorted((WALKER / "frames").iterdir())
     sequence = open_sequence([str(WALKER / "frames")])
-    ours = best_of(3, lambda: list(sequence.blocks(LARGEST_BLOCK, processors())))
+    ours = best_of(3, lambda: list(sequence.blocks(MAX_BLOCK_FRAMES, count_processors())))
     theirs = best_of(2, lambda: [trimesh.load(p, process=False) for p in paths])
     assert show("reading 48 OBJ frames", ours, theirs, "a trimesh.load loop") > 1
 
@@ -56,7 +56,7 @@ def test_reading_obj_of_ten_thousand_vertices(tmp_path):
         lines = "\n".join("v {:.9g} {:.9g} {:.9g}".format(*point) for point in moved)
         (tmp_path / f"frame_{k}.obj").write_text(f"{lines}\n{rows}\n")
     sequence = open_sequence([str(tmp_path)])
-    ours = best_of(5, lambda: list(sequence.blocks(LARGEST_BLOCK, 2))) / len(sequence)
+    ours = best_of(5, lambda: list(sequence.blocks(MAX_BLOCK_FRAMES, 2))) / len(sequence)
     paths = sorted(tmp_path.iterdir())[:8]
     theirs = best_of(3, lambda: [_by_trimesh(path) for path in paths]) / len(paths)
     assert show(f"an OBJ frame of {len(points)} vertices", ours, theirs, "trimesh.load") >= 15
@@ -80,7 +80,7 @@ def _by_trimesh(path):
 
 def test_solving_against_a_plain_product_and_lstsq():
     """The products of the solve stage, and the whole of it, for samba's shape."""
-    m, n, k = 9971, 120, LARGEST_BLOCK
+    m, n, k = 9971, 120, MAX_BLOCK_FRAMES
     generator = np.random.default_rng(0)
     weights = generator.dirichlet(np.ones(n), m)
     cage = TriMesh(generator.normal(size=(n, 3)), [[i, (i + 1) % n, (i + 7) % n] for i in range(n)])
@@ -89,9 +89,9 @@ def test_solving_against_a_plain_product_and_lstsq():
     frames = rest.vertices + 0.01 * generator.normal(size=(k, m, 3))
     columns = np.ascontiguousarray(frames.transpose(1, 0, 2).reshape(m, 3 * k))
     rows = np.ascontiguousarray(weights.T)
-    with blas_threads(1):
+    with limit_blas_threads(1):
         plain = best_of(9, lambda: weights @ (rows @ columns))
-        products = best_of(9, lambda: solver._weights @ solver._minimiser(columns))
+        products = best_of(9, lambda: solver._weights @ solver._solve_displacements(columns))
         whole = best_of(9, lambda: solver.solve(frames))
     flops = 4 * m * n * 3 * k
     print(
@@ -121,7 +121,7 @@ def test_binding_against_its_transcendental_functions_and_product():
         for _ in range(len(points) // 100):
             densities @ block
 
-    with blas_threads(1):
+    with limit_blas_threads(1):
         least = best_of(3, functions), best_of(3, products)
     print(
         f"\nbinding {len(points)} points to {panels} panels, one thread: {ours:.3f} s; the "
@@ -141,7 +141,7 @@ def test_extracting_against_the_obvious_script(tmp_path):
         cage=WALKER / "cage.obj",
         output=tmp_path / "cages.h5",
         overwrite=True,
-        jobs=processors(),
+        jobs=count_processors(),
     )
 
     def obvious():

@@ -7,13 +7,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cageik_cli.report.figures import change_text, percent_text
-from cageik_cli.report.html.index import as_index
-from cageik_cli.report.html.page import as_html
+from cageik_cli.report.figures import format_change, format_percent
+from cageik_cli.report.html.index import render_index
+from cageik_cli.report.html.page import render_page
 from cageik_cli.report.limits import Limit, Limits
-from cageik_cli.report.overview import Entry, entry_of, overview_of
-from cageik_cli.report.record import report_of
-from cageik_cli.report.render.model_views import pictures_of, poses_of
+from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.record import build_report
+from cageik_cli.report.render.model_views import load_poses, render_pictures
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.extract_inputs import ExtractSettings
 from tests.report.clips import five_hundred
@@ -41,24 +41,24 @@ def result(tmp_path_factory, animation, write_obj):
 @pytest.fixture(scope="session")
 def report(result):
     """With a frame that was skipped, the last."""
-    report = report_of(result, Limits((Limit("rms", Decimal("0.001")),)))
+    report = build_report(result, Limits((Limit("rms", Decimal("0.001")),)))
     last = replace(with_hostile_names(report).frames[-1], name=report.frames[-1].name)
     return replace(report, frames=(*report.frames[:-1], replace(last, skipped="it was cut short")))
 
 
 @pytest.fixture(scope="session")
 def pictures(result):
-    return pictures_of(poses_of(result))
+    return render_pictures(load_poses(result))
 
 
 @pytest.fixture(scope="session")
 def html(report, pictures):
-    return as_html(report, pictures)
+    return render_page(report, pictures)
 
 
 @pytest.fixture(scope="session")
 def index(report):
-    entry = entry_of(report, page="clip.html")
+    entry = build_clip_entry(report, page="clip.html")
     entries = [
         replace(
             entry,
@@ -67,7 +67,9 @@ def index(report):
         )
         for k in range(12)
     ]
-    return as_index(overview_of([*entries, Entry("walks/broken", fault="it could not be read")]))
+    return render_index(
+        build_overview([*entries, ClipEntry("walks/broken", fault="it could not be read")])
+    )
 
 
 def _column(page, table, number, body="tbody:not(.fixed)"):
@@ -85,9 +87,9 @@ def _told(page):
 
 def _expected(frame):
     return frame.name, [
-        ["rms, %", percent_text(frame.rms_percent)],
-        ["max deviation, %", percent_text(frame.max_deviation_percent)],
-        ["volume change, %", change_text(frame.volume_change)],
+        ["rms, %", format_percent(frame.rms_percent)],
+        ["max deviation, %", format_percent(frame.max_deviation_percent)],
+        ["volume change, %", format_change(frame.volume_change)],
     ]
 
 
@@ -138,7 +140,7 @@ def test_the_cursor_tells_the_frame_that_the_mouse_is_over(opened, html, report,
     page = opened(html).page
     page.mouse.move(*_place_of(page, frame))
     assert _told(page) == _expected(report.frames[frame])
-    assert percent_text(report.frames[frame].rms_percent) in page.text_content("#status")
+    assert format_percent(report.frames[frame].rms_percent) in page.text_content("#status")
     page.mouse.move(0, 0)
     assert page.locator("#plot .tip").is_hidden()
 
@@ -183,14 +185,16 @@ def test_an_open_model_and_one_without_pictures_work_too(opened, report):
     )
     summary = replace(report.summary, volume_change_percent_max=None, volume_change_frame=None)
     clip = replace(report.clip, closed=False)
-    page = opened(as_html(replace(report, frames=frames, summary=summary, clip=clip), None)).page
+    page = opened(
+        render_page(replace(report, frames=frames, summary=summary, clip=clip), None)
+    ).page
     page.mouse.move(*_place_of(page, 4))
     assert _told(page)[1] == _expected(report.frames[4])[1][:2]
 
 
 def test_a_clip_of_one_frame_works(opened, report):
     frames, summary = report.frames[:1], replace(report.summary, worst_frame_index=0)
-    page = opened(as_html(replace(report, frames=frames, summary=summary), None)).page
+    page = opened(render_page(replace(report, frames=frames, summary=summary), None)).page
     page.locator("#plot").focus()
     page.keyboard.press("ArrowRight")
     assert _told(page) == _expected(report.frames[0])
@@ -216,8 +220,10 @@ def test_all_columns_of_an_index_are_in_the_window(opened, index):
 @pytest.mark.parametrize("width", WIDTHS)
 def test_why_a_clip_failed_is_in_the_window_wherever_the_table_is(opened, report, width):
     fault = "/srv/walks/broken/mesh_0020.obj: line 5180: 1 coordinates; " + 20 * "export it again "
-    entries = [entry_of(report, page="clip.html"), Entry("walks/broken", fault=fault)]
-    page = opened(as_index(overview_of(entries)), viewport={"width": width, "height": 800}).page
+    entries = [build_clip_entry(report, page="clip.html"), ClipEntry("walks/broken", fault=fault)]
+    page = opened(
+        render_index(build_overview(entries)), viewport={"width": width, "height": 800}
+    ).page
     page.eval_on_selector(".most", "one => { one.scrollLeft = 160; }")
     window = page.locator(".most").bounding_box()
     sentence = page.locator(".sentence > div").bounding_box()
@@ -250,8 +256,8 @@ def test_long_names_are_broken(opened, report, pictures, kind):
         gates=tuple(replace(gate, frame=long) for gate in report.gates),
         frames=tuple(replace(frame, name=long) for frame in report.frames),
     )
-    entries = [entry_of(named, page="a.html"), Entry(long, fault=long)]
-    html = as_html(named, pictures) if kind == "page" else as_index(overview_of(entries))
+    entries = [build_clip_entry(named, page="a.html"), ClipEntry(long, fault=long)]
+    html = render_page(named, pictures) if kind == "page" else render_index(build_overview(entries))
     page = opened(html, viewport={"width": 360, "height": 800}).page
     if kind == "page":
         page.locator("#plot").focus()
@@ -308,7 +314,7 @@ def test_a_pose_can_be_made_larger(opened, html):
 
 
 def test_hostile_names_do_nothing(opened, report, pictures):
-    page = opened(as_html(with_hostile_names(report), pictures)).page
+    page = opened(render_page(with_hostile_names(report), pictures)).page
     page.mouse.move(*_place_of(page, 1))
     page.locator("#plot").focus()
     for _ in NAMES:
@@ -319,9 +325,11 @@ def test_hostile_names_do_nothing(opened, report, pictures):
 
 
 def test_hostile_names_do_nothing_among_clips(opened, report):
-    hostile = entry_of(with_hostile_names(report), page=NAMES[-1])
+    hostile = build_clip_entry(with_hostile_names(report), page=NAMES[-1])
     entries = [replace(hostile, name=name) for name in NAMES]
-    page = opened(as_index(overview_of([*entries, *(Entry(n, fault=n) for n in NAMES)]))).page
+    page = opened(
+        render_index(build_overview([*entries, *(ClipEntry(n, fault=n) for n in NAMES)]))
+    ).page
     page.get_by_role("button", name="Clip", exact=True).click()
     page.get_by_label("Show names with").fill("<script>")
     hrefs = page.eval_on_selector_all("th a", "links => links.map(link => link.protocol)")
@@ -370,7 +378,7 @@ def test_two_thousand_frames_can_be_sorted(opened, report, pictures):
     frames = tuple(
         replace(report.frames[k % 30], index=k, name=f"take_{k}.obj") for k in range(2000)
     )
-    page = opened(as_html(replace(report, frames=frames), pictures)).page
+    page = opened(render_page(replace(report, frames=frames), pictures)).page
     page.get_by_role("button", name="RMS, %", exact=True).click()
     figures = [float(text) for text in _column(page, "frames-table", 3)]
     assert all(a >= b for a, b in pairwise(figures))
@@ -380,7 +388,7 @@ def test_two_thousand_frames_can_be_sorted(opened, report, pictures):
 
 
 def test_five_hundred_clips_are_there_in_time(opened, report):
-    page = opened(as_index(overview_of(five_hundred(report)))).page
+    page = opened(render_index(build_overview(five_hundred(report)))).page
     taken = page.evaluate(
         "() => new Promise(done => requestAnimationFrame(() => setTimeout("
         "() => done(performance.getEntriesByType('navigation')[0].loadEventEnd))))"

@@ -69,7 +69,7 @@ def test_facts_of_a_box_around_a_ball():
 
 
 def test_an_inward_cage_is_usable():
-    found = diagnose(box().flipped(), ball(1, 0.5))
+    found = diagnose(box().flip(), ball(1, 0.5))
     assert found.verdict == "usable"
     assert kinds(found) == [("usable", "inward")]
     assert found.cage.volume == pytest.approx(-8)
@@ -112,7 +112,7 @@ def test_a_thin_cage_is_usable_and_not_said_to_cross_itself():
 
 def test_everything_is_found_the_worst_first():
     """Vertices outside, a lone cage vertex, and faces inward; the weights are not asked for."""
-    cage = TriMesh(np.vstack([box().vertices, [[9.0, 9, 9]]]), box().flipped().faces)
+    cage = TriMesh(np.vstack([box().vertices, [[9.0, 9, 9]]]), box().flip().faces)
     rest = shifted(ball(1, 0.5), 0.75)
     found = diagnose(cage, rest)
     assert found.verdict == "unfit"
@@ -178,7 +178,7 @@ def test_swapped_cage_and_model_are_asked_for():
 
 
 def test_too_many_faces_are_unfit(monkeypatch):
-    monkeypatch.setattr(module, "PANEL_LIMIT", 11)
+    monkeypatch.setattr(module, "MAX_FACES", 11)
     found = diagnose(box(), ball(1, 0.5))
     assert kinds(found) == [("unfit", "too-many-faces")]
     assert found.findings[0].message == "the cage has 12 faces, at most 11 fit in memory"

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cageik_cli.cages.enclosure import TOUCHING, check_enclosure
+from cageik_cli.cages.enclosure import TOUCH_TOL, check_enclosure
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box, changed, finer, octahedron, rotation
@@ -33,11 +33,11 @@ def test_a_cage_finer_than_the_model_is_asked_whether_they_are_swapped():
 
 def test_a_vertex_outside_by_rounding_is_moved_onto_the_cage():
     rest = box(1.0)
-    vertices = rest.vertices * np.where(np.arange(8) == 3, 1 + 0.1 * TOUCHING, 0.5)[:, None]
+    vertices = rest.vertices * np.where(np.arange(8) == 3, 1 + 0.1 * TOUCH_TOL, 0.5)[:, None]
     fitted = check_enclosure(box(), changed(rest, vertices=vertices))
     np.testing.assert_allclose(fitted.points[3], rest.vertices[3], rtol=1e-15)
     np.testing.assert_array_equal(np.delete(fitted.points, 3, 0), np.delete(vertices, 3, 0))
-    vertices[3] = rest.vertices[3] * (1 + 10 * TOUCHING)
+    vertices[3] = rest.vertices[3] * (1 + 10 * TOUCH_TOL)
     with pytest.raises(InputError, match="1 of 8 vertices"):
         check_enclosure(box(), changed(rest, vertices=vertices))
 
@@ -47,7 +47,7 @@ def test_vertices_outside_get_the_nearest_points_when_that_is_asked_for():
     vertices = rest.vertices.copy()
     vertices[5], vertices[7] = [1.5, 0.25, 0], [0, 0.5, -2]
     held = check_enclosure(box(), changed(rest, vertices=vertices), outside="project")
-    assert held.projected.tolist() == [5, 7]
+    assert held.projected_indices.tolist() == [5, 7]
     np.testing.assert_allclose(held.points[[5, 7]], [[1, 0.25, 0], [0, 0.5, -1]], atol=1e-12)
     kept = np.delete(np.arange(len(vertices)), [5, 7])
     np.testing.assert_array_equal(held.points[kept], vertices[kept])
@@ -58,12 +58,12 @@ def test_vertices_outside_get_the_nearest_points_when_that_is_asked_for():
 
 def test_projecting_when_nothing_is_outside_says_nothing():
     held = check_enclosure(box(), ball(1, 0.9), outside="project")
-    assert (held.notes, held.projected.tolist()) == ((), [])
+    assert (held.notes, held.projected_indices.tolist()) == ((), [])
 
 
 @pytest.mark.parametrize("diagonals", [1e5, 1e9])
 def test_a_model_on_its_cage_is_held_however_far_from_the_origin(diagonals):
-    """Rounding grows with the coordinates: a vertex is then outside by more than `TOUCHING`."""
+    """Rounding grows with the coordinates: a vertex is then outside by more than `TOUCH_TOL`."""
     rest, turn = finer(box(), 2), rotation(1)
 
     def moved(mesh):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.findings import Finding, at
+from cageik_cli.cages.findings import Finding, format_elements
 
 
 @pytest.mark.parametrize(
@@ -15,7 +15,7 @@ from cageik_cli.cages.findings import Finding, at
     ],
 )
 def test_places_are_listed(noun, numbers, text):
-    assert at(noun, np.array(numbers)) == text
+    assert format_elements(noun, np.array(numbers)) == text
 
 
 def test_a_finding_is_a_sentence():

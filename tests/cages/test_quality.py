@@ -1,19 +1,19 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.enclosure import place
+from cageik_cli.cages.enclosure import locate_vertices
 from cageik_cli.cages.quality import (
-    LARGEST,
-    NEAREST,
-    SHARPEST,
-    THINNEST_PART,
-    WEAKEST,
-    clearance_findings,
-    crossing_findings,
-    influence_findings,
-    needle_findings,
-    size_findings,
-    thin_findings,
+    MAX_SIZE_RATIO,
+    MIN_ANGLE,
+    MIN_CLEARANCE,
+    MIN_INFLUENCE,
+    MIN_SHEET_RATIO,
+    find_low_clearance,
+    find_needle_faces,
+    find_oversized_cage,
+    find_surface_crossings,
+    find_thin_parts,
+    find_weak_vertices,
 )
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import ball, box, concave, finer
@@ -32,12 +32,12 @@ def only(findings):
 @pytest.mark.parametrize(("share", "found"), [(0.9, True), (1.1, False)])
 def test_angles_below_the_limit_are_needles(share, found):
     """The walls of a long box have the angle whose tangent is its height over its length."""
-    length = 1 / np.tan(np.radians(share * SHARPEST))
-    findings = list(needle_findings(scaled(box(), length, 1, 1)))
+    length = 1 / np.tan(np.radians(share * MIN_ANGLE))
+    findings = list(find_needle_faces(scaled(box(), length, 1, 1)))
     assert len(findings) == found
     if found:
         needle = only(findings)
-        assert needle.value == pytest.approx(share * SHARPEST)
+        assert needle.value == pytest.approx(share * MIN_ANGLE)
         assert needle.numbers.tolist() == list(range(4, 12))
         assert "angles below 2 degrees at 8 faces" in needle.message
         assert "the smallest 1.8 degrees at face" in needle.message
@@ -49,18 +49,18 @@ def test_a_face_without_a_plane_is_no_needle():
     a, b, c = mesh.faces[0]
     vertices[a] = (vertices[b] + vertices[c]) / 2
     flat = TriMesh(vertices, mesh.faces)
-    assert not any(0 in finding.numbers for finding in needle_findings(flat))
+    assert not any(0 in finding.numbers for finding in find_needle_faces(flat))
 
 
 @pytest.mark.parametrize(("share", "found"), [(0.9, True), (1.1, False)])
 def test_sheets_nearer_than_the_limit_are_thin(share, found):
     """A slab of 16 faces a side, each of area 1/2."""
-    slab = scaled(finer(box(), 1), 1, 1, share * THINNEST_PART * np.sqrt(0.5) / 2)
-    findings = list(thin_findings(slab))
+    slab = scaled(finer(box(), 1), 1, 1, share * MIN_SHEET_RATIO * np.sqrt(0.5) / 2)
+    findings = list(find_thin_parts(slab))
     assert len(findings) == found
     if found:
         thin = only(findings)
-        assert thin.value == pytest.approx(share * THINNEST_PART)
+        assert thin.value == pytest.approx(share * MIN_SHEET_RATIO)
         heights = slab.vertices[slab.faces[thin.numbers]][..., 2].mean(axis=2)
         np.testing.assert_array_equal(np.sign(heights[:, 0]), -np.sign(heights[:, 1]))
         assert len(np.unique(thin.numbers, axis=0)) == len(thin.numbers)
@@ -70,18 +70,18 @@ def test_sheets_nearer_than_the_limit_are_thin(share, found):
 def test_vertices_near_the_cage_are_found(share, found):
     rest = ball(1, 0.5)
     vertices = rest.vertices.copy()
-    reach = NEAREST * share * np.linalg.norm(np.ptp(vertices, axis=0))
+    reach = MIN_CLEARANCE * share * np.linalg.norm(np.ptp(vertices, axis=0))
     for _ in range(20):  # the diagonal depends on the vertex that is moved
         vertices[4, 0] = 1 - reach
         vertices[4, 1:] = [0.1, 0.2]
-        reach = NEAREST * share * np.linalg.norm(np.ptp(vertices, axis=0))
+        reach = MIN_CLEARANCE * share * np.linalg.norm(np.ptp(vertices, axis=0))
     moved = TriMesh(vertices, rest.faces)
-    findings = list(clearance_findings(place(box(), moved), moved))
+    findings = list(find_low_clearance(locate_vertices(box(), moved), moved))
     assert len(findings) == found
     if found:
         near = only(findings)
         assert near.numbers.tolist() == [4]
-        assert near.value == pytest.approx(100 * NEAREST * share, rel=1e-6)
+        assert near.value == pytest.approx(100 * MIN_CLEARANCE * share, rel=1e-6)
         face = int(near.message.rsplit(" ", 1)[1])
         assert (box().vertices[box().faces[face]][:, 0] == 1).all()
 
@@ -101,9 +101,9 @@ def across_the_corner(depth):
 
 def test_a_surface_that_leaves_between_its_vertices_is_found():
     rest = across_the_corner(0.5)
-    placement = place(concave(), rest)
-    assert len(placement.far) == 0
-    crossing = only(crossing_findings(placement, rest))
+    placement = locate_vertices(concave(), rest)
+    assert len(placement.outside_indices) == 0
+    crossing = only(find_surface_crossings(placement, rest))
     assert set(crossing.numbers[:, 0].tolist()) <= set(range(2, 8))
     walls = concave().vertices[concave().faces[np.unique(crossing.numbers[:, 1])]]
     assert ((walls[:, :, 0] == 1).all(axis=1) | (walls[:, :, 1] == 1).all(axis=1)).all()
@@ -113,32 +113,36 @@ def test_a_surface_that_leaves_between_its_vertices_is_found():
 
 def test_a_surface_inside_does_not_cross():
     rest = TriMesh(0.4 * across_the_corner(0.3).vertices + 0.05, across_the_corner(0.3).faces)
-    assert list(crossing_findings(place(concave(), rest), rest)) == []
+    assert list(find_surface_crossings(locate_vertices(concave(), rest), rest)) == []
 
 
 def test_faces_with_a_vertex_outside_are_no_crossing_of_their_own():
     rest = TriMesh(ball(1, 0.9).vertices * 1.5, ball(1).faces)
-    placement = place(box(), rest)
-    outside = set(placement.far.tolist())
+    placement = locate_vertices(box(), rest)
+    outside = set(placement.outside_indices.tolist())
     assert outside
-    for finding in crossing_findings(placement, rest):
+    for finding in find_surface_crossings(placement, rest):
         assert not outside & set(rest.faces[finding.numbers[:, 0]].ravel().tolist())
 
 
 def test_vertices_without_influence_are_found():
-    weak = only(influence_findings(np.array([0.5, 0.9 * WEAKEST, 1.1 * WEAKEST, 0.2 * WEAKEST])))
+    weak = only(
+        find_weak_vertices(
+            np.array([0.5, 0.9 * MIN_INFLUENCE, 1.1 * MIN_INFLUENCE, 0.2 * MIN_INFLUENCE])
+        )
+    )
     assert weak.numbers.tolist() == [1, 3]
-    assert weak.value == pytest.approx(0.2 * WEAKEST)
+    assert weak.value == pytest.approx(0.2 * MIN_INFLUENCE)
     assert "2 vertices (1, 3), the weakest with 0.01 vertex 3" in weak.message
-    assert list(influence_findings(np.array([0.5, 1.1 * WEAKEST]))) == []
+    assert list(find_weak_vertices(np.array([0.5, 1.1 * MIN_INFLUENCE]))) == []
 
 
 @pytest.mark.parametrize(("share", "found"), [(1.1, True), (0.9, False)])
 def test_a_cage_in_another_unit_is_found(share, found):
-    findings = list(size_findings(box(share * LARGEST), box(1.0)))
+    findings = list(find_oversized_cage(box(share * MAX_SIZE_RATIO), box(1.0)))
     assert len(findings) == found
     if found:
         large = only(findings)
-        assert large.value == pytest.approx(share * LARGEST)
+        assert large.value == pytest.approx(share * MAX_SIZE_RATIO)
         assert large.message == "the cage is 5.5 times as large as the model, expected at most 5"
         assert large.remedy.startswith("export both in one unit")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.soundness import cage_findings, checked_cage
+from cageik_cli.cages.soundness import find_cage_faults, validate_cage
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError
 from tests.exact import improper_pairs
@@ -93,7 +93,7 @@ FAULTS = {
 @pytest.mark.parametrize(("cage", "says"), FAULTS.values(), ids=FAULTS.keys())
 def test_every_fault_has_its_sentence(cage, says):
     with pytest.raises(InputError, match=says) as caught:
-        checked_cage(cage)
+        validate_cage(cage)
     assert "\n" not in str(caught.value)
 
 
@@ -120,7 +120,7 @@ NUMBERS = {
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_every_fault_is_found_with_its_numbers_and_no_other(name):
-    found = {finding.kind: finding for finding in cage_findings(FAULTS[name][0])}
+    found = {finding.kind: finding for finding in find_cage_faults(FAULTS[name][0])}
     assert found.keys() == NUMBERS[name].keys()
     for kind, numbers in NUMBERS[name].items():
         assert found[kind].severity == "unfit"
@@ -133,7 +133,7 @@ def test_all_faults_of_one_cage_are_found_at_once():
     """A cage with a hole, a repeated face, a lone vertex and a second component."""
     mesh = two_boxes(np.array([5.0, 0, 0]))
     faces = np.vstack([mesh.faces[1:], mesh.faces[5:6]])
-    found = cage_findings(TriMesh(np.vstack([mesh.vertices, [[9.0, 9, 9]]]), faces))
+    found = find_cage_faults(TriMesh(np.vstack([mesh.vertices, [[9.0, 9, 9]]]), faces))
     assert [(finding.kind, finding.value) for finding in found] == [
         ("duplicate-face", 1),
         ("unreferenced-vertex", 1),
@@ -144,13 +144,13 @@ def test_all_faults_of_one_cage_are_found_at_once():
 
 
 def test_nothing_is_left_of_a_cage_of_points():
-    (found,) = cage_findings(TriMesh(box().vertices, [[0, 0, 1], [2, 2, 2]]))[:1]
+    (found,) = find_cage_faults(TriMesh(box().vertices, [[0, 0, 1], [2, 2, 2]]))[:1]
     assert (found.kind, found.numbers.tolist()) == ("repeated-vertex", [0, 1])
 
 
 def test_a_face_without_a_plane_does_not_count_as_crossing_its_neighbours():
     """Its corner lies on a neighbour's edge; what crosses elsewhere is still found."""
-    kinds = [finding.kind for finding in cage_findings(zero_area())]
+    kinds = [finding.kind for finding in find_cage_faults(zero_area())]
     assert kinds == ["degenerate-face"]
 
 
@@ -160,19 +160,19 @@ def test_parts_that_nearly_touch_are_told_from_those_that_cross(shift):
     mesh = finer(box(), 1)
     vertices = mesh.vertices.copy()
     vertices[(vertices == [0, 0, 1]).all(axis=1)] = [0.3, 0.2, -1 + shift]
-    found = [finding.kind for finding in cage_findings(changed(mesh, vertices=vertices))]
+    found = [finding.kind for finding in find_cage_faults(changed(mesh, vertices=vertices))]
     assert found == ([] if shift > 0 else ["self-intersection"])
 
 
 @pytest.mark.parametrize("cage", [box(), concave(), ball(1)], ids=["box", "concave", "ball"])
 def test_clean_cages_pass_unchanged(cage):
-    checked, notes = checked_cage(cage)
+    checked, notes = validate_cage(cage)
     assert checked is cage
     assert notes == ()
 
 
 def test_an_inward_cage_is_turned_and_said_so():
-    checked, notes = checked_cage(concave().flipped())
+    checked, notes = validate_cage(concave().flip())
     assert checked.volume == pytest.approx(3)
     assert len(notes) == 1
     assert "turned outward" in notes[0]
@@ -183,4 +183,4 @@ def test_many_numbers_are_cut_to_ten():
     with pytest.raises(
         InputError, match=r"nothing: 12 vertices \(8, 9, .*, 17, \.\.\.\); delete them$"
     ):
-        checked_cage(cage)
+        validate_cage(cage)

@@ -18,8 +18,8 @@ import pytest
 import cageik_cli.cli.batch as command
 import cageik_cli.report
 from cageik_cli.store.result import read_result
-from cageik_cli.workflows.batch.clip_task import work_on
-from cageik_cli.workflows.batch.run import WEIGHTS
+from cageik_cli.workflows.batch.clip_task import run_clip
+from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER
 
 BATCH = ("batch", "anim", "-o", "out", "--no-pages")
 
@@ -38,7 +38,7 @@ class Here:
     def outcomes(self, jobs):
         for job in jobs:
             self.done.append(job.name)
-            yield work_on(job)
+            yield run_clip(job)
 
 
 @pytest.fixture
@@ -284,7 +284,7 @@ def test_without_pages_there_are_none(run, anim, here):
     assert run(*BATCH, "--no-pages", "--no-cache").code == 0
     assert report()["walk"]["page"] is None
     assert not list(Path("out").rglob("walk.html"))
-    assert not Path("out", WEIGHTS).exists()
+    assert not Path("out", WEIGHT_CACHE_FOLDER).exists()
 
 
 def test_a_dry_run_lists_what_would_be_done(run, anim, here):

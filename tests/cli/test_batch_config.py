@@ -23,7 +23,7 @@ def write(path, text):
 
 
 def given(home, place=None):
-    return TABLES().given(Path(home).absolute(), Path(place or home).absolute())
+    return TABLES().collect_options(Path(home).absolute(), Path(place or home).absolute())
 
 
 def test_the_nearer_file_and_the_later_table_win():
@@ -50,7 +50,7 @@ def test_paths_are_from_the_files_folder():
     root = Path.cwd()
     expected = {"cage": str(root / "a" / "cages" / "cage.obj"), "memory": "2GiB"}
     assert given("a/walk") == expected
-    assert TABLES().paths(root / "a/walk") == {Path(expected["cage"]).resolve()}
+    assert TABLES().find_auxiliary_files(root / "a/walk") == {Path(expected["cage"]).resolve()}
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_what_is_no_option_is_refused_by_the_files_name(text, says):
     write("cageik.toml", text)
     with pytest.raises(click.BadParameter, match=says):
         given("walk")
-    assert TABLES().paths(Path("walk")) == set()
+    assert TABLES().find_auxiliary_files(Path("walk")) == set()
 
 
 def test_a_table_of_clips_may_stand_beside_those_of_commands(run):

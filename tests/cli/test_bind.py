@@ -56,10 +56,10 @@ def test_info_shows_the_same(run, folder):
 
 
 def test_coordinates_in_closed_form_have_no_panels():
-    from cageik_cli.workflows.info import binding_rows
+    from cageik_cli.workflows.info import format_binding_rows
 
     bound = StoredBinding(Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4)), {})
-    assert ("accuracy", "exact, in closed form") in binding_rows(bound)
+    assert ("accuracy", "exact, in closed form") in format_binding_rows(bound)
 
 
 def test_info_takes_a_binding_beside_a_result(run, folder):

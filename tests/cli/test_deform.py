@@ -188,13 +188,13 @@ def test_a_result_without_weights_is_bound_again(run, result, cache):
 
 def test_the_results_own_settings_hold_unless_others_are_given(run, result, monkeypatch):
     asked = []
-    made = deforming.made
+    made = deforming.bind_cached
 
     def listen(mesh, cage, how, watch):
         asked.append((how.bind.coordinates, how.bind.accuracy, how.bind.outside, how.cache))
         return made(mesh, cage, how, watch)
 
-    monkeypatch.setattr(deforming, "made", listen)
+    monkeypatch.setattr(deforming, "bind_cached", listen)
     words = ["--coordinates", "mean-value", "--accuracy", "preview", "--outside", "project"]
     assert run(*EXTRACT, *words, "-o", "other.h5").code == 0
     mesh = ["--mesh", "frames/frame_1.obj"]
@@ -232,7 +232,7 @@ def test_neither_threads_nor_memory_change_the_bytes(run, result, write_obj, ani
     ],
 )
 def test_blocks_are_bounded_and_of_whole_groups(memory, vertices, expected):
-    assert deforming.block_size(memory, vertices) == expected
+    assert deforming.choose_block_size(memory, vertices) == expected
 
 
 # --- the scene
@@ -382,7 +382,7 @@ def test_a_file_may_hold_every_option(run, result):
     [("my jacket.obj", "my_jacket"), ("9.ply", "_9"), ("é-1.off", "__1"), (None, "mesh")],
 )
 def test_objects_are_called_what_all_formats_take(name, expected):
-    assert deforming._object_name(Path(name) if name else None) == expected
+    assert deforming._make_object_name(Path(name) if name else None) == expected
 
 
 def test_a_mesh_of_any_kind_is_driven(run, result, animation):

@@ -61,7 +61,7 @@ def test_what_to_mind_stands_below(run, result):
 def test_the_cages_come_back(run, result, out, tolerance):
     """Read in the space of the result, whose scene is in centimetres with z up."""
     assert run("export", "cages.h5", out).code == 0
-    clip = open_sequence([str(opening.place_of(Path(out)))])
+    clip = open_sequence([str(opening.output_path(Path(out)))])
     np.testing.assert_allclose(frames_of(clip), verts(), rtol=0, atol=tolerance)
     with h5py.File("cages.h5") as file:
         np.testing.assert_array_equal(clip.first.faces, file["tris"][:])
@@ -101,7 +101,7 @@ def test_blocks_of_cages_change_nothing(run, result, monkeypatch):
     outputs = ("a.npz", "a.glb", "a.mdd", "a/a_#.obj")
     for name in outputs:
         assert run("export", "cages.h5", name).code == 0
-    monkeypatch.setattr(exporting, "BLOCK_BYTES", 2 * 8 * 24)
+    monkeypatch.setattr(exporting, "MAX_BLOCK_BYTES", 2 * 8 * 24)
     for name in outputs:
         assert run("export", "cages.h5", name.replace("a", "b")).code == 0
     for name in outputs[:3]:
@@ -211,9 +211,9 @@ def test_a_file_may_hold_every_option(run, result):
 
 
 def test_kinds_of_frames_are_the_writers_own():
-    kinds = {suffix[1:] for suffix, kind in opening._writers().items() if kind.into_folder}
+    kinds = {suffix[1:] for suffix, kind in opening._find_writers().items() if kind.writes_folder}
     assert kinds == set(options.FRAME_KINDS)
-    assert opening.USUAL_KIND in kinds
+    assert opening.DEFAULT_FORMAT in kinds
 
 
 # --- extract --export

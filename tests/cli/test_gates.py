@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from cageik_cli.report.figures import percent_text, units_text
+from cageik_cli.report.figures import format_length, format_percent
 
 TYPED = ("extract", "frames", "--cage", "cage.obj")
 EXTRACT = (*TYPED, "--overwrite")
@@ -45,7 +45,7 @@ def opened(folder, animation, write_obj) -> Path:
 def printed_figure(record, option, sign) -> Decimal:
     value = abs(record["summary"][FIELDS[option, sign]])
     is_length = sign == "" and option != "max-volume-change"
-    return Decimal(units_text(value) if is_length else percent_text(value))
+    return Decimal(format_length(value) if is_length else format_percent(value))
 
 
 @pytest.mark.parametrize(("option", "sign"), FIELDS)

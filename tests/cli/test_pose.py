@@ -194,12 +194,12 @@ def test_figures_tell_how_far_the_mesh_was_moved(run, handles, clip):
     weights, edited = read_weights(clip), read_result(Path("edited.h5"))
     moved = np.linalg.norm(weights @ (cages("edited.h5") - cages("cages.h5")), axis=2)
     rms = np.sqrt((moved**2).mean(axis=1))
-    np.testing.assert_allclose(edited.figures.rms, rms, rtol=1e-9, atol=1e-15)
-    np.testing.assert_array_equal(edited.figures.rms[:3], 0)
+    np.testing.assert_allclose(edited.metrics.rms, rms, rtol=1e-9, atol=1e-15)
+    np.testing.assert_array_equal(edited.metrics.rms[:3], 0)
     np.testing.assert_allclose(
         edited.vertex_rms, np.sqrt((moved**2).mean(axis=0)), rtol=1e-9, atol=1e-15
     )
-    assert np.all(edited.figures.volume[:3] == edited.figures.volume_reconstructed[:3])
+    assert np.all(edited.metrics.volume[:3] == edited.metrics.volume_reconstructed[:3])
 
 
 def test_sets_are_layers(run, handles, clip):
@@ -233,11 +233,11 @@ def test_gaps_stay_gaps(run, handles, folder):
 def test_blocks_do_not_change_the_result(run, handles, clip, monkeypatch):
     handles(LIFT, *PINS, frames=[1, 3], falloff=1)
     assert run(*EDIT, "--rigidity", "3").code == 0
-    monkeypatch.setattr("cageik_cli.solver.blocks.LARGEST_BLOCK", 2)
+    monkeypatch.setattr("cageik_cli.solver.blocks.MAX_BLOCK_FRAMES", 2)
     assert run(*EDIT[:-1], "small.h5", "--rigidity", "3").code == 0
     np.testing.assert_array_equal(cages("edited.h5"), cages("small.h5"))
     whole, parted = (read_result(Path(name)) for name in ("edited.h5", "small.h5"))
-    np.testing.assert_array_equal(whole.figures.rms, parted.figures.rms)
+    np.testing.assert_array_equal(whole.metrics.rms, parted.metrics.rms)
     np.testing.assert_allclose(whole.vertex_rms, parted.vertex_rms, rtol=1e-12, atol=0)
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.report.html.page import is_page_of
-from cageik_cli.report.record import report_of
+from cageik_cli.report.html.page import is_page_current
+from cageik_cli.report.record import build_report
 from cageik_cli.store.result import read_result
 
 
@@ -130,8 +130,8 @@ def test_the_remedy_is_one_that_report_has(run, results):
 def test_the_page_is_that_of_the_record(run, results):
     outcome = run("report", "--html", "page.html", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
-    report = report_of(read_result(Path("cages.h5")))
-    assert is_page_of(Path("page.html"), report, has_pictures=True)
+    report = build_report(read_result(Path("cages.h5")))
+    assert is_page_current(Path("page.html"), report, has_pictures=True)
     assert Path("page.html").read_text().count("<img ") == 1 + 4 * 3 + 2
     first = Path("page.html").read_bytes()
     assert run("report", "--html", "page.html", "--overwrite", "-q").code == 0

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
+from cageik_cli.geometry.surface import closest_points, winding_numbers
 from tests.shapes import ball, rotation
 
 
@@ -42,7 +42,7 @@ def points_within(cage: TriMesh, seed: int, count: int = 24) -> np.ndarray:
     away *= (depth * cage.diagonal / np.linalg.norm(away, axis=1))[:, None]
     points = np.einsum("ik,ikx->ix", shares, corners) + away
     kept = winding_numbers(cage, points) > 0.5
-    kept &= nearest_on_surface(cage, points).distance > 2e-12 * cage.diagonal
+    kept &= closest_points(cage, points).distance > 2e-12 * cage.diagonal
     return np.concatenate([group[:1] for group in _groups(points, kept, count) if len(group)])
 
 

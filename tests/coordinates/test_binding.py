@@ -6,7 +6,7 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates import harmonic as module
-from cageik_cli.coordinates.binding import ALGORITHMS, Binding, BindSettings
+from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding, BindSettings
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.coordinates.weights import Weights
@@ -53,7 +53,7 @@ def test_figures_are_those_of_their_definitions():
 
 
 def test_an_inward_cage_is_bound_outward():
-    bound = bind(ball(1), box().flipped())
+    bound = bind(ball(1), box().flip())
     assert bound.cage.volume > 0
     assert len(bound.notes) == 1
 
@@ -94,7 +94,7 @@ def test_the_algorithms_are_numbered_anew_when_their_weights_change():
         coordinates(concave(), corner).values[0, [0, 4, 8]]
         for coordinates in (harmonic_weights, mean_value_weights)
     )
-    assert ALGORITHMS == {"harmonic": 3, "mean-value": 1}
+    assert ALGORITHM_VERSIONS == {"harmonic": 3, "mean-value": 1}
     np.testing.assert_allclose(harmonic, HARMONIC, rtol=0, atol=1e-6)
     np.testing.assert_allclose(mean_value, MEAN_VALUE, rtol=0, atol=1e-12)
 

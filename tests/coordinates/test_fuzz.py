@@ -5,11 +5,11 @@ import pytest
 import trimesh
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.soundness import checked_cage
+from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.coordinates.binding import COORDINATES, BindSettings
 from cageik_cli.coordinates.harmonic import ACCURACIES
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
+from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.errors import CageikError, InputError, NumericalError
 from tests.coordinates.random_cages import KINDS, kind_of, points_within, random_cage
 from tests.shapes import box
@@ -77,12 +77,12 @@ def test_the_cages_are_clean_and_the_points_inside():
     sizes = set()
     for seed in SEEDS:
         cage = random_cage(seed)
-        assert checked_cage(cage) == (cage, ())
+        assert validate_cage(cage) == (cage, ())
         assert trimesh.Trimesh(cage.vertices, cage.faces, process=False).is_volume
         assert crossings(cage) == 0
         sizes.add(len(cage.faces))
         points = points_within(cage, seed)
-        distance = nearest_on_surface(cage, points).distance / cage.diagonal
+        distance = closest_points(cage, points).distance / cage.diagonal
         assert (winding_numbers(cage, points) > 0.5).all()
         assert len(points) >= 15
         assert distance.min() < 1e-7 < 1e-3 < distance.max()

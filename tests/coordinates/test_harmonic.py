@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates import harmonic
-from cageik_cli.coordinates.bem.boundary_equation import solve_boundary, weights_inside
+from cageik_cli.coordinates.bem.boundary_equation import interior_weights, solve_boundary
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.harmonic import ACCURACIES, Accuracy, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
@@ -70,14 +70,14 @@ def test_a_harmonic_polynomial_is_approached_as_the_cage_is_divided():
 
 def weights_on(cage, points, levels, order):
     """Weights with every face divided `levels` times and densities of one degree throughout."""
-    mesh = BoundaryMesh.of(cage)
+    mesh = BoundaryMesh.from_cage(cage)
     for _ in range(levels):
-        mesh = mesh.divided(np.ones(len(mesh.panels.corners), bool))
+        mesh = mesh.divide(np.ones(len(mesh.panels.corners), bool))
     everywhere = np.arange(len(mesh.panels.corners))
-    mesh = mesh.raised(order, everywhere, 3 * mesh.panels.radii) if order > 1 else mesh
+    mesh = mesh.raise_order(order, everywhere, 3 * mesh.panels.radii) if order > 1 else mesh
     with ThreadPoolExecutor(1) as pool:
         boundary = solve_boundary(mesh, pool)
-    return weights_inside(boundary, points)
+    return interior_weights(boundary, points)
 
 
 def mean_row_distance(weights, exact):
@@ -134,7 +134,7 @@ def test_a_tolerance_that_is_missed_has_panels_divided_where_it_is(monkeypatch):
     monkeypatch.setitem(ACCURACIES, "standard", Accuracy(2e-3, 1, 0.0, 7200))
     once = harmonic_weights(cage, points)
     assert once.panels > len(cage.faces)
-    monkeypatch.setattr(harmonic, "ROUNDS", 0)
+    monkeypatch.setattr(harmonic, "MAX_REFINEMENTS", 0)
     never = harmonic_weights(cage, points)
     assert never.panels == len(cage.faces)
     assert never.error > 2e-3
@@ -147,9 +147,11 @@ def test_unknowns_are_bounded_by_lower_degrees(monkeypatch):
     tree, seen = cKDTree(points / cage.diagonal), []
     unit = TriMesh(cage.vertices / cage.diagonal, cage.faces)
     for most in (10_000, 1000, 500, 0):
-        mesh = harmonic._raised(BoundaryMesh.of(unit), tree, Accuracy(0.0, 3, 1.5, most))
+        mesh = harmonic._raise_order(
+            BoundaryMesh.from_cage(unit), tree, Accuracy(0.0, 3, 1.5, most)
+        )
         assert mesh.unknowns <= max(most, 3 * len(cage.faces))
-        seen.append((mesh.order, len(mesh.high)))
+        seen.append((mesh.order, len(mesh.high_panels)))
     assert seen[0] == (3, 128)
     assert seen[1][0] == 2
     assert 0 < seen[2][1] < seen[1][1]
@@ -160,22 +162,22 @@ def test_needles_stay_linear():
     """Their length is beyond the reach of the recurrences."""
     flat = TriMesh(box().vertices * [1, 1, 0.01], box().faces)
     points = inside(flat, 50, margin=0.001)
-    mesh = harmonic._raised(BoundaryMesh.of(flat), cKDTree(points), ACCURACIES["fine"])
+    mesh = harmonic._raise_order(BoundaryMesh.from_cage(flat), cKDTree(points), ACCURACIES["fine"])
     slender = mesh.panels.altitudes.min(axis=0) < 0.1 * mesh.panels.radii
     assert slender.sum() == 8
-    np.testing.assert_array_equal(mesh.high, np.flatnonzero(~slender))
+    np.testing.assert_array_equal(mesh.high_panels, np.flatnonzero(~slender))
 
 
 def test_a_point_s_weights_do_not_depend_on_its_neighbours():
     """Blocks share what is near; what fades out does so by each point's own distance."""
     cage, points = ball(2, 1.0), inside(ball(2, 1.0), 100, margin=0.01)
-    panels = BoundaryMesh.of(cage)
+    panels = BoundaryMesh.from_cage(cage)
     everywhere = np.arange(len(cage.faces))
-    mesh = panels.raised(3, everywhere, 1.5 * panels.panels.radii)
+    mesh = panels.raise_order(3, everywhere, 1.5 * panels.panels.radii)
     with ThreadPoolExecutor(1) as pool:
         boundary = solve_boundary(mesh, pool)
-    alone = [weights_inside(boundary, point[None])[0] for point in points]
-    np.testing.assert_allclose(weights_inside(boundary, points), alone, rtol=0, atol=1e-13)
+    alone = [interior_weights(boundary, point[None])[0] for point in points]
+    np.testing.assert_allclose(interior_weights(boundary, points), alone, rtol=0, atol=1e-13)
 
 
 def test_on_the_surface_they_are_barycentric():
@@ -247,8 +249,8 @@ def test_near_edges_the_estimate_is_what_the_equations_leave(depth):
 
 def test_panels_that_the_sample_does_not_see_do_not_spoil_the_estimate(monkeypatch):
     """One point is near panels of higher order; the points of the sample are far from them."""
-    monkeypatch.setattr(harmonic, "SAMPLE", 1)
-    monkeypatch.setattr(harmonic, "FEWEST_PANELS", 192)
+    monkeypatch.setattr(harmonic, "SAMPLE_SIZE", 1)
+    monkeypatch.setattr(harmonic, "MIN_PANELS", 192)
     points = np.concatenate([np.zeros((20, 3)), [[0.95, 0.95, 0.95]]])
     found = harmonic_weights(box(), points)
     assert 0 <= found.error < 0.01
@@ -271,7 +273,7 @@ def test_an_accuracy_of_another_name_is_refused():
 
 
 def test_a_cage_that_does_not_fit_memory_is_refused(monkeypatch):
-    monkeypatch.setattr(harmonic, "PANEL_LIMIT", 11)
+    monkeypatch.setattr(harmonic, "MAX_FACES", 11)
     with pytest.raises(InputError, match="the cage has 12 faces, at most 11"):
         harmonic_weights(box(), np.zeros((1, 3)))
 

@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from cageik_cli.coordinates.harmonic import ACCURACIES, harmonic_weights
-from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
+from cageik_cli.geometry.surface import closest_points, winding_numbers
 from tests.shapes import ball, box, concave, finer, inside
 
 SOLID_HARMONICS = {
@@ -70,7 +70,9 @@ def test_a_cage_with_divided_faces_has_the_same_hats(accuracy):
     cage, points = concave(), inside(concave(), 50, margin=0.03)
     coarse = harmonic_weights(cage, points, accuracy=accuracy).values
     divided = finer(cage, 2)
-    hats = nearest_on_surface(cage, divided.vertices).weights(np.ones(len(divided.vertices), bool))
+    hats = closest_points(cage, divided.vertices).barycentric_weights(
+        np.ones(len(divided.vertices), bool)
+    )
     summed = harmonic_weights(divided, points, accuracy=accuracy).values @ hats
     assert np.abs(coarse - summed).sum(axis=1).mean() < 2 * ACCURACIES[accuracy].tolerance
 
@@ -87,7 +89,7 @@ def test_linear_finite_elements_tend_to_them(cage, size, least, bound):
     far more exact, 6e-5 from weights of four times the unknowns here.
     """
     grids = [Grid(cage, size / count) for count in (4, 8, 16)]
-    points = grids[0].nodes[nearest_on_surface(cage, grids[0].nodes).distance > 0.1]
+    points = grids[0].nodes[closest_points(cage, grids[0].nodes).distance > 0.1]
     weights = harmonic_weights(cage, points, accuracy="fine").values
     errors = [np.abs(grid.at(points) - weights).sum(axis=1).mean() for grid in grids]
     largest = [np.abs(grid.at(points) - weights).max() for grid in grids]
@@ -120,10 +122,10 @@ class Grid:
         places, index = np.unique(corners, axis=0, return_inverse=True)
         self.nodes = low + spacing * places
         stiffness = _stiffness(self.nodes, index.reshape(-1, 4))
-        nearest = nearest_on_surface(cage, self.nodes)
+        nearest = closest_points(cage, self.nodes)
         fixed = nearest.distance < 1e-9
         self.values = np.empty((len(self.nodes), len(cage.vertices)))
-        self.values[fixed] = nearest.weights(fixed)
+        self.values[fixed] = nearest.barycentric_weights(fixed)
         rest = stiffness[~fixed]
         load = rest[:, fixed] @ self.values[fixed]
         factor = splu(

@@ -7,7 +7,7 @@ from numpy.polynomial.legendre import leggauss
 from cageik_cli.coordinates import mean_value
 from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import ROUNDING, nearest_on_surface, winding_numbers
+from cageik_cli.geometry.surface import ROUNDING_TOL, closest_points, winding_numbers
 from tests.shapes import TETRAHEDRON, ball, box, concave, inside, octahedron, rotation
 
 CAGES = {"box": box(), "concave": concave(), "ball": ball(1, 1.0)}
@@ -45,8 +45,8 @@ def assert_exact(cage, points, weights):
     assert np.isfinite(weights).all()
     np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=1e-14)
     found = weights @ (cage.vertices - origin)
-    on = nearest_on_surface(cage, points).touching  # but for rounding of the coordinates
-    allowed = np.where(on, ROUNDING * np.abs(cage.vertices).max(), 2e-15 * cage.diagonal)
+    on = closest_points(cage, points).is_touching  # but for rounding of the coordinates
+    allowed = np.where(on, ROUNDING_TOL * np.abs(cage.vertices).max(), 2e-15 * cage.diagonal)
     assert (np.abs(found - (points - origin)) <= allowed[:, None]).all()
 
 
@@ -66,7 +66,7 @@ def near_surface(cage, depth, seed=0):
     on = np.repeat(on, 4, axis=0)
     away = generator.normal(size=on.shape)
     points = on + depth * cage.diagonal * away / np.linalg.norm(away, axis=1)[:, None]
-    off = nearest_on_surface(cage, points).distance > 2e-12 * cage.diagonal
+    off = closest_points(cage, points).distance > 2e-12 * cage.diagonal
     return points[off & (winding_numbers(cage, points) > 0.5)]
 
 
@@ -79,7 +79,7 @@ def in_planes(cage, height, seed=0):
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     step = np.einsum("ix,ix->i", a - points, normal) - height * cage.diagonal
     points = points + step[:, None] * normal
-    off = nearest_on_surface(cage, points).distance > 1e-3 * cage.diagonal
+    off = closest_points(cage, points).distance > 1e-3 * cage.diagonal
     return points[off & (winding_numbers(cage, points) > 0.5)]
 
 
@@ -192,8 +192,8 @@ def test_towards_the_surface_they_tend_to_the_hats(depth):
     """Their slopes have a logarithm at edges; towards the surface |w − φ| is of order δ log δ."""
     cage = concave()
     points = near_surface(cage, depth)
-    nearest = nearest_on_surface(cage, points)
-    hats = nearest.weights(np.ones(len(points), bool))
+    nearest = closest_points(cage, points)
+    hats = nearest.barycentric_weights(np.ones(len(points), bool))
     gap = np.abs(mean_value_weights(cage, points).values - hats).max()
     assert gap < 3 * depth * -np.log(depth)
 
@@ -241,7 +241,7 @@ def test_next_to_a_plane_they_are_those_in_it_and_a_slope(height):
 def test_both_ways_to_the_total_of_a_face_agree(monkeypatch, flat):
     cage, points = ball(1, 1.0), inside(ball(1, 1.0), 300)
     expected = mean_value_weights(cage, points).values
-    monkeypatch.setattr(mean_value, "FLAT", flat)
+    monkeypatch.setattr(mean_value, "EDGE_ON_RATIO", flat)
     np.testing.assert_allclose(
         mean_value_weights(cage, points).values, expected, rtol=0, atol=2e-14
     )
@@ -251,7 +251,7 @@ def test_both_ways_to_the_total_of_a_face_agree(monkeypatch, flat):
 def test_both_ways_to_the_strength_of_a_side_agree(monkeypatch, square):
     points = np.concatenate([in_planes(concave(), 1e-9), in_planes(concave(), 1e-3)])
     expected = mean_value_weights(concave(), points).values
-    monkeypatch.setattr(mean_value, "SMALL_SQUARE", square)
+    monkeypatch.setattr(mean_value, "MAX_SERIES_SQUARE", square)
     np.testing.assert_allclose(
         mean_value_weights(concave(), points).values, expected, rtol=0, atol=1e-13
     )
@@ -272,7 +272,7 @@ def test_a_mirrored_point_has_mirrored_weights():
 
 
 def test_they_do_not_depend_on_jobs_and_report_progress(monkeypatch):
-    monkeypatch.setattr(mean_value, "BLOCK", 100)
+    monkeypatch.setattr(mean_value, "MAX_BLOCK_ENTRIES", 100)
     points = inside(concave(), 300, margin=0.01)
     calls = []
     one = mean_value_weights(concave(), points, 1, lambda *done: calls.append(done)).values

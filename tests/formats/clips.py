@@ -5,7 +5,7 @@ from pxr import Usd, UsdValidation
 
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.scene import Scene
-from cageik_cli.formats.write import created
+from cageik_cli.formats.write import open_writer
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import octahedron
 
@@ -16,7 +16,7 @@ FRAMES = REST.vertices + np.random.default_rng(5).normal(0, 0.1, (7, 6, 3))
 
 def written(path, frames=FRAMES, rest=REST, scene=SCENE, size=3):
     """Write an animation, `size` frames at a time."""
-    with created(path, Animation(rest, len(frames), scene, "hero"), True) as writer:
+    with open_writer(path, Animation(rest, len(frames), scene, "hero"), True) as writer:
         for start in range(0, len(frames), size):
             writer.append(frames[start : start + size])
     return path
@@ -24,7 +24,7 @@ def written(path, frames=FRAMES, rest=REST, scene=SCENE, size=3):
 
 def fail_halfway(path):
     """Fail with a KeyError after two frames."""
-    with created(path, Animation(REST, len(FRAMES), SCENE, "hero"), False) as writer:
+    with open_writer(path, Animation(REST, len(FRAMES), SCENE, "hero"), False) as writer:
         writer.append(FRAMES[:2])
         raise KeyError
 

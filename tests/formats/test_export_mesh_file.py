@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.formats.mesh_file import prepare_mesh, write_mesh
+from cageik_cli.formats.mesh_file import check_mesh_output, write_mesh
 from cageik_cli.util.errors import InputError
 from tests.shapes import ball
 
@@ -25,7 +25,7 @@ def test_trimesh_reads_it(tmp_path, name):
 def test_the_text_of_an_obj_file_is_kept_in_one(tmp_path):
     text = b"".join(b"v 0 0 0 %d\n" % k for k in range(len(MESH.vertices))) + b"f 1/1/1 2//2 3\n"
     for name in ("text.obj", "text.ply"):
-        write_mesh(tmp_path / name, MESH, MOVED, overwrite=False, text=text)
+        write_mesh(tmp_path / name, MESH, MOVED, overwrite=False, obj_text=text)
     lines = (tmp_path / "text.obj").read_text().splitlines()
     assert lines[-1] == "f 1/1 2 3"
     assert lines[5].split()[4:] == ["5"]
@@ -37,12 +37,15 @@ def test_the_text_of_an_obj_file_is_kept_in_one(tmp_path):
 @pytest.mark.parametrize("name", ["posed.npz", "posed.abc", "posed", "posed.fbx"])
 def test_files_that_hold_no_single_mesh_are_refused(tmp_path, name):
     with pytest.raises(InputError, match=r"not a kind of mesh written here, expected .obj, .ply"):
-        prepare_mesh(tmp_path / name, overwrite=False)
+        check_mesh_output(tmp_path / name, overwrite=False)
 
 
 def test_what_is_there_is_kept(tmp_path):
     (tmp_path / "posed.obj").write_text("mine")
-    for refused in (prepare_mesh, lambda path, overwrite: write_mesh(path, MESH, MOVED, overwrite)):
+    for refused in (
+        check_mesh_output,
+        lambda path, overwrite: write_mesh(path, MESH, MOVED, overwrite),
+    ):
         with pytest.raises(InputError, match="exists already"):
             refused(tmp_path / "posed.obj", overwrite=False)
     assert (tmp_path / "posed.obj").read_text() == "mine"

@@ -102,7 +102,7 @@ def test_the_source_tells_contents_and_order(folder, animation, write_obj):
     def digest():
         sequence = open_sequence(["frames"])
         frames_of(sequence)
-        return sequence.source()
+        return sequence.describe_source()
 
     before = digest()
     assert before["name"] == "frame_1.obj ... frame_5.obj"
@@ -116,11 +116,11 @@ def test_the_source_tells_contents_and_order(folder, animation, write_obj):
 def test_stamps_that_are_told_are_not_read_again(folder):
     told = open_sequence(["frames"])
     known = open_sequence(["frames"])
-    stamps = [known.stamp(k) for k in range(5)]
-    source = known.source()
+    stamps = [known.digest_or_zeros(k) for k in range(5)]
+    source = known.describe_source()
     for k in range(1, 5):
         Path("frames", f"frame_{k + 1}.obj").unlink()
-    told.recall(0, stamps)
-    assert told.source() == source
-    told.recall(2, [bytes(32)])  # a frame that could not be read there: nothing is known of it
-    assert told.stamp(2) == stamps[2]
+    told.set_digests(0, stamps)
+    assert told.describe_source() == source
+    told.set_digests(2, [bytes(32)])  # a frame that could not be read there: nothing is known of it
+    assert told.digest_or_zeros(2) == stamps[2]

@@ -10,7 +10,7 @@ from cageik_cli.formats import hdf5_clips
 from cageik_cli.formats import hdf5_clips as hdf5_layouts
 from cageik_cli.formats.base import binary_frames as runs
 from cageik_cli.formats.base.sequence import ClipSettings
-from cageik_cli.formats.open import open_sequence, outline
+from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
@@ -36,7 +36,7 @@ def test_frames_faces_and_digest(path):
     np.testing.assert_array_equal(sequence.first.faces, FACES)
     np.testing.assert_array_equal(frames_of(open_sequence([str(path)])), FRAMES)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    assert sequence.source() == {"name": "clip.h5", "sha256": digest}
+    assert sequence.describe_source() == {"name": "clip.h5", "sha256": digest}
 
 
 @pytest.mark.parametrize("on_dataset", [False, True])
@@ -94,7 +94,7 @@ def test_chunks_are_read_once_and_the_file_stays_open(path, monkeypatch, chunks,
     with h5py.File(path, "r+") as file:
         compression = "gzip" if chunks else None
         _replace(file, "verts", data=frames, chunks=chunks, compression=compression)
-    monkeypatch.setattr(runs, "LARGEST_RUN", bound)
+    monkeypatch.setattr(runs, "MAX_CHUNK_BYTES", bound)
     sequence = open_sequence([str(path)])
     monkeypatch.setattr(hdf5_clips, "open_file", lambda path: pytest.fail("opened again"))
     counting = sequence._frames._stored = Counting(sequence._frames._stored)
@@ -107,9 +107,9 @@ def test_chunks_are_read_once_and_the_file_stays_open(path, monkeypatch, chunks,
 def test_chunks_that_memory_cannot_hold_are_refused(path, monkeypatch):
     with h5py.File(path, "r+") as file:
         _replace(file, "verts", data=FRAMES, chunks=(3, 4, 3), compression="gzip")
-    monkeypatch.setattr(hdf5_layouts, "LARGEST_CHUNK", 3 * 4 * 3 * 8)
+    monkeypatch.setattr(hdf5_layouts, "MAX_HDF5_CHUNK_BYTES", 3 * 4 * 3 * 8)
     np.testing.assert_array_equal(frames_of(open_sequence([str(path)])), FRAMES)
-    monkeypatch.setattr(hdf5_layouts, "LARGEST_CHUNK", 3 * 4 * 3 * 8 - 1)
+    monkeypatch.setattr(hdf5_layouts, "MAX_HDF5_CHUNK_BYTES", 3 * 4 * 3 * 8 - 1)
     with pytest.raises(InputError, match=r"clip\.h5: `verts` is in chunks of 288 bytes, expected"):
         open_sequence([str(path)])
 
@@ -168,13 +168,13 @@ def test_no_name_or_a_wrong_one_is_refused_with_names(bodies, member, says):
 
 
 def test_the_clips_are_listed(bodies):
-    assert outline([str(bodies[0])], ClipSettings()) == [
+    assert describe_contents([str(bodies[0])], ClipSettings()) == [
         ("holds", "3 clips, each named as FILE::CLIP"),
         ("clip", "50002_chicken_wings, 4 frames of 4 vertices"),
         ("clip", "50002_hips, 7 frames of 4 vertices"),
         ("clip", "50004_hips, 1 frames of 4 vertices"),
     ]
-    assert outline([f"{bodies[0]}::50002_hips"], ClipSettings()) == []
+    assert describe_contents([f"{bodies[0]}::50002_hips"], ClipSettings()) == []
 
 
 def test_the_only_clip_needs_no_name(bodies):
@@ -184,7 +184,7 @@ def test_the_only_clip_needs_no_name(bodies):
     for typed in (str(path), f"{path}::50002_chicken_wings"):
         found = frames_of(open_sequence([typed]))
         np.testing.assert_array_equal(found, clips["50002_chicken_wings"])
-    assert outline([str(path)], ClipSettings()) == []
+    assert describe_contents([str(path)], ClipSettings()) == []
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_frames_that_come_last_are_read_in_runs(bodies, monkeypatch, chunks, bou
     frames = np.random.default_rng(0).normal(size=(10, 4, 3))
     with h5py.File(path, "r+") as file:
         _replace(file, name, data=frames.transpose(1, 2, 0), chunks=chunks)
-    monkeypatch.setattr(runs, "LARGEST_RUN", bound)
+    monkeypatch.setattr(runs, "MAX_CHUNK_BYTES", bound)
     sequence = open_sequence([f"{path}::{name}"])
     counting = sequence._frames._stored = Counting(sequence._frames._stored)
     sequence._frames._kept.clear()

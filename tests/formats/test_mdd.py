@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import open_sequence, outline
+from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
@@ -59,7 +59,7 @@ def test_polygons_of_the_rest_pose_are_compared_as_they_are(tmp_path, opened):
     (tmp_path / "clip.mdd").write_bytes(mdd())
     sequence = open_sequence([str(tmp_path / "clip.mdd")], None, rest)
     np.testing.assert_array_equal(sequence.first.faces, rest.mesh.faces)
-    np.testing.assert_array_equal(sequence.fanned.faces, rest.fanned.faces)
+    np.testing.assert_array_equal(sequence.fan_triangulated.faces, rest.fan_triangulated.faces)
 
 
 @pytest.mark.parametrize(
@@ -91,10 +91,10 @@ def test_no_frame_chosen_is_refused(opened):
 )
 def test_times_in_single_precision_give_the_plain_numbers_back(count, fps, start):
     """Each is within its rounding; they are plain, unless the rounding hides the digits."""
-    from cageik_cli.formats.mdd import _timing
+    from cageik_cli.formats.mdd import _infer_timing
 
     times = ((start + np.arange(count)) / fps).astype("f4")
-    hints, notes = _timing(times)
+    hints, notes = _infer_timing(times)
     rounding = float(np.spacing(np.abs(times).max()))
     assert notes == ()
     assert hints.fps == pytest.approx(fps, rel=2 * rounding * fps / (count - 1), abs=0)
@@ -168,7 +168,7 @@ def test_without_a_rest_pose_it_is_refused_and_outlined(tmp_path):
     typed = [str(tmp_path / "clip.mdd")]
     with pytest.raises(InputError, match="holds positions and no faces; give a mesh that has them"):
         open_sequence(typed)
-    assert outline(typed, ClipSettings()) == [
+    assert describe_contents(typed, ClipSettings()) == [
         ("holds", "positions without faces, which --rest gives"),
         ("frames", "5"),
         ("vertices", "4"),

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.formats.base.sequence import ClipSettings
-from cageik_cli.formats.open import frame_paths, open_sequence, outline
+from cageik_cli.formats.open import describe_contents, expand_arguments, open_sequence
 from cageik_cli.util.errors import InputError
 
 WALKS = ["walk.bvh", "walk.C3D", "walk.fbx", "walk.blend", "walk.glb"]
@@ -46,7 +46,7 @@ def test_natural_order_goes_by_folder_then_number(tmp_path):
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
-    found = frame_paths([str(tmp_path / "**" / "*.obj")], (".obj",))
+    found = expand_arguments([str(tmp_path / "**" / "*.obj")], (".obj",))
     shown = [str(path.relative_to(tmp_path).as_posix()) for path in found]
     expected = ["a2/F-9.obj", "a2/f9.obj", "a2/f10.obj", "a10/f2.obj", "b/f1.obj"]
     assert shown == expected
@@ -57,7 +57,7 @@ def test_names_alike_but_for_zeros_have_one_order(tmp_path):
     for name in names:
         (tmp_path / name).touch()
     for order in (names, names[::-1], names[2:] + names[:2]):
-        found = frame_paths([str(tmp_path / name) for name in order], (".obj",))
+        found = expand_arguments([str(tmp_path / name) for name in order], (".obj",))
         assert [path.name for path in found] == names
 
 
@@ -127,6 +127,6 @@ def test_a_layout_is_for_arrays_alone(frames):
 
 
 def test_only_what_is_no_clip_by_itself_is_outlined(frames):
-    assert outline(["frames"], ClipSettings(allow_gaps=True)) == []
+    assert describe_contents(["frames"], ClipSettings(allow_gaps=True)) == []
     with pytest.raises(InputError, match="nowhere: no such file"):
-        outline(["nowhere"], ClipSettings())
+        describe_contents(["nowhere"], ClipSettings())

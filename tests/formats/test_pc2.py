@@ -7,7 +7,7 @@ import pytest
 
 from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import open_sequence, outline
+from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
@@ -102,6 +102,6 @@ def test_what_is_no_sound_clip_is_refused(tmp_path, opened, data, says):
 
 def test_without_a_rest_pose_it_is_outlined(tmp_path):
     (tmp_path / "clip.pc2").write_bytes(pc2(start=1, rate=2))
-    rows = dict(outline([str(tmp_path / "clip.pc2")], ClipSettings()))
+    rows = dict(describe_contents([str(tmp_path / "clip.pc2")], ClipSettings()))
     assert (rows["frames"], rows["vertices"], rows["scene"]) == ("5", "4", "from frame 1")
     assert rows["note"].startswith("holds a sample every 2 frames")

@@ -89,13 +89,13 @@ def test_a_frame_is_read_by_its_vertices_alone():
     moved = first[:place] + np.array(9.5, "<f8").tobytes() + first[place + 8 :]
     expected = VERTICES.copy()
     expected[0, 0] = 9.5
-    np.testing.assert_array_equal(parser.positions(moved), expected)
-    assert parser.positions(ply(polygons=POLYGONS[::-1])) is None
-    assert parser.positions(ply(">")) is None
-    assert parser.positions(first[:-1]) is None
-    assert parser.positions(b"") is None
-    assert PlyFrameParser(b"ply\nformat ascii 1.0\n").positions(first) is None
-    assert PlyFrameParser(b"OFF").positions(b"OFF") is None
+    np.testing.assert_array_equal(parser.parse_positions(moved), expected)
+    assert parser.parse_positions(ply(polygons=POLYGONS[::-1])) is None
+    assert parser.parse_positions(ply(">")) is None
+    assert parser.parse_positions(first[:-1]) is None
+    assert parser.parse_positions(b"") is None
+    assert PlyFrameParser(b"ply\nformat ascii 1.0\n").parse_positions(first) is None
+    assert PlyFrameParser(b"OFF").parse_positions(b"OFF") is None
 
 
 FAULTS = {
@@ -134,7 +134,7 @@ def test_faults_have_a_sentence(data, says):
 @example(0, 0, b"")
 def test_whatever_is_damaged_is_refused_or_read_alike(place, removed, inserted):
     data = ply()[:place] + inserted + ply()[place + removed :]
-    fast = PlyFrameParser(ply()).positions(data)
+    fast = PlyFrameParser(ply()).parse_positions(data)
     try:
         vertices, _, _ = parse_binary_ply(data)
     except InputError:

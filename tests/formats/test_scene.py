@@ -6,14 +6,14 @@ import pytest
 from cageik_cli.cli.options.clip import LAYOUTS, UP_AXES
 from cageik_cli.formats.base.sequence import LAYOUTS as KNOWN_LAYOUTS
 from cageik_cli.formats.scene import UP_AXES as KNOWN_AXES
-from cageik_cli.formats.scene import Scene, SceneHints, sound_hints
+from cageik_cli.formats.scene import Scene, SceneHints, parse_scene_metadata
 from cageik_cli.util.errors import InputError
 
 
 def test_what_is_said_stands_and_the_rest_is_usual():
     said = SceneHints(fps=30.0, up_axis="Z")
-    assert said.applied(Scene(start=5.0)) == Scene(30.0, 5.0, "Z", 1.0)
-    assert SceneHints().applied(Scene(25.0)) == Scene(25.0)
+    assert said.override(Scene(start=5.0)) == Scene(30.0, 5.0, "Z", 1.0)
+    assert SceneHints().override(Scene(25.0)) == Scene(25.0)
 
 
 @pytest.mark.parametrize(
@@ -35,16 +35,16 @@ def test_what_cannot_be_is_refused(kind, wrong, says):
 
 def test_part_of_a_clip_keeps_its_place_and_speed():
     hints = SceneHints(fps=24.0, start=1001.0)
-    assert hints.chosen(range(10, 20, 2)) == SceneHints(fps=12.0, start=1011.0)
-    assert SceneHints(up_axis="Z").chosen(range(4, 8, 3)) == SceneHints(up_axis="Z")
+    assert hints.restrict_to_frames(range(10, 20, 2)) == SceneHints(fps=12.0, start=1011.0)
+    assert SceneHints(up_axis="Z").restrict_to_frames(range(4, 8, 3)) == SceneHints(up_axis="Z")
 
 
 def test_only_what_is_sound_of_a_files_words_is_taken():
     said = {"fps": np.float32(30), "start": np.int64(-2), "up_axis": "Z", "metres_per_unit": 0.01}
-    assert sound_hints(said) == (SceneHints(30.0, -2.0, "Z", 0.01), ())
-    assert sound_hints({}) == (SceneHints(), ())
+    assert parse_scene_metadata(said) == (SceneHints(30.0, -2.0, "Z", 0.01), ())
+    assert parse_scene_metadata({}) == (SceneHints(), ())
     others = {"fps": [30.0], "start": "first", "up_axis": 1, "metres_per_unit": object()}
-    assert sound_hints(others) == (SceneHints(), ())
+    assert parse_scene_metadata(others) == (SceneHints(), ())
 
 
 @pytest.mark.parametrize(
@@ -52,16 +52,16 @@ def test_only_what_is_sound_of_a_files_words_is_taken():
     [("fps", 0), ("fps", np.nan), ("start", np.inf), ("up_axis", "X"), ("metres_per_unit", -1)],
 )
 def test_what_cannot_be_is_passed_by_with_a_note(name, value):
-    hints, (note,) = sound_hints({name: value})
+    hints, (note,) = parse_scene_metadata({name: value})
     assert hints == SceneHints()
     assert note.startswith(f"`{name}` is passed by: ")
 
 
 def test_hints_in_words():
-    assert SceneHints().words == ""
-    assert SceneHints(start=0).words == "from frame 0"
+    assert SceneHints().describe == ""
+    assert SceneHints(start=0).describe == "from frame 0"
     words = "23.976 frames a second, from frame 1, Z up, 0.01 m a unit"
-    assert SceneHints(23.976, 1.0, "Z", 0.01).words == words
+    assert SceneHints(23.976, 1.0, "Z", 0.01).describe == words
 
 
 def test_the_commands_words_are_the_packages():

@@ -14,8 +14,8 @@ import trimesh
 from cageik_cli.formats import write as opening
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.scene import Scene
-from cageik_cli.formats.usd.errors import SUFFIXES
-from cageik_cli.formats.write import created
+from cageik_cli.formats.usd.errors import USD_SUFFIXES
+from cageik_cli.formats.write import open_writer
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError
 from tests.formats.written import bytes_under, single, write
@@ -37,13 +37,13 @@ def long(animation):
 
 
 def place(path):
-    return opening.place_of(path)
+    return opening.output_path(path)
 
 
 def test_no_format_is_left_out():
     """Those not here are read back by others in `test_alembic`, `test_usd` and `test_skeleton`."""
     here = {Path(name).suffix for name in OUTPUTS}
-    assert here | {".abc", *SUFFIXES} == set(opening._writers())
+    assert here | {".abc", *USD_SUFFIXES} == set(opening._find_writers())
 
 
 @pytest.mark.parametrize("name", OUTPUTS)
@@ -68,7 +68,9 @@ def test_frames_in_any_order_of_memory_are_the_same(tmp_path, animation, name):
 @pytest.mark.parametrize("appended", [0, 3])
 def test_what_fails_leaves_nothing(tmp_path, animation, name, appended):
     def fail():
-        with created(tmp_path / name, Animation(animation.rest, 5, Scene(), "a"), False) as writer:
+        with open_writer(
+            tmp_path / name, Animation(animation.rest, 5, Scene(), "a"), False
+        ) as writer:
             writer.append(animation.frames[:appended])
             raise RuntimeError("the frames end here")
 
@@ -175,7 +177,7 @@ def test_mdd_as_it_is_described(tmp_path, animation, scene):
 @pytest.mark.parametrize(("start", "says"), [(0.0, ""), (1.0, "1"), (1001.5, "1001.5")])
 def test_where_the_first_frame_lands_is_said(tmp_path, animation, name, start, says):
     described = Animation(animation.rest, 5, Scene(start=start), "a")
-    with created(tmp_path / name, described, False) as writer:
+    with open_writer(tmp_path / name, described, False) as writer:
         writer.append(animation.frames)
     assert " ".join(writer.notes).endswith(says)
     assert bool(writer.notes) == bool(says)
@@ -288,7 +290,7 @@ def test_a_clip_of_one_frame(tmp_path, animation):
 )
 def test_what_a_glb_has_no_room_for_is_refused_at_once(tmp_path, animation, count, says):
     described = Animation(animation.rest, count, Scene(), "a")
-    kind = opening._writers()[".glb"]
+    kind = opening._find_writers()[".glb"]
     if says is None:
         kind(tmp_path / "a.glb", described).abandon()
         return

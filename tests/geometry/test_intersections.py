@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.intersections import (
-    crossings,
+    crossing_face_pairs,
     segments_meet,
     self_intersections,
     triangles_meet,
@@ -68,7 +68,7 @@ def test_blocks_change_nothing(monkeypatch):
     vertices[8:] *= -1.5
     crossed = TriMesh(vertices, mesh.faces)
     whole = self_intersections(crossed)
-    monkeypatch.setattr("cageik_cli.geometry.intersections.BLOCK", 7)
+    monkeypatch.setattr("cageik_cli.geometry.intersections.PAIRS_PER_BLOCK", 7)
     np.testing.assert_array_equal(self_intersections(crossed), whole)
     assert whole.tolist() == improper_pairs(crossed)
 
@@ -123,13 +123,13 @@ def test_crossings_are_the_pairs_that_pass_through_each_other():
         if common_points(turned.vertices[turned.faces[i]], box().vertices[box().faces[j]])
     ]
     assert len(pairs) > 10
-    assert crossings(turned, box(), 0.0).tolist() == pairs
+    assert crossing_face_pairs(turned, box(), 0.0).tolist() == pairs
 
 
 @pytest.mark.parametrize("lift", [-1e-9, 0, 1e-9])
 def test_surfaces_that_touch_but_for_rounding_do_not_cross(lift):
     inner = TriMesh(finer(box(), 1).vertices * (1 + lift), finer(box(), 1).faces)
-    assert len(crossings(inner, box(), 1e-8)) == 0
+    assert len(crossing_face_pairs(inner, box(), 1e-8)) == 0
 
 
 def test_faces_that_straddle_each_other_and_meet_in_a_point_do_not_cross():
@@ -137,17 +137,17 @@ def test_faces_that_straddle_each_other_and_meet_in_a_point_do_not_cross():
     tip = np.zeros((1, 3))
     one = TriMesh(np.vstack([tip, [[1.0, 1, 0], [1, -1, 0]]]), [[0, 1, 2]])
     other = TriMesh(np.vstack([tip, [[-1.0, 0, 1], [-1, 0, -1]]]), [[0, 1, 2]])
-    assert len(crossings(one, other, 0.0)) == 0
+    assert len(crossing_face_pairs(one, other, 0.0)) == 0
     moved = TriMesh(other.vertices + np.array([1e-3, 0, 0]), other.faces)
-    assert crossings(one, moved, 0.9e-3).tolist() == [[0, 0]]
-    assert len(crossings(one, moved, 1.1e-3)) == 0
+    assert crossing_face_pairs(one, moved, 0.9e-3).tolist() == [[0, 0]]
+    assert len(crossing_face_pairs(one, moved, 1.1e-3)) == 0
 
 
 def test_a_surface_divided_on_itself_does_not_cross_itself():
     mesh = concave()
     turned = TriMesh(mesh.vertices @ rotation(3).T, mesh.faces)
-    assert len(crossings(finer(turned, 2), turned, 1e-8)) == 0
+    assert len(crossing_face_pairs(finer(turned, 2), turned, 1e-8)) == 0
 
 
 def test_surfaces_apart_have_no_crossings():
-    assert crossings(box(0.5), box(), 0.0).shape == (0, 2)
+    assert crossing_face_pairs(box(0.5), box(), 0.0).shape == (0, 2)

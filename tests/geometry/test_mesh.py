@@ -19,7 +19,7 @@ def test_volume_is_that_of_the_formula_and_of_trimesh():
 
 
 def test_volume_changes_sign_when_flipped():
-    assert box().flipped().volume == pytest.approx(-8, rel=1e-14)
+    assert box().flip().volume == pytest.approx(-8, rel=1e-14)
 
 
 @settings(max_examples=30)
@@ -53,8 +53,8 @@ def test_edges_follow_euler_and_their_sides():
     mesh = concave()
     edges = mesh.edges
     assert len(mesh.vertices) - len(edges.ends) + len(mesh.faces) == 2
-    assert (edges.uses == 2).all()
-    for face, sides in zip(mesh.faces, edges.of_side, strict=True):
+    assert (edges.face_counts == 2).all()
+    for face, sides in zip(mesh.faces, edges.side_edges, strict=True):
         for corner, side in enumerate(sides):
             assert set(edges.ends[side]) == set(np.delete(face, corner))
 

@@ -4,7 +4,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.geometry import rotations
-from cageik_cli.geometry.rotations import decomposed, nearest_by_entry, nearest_rotations
+from cageik_cli.geometry.rotations import (
+    nearest_rotations,
+    nearest_rotations_by_entry,
+    nearest_rotations_by_svd,
+)
 from tests.shapes import rotation
 
 COUNT = 300
@@ -39,7 +43,7 @@ SIZES = {
 def test_rotations_are_those_that_the_matrices_were_made_from(sizes, scale):
     matrices, expected = turned(sizes)
     np.testing.assert_allclose(nearest_rotations(scale * matrices), expected, atol=3e-13)
-    np.testing.assert_allclose(decomposed(scale * matrices), expected, atol=3e-13)
+    np.testing.assert_allclose(nearest_rotations_by_svd(scale * matrices), expected, atol=3e-13)
 
 
 @settings(max_examples=200)
@@ -76,13 +80,13 @@ def test_no_matrix_gives_no_rotation():
 def test_what_is_given_is_left_as_it_was():
     entries = np.random.default_rng(0).normal(size=(9, 20))
     kept = entries.copy()
-    nearest_by_entry(entries)
+    nearest_rotations_by_entry(entries)
     np.testing.assert_array_equal(entries, kept)
 
 
 def test_few_matrices_are_decomposed(monkeypatch):
     """Those of ordinary cells are not: that is where the speed comes from."""
-    monkeypatch.setattr(rotations, "decomposed", pytest.fail)
+    monkeypatch.setattr(rotations, "nearest_rotations_by_svd", pytest.fail)
     for name in ("any", "equal", "nearly equal", "nearly planar"):
         matrices, expected = turned(SIZES[name])
         np.testing.assert_allclose(nearest_rotations(matrices), expected, atol=3e-13)

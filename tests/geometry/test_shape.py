@@ -3,12 +3,12 @@ import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import (
-    THINNEST,
+    MIN_ALTITUDE_RATIO,
     bounds_volume,
     corner_angles,
+    degenerate_face_mask,
     face_areas,
-    is_flat,
-    opposite_sheets,
+    thin_face_pairs,
 )
 from tests.shapes import box, concave, finer, rotation
 
@@ -30,18 +30,18 @@ def test_areas():
 
 @pytest.mark.parametrize(("lift", "flat"), [(2.0, False), (0.5, True), (0.0, True)])
 def test_a_face_is_flat_below_a_share_of_its_longest_side(lift, flat):
-    corners = np.array([[0.0, 0, 0], [3, 0, 0], [1, 3 * lift * THINNEST, 0]])
-    assert is_flat(TriMesh(corners @ rotation(0).T, [[0, 1, 2]])).tolist() == [flat]
+    corners = np.array([[0.0, 0, 0], [3, 0, 0], [1, 3 * lift * MIN_ALTITUDE_RATIO, 0]])
+    assert degenerate_face_mask(TriMesh(corners @ rotation(0).T, [[0, 1, 2]])).tolist() == [flat]
 
 
 def test_a_face_of_one_point_is_flat():
-    assert is_flat(TriMesh(np.zeros((3, 3)), [[0, 1, 2]])).tolist() == [True]
+    assert degenerate_face_mask(TriMesh(np.zeros((3, 3)), [[0, 1, 2]])).tolist() == [True]
 
 
 def test_what_bounds_a_volume():
     cage = box()
     assert bounds_volume(cage)
-    assert bounds_volume(cage.flipped())
+    assert bounds_volume(cage.flip())
     assert not bounds_volume(TriMesh(cage.vertices, cage.faces[1:]))
     assert not bounds_volume(
         TriMesh(cage.vertices, np.vstack([cage.faces[:1, ::-1], cage.faces[1:]]))
@@ -54,16 +54,16 @@ def test_what_bounds_a_volume():
 @pytest.mark.parametrize("height", [1.0, 1e-3])
 def test_the_sheet_opposite_a_face_of_a_slab_is_its_height_away(height, flip):
     slab = TriMesh(finer(box(), 1).vertices * [1, 1, height], finer(box(), 1).faces)
-    slab = slab.flipped() if flip else slab
+    slab = slab.flip() if flip else slab
     level = np.ptp(slab.vertices[slab.faces][:, :, 2], axis=1) == 0
     expected = 2 * height / np.sqrt(0.5)
-    pairs, nearness = opposite_sheets(slab, 1.01 * expected)
+    pairs, nearness = thin_face_pairs(slab, 1.01 * expected)
     of_level = level[pairs[:, 0]] & level[pairs[:, 1]]
     np.testing.assert_allclose(nearness[of_level], expected, rtol=1e-12)
     np.testing.assert_array_equal(np.unique(pairs[of_level, 0]), np.flatnonzero(level))
     heights = slab.vertices[slab.faces[pairs[of_level]]][:, :, 0, 2]
     np.testing.assert_array_equal(heights[:, 0], -heights[:, 1])
-    pairs, _ = opposite_sheets(slab, 0.99 * expected)
+    pairs, _ = thin_face_pairs(slab, 0.99 * expected)
     assert not (level[pairs[:, 0]] & level[pairs[:, 1]]).any()
 
 
@@ -73,10 +73,10 @@ def test_a_sheet_outside_counts_and_one_face_has_none():
         np.array([[0.0, 0, 0], [0, 2, 0], [0, 0, 2], [0.1, 0, 0], [0.1, 2, 0], [0.1, 0, 2]]),
         [[0, 1, 2], [3, 5, 4]],
     )
-    pairs, nearness = opposite_sheets(walls, 1.0)
+    pairs, nearness = thin_face_pairs(walls, 1.0)
     np.testing.assert_allclose(nearness, 0.1 / np.sqrt(2), rtol=1e-12)
     assert pairs.tolist() == [[0, 1], [1, 0]]
-    assert len(opposite_sheets(RIGHT, 1e9)[0]) == 0
+    assert len(thin_face_pairs(RIGHT, 1e9)[0]) == 0
 
 
 def test_a_sheet_beside_the_normal_does_not_count():
@@ -84,13 +84,13 @@ def test_a_sheet_beside_the_normal_does_not_count():
         np.array([[0.0, 0, 0], [0, 2, 0], [0, 0, 2], [0.1, 2, 2], [0.1, 4, 2], [0.1, 2, 4]]),
         [[0, 1, 2], [3, 5, 4]],
     )
-    assert len(opposite_sheets(walls, 1e9)[0]) == 0
+    assert len(thin_face_pairs(walls, 1e9)[0]) == 0
 
 
 def test_blocks_change_nothing(monkeypatch):
     slab = TriMesh(box().vertices * [1, 1, 0.1], box().faces)
-    whole = opposite_sheets(slab, 1.0)
+    whole = thin_face_pairs(slab, 1.0)
     assert len(whole[0]) > 0
-    monkeypatch.setattr("cageik_cli.geometry.shape.BLOCK", 5)
-    for found, expected in zip(opposite_sheets(slab, 1.0), whole, strict=True):
+    monkeypatch.setattr("cageik_cli.geometry.shape.FACES_PER_BLOCK", 5)
+    for found, expected in zip(thin_face_pairs(slab, 1.0), whole, strict=True):
         np.testing.assert_array_equal(found, expected)

@@ -1,13 +1,13 @@
 import numpy as np
 import trimesh
 
-from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
+from cageik_cli.geometry.surface import closest_points, winding_numbers
 from tests.shapes import ball, box, concave
 
 
 def test_nearest_point_of_a_box_is_that_of_the_formula():
     points = np.random.default_rng(0).uniform(-2, 2, (200, 3))
-    nearest = nearest_on_surface(box(), points)
+    nearest = closest_points(box(), points)
     outside = np.linalg.norm(np.maximum(np.abs(points) - 1, 0), axis=1)
     depth = 1 - np.abs(points).max(axis=1)
     expected = np.where(depth > 0, depth, outside)
@@ -17,12 +17,12 @@ def test_nearest_point_of_a_box_is_that_of_the_formula():
 def test_weights_give_the_nearest_point():
     mesh = concave()
     points = np.random.default_rng(1).uniform(-1, 3, (100, 3))
-    nearest = nearest_on_surface(mesh, points)
+    nearest = closest_points(mesh, points)
     chosen = np.arange(100) % 2 == 0
-    weights = nearest.weights(chosen)
+    weights = nearest.barycentric_weights(chosen)
     np.testing.assert_allclose(weights @ mesh.vertices, nearest.position[chosen], atol=1e-12)
     np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=1e-12)
-    assert nearest.weights(np.zeros(100, bool)).shape == (0, len(mesh.vertices))
+    assert nearest.barycentric_weights(np.zeros(100, bool)).shape == (0, len(mesh.vertices))
 
 
 def test_winding_numbers_tell_inside_as_trimesh_does():
@@ -33,4 +33,4 @@ def test_winding_numbers_tell_inside_as_trimesh_does():
     found = winding_numbers(mesh, points) > 0.5
     np.testing.assert_array_equal(found[clear], radius[clear] < 0.95)
     assert trimesh.Trimesh(mesh.vertices, mesh.faces).is_watertight
-    np.testing.assert_allclose(winding_numbers(mesh.flipped(), np.zeros((1, 3))), -1, atol=1e-12)
+    np.testing.assert_allclose(winding_numbers(mesh.flip(), np.zeros((1, 3))), -1, atol=1e-12)

@@ -7,16 +7,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.geometry.camera import Camera, Stand
+from cageik_cli.geometry.camera import Camera, LookAt
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import (
     Anchor,
-    at_vertex,
-    nearest_to,
-    on_face,
-    picked,
-    positions_of,
-    rows_of,
+    anchor_matrix,
+    anchor_positions,
+    closest_point,
+    pick,
+    point_at_vertex,
+    point_on_face,
 )
 from cageik_cli.util.errors import InputError
 from tests.geometry.test_camera import orthographic
@@ -30,7 +30,7 @@ def from_afar(mesh, direction, width=200, height=150):
     """A camera that sees all of a mesh from a direction."""
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     place = middle + 1.5 * mesh.diagonal * np.asarray(direction) / np.linalg.norm(direction)
-    return Camera.looking_at(Stand(place, middle, np.array([0.1, 1.0, 0.2])), 40, width, height)
+    return Camera.from_look_at(LookAt(place, middle, np.array([0.1, 1.0, 0.2])), 40, width, height)
 
 
 def in_parallel(mesh, direction):
@@ -40,9 +40,9 @@ def in_parallel(mesh, direction):
 
 
 def test_a_vertex_is_its_row_and_its_position():
-    point = at_vertex(BALL, 5)
+    point = point_at_vertex(BALL, 5)
     weights = np.random.default_rng(0).random((len(BALL.vertices), 7))
-    np.testing.assert_array_equal(point.row(weights), weights[5])
+    np.testing.assert_array_equal(point.cage_weights(weights), weights[5])
     np.testing.assert_array_equal(point.position(BALL.vertices), BALL.vertices[5])
 
 
@@ -50,7 +50,7 @@ def test_a_vertex_is_its_row_and_its_position():
 def test_a_point_of_a_face_is_the_mean_of_its_corners(face, first, second):
     """Savoye and Franco 2010, eqs. 3 and 4: in space, and in cage space."""
     shares = [first, (1 - first) * second, (1 - first) * (1 - second)]
-    point = on_face(BALL, face, shares)
+    point = point_on_face(BALL, face, shares)
     weights = np.random.default_rng(0).dirichlet(np.ones(7), len(BALL.vertices))
     cage = np.random.default_rng(1).normal(size=(7, 3))
     corners = BALL.vertices[BALL.faces[face]]
@@ -58,43 +58,73 @@ def test_a_point_of_a_face_is_the_mean_of_its_corners(face, first, second):
     np.testing.assert_allclose(point.position(BALL.vertices), expected, atol=1e-15)
     assert point.barycentric.sum() == pytest.approx(1, abs=1e-15)
     np.testing.assert_allclose(
-        point.row(weights) @ cage, point.position(weights @ cage), atol=1e-14
+        point.cage_weights(weights) @ cage, point.position(weights @ cage), atol=1e-14
     )
 
 
 def test_rows_and_positions_of_several_in_several_poses():
-    anchors = [Anchor("a", at_vertex(BALL, 3)), Anchor("b", on_face(BALL, 2, [0.2, 0.3, 0.5]))]
+    anchors = [
+        Anchor("a", point_at_vertex(BALL, 3)),
+        Anchor("b", point_on_face(BALL, 2, [0.2, 0.3, 0.5])),
+    ]
     weights = np.random.default_rng(0).random((len(BALL.vertices), 7))
     poses = np.stack([BALL.vertices, 2 * BALL.vertices])
-    assert rows_of(anchors, weights).shape == (2, 7)
-    found = positions_of(anchors, poses)
+    assert anchor_matrix(anchors, weights).shape == (2, 7)
+    found = anchor_positions(anchors, poses)
     assert found.shape == (2, 2, 3)
-    np.testing.assert_allclose(found[1], 2 * positions_of(anchors, BALL.vertices), atol=1e-15)
-    assert rows_of([], weights).shape == (0, 7)
-    assert positions_of([], poses).shape == (2, 0, 3)
+    np.testing.assert_allclose(found[1], 2 * anchor_positions(anchors, BALL.vertices), atol=1e-15)
+    assert anchor_matrix([], weights).shape == (0, 7)
+    assert anchor_positions([], poses).shape == (2, 0, 3)
 
 
 def test_sums_that_are_off_by_rounding_are_divided():
-    point = on_face(BALL, 0, [0.3333333, 0.3333333, 0.3333333])
+    point = point_on_face(BALL, 0, [0.3333333, 0.3333333, 0.3333333])
     np.testing.assert_allclose(point.barycentric, 1 / 3, rtol=1e-15)
 
 
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: at_vertex(BALL, 66), "no vertex 66; the mesh has 66, numbered from 0 to 65"),
-        (lambda: at_vertex(BALL, -1), "no vertex -1; the mesh has 66"),
-        (lambda: on_face(BALL, 128, [1, 0, 0]), "no face 128; .* 128 triangles, .* 0 to 127"),
-        (lambda: on_face(BALL, -1, [1, 0, 0]), "no face -1; the mesh has 128 triangles"),
-        (lambda: on_face(BALL, 0, [1, 0]), "barycentric coordinates are not three finite numb"),
-        (lambda: on_face(BALL, 0, [1, 0, np.nan]), "barycentric coordinates are not three finit"),
-        (lambda: on_face(BALL, 0, [np.inf, 0, 0]), "barycentric coordinates are not three finit"),
-        (lambda: on_face(BALL, 0, [0.2, 0.3, 0.4]), "barycentric coordinates sum to 0.9, exp"),
-        (lambda: on_face(BALL, 0, [1.2, -0.2, 0]), "a barycentric coordinate is -0.2, expected"),
-        (lambda: Anchor("hand", at_vertex(BALL, 0), 0.0), "weight of 'hand' is 0, expected a num"),
-        (lambda: Anchor("hand", at_vertex(BALL, 0), -1.0), "weight of 'hand' is -1, expected"),
-        (lambda: Anchor("hand", at_vertex(BALL, 0), np.nan), "weight of 'hand' is nan, expected"),
-        (lambda: Anchor("hand", at_vertex(BALL, 0), np.inf), "weight of 'hand' is inf, expected"),
+        (lambda: point_at_vertex(BALL, 66), "no vertex 66; the mesh has 66, numbered from 0 to 65"),
+        (lambda: point_at_vertex(BALL, -1), "no vertex -1; the mesh has 66"),
+        (lambda: point_on_face(BALL, 128, [1, 0, 0]), "no face 128; .* 128 triangles, .* 0 to 127"),
+        (lambda: point_on_face(BALL, -1, [1, 0, 0]), "no face -1; the mesh has 128 triangles"),
+        (
+            lambda: point_on_face(BALL, 0, [1, 0]),
+            "barycentric coordinates are not three finite numb",
+        ),
+        (
+            lambda: point_on_face(BALL, 0, [1, 0, np.nan]),
+            "barycentric coordinates are not three finit",
+        ),
+        (
+            lambda: point_on_face(BALL, 0, [np.inf, 0, 0]),
+            "barycentric coordinates are not three finit",
+        ),
+        (
+            lambda: point_on_face(BALL, 0, [0.2, 0.3, 0.4]),
+            "barycentric coordinates sum to 0.9, exp",
+        ),
+        (
+            lambda: point_on_face(BALL, 0, [1.2, -0.2, 0]),
+            "a barycentric coordinate is -0.2, expected",
+        ),
+        (
+            lambda: Anchor("hand", point_at_vertex(BALL, 0), 0.0),
+            "weight of 'hand' is 0, expected a num",
+        ),
+        (
+            lambda: Anchor("hand", point_at_vertex(BALL, 0), -1.0),
+            "weight of 'hand' is -1, expected",
+        ),
+        (
+            lambda: Anchor("hand", point_at_vertex(BALL, 0), np.nan),
+            "weight of 'hand' is nan, expected",
+        ),
+        (
+            lambda: Anchor("hand", point_at_vertex(BALL, 0), np.inf),
+            "weight of 'hand' is inf, expected",
+        ),
     ],
 )
 def test_what_is_no_anchor_is_refused(make, says):
@@ -104,7 +134,7 @@ def test_what_is_no_anchor_is_refused(make, says):
 
 @given(st.tuples(*[st.floats(-2, 2)] * 3).map(np.array))
 def test_the_nearest_point_is_on_the_surface_and_none_is_nearer(position):
-    point = nearest_to(BALL, position)
+    point = closest_point(BALL, position)
     assert point.barycentric.min() >= 0
     assert point.barycentric.sum() == pytest.approx(1)
     found = np.linalg.norm(point.position(BALL.vertices) - position)
@@ -117,14 +147,14 @@ def test_the_nearest_point_is_on_the_surface_and_none_is_nearer(position):
 
 def test_a_point_of_the_surface_is_its_own_nearest():
     on_it = BALL.vertices[BALL.faces[17]].mean(axis=0)
-    found = nearest_to(BALL, on_it).position(BALL.vertices)
+    found = closest_point(BALL, on_it).position(BALL.vertices)
     np.testing.assert_allclose(found, on_it, atol=1e-15)
 
 
 @pytest.mark.parametrize("third", [[0.5, 0, 0], [0.0, 0, 0], [2.0, 0, 0]])
 def test_the_nearest_point_may_be_on_a_face_without_area(third):
     flat = TriMesh([[0.0, 0, 0], [1, 0, 0], third], [[0, 1, 2]])
-    point = nearest_to(flat, np.array([0.3, 1.0, 0]))
+    point = closest_point(flat, np.array([0.3, 1.0, 0]))
     assert point.barycentric.min() >= 0
     assert point.barycentric.sum() == pytest.approx(1)
     np.testing.assert_allclose(point.position(flat.vertices), [0.3, 0, 0], atol=1e-12)
@@ -147,7 +177,7 @@ def front_most(mesh, camera, pixels):
 
 def picked_or_nan(mesh, camera, pixel):
     try:
-        return picked(mesh, camera, pixel).position(mesh.vertices)
+        return pick(mesh, camera, pixel).position(mesh.vertices)
     except InputError:
         return np.full(3, np.nan)
 
@@ -156,7 +186,7 @@ WALKING = load_mesh(WALKER).mesh
 MESHES = {
     "closed": WALKING,
     "open": changed(WALKING, WALKING.faces[WALKING.vertices[WALKING.faces[:, 0], 0] > 0]),
-    "inside out": WALKING.flipped(),
+    "inside out": WALKING.flip(),
 }
 
 
@@ -178,7 +208,7 @@ def test_the_near_plane_cuts_what_is_before_it():
     mesh = finer(box(1.0), 1)
     projection = orthographic(-2, 2, -2, 2, 0.5, 3.0)
     camera = Camera(np.eye(4), projection, 100, 100)
-    found = picked(mesh, camera, np.array([51.0, 47.0])).position(mesh.vertices)
+    found = pick(mesh, camera, np.array([51.0, 47.0])).position(mesh.vertices)
     np.testing.assert_allclose(found, [0.04, 0.12, -1], atol=1e-12)
     expected = front_most(mesh, camera, np.array([[51.0, 47.0]]))[0]
     np.testing.assert_allclose(found, expected, atol=1e-9)
@@ -191,9 +221,9 @@ def test_what_is_seen_of_a_point_that_nothing_hides_is_the_point(seed):
     direction = generator.normal(size=3)
     camera = from_afar(BALL, direction)
     face = int((BALL.vertices[BALL.faces].mean(axis=1) @ direction).argmax())
-    point = on_face(BALL, face, generator.dirichlet(np.ones(3)))
+    point = point_on_face(BALL, face, generator.dirichlet(np.ones(3)))
     seen = camera.project(point.position(BALL.vertices))
-    found = picked(BALL, camera, seen[:2])
+    found = pick(BALL, camera, seen[:2])
     np.testing.assert_array_equal(found.corners, BALL.faces[face])
     np.testing.assert_allclose(found.barycentric, point.barycentric, atol=1e-9)
 
@@ -213,7 +243,7 @@ def test_faces_seen_edge_on_are_not_hit():
     mesh = TriMesh([[0, 0, 0], [0, 1, 0], [0, 0, 1], [1.0, 0, -3], [-1, 1, -3], [-1, -1, -3]],
                    [[0, 1, 2], [3, 4, 5]])  # fmt: skip
     camera = Camera(np.eye(4), orthographic(-1, 1, -1, 1, -5, 5), 100, 100)
-    assert picked(mesh, camera, np.array([50.0, 45.0])).corners.tolist() == [3, 4, 5]
+    assert pick(mesh, camera, np.array([50.0, 45.0])).corners.tolist() == [3, 4, 5]
 
 
 @pytest.mark.parametrize("pixel", [(0.0, 0.0), (-50.0, 20.0), (np.nan, 3.0)])
@@ -221,21 +251,21 @@ def test_a_pixel_that_misses_is_refused_by_name(pixel):
     camera = from_afar(BALL, [0, 0, 1])
     says = rf"pixel \({pixel[0]:g}, {pixel[1]:g}\) of 200 x 150 misses the mesh; choose one where"
     with pytest.raises(InputError, match=says):
-        picked(BALL, camera, np.array(pixel))
+        pick(BALL, camera, np.array(pixel))
 
 
 def test_where_the_mesh_is_seen_is_told():
     """A ball of radius 1, its vertices at all ends of the axes, in 100 pixels that show 4 units."""
     camera = Camera(np.eye(4), orthographic(-2, 2, -2, 2, -5, 5), 100, 100)
     with pytest.raises(InputError, match=r"seen: x 25 to 75, y 25 to 75$"):
-        picked(BALL, camera, np.array([5.0, 5.0]))
+        pick(BALL, camera, np.array([5.0, 5.0]))
 
 
 def test_a_camera_that_has_the_mesh_behind_it_is_told():
-    away = Stand(np.array([0.0, 0, 5]), np.array([0.0, 0, 9]), np.array([0.0, 1, 0]))
-    camera = Camera.looking_at(away, 40, 100, 100)
+    away = LookAt(np.array([0.0, 0, 5]), np.array([0.0, 0, 9]), np.array([0.0, 1, 0]))
+    camera = Camera.from_look_at(away, 40, 100, 100)
     with pytest.raises(InputError, match="some of it is behind this one, whose view has to"):
-        picked(BALL, camera, np.array([50.0, 50.0]))
+        pick(BALL, camera, np.array([50.0, 50.0]))
 
 
 @pytest.mark.parametrize(("near", "far"), [(3.0, 9.0), (-9.0, -2.5)])
@@ -243,4 +273,4 @@ def test_a_pixel_of_what_the_planes_cut_off_says_so(near, far):
     camera = Camera(np.eye(4), orthographic(-2, 2, -2, 2, near, far), 100, 100)
     says = r"\(50, 50\) of 100 x 100 meets the mesh, but only before the near or beyond the far"
     with pytest.raises(InputError, match=says):
-        picked(BALL, camera, np.array([50.0, 50.0]))
+        pick(BALL, camera, np.array([50.0, 50.0]))

@@ -3,7 +3,13 @@ import pytest
 import scipy.linalg
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.constraints import Mirror, TiedMap, Ties, free_basis, partners
+from cageik_cli.posing.constraints import (
+    CageConstraints,
+    Mirror,
+    MirroredMap,
+    free_basis,
+    mirror_pairs,
+)
 from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box, changed, rotation
 
@@ -18,17 +24,17 @@ def flip():
 
 def test_mirror_images_are_as_far_behind_the_plane():
     points = np.random.default_rng(0).normal(size=(4, 5, 3))
-    images = MIRROR.reflected(points)
-    np.testing.assert_allclose(MIRROR.reflected(images), points, atol=1e-14)
+    images = MIRROR.reflect(points)
+    np.testing.assert_allclose(MIRROR.reflect(images), points, atol=1e-14)
     np.testing.assert_allclose((images + points - 2 * MIRROR.point) @ MIRROR.normal, 0, atol=1e-13)
     np.testing.assert_allclose(np.cross(images - points, MIRROR.normal), 0, atol=1e-14)
     assert np.linalg.norm(MIRROR.normal) == pytest.approx(1)
 
 
 def test_partners_are_each_others_mirror_images():
-    partner = partners(CAGE, MIRROR)
+    partner = mirror_pairs(CAGE, MIRROR)
     np.testing.assert_array_equal(partner[partner], np.arange(len(partner)))
-    np.testing.assert_allclose(MIRROR.reflected(CAGE.vertices), CAGE.vertices[partner], atol=1e-14)
+    np.testing.assert_allclose(MIRROR.reflect(CAGE.vertices), CAGE.vertices[partner], atol=1e-14)
     on_plane = np.abs((CAGE.vertices - MIRROR.point) @ MIRROR.normal) < 1e-12
     np.testing.assert_array_equal(partner == np.arange(len(partner)), on_plane)
 
@@ -38,20 +44,20 @@ def test_a_cage_may_be_off_by_a_little():
     for size, fits in ((2e-4, True), (2e-3, False)):
         cage = changed(CAGE, vertices=CAGE.vertices + size * CAGE.diagonal * noise)
         if fits:
-            np.testing.assert_array_equal(partners(cage, MIRROR), partners(CAGE, MIRROR))
+            np.testing.assert_array_equal(mirror_pairs(cage, MIRROR), mirror_pairs(CAGE, MIRROR))
         else:
             with pytest.raises(InputError, match=r"no partner within 0\.001 of its diagonal"):
-                partners(cage, MIRROR)
+                mirror_pairs(cage, MIRROR)
 
 
 @pytest.mark.parametrize(
     ("ties", "rank"),
     [
-        (Ties(), 18),
-        (Ties((0, 7, 7)), 16),
-        (Ties(mirror=MIRROR), None),
-        (Ties((0, 7), MIRROR), None),
-        (Ties(tuple(range(18))), 0),
+        (CageConstraints(), 18),
+        (CageConstraints((0, 7, 7)), 16),
+        (CageConstraints(mirror=MIRROR), None),
+        (CageConstraints((0, 7), MIRROR), None),
+        (CageConstraints(tuple(range(18))), 0),
     ],
 )
 def test_what_is_free_is_what_the_ties_allow(ties, rank):
@@ -61,7 +67,7 @@ def test_what_is_free_is_what_the_ties_allow(ties, rank):
     for sign in signs:
         rows = list(conditions)
         if ties.mirror:
-            partner = partners(CAGE, MIRROR)
+            partner = mirror_pairs(CAGE, MIRROR)
             rows += [np.eye(18)[partner] - sign * np.eye(18)]
         expected = scipy.linalg.null_space(np.vstack([*rows, np.zeros((1, 18))]))
         basis = free_basis(CAGE, ties, sign)
@@ -77,14 +83,14 @@ def test_a_tied_map_is_two_maps_along_and_across():
     normal = MIRROR.normal
     split = np.outer(normal, normal)
     expected = along @ points @ (np.eye(3) - split) + across @ points @ split
-    tied = TiedMap([along, across], MIRROR)
+    tied = MirroredMap([along, across], MIRROR)
     np.testing.assert_allclose(tied(points), expected, atol=1e-13)
     np.testing.assert_allclose(added(tied, points[0]), expected[0], atol=1e-13)
-    np.testing.assert_allclose(tied.followed_by(more)(points), more @ expected, atol=1e-12)
-    free = TiedMap([along], None)
+    np.testing.assert_allclose(tied.compose(more)(points), more @ expected, atol=1e-12)
+    free = MirroredMap([along], None)
     np.testing.assert_allclose(free(points), along @ points, atol=1e-14)
     np.testing.assert_allclose(added(free, points[0]), along @ points[0], atol=1e-13)
-    np.testing.assert_allclose(free.followed_by(more)(points), more @ along @ points, atol=1e-13)
+    np.testing.assert_allclose(free.compose(more)(points), more @ along @ points, atol=1e-13)
 
 
 def added(tied, points):
@@ -97,10 +103,12 @@ def added(tied, points):
 
 @pytest.mark.parametrize("order", "CF")
 def test_of_no_points_nothing_is_added_and_maps_lie_in_memory_as_they_like(order):
-    assert not added(TiedMap([np.zeros((6, 0), order=order)], None), np.zeros((0, 3))).any()
+    assert not added(MirroredMap([np.zeros((6, 0), order=order)], None), np.zeros((0, 3))).any()
     along = np.array(np.arange(24.0).reshape(6, 4), order=order)
     points = np.array(np.arange(12.0).reshape(4, 3), order=order)
-    np.testing.assert_allclose(added(TiedMap([along], None), points), along @ points, atol=1e-13)
+    np.testing.assert_allclose(
+        added(MirroredMap([along], None), points), along @ points, atol=1e-13
+    )
 
 
 @pytest.mark.parametrize(
@@ -113,15 +121,15 @@ def test_planes_that_are_none_are_refused(normal, point):
 
 
 def test_cages_that_are_not_symmetric_are_refused_naming_vertices():
-    vertices, partner = CAGE.vertices.copy(), partners(CAGE, MIRROR)
+    vertices, partner = CAGE.vertices.copy(), mirror_pairs(CAGE, MIRROR)
     assert partner[4] == 9 or (partner[4] == 4 and partner[9] == 9)
     vertices[[4, 9]] += 0.1
     missing = "2 of 18 cage vertices have no partner within 0.001 of its diagonal"
     says = rf"not symmetric about the mirror: {missing} \(4, 9\); move the plane, or leave"
     with pytest.raises(InputError, match=says):
-        partners(changed(CAGE, vertices=vertices), MIRROR)
+        mirror_pairs(changed(CAGE, vertices=vertices), MIRROR)
     with pytest.raises(InputError, match="18 of 18 cage vertices"):
-        partners(CAGE, Mirror(MIRROR.normal, MIRROR.point + MIRROR.normal))
+        mirror_pairs(CAGE, Mirror(MIRROR.normal, MIRROR.point + MIRROR.normal))
 
 
 def test_two_vertices_that_share_a_partner_are_refused():
@@ -129,11 +137,11 @@ def test_two_vertices_that_share_a_partner_are_refused():
     twice = box(1.0)
     doubled = TriMesh(np.vstack([twice.vertices, twice.vertices[:1]]), twice.faces)
     with pytest.raises(InputError, match="not symmetric about the mirror"):
-        partners(doubled, Mirror(np.array([1.0, 0, 0]), np.zeros(3)))
+        mirror_pairs(doubled, Mirror(np.array([1.0, 0, 0]), np.zeros(3)))
 
 
 @pytest.mark.parametrize("vertex", [-1, 18])
 def test_locked_vertices_that_do_not_exist_are_refused(vertex):
     says = f"there is no cage vertex {vertex} to lock; the cage has 18, numbered from 0 to 17"
     with pytest.raises(InputError, match=says):
-        free_basis(CAGE, Ties((3, vertex)), 1)
+        free_basis(CAGE, CageConstraints((3, vertex)), 1)

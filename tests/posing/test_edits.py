@@ -7,7 +7,14 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import BindSettings
-from cageik_cli.posing.edits import Clip, PosingSettings, Skin, anchors_of, edited, layers_of
+from cageik_cli.posing.edits import (
+    CageSkin,
+    EditTarget,
+    PosingSettings,
+    apply_layers,
+    build_layers,
+    collect_anchors,
+)
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box
@@ -28,7 +35,9 @@ def cages(binding):
 
 @pytest.fixture
 def clip(binding, cages):
-    return Clip(binding, Skin.rebuilding(binding), lambda frame: cages[frame], COUNT)
+    return EditTarget(
+        binding, CageSkin.for_reconstruction(binding), lambda frame: cages[frame], COUNT
+    )
 
 
 @pytest.fixture
@@ -38,7 +47,7 @@ def layers(tmp_path, clip):
     def make(document, **settings):
         path = tmp_path / "handles.json"
         path.write_text(json.dumps(document))
-        return layers_of(read_handles(path), clip, PosingSettings(**settings))
+        return build_layers(read_handles(path), clip, PosingSettings(**settings))
 
     return make
 
@@ -48,47 +57,49 @@ def moving(offset, **others):
 
 
 def test_a_skin_at_rest_gives_the_rest_pose_bit_for_bit(binding):
-    skin = Skin.at_rest(binding)
-    meshes = skin.meshes(binding.cage.vertices[None])
+    skin = CageSkin.for_rest_pose(binding)
+    meshes = skin.deform(binding.cage.vertices[None])
     np.testing.assert_array_equal(meshes[0], binding.rest.vertices)
 
 
 def test_a_skin_that_rebuilds_is_weights_times_cages(binding, cages):
-    meshes = Skin.rebuilding(binding).meshes(cages)
+    meshes = CageSkin.for_reconstruction(binding).deform(cages)
     np.testing.assert_allclose(meshes, binding.weights @ cages, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("make", [Skin.at_rest, Skin.rebuilding])
+@pytest.mark.parametrize("make", [CageSkin.for_rest_pose, CageSkin.for_reconstruction])
 def test_anchors_are_where_their_vertices_are(binding, cages, layers, make):
-    anchors = anchors_of(layers(moving([1, 0, 0])))
+    anchors = collect_anchors(layers(moving([1, 0, 0])))
     skin = make(binding)
     positions = skin.positions(anchors, cages)
     np.testing.assert_allclose(positions[:, 0], skin.meshes(cages)[:, 1], rtol=0, atol=1e-14)
 
 
 def test_frames_that_no_layer_touches_keep_their_cages(clip, cages, layers):
-    found = edited(layers(moving([0, 1, 0], frames=[2, 3])), clip.skin, np.arange(COUNT), cages)
+    found = apply_layers(
+        layers(moving([0, 1, 0], frames=[2, 3])), clip.skin, np.arange(COUNT), cages
+    )
     changed = (found.cages != cages).any(axis=(1, 2))
     assert changed.tolist() == [False, False, True, True, False, False]
 
 
 def test_a_frame_alone_is_as_it_is_among_others(clip, cages, layers):
     both = layers({"sets": [moving([0, 1, 0]), moving([1, 0, 0], frames=[1, 3])]}, rigidity=2)
-    together = edited(both, clip.skin, np.arange(COUNT), cages)
+    together = apply_layers(both, clip.skin, np.arange(COUNT), cages)
     for k in range(COUNT):
-        alone = edited(both, clip.skin, np.array([k]), cages[[k]])
+        alone = apply_layers(both, clip.skin, np.array([k]), cages[[k]])
         np.testing.assert_array_equal(alone.cages[0], together.cages[k])
-        np.testing.assert_array_equal(alone.targets[0], together.targets[k])
+        np.testing.assert_array_equal(alone.target_positions[0], together.target_positions[k])
 
 
 def test_a_later_layer_starts_where_the_first_ended(clip, cages, layers):
     target = [3.0, 0.5, 0.25]
     goes = {"handles": [{"name": "a", "vertex": 1, "target": target, "hard": True}]}
     both = layers({"sets": [goes, moving([0, 1, 0])]})
-    found = edited(both, clip.skin, np.arange(COUNT), cages)
-    np.testing.assert_allclose(found.starts[:, 1] - target, 0, rtol=0, atol=1e-12)
+    found = apply_layers(both, clip.skin, np.arange(COUNT), cages)
+    np.testing.assert_allclose(found.start_positions[:, 1] - target, 0, rtol=0, atol=1e-12)
     np.testing.assert_allclose(
-        found.targets[:, 1] - target, [[0, 1, 0]] * COUNT, rtol=0, atol=1e-12
+        found.target_positions[:, 1] - target, [[0, 1, 0]] * COUNT, rtol=0, atol=1e-12
     )
 
 
@@ -116,11 +127,11 @@ def test_what_a_camera_does_not_see_where_no_handle_holds_does_not_matter(clip, 
     away = cages + np.array([0, 0, 20.0]) * (np.arange(COUNT) > 3)[:, None, None]
     eye = {"name": "eye", "screen": {"source": [50, 50], "offset": [9, 0]}}
     held = {"handles": [eye], "camera": behind, "frames": [0, 2]}
-    found = edited(layers(held), clip.skin, np.arange(COUNT), away)
+    found = apply_layers(layers(held), clip.skin, np.arange(COUNT), away)
     assert (found.cages != away).any(axis=(1, 2)).tolist() == [True] * 3 + [False] * 3
     always = held | {"frames": [0, COUNT - 1]}
     with pytest.raises(InputError, match=r"frame 4.*behind the camera"):
-        edited(layers(always), clip.skin, np.arange(COUNT), away)
+        apply_layers(layers(always), clip.skin, np.arange(COUNT), away)
 
 
 def test_weights_that_are_worlds_apart_are_refused():

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
-from cageik_cli.posing.anchors import Anchor, SurfacePoint, at_vertex, rows_of
-from cageik_cli.posing.constraints import Mirror, Ties
+from cageik_cli.posing.anchors import Anchor, SurfacePoint, anchor_matrix, point_at_vertex
+from cageik_cli.posing.constraints import CageConstraints, Mirror
 from cageik_cli.posing.poser import Poser
 from cageik_cli.util.errors import InputError, NumericalError
 from tests.shapes import ball, box, concave, finer, octahedron, rotation
@@ -48,7 +48,7 @@ def some_moves(count, seed=2):
 
 def stacked(poser):
     """Both terms' rows, (n + l, n), and the roots that targets are multiplied with, (l, 1)."""
-    rows = rows_of(poser.anchors, poser.binding.weights)
+    rows = anchor_matrix(poser.anchors, poser.binding.weights)
     roots = [np.sqrt(poser.beta / len(rows) * anchor.weight) for anchor in poser.anchors]
     smooth = uniform_laplacian(poser.binding.cage) * np.sqrt(poser.alpha / rows.shape[1])
     scale = np.array(roots)[:, None]
@@ -59,7 +59,7 @@ def least_squares(poser, displacements):
     """The cage by numpy's lstsq on the stacked system, in positions, as in the paper."""
     matrix, scale = stacked(poser)
     rest, n = poser.binding.cage.vertices, len(poser.binding.cage.vertices)
-    rows = rows_of(poser.anchors, poser.binding.weights)
+    rows = anchor_matrix(poser.anchors, poser.binding.weights)
     right = np.vstack([matrix[:n] @ rest, scale * (rows @ rest + displacements)])
     return np.linalg.lstsq(matrix, right, rcond=None)[0]
 
@@ -75,9 +75,9 @@ def test_the_cage_is_the_least_squares_solution_of_the_stacked_system(binding, a
     poser = Poser(binding, some_anchors(count), alpha, beta=0.7)
     moves = some_moves(count)
     expected = least_squares(poser, moves)
-    np.testing.assert_allclose(poser.cage(moves), expected, atol=1e-9 * CAGE.diagonal)
+    np.testing.assert_allclose(poser.solve_cage(moves), expected, atol=1e-9 * CAGE.diagonal)
     expected = binding.rest.vertices + binding.weights @ (expected - CAGE.vertices)
-    np.testing.assert_allclose(poser.mesh(moves), expected, atol=1e-9 * CAGE.diagonal)
+    np.testing.assert_allclose(poser.solve_mesh(moves), expected, atol=1e-9 * CAGE.diagonal)
 
 
 def test_an_anchor_that_weighs_more_is_met_better(binding):
@@ -90,13 +90,13 @@ def test_an_anchor_that_weighs_more_is_met_better(binding):
         return np.linalg.norm(reached(poser, moves)[0] - moves[0])
 
     assert miss(heavy) < 0.2 * miss(light)
-    assert np.abs(heavy.cage(moves) - least_squares(light, moves)).max() > 1e-3
+    assert np.abs(heavy.solve_cage(moves) - least_squares(light, moves)).max() > 1e-3
 
 
 def reached(poser, moves, rigidity=0):
     """How far the anchors went."""
     cage = poser.cage(moves, rigidity) - poser.binding.cage.vertices
-    return rows_of(poser.anchors, poser.binding.weights) @ cage
+    return anchor_matrix(poser.anchors, poser.binding.weights) @ cage
 
 
 @pytest.mark.parametrize("rigidity", [0, 5])
@@ -114,7 +114,7 @@ def test_anchors_are_met_when_beta_is_large_and_exactly_when_hard(binding, rigid
 def test_hard_and_soft_anchors_together_solve_the_system_of_lagrange(binding, alpha):
     anchors, moves = some_anchors(9, hard=(1, 4, 5)), some_moves(9)
     poser = Poser(binding, anchors, alpha)
-    rows, n = rows_of(anchors, binding.weights), len(CAGE.vertices)
+    rows, n = anchor_matrix(anchors, binding.weights), len(CAGE.vertices)
     soft, hard = [0, 2, 3, 6, 7, 8], [1, 4, 5]
     counts = np.array([anchor.weight for anchor in anchors]) / len(anchors)
     laplacian = uniform_laplacian(CAGE)
@@ -122,7 +122,7 @@ def test_hard_and_soft_anchors_together_solve_the_system_of_lagrange(binding, al
     normal = alpha / n * laplacian.T @ laplacian + pull @ rows[soft]
     system = np.block([[normal, rows[hard].T], [rows[hard], np.zeros((3, 3))]])
     moved = np.linalg.solve(system, np.vstack([pull @ moves[soft], moves[hard]]))[:n]
-    np.testing.assert_allclose(poser.cage(moves), CAGE.vertices + moved, atol=1e-8)
+    np.testing.assert_allclose(poser.solve_cage(moves), CAGE.vertices + moved, atol=1e-8)
 
 
 SHELLS = joined(box(2.0), octahedron(0.5), ball(1, 0.2))
@@ -138,21 +138,25 @@ def test_one_translation_of_all_anchors_moves_all_by_it(cage, rigidity, count, h
     shift = np.array([3.0, -2.0, 0.5])
     moves = np.tile(shift, (count, 1))
     rest = poser.binding
-    np.testing.assert_allclose(poser.cage(moves, rigidity), rest.cage.vertices + shift, atol=1e-12)
-    np.testing.assert_allclose(poser.mesh(moves, rigidity), rest.rest.vertices + shift, atol=1e-12)
+    np.testing.assert_allclose(
+        poser.solve_cage(moves, rigidity), rest.cage.vertices + shift, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        poser.solve_mesh(moves, rigidity), rest.rest.vertices + shift, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 6])
 def test_parts_that_anchors_do_not_decide_move_the_least_against_each_other(count):
     """Of all minima, found by lstsq and the null space, that of the least relative motion."""
     poser, moves = Poser(bound(SHELLS), some_anchors(count), alpha=1e-2), some_moves(count)
-    assert poser.loose == max(3 - count, 0)
-    found = poser.cage(moves) - SHELLS.vertices
+    assert poser.free_modes == max(3 - count, 0)
+    found = poser.solve_cage(moves) - SHELLS.vertices
     matrix, scale = stacked(poser)
     right = np.vstack([np.zeros((len(found), 3)), scale * moves])
     any_minimum = np.linalg.lstsq(matrix, right, rcond=1e-10)[0]
     free = scipy.linalg.null_space(matrix, rcond=1e-10)
-    assert free.shape[1] == poser.loose
+    assert free.shape[1] == poser.free_modes
     parts = np.eye(3)[SHELLS.components]
     relative = parts @ np.linalg.pinv(parts) - 1 / len(found)
     choice = np.linalg.lstsq(relative @ free, -relative @ any_minimum, rcond=None)[0]
@@ -166,8 +170,8 @@ def test_a_part_that_no_anchor_moves_goes_with_the_others():
     apart = np.hstack([weights, np.zeros((60, 6))])
     binding, moves = Binding(TriMesh(apart @ cage.vertices, FACES), cage, apart), some_moves(7)
     poser = Poser(binding, some_anchors(7), alpha=48 / 42)
-    posed = poser.cage(moves) - cage.vertices
-    alone = Poser(bound(CAGE), some_anchors(7), alpha=1.0).cage(moves) - CAGE.vertices
+    posed = poser.solve_cage(moves) - cage.vertices
+    alone = Poser(bound(CAGE), some_anchors(7), alpha=1.0).solve_cage(moves) - CAGE.vertices
     np.testing.assert_allclose(posed[:42], alone, atol=1e-9)
     np.testing.assert_allclose(np.ptp(posed[42:], axis=0), 0, atol=1e-12)
     assert np.abs(posed[42:]).max() < 2 * np.abs(moves).max()
@@ -176,41 +180,51 @@ def test_a_part_that_no_anchor_moves_goes_with_the_others():
 @pytest.mark.parametrize("rigidity", [0, 4])
 def test_no_displacement_is_the_rest_pose_bit_for_bit(binding, rigidity):
     poser = Poser(binding, some_anchors(5, hard=(2,)))
-    np.testing.assert_array_equal(poser.cage(np.zeros((5, 3)), rigidity), CAGE.vertices)
-    np.testing.assert_array_equal(poser.mesh(np.zeros((5, 3)), rigidity), binding.rest.vertices)
+    np.testing.assert_array_equal(poser.solve_cage(np.zeros((5, 3)), rigidity), CAGE.vertices)
+    np.testing.assert_array_equal(
+        poser.solve_mesh(np.zeros((5, 3)), rigidity), binding.rest.vertices
+    )
 
 
 @pytest.mark.parametrize("rigidity", [0, 4])
 def test_without_anchors_all_stays(binding, rigidity):
     poser = Poser(binding, [])
-    assert poser.loose == 1
-    np.testing.assert_array_equal(poser.cage(np.empty((0, 3)), rigidity), CAGE.vertices)
-    np.testing.assert_array_equal(poser.mesh(np.empty((0, 3)), rigidity), binding.rest.vertices)
+    assert poser.free_modes == 1
+    np.testing.assert_array_equal(poser.solve_cage(np.empty((0, 3)), rigidity), CAGE.vertices)
+    np.testing.assert_array_equal(
+        poser.solve_mesh(np.empty((0, 3)), rigidity), binding.rest.vertices
+    )
     cages = CAGE.vertices + np.arange(2.0)[:, None, None]
-    np.testing.assert_array_equal(poser.edited(cages, np.empty((2, 0, 3)), rigidity), cages)
+    np.testing.assert_array_equal(poser.edit_cages(cages, np.empty((2, 0, 3)), rigidity), cages)
 
 
 def test_targets_are_displacements_from_the_rest_pose(binding):
-    anchors = [Anchor("a", at_vertex(binding.rest, 7), hard=True)]
+    anchors = [Anchor("a", point_at_vertex(binding.rest, 7), hard=True)]
     poser = Poser(binding, anchors)
     target = np.array([[0.3, 0.1, -2.0]])
-    posed = poser.mesh(poser.displacements(target))
+    posed = poser.solve_mesh(poser.displacements(target))
     np.testing.assert_allclose(posed[7], target[0], atol=1e-13)
 
 
 def test_an_anchor_more_or_less_is_the_poser_made_new(binding):
     anchors, moves = some_anchors(6), some_moves(6)
     whole = Poser(binding, anchors)
-    whole.mesh(moves)  # its response is not to be taken for another's
+    whole.solve_mesh(moves)  # its response is not to be taken for another's
     less = whole.without_anchor("a2")
     kept = [*anchors[:2], *anchors[3:]]
     assert less.anchors == tuple(kept)
-    np.testing.assert_array_equal(less.mesh(moves[1:]), Poser(binding, kept).mesh(moves[1:]))
+    np.testing.assert_array_equal(
+        less.solve_mesh(moves[1:]), Poser(binding, kept).solve_mesh(moves[1:])
+    )
     more = less.with_anchor(anchors[2])
     new = Poser(binding, [*kept, anchors[2]])
     for rigidity in (0, 2):
-        np.testing.assert_array_equal(more.cage(moves, rigidity), new.cage(moves, rigidity))
-    np.testing.assert_array_equal(whole.mesh(moves), Poser(binding, anchors).mesh(moves))
+        np.testing.assert_array_equal(
+            more.solve_cage(moves, rigidity), new.solve_cage(moves, rigidity)
+        )
+    np.testing.assert_array_equal(
+        whole.solve_mesh(moves), Poser(binding, anchors).solve_mesh(moves)
+    )
     with pytest.raises(InputError, match=r"two anchors are called 'a0'; give each a name"):
         whole.with_anchor(anchors[0])
     with pytest.raises(InputError, match=r"there is no anchor called 'knee'"):
@@ -220,8 +234,8 @@ def test_an_anchor_more_or_less_is_the_poser_made_new(binding):
 @pytest.mark.parametrize("rigidity", [0, 3])
 def test_locked_vertices_stay_and_the_rest_is_the_reduced_minimum(binding, rigidity):
     locked, moves = (0, 5, 17), some_moves(6)
-    poser = Poser(binding, some_anchors(6), alpha=1e-3, ties=Ties(locked))
-    posed = poser.cage(moves, rigidity)
+    poser = Poser(binding, some_anchors(6), alpha=1e-3, constraints=CageConstraints(locked))
+    posed = poser.solve_cage(moves, rigidity)
     np.testing.assert_array_equal(posed[list(locked)], CAGE.vertices[list(locked)])
     if rigidity:
         return
@@ -233,8 +247,10 @@ def test_locked_vertices_stay_and_the_rest_is_the_reduced_minimum(binding, rigid
 
 
 def test_a_cage_that_is_locked_all_over_stays(binding):
-    poser = Poser(binding, some_anchors(2), ties=Ties(tuple(range(len(CAGE.vertices)))))
-    np.testing.assert_array_equal(poser.cage(some_moves(2)), CAGE.vertices)
+    poser = Poser(
+        binding, some_anchors(2), constraints=CageConstraints(tuple(range(len(CAGE.vertices))))
+    )
+    np.testing.assert_array_equal(poser.solve_cage(some_moves(2)), CAGE.vertices)
 
 
 TURN = rotation(8)
@@ -244,25 +260,25 @@ MIRROR = Mirror(3 * TURN[:, 0], np.full(3, 0.5))
 
 def images(cage):
     """Each vertex's partner, found by brute force."""
-    reflected = MIRROR.reflected(cage.vertices)
+    reflected = MIRROR.reflect(cage.vertices)
     return np.linalg.norm(reflected[:, None] - cage.vertices, axis=2).argmin(axis=1)
 
 
 @pytest.mark.parametrize("rigidity", [0, 3])
 @pytest.mark.parametrize("locked", [(), (3, 11)])
 def test_a_mirrored_pose_is_symmetric_and_so_is_its_response_to_what_is_not(rigidity, locked):
-    poser = Poser(bound(ROUND), some_anchors(5), ties=Ties(locked, MIRROR))
-    posed = poser.cage(some_moves(5), rigidity)
+    poser = Poser(bound(ROUND), some_anchors(5), constraints=CageConstraints(locked, MIRROR))
+    posed = poser.solve_cage(some_moves(5), rigidity)
     assert np.abs(posed - ROUND.vertices).max() > 0.05
-    np.testing.assert_allclose(MIRROR.reflected(posed), posed[images(ROUND)], atol=1e-12)
-    free = Poser(bound(ROUND), some_anchors(5)).cage(some_moves(5), rigidity)
-    assert np.abs(MIRROR.reflected(free) - free[images(ROUND)]).max() > 0.05
+    np.testing.assert_allclose(MIRROR.reflect(posed), posed[images(ROUND)], atol=1e-12)
+    free = Poser(bound(ROUND), some_anchors(5)).solve_cage(some_moves(5), rigidity)
+    assert np.abs(MIRROR.reflect(free) - free[images(ROUND)]).max() > 0.05
 
 
 @pytest.mark.parametrize("alpha", [1e-4, 1.0])
 def test_a_mirrored_pose_is_the_least_squares_solution_of_symmetric_motions(alpha):
     """All 3 n unknowns at once, of which the symmetric ones are a null space."""
-    poser = Poser(bound(ROUND), some_anchors(5), alpha, ties=Ties((3,), MIRROR))
+    poser = Poser(bound(ROUND), some_anchors(5), alpha, constraints=CageConstraints((3,), MIRROR))
     moves, n = some_moves(5), len(ROUND.vertices)
     matrix, scale = stacked(poser)
     flip = np.eye(3) - 2 * np.outer(TURN[:, 0], TURN[:, 0])
@@ -272,41 +288,41 @@ def test_a_mirrored_pose_is_the_least_squares_solution_of_symmetric_motions(alph
     right = np.concatenate([np.zeros(3 * n), (scale * moves).ravel()])
     found = np.linalg.lstsq(np.kron(matrix, np.eye(3)) @ symmetric, right, rcond=None)[0]
     expected = ROUND.vertices + (symmetric @ found).reshape(n, 3)
-    np.testing.assert_allclose(poser.cage(moves), expected, atol=1e-9)
+    np.testing.assert_allclose(poser.solve_cage(moves), expected, atol=1e-9)
     mesh = poser.binding.rest.vertices + poser.binding.weights @ (expected - ROUND.vertices)
-    np.testing.assert_allclose(poser.mesh(moves), mesh, atol=1e-9)
+    np.testing.assert_allclose(poser.solve_mesh(moves), mesh, atol=1e-9)
 
 
 @pytest.mark.parametrize("rigidity", [0, 4])
-@pytest.mark.parametrize("ties", [Ties(), Ties((2,))], ids=["free", "locked"])
+@pytest.mark.parametrize("ties", [CageConstraints(), CageConstraints((2,))], ids=["free", "locked"])
 def test_edited_frames_are_posed_each_from_its_own_cage(binding, rigidity, ties):
     anchors, generator = some_anchors(4, hard=(0,)), np.random.default_rng(3)
     cages = CAGE.vertices + 0.1 * generator.normal(size=(5, *CAGE.vertices.shape))
     moves = 0.2 * generator.normal(size=(5, 4, 3))
     moves[[1, 3]] = 0
     kept = cages.copy()
-    edited = Poser(binding, anchors, ties=ties).edited(cages, moves, rigidity)
+    edited = Poser(binding, anchors, constraints=ties).edit_cages(cages, moves, rigidity)
     np.testing.assert_array_equal(cages, kept)
     np.testing.assert_array_equal(edited[[1, 3]], cages[[1, 3]])
     for k in (0, 2, 4):
         own = TriMesh(cages[k], CAGE.faces)
         posed = Binding(TriMesh(binding.weights @ cages[k], FACES), own, binding.weights)
-        single = Poser(posed, anchors, ties=ties).cage(moves[k], rigidity)
+        single = Poser(posed, anchors, constraints=ties).solve_cage(moves[k], rigidity)
         np.testing.assert_allclose(edited[k], single, atol=1e-12)
 
 
 def test_no_frames_are_edited_to_none(binding):
     poser = Poser(binding, some_anchors(3))
-    assert poser.edited(np.empty((0, 42, 3)), np.empty((0, 3, 3)), 2).shape == (0, 42, 3)
+    assert poser.edit_cages(np.empty((0, 42, 3)), np.empty((0, 3, 3)), 2).shape == (0, 42, 3)
 
 
 def test_anchors_turned_rigidly_turn_all_with_enough_rounds_and_not_without(binding):
     """The rigid motion has no energy: the rounds come to it, and the linear solve shears."""
     turn = Rotation.from_rotvec([0.2, -0.5, 0.9]).as_matrix()
     poser = Poser(binding, some_anchors(12, hard=range(12)))
-    at_rest = rows_of(poser.anchors, binding.weights) @ CAGE.vertices
+    at_rest = anchor_matrix(poser.anchors, binding.weights) @ CAGE.vertices
     moves, rigid = at_rest @ turn.T - at_rest, CAGE.vertices @ turn.T
-    errors = [np.abs(poser.cage(moves, rounds) - rigid).max() for rounds in (0, 3, 30, 1000)]
+    errors = [np.abs(poser.solve_cage(moves, rounds) - rigid).max() for rounds in (0, 3, 30, 1000)]
     assert errors[0] > 0.1 * CAGE.diagonal
     assert errors[0] > errors[1] > errors[2] > errors[3]
     assert errors[3] < 1e-6 * CAGE.diagonal
@@ -339,13 +355,13 @@ def test_a_hard_anchor_whose_cage_is_locked_is_refused_alone(binding):
     weights = binding.weights.copy()
     weights[0] = np.eye(42)[5]
     held = Binding(binding.rest, CAGE, weights)
-    corner = Anchor("corner", at_vertex(held.rest, 0), hard=True)
-    others = [Anchor("other", at_vertex(held.rest, 4), hard=True)]
+    corner = Anchor("corner", point_at_vertex(held.rest, 0), hard=True)
+    others = [Anchor("other", point_at_vertex(held.rest, 4), hard=True)]
     says = r"condition number is inf, .* and 'corner' has most part in it"
     with pytest.raises(NumericalError, match=says):
-        Poser(held, [*others, corner], ties=Ties((5,)))
-    soft = Poser(held, [*others, Anchor("corner", corner.point)], ties=Ties((5,)))
-    np.testing.assert_array_equal(soft.cage(some_moves(2))[5], CAGE.vertices[5])
+        Poser(held, [*others, corner], constraints=CageConstraints((5,)))
+    soft = Poser(held, [*others, Anchor("corner", corner.point)], constraints=CageConstraints((5,)))
+    np.testing.assert_array_equal(soft.solve_cage(some_moves(2))[5], CAGE.vertices[5])
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
@@ -369,8 +385,10 @@ def test_posing_commutes_with_motions_and_units(binding, count, seed, scale, rig
     moves, turn, shift = some_moves(count, seed), scale * rotation(seed), np.array([5.0, -3, 1])
     cage = TriMesh(CAGE.vertices @ turn.T + scale * shift, CAGE.faces)
     rest = TriMesh(binding.rest.vertices @ turn.T + scale * shift, FACES)
-    found = Poser(Binding(rest, cage, binding.weights), anchors).mesh(moves @ turn.T, rigidity)
-    expected = Poser(binding, anchors).mesh(moves, rigidity) @ turn.T + scale * shift
+    found = Poser(Binding(rest, cage, binding.weights), anchors).solve_mesh(
+        moves @ turn.T, rigidity
+    )
+    expected = Poser(binding, anchors).solve_mesh(moves, rigidity) @ turn.T + scale * shift
     np.testing.assert_allclose(found, expected, atol=1e-9 * scale)
 
 
@@ -380,5 +398,5 @@ def test_poses_add_up(binding, count, seed, share):
     """Without rigidity everything is linear in the anchors' displacements."""
     poser = Poser(binding, some_anchors(count, seed))
     one, two = some_moves(count, seed), some_moves(count, seed + 1)
-    moved = [poser.cage(moves) - CAGE.vertices for moves in (one, two, one + share * two)]
+    moved = [poser.solve_cage(moves) - CAGE.vertices for moves in (one, two, one + share * two)]
     np.testing.assert_allclose(moved[2], moved[0] + share * moved[1], atol=1e-10)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import uniform_laplacian
-from cageik_cli.geometry.rotations import decomposed
+from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.posing.rigidity import Neighbours
 from tests.shapes import ball, concave, finer, rotation
 
@@ -30,13 +30,13 @@ def test_rotations_and_turned_differences_are_those_of_a_loop_over_edges(cage):
     """Sorkine and Alexa 2007, eqs. 5, 6 and 8, with weights of one over the number of edges."""
     pose, move = cage.vertices + 0.1 * random_moves(cage), random_moves(cage, 3)
     moved, neighbours = pose + move, neighbours_of(cage)
-    cells = Neighbours(uniform_laplacian(cage)).cells(pose)
-    rotations = cells.rotations(move)
-    changes = cells.turned(rotations)
+    cells = Neighbours(uniform_laplacian(cage)).build_cells(pose)
+    rotations = cells.fit_rotations(move)
+    changes = cells.rotate_differences(rotations)
     expected = np.empty((len(pose), 3, 3))
     for i, cell in enumerate(neighbours):
         products = [np.outer(moved[i] - moved[j], pose[i] - pose[j]) for j in cell]
-        expected[i] = decomposed(np.mean(products, axis=0)[None])[0]
+        expected[i] = nearest_rotations_by_svd(np.mean(products, axis=0)[None])[0]
     np.testing.assert_allclose(rotations.transpose(2, 0, 1), expected, atol=1e-11)
     for i, cell in enumerate(neighbours):
         edges = [pose[i] - pose[j] for j in cell]
@@ -48,25 +48,25 @@ def test_rotations_and_turned_differences_are_those_of_a_loop_over_edges(cage):
 def test_a_rigid_motion_is_the_rotation_of_every_cell(cage):
     """Then b is R L c: the linear system has the motion for its solution."""
     laplacian, turn, rest = uniform_laplacian(cage), rotation(4), cage.vertices
-    cells = Neighbours(laplacian).cells(rest)
-    rotations = cells.rotations(rest @ turn.T + [3.0, -1.0, 2.0] - rest)
+    cells = Neighbours(laplacian).build_cells(rest)
+    rotations = cells.fit_rotations(rest @ turn.T + [3.0, -1.0, 2.0] - rest)
     np.testing.assert_allclose(rotations.transpose(2, 0, 1) - turn, 0, atol=1e-13)
     expected = laplacian @ rest @ turn.T - laplacian @ rest
-    np.testing.assert_allclose(cells.turned(rotations), expected, atol=1e-13)
+    np.testing.assert_allclose(cells.rotate_differences(rotations), expected, atol=1e-13)
 
 
 def test_what_does_not_turn_changes_nothing(cage):
-    cells = Neighbours(uniform_laplacian(cage)).cells(cage.vertices)
+    cells = Neighbours(uniform_laplacian(cage)).build_cells(cage.vertices)
     shift = np.tile([5.0, 0.0, -7.0], (len(cage.vertices), 1))
-    np.testing.assert_allclose(cells.turned(cells.rotations(shift)), 0, atol=1e-14)
+    np.testing.assert_allclose(cells.rotate_differences(cells.fit_rotations(shift)), 0, atol=1e-14)
 
 
 def test_a_shear_is_not_taken_for_a_turn(cage):
     """The checks above must be able to fail: a motion that is not rigid leaves a remainder."""
     laplacian, rest = uniform_laplacian(cage), cage.vertices
     shear = np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1]])
-    cells = Neighbours(laplacian).cells(rest)
-    changes = cells.turned(cells.rotations(rest @ shear.T - rest))
+    cells = Neighbours(laplacian).build_cells(rest)
+    changes = cells.rotate_differences(cells.fit_rotations(rest @ shear.T - rest))
     assert np.abs(changes - (laplacian @ rest @ shear.T - laplacian @ rest)).max() > 1e-2
 
 
@@ -74,10 +74,10 @@ def test_a_shear_is_not_taken_for_a_turn(cage):
 def test_far_from_the_origin_and_moved_far_no_more_digits_are_lost_than_were_given(cage, far):
     """Positions of size `far` have that many digits less, and edges with them."""
     laplacian, moves = uniform_laplacian(cage), random_moves(cage)
-    near = Neighbours(laplacian).cells(cage.vertices)
-    away = Neighbours(laplacian).cells(cage.vertices + far)
-    expected = near.turned(near.rotations(moves))
-    found = away.turned(away.rotations(moves - 3 * far))
+    near = Neighbours(laplacian).build_cells(cage.vertices)
+    away = Neighbours(laplacian).build_cells(cage.vertices + far)
+    expected = near.rotate_differences(near.fit_rotations(moves))
+    found = away.rotate_differences(away.fit_rotations(moves - 3 * far))
     np.testing.assert_allclose(found, expected, atol=1e-13 * far)
 
 
@@ -85,12 +85,12 @@ def test_a_cage_far_from_the_origin_whose_edges_are_the_same_turns_the_same(cage
     """To the last digits, not to those of its positions: on a grid, far away is exact."""
     near = np.round(cage.vertices * 2**20) / 2**20
     neighbours = Neighbours(uniform_laplacian(cage))
-    found, expected = neighbours.cells(near + 1e6), neighbours.cells(near)
-    np.testing.assert_allclose(found.at_rest, expected.at_rest, rtol=0, atol=1e-14)
+    found, expected = neighbours.build_cells(near + 1e6), neighbours.build_cells(near)
+    np.testing.assert_allclose(found.rest_covariance, expected.rest_covariance, rtol=0, atol=1e-14)
     moves = random_moves(cage)
-    rotations = found.rotations(moves), expected.rotations(moves)
+    rotations = found.fit_rotations(moves), expected.fit_rotations(moves)
     np.testing.assert_allclose(*rotations, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(*map(found.turned, rotations), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(*map(found.rotate_differences, rotations), rtol=0, atol=1e-12)
 
 
 def test_what_is_given_is_left_as_it_was(cage):
@@ -98,6 +98,6 @@ def test_what_is_given_is_left_as_it_was(cage):
     moves = np.asfortranarray(random_moves(cage))
     poses = cage.vertices + moves
     kept = moves.copy(), poses.copy()
-    Neighbours(uniform_laplacian(cage)).cells(poses).rotations(moves)
+    Neighbours(uniform_laplacian(cage)).build_cells(poses).fit_rotations(moves)
     np.testing.assert_array_equal(moves, kept[0])
     np.testing.assert_array_equal(poses, kept[1])

@@ -7,9 +7,9 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import BindSettings
-from cageik_cli.posing.edits import Clip, PosingSettings, Skin, edited_block, layers_of
+from cageik_cli.posing.edits import CageSkin, EditTarget, PosingSettings, build_layers, edit_frames
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.summary import PoseLedger
+from cageik_cli.posing.summary import PoseStatistics
 from tests.shapes import ball, box, changed
 
 COUNT = 12
@@ -29,7 +29,9 @@ def clip_of(rest):
     binding = bind(rest, box(2.0), BindSettings("mean-value"))
     wobble = np.random.default_rng(0).normal(0, 0.05, (COUNT, 8, 3))
     cages = binding.cage.vertices + wobble
-    return Clip(binding, Skin.rebuilding(binding), lambda frame: cages[frame], COUNT), cages
+    return EditTarget(
+        binding, CageSkin.for_reconstruction(binding), lambda frame: cages[frame], COUNT
+    ), cages
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +44,7 @@ def layers(tmp_path):
     def make(clip, document=DOCUMENT, **settings):
         (tmp_path / "handles.json").write_text(json.dumps(document))
         handles = read_handles(tmp_path / "handles.json")
-        return layers_of(handles, clip, PosingSettings(**settings))
+        return build_layers(handles, clip, PosingSettings(**settings))
 
     return make
 
@@ -50,11 +52,11 @@ def layers(tmp_path):
 def figures_of(layers, clip, cages, size, names=NAMES, frames=None):
     """By blocks of a size."""
     frames = np.arange(COUNT) if frames is None else frames
-    ledger = PoseLedger(layers, clip.binding.rest.diagonal)
+    ledger = PoseStatistics(layers, clip.binding.rest.diagonal)
     for start in range(0, len(frames), size):
         chosen = frames[start : start + size]
-        ledger.take(edited_block(layers, clip, chosen, cages[chosen]))
-    return ledger.figures(names)
+        ledger.update(edit_frames(layers, clip, chosen, cages[chosen]))
+    return ledger.summarize(names)
 
 
 def test_blocks_give_what_all_frames_at_once_do(closed, layers):
@@ -74,7 +76,7 @@ def test_figures_are_what_they_say(closed, layers):
     clip, cages = closed
     made = layers(clip, alpha=1.0)
     found = figures_of(made, clip, cages, 4)
-    block = edited_block(made, clip, np.arange(COUNT), cages)
+    block = edit_frames(made, clip, np.arange(COUNT), cages)
     weights, diagonal = clip.binding.weights, clip.binding.rest.diagonal
     before, after = weights @ cages, weights @ block.edit.cages
     distances = np.linalg.norm(after - before, axis=2)
@@ -87,7 +89,7 @@ def test_figures_are_what_they_say(closed, layers):
     assert found.cage_moved == pytest.approx(cage_distances.max(), rel=1e-12)
     assert found.cage_vertex == cage_distances.max(axis=0).argmax()
     first = found.anchors[0]
-    missed = np.linalg.norm(after[:, 1] - block.edit.targets[:, 0], axis=1)
+    missed = np.linalg.norm(after[:, 1] - block.edit.target_positions[:, 0], axis=1)
     assert missed.max() > 1e-3  # a large alpha: the handle is not met
     assert first.residual == pytest.approx(missed.max(), rel=1e-9)
     assert first.frame == NAMES[missed.argmax()]
@@ -117,7 +119,7 @@ def test_what_accelerates_elsewhere_is_not_the_edits(closed, layers):
     for jerk, counts in ((4, True), (3, False)):
         cages = np.repeat(clip.binding.cage.vertices[None], COUNT, axis=0)
         cages[jerk] += 5.0
-        still = Clip(clip.binding, clip.skin, cages.__getitem__, COUNT)
+        still = EditTarget(clip.binding, clip.skin, cages.__getitem__, COUNT)
         found = figures_of(layers(still, late), still, cages, 4)
         assert found.changed == ("f_6", "f_11")
         assert (found.anchors[2].acceleration_before > 1) == counts
@@ -145,8 +147,8 @@ def test_a_set_does_not_answer_for_frames_of_another(closed, layers):
 
 def test_volumes_are_of_closed_models_alone(closed, layers):
     clip, cages = closed
-    block = edited_block(layers(clip), clip, np.arange(COUNT), cages)
-    changes = 100 * (block.figures.volume_reconstructed / block.figures.volume - 1)
+    block = edit_frames(layers(clip), clip, np.arange(COUNT), cages)
+    changes = 100 * (block.metrics.volume_reconstructed / block.metrics.volume - 1)
     found = figures_of(layers(clip), clip, cages, 5)
     assert abs(found.volume_change_percent) == pytest.approx(np.abs(changes).max(), rel=1e-12)
     rest = clip.binding.rest
@@ -166,6 +168,6 @@ def test_nothing_moved_is_nothing(closed, layers):
 def test_no_frames_change_nothing(closed, layers):
     clip, cages = closed
     made = layers(clip)
-    ledger = PoseLedger(made, clip.binding.rest.diagonal)
-    ledger.take(edited_block(made, clip, np.arange(0), cages[:0]))
-    assert ledger.figures(NAMES).changed is None
+    ledger = PoseStatistics(made, clip.binding.rest.diagonal)
+    ledger.update(edit_frames(made, clip, np.arange(0), cages[:0]))
+    assert ledger.summarize(NAMES).changed is None

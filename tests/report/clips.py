@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
-from cageik_cli.report.figures import Clip, Summary
-from cageik_cli.report.limits import Gate
-from cageik_cli.report.overview import Entry, entry_of
+from cageik_cli.report.figures import ClipRecord, ReportSummary
+from cageik_cli.report.limits import LimitCheck
+from cageik_cli.report.overview import ClipEntry, build_clip_entry
 from cageik_cli.report.record import Report
 
 
-def summary(rms_percent: float = 0.25, **others) -> Summary:
+def summary(rms_percent: float = 0.25, **others) -> ReportSummary:
     """Figures of a clip whose diagonal is 2."""
     figures = {
         "rms": rms_percent / 50, "rms_percent": rms_percent, "worst_frame": "f_7.obj",
@@ -18,21 +18,21 @@ def summary(rms_percent: float = 0.25, **others) -> Summary:
         "volume_change_frame": "f_9.obj", "volume_drift_percent_max": 2.0, "e_rms": 2.9,
         "kg_error": None, "frames_skipped": 0, "floats_per_frame": 24, "fixed_floats": 144,
     }  # fmt: skip
-    return Summary(**figures | others)
+    return ReportSummary(**figures | others)
 
 
-def gate(passed: bool | None, **others) -> Gate:
+def gate(passed: bool | None, **others) -> LimitCheck:
     """One on the clip's rms, of 0.5 %."""
     found = {True: 0.25, False: 0.75, None: None}[passed]
     fields = {"metric": "rms", "unit": "%", "limit": 0.5, "found": found, "frame": "f_7.obj"}
-    return Gate(**fields | {"passed": passed} | others)
+    return LimitCheck(**fields | {"passed": passed} | others)
 
 
-def clip(name: str, *gates: Gate, rms_percent: float = 0.25, notes=()) -> Entry:
+def clip(name: str, *gates: LimitCheck, rms_percent: float = 0.25, notes=()) -> ClipEntry:
     """One that was extracted."""
     figures = summary(rms_percent)
-    counts = Clip(frames=5, vertices=18, cage_vertices=8, diagonal=2.0, closed=True, fps=24.0)
-    return Entry(name, clip=counts, summary=figures, gates=gates, notes=tuple(notes))
+    counts = ClipRecord(frames=5, vertices=18, cage_vertices=8, diagonal=2.0, closed=True, fps=24.0)
+    return ClipEntry(name, clip=counts, summary=figures, gates=gates, notes=tuple(notes))
 
 
 HOSTILE = {
@@ -56,9 +56,9 @@ HOSTILE = {
 }
 
 
-def five_hundred(report: Report) -> list[Entry]:
+def five_hundred(report: Report) -> list[ClipEntry]:
     """As many clips as one report, each with a curve of 120 frames."""
-    entry = entry_of(report, page="clip.html")
+    entry = build_clip_entry(report, page="clip.html")
     curve = replace(
         entry.curve,
         rms_percent=tuple(0.5 + k % 7 for k in range(120)),

@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.report.limits import Limits, judged
-from cageik_cli.report.record import report_of
+from cageik_cli.report.limits import Limits, check_limits
+from cageik_cli.report.record import build_report
 from cageik_cli.store.result import Result, read_result
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import extract
@@ -80,7 +80,7 @@ def _edited(result: Result) -> Result:
 @pytest.fixture(scope="session")
 def made(closed):
     """A report of these errors, changes of volume and deviations; None is a skipped frame."""
-    report = report_of(closed.result)
+    report = build_report(closed.result)
 
     def make(errors, changes=None, names="frame_{}", limits=()):
         changes = [None] * len(errors) if changes is None else changes
@@ -105,7 +105,7 @@ def made(closed):
             worst_frame_rms_percent=known[worst],
             rms_percent=known[worst] / 2,
         )
-        gates = judged("made", summary, Limits(tuple(limits)))
+        gates = check_limits("made", summary, Limits(tuple(limits)))
         return replace(report, frames=frames, summary=summary, gates=gates)
 
     return make

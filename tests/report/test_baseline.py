@@ -9,9 +9,9 @@ import pytest
 
 from cageik_cli.report import baseline
 from cageik_cli.report.baseline import read_baseline
-from cageik_cli.report.overview import Entry, entry_of, overview_of
-from cageik_cli.report.record import report_of
-from cageik_cli.report.views.tables import as_json, overview_json
+from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.record import build_report
+from cageik_cli.report.views.tables import format_json, format_overview_json
 from cageik_cli.util.errors import InputError
 from tests.report.clips import summary
 
@@ -35,21 +35,25 @@ def figures_of(report):
 
 @pytest.mark.parametrize("case", ["closed", "opened"])
 def test_one_record(request, old, case):
-    report = report_of(request.getfixturevalue(case).result)
-    old.write_text(as_json([report]))
+    report = build_report(request.getfixturevalue(case).result)
+    old.write_text(format_json([report]))
     found = read_baseline(old, TEN)
     assert found == baseline.Baseline(old, {"cages.h5": figures_of(report)}, TEN)
 
 
 def test_several_records_and_a_batch(closed, opened, old):
     first, second = (
-        report_of(case.result, name=name) for case, name in ((closed, "a/b"), (opened, "ü"))
+        build_report(case.result, name=name) for case, name in ((closed, "a/b"), (opened, "ü"))
     )
     expected = {"a/b": figures_of(first), "ü": figures_of(second)}
-    old.write_text(as_json([first, second]))
+    old.write_text(format_json([first, second]))
     assert read_baseline(old, TEN).figures == expected
-    failed = Entry("c", fault="it is broken")
-    old.write_text(overview_json(overview_of([entry_of(first), failed, entry_of(second)])))
+    failed = ClipEntry("c", fault="it is broken")
+    old.write_text(
+        format_overview_json(
+            build_overview([build_clip_entry(first), failed, build_clip_entry(second)])
+        )
+    )
     assert read_baseline(old, TEN).figures == expected
     old.write_text(old.read_text(), encoding="utf-8-sig")
     assert read_baseline(old, TEN).figures == expected
@@ -102,7 +106,7 @@ FAULTS = {
             [record(), {**record(**{name: value}), "result": "b"}],
             f"old.json: [1]: summary.{name} is ",
         )
-        for name in baseline.FIGURES.values()
+        for name in baseline.SUMMARY_FIELDS.values()
         for value in ("1", True, [1], ..., 10**400)
     },
     **{
@@ -110,7 +114,7 @@ FAULTS = {
             record(**{name: value}),
             f"old.json: summary.{name} is {json.dumps(value)}, expected a finite number, zero or",
         )
-        for name in list(baseline.FIGURES.values())[:3]
+        for name in list(baseline.SUMMARY_FIELDS.values())[:3]
         for value in (None, -0.1)
     },
 }
@@ -131,9 +135,9 @@ def test_anything_else_is_a_sentence(old, content, says):
 
 def test_a_file_that_is_too_large_is_not_read(old, monkeypatch):
     old.write_text(json.dumps(record()))
-    monkeypatch.setattr(baseline, "MOST_BYTES", old.stat().st_size)
+    monkeypatch.setattr(baseline, "MAX_BYTES", old.stat().st_size)
     assert read_baseline(old, TEN).figures
-    monkeypatch.setattr(baseline, "MOST_BYTES", old.stat().st_size - 1)
+    monkeypatch.setattr(baseline, "MAX_BYTES", old.stat().st_size - 1)
     with pytest.raises(InputError, match=r"old\.json: is of .* more than the .* that are read"):
         read_baseline(old, TEN)
 

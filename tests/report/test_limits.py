@@ -9,11 +9,19 @@ import pytest
 
 from cageik_cli.cli.options import limits as gate_options
 from cageik_cli.report import limits as gates
-from cageik_cli.report.figures import Summary, percent_text, units_text
-from cageik_cli.report.limits import PERCENT, UNITS, Baseline, Limit, Limits, judged, not_compared
-from cageik_cli.report.record import report_of
-from cageik_cli.report.views.text import gate_row
-from cageik_cli.report.vocabulary import EXTRACTED
+from cageik_cli.report.figures import ReportSummary, format_length, format_percent
+from cageik_cli.report.limits import (
+    PERCENT,
+    UNITS,
+    Baseline,
+    Limit,
+    Limits,
+    check_limits,
+    missing_in_baseline,
+)
+from cageik_cli.report.record import build_report
+from cageik_cli.report.views.text import format_check_row
+from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY
 from tests.report.clips import summary
 
 FIELDS = {
@@ -29,8 +37,8 @@ FRAMES = {"rms": "f_7.obj", "frame_rms": "f_7.obj", "max_deviation": "f_8.obj",
           "volume_change": "f_9.obj"}  # fmt: skip
 
 
-def gate_on(figures: Summary, metric: str, most: str, unit: str = PERCENT):
-    (found,) = judged("a", figures, Limits((Limit(metric, Decimal(most), unit),)))
+def gate_on(figures: ReportSummary, metric: str, most: str, unit: str = PERCENT):
+    (found,) = check_limits("a", figures, Limits((Limit(metric, Decimal(most), unit),)))
     return found
 
 
@@ -71,23 +79,27 @@ def test_a_figure_that_is_not_defined_is_not_judged():
     opened = summary(volume_change_percent_max=None, volume_change_frame=None)
     gate = gate_on(opened, "volume_change", "2")
     assert (gate.found, gate.frame, gate.passed) == (None, None, None)
-    assert gate_row(gate, EXTRACTED) == ("not judged", "volume change not defined, limit 2 %")
+    assert format_check_row(gate, EXTRACTION_VOCABULARY) == (
+        "not judged",
+        "volume change not defined, limit 2 %",
+    )
 
 
 def test_lines_name_metric_found_limit_and_frame():
-    assert gate_row(gate_on(summary(0.25), "rms", "0.5"), EXTRACTED) == (
+    assert format_check_row(gate_on(summary(0.25), "rms", "0.5"), EXTRACTION_VOCABULARY) == (
         "within limit", "rms 0.2500 %, limit 0.5 %, worst frame f_7.obj",
     )  # fmt: skip
-    assert gate_row(gate_on(summary(), "max_deviation", "0.0199", UNITS), EXTRACTED) == (
+    over = gate_on(summary(), "max_deviation", "0.0199", UNITS)
+    assert format_check_row(over, EXTRACTION_VOCABULARY) == (
         "over limit", "max deviation 0.02 units, limit 0.0199 units, at f_8.obj",
     )  # fmt: skip
     limits = Limits((), baseline({"a": figures_of(summary(0.2))}, "10"))
-    assert gate_row(judged("a", summary(0.25), limits)[0], EXTRACTED) == (
+    assert format_check_row(check_limits("a", summary(0.25), limits)[0], EXTRACTION_VOCABULARY) == (
         "over limit", "rms 0.2500 %, limit 0.2200 % (baseline 0.2000 %), worst frame f_7.obj",
     )  # fmt: skip
 
 
-def figures_of(figures: Summary) -> dict[str, float | None]:
+def figures_of(figures: ReportSummary) -> dict[str, float | None]:
     change = figures.volume_change_percent_max
     return {
         "rms": figures.rms_percent,
@@ -107,10 +119,10 @@ def test_what_has_not_changed_passes(value, regression):
     """Also the other way a float of the same print lies."""
     figures = summary(value)
     limits = Limits((), baseline({"a": figures_of(figures)}, regression))
-    found = judged("a", figures, limits)
+    found = check_limits("a", figures, limits)
     assert [gate.metric for gate in found] == list(gates.METRICS)
     assert all(gate.passed for gate in found)
-    assert found[0].baseline == float(percent_text(value))
+    assert found[0].baseline == float(format_percent(value))
     json.dumps([asdict(gate) for gate in found], allow_nan=False)
 
 
@@ -129,7 +141,7 @@ def test_what_has_not_changed_passes(value, regression):
 def test_the_limit_of_a_baseline_is_rounded_down(old, regression, most):
     limits = Limits((), baseline({"a": figures_of(summary(old))}, regression))
     for value, passes in ((Decimal(most), True), (Decimal(most) + Decimal("0.0001"), False)):
-        gate = judged("a", summary(float(value)), limits)[0]
+        gate = check_limits("a", summary(float(value)), limits)[0]
         assert (gate.limit, gate.passed) == (float(most), passes)
 
 
@@ -137,7 +149,7 @@ def test_the_limit_of_a_baseline_is_rounded_down(old, regression, most):
 def test_every_metric_is_compared(metric):
     old = figures_of(summary())
     limits = Limits((), baseline({"a": {**old, metric: old[metric] / 2}}, "10"))
-    over = [gate.metric for gate in judged("a", summary(), limits) if not gate.passed]
+    over = [gate.metric for gate in check_limits("a", summary(), limits) if not gate.passed]
     assert over == [metric]
 
 
@@ -146,35 +158,37 @@ def test_one_result_is_compared_with_one_whatever_it_is_called():
     two = Limits((), baseline({"a": figures_of(summary()), "b": figures_of(summary())}, "0"))
     says = ("not compared with old.json, which has no result of this name",)
     for limits, name, count in (
-        (one, "a", 4), (one, "c", 4), (one.by_name(), "a", 4), (one.by_name(), "c", 0),
+        (one, "a", 4), (one, "c", 4), (one.match_by_name(), "a", 4), (one.match_by_name(), "c", 0),
         (two, "b", 4), (two, "c", 0),
     ):  # fmt: skip
-        assert len(judged(name, summary(), limits)) == count
-        assert not_compared(name, summary(), limits) == (() if count else says)
-    assert Limits().by_name() == Limits()
-    assert not_compared("a", summary(), Limits()) == ()
+        assert len(check_limits(name, summary(), limits)) == count
+        assert missing_in_baseline(name, summary(), limits) == (() if count else says)
+    assert Limits().match_by_name() == Limits()
+    assert missing_in_baseline("a", summary(), Limits()) == ()
 
 
 def test_a_volume_that_only_one_run_has_is_not_judged():
     opened = summary(volume_change_percent_max=None, volume_change_frame=None)
     now_open = Limits((), baseline({"a": figures_of(summary())}, "10"))
-    gate = judged("a", opened, now_open)[-1]
+    gate = check_limits("a", opened, now_open)[-1]
     assert (gate.metric, gate.found, gate.passed) == ("volume_change", None, None)
     now_closed = Limits((), baseline({"a": figures_of(opened)}, "10"))
-    assert [gate.metric for gate in judged("a", summary(), now_closed)] == list(gates.METRICS[:3])
-    assert not_compared("a", summary(), now_closed) == (
+    assert [gate.metric for gate in check_limits("a", summary(), now_closed)] == list(
+        gates.METRICS[:3]
+    )
+    assert missing_in_baseline("a", summary(), now_closed) == (
         "volume change not compared: not defined in old.json",
     )
-    assert not_compared("a", opened, now_closed) == ()
+    assert missing_in_baseline("a", opened, now_closed) == ()
 
 
 def test_typed_limits_come_first(closed):
-    figures = report_of(closed.result).summary
+    figures = build_report(closed.result).summary
     limits = Limits(
-        (Limit("rms", Decimal(units_text(figures.rms)), UNITS),),
+        (Limit("rms", Decimal(format_length(figures.rms)), UNITS),),
         baseline({"other": figures_of(figures)}, "0"),
     )
-    report = report_of(closed.result, limits)
+    report = build_report(closed.result, limits)
     assert [gate.baseline is None for gate in report.gates] == [True, False, False, False, False]
     assert all(gate.passed for gate in report.gates)
     assert report.notes == closed.result.notes

@@ -7,13 +7,13 @@ from dataclasses import asdict, fields, replace
 
 import pytest
 
-from cageik_cli.report.figures import Clip, Summary
-from cageik_cli.report.overview import Entry, entry_of, overview_of
-from cageik_cli.report.record import report_of
-from cageik_cli.report.views.tables import overview_csv, overview_json
+from cageik_cli.report.figures import ClipRecord, ReportSummary
+from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.record import build_report
+from cageik_cli.report.views.tables import format_overview_csv, format_overview_json
 from tests.report.clips import clip, gate
 
-WELL, OVER, FAILED = clip("a", gate(True)), clip("b", gate(False)), Entry("c", fault="broken")
+WELL, OVER, FAILED = clip("a", gate(True)), clip("b", gate(False)), ClipEntry("c", fault="broken")
 UNJUDGED, BARE = clip("d", gate(None)), clip("e")
 
 
@@ -35,8 +35,8 @@ UNJUDGED, BARE = clip("d", gate(None)), clip("e")
     ],
 )
 def test_the_exit_code(entries, code):
-    assert overview_of(entries).exit_code == code
-    assert overview_of(entries[::-1]).exit_code == code
+    assert build_overview(entries).exit_code == code
+    assert build_overview(entries[::-1]).exit_code == code
 
 
 def curve_of(report, rms, other, worst):
@@ -47,12 +47,12 @@ def curve_of(report, rms, other, worst):
         for a, b in zip(rms, other, strict=True)
     )
     figures = replace(report.summary, worst_frame_index=worst)
-    return entry_of(replace(report, frames=frames, summary=figures)).curve
+    return build_clip_entry(replace(report, frames=frames, summary=figures)).curve
 
 
 @pytest.fixture(params=["closed", "opened"])
 def report(request):
-    return report_of(request.getfixturevalue(request.param).result)
+    return build_report(request.getfixturevalue(request.param).result)
 
 
 def test_a_curve_of_one_frame(report):
@@ -96,17 +96,19 @@ def test_a_span_of_gaps_is_a_gap(report):
 
 
 def test_the_other_curve_is_the_volumes_of_a_closed_model(closed, opened):
-    frames = report_of(closed.result).frames
-    assert entry_of(report_of(closed.result)).curve.other == tuple(f.volume_change for f in frames)
-    frames = report_of(opened.result).frames
-    assert entry_of(report_of(opened.result)).curve.other == tuple(
+    frames = build_report(closed.result).frames
+    assert build_clip_entry(build_report(closed.result)).curve.other == tuple(
+        f.volume_change for f in frames
+    )
+    frames = build_report(opened.result).frames
+    assert build_clip_entry(build_report(opened.result)).curve.other == tuple(
         frame.max_deviation_percent for frame in frames
     )
 
 
 def test_an_entry_is_what_its_report_says(closed):
-    report = report_of(closed.result, name="walk/run")
-    entry = entry_of(report, "walk/run.h5", "walk/run.html")
+    report = build_report(closed.result, name="walk/run")
+    entry = build_clip_entry(report, "walk/run.h5", "walk/run.html")
     assert (entry.name, entry.result, entry.page) == ("walk/run", "walk/run.h5", "walk/run.html")
     assert (entry.clip, entry.binding, entry.summary) == (
         report.clip, report.binding, report.summary,
@@ -115,8 +117,10 @@ def test_an_entry_is_what_its_report_says(closed):
 
 
 def test_json_is_the_whole_record(closed):
-    overview = overview_of([entry_of(report_of(closed.result)), OVER, FAILED, UNJUDGED])
-    record = json.loads(overview_json(overview))
+    overview = build_overview(
+        [build_clip_entry(build_report(closed.result)), OVER, FAILED, UNJUDGED]
+    )
+    record = json.loads(format_overview_json(overview))
     assert record == json.loads(json.dumps(asdict(overview)))
     assert record["schema"] == 1
     assert [entry["fault"] for entry in record["clips"]] == [None, None, "broken", None]
@@ -125,8 +129,10 @@ def test_json_is_the_whole_record(closed):
 
 def test_csv_is_a_line_a_clip():
     both = clip("x,y\n", gate(False), gate(False, metric="frame_rms"), gate(False))
-    rows = list(csv.DictReader(io.StringIO(overview_csv(overview_of([WELL, both, FAILED])))))
-    columns = {field.name for record in (Clip, Summary) for field in fields(record)}
+    rows = list(
+        csv.DictReader(io.StringIO(format_overview_csv(build_overview([WELL, both, FAILED]))))
+    )
+    columns = {field.name for record in (ClipRecord, ReportSummary) for field in fields(record)}
     assert set(rows[0]) == {"name", "fault", "over_limit", *columns}
     assert [row["name"] for row in rows] == ["a", "x,y\n", "c"]
     assert [row["fault"] for row in rows] == ["", "", "broken"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.report.record import report_of
+from cageik_cli.report.record import build_report
 
 RTOL = 1e-9
 
@@ -17,7 +17,7 @@ def volumes(positions, faces):
 
 @pytest.fixture(scope="module")
 def report(closed):
-    return report_of(closed.result)
+    return build_report(closed.result)
 
 
 def column(report, name):
@@ -107,7 +107,7 @@ def test_clip_binding_and_provenance(closed, report):
 
 
 def test_an_open_model_has_no_volumes_and_a_note(opened, closed):
-    report = report_of(opened.result)
+    report = build_report(opened.result)
     for name in ("volume", "volume_reconstructed", "volume_change", "volume_drift"):
         assert set(column(report, name)) == {None}
     summary = report.summary
@@ -117,12 +117,12 @@ def test_an_open_model_has_no_volumes_and_a_note(opened, closed):
     assert not report.clip.closed
     assert len([note for note in report.notes if "volume" in note]) == 1
     # The rest depends on the vertices alone.
-    assert summary.rms == pytest.approx(report_of(closed.result).summary.rms, rel=RTOL)
+    assert summary.rms == pytest.approx(build_report(closed.result).summary.rms, rel=RTOL)
 
 
 def test_a_model_that_is_one_point_in_a_frame_has_figures_all_the_same(case_of, animation):
     frames = np.array([animation.frames[0], np.zeros((18, 3))])
-    report = report_of(case_of(frames, animation.rest.faces).result)
+    report = build_report(case_of(frames, animation.rest.faces).result)
     assert report.frames[1].volume == 0
     assert report.frames[1].volume_change is None
     assert report.frames[1].volume_drift == pytest.approx(-100)

@@ -9,16 +9,21 @@ from xml.etree import ElementTree
 import pytest
 
 from cageik_cli.report import limits as gates
-from cageik_cli.report.html.index import as_index
-from cageik_cli.report.html.page import as_html
+from cageik_cli.report.html.index import render_index
+from cageik_cli.report.html.page import render_page
 from cageik_cli.report.limits import Limit, Limits
-from cageik_cli.report.overview import Entry, entry_of, overview_of
-from cageik_cli.report.record import report_of
-from cageik_cli.report.views.junit import as_junit
-from cageik_cli.report.views.markdown import as_markdown
-from cageik_cli.report.views.tables import as_json, overview_json
-from cageik_cli.report.views.text import as_text
-from cageik_cli.report.vocabulary import EDITED, EXTRACTED, SETTINGS, wording_of
+from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.record import build_report
+from cageik_cli.report.views.junit import format_junit
+from cageik_cli.report.views.markdown import format_markdown
+from cageik_cli.report.views.tables import format_json, format_overview_json
+from cageik_cli.report.views.text import format_text
+from cageik_cli.report.vocabulary import (
+    EDIT_VOCABULARY,
+    EXTRACTION_VOCABULARY,
+    SETTING_MEANINGS,
+    choose_vocabulary,
+)
 from tests.report.drawings import texts
 from tests.report.html.test_page import pictures_of_one_point
 from tests.report.markup import faults_of, parsed
@@ -31,12 +36,12 @@ LIMITS = Limits(tuple(Limit(metric, Decimal("0.0001")) for metric in gates.METRI
 
 def _text(report):
     """Without what is said of the weights, which have an error of their own."""
-    return re.sub(r"\n  (weights|accuracy) .*", "", as_text(report))
+    return re.sub(r"\n  (weights|accuracy) .*", "", format_text(report))
 
 
 def _page(report):
     """What is read in a page, and told of its pictures; not of the weights, as above."""
-    page = parsed(as_html(report, pictures_of_one_point()))
+    page = parsed(render_page(report, pictures_of_one_point()))
     page.by_id("weights").children.clear()
     names = ("alt", "aria-label", "data-told")
     told = [element.attributes.get(name, "") for element in page.all() for name in names]
@@ -48,17 +53,17 @@ def _figure(report):
 
 
 def _markdown(report):
-    return as_markdown(overview_of([entry_of(report)]))
+    return format_markdown(build_overview([build_clip_entry(report)]))
 
 
 def _junit(report):
-    root = ElementTree.fromstring(as_junit(overview_of([entry_of(report)])))
+    root = ElementTree.fromstring(format_junit(build_overview([build_clip_entry(report)])))
     return "\n".join([*root.itertext(), *(case.attrib["name"] for case in root.iter("testcase"))])
 
 
 def _index(report):
     """Clips over a limit, or of large figures, are the worst whatever the figures are of."""
-    page = parsed(as_index(overview_of([entry_of(report)])))
+    page = parsed(render_index(build_overview([build_clip_entry(report)])))
     told = [element.attributes.get("aria-label", "") for element in page.all("svg")]
     return "\n".join([page.text, *told]).replace("the worst first", "")
 
@@ -68,7 +73,7 @@ VIEWS = (_text, _page, _figure, _markdown, _junit, _index)
 
 @pytest.fixture(params=["edited", "edited_open"])
 def report(request):
-    return report_of(request.getfixturevalue(request.param), LIMITS)
+    return build_report(request.getfixturevalue(request.param), LIMITS)
 
 
 @pytest.mark.parametrize("view", VIEWS)
@@ -78,18 +83,18 @@ def test_no_view_of_an_edit_speaks_of_errors(view, report):
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_every_view_of_an_extraction_does(view, closed):
-    assert OF_ERRORS.search(view(report_of(closed.result, LIMITS)))
+    assert OF_ERRORS.search(view(build_report(closed.result, LIMITS)))
 
 
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("limits", [LIMITS, Limits()])
 def test_every_view_of_an_edit_says_that_it_moved(view, limits, edited):
-    assert "moved" in view(report_of(edited, limits))
+    assert "moved" in view(build_report(edited, limits))
 
 
 def test_the_text_says_what_was_edited_and_how_far(edited):
-    report = report_of(edited, LIMITS)
-    lines = as_text(report).splitlines()
+    report = build_report(edited, LIMITS)
+    lines = format_text(report).splitlines()
     rows = [(line[2:16].strip(), line[17:]) for line in lines[1:]]
     assert rows[0] == ("edited from", "cages.h5")
     found = dict(rows)
@@ -104,8 +109,8 @@ def test_the_text_says_what_was_edited_and_how_far(edited):
 
 
 def test_the_page_says_it_in_its_title_and_first(edited):
-    report = report_of(edited)
-    page = parsed(as_html(report, pictures_of_one_point()))
+    report = build_report(edited)
+    page = parsed(render_page(report, pictures_of_one_point()))
     title = next(page.all("title"))
     assert title.text.startswith(f"edited.h5: moved {report.summary.rms_percent:.4f} %")
     assert "edited from cages.h5" in page.text
@@ -121,38 +126,44 @@ def test_the_page_says_it_in_its_title_and_first(edited):
 
 
 def test_the_page_is_sound(report):
-    assert faults_of(as_html(report, pictures_of_one_point())) == []
+    assert faults_of(render_page(report, pictures_of_one_point())) == []
 
 
 def test_records_name_what_was_edited(edited, closed):
-    reports = [report_of(edited), report_of(closed.result)]
-    clips = json.loads(overview_json(overview_of(map(entry_of, reports))))["clips"]
-    for records in (json.loads(as_json(reports)), clips):
+    reports = [build_report(edited), build_report(closed.result)]
+    clips = json.loads(format_overview_json(build_overview(map(build_clip_entry, reports))))[
+        "clips"
+    ]
+    for records in (json.loads(format_json(reports)), clips):
         assert [record["edited_from"] for record in records] == ["cages.h5", None]
 
 
 def test_an_edit_is_told_from_an_extraction_beside_it(edited, closed):
-    both = overview_of([entry_of(report_of(edited)), entry_of(report_of(closed.result))])
+    both = build_overview(
+        [build_clip_entry(build_report(edited)), build_clip_entry(build_report(closed.result))]
+    )
     name = "edited.h5 (edited: how far it moved from cages.h5)"
-    assert name in parsed(as_index(both)).text
-    assert name in as_markdown(both).replace("\\", "")
-    assert "| edited |" in as_markdown(both)
-    assert "| extracted |" in as_markdown(both)
+    assert name in parsed(render_index(both)).text
+    assert name in format_markdown(both).replace("\\", "")
+    assert "| edited |" in format_markdown(both)
+    assert "| extracted |" in format_markdown(both)
     cases = [
-        case.attrib["name"] for case in ElementTree.fromstring(as_junit(both)).iter("testcase")
+        case.attrib["name"] for case in ElementTree.fromstring(format_junit(both)).iter("testcase")
     ]
     assert cases == ["edited", "extracted"]
 
 
 def test_words_for_several_are_those_of_an_edit_when_all_are_edited(edited):
-    clip = entry_of(report_of(edited))
-    failed = Entry("broken", fault="it is empty")
-    assert overview_of([clip, failed]).wording is EDITED
-    assert overview_of([clip, replace(clip, edited_from=None)]).wording is EXTRACTED
-    assert overview_of([failed]).wording is EXTRACTED
-    assert wording_of() is EXTRACTED
+    clip = build_clip_entry(build_report(edited))
+    failed = ClipEntry("broken", fault="it is empty")
+    assert build_overview([clip, failed]).vocabulary is EDIT_VOCABULARY
+    assert (
+        build_overview([clip, replace(clip, edited_from=None)]).vocabulary is EXTRACTION_VOCABULARY
+    )
+    assert build_overview([failed]).vocabulary is EXTRACTION_VOCABULARY
+    assert choose_vocabulary() is EXTRACTION_VOCABULARY
 
 
 def test_every_setting_of_an_edit_is_explained(edited):
     assert {"pose_alpha", "pose_beta", "rigidity", "hard", "snap"} < set(edited.settings)
-    assert set(edited.settings) <= set(SETTINGS)
+    assert set(edited.settings) <= set(SETTING_MEANINGS)

@@ -8,7 +8,7 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
 from cageik_cli.solver import dual_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, SolveSettings, normalised_weights
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, SolveSettings, normalize_weights
 from cageik_cli.util.errors import InputError, NumericalError
 from tests.shapes import ball, concave, finer, inside, octahedron, rotation
 
@@ -160,7 +160,7 @@ def test_refinement_gives_back_the_digits_that_squaring_loses(monkeypatch):
     frames = binding.weights @ cages
 
     def error(refined_above):
-        monkeypatch.setattr(dual_laplacian, "REFINED_CONDITION", refined_above)
+        monkeypatch.setattr(dual_laplacian, "REFINE_ABOVE_CONDITION", refined_above)
         solver = DualLaplacianSolver(binding, SolveSettings(alpha=0, align=False))
         assert 1e8 < solver.quality.condition_number < 1e12
         return np.abs(solver.solve(frames).cages - cages).max()
@@ -185,15 +185,15 @@ def test_a_vertex_of_weight_zero_is_missing_data(binding):
     frames, spoilt = clip(binding), clip(binding)
     spoilt[:, [3, 17]] = 1e3
     np.testing.assert_allclose(solver.solve(spoilt).cages, solver.solve(frames).cages, atol=1e-12)
-    assert 3 not in solver.counted
-    assert len(solver.counted) == len(counts) - 2
+    assert 3 not in solver.data_vertices
+    assert len(solver.data_vertices) == len(counts) - 2
 
 
 def test_vertex_weights_have_mean_one():
-    np.testing.assert_allclose(normalised_weights(np.array([1.0, 3.0]), 2), [0.5, 1.5])
+    np.testing.assert_allclose(normalize_weights(np.array([1.0, 3.0]), 2), [0.5, 1.5])
     for scale in (1e308, 1e-320):
         weights = np.array([scale, 0, scale])
-        np.testing.assert_allclose(normalised_weights(weights, 3), [1.5, 0, 1.5])
+        np.testing.assert_allclose(normalize_weights(weights, 3), [1.5, 0, 1.5])
 
 
 @pytest.mark.parametrize(
@@ -207,7 +207,7 @@ def test_vertex_weights_have_mean_one():
 )
 def test_bad_vertex_weights_are_refused(weights, says):
     with pytest.raises(InputError, match=says):
-        normalised_weights(np.array(weights), 3)
+        normalize_weights(np.array(weights), 3)
 
 
 @pytest.mark.parametrize(

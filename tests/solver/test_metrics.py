@@ -11,7 +11,7 @@ ALL = slice(None)
 
 
 def measure(rest, frames, rebuilt, counted):
-    return metrics.measure(rest, frames, rebuilt, counted).figures
+    return metrics.measure(rest, frames, rebuilt, counted).metrics
 
 
 def clip():
@@ -85,9 +85,9 @@ def test_figures_do_not_change_with_a_rigid_motion():
 def test_squares_are_those_of_each_vertex_and_missing_for_missing_data():
     frames, rebuilt = clip()
     expected = np.linalg.norm(rebuilt - frames, axis=2) ** 2
-    found = metrics.measure(REST, frames, rebuilt, ALL).squares
+    found = metrics.measure(REST, frames, rebuilt, ALL).squared_errors
     np.testing.assert_allclose(found, expected, rtol=1e-12)
     counted = np.array([0, 4, 9])
-    some = metrics.measure(REST, frames, rebuilt, counted).squares
+    some = metrics.measure(REST, frames, rebuilt, counted).squared_errors
     np.testing.assert_allclose(some[:, counted], expected[:, counted], rtol=1e-12)
     assert np.isnan(np.delete(some, counted, axis=1)).all()

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.store.weight_cache import Unusable, packed, read_entry
+from cageik_cli.store.weight_cache import CorruptEntry, pack_entry, read_entry
 from tests.store.entries import entry, same
 
 KEY, OTHER = "1" * 64, "2" * 64
@@ -18,35 +18,35 @@ def path(tmp_path):
 
 
 def test_what_is_packed_is_read(path):
-    path.write_bytes(b"".join(packed(KEY, entry())))
+    path.write_bytes(b"".join(pack_entry(KEY, entry())))
     assert same(read_entry(path, KEY), entry())
 
 
 def test_arrays_are_packed_row_by_row_however_they_lie():
     columns = replace(entry(), weights=np.asfortranarray(entry().weights))
     assert not columns.weights.flags.c_contiguous
-    assert b"".join(packed(KEY, columns)) == b"".join(packed(KEY, entry()))
+    assert b"".join(pack_entry(KEY, columns)) == b"".join(pack_entry(KEY, entry()))
 
 
 def test_every_byte_counts(path):
     """Those of the start each, of header and arrays every seventh."""
-    data = b"".join(packed(KEY, entry()))
+    data = b"".join(pack_entry(KEY, entry()))
     for place in [*range(57), *range(57, len(data), 7), len(data) - 1]:
         other = bytearray(data)
         other[place] ^= 1 << place % 8
         path.write_bytes(other)
-        with pytest.raises(Unusable, match="is damaged"):
+        with pytest.raises(CorruptEntry, match="is damaged"):
             read_entry(path, KEY)
 
 
 def test_the_entry_of_another_key_is_not_taken(path):
-    path.write_bytes(b"".join(packed(OTHER, entry())))
-    with pytest.raises(Unusable, match="is the entry of another key"):
+    path.write_bytes(b"".join(pack_entry(OTHER, entry())))
+    with pytest.raises(CorruptEntry, match="is the entry of another key"):
         read_entry(path, KEY)
 
 
 def test_a_folder_is_no_entry(tmp_path):
-    with pytest.raises(Unusable, match="is not a plain file"):
+    with pytest.raises(CorruptEntry, match="is not a plain file"):
         read_entry(tmp_path, KEY)
 
 
@@ -57,7 +57,7 @@ def test_what_is_not_there_cannot_be_read(path):
 
 def test_the_header_is_plain_json():
     """Nothing in an entry is run when it is read."""
-    data = b"".join(packed(KEY, entry()))
+    data = b"".join(pack_entry(KEY, entry()))
     assert data.startswith(b"cageik weights 1\n")
     length = int.from_bytes(data[49:57], "little")
     header = json.loads(data[57 : 57 + length])

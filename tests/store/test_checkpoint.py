@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.sequence import Block
-from cageik_cli.solver.blocks import SolvedBlock, solved
-from cageik_cli.solver.metrics import FrameFigures, Measured
+from cageik_cli.solver.blocks import SolvedBlock, make_solved_block
+from cageik_cli.solver.metrics import FrameErrors, FrameMetrics
 from cageik_cli.store.checkpoint import (
     MAGIC,
-    PartialResult,
-    Plan,
-    forget,
-    is_partial,
-    packed,
-    progress_of,
-    unpacked,
+    Checkpoint,
+    RunSpec,
+    checkpoint_progress,
+    delete_checkpoint,
+    from_bytes,
+    is_checkpoint,
+    to_bytes,
 )
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import open_locked
 
-PLAN = Plan(
+PLAN = RunSpec(
     frames=[f"frame_{k}_é.obj" for k in range(5)],
     settings={"alpha": 0.5, "vertex_weights": False},
     sources={"cage": {"name": "cage.obj", "sha256": "ab"}},
@@ -35,12 +35,12 @@ PLAN = Plan(
 
 def block_of(start, count, faults=()):
     generator = np.random.default_rng(start)
-    columns = {field.name: generator.uniform(1, 2, count) for field in fields(FrameFigures)}
+    columns = {field.name: generator.uniform(1, 2, count) for field in fields(FrameMetrics)}
     columns["worst_vertex"] = np.arange(count)
     digests = tuple(bytes([start + k]) * 32 for k in range(count))
     cages = generator.normal(size=(count, 4, 3))
     squares = generator.uniform(1, 2, 6)
-    return SolvedBlock(start, cages, FrameFigures(**columns), squares, digests, dict(faults))
+    return SolvedBlock(start, cages, FrameMetrics(**columns), squares, digests, dict(faults))
 
 
 BLOCKS = [block_of(0, 2), block_of(2, 2, {3: "frame_3: not a mesh ü"}), block_of(4, 1)]
@@ -51,7 +51,7 @@ def assert_same(found, expected):
     assert (found.digests, found.faults) == (expected.digests, expected.faults)
     np.testing.assert_array_equal(found.cages, expected.cages)
     np.testing.assert_array_equal(found.squares, expected.squares)
-    for field in fields(FrameFigures):
+    for field in fields(FrameMetrics):
         one, other = (getattr(block.figures, field.name) for block in (found, expected))
         np.testing.assert_array_equal(one, other)
 
@@ -60,7 +60,7 @@ def assert_same(found, expected):
 def log(tmp_path):
     """The path of a log that holds all blocks."""
     path = tmp_path / "cages.h5.partial"
-    partial = PartialResult.opened(path, PLAN, resume=False)
+    partial = Checkpoint.open(path, PLAN, resume=False)
     for block in BLOCKS:
         partial.append(block)
     partial.close()
@@ -69,16 +69,16 @@ def log(tmp_path):
 
 def held(path):
     """What a run that goes on finds."""
-    partial = PartialResult.opened(path, PLAN, resume=True)
+    partial = Checkpoint.open(path, PLAN, resume=True)
     blocks = list(partial.blocks())
-    done = partial.done
+    done = partial.frames_done
     partial.close()
     return done, blocks
 
 
 @pytest.mark.parametrize("block", BLOCKS)
 def test_a_block_is_its_bytes(block):
-    assert_same(unpacked(packed(block), 6, 4), block)
+    assert_same(from_bytes(to_bytes(block), 6, 4), block)
 
 
 def test_all_blocks_are_found_again(log):
@@ -86,8 +86,8 @@ def test_all_blocks_are_found_again(log):
     assert done == 5
     for found, expected in zip(blocks, BLOCKS, strict=True):
         assert_same(found, expected)
-    assert progress_of(log) == (5, 5)
-    assert is_partial(log)
+    assert checkpoint_progress(log) == (5, 5)
+    assert is_checkpoint(log)
 
 
 def test_a_log_cut_anywhere_holds_the_blocks_that_are_whole(log):
@@ -95,7 +95,7 @@ def test_a_log_cut_anywhere_holds_the_blocks_that_are_whole(log):
     ends = []
     for count in range(len(BLOCKS) + 1):
         log.unlink()
-        partial = PartialResult.opened(log, PLAN, resume=False)
+        partial = Checkpoint.open(log, PLAN, resume=False)
         for block in BLOCKS[:count]:
             partial.append(block)
         partial.close()
@@ -112,8 +112,8 @@ def test_a_log_cut_anywhere_holds_the_blocks_that_are_whole(log):
 def test_what_follows_a_cut_is_as_if_it_had_never_been_cut(log):
     data = log.read_bytes()
     log.write_bytes(data[:-20])
-    partial = PartialResult.opened(log, PLAN, resume=True)
-    assert partial.done == 4
+    partial = Checkpoint.open(log, PLAN, resume=True)
+    assert partial.frames_done == 4
     partial.append(BLOCKS[2])
     partial.close()
     assert log.read_bytes() == data
@@ -129,9 +129,9 @@ def test_a_flipped_byte_ends_the_log_before_its_block(log, place):
 
 
 def test_blocks_are_forgotten_from_a_frame_on(log):
-    partial = PartialResult.opened(log, PLAN, resume=True)
-    partial.cut(3)
-    assert partial.done == 2
+    partial = Checkpoint.open(log, PLAN, resume=True)
+    partial.truncate(3)
+    assert partial.frames_done == 2
     partial.append(BLOCKS[1])
     assert [block.start for block in partial.blocks()] == [0, 2]
     partial.close()
@@ -140,15 +140,15 @@ def test_blocks_are_forgotten_from_a_frame_on(log):
 def test_a_log_that_was_left_meanwhile_is_not_begun_anew_unasked(log):
     data = log.read_bytes()
     with pytest.raises(InputError, match="another run has left it meanwhile; go on with --resume"):
-        PartialResult.opened(log, PLAN, resume=False)
+        Checkpoint.open(log, PLAN, resume=False)
     assert log.read_bytes() == data
 
 
 def test_a_new_run_begins_anew_where_it_may(log):
-    partial = PartialResult.opened(log, PLAN, resume=False, overwrite=True)
-    assert (partial.done, list(partial.blocks())) == (0, [])
+    partial = Checkpoint.open(log, PLAN, resume=False, overwrite=True)
+    assert (partial.frames_done, list(partial.blocks())) == (0, [])
     partial.close()
-    assert progress_of(log) == (0, 5)
+    assert checkpoint_progress(log) == (0, 5)
 
 
 @pytest.mark.parametrize(
@@ -169,24 +169,24 @@ def test_a_new_run_begins_anew_where_it_may(log):
 def test_another_plan_is_refused_and_left(log, other, says):
     data = log.read_bytes()
     with pytest.raises(InputError, match=rf"cages\.h5\.partial: is of another run: {says}"):
-        PartialResult.opened(log, other, resume=True)
+        Checkpoint.open(log, other, resume=True)
     assert log.read_bytes() == data
 
 
 def test_a_run_that_goes_on_keeps_the_size_of_its_blocks(log):
-    partial = PartialResult.opened(log, replace(PLAN, block=3), resume=True)
-    assert partial.plan.block == 2
+    partial = Checkpoint.open(log, replace(PLAN, block=3), resume=True)
+    assert partial.spec.block == 2
     partial.close()
 
 
 def test_another_file_is_refused_and_left(tmp_path):
     path = tmp_path / "cages.h5.partial"
     path.write_text("my diary")
-    assert not is_partial(path)
+    assert not is_checkpoint(path)
     with pytest.raises(InputError, match="is not what an interrupted run leaves; move it away"):
-        PartialResult.opened(path, PLAN, resume=True)
+        Checkpoint.open(path, PLAN, resume=True)
     with pytest.raises(InputError, match="is not what an interrupted run leaves"):
-        progress_of(path)
+        checkpoint_progress(path)
     assert path.read_text() == "my diary"
 
 
@@ -194,17 +194,17 @@ def test_another_file_is_refused_and_left(tmp_path):
 def test_a_plan_that_is_not_whole_is_no_progress(tmp_path, head):
     path = tmp_path / "a.partial"
     path.write_bytes(MAGIC + head)
-    assert progress_of(path) == (0, 0)
+    assert checkpoint_progress(path) == (0, 0)
     assert held(path)[0] == 0
 
 
 def test_a_log_is_one_runs_at_a_time(log):
-    partial = PartialResult.opened(log, PLAN, resume=True)
+    partial = Checkpoint.open(log, PLAN, resume=True)
     with pytest.raises(InputError, match="another run is writing it"):
-        PartialResult.opened(log, PLAN, resume=True)
+        Checkpoint.open(log, PLAN, resume=True)
     partial.discard()
     assert not log.exists()
-    PartialResult.opened(log, PLAN, resume=True).close()
+    Checkpoint.open(log, PLAN, resume=True).close()
 
 
 def test_a_name_taken_away_while_it_was_opened_is_made_again(tmp_path, monkeypatch):
@@ -227,18 +227,18 @@ def test_a_name_taken_away_while_it_was_opened_is_made_again(tmp_path, monkeypat
 
 def test_a_log_that_cannot_be_written_is_a_sentence(tmp_path):
     with pytest.raises(InputError, match=r"cages\.h5\.partial: cannot be written \(No such file"):
-        PartialResult.opened(tmp_path / "nowhere" / "cages.h5.partial", PLAN, resume=True)
+        Checkpoint.open(tmp_path / "nowhere" / "cages.h5.partial", PLAN, resume=True)
 
 
 def test_a_block_that_cannot_be_written_leaves_those_before(log, monkeypatch):
-    partial = PartialResult.opened(log, PLAN, resume=True)
-    partial.cut(4)
+    partial = Checkpoint.open(log, PLAN, resume=True)
+    partial.truncate(4)
 
     def full(file, data):
         file.write(data[: len(data) // 2])
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("cageik_cli.store.checkpoint._write", full)
+    monkeypatch.setattr("cageik_cli.store.checkpoint._write_all", full)
     with pytest.raises(InputError, match=r"cannot be written \(No space left on device\)"):
         partial.append(BLOCKS[2])
     monkeypatch.undo()
@@ -251,25 +251,25 @@ def test_a_frame_that_could_not_be_read_becomes_a_gap():
     block = block_of(2, 3)
     read = Block(2, np.zeros((3, 1, 3)), {3: InputError("frame_3: missing")})
     squares = np.array([[1.0, 2.0], [10.0, 10.0], [3.0, 5.0]])
-    found = solved(read, block.cages, Measured(block.figures, squares), block.digests)
-    np.testing.assert_array_equal(found.squares, [4.0, 7.0])
-    assert found.faults == {3: "frame_3: missing"}
+    found = make_solved_block(read, block.cages, FrameErrors(block.metrics, squares), block.digests)
+    np.testing.assert_array_equal(found.squared_errors, [4.0, 7.0])
+    assert found.skipped == {3: "frame_3: missing"}
     assert np.isnan(found.cages[1]).all()
-    assert np.isnan(found.figures.rms[1])
-    assert found.figures.worst_vertex.tolist() == [0, -1, 2]
+    assert np.isnan(found.metrics.rms[1])
+    assert found.metrics.worst_vertex.tolist() == [0, -1, 2]
     np.testing.assert_array_equal(found.cages[[0, 2]], block.cages[[0, 2]])
     assert np.isfinite(block.cages).all()
 
 
 def test_a_log_that_was_deleted_meanwhile_is_as_good_as_discarded(log):
-    partial = PartialResult.opened(log, PLAN, resume=True)
+    partial = Checkpoint.open(log, PLAN, resume=True)
     log.unlink()
     partial.discard()
     assert not log.exists()
 
 
 def test_a_log_that_another_run_has_begun_meanwhile_stays(log):
-    partial = PartialResult.opened(log, PLAN, resume=True)
+    partial = Checkpoint.open(log, PLAN, resume=True)
     log.unlink()
     log.write_bytes(b"of another run")
     partial.discard()
@@ -278,13 +278,13 @@ def test_a_log_that_another_run_has_begun_meanwhile_stays(log):
 
 def test_a_log_is_forgotten_unless_another_run_has_it(log):
     mine = open_locked(log)
-    forget(log)
+    delete_checkpoint(log)
     assert log.exists()
     mine.close()
-    forget(log)
+    delete_checkpoint(log)
     assert not log.exists()
-    forget(log)
+    delete_checkpoint(log)
     log.write_text("a novel")
     with pytest.raises(InputError, match="is not what an interrupted run leaves"):
-        forget(log)
+        delete_checkpoint(log)
     assert log.read_text() == "a novel"

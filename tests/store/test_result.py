@@ -12,8 +12,8 @@ from cageik_cli import __version__
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import Scene
-from cageik_cli.solver.dual_laplacian import Quality
-from cageik_cli.solver.metrics import FrameFigures
+from cageik_cli.solver.dual_laplacian import SolveQuality
+from cageik_cli.solver.metrics import FrameMetrics
 from cageik_cli.store import hdf5_fields as parts
 from cageik_cli.store import result as store
 from cageik_cli.store import result_writer
@@ -36,31 +36,33 @@ def _binding():
 
 
 BINDING = _binding()
-FIGURES = FrameFigures(
+FIGURES = FrameMetrics(
     *(
         np.arange(FRAMES) if field.name == "worst_vertex" else GENERATOR.uniform(1, 2, FRAMES)
-        for field in fields(FrameFigures)
+        for field in fields(FrameMetrics)
     )
 )
 
 
 MISSES = GENERATOR.normal(size=(3, len(ball(1).vertices), 3))
 VERTEX_RMS = GENERATOR.uniform(1, 2, len(ball(1).vertices))
-ENDING = result_writer.Ending(SOURCES, {}, VERTEX_RMS, np.array([4, 1, 0]), MISSES)
+ENDING = result_writer.RunSummary(SOURCES, {}, VERTEX_RMS, np.array([4, 1, 0]), MISSES)
 
-QUALITY = Quality(1e-15, 2e-15, -0.5, 944, 4e-3, 0, 123.0)
+QUALITY = SolveQuality(1e-15, 2e-15, -0.5, 944, 4e-3, 0, 123.0)
 
 
 def part(rows):
-    return FrameFigures(*(getattr(FIGURES, field.name)[rows] for field in fields(FrameFigures)))
+    return FrameMetrics(*(getattr(FIGURES, field.name)[rows] for field in fields(FrameMetrics)))
 
 
 def header(keep_weights=True):
-    return result_writer.Header(BINDING, QUALITY, NAMES, SCENE, SETTINGS, ("a note",), keep_weights)
+    return result_writer.ResultHeader(
+        BINDING, QUALITY, NAMES, SCENE, SETTINGS, ("a note",), keep_weights
+    )
 
 
 def written(path, cuts=(0, 2, 5), overwrite=False, **options):
-    with result_writer.create(path, header(**options), overwrite) as result:
+    with result_writer.open_result_writer(path, header(**options), overwrite) as result:
         for first, last in pairwise(cuts):
             result.append(CAGES[first:last], part(slice(first, last)))
         result.complete(ENDING)
@@ -124,7 +126,7 @@ def test_figures_of_another_precision_are_read(path, kind):
             column = file[f"metrics/{name}"][:]
             del file[f"metrics/{name}"]
             file[f"metrics/{name}"] = column.astype(kind)
-    figures = store.read_result(path).figures
+    figures = store.read_result(path).metrics
     assert figures.rms.dtype == np.float64
     np.testing.assert_allclose(figures.rms, FIGURES.rms, rtol=1e-3)
 
@@ -147,16 +149,16 @@ def test_what_is_written_is_read(path):
     for read, mesh in ((result.rest, BINDING.rest), (result.cage, BINDING.cage)):
         np.testing.assert_array_equal(read.vertices, mesh.vertices)
         np.testing.assert_array_equal(read.faces, mesh.faces)
-    for field in fields(FrameFigures):
-        found, put = (getattr(figures, field.name) for figures in (result.figures, FIGURES))
+    for field in fields(FrameMetrics):
+        found, put = (getattr(figures, field.name) for figures in (result.metrics, FIGURES))
         np.testing.assert_array_equal(found, put)
     assert store.is_result(path)
     np.testing.assert_array_equal(result.vertex_rms, VERTEX_RMS)
-    posed = store.read_posed_frames(result, BINDING.weights)
-    np.testing.assert_array_equal(posed.frames, [4, 1, 0])
+    posed = store.read_key_frames(result, BINDING.weights)
+    np.testing.assert_array_equal(posed.indices, [4, 1, 0])
     np.testing.assert_array_equal(posed.cages, CAGES[[4, 1, 0]])
-    np.testing.assert_allclose(posed.misses, MISSES / BINDING.rest.diagonal, rtol=1e-7)
-    for cage, rebuilt in zip(posed.cages, posed.rebuilt, strict=True):
+    np.testing.assert_allclose(posed.errors, MISSES / BINDING.rest.diagonal, rtol=1e-7)
+    for cage, rebuilt in zip(posed.cages, posed.reconstructed, strict=True):
         np.testing.assert_allclose(rebuilt, BINDING.weights @ cage, rtol=0, atol=1e-15)
 
 
@@ -177,7 +179,7 @@ def test_poses_that_cannot_be_are_refused(path, name, value, says):
         del file[name]
         file[name] = value
     with pytest.raises(InputError, match=says):
-        store.read_posed_frames(store.read_result(path), BINDING.weights)
+        store.read_key_frames(store.read_result(path), BINDING.weights)
 
 
 @pytest.mark.parametrize(("where", "value"), [(3, -1.0), (3, np.inf), (slice(None), np.nan)])
@@ -207,13 +209,13 @@ def test_weights_can_be_left_out(tmp_path, path):
         assert "weights" not in file
         assert "poses" not in file
     assert smaller.stat().st_size < path.stat().st_size
-    np.testing.assert_array_equal(store.read_result(smaller).figures.rms, FIGURES.rms)
+    np.testing.assert_array_equal(store.read_result(smaller).metrics.rms, FIGURES.rms)
 
 
 def test_an_old_result_is_replaced_only_when_the_new_one_is_whole(tmp_path):
     path = tmp_path / "cages.h5"
     path.write_text("old")
-    with result_writer.create(path, header(), overwrite=True) as result:
+    with result_writer.open_result_writer(path, header(), overwrite=True) as result:
         result.append(CAGES, FIGURES)
         result.complete(ENDING)
         assert path.read_text() == "old"
@@ -225,7 +227,7 @@ def test_a_result_that_came_meanwhile_is_not_replaced(tmp_path):
     path = tmp_path / "cages.h5"
 
     def race():
-        with result_writer.create(path, header(), overwrite=False) as result:
+        with result_writer.open_result_writer(path, header(), overwrite=False) as result:
             result.append(CAGES, FIGURES)
             result.complete(ENDING)
             path.write_text("somebody else's")
@@ -242,7 +244,7 @@ def test_whatever_goes_wrong_leaves_the_old_result_and_nothing_else(tmp_path, ki
     path.write_text("old")
 
     def fail_in_the_middle():
-        with result_writer.create(path, header(), overwrite=True) as result:
+        with result_writer.open_result_writer(path, header(), overwrite=True) as result:
             result.append(CAGES[:2], part(slice(2)))
             raise kind("in the middle")
 
@@ -255,7 +257,7 @@ def test_whatever_goes_wrong_leaves_the_old_result_and_nothing_else(tmp_path, ki
 def test_what_the_system_refuses_is_a_sentence(tmp_path):
     path = tmp_path / "cages.h5"
     with pytest.raises(InputError, match=r"cages\.h5: cannot be written \(No space left"):  # noqa: SIM117
-        with result_writer.create(path, header(), overwrite=True):
+        with result_writer.open_result_writer(path, header(), overwrite=True):
             raise OSError(28, "No space left on device")
     assert not list(tmp_path.iterdir())
 
@@ -406,7 +408,7 @@ def test_a_damaged_result_is_refused_by_name(path, damage, says):
 
 def test_an_edit_says_of_what(tmp_path, path):
     assert store.read_result(path).edited_from is None
-    with result_writer.create(
+    with result_writer.open_result_writer(
         tmp_path / "edited.h5", replace(header(), edited_from="ä.h5"), overwrite=False
     ) as result:
         result.append(CAGES, FIGURES)
@@ -457,7 +459,7 @@ def test_a_result_cut_short_is_refused(path, share):
 
 def test_an_interrupted_write_is_not_taken_for_a_result(tmp_path):
     path = tmp_path / "cages.h5"
-    with result_writer.create(path, header(), overwrite=True) as result:
+    with result_writer.open_result_writer(path, header(), overwrite=True) as result:
         result.append(CAGES, FIGURES)
         result._file.flush()
         (partial,) = tmp_path.glob("*.partial")
@@ -484,16 +486,18 @@ def test_gaps_come_back_in_the_order_of_the_frames(tmp_path):
     cages = np.repeat(CAGES[:1], count, axis=0)
     figures = [
         np.repeat(getattr(part(slice(None)), field.name)[:1], count)
-        for field in fields(FrameFigures)
+        for field in fields(FrameMetrics)
     ]
     gaps = {9: "cut", 10: "cut", 2: "cut"}
     cages[list(gaps)] = np.nan
-    for field, column in zip(fields(FrameFigures), figures, strict=True):
+    for field, column in zip(fields(FrameMetrics), figures, strict=True):
         column[list(gaps)] = -1 if field.name == "worst_vertex" else np.nan
     frames = tuple(f"{k}.obj" for k in range(count))
     path = tmp_path / "cages.h5"
-    with result_writer.create(path, replace(header(), frames=frames), overwrite=False) as writer:
-        writer.append(cages, FrameFigures(*figures))
+    with result_writer.open_result_writer(
+        path, replace(header(), frames=frames), overwrite=False
+    ) as writer:
+        writer.append(cages, FrameMetrics(*figures))
         writer.complete(replace(ENDING, skipped=gaps))
     assert list(store.read_result(path).skipped) == [2, 9, 10]
 
@@ -503,13 +507,13 @@ def test_gaps_among_the_cages_lie_between_their_neighbours(tmp_path, size):
     """A gap at the start, two within, in blocks that part them."""
     cages, figures = CAGES.copy(), part(slice(None))
     gaps = {0: "missing", 2: "cut", 3: "cut"}
-    columns = {field.name: getattr(figures, field.name).copy() for field in fields(FrameFigures)}
+    columns = {field.name: getattr(figures, field.name).copy() for field in fields(FrameMetrics)}
     for name, column in columns.items():
         column[list(gaps)] = -1 if name == "worst_vertex" else np.nan
     cages[list(gaps)] = np.nan
     path = tmp_path / "cages.h5"
-    with result_writer.create(path, header(), overwrite=False) as writer:
-        writer.append(cages, FrameFigures(**columns))
+    with result_writer.open_result_writer(path, header(), overwrite=False) as writer:
+        writer.append(cages, FrameMetrics(**columns))
         writer.complete(replace(ENDING, skipped=gaps))
     result = store.read_result(path)
     assert result.skipped == gaps

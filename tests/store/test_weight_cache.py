@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.binding import ALGORITHMS, COORDINATES, Binding, BindSettings
+from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, COORDINATES, Binding, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store import weight_cache as module
-from cageik_cli.store.weight_cache import WeightCache, key_of
+from cageik_cli.store.weight_cache import WeightCache, compute_key
 from cageik_cli.util.outputs import open_locked, remove_locked
 from tests.shapes import TETRAHEDRON, ball, box
 from tests.store.entries import entry, same
@@ -67,7 +67,7 @@ def test_only_the_owner_may_look(kept):
 @pytest.mark.parametrize("name", COORDINATES)
 @pytest.mark.parametrize("shape", ["sound", "inward", "projected"])
 def test_a_hit_gives_the_binding_that_was_computed(kept, said, coarse_panels, name, shape):
-    cage = box().flipped() if shape == "inward" else box()
+    cage = box().flip() if shape == "inward" else box()
     rest = ball(1, 1.1 if shape == "projected" else 0.9)
     settings = BindSettings(name, outside="project")
 
@@ -113,14 +113,14 @@ def test_one_process_at_a_time_computes_an_entry(kept, monkeypatch):
     """Who waits takes what the other has written."""
     bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
     given = (TETRAHEDRON, TETRAHEDRON, SETTINGS)
-    path = kept.folder / f"{module.key_of(*given)}.lock.partial"
+    path = kept.folder / f"{module.compute_key(*given)}.lock.partial"
     kept.folder.mkdir(parents=True)
     other, waited = open_locked(path), []
 
     def wait(seconds):
         waited.append(seconds)
         if len(waited) == 2:
-            kept.write(module.key_of(*given), module._entry_of(bound, 1.0))
+            kept.write(module.compute_key(*given), module._make_entry(bound, 1.0))
             remove_locked(path, other)
 
     monkeypatch.setattr(module.time, "sleep", wait)
@@ -130,7 +130,7 @@ def test_one_process_at_a_time_computes_an_entry(kept, monkeypatch):
 
     found = kept.bound(*given, compute)
     np.testing.assert_array_equal(found.weights, bound.weights)
-    assert waited == [module.PAUSE] * 2
+    assert waited == [module.POLL_SECONDS] * 2
     assert [path.suffix for path in kept.folder.iterdir()] == [".weights"]
 
 
@@ -159,7 +159,7 @@ INGREDIENTS = {
     ),
     "one rest vertex less": (TriMesh(ball(1).vertices[:-1], [[0, 1, 2]]), box(), SETTINGS),
     "a cage vertex": (ball(1), moved(box(), 0, 1e-9), SETTINGS),
-    "a cage turned inward": (ball(1), box().flipped(), SETTINGS),
+    "a cage turned inward": (ball(1), box().flip(), SETTINGS),
     "cage faces that begin elsewhere": (
         ball(1), TriMesh(box().vertices, np.roll(box().faces, 1, axis=1)), SETTINGS
     ),
@@ -174,25 +174,25 @@ INGREDIENTS = {
 
 
 def test_the_key_is_of_everything_that_weights_depend_on(monkeypatch):
-    keys = {name: key_of(*things) for name, things in INGREDIENTS.items()}
-    keys |= {name: key_of(ball(1), box(), BindSettings(name)) for name in COORDINATES}
-    monkeypatch.setitem(ALGORITHMS, "harmonic", ALGORITHMS["harmonic"] + 1)
-    keys["algorithm"] = key_of(ball(1), box(), SETTINGS)
+    keys = {name: compute_key(*things) for name, things in INGREDIENTS.items()}
+    keys |= {name: compute_key(ball(1), box(), BindSettings(name)) for name in COORDINATES}
+    monkeypatch.setitem(ALGORITHM_VERSIONS, "harmonic", ALGORITHM_VERSIONS["harmonic"] + 1)
+    keys["algorithm"] = compute_key(ball(1), box(), SETTINGS)
     monkeypatch.undo()
     monkeypatch.setattr(module, "__version__", "0.0.0")
-    keys["version"] = key_of(ball(1), box(), SETTINGS)
+    keys["version"] = compute_key(ball(1), box(), SETTINGS)
     assert len(set(keys.values())) == len(keys)
 
 
 def test_the_key_is_of_nothing_else():
     """Neither of the model's faces, nor of how arrays lie in memory."""
-    key = key_of(ball(1), box(), SETTINGS)
-    assert key_of(TriMesh(ball(1).vertices, [[2, 1, 0]]), box(), SETTINGS) == key
+    key = compute_key(ball(1), box(), SETTINGS)
+    assert compute_key(TriMesh(ball(1).vertices, [[2, 1, 0]]), box(), SETTINGS) == key
     columns = np.asfortranarray(ball(1).vertices)
     columns.flags.writeable = False
     strided = TriMesh(columns, ball(1).faces)
     assert not strided.vertices.flags.c_contiguous
-    assert key_of(strided, box(), SETTINGS) == key
+    assert compute_key(strided, box(), SETTINGS) == key
 
 
 def damaged(kept, said, data):
@@ -272,7 +272,7 @@ def test_what_was_used_longest_ago_makes_room(cache, said):
     keys = [f"{k:064x}" for k in range(5)]
     size = len(whole(WeightCache(cache, said.append)))
     path_of(WeightCache(cache, said.append)).unlink()
-    kept = WeightCache(cache, said.append, largest=3 * size + size // 2)
+    kept = WeightCache(cache, said.append, max_bytes=3 * size + size // 2)
     for k, key in enumerate(keys[:3]):
         kept.write(key, entry())
         os.utime(path_of(kept, key), (k, k))
@@ -287,7 +287,7 @@ def test_what_was_used_longest_ago_makes_room(cache, said):
 def test_what_is_larger_than_the_cache_is_not_kept(cache, said):
     WeightCache(cache, said.append).write(OTHER, entry())
     size = path_of(WeightCache(cache, said.append), OTHER).stat().st_size
-    kept = WeightCache(cache, said.append, largest=size)
+    kept = WeightCache(cache, said.append, max_bytes=size)
     kept.write(KEY, entry(rows=6))
     assert names_in(kept) == [f"{OTHER}.weights"]
     (remark,) = said
@@ -297,7 +297,7 @@ def test_what_is_larger_than_the_cache_is_not_kept(cache, said):
 
 
 def test_what_others_put_there_stays(cache, said):
-    kept = WeightCache(cache, said.append, largest=10_000)
+    kept = WeightCache(cache, said.append, max_bytes=10_000)
     cache.mkdir()
     others = ["thesis.tex", "x.weights", f"{KEY}.weights.bak", f"{KEY}.partial", "cages.h5"]
     for name in others:
@@ -311,7 +311,7 @@ def test_what_others_put_there_stays(cache, said):
 def test_what_a_killed_process_left_is_cleared_after_an_hour(kept):
     kept.folder.mkdir()
     old, new = (kept.folder / f"{OTHER}.{name}.partial" for name in ("ab_1", "cd_2"))
-    for path, age in ((old, module.STALE + 60), (new, module.STALE - 60)):
+    for path, age in ((old, module.STALE_SECONDS + 60), (new, module.STALE_SECONDS - 60)):
         path.write_bytes(b"half")
         os.utime(path, (time.time() - age,) * 2)
     kept.write(KEY, entry())
@@ -325,7 +325,7 @@ def test_a_folder_that_cannot_be_made_is_remarked_once(tmp_path, said, place):
     if folder is None and not Path("/proc/self").exists():
         pytest.skip("no such folder")
     kept = WeightCache(folder or Path(place), said.append)
-    binding = kept.bound(ball(1), box(), SETTINGS, lambda: bind(ball(1), box()))
+    binding = kept.get_or_compute(ball(1), box(), SETTINGS, lambda: bind(ball(1), box()))
     assert binding.weights.shape == (18, 8)
     (remark,) = said
     assert remark.startswith(f"{kept.folder}: cannot be written (")

@@ -8,13 +8,13 @@ import pytest
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import Scene
-from cageik_cli.formats.write import created
-from cageik_cli.util.errors import InputError, needing
+from cageik_cli.formats.write import open_writer
+from cageik_cli.util.errors import InputError, require_optional
 from tests.shapes import TETRAHEDRON
 
 
 def test_what_is_there_is_imported():
-    with needing("numpy", "none", "counting"):
+    with require_optional("numpy", "none", "counting"):
         import numpy as again
     assert again is np
 
@@ -36,7 +36,7 @@ def test_reading_and_writing_say_what_to_install(tmp_path, monkeypatch, library,
         open_sequence([str(path)])
     assert str(caught.value) == f"{path}: reading {suffix} needs {remedy}"
     animation = Animation(TETRAHEDRON, 1, Scene(), "clip")
-    with pytest.raises(InputError) as caught, created(path, animation, True):
+    with pytest.raises(InputError) as caught, open_writer(path, animation, True):
         pass
     assert str(caught.value) == f"{path}: writing {suffix} needs {remedy}"
     assert [p.name for p in tmp_path.iterdir()] == [path.name]

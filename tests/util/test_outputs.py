@@ -30,16 +30,16 @@ def test_an_output_that_cannot_be_is_refused_before_any_work(tmp_path, monkeypat
     Path("there.h5").write_text("old")
     Path("folder").mkdir()
     with pytest.raises(InputError) as caught:
-        outputs.prepare(Path(name), overwrite=False)
+        outputs.check_writable(Path(name), overwrite=False)
     assert str(caught.value).startswith(says)
     assert Path("there.h5").read_text() == "old"
 
 
 def test_an_output_that_can_be_leaves_no_trace(tmp_path):
-    outputs.prepare(tmp_path / "new.h5", overwrite=False)
+    outputs.check_writable(tmp_path / "new.h5", overwrite=False)
     assert not list(tmp_path.iterdir())
     (tmp_path / "old.h5").write_text("old")
-    outputs.prepare(tmp_path / "old.h5", overwrite=True)
+    outputs.check_writable(tmp_path / "old.h5", overwrite=True)
     assert (tmp_path / "old.h5").read_text() == "old"
 
 
@@ -58,10 +58,10 @@ def test_permissions_are_those_of_any_new_file(tmp_path, mask):
 def test_runs_of_one_process_number_do_not_meet(tmp_path):
     """As in two containers that share a folder."""
     path = tmp_path / "cages.h5"
-    with outputs.whole_file(path, overwrite=True) as one:
+    with outputs.atomic_file(path, overwrite=True) as one:
         one.write(b"one")
-        outputs.prepare(path, overwrite=True)
-        with outputs.whole_file(path, overwrite=True) as other:
+        outputs.check_writable(path, overwrite=True)
+        with outputs.atomic_file(path, overwrite=True) as other:
             other.write(b"other")
         assert path.read_bytes() == b"other"
     assert path.read_bytes() == b"one"
@@ -72,11 +72,11 @@ def test_nobody_elses_file_is_written_into(tmp_path, monkeypatch):
     monkeypatch.setattr(outputs.secrets, "token_hex", lambda count: "taken")
     taken = tmp_path / "a.taken.partial"
     taken.write_text("somebody else's")
-    for attempt in (outputs.prepare, lambda *how: outputs.write_text(how[0], "b", how[1])):
+    for attempt in (outputs.check_writable, lambda *how: outputs.write_text(how[0], "b", how[1])):
         with pytest.raises(InputError, match=r"a: cannot be written \(File exists\)"):
             attempt(tmp_path / "a", True)
     with pytest.raises(InputError, match=r"a: cannot be written \(File exists\)"):  # noqa: SIM117
-        with outputs.whole_file(tmp_path / "a", True):
+        with outputs.atomic_file(tmp_path / "a", True):
             pytest.fail("opened")
     assert taken.read_text() == "somebody else's"
 
@@ -113,38 +113,38 @@ class FullAfter(io.FileIO):
 
 @pytest.fixture
 def full_disk():
-    outputs.PatientFile.__bases__ = (FullAfter,)
+    outputs.DeferredErrorFile.__bases__ = (FullAfter,)
     yield
-    outputs.PatientFile.__bases__ = (io.FileIO,)
+    outputs.DeferredErrorFile.__bases__ = (io.FileIO,)
 
 
 @pytest.mark.usefixtures("full_disk")
 def test_a_failed_write_is_kept_until_it_is_asked_for(tmp_path):
-    with outputs.PatientFile(tmp_path / "a") as file:
+    with outputs.DeferredErrorFile(tmp_path / "a") as file:
         assert file.write(b"12345") == 5
-        file.check()
+        file.raise_deferred_error()
         assert file.write(b"6789012") == 7
         assert file.write(b"3") == 1
         with pytest.raises(OSError, match="No space"):
-            file.check()
+            file.raise_deferred_error()
     assert (tmp_path / "a").read_bytes() == b"12345"
 
 
 @pytest.mark.usefixtures("full_disk")
 def test_a_failed_truncation_is_kept_too(tmp_path):
-    with outputs.PatientFile(tmp_path / "a") as file:
+    with outputs.DeferredErrorFile(tmp_path / "a") as file:
         assert file.truncate(5) == 5
-        file.check()
+        file.raise_deferred_error()
         assert file.truncate(50) == 50
         with pytest.raises(OSError, match="No space"):
-            file.check()
+            file.raise_deferred_error()
 
 
 @pytest.mark.usefixtures("full_disk")
 @pytest.mark.parametrize("error", [RuntimeError, ValueError, OSError])
 def test_a_full_disk_is_said_whatever_it_led_to(tmp_path, error):
     def fail_on():
-        with outputs.whole_file(tmp_path / "a", overwrite=False) as file:
+        with outputs.atomic_file(tmp_path / "a", overwrite=False) as file:
             file.write(b"longer than the disk")
             raise error("unable to flush a cache that nobody knows")
 
@@ -165,15 +165,15 @@ def test_a_text_that_does_not_fit_leaves_the_old_one(tmp_path):
 
 def test_an_output_is_no_input_and_no_other_output(tmp_path):
     a, b = tmp_path / "a", tmp_path / "x" / ".." / "a"
-    outputs.keep_apart([a, None, Path("-"), Path("-")], [tmp_path / "c", None])
+    outputs.check_no_overlap([a, None, Path("-"), Path("-")], [tmp_path / "c", None])
     for written, read in (([a, b], []), ([a], [b])):
         with pytest.raises(InputError, match="read or written by this command already"):
-            outputs.keep_apart(written, read)
+            outputs.check_no_overlap(written, read)
 
 
 def test_what_is_not_a_plain_file_is_never_replaced():
     with pytest.raises(InputError, match="is not a plain file"):
-        outputs.prepare(Path("/dev/null"), overwrite=True)
+        outputs.check_writable(Path("/dev/null"), overwrite=True)
 
 
 def numbered(name):
@@ -182,7 +182,7 @@ def numbered(name):
 
 
 def write_frames(path, texts, overwrite=False):
-    with outputs.whole_folder(path, overwrite, numbered) as folder:
+    with outputs.atomic_folder(path, overwrite, numbered) as folder:
         for k, text in enumerate(texts):
             (folder / f"frame_{k}").write_text(text)
 
@@ -203,7 +203,7 @@ def test_a_folder_is_replaced_as_a_whole(tmp_path):
 
 def test_an_empty_folder_is_nothing_to_lose(tmp_path):
     (tmp_path / "frames").mkdir()
-    outputs.prepare_folder(tmp_path / "frames", False, numbered)
+    outputs.check_folder_writable(tmp_path / "frames", False, numbered)
     write_frames(tmp_path / "frames", "a")
     assert texts_in(tmp_path / "frames") == {"frame_0": "a"}
 
@@ -223,7 +223,7 @@ def test_a_folder_with_anything_else_stays(tmp_path, other, overwrite):
     before = sorted(path.iterdir())
     says = f"frames: holds {name}, which is none of the files to be written; choose a folder"
     with pytest.raises(InputError, match=says):
-        outputs.prepare_folder(path, overwrite, numbered)
+        outputs.check_folder_writable(path, overwrite, numbered)
     with pytest.raises(InputError, match=says):
         write_frames(path, "b", overwrite)
     assert sorted(path.iterdir()) == before
@@ -236,7 +236,7 @@ def test_what_comes_into_the_folder_meanwhile_stays(tmp_path):
     write_frames(path, "a")
 
     def interfere():
-        with outputs.whole_folder(path, True, numbered) as folder:
+        with outputs.atomic_folder(path, True, numbered) as folder:
             (folder / "frame_0").write_text("b")
             (path / "notes.txt").write_text("mine")
 
@@ -251,7 +251,7 @@ def test_a_folder_that_fails_leaves_the_old_one(tmp_path):
     write_frames(path, "ab")
 
     def fail(error):
-        with outputs.whole_folder(path, True, numbered) as folder:
+        with outputs.atomic_folder(path, True, numbered) as folder:
             (folder / "frame_0").write_text("c")
             raise error
 
@@ -295,14 +295,14 @@ def test_a_folder_behind_a_link_is_written_where_it_is(tmp_path):
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no such folder")
 def test_a_folder_that_cannot_be_made_is_refused_before_any_work():
     with pytest.raises(InputError, match=r"^/proc/frames: cannot be written \("):
-        outputs.prepare_folder(Path("/proc/frames"), True, numbered)
+        outputs.check_folder_writable(Path("/proc/frames"), True, numbered)
 
 
 def test_an_output_folder_holds_no_input_and_no_other_output(tmp_path):
     inside, folder = tmp_path / "a" / "b" / "frame_1", tmp_path / "a"
-    outputs.keep_apart([folder, tmp_path / "ab"], [tmp_path / "abc" / "frame_1"])
+    outputs.check_no_overlap([folder, tmp_path / "ab"], [tmp_path / "abc" / "frame_1"])
     for written, read in (([folder], [inside]), ([inside, folder], [])):
         with pytest.raises(InputError, match="is a folder with files that this command reads or w"):
-            outputs.keep_apart(written, read)
+            outputs.check_no_overlap(written, read)
     with pytest.raises(InputError, match="frame_1: is read or written by this command already"):
-        outputs.keep_apart([folder, inside], [])
+        outputs.check_no_overlap([folder, inside], [])

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.util.text import bytes_text, printable, shown
+from cageik_cli.util.text import format_bytes, single_line, to_unicode
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,7 @@ from cageik_cli.util.text import bytes_text, printable, shown
     ],
 )
 def test_names_become_text_that_can_be_written(name, expected):
-    assert printable(name) == expected
+    assert to_unicode(name) == expected
     expected.encode()
 
 
@@ -37,7 +37,7 @@ def test_names_become_text_that_can_be_written(name, expected):
     ],
 )
 def test_bytes(count, text):
-    assert bytes_text(count) == text
+    assert format_bytes(count) == text
 
 
 @pytest.mark.parametrize(
@@ -50,4 +50,4 @@ def test_bytes(count, text):
     ],
 )
 def test_what_has_no_glyph_is_replaced(text, expected):
-    assert shown(text) == expected
+    assert single_line(text) == expected

@@ -5,7 +5,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from cageik_cli.util import threads
-from cageik_cli.util.threads import InOrder, blas_threads, processors
+from cageik_cli.util.threads import OrderedMap, count_processors, limit_blas_threads
 
 
 def test_blas_threads_are_limited_inside_and_restored():
@@ -18,15 +18,15 @@ def test_blas_threads_are_limited_inside_and_restored():
 
     before = counts()
     assert before
-    with blas_threads(1):
+    with limit_blas_threads(1):
         assert set(counts()) == {1}
     assert counts() == before
 
 
 def test_there_is_a_processor(monkeypatch):
-    assert processors() >= 1
+    assert count_processors() >= 1
     monkeypatch.delattr("os.sched_getaffinity", raising=False)
-    assert processors() >= 1
+    assert count_processors() >= 1
 
 
 @pytest.mark.parametrize(
@@ -49,9 +49,9 @@ def test_a_container_has_its_share(tmp_path, monkeypatch, files, expected):
     for name, text in files.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
-    monkeypatch.setattr(threads, "CONTROL_GROUP", tmp_path)
+    monkeypatch.setattr(threads, "CGROUP_ROOT", tmp_path)
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(8)), raising=False)
-    assert processors() == expected
+    assert count_processors() == expected
 
 
 @pytest.mark.parametrize("jobs", [1, 3])
@@ -61,7 +61,7 @@ def test_what_is_made_comes_in_the_order_of_the_items(jobs, ahead):
         time.sleep(0.001 * (item % 3))
         return item * item
 
-    with InOrder(work, range(20), jobs, ahead) as made:
+    with OrderedMap(work, range(20), jobs, ahead) as made:
         assert list(made) == [item * item for item in range(20)]
 
 
@@ -73,7 +73,7 @@ def test_no_more_is_begun_than_is_asked_for_ahead():
             taken.append(item)
             yield item
 
-    with InOrder(lambda item: item, items(), 2, 3) as made:
+    with OrderedMap(lambda item: item, items(), 2, 3) as made:
         assert taken == [0, 1, 2]
         assert next(made) == 0
         assert taken == [0, 1, 2, 3]
@@ -88,7 +88,7 @@ def test_an_error_is_raised_where_its_item_would_have_been():
         done.append(item)
         return item
 
-    with InOrder(work, range(100), 1, 4) as made:
+    with OrderedMap(work, range(100), 1, 4) as made:
         assert [next(made), next(made)] == [0, 1]
         with pytest.raises(ValueError, match="two"):
             next(made)

@@ -12,11 +12,16 @@ from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import InputError
-from cageik_cli.util.progress import Observer
-from cageik_cli.workflows.bind import BindRunSettings, WeightSettings, bind_files, from_file
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.bind import (
+    BindRunSettings,
+    WeightSettings,
+    bind_files,
+    load_matching_binding,
+)
 
 
-class Listener(Observer):
+class Listener(ProgressListener):
     """Remembers what it was told."""
 
     def __init__(self):
@@ -83,14 +88,14 @@ def test_what_was_cut_or_turned_is_noted(plain, folder):
     assert listener.remarks == [
         ("note", "frame_1.obj: 6 polygons cut into triangles to compute with")
     ]
-    found = from_file(plain.output, load_mesh(plain.rest), load_mesh(plain.cage))
+    found = load_matching_binding(plain.output, load_mesh(plain.rest), load_mesh(plain.cage))
     assert found.binding.notes == stored.binding.notes
 
 
 def test_a_binding_serves_its_own_meshes(made):
     path, rest, cage = made
     for given in (cage, None):
-        found = from_file(path, rest, given)
+        found = load_matching_binding(path, rest, given)
         assert set(found.sources) == {"binding", "cage", "rest"}
         assert found.sources["binding"]["name"] == "binding.h5"
         assert found.sources["cage"] == cage.source
@@ -125,7 +130,7 @@ def other(mesh, what):
 def test_a_binding_of_another_rest_pose_is_refused(made, what, says):
     path, rest, cage = made
     with pytest.raises(InputError) as caught:
-        from_file(path, replace(rest, mesh=other(rest.mesh, what)), cage)
+        load_matching_binding(path, replace(rest, mesh=other(rest.mesh, what)), cage)
     start = "binding.h5: was made for another rest pose: "
     assert str(caught.value).startswith(start + says)
     assert str(caught.value).endswith("; give that one with --rest, or bind this one")
@@ -141,7 +146,7 @@ def test_a_binding_of_another_rest_pose_is_refused(made, what, says):
 def test_a_binding_of_another_cage_is_refused(made, what, says):
     path, rest, cage = made
     with pytest.raises(InputError) as caught:
-        from_file(path, rest, replace(cage, mesh=other(cage.mesh, what)))
+        load_matching_binding(path, rest, replace(cage, mesh=other(cage.mesh, what)))
     assert str(caught.value).startswith(f"binding.h5: was made for another cage: {says}")
     assert str(caught.value).endswith(
         "; give that one with --cage, leave --cage out, or bind this one"
@@ -151,10 +156,10 @@ def test_a_binding_of_another_cage_is_refused(made, what, says):
 def test_a_cage_that_is_none_is_refused_by_its_own_name(made):
     path, rest, cage = made
     with pytest.raises(InputError, match=r"^cage\.obj: the cage is open"):
-        from_file(path, rest, replace(cage, mesh=other(cage.mesh, "triangles")))
+        load_matching_binding(path, rest, replace(cage, mesh=other(cage.mesh, "triangles")))
 
 
 def test_a_missing_binding_is_refused(made):
     _, rest, cage = made
     with pytest.raises(InputError, match=r"^nowhere\.h5: cannot be read: No such file"):
-        from_file(Path("nowhere.h5"), rest, cage)
+        load_matching_binding(Path("nowhere.h5"), rest, cage)

@@ -6,7 +6,12 @@ import pytest
 
 from cageik_cli import __version__
 from cageik_cli.util.errors import InputError
-from cageik_cli.workflows.check import CheckSettings, as_json, as_text, check
+from cageik_cli.workflows.check import (
+    CheckSettings,
+    check_cage,
+    format_check_json,
+    format_check_text,
+)
 from tests.shapes import ball, box
 
 pytestmark = pytest.mark.usefixtures("folder")
@@ -24,7 +29,7 @@ def rows_of(text):
 
 
 def test_a_fit_cage_alone(folder):
-    headline, rows = rows_of(as_text(check(CheckSettings(folder / "cage.obj"))))
+    headline, rows = rows_of(format_check_text(check_cage(CheckSettings(folder / "cage.obj"))))
     assert headline == "cage.obj: fit"
     assert rows == [
         ("cage", "8 vertices, 12 triangles, 1 component, genus 0"),
@@ -34,7 +39,9 @@ def test_a_fit_cage_alone(folder):
 
 
 def test_a_fit_cage_with_a_clip(folder):
-    headline, rows = rows_of(as_text(check(CheckSettings(folder / "cage.obj", ("frames",)))))
+    headline, rows = rows_of(
+        format_check_text(check_cage(CheckSettings(folder / "cage.obj", ("frames",))))
+    )
     facts = dict(rows)
     assert headline == "cage.obj: fit"
     assert facts["rest pose"] == "frame_1.obj: 18 vertices, 32 triangles, diagonal 3.4641"
@@ -53,14 +60,14 @@ def test_a_fit_cage_with_a_clip(folder):
     ],
 )
 def test_the_rest_pose_is_the_frame_chosen(folder, chosen, name):
-    checked = check(CheckSettings(folder / "cage.obj", ("frames",), **chosen))
+    checked = check_cage(CheckSettings(folder / "cage.obj", ("frames",), **chosen))
     assert checked.rest.source["name"] == name
 
 
 def test_the_rest_pose_may_be_a_file_with_frames_or_without(folder):
     rest = folder / "frames" / "frame_2.obj"
     for frames in ((), ("frames",)):
-        checked = check(CheckSettings(folder / "cage.obj", frames, rest))
+        checked = check_cage(CheckSettings(folder / "cage.obj", frames, rest))
         assert checked.rest.source["name"] == "frame_2.obj"
         assert checked.diagnosis.rest.vertices == 18
 
@@ -68,17 +75,17 @@ def test_the_rest_pose_may_be_a_file_with_frames_or_without(folder):
 def test_a_rest_pose_of_another_connectivity_is_refused(folder):
     settings = CheckSettings(folder / "cage.obj", ("frames",), folder / "cage.obj")
     with pytest.raises(InputError, match=r"cage\.obj: .*8 vertices.*first frame"):
-        check(settings)
+        check_cage(settings)
 
 
 def test_a_frame_that_is_not_there_is_refused(folder):
     with pytest.raises(InputError, match="--rest-frame 5: the clip has 5 frames"):
-        check(CheckSettings(folder / "cage.obj", ("frames",), rest_frame=5))
+        check_cage(CheckSettings(folder / "cage.obj", ("frames",), rest_frame=5))
 
 
 def test_findings_are_rows_the_worst_first(folder, cage_file):
-    small = box(0.75).flipped()
-    _, rows = rows_of(as_text(check(CheckSettings(cage_file(small), ("frames",)))))
+    small = box(0.75).flip()
+    _, rows = rows_of(format_check_text(check_cage(CheckSettings(cage_file(small), ("frames",)))))
     assert [label for label, _ in rows[-2:]] == ["unfit", "usable"]
     assert rows[-2][1].startswith("6 of 18 vertices of the rest pose are outside the cage")
     assert "--outside project" in rows[-2][1]
@@ -89,7 +96,7 @@ def test_findings_are_rows_the_worst_first(folder, cage_file):
 def test_what_is_not_defined_is_said(folder, cage_file):
     opened = box(2.0)
     path = cage_file(type(opened)(opened.vertices, opened.faces[1:]))
-    _, rows = rows_of(as_text(check(CheckSettings(path, ("frames",)))))
+    _, rows = rows_of(format_check_text(check_cage(CheckSettings(path, ("frames",)))))
     facts = dict(rows)
     assert facts["volume"] == "not defined"
     assert facts["clearance"] == "not defined, the cage has no inside"
@@ -97,12 +104,12 @@ def test_what_is_not_defined_is_said(folder, cage_file):
 
 
 def test_polygons_are_noted(fixtures_folder):
-    checked = check(CheckSettings(fixtures_folder / "broken" / "cage_quads" / "cage.obj"))
-    assert rows_of(as_text(checked))[1][-1] == (
+    checked = check_cage(CheckSettings(fixtures_folder / "broken" / "cage_quads" / "cage.obj"))
+    assert rows_of(format_check_text(checked))[1][-1] == (
         "note",
         "cage.obj: 6 polygons cut into triangles to compute with",
     )
-    assert json.loads(as_json(checked))["notes"] == [
+    assert json.loads(format_check_json(checked))["notes"] == [
         "cage.obj: 6 polygons cut into triangles to compute with"
     ]
 
@@ -112,8 +119,8 @@ def test_json_is_the_whole_record(folder, cage_file):
     loose = box(2.0)
     extra = np.arange(36.0).reshape(12, 3) + 100
     path = cage_file(type(loose)(np.vstack([loose.vertices, extra]), loose.faces))
-    checked = check(CheckSettings(path, ("frames",)))
-    record = json.loads(as_json(checked))
+    checked = check_cage(CheckSettings(path, ("frames",)))
+    record = json.loads(format_check_json(checked))
     assert list(record) == ["schema", "tool", "verdict", "cage", "rest", "notes", "findings"]
     assert (record["schema"], record["verdict"]) == (1, "unfit")
     assert record["tool"] == {"name": "cageik", "version": __version__}
@@ -135,5 +142,5 @@ def test_json_is_the_whole_record(folder, cage_file):
 
 
 def test_json_without_a_rest_pose(folder, cage_file):
-    record = json.loads(as_json(check(CheckSettings(cage_file(ball(1))))))
+    record = json.loads(format_check_json(check_cage(CheckSettings(cage_file(ball(1))))))
     assert (record["rest"], record["findings"], record["verdict"]) == (None, [], "fit")

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.report.record import report_of
-from cageik_cli.report.views.text import as_text
-from cageik_cli.solver.blocks import ARRAYS_PER_FRAME, Budget
+from cageik_cli.report.record import build_report
+from cageik_cli.report.views.text import format_text
+from cageik_cli.solver.blocks import ARRAYS_PER_FRAME, MemoryPlan
 from cageik_cli.solver.dual_laplacian import SolveSettings
 from cageik_cli.util.errors import InputError, NumericalError
-from cageik_cli.util.progress import Observer
+from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.extract_inputs import ExtractSettings
 from tests.shapes import ball, box, rotation
@@ -121,8 +121,8 @@ def test_weights_and_blocks_fit_the_memory(frames, jobs, expected):
     binding = Binding(model, box(2.0), np.zeros((len(model.vertices), 8)))
     frame = ARRAYS_PER_FRAME * model.vertices.nbytes
     memory = binding.weights.nbytes + int(frames * frame)
-    found = Budget.of(memory, binding, jobs)
-    assert (found.block, found.solvers) == expected
+    found = MemoryPlan.fit(memory, binding, jobs)
+    assert (found.block_size, found.max_parallel_blocks) == expected
 
 
 @pytest.mark.parametrize(("memory", "frames"), [(1, 1), (8 * 10, 10), (1 << 60, 1 << 24)])
@@ -132,7 +132,10 @@ def test_the_queue_is_a_part_of_the_memory(memory, frames):
     size = model.vertices.nbytes
     binding = Binding(model, box(2.0), np.zeros((len(model.vertices), 8)))
     expected = frames if frames < 1 << 24 else frames // size
-    assert Budget.of(memory * (size if memory < 1 << 50 else 1), binding, 1).queue == expected
+    assert (
+        MemoryPlan.fit(memory * (size if memory < 1 << 50 else 1), binding, 1).max_queued_frames
+        == expected
+    )
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -153,8 +156,8 @@ def test_the_rest_pose_is_the_first_frame_another_or_a_mesh(plain, folder, anima
     write_obj(moved.cage, animation.cage.vertices + np.array([0, 1.5, 0.75]), animation.cage.faces)
     result = extract(moved)
     np.testing.assert_array_equal(result.rest.vertices, animation.frames[3])
-    assert result.figures.rms.argmin() == 3
-    assert result.figures.rms[3] <= 1e-14 * result.rest.diagonal
+    assert result.metrics.rms.argmin() == 3
+    assert result.metrics.rms[3] <= 1e-14 * result.rest.diagonal
     assert result.settings["rest_frame"] == 3
 
 
@@ -195,14 +198,14 @@ def test_vertices_of_weight_zero_are_missing_data(plain, folder, animation, writ
     assert np.abs(cages_of(settings) - expected).max() <= 1e-12
     again = extract(settings)
     for name in ("rms", "max_deviation", "worst_vertex", "spread"):
-        found, known = (getattr(result.figures, name) for result in (again, clean))
+        found, known = (getattr(result.metrics, name) for result in (again, clean))
         np.testing.assert_allclose(found, known, rtol=1e-9, atol=1e-12)
     assert "weights.npy" in again.sources["vertex_weights"]["name"]
-    assert np.isnan(again.figures.volume).all()
-    assert np.isnan(again.figures.volume_reconstructed).all()
+    assert np.isnan(again.metrics.volume).all()
+    assert np.isnan(again.metrics.volume_reconstructed).all()
     (note,) = again.notes
     assert note.startswith("2 vertices of weight 0 are missing data, so volumes")
-    assert "volume change  not defined\n" in as_text(report_of(again))
+    assert "volume change  not defined\n" in format_text(build_report(again))
 
 
 @pytest.mark.parametrize(
@@ -260,8 +263,8 @@ def test_the_system_must_not_be_singular(posed, folder, fixtures_folder):
 def test_an_open_model_gets_a_note_and_no_volumes(plain, animation):
     np.savez("open.npz", verts=animation.frames, faces=animation.rest.faces[1:])
     result = extract(replace(plain, frames=("open.npz",)))
-    assert np.isnan(result.figures.volume).all()
-    assert np.isnan(result.figures.volume_reconstructed).all()
+    assert np.isnan(result.metrics.volume).all()
+    assert np.isnan(result.metrics.volume_reconstructed).all()
     (note,) = result.notes
     assert note.startswith("the model is open (3 edges without a counterpart)")
 
@@ -279,7 +282,7 @@ def test_what_was_read_is_recorded(plain, folder):
     }  # fmt: skip
 
 
-class Listener(Observer):
+class Listener(ProgressListener):
     """Remembers what it was told."""
 
     def __init__(self):
@@ -308,7 +311,7 @@ def test_an_observer_is_told_stages_and_progress(plain):
 def test_a_run_that_stops_leaves_the_old_result(plain, folder, animation, write_obj, fault):
     Path("cages.h5").write_text("old")
 
-    class Impatient(Observer):
+    class Impatient(ProgressListener):
         def advance(self, done, total):
             if fault == "interrupt" and total == 5:
                 raise KeyboardInterrupt
@@ -382,4 +385,4 @@ def test_the_largest_and_smallest_scenes_that_are_taken_are_reported(
                          animation.cage.faces)  # fmt: skip
         np.savez("clip.npz", verts=scale * animation.frames / 6, faces=animation.rest.faces)
         result = extract(replace(plain, frames=("clip.npz",), cage=cage))
-        assert 0 < report_of(result).summary.rms_percent < 100, k
+        assert 0 < build_report(result).summary.rms_percent < 100, k

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from cageik_cli.posing.edits import PosingSettings
-from cageik_cli.posing.handles.model import PlaceSettings
+from cageik_cli.posing.handles.model import PlacementSettings
 from cageik_cli.util.errors import InputError
-from cageik_cli.util.progress import Observer
+from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.pose import PoseSettings, pose
 from tests.shapes import box, quad_text
 
@@ -19,7 +19,7 @@ TIP = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}
 PIN = {"name": "pin", "vertex": 7, "pin": True}
 
 
-class Notes(Observer):
+class Notes(ProgressListener):
     """Keeps what is remarked."""
 
     def __init__(self):
@@ -35,7 +35,7 @@ def settings(folder):
 
     def make(*handles, cage="cage.obj", **place):
         Path("handles.json").write_text(json.dumps({"handles": handles}))
-        posing = PosingSettings(place=PlaceSettings(**place))
+        posing = PosingSettings(placement=PlacementSettings(**place))
         names = map(Path, ("frames/frame_1.obj", "handles.json", "posed.obj"))
         return PoseSettings(*names, cage and Path(cage), posing=posing)
 
@@ -59,7 +59,7 @@ def test_what_was_changed_in_the_cage_is_remarked(settings, write_obj, animation
     posed = pose(settings(TIP, PIN, cage="inward.obj"), notes)
     assert [text for _, text in notes.texts if text.startswith("inward.obj: ")]
     np.testing.assert_allclose(
-        posed.snapshot.clip.binding.cage.volume, animation.cage.volume, rtol=1e-12
+        posed.snapshot.edit_target.binding.cage.volume, animation.cage.volume, rtol=1e-12
     )
 
 

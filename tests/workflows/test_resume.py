@@ -11,20 +11,20 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.report.record import report_of
-from cageik_cli.report.views.tables import as_csv, as_json
-from cageik_cli.report.views.text import as_text
+from cageik_cli.report.record import build_report
+from cageik_cli.report.views.tables import format_csv, format_json
+from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.dual_laplacian import SolveSettings
-from cageik_cli.store.checkpoint import progress_of
+from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.util.errors import InputError
-from cageik_cli.util.progress import Observer
+from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 LOG = Path("cages.h5.partial")
 
 
-class Stopped(Observer):
+class Stopped(ProgressListener):
     """Ends the run when so many frames are done, as Ctrl-C does; remembers what was remarked."""
 
     def __init__(self, after=None):
@@ -63,7 +63,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(plain, whole, after):
     error = interrupted(plain, after)
     kept = f"{after} of 5 frames are kept in cages.h5.partial; go on with --resume"
     assert error.__notes__ == [kept]
-    assert progress_of(LOG) == (after, 5)
+    assert checkpoint_progress(LOG) == (after, 5)
     watch = Stopped()
     result = extract(replace(plain, resume=True), watch)
     assert result.path.read_bytes() == whole
@@ -93,7 +93,7 @@ def test_what_an_interrupted_run_left_is_not_lost_unasked(plain, whole):
     interrupted(plain, 2)
     with pytest.raises(InputError, match=r"has left 2 of 5 frames there; go on with --resume, or"):
         extract(plain)
-    assert progress_of(LOG) == (2, 5)
+    assert checkpoint_progress(LOG) == (2, 5)
     assert extract(replace(plain, overwrite=True)).path.read_bytes() == whole
 
 
@@ -102,7 +102,7 @@ def test_a_run_with_other_settings_is_refused(plain):
     other = replace(plain, resume=True, solve=SolveSettings(alpha=0.5))
     with pytest.raises(InputError, match=r"is of another run: its alpha was 0\.001, not 0\.5"):
         extract(other)
-    assert progress_of(LOG) == (2, 5)
+    assert checkpoint_progress(LOG) == (2, 5)
 
 
 def test_frames_that_changed_are_solved_again(plain, animation, write_obj):
@@ -316,12 +316,12 @@ def test_nothing_but_gaps_is_refused(plain):
 
 
 def test_the_report_names_the_gaps(gapped):
-    report = report_of(extract(replace(gapped, on_bad_frame="skip")))
-    text = as_text(report)
+    report = build_report(extract(replace(gapped, on_bad_frame="skip")))
+    text = format_text(report)
     row = next(line for line in text.splitlines() if line.startswith("  skipped"))
     assert "2 of 5 frames: frame_2.obj, frame_4.obj; frames/frame_2.obj: 0 vertices" in row
     assert "nan" not in text
-    record = json.loads(as_json([report]))
+    record = json.loads(format_json([report]))
     assert record["summary"]["frames_skipped"] == 2
     gap = record["frames"][1]
     assert "0 vertices" in gap.pop("skipped")
@@ -329,7 +329,7 @@ def test_the_report_names_the_gaps(gapped):
     assert record["frames"][2]["skipped"] is None
     good = [frame["rms"] ** 2 for frame in record["frames"] if frame["rms"] is not None]
     assert record["summary"]["rms"] == pytest.approx(np.sqrt(np.mean(good)), rel=1e-12)
-    row = list(csv.DictReader(io.StringIO(as_csv([report]))))[1]
+    row = list(csv.DictReader(io.StringIO(format_csv([report]))))[1]
     assert (row["name"], row["rms"], row["volume"]) == ("frame_2.obj", "", "")
     assert "0 vertices" in row["skipped"]
 

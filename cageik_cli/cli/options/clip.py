@@ -16,7 +16,7 @@ LAYOUTS = ("fvx", "vxf", "fxv")
 UP_AXES = ("Y", "Z")
 
 
-class Selection(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
+class FrameRangeType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
     """Frames A to B, B left out, every STEP-th: A:B:STEP, each of which may be left out."""
 
     name = "a:b:step"
@@ -56,7 +56,7 @@ def clip_options(command: Command) -> Command:
         click.option(
             "--frames",
             "selection",
-            type=Selection(),
+            type=FrameRangeType(),
             default=":",
             help="Only frames A:B:STEP of the clip, from 0, B left out.  [default: all]",
         ),
@@ -85,14 +85,14 @@ def scene_options(command: Command) -> Command:
     return command
 
 
-def clip_of(options: dict[str, Any]) -> Any:
+def pop_clip_settings(options: dict[str, Any]) -> Any:
     """Take the clip's options out of `options`, as settings."""
     from cageik_cli.formats.base.sequence import ClipSettings
 
     return ClipSettings(*(options.pop(name) for name in ("selection", "layout", "allow_gaps")))
 
 
-def scene_of(options: dict[str, Any]) -> Any:
+def pop_scene_hints(options: dict[str, Any]) -> Any:
     """Take the scene's options out of `options`, as hints.
 
     Raises

@@ -9,22 +9,22 @@ from typing import Any, TypeVar
 import click
 from click.core import ParameterSource
 
-from cageik_cli.cli.config import read_config
-from cageik_cli.util.threads import processors
+from cageik_cli.cli.config import apply_config
+from cageik_cli.util.threads import count_processors
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-PATH = click.Path(path_type=Path)
+PATH_TYPE = click.Path(path_type=Path)
 
 # The numerics' own words, which would take a second to import; a test compares them.
 COORDINATES = ("harmonic", "mean-value")
 
 ACCURACIES = {"preview": 0.03, "standard": 0.005, "fine": 0.001}
-OUTSIDE = ("refuse", "project")
+OUTSIDE_POLICIES = ("refuse", "project")
 FRAME_KINDS = ("obj", "ply")
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
-class Size(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
+class SizeType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
     """Bytes, such as 512MiB, 2GiB or 1000000."""
 
     name = "size"
@@ -37,15 +37,15 @@ class Size(click.ParamType):  # type: ignore[type-arg]  # not subscriptable befo
         return int(float(match[1]) * _UNITS[match[2].upper()])
 
 
-def common(command: Command) -> Command:
+def common_options(command: Command) -> Command:
     """-v, -q and --config."""
     for option in (
         click.option(
             "--config",
-            type=PATH,
+            type=PATH_TYPE,
             is_eager=True,
             expose_value=False,
-            callback=read_config,
+            callback=apply_config,
             help="A TOML file with options under [COMMAND]; the command line wins.",
         ),
         click.option(
@@ -64,12 +64,12 @@ def common(command: Command) -> Command:
     return command
 
 
-def jobs(command: Command) -> Command:
+def jobs_option(command: Command) -> Command:
     """--jobs."""
     return click.option(
         "--jobs",
         type=click.IntRange(min=1),
-        default=processors,
+        default=count_processors,
         show_default="processors",
         help="Threads.",
     )(command)
@@ -78,33 +78,33 @@ def jobs(command: Command) -> Command:
 def timings_option(command: Command) -> Command:
     """--timings."""
     return click.option(
-        "--timings", type=PATH, help="Write the seconds of each stage to this JSON file."
+        "--timings", type=PATH_TYPE, help="Write the seconds of each stage to this JSON file."
     )(command)
 
 
 def binding_options(command: Command) -> Command:
     """--coordinates, --accuracy, --outside, --cache and --no-cache: how weights come about."""
-    return _binding_options(command, (COORDINATES[0], "standard", OUTSIDE[0]))
+    return _add_binding_options(command, (COORDINATES[0], "standard", OUTSIDE_POLICIES[0]))
 
 
 def rebinding_options(command: Command) -> Command:
     """The same options, where there is a result whose own settings hold unless others are given."""
-    return _binding_options(command, (None, None, None))
+    return _add_binding_options(command, (None, None, None))
 
 
-def _binding_options(command: Command, defaults: tuple[str | None, ...]) -> Command:
-    coordinates, accuracy, outside = map(_default, defaults)
+def _add_binding_options(command: Command, defaults: tuple[str | None, ...]) -> Command:
+    coordinates, accuracy, outside = map(_make_default, defaults)
     tolerances = ", ".join(f"{error} {name}" for name, error in ACCURACIES.items())
     for option in (
         click.option("--no-cache", is_flag=True, help="Compute the weights, and do not keep them."),
         click.option(
             "--cache",
-            type=PATH,
+            type=PATH_TYPE,
             help="The folder that keeps weights.  [default: CAGEIK_CACHE, or the user's caches]",
         ),
         click.option(
             "--outside",
-            type=click.Choice(OUTSIDE),
+            type=click.Choice(OUTSIDE_POLICIES),
             help="What to do with vertices outside the cage; projected ones take the weights of "
             "the nearest point of the cage.",
             **outside,
@@ -126,7 +126,7 @@ def _binding_options(command: Command, defaults: tuple[str | None, ...]) -> Comm
     return command
 
 
-def _default(value: str | None) -> dict[str, Any]:
+def _make_default(value: str | None) -> dict[str, Any]:
     return {"default": value, "show_default": value or "the result's"}
 
 
@@ -134,7 +134,7 @@ def memory_option(command: Command) -> Command:
     """--memory."""
     return click.option(
         "--memory",
-        type=Size(),
+        type=SizeType(),
         default="1GiB",
         show_default=True,
         help="Most for the weights and blocks of frames.",
@@ -156,13 +156,13 @@ def animation_options(command: Command) -> Command:
     return command
 
 
-def is_typed(name: str) -> bool:
+def is_on_command_line(name: str) -> bool:
     """Whether an option was given on the command line."""
     source = click.get_current_context().get_parameter_source(name)
     return source is ParameterSource.COMMANDLINE
 
 
-def cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
+def choose_cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
     """The folder of the cache: of the command line, the file of options, the environment, the user.
 
     Raises
@@ -170,9 +170,9 @@ def cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
     click.UsageError
         When the command line both names and refuses one.
     """
-    if is_typed("cache") and is_typed("no_cache"):
+    if is_on_command_line("cache") and is_on_command_line("no_cache"):
         raise click.UsageError("--cache and --no-cache exclude each other; give one")
-    if no_cache and not is_typed("cache"):
+    if no_cache and not is_on_command_line("cache"):
         return None
     named = cache or os.environ.get("CAGEIK_CACHE")
     if named:
@@ -183,7 +183,7 @@ def cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
     return user_cache_path("cageik", appauthor=False)
 
 
-def verbosity() -> int:
+def get_verbosity() -> int:
     """How many -v were given."""
     return int(click.get_current_context().find_root().meta.get("verbosity", 0))
 

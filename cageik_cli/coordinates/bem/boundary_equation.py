@@ -21,37 +21,42 @@ from scipy.spatial import cKDTree
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.bem.higher_terms import higher_moments
 from cageik_cli.coordinates.bem.panels import (
-    close_angles,
+    close_solid_angles,
     distances,
     double_layer,
     linear_moments,
-    take_principal_values,
-    view,
+    panel_view,
+    set_principal_values,
 )
-from cageik_cli.coordinates.bem.polynomials import LINEAR, basis, gauss_rule, monomials
-from cageik_cli.util.arrays import Floats, Integers, Scratch
-from cageik_cli.util.threads import blas_threads
+from cageik_cli.coordinates.bem.polynomials import (
+    LINEAR_TERMS,
+    gauss_rule,
+    monomials,
+    orthogonal_basis,
+)
+from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.util.threads import limit_blas_threads
 
-FADE = 1.25
+FADE_FACTOR = 1.25
 """What is beyond linear is whole to `reach` over this, and nothing from `reach` times this."""
 
-BLOCK = 60_000
+MAX_BLOCK_ENTRIES = 60_000
 """Panels times points looked at together: they stay in a cache, and threads stay apart."""
 
 LU_THREADS = 2
 """A fixed number, so that weights do not depend on how many processors there are."""
 
-Singles = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 
 
-class _ThreadScratch(threading.local):
+class _ThreadWorkspace(threading.local):
     """Scratch of the running thread, dropped with it."""
 
     def __init__(self) -> None:
-        self.own = Scratch()
+        self.workspace = Workspace()
 
 
-_SCRATCH = _ThreadScratch()
+_THREAD_LOCAL = _ThreadWorkspace()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +82,7 @@ class Potentials:
     ----------
     linear : (3p, q)
         ∫ (1, x, y)/r of every panel; scratch.
-    near : (c,) int64
+    near_panels : (c,) int64
         Places among `mesh.high` of the panels whose higher terms have not faded out.
     higher : (d − 3, c, q)
         ∫ ψ/r of their higher terms.
@@ -86,7 +91,7 @@ class Potentials:
     """
 
     linear: Floats
-    near: Integers
+    near_panels: Integers
     higher: Floats
     double: Floats
 
@@ -98,24 +103,24 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
     digit at most, and what affine functions need of the densities is known and set to rounding.
     """
     matrix = np.zeros((mesh.unknowns, mesh.unknowns), np.float32)
-    right = np.empty((mesh.unknowns, mesh.hats.shape[1]), np.float32)
+    rhs = np.empty((mesh.unknowns, mesh.hats.shape[1]), np.float32)
 
     def fill(chosen: Integers) -> None:
-        _fill_rows(mesh, chosen, matrix, right)
+        _fill_rows(mesh, chosen, matrix, rhs)
 
-    for _ in pool.map(fill, _test_blocks(mesh)):
+    for _ in pool.map(fill, _split_test_panels(mesh)):
         pass
-    with blas_threads(LU_THREADS):
+    with limit_blas_threads(LU_THREADS):
         # LAPACK wants columns: the transpose is factored where it stands, and solved transposed.
         factor = scipy.linalg.lu_factor(matrix.T, overwrite_a=True, check_finite=False)
         densities = scipy.linalg.lu_solve(
-            factor, right, trans=1, overwrite_b=True, check_finite=False
+            factor, rhs, trans=1, overwrite_b=True, check_finite=False
         )
     del factor
-    return BoundarySolution(mesh, _affine(mesh, densities.astype(np.float64)))
+    return BoundarySolution(mesh, _enforce_affine(mesh, densities.astype(np.float64)))
 
 
-def _affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
+def _enforce_affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
     """Take from the densities what rounding added to those of affine functions.
 
     Σ_k q_k = 0 and Σ_k q_k c_k = n, c_k the cage's vertices, as 1 and x have the normal derivatives
@@ -129,90 +134,94 @@ def _affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
     return densities
 
 
-def weights_inside(boundary: BoundarySolution, points: Floats) -> Floats:
+def interior_weights(boundary: BoundarySolution, points: Floats) -> Floats:
     """Weights of points strictly inside, (q, n)."""
-    seen = potentials(boundary.mesh, points, inside=True)
-    weights = emitted(boundary.mesh, boundary.densities, seen)
-    weights += seen.double
+    potentials = compute_potentials(boundary.mesh, points, is_inside=True)
+    weights = single_layer(boundary.mesh, boundary.densities, potentials)
+    weights += potentials.double
     return weights.T / (4 * np.pi)
 
 
-def emitted(mesh: BoundaryMesh, densities: Floats, seen: Potentials) -> Floats:
+def single_layer(mesh: BoundaryMesh, densities: Floats, potentials: Potentials) -> Floats:
     """Σ_panels ∫ q_k / r of densities (u, n), (n, q)."""
     split = mesh.linear_unknowns
-    total = densities[:split].T @ seen.linear
-    if len(seen.near):
-        higher = densities[split:].reshape(mesh.extra, len(mesh.high), -1)[:, seen.near]
-        total += higher.reshape(-1, len(total)).T @ seen.higher.reshape(-1, total.shape[1])
+    total = densities[:split].T @ potentials.linear
+    if len(potentials.near_panels):
+        higher = densities[split:].reshape(mesh.extra_terms, len(mesh.high_panels), -1)[
+            :, potentials.near_panels
+        ]
+        total += higher.reshape(-1, len(total)).T @ potentials.higher.reshape(-1, total.shape[1])
     return np.asarray(total)
 
 
-def _fill_rows(mesh: BoundaryMesh, chosen: Integers, matrix: Singles, right: Singles) -> None:
+def _fill_rows(mesh: BoundaryMesh, chosen: Integers, matrix: Float32s, rhs: Float32s) -> None:
     """The equations of the panels `chosen`, tested with the polynomials of their densities."""
-    rows = mesh.rows(chosen)
-    order = 1 if rows.shape[1] == LINEAR else mesh.order
+    rows = mesh.panel_unknowns(chosen)
+    order = 1 if rows.shape[1] == LINEAR_TERMS else mesh.order
     barycentric, shares = gauss_rule(order + 1)
-    tests = (basis(order) @ monomials(order, barycentric) * shares).T
+    tests = (orthogonal_basis(order) @ monomials(order, barycentric) * shares).T
     corner = mesh.panels.vertices[mesh.panels.corners[chosen]]
     nodes = np.einsum("jk,ckx->cjx", barycentric, corner)
-    seen = potentials(mesh, nodes.reshape(-1, 3), inside=False)
+    potentials = compute_potentials(mesh, nodes.reshape(-1, 3), is_inside=False)
 
-    def tested(values: Floats) -> Floats:
+    def integrate_against_tests(values: Floats) -> Floats:
         return (values.reshape(-1, len(shares)) @ tests).reshape(len(values), -1).T
 
     into = rows.ravel()
-    matrix[into, : mesh.linear_unknowns] = tested(seen.linear)
-    if len(seen.near):
-        columns = np.arange(mesh.extra)[:, None] * len(mesh.high) + seen.near
+    matrix[into, : mesh.linear_unknowns] = integrate_against_tests(potentials.linear)
+    if len(potentials.near_panels):
+        columns = (
+            np.arange(mesh.extra_terms)[:, None] * len(mesh.high_panels) + potentials.near_panels
+        )
         columns += mesh.linear_unknowns
-        higher = seen.higher.reshape(-1, nodes.shape[0] * nodes.shape[1])
-        matrix[into[:, None], columns.ravel()] = tested(higher)
-    on_nodes = 2 * np.pi * mesh.values(chosen, barycentric).reshape(-1, right.shape[1])
-    right[into] = tested(on_nodes.T - seen.double)
+        higher = potentials.higher.reshape(-1, nodes.shape[0] * nodes.shape[1])
+        matrix[into[:, None], columns.ravel()] = integrate_against_tests(higher)
+    on_nodes = 2 * np.pi * mesh.evaluate_hats(chosen, barycentric).reshape(-1, rhs.shape[1])
+    rhs[into] = integrate_against_tests(on_nodes.T - potentials.double)
 
 
-def potentials(mesh: BoundaryMesh, points: Floats, *, inside: bool) -> Potentials:
-    """What is seen from points strictly `inside`, or in the faces."""
-    scratch = _SCRATCH.own
+def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -> Potentials:
+    """What is seen from points strictly `is_inside`, or in the faces."""
+    workspace = _THREAD_LOCAL.workspace
     panels = mesh.panels
-    seen = view(panels, points, scratch)
-    if inside:
-        close_angles(seen)
+    view = panel_view(panels, points, workspace)
+    if is_inside:
+        close_solid_angles(view)
     else:
-        take_principal_values(seen)
-    linear = linear_moments(panels, seen, scratch)
-    near, faded = _near(mesh, points)
-    higher = np.empty((mesh.extra, 0, len(points)))
+        set_principal_values(view)
+    linear = linear_moments(panels, view, workspace)
+    near, faded = _find_near_panels(mesh, points)
+    higher = np.empty((mesh.extra_terms, 0, len(points)))
     if len(near):
-        higher = higher_moments(mesh.higher_terms, near, seen, linear, scratch)
+        higher = higher_moments(mesh.higher_terms, near, view, linear, workspace)
         higher *= faded
-    integrals = double_layer(panels, seen, scratch)
-    double = mesh.double_hats @ integrals.reshape(-1, len(points))
+    integrals = double_layer(panels, view, workspace)
+    double = mesh.double_layer_to_hats @ integrals.reshape(-1, len(points))
     return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
 
 
-def _near(mesh: BoundaryMesh, points: Floats) -> tuple[Integers, Floats]:
+def _find_near_panels(mesh: BoundaryMesh, points: Floats) -> tuple[Integers, Floats]:
     """Places among `mesh.high` of panels within reach of any point, and what is left there, (c, q).
 
     That is 1 to a distance of reach/FADE, 0 from reach · FADE, with a continuous slope between.
     """
-    centroids = mesh.panels.centroids[mesh.high]
+    centroids = mesh.panels.centroids[mesh.high_panels]
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     spread = np.linalg.norm(points - middle, axis=1).max()
     distance = np.linalg.norm(centroids - middle, axis=1)
-    near = np.flatnonzero(distance < FADE * mesh.reach + spread)
-    share = distances(centroids[near], points, _SCRATCH.own, "centroid")
+    near = np.flatnonzero(distance < FADE_FACTOR * mesh.reach + spread)
+    share = distances(centroids[near], points, _THREAD_LOCAL.workspace, "centroid")
     share /= mesh.reach[near, None]
-    np.subtract(FADE, share, out=share)
-    share /= FADE - 1 / FADE
+    np.subtract(FADE_FACTOR, share, out=share)
+    share /= FADE_FACTOR - 1 / FADE_FACTOR
     np.clip(share, 0, 1, out=share)
     return near, share * share * (3 - 2 * share)
 
 
-def _test_blocks(mesh: BoundaryMesh) -> list[Integers]:
+def _split_test_panels(mesh: BoundaryMesh) -> list[Integers]:
     """Panels of one kind, neighbours together, with a block of nodes."""
     panels = np.arange(len(mesh.panels.corners))
-    is_high = mesh.highest > 1
+    is_high = mesh.panel_degrees > 1
     blocks: list[Integers] = []
     for chosen, order in ((panels[is_high], mesh.order), (panels[~is_high], 1)):
         if len(chosen):
@@ -222,7 +231,7 @@ def _test_blocks(mesh: BoundaryMesh) -> list[Integers]:
     return blocks
 
 
-def blocks(mesh: BoundaryMesh, count: int) -> list[slice]:
+def split_points(mesh: BoundaryMesh, count: int) -> list[slice]:
     """Runs of `count` points that are looked at together."""
     size = _block_size(mesh)
     return [slice(start, min(start + size, count)) for start in range(0, count, size)]
@@ -230,4 +239,4 @@ def blocks(mesh: BoundaryMesh, count: int) -> list[slice]:
 
 def _block_size(mesh: BoundaryMesh) -> int:
     """Points to a block; not so few that a call costs more than its work."""
-    return int(np.clip(BLOCK // len(mesh.panels.corners), 16, 512))
+    return int(np.clip(MAX_BLOCK_ENTRIES // len(mesh.panels.corners), 16, 512))

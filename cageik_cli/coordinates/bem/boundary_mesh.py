@@ -9,7 +9,7 @@ from scipy import sparse
 
 from cageik_cli.coordinates.bem.higher_terms import HigherTerms
 from cageik_cli.coordinates.bem.panel_geometry import Panels
-from cageik_cli.coordinates.bem.polynomials import LINEAR, exponents
+from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, exponents
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -19,7 +19,7 @@ class BoundaryMesh:
     """Panels on which densities are polynomials: of degree `order` on some, linear on the others.
 
     The unknowns are the coefficients of `polynomials.basis`: 1, x and y of every panel, ordered
-    [term, panel], then the others of the panels numbered `high`, ordered likewise.
+    [term, panel], then the others of the panels numbered `high_panels`, ordered likewise.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class BoundaryMesh:
     hats : (v, n) sparse
         The hat of each of the cage's n vertices at each vertex of the panels.
     order : int
-    high : (k,) int64
+    high_panels : (k,) int64
         In ascending order.
     reach : (k,) float64
         Distance from each one's centroid at which what is beyond linear has half faded out.
@@ -36,32 +36,32 @@ class BoundaryMesh:
     panels: Panels
     hats: sparse.csr_array
     order: int
-    high: Integers
+    high_panels: Integers
     reach: Floats
 
     @staticmethod
-    def of(cage: TriMesh) -> "BoundaryMesh":
+    def from_cage(cage: TriMesh) -> "BoundaryMesh":
         """A panel a face, with linear densities."""
         hats = sparse.eye_array(len(cage.vertices), format="csr")
-        return _linear(Panels(cage.vertices, cage.faces), hats)
+        return _make_linear_mesh(Panels(cage.vertices, cage.faces), hats)
 
     @property
-    def extra(self) -> int:
+    def extra_terms(self) -> int:
         """Unknowns that a panel of higher order has beyond the linear ones."""
-        return len(exponents(self.order)) - LINEAR
+        return len(exponents(self.order)) - LINEAR_TERMS
 
     @property
     def linear_unknowns(self) -> int:
         """Unknowns of the linear terms; the others come behind."""
-        return LINEAR * len(self.panels.corners)
+        return LINEAR_TERMS * len(self.panels.corners)
 
     @property
     def unknowns(self) -> int:
         """Coefficients of one density."""
-        return self.linear_unknowns + self.extra * len(self.high)
+        return self.linear_unknowns + self.extra_terms * len(self.high_panels)
 
     @cached_property
-    def double_hats(self) -> sparse.csr_array:
+    def double_layer_to_hats(self) -> sparse.csr_array:
         """From ∫ (1, x, y) h/r³ of the panels, ordered [term, panel], to D of the hats, (n, 3p)."""
         a, b, c = (self.hats[self.panels.corners[:, k]].T for k in range(3))
         # φ_0 = ⅓ + x, φ_1 = ⅓ + y, φ_2 = ⅓ − x − y
@@ -71,45 +71,49 @@ class BoundaryMesh:
     @cached_property
     def higher_terms(self) -> HigherTerms:
         """The terms beyond linear, for their integrals."""
-        return HigherTerms(self.panels, self.high, self.order)
+        return HigherTerms(self.panels, self.high_panels, self.order)
 
     @cached_property
-    def highest(self) -> Integers:
+    def panel_degrees(self) -> Integers:
         """Degree of the densities on each panel, (p,)."""
         highest = np.ones(len(self.panels.corners), np.int64)
-        highest[self.high] = self.order
+        highest[self.high_panels] = self.order
         return highest
 
     @cached_property
-    def degrees(self) -> tuple[Integers, Integers, Integers]:
+    def unknown_degrees(self) -> tuple[Integers, Integers, Integers]:
         """Of each unknown: its polynomial's degree, the highest on its panel, and its panel."""
         panels = np.arange(len(self.panels.corners))
         degree = np.array([a + b for a, b in exponents(self.order)])
-        panel = np.concatenate([np.tile(panels, LINEAR), np.tile(self.high, self.extra)])
-        counts = np.repeat([len(panels), len(self.high)], [LINEAR, self.extra])
-        return np.repeat(degree, counts), self.highest[panel], panel
+        panel = np.concatenate(
+            [np.tile(panels, LINEAR_TERMS), np.tile(self.high_panels, self.extra_terms)]
+        )
+        counts = np.repeat([len(panels), len(self.high_panels)], [LINEAR_TERMS, self.extra_terms])
+        return np.repeat(degree, counts), self.panel_degrees[panel], panel
 
-    def rows(self, chosen: Integers) -> Integers:
+    def panel_unknowns(self, chosen: Integers) -> Integers:
         """Unknowns of the panels numbered: (c, 3) or, if they are of higher order, (c, d)."""
-        linear = np.arange(LINEAR) * len(self.panels.corners) + chosen[:, None]
-        place = np.searchsorted(self.high, chosen)
-        if len(self.high) == 0 or not np.array_equal(self.high[place % len(self.high)], chosen):
+        linear = np.arange(LINEAR_TERMS) * len(self.panels.corners) + chosen[:, None]
+        place = np.searchsorted(self.high_panels, chosen)
+        if len(self.high_panels) == 0 or not np.array_equal(
+            self.high_panels[place % len(self.high_panels)], chosen
+        ):
             return linear
-        higher = np.arange(self.extra) * len(self.high) + place[:, None]
+        higher = np.arange(self.extra_terms) * len(self.high_panels) + place[:, None]
         return np.concatenate([linear, self.linear_unknowns + higher], axis=1)
 
-    def raised(self, order: int, high: Integers, reach: Floats) -> "BoundaryMesh":
-        """The same panels with densities of degree `order` on those numbered `high`, ascending."""
-        return BoundaryMesh(self.panels, self.hats, order, high, reach)
+    def raise_order(self, order: int, high_panels: Integers, reach: Floats) -> "BoundaryMesh":
+        """Give the panels numbered `high_panels`, ascending, densities of degree `order`."""
+        return BoundaryMesh(self.panels, self.hats, order, high_panels, reach)
 
-    def divided(self, chosen: NDArray[np.bool_]) -> "BoundaryMesh":
+    def divide(self, chosen: NDArray[np.bool_]) -> "BoundaryMesh":
         """The `chosen` panels, (p,), each divided in four; all densities linear.
 
         Children come in the place of their parent. A side may then meet two shorter ones: every
         integral is in closed form, so that nothing is lost there.
         """
         corners, vertices = self.panels.corners, self.panels.vertices
-        sides, place = np.unique(self.panels.edges.of_side[chosen], return_inverse=True)
+        sides, place = np.unique(self.panels.edges.side_edges[chosen], return_inverse=True)
         ends = self.panels.edges.ends[sides]
         a, b, c = corners[chosen].T
         opposite_a, opposite_b, opposite_c = (place.reshape(-1, 3) + len(vertices)).T
@@ -126,16 +130,16 @@ class BoundaryMesh:
         divided[np.repeat(chosen, np.where(chosen, 4, 1))] = children.reshape(-1, 3)
         middles = vertices[ends].mean(axis=1)
         hats = (self.hats[ends[:, 0]] + self.hats[ends[:, 1]]) / 2
-        return _linear(
+        return _make_linear_mesh(
             Panels(np.concatenate([vertices, middles]), divided),
             sparse.csr_array(sparse.vstack([self.hats, hats], format="csr")),
         )
 
-    def values(self, chosen: Integers, barycentric: Floats) -> Floats:
+    def evaluate_hats(self, chosen: Integers, barycentric: Floats) -> Floats:
         """The hats at the same `barycentric` coordinates, (j, 3), of some panels, (c, j, n)."""
         corner = [self.hats[self.panels.corners[chosen, k]].toarray() for k in range(3)]
         return np.asarray(np.einsum("jk,kcn->cjn", barycentric, np.stack(corner)))
 
 
-def _linear(panels: Panels, hats: sparse.csr_array) -> BoundaryMesh:
+def _make_linear_mesh(panels: Panels, hats: sparse.csr_array) -> BoundaryMesh:
     return BoundaryMesh(panels, hats, 1, np.empty(0, np.int64), np.empty(0))

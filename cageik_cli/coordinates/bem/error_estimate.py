@@ -4,29 +4,29 @@ import numpy as np
 
 from cageik_cli.coordinates.bem.boundary_equation import (
     BoundarySolution,
-    blocks,
-    emitted,
-    potentials,
+    compute_potentials,
+    single_layer,
+    split_points,
 )
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import nearest_on_surface
+from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats
 
-AFTER_LINEAR = 0.1
+LINEAR_REMAINDER = 0.1
 """Error of linear densities over what their linear terms emit: 0.08 to 0.16 on real cages."""
 
-FASTEST_FALL = 0.3
+MIN_DECAY = 0.3
 """Degrees are not trusted to fall faster: a density's logarithms at edges do not let them."""
 
-SLOWEST_FALL = 0.8
+MAX_DECAY = 0.8
 """Nor slower, for the series' sum to mean something."""
 
-OFF_EDGES = 1e-3
+EDGE_OFFSET = 1e-3
 """How far towards its centroid a point of a panel is moved, for edges have no tangent plane."""
 
 
-def estimated(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats]:
+def estimate_error(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats]:
     """Estimate the mean row L1 error over `sample`, (s, 3), and each panel's share in it, (p,).
 
     Away from the cage, the terms of each panel's highest degree, against those one lower, tell how
@@ -34,17 +34,17 @@ def estimated(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats
     Near it, the error is what the equations leave at the nearest point. The larger of both counts.
     """
     mesh = boundary.mesh
-    degree, highest, panel = mesh.degrees
+    degree, highest, panel = mesh.unknown_degrees
     terms = {
         (order, of): np.flatnonzero((degree == of) & (highest == order))
         for order in np.unique(highest)
         for of in (order - 1, order)
     }
     sizes = dict.fromkeys(terms, 0.0)
-    seen_of = np.zeros(mesh.unknowns)
-    for block in blocks(mesh, len(sample)):
-        seen = _all_potentials(mesh, sample[block])
-        seen_of += np.abs(seen).sum(axis=1)
+    term_sums = np.zeros(mesh.unknowns)
+    for block in split_points(mesh, len(sample)):
+        seen = _compute_all_potentials(mesh, sample[block])
+        term_sums += np.abs(seen).sum(axis=1)
         for of, rows in terms.items():
             of_terms = boundary.densities[rows].T @ seen[rows]
             sizes[of] += np.abs(of_terms).sum() / (4 * np.pi * len(sample))
@@ -52,24 +52,26 @@ def estimated(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats
     for order in np.unique(highest):
         last, before = sizes[order, order], sizes[order, order - 1]
         if before > 0:
-            fall = np.clip(last / before, FASTEST_FALL, SLOWEST_FALL)
-            series += last * (AFTER_LINEAR if order == 1 else fall / (1 - fall))
-    error = max(series, float(_left_near_the_cage(boundary, sample).mean()))
-    seen_of *= np.abs(boundary.densities).sum(axis=1)
-    return error, np.bincount(panel, seen_of * (degree == highest)).astype(np.float64)
+            fall = np.clip(last / before, MIN_DECAY, MAX_DECAY)
+            series += last * (LINEAR_REMAINDER if order == 1 else fall / (1 - fall))
+    error = max(series, float(_residual_near_cage(boundary, sample).mean()))
+    term_sums *= np.abs(boundary.densities).sum(axis=1)
+    return error, np.bincount(panel, term_sums * (degree == highest)).astype(np.float64)
 
 
-def _all_potentials(mesh: BoundaryMesh, points: Floats) -> Floats:
+def _compute_all_potentials(mesh: BoundaryMesh, points: Floats) -> Floats:
     """∫ of all terms over r, (u, q); 0 of those that have faded out."""
-    seen = potentials(mesh, points, inside=True)
+    potentials = compute_potentials(mesh, points, is_inside=True)
     everything = np.zeros((mesh.unknowns, len(points)))
-    everything[: mesh.linear_unknowns] = seen.linear
-    higher = everything[mesh.linear_unknowns :].reshape(mesh.extra, len(mesh.high), len(points))
-    higher[:, seen.near] = seen.higher
+    everything[: mesh.linear_unknowns] = potentials.linear
+    higher = everything[mesh.linear_unknowns :].reshape(
+        mesh.extra_terms, len(mesh.high_panels), len(points)
+    )
+    higher[:, potentials.near_panels] = potentials.higher
     return everything
 
 
-def _left_near_the_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
+def _residual_near_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
     """Row L1 errors, (s,), that the equations leave on the cage, as felt at points in it.
 
     The computed weights are harmonic, and on the cage are off by (2π φ − D − ∫ q/r) / 4π. That
@@ -77,20 +79,20 @@ def _left_near_the_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
     """
     mesh = boundary.mesh
     panels = mesh.panels
-    nearest = nearest_on_surface(TriMesh(panels.vertices, panels.corners), sample)
-    on = nearest.position + OFF_EDGES * (panels.centroids[nearest.face] - nearest.position)
-    hats = nearest_on_surface(nearest.mesh, on).weights(np.ones(len(on), bool)) @ mesh.hats
+    nearest = closest_points(TriMesh(panels.vertices, panels.corners), sample)
+    on = nearest.position + EDGE_OFFSET * (panels.centroids[nearest.face] - nearest.position)
+    hats = closest_points(nearest.mesh, on).barycentric_weights(np.ones(len(on), bool)) @ mesh.hats
     left = np.concatenate(
         [
-            np.abs(2 * np.pi * hats[block] - _on_surface(boundary, on[block]).T).sum(axis=1)
-            for block in blocks(mesh, len(on))
+            np.abs(2 * np.pi * hats[block] - _surface_values(boundary, on[block]).T).sum(axis=1)
+            for block in split_points(mesh, len(on))
         ]
     )
-    waves = (mesh.highest[nearest.face] + 1) / panels.radii[nearest.face]
+    waves = (mesh.panel_degrees[nearest.face] + 1) / panels.radii[nearest.face]
     return np.asarray(left / (4 * np.pi) * np.exp(-np.pi * waves * nearest.distance))
 
 
-def _on_surface(boundary: BoundarySolution, points: Floats) -> Floats:
+def _surface_values(boundary: BoundarySolution, points: Floats) -> Floats:
     """D + ∫ q/r of every weight at points in faces, (n, q): 2π φ but for the error."""
-    seen = potentials(boundary.mesh, points, inside=False)
-    return emitted(boundary.mesh, boundary.densities, seen) + seen.double
+    potentials = compute_potentials(boundary.mesh, points, is_inside=False)
+    return single_layer(boundary.mesh, boundary.densities, potentials) + potentials.double

@@ -19,15 +19,15 @@ from functools import cache, cached_property
 import numpy as np
 
 from cageik_cli.coordinates.bem.panel_geometry import Panels
-from cageik_cli.coordinates.bem.panels import View
+from cageik_cli.coordinates.bem.panels import PanelView
 from cageik_cli.coordinates.bem.polynomials import (
-    LINEAR,
-    basis,
+    LINEAR_TERMS,
     edge_coefficients,
     exponents,
-    of_degree,
+    exponents_at_degree,
+    orthogonal_basis,
 )
-from cageik_cli.util.arrays import Floats, Integers, Scratch
+from cageik_cli.util.arrays import Floats, Integers, Workspace
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,20 +37,20 @@ class HigherTerms:
     Attributes
     ----------
     panels : Panels
-    chosen : (k,) int64
+    high_panels : (k,) int64
         Which of the panels.
     order : int
         Two or more.
     """
 
     panels: Panels
-    chosen: Integers
+    high_panels: Integers
     order: int
 
     @cached_property
     def side_factors(self) -> Floats:
         """From L-scaled J of the three sides, [side, power], to the sums of `_plan`, (k, s, 3o)."""
-        panels, chosen, order = self.panels, self.chosen, self.order
+        panels, chosen, order = self.panels, self.high_panels, self.order
         altitudes = panels.altitudes[:, chosen]
         scale = np.zeros((5, 3, len(chosen)))
         scale[_ALONG_X], scale[_ALONG_Y] = panels.slopes[:2, :, chosen]
@@ -58,9 +58,9 @@ class HigherTerms:
         scale[_RADIAL] = altitudes / 3
         scale[_RADIAL_X, 0], scale[_RADIAL_Y, 1] = altitudes[:2]
         scale[_RADIAL_X, 2] = scale[_RADIAL_Y, 2] = -altitudes[2]
-        scale *= panels.edge_lengths[panels.edges.of_side[chosen]].T ** 2
-        signs = panels.turns[chosen][:, :, None] ** np.arange(order)
-        kinds, monomial = np.array(list(_plan(order))).T
+        scale *= panels.edge_lengths[panels.edges.side_edges[chosen]].T ** 2
+        signs = panels.edge_signs[chosen][:, :, None] ** np.arange(order)
+        kinds, monomial = np.array(list(_side_sum_places(order))).T
         along = edge_coefficients(order)[:, monomial]
         factors = np.einsum("rsk,srj,ksj->krsj", scale[kinds], along, signs)
         return np.asarray(factors.reshape(len(chosen), len(kinds), -1))
@@ -70,20 +70,20 @@ _ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)
 
 
 @cache
-def _plan(order: int) -> dict[tuple[int, int], int]:
+def _side_sum_places(order: int) -> dict[tuple[int, int], int]:
     """Where each sum over sides that the recurrences use stands: (kind, monomial) -> place."""
     place = {e: i for i, e in enumerate(exponents(order - 1))}
     wanted = []
     for degree in range(2, order + 1):
         kinds = (_RADIAL, _RADIAL_X, _RADIAL_Y)
-        wanted += [(kind, place[e]) for e in of_degree(degree - 2) for kind in kinds]
-        wanted += [(_ALONG_X, place[e]) for e in of_degree(degree - 1)]
+        wanted += [(kind, place[e]) for e in exponents_at_degree(degree - 2) for kind in kinds]
+        wanted += [(_ALONG_X, place[e]) for e in exponents_at_degree(degree - 1)]
         wanted.append((_ALONG_Y, place[0, degree - 1]))
     return {entry: i for i, entry in enumerate(wanted)}
 
 
 def higher_moments(
-    terms: HigherTerms, near: Integers, seen: View, linear: Floats, scratch: Scratch
+    terms: HigherTerms, near: Integers, view: PanelView, linear: Floats, workspace: Workspace
 ) -> Floats:
     """∫ ψ / r dA of the panels `terms.chosen[near]`, (d − 3, k, q); scratch.
 
@@ -95,77 +95,83 @@ def higher_moments(
     linear : (3, p, q)
         As `linear_moments` gives them.
     """
-    order, panels, chosen = terms.order, terms.panels, terms.chosen[near]
+    order, panels, chosen = terms.order, terms.panels, terms.high_panels[near]
     k, q = len(near), linear.shape[2]
     place = {e: i for i, e in enumerate(exponents(order))}
-    sums, plan = _side_sums(terms, near, seen, scratch), _plan(order)
-    foot = [scratch.rows(f"near_{i}", seen.foot[i], chosen) for i in (0, 1)]
-    square = scratch.rows("near_h", seen.height, chosen)
+    sums, sum_places = _compute_side_sums(terms, near, view, workspace), _side_sum_places(order)
+    foot = [workspace.take_rows(f"near_{i}", view.foot[i], chosen) for i in (0, 1)]
+    square = workspace.take_rows("near_h", view.height, chosen)
     square *= square
     metric = panels.metric[:, :, chosen, None]
-    product = scratch.array("near_product", k, q)
-    single = scratch.array("single", len(place), k, q)
-    radial = scratch.array("radial", len(exponents(order - 2)), k, q)
-    np.take(linear, chosen, axis=1, out=single[:LINEAR], mode="clip")
+    product = workspace.array("near_product", k, q)
+    single = workspace.array("single", len(place), k, q)
+    radial = workspace.array("radial", len(exponents(order - 2)), k, q)
+    np.take(linear, chosen, axis=1, out=single[:LINEAR_TERMS], mode="clip")
 
     def add(to: Floats, first: Floats, second: Floats) -> None:
         np.add(to, np.multiply(first, second, out=product), out=to)
 
     for degree in range(2, order + 1):
-        for a, b in of_degree(degree - 2):
+        for a, b in exponents_at_degree(degree - 2):
             here = place[a, b]
             found = np.multiply(square, single[here], out=radial[here])
-            found += sums[:, plan[_RADIAL, here]]
-            add(found, foot[0], sums[:, plan[_RADIAL_X, here]])
-            add(found, foot[1], sums[:, plan[_RADIAL_Y, here]])
+            found += sums[:, sum_places[_RADIAL, here]]
+            add(found, foot[0], sums[:, sum_places[_RADIAL_X, here]])
+            add(found, foot[1], sums[:, sum_places[_RADIAL_Y, here]])
             for times, axis, lower in ((a, 0, (a - 1, b)), (b, 1, (a, b - 1))):
                 for _ in range(times):
                     add(found, foot[axis], radial[place[lower]])
             found /= 3 + degree - 2
-        for a, b in of_degree(degree):
+        for a, b in exponents_at_degree(degree):
             axis, below = (0, (a - 1, b)) if a else (1, (a, b - 1))
             here = place[below]
             found = np.multiply(foot[axis], single[here], out=single[place[a, b]])
-            found += sums[:, plan[(_ALONG_X, _ALONG_Y)[axis], here]]
+            found += sums[:, sum_places[(_ALONG_X, _ALONG_Y)[axis], here]]
             c, d = below
             for times, other, lower in ((c, 0, (c - 1, d)), (d, 1, (c, d - 1))):
                 if times:
                     add(found, -times * metric[axis, other], radial[place[lower]])
-    moments = scratch.array("higher", len(place) - LINEAR, k, q)
-    np.matmul(basis(order)[LINEAR:], single.reshape(len(place), -1), out=moments.reshape(-1, k * q))
+    moments = workspace.array("higher", len(place) - LINEAR_TERMS, k, q)
+    np.matmul(
+        orthogonal_basis(order)[LINEAR_TERMS:],
+        single.reshape(len(place), -1),
+        out=moments.reshape(-1, k * q),
+    )
     return moments
 
 
-def _side_sums(terms: HigherTerms, near: Integers, seen: View, scratch: Scratch) -> Floats:
+def _compute_side_sums(
+    terms: HigherTerms, near: Integers, view: PanelView, workspace: Workspace
+) -> Floats:
     """The sums over sides of `_plan`, (k, s, q)."""
-    sides = terms.panels.edges.of_side[terms.chosen[near]]
+    sides = terms.panels.edges.side_edges[terms.high_panels[near]]
     edges, place = np.unique(sides, return_inverse=True)
-    powers = _edge_powers(terms.panels, edges, terms.order, seen, scratch)
+    powers = _edge_powers(terms.panels, edges, terms.order, view, workspace)
     k, q = len(near), powers.shape[2]
-    gathered = scratch.array("powers", 3 * k, terms.order, q)
+    gathered = workspace.array("powers", 3 * k, terms.order, q)
     np.take(powers, place.ravel(), axis=0, out=gathered, mode="clip")
     factors = terms.side_factors[near]
-    sums = scratch.array("sums", k, factors.shape[1], q)
+    sums = workspace.array("sums", k, factors.shape[1], q)
     return np.matmul(factors, gathered.reshape(k, 3 * terms.order, q), out=sums)
 
 
 def _edge_powers(
-    panels: Panels, edges: Integers, order: int, seen: View, scratch: Scratch
+    panels: Panels, edges: Integers, order: int, view: PanelView, workspace: Workspace
 ) -> Floats:
     """J_0 to J_(order − 1) of the edges numbered, (k, order, q)."""
     per_length = 1 / panels.edge_lengths[edges, None]
     ends = panels.edges.ends[edges]
-    r_a, r_b = (scratch.rows(f"near_r_{k}", seen.distance, ends[:, k]) for k in (0, 1))
-    middle = scratch.rows("near_s", seen.along, edges)
+    r_a, r_b = (workspace.take_rows(f"near_r_{k}", view.distance, ends[:, k]) for k in (0, 1))
+    middle = workspace.take_rows("near_s", view.along, edges)
     for array in (r_a, r_b, middle):
         array *= per_length
     middle += 0.5
-    powers = scratch.array("edge_powers", len(edges), order, r_a.shape[1])
-    moment = scratch.rows("near_cube", seen.edge_moment, edges)
+    powers = workspace.array("edge_powers", len(edges), order, r_a.shape[1])
+    moment = workspace.take_rows("near_cube", view.edge_moment, edges)
     np.multiply(moment, per_length**2 / 2, out=powers[:, 0])
-    square = np.multiply(r_a, r_a, out=scratch.array("near_square", *r_a.shape))
+    square = np.multiply(r_a, r_a, out=workspace.array("near_square", *r_a.shape))
     r_a *= square
-    cube = np.multiply(r_b, r_b, out=scratch.array("near_cube", *r_a.shape))
+    cube = np.multiply(r_b, r_b, out=workspace.array("near_cube", *r_a.shape))
     square += cube
     r_b *= cube
     square /= 2

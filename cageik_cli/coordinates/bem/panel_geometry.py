@@ -32,7 +32,7 @@ class Panels:
     @cached_property
     def edges(self) -> Edges:
         """The panels' edges; side k of a panel is opposite its corner k."""
-        return Edges.of(self.corners)
+        return Edges.from_faces(self.corners)
 
     @cached_property
     def edge_lengths(self) -> Floats:
@@ -84,10 +84,10 @@ class Panels:
         return np.asarray(np.linalg.norm(corner - self.centroids[:, None], axis=2).max(axis=1))
 
     @cached_property
-    def turns(self) -> Floats:
+    def edge_signs(self) -> Floats:
         """1 where side k runs along its edge, corner k + 1 first, −1 where against, (p, 3)."""
         starts = np.roll(self.corners, -1, axis=1)
-        return np.where(starts == self.edges.ends[self.edges.of_side, 0], 1.0, -1.0)
+        return np.where(starts == self.edges.ends[self.edges.side_edges, 0], 1.0, -1.0)
 
     @cached_property
     def altitude_sums(self) -> sparse.csr_array:
@@ -96,24 +96,26 @@ class Panels:
         With t_k = A_k φ_k(p), the three of f and 1, x, y of the foot make Σ_k t_k f_k.
         """
         zero, (a, b, c) = np.zeros(len(self.corners)), self.altitudes
-        return self._side_sums(np.array([[a / 3, b / 3, c / 3], [a, zero, -c], [zero, b, -c]]))
+        return self._build_side_sums(
+            np.array([[a / 3, b / 3, c / 3], [a, zero, -c], [zero, b, -c]])
+        )
 
     @cached_property
     def half_slope_sums(self) -> sparse.csr_array:
         """From edges to ½ Σ_k (∇x · m_k) and ½ Σ_k (∇y · m_k) of their values, (2p, e)."""
-        return self._side_sums(self.slopes[:2] / 2)
+        return self._build_side_sums(self.slopes[:2] / 2)
 
-    def _side_sums(self, factors: Floats) -> sparse.csr_array:
+    def _build_side_sums(self, factors: Floats) -> sparse.csr_array:
         """Sums over a panel's sides, with `factors` (sums, 3, p): (sums p, e)."""
         count = len(factors) * len(self.corners)
         rows = np.broadcast_to(np.arange(count).reshape(len(factors), 1, -1), factors.shape)
-        columns = np.broadcast_to(self.edges.of_side.T, factors.shape)
+        columns = np.broadcast_to(self.edges.side_edges.T, factors.shape)
         used = factors != 0
         shape = (count, len(self.edges.ends))
         return sparse.csr_array((factors[used], (rows[used], columns[used])), shape=shape)
 
     @cached_property
-    def forms(self) -> Floats:
+    def linear_forms(self) -> Floats:
         """Linear forms of (x, 1), (3p + e, 4).
 
         For every panel h and the foot's coordinates x, y (see `polynomials`), then s of every

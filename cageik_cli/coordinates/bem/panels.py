@@ -31,29 +31,29 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.coordinates.bem.panel_geometry import Panels
-from cageik_cli.util.arrays import Floats, Scratch
+from cageik_cli.util.arrays import Floats, Workspace
 
-EDGE_ON = 1e-13
+EDGE_ON_TOL = 1e-13
 """A panel whose plane passes a point within this (in units of the cage) is seen edge-on: Ω = 0."""
 
-NEAREST = 1e-30
+MIN_GAP_RATIO = 1e-30
 """Smallest (r_a + r_b − L) / L; f is below 70, and multiplies a distance below its square root."""
 
-NEAR_EDGE = 1e-2
+NEAR_EDGE_RATIO = 1e-2
 """Where (r_a + r_b − L) / L is smaller, it is computed from the distance to the edge's line."""
 
-CLOSED = 1e-14
+CLOSED_ANGLE_TOL = 1e-14
 """Solid angles that sum to 4π within this need no more."""
 
-INSIDE = 1e-3
+INSIDE_ANGLE_TOL = 1e-3
 """Solid angles that sum to 4π within this share are those of a point inside."""
 
-SMALL_TANGENT = 0.03
+MAX_SERIES_TANGENT = 0.03
 """Tangents z below which z − z³/3 + z⁵/5 − z⁷/7 + z⁹/9 is arctan z to the last bit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class PanelView:
     """What the integrals need of p panels with e edges seen from q points (module formulas).
 
     The arrays are scratch: good until the next view with the same scratch.
@@ -82,22 +82,22 @@ class View:
     distance: Floats
 
 
-def view(panels: Panels, points: Floats, scratch: Scratch) -> View:
+def panel_view(panels: Panels, points: Floats, workspace: Workspace) -> PanelView:
     """Look at `panels` from `points`, (q, 3)."""
     p, q = len(panels.corners), len(points)
-    forms = scratch.array("forms", len(panels.forms), q)
-    np.matmul(panels.forms, np.vstack([points.T, np.ones(q)]), out=forms)
+    forms = workspace.array("forms", len(panels.linear_forms), q)
+    np.matmul(panels.linear_forms, np.vstack([points.T, np.ones(q)]), out=forms)
     height, foot, along = forms[:p], forms[p : 3 * p].reshape(2, p, q), forms[3 * p :]
-    distance = distances(panels.vertices, points, scratch, "distance")
-    gap, total, products = _edge_gaps(panels, distance, scratch)
-    _sharpen(panels, gap, products, height, foot)
+    distance = distances(panels.vertices, points, workspace, "distance")
+    gap, total, products = _edge_gaps(panels, distance, workspace)
+    _recompute_small_gaps(panels, gap, products, height, foot)
     edge_log = _edge_logs(panels, gap, total)
-    edge_moment = _edge_moments(panels, along, edge_log, scratch)
-    angle = _solid_angle(panels, height, distance, products, scratch)
-    return View(height, foot, angle, along, edge_log, edge_moment, distance)
+    edge_moment = _edge_moments(panels, along, edge_log, workspace)
+    angle = _solid_angle(panels, height, distance, products, workspace)
+    return PanelView(height, foot, angle, along, edge_log, edge_moment, distance)
 
 
-def close_angles(seen: View) -> None:
+def close_solid_angles(view: PanelView) -> None:
     """Give the solid angles of a closed surface the sum 4π that they have from inside.
 
     Within δ of an edge the angle of each panel there is ill-conditioned, with an error of rounding
@@ -105,21 +105,23 @@ def close_angles(seen: View) -> None:
     the smallest h: constants and linear functions stay exact. Points whose angles do not sum to 4π
     but for such errors are not inside, and are left alone.
     """
-    angle = seen.solid_angle
+    angle = view.solid_angle
     lacking = 4 * np.pi - angle.sum(axis=0)
-    short = np.flatnonzero((np.abs(lacking) > CLOSED) & (np.abs(lacking) < 4 * np.pi * INSIDE))
+    short = np.flatnonzero(
+        (np.abs(lacking) > CLOSED_ANGLE_TOL) & (np.abs(lacking) < 4 * np.pi * INSIDE_ANGLE_TOL)
+    )
     angle[np.abs(angle[:, short]).argmax(axis=0), short] += lacking[short]
 
 
-def take_principal_values(seen: View) -> None:
+def set_principal_values(view: PanelView) -> None:
     """For points in the surface: a panel in whose plane a point lies has Ω = 0 there."""
-    seen.solid_angle[np.abs(seen.height) < EDGE_ON] = 0.0
+    view.solid_angle[np.abs(view.height) < EDGE_ON_TOL] = 0.0
 
 
-def distances(places: Floats, points: Floats, scratch: Scratch, name: str) -> Floats:
+def distances(places: Floats, points: Floats, workspace: Workspace, name: str) -> Floats:
     """From every one of `places`, (v, 3), to every point, (v, q), in the scratch of that name."""
-    distance = scratch.array(name, len(places), len(points))
-    offset = scratch.array("offset", *distance.shape)
+    distance = workspace.array(name, len(places), len(points))
+    offset = workspace.array("offset", *distance.shape)
     distance[:] = 0
     for k in range(3):
         np.subtract(places[:, k, None], points[:, k], out=offset)
@@ -128,29 +130,33 @@ def distances(places: Floats, points: Floats, scratch: Scratch, name: str) -> Fl
     return np.sqrt(distance, out=distance)
 
 
-def _edge_gaps(panels: Panels, distance: Floats, scratch: Scratch) -> tuple[Floats, Floats, Floats]:
+def _edge_gaps(
+    panels: Panels, distance: Floats, workspace: Workspace
+) -> tuple[Floats, Floats, Floats]:
     """r_a + r_b − L, r_a + r_b and 2 (a − x) · (b − x) of every edge ab, (e, q) each."""
     length = panels.edge_lengths[:, None]
-    r_a = scratch.rows("r_a", distance, panels.edges.ends[:, 0])
-    r_b = scratch.rows("r_b", distance, panels.edges.ends[:, 1])
-    total = np.add(r_a, r_b, out=scratch.array("total", *r_a.shape))
-    gap = np.subtract(total, length, out=scratch.array("gap", *r_a.shape))
+    r_a = workspace.take_rows("r_a", distance, panels.edges.ends[:, 0])
+    r_b = workspace.take_rows("r_b", distance, panels.edges.ends[:, 1])
+    total = np.add(r_a, r_b, out=workspace.array("total", *r_a.shape))
+    gap = np.subtract(total, length, out=workspace.array("gap", *r_a.shape))
     # 2 a · b = r_a² + r_b² − L² = (r_a + r_b)² − L² − 2 r_a r_b
-    products = np.add(total, length, out=scratch.array("products", *r_a.shape))
+    products = np.add(total, length, out=workspace.array("products", *r_a.shape))
     products *= gap
-    double = np.multiply(r_a, r_b, out=scratch.array("moment", *r_a.shape))
+    double = np.multiply(r_a, r_b, out=workspace.array("moment", *r_a.shape))
     double *= 2
     products -= double
     return gap, total, products
 
 
-def _sharpen(panels: Panels, gap: Floats, products: Floats, height: Floats, foot: Floats) -> None:
+def _recompute_small_gaps(
+    panels: Panels, gap: Floats, products: Floats, height: Floats, foot: Floats
+) -> None:
     """Compute anew the gaps that rounding spoils, near edges, from the distance δ to their lines.
 
     r_a r_b + a · b = L² δ² / (r_a r_b − a · b), both differences of nearly equal numbers there
     replaced by δ² = t² + h².
     """
-    limits = NEAR_EDGE * panels.edge_lengths
+    limits = NEAR_EDGE_RATIO * panels.edge_lengths
     rows = np.flatnonzero(gap.min(axis=1) < limits)
     row, point = np.nonzero(gap[rows] < limits[rows, None])
     edge = rows[row]
@@ -170,20 +176,20 @@ def _sharpen(panels: Panels, gap: Floats, products: Floats, height: Floats, foot
 def _edge_logs(panels: Panels, gap: Floats, total: Floats) -> Floats:
     """Logarithms f of every edge, (e, q), in place of `total`."""
     length = panels.edge_lengths[:, None]
-    np.maximum(gap, NEAREST * length, out=gap)
+    np.maximum(gap, MIN_GAP_RATIO * length, out=gap)
     total += length
     total /= gap
     return np.log(total, out=total)
 
 
-def _edge_moments(panels: Panels, along: Floats, log: Floats, scratch: Scratch) -> Floats:
+def _edge_moments(panels: Panels, along: Floats, log: Floats, workspace: Workspace) -> Floats:
     """B = (r_a² − s²) f + s (r_b − r_a) + L r_b of every edge, (e, q), for s of b is s + L.
 
     With the r_a and r_b that `_edge_gaps` has left in the scratch, which it uses up.
     """
-    r_a, r_b = (scratch.array(name, *along.shape) for name in ("r_a", "r_b"))
-    moment = np.multiply(r_a, r_a, out=scratch.array("moment", *along.shape))
-    square = np.multiply(along, along, out=scratch.array("gap", *along.shape))
+    r_a, r_b = (workspace.array(name, *along.shape) for name in ("r_a", "r_b"))
+    moment = np.multiply(r_a, r_a, out=workspace.array("moment", *along.shape))
+    square = np.multiply(along, along, out=workspace.array("gap", *along.shape))
     moment -= square
     moment *= log
     np.subtract(r_b, r_a, out=r_a)
@@ -195,72 +201,72 @@ def _edge_moments(panels: Panels, along: Floats, log: Floats, scratch: Scratch) 
 
 
 def _solid_angle(
-    panels: Panels, height: Floats, distance: Floats, products: Floats, scratch: Scratch
+    panels: Panels, height: Floats, distance: Floats, products: Floats, workspace: Workspace
 ) -> Floats:
     """Ω by Van Oosterom and Strackee, given 2 a · b of each edge's ends seen from the points."""
-    corner = [scratch.rows(f"r_{k}", distance, panels.corners[:, k]) for k in range(3)]
-    denominator = scratch.array("denominator", *height.shape)
+    corner = [workspace.take_rows(f"r_{k}", distance, panels.corners[:, k]) for k in range(3)]
+    denominator = workspace.array("denominator", *height.shape)
     np.multiply(corner[0], corner[1], out=denominator)
     denominator *= corner[2]
     denominator *= 2
     for k in range(3):
-        corner[k] *= scratch.rows("gathered", products, panels.edges.of_side[:, k])
+        corner[k] *= workspace.take_rows("gathered", products, panels.edges.side_edges[:, k])
         denominator += corner[k]
-    numerator = scratch.array("numerator", *height.shape)
+    numerator = workspace.array("numerator", *height.shape)
     np.multiply(height, 4 * panels.areas[:, None], out=numerator)
-    angle = _arctan2(numerator, denominator, scratch)
+    angle = _arctan2(numerator, denominator, workspace)
     angle *= 2
     return angle
 
 
-def _arctan2(y: Floats, x: Floats, scratch: Scratch) -> Floats:
+def _arctan2(y: Floats, x: Floats, workspace: Workspace) -> Floats:
     """arctan2 for angles of which nearly all are small, as those of far panels are.
 
     Those are summed as a series, several times faster than the library's function where that is
     not vectorised.
     """
     with np.errstate(all="ignore"):  # a quotient that is not finite is not small
-        tangent = np.divide(y, x, out=scratch.array("tangent", *x.shape))
-        square = np.multiply(tangent, tangent, out=scratch.array("square", *x.shape))
-        angle = np.multiply(square, 1 / 9, out=scratch.array("angle", *x.shape))
+        tangent = np.divide(y, x, out=workspace.array("tangent", *x.shape))
+        square = np.multiply(tangent, tangent, out=workspace.array("square", *x.shape))
+        angle = np.multiply(square, 1 / 9, out=workspace.array("angle", *x.shape))
         for term in (-1 / 7, 1 / 5, -1 / 3):
             angle += term
             angle *= square
         angle += 1
         angle *= tangent
-    large = np.flatnonzero(~((square < SMALL_TANGENT**2) & (x > 0)))
+    large = np.flatnonzero(~((square < MAX_SERIES_TANGENT**2) & (x > 0)))
     angle.reshape(-1)[large] = np.arctan2(y.reshape(-1)[large], x.reshape(-1)[large])
     return angle
 
 
-def linear_moments(panels: Panels, seen: View, scratch: Scratch) -> Floats:
+def linear_moments(panels: Panels, view: PanelView, workspace: Workspace) -> Floats:
     """∫ (1, x, y) / r dA of every panel, (3, p, q) indexed [moment, panel, point]; scratch.
 
     x and y are measured from the panel's centroid, so that the moments of a far panel are as small
     as its share of an integral, and sums over panels do not cancel.
     """
-    shape = seen.height.shape
-    moments = scratch.array("moments", 3, *shape)
-    product = scratch.array("product", *shape)
+    shape = view.height.shape
+    moments = workspace.array("moments", 3, *shape)
+    product = workspace.array("product", *shape)
     # Σ_k t_k f_k with t_k = A_k φ_k(p) in powers of the foot's x and y
-    logs = (panels.altitude_sums @ seen.edge_log).reshape(3, *shape)
-    total = np.multiply(seen.height, seen.solid_angle, out=moments[0])
+    logs = (panels.altitude_sums @ view.edge_log).reshape(3, *shape)
+    total = np.multiply(view.height, view.solid_angle, out=moments[0])
     np.subtract(logs[0], total, out=total)
     for i in (0, 1):
-        total += np.multiply(seen.foot[i], logs[1 + i], out=product)
-    np.multiply(seen.foot, total, out=moments[1:])
-    moments[1:] += (panels.half_slope_sums @ seen.edge_moment).reshape(2, *shape)
+        total += np.multiply(view.foot[i], logs[1 + i], out=product)
+    np.multiply(view.foot, total, out=moments[1:])
+    moments[1:] += (panels.half_slope_sums @ view.edge_moment).reshape(2, *shape)
     return moments
 
 
-def double_layer(panels: Panels, seen: View, scratch: Scratch) -> Floats:
+def double_layer(panels: Panels, view: PanelView, workspace: Workspace) -> Floats:
     """∫ (1, x, y) h/r³ dA of every panel, (3, p, q) indexed [moment, panel, point]; scratch."""
-    shape = seen.height.shape
-    integrals = scratch.array("integrals", 3, *shape)
-    logs = (panels.half_slope_sums @ seen.edge_log).reshape(2, *shape)
+    shape = view.height.shape
+    integrals = workspace.array("integrals", 3, *shape)
+    logs = (panels.half_slope_sums @ view.edge_log).reshape(2, *shape)
     logs *= 2
-    logs *= seen.height
-    integrals[0] = seen.solid_angle
-    np.multiply(seen.foot, seen.solid_angle, out=integrals[1:])
+    logs *= view.height
+    integrals[0] = view.solid_angle
+    np.multiply(view.foot, view.solid_angle, out=integrals[1:])
     integrals[1:] -= logs
     return integrals

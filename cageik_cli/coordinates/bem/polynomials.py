@@ -11,17 +11,17 @@ from scipy.special import roots_jacobi
 
 from cageik_cli.util.arrays import Floats
 
-LINEAR = 3
+LINEAR_TERMS = 3
 """How many monomials are constant or linear."""
 
 
 @cache
 def exponents(order: int) -> tuple[tuple[int, int], ...]:
     """(a, b) of the monomials x^a y^b up to degree `order`, (order + 1)(order + 2)/2 of them."""
-    return tuple(e for degree in range(order + 1) for e in of_degree(degree))
+    return tuple(e for degree in range(order + 1) for e in exponents_at_degree(degree))
 
 
-def of_degree(degree: int) -> tuple[tuple[int, int], ...]:
+def exponents_at_degree(degree: int) -> tuple[tuple[int, int], ...]:
     """(a, b) of the monomials of one degree."""
     return tuple((degree - b, b) for b in range(degree + 1))
 
@@ -33,7 +33,7 @@ def monomials(order: int, barycentric: Floats) -> Floats:
 
 
 @cache
-def basis(order: int) -> Floats:
+def orthogonal_basis(order: int) -> Floats:
     """1, x, y and then polynomials of mean square 1 orthogonal to all before, (d, d).
 
     Each row holds a polynomial's coefficients of the monomials. Those after the first three have
@@ -42,7 +42,7 @@ def basis(order: int) -> Floats:
     barycentric, shares = gauss_rule(order + 1)
     values = monomials(order, barycentric)
     orthonormal = np.linalg.inv(np.linalg.cholesky((values * shares) @ values.T))
-    orthonormal[:LINEAR] = np.eye(LINEAR, len(orthonormal))
+    orthonormal[:LINEAR_TERMS] = np.eye(LINEAR_TERMS, len(orthonormal))
     return np.asarray(orthonormal)
 
 

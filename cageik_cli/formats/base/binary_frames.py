@@ -14,19 +14,19 @@ import numpy as np
 
 from cageik_cli.util.errors import InputError
 
-LARGEST_RUN = 1 << 25
+MAX_CHUNK_BYTES = 1 << 25
 """Bytes of a run, unless a frame alone has more."""
 
-KEPT = 2
+MAX_CACHED_CHUNKS = 2
 """Runs that are kept: threads that read ahead ask for both sides of a border."""
 
 
-class FramesInRuns(ABC):
+class ChunkedFrames(ABC):
     """Frames read in runs, for any thread.
 
     Parameters
     ----------
-    count, vertices : int
+    frame_count, vertex_count : int
         Frames there are, and vertices of each.
     layer : int
         Frames that lie together: a run is as many, or what fits.
@@ -34,17 +34,21 @@ class FramesInRuns(ABC):
         Bytes of a coordinate.
     """
 
-    def __init__(self, count: int, vertices: int, layer: int, itemsize: int) -> None:
-        self.count, self.vertices = count, vertices
-        self._size = max(1, min(layer, LARGEST_RUN // (3 * vertices * itemsize)))
-        self._kept: deque[tuple[int, np.ndarray]] = deque()
+    def __init__(
+        self, frame_count: int, vertex_count: int, chunk_frames: int, itemsize: int
+    ) -> None:
+        self.frame_count, self.vertex_count = frame_count, vertex_count
+        self._chunk_size = max(
+            1, min(chunk_frames, MAX_CHUNK_BYTES // (3 * vertex_count * itemsize))
+        )
+        self._cached_chunks: deque[tuple[int, np.ndarray]] = deque()
         self._lock = Lock()
 
     @abstractmethod
-    def run(self, start: int, stop: int) -> np.ndarray:
+    def read_chunk(self, start: int, stop: int) -> np.ndarray:
         """Read frames `start` to `stop`, that left out: (k, m, 3)."""
 
-    def frame(self, index: int) -> np.ndarray:
+    def read_frame(self, index: int) -> np.ndarray:
         """Positions of one frame, (m, 3).
 
         Raises
@@ -52,15 +56,15 @@ class FramesInRuns(ABC):
         InputError
             When it cannot be read.
         """
-        start = index - index % self._size
+        start = index - index % self._chunk_size
         with self._lock:
-            run = next((run for first, run in self._kept if first == start), None)
-            if run is None:
-                if len(self._kept) == KEPT:
-                    self._kept.popleft()  # before there is a third
-                run = self.run(start, min(start + self._size, self.count))
-                self._kept.append((start, run))
-        return np.asarray(run[index - start])
+            chunk = next((run for first, run in self._cached_chunks if first == start), None)
+            if chunk is None:
+                if len(self._cached_chunks) == MAX_CACHED_CHUNKS:
+                    self._cached_chunks.popleft()  # before there is a third
+                chunk = self.read_chunk(start, min(start + self._chunk_size, self.frame_count))
+                self._cached_chunks.append((start, chunk))
+        return np.asarray(chunk[index - start])
 
 
 class BinaryFile:
@@ -78,7 +82,7 @@ class BinaryFile:
         self.size = stream.seek(0, os.SEEK_END)
 
     @staticmethod
-    def at(path: Path) -> "BinaryFile":
+    def open(path: Path) -> "BinaryFile":
         """Open a file for reading.
 
         Raises
@@ -93,7 +97,7 @@ class BinaryFile:
         except OSError as error:
             raise InputError(f"cannot be read: {error.strerror or error}") from error
 
-    def numbers(self, offset: int, kind: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
+    def read_array(self, offset: int, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
         """An array that lies at `offset`, its last axis fastest.
 
         Raises
@@ -102,14 +106,14 @@ class BinaryFile:
             When the file ends before it, cannot be read, or memory does not suffice.
         """
         try:
-            array = np.empty(shape, kind)
+            array = np.empty(shape, dtype)
         except MemoryError as error:
-            size = prod(shape) * kind.itemsize
+            size = prod(shape) * dtype.itemsize
             raise InputError(f"{size} bytes of it do not fit in memory at once") from error
-        self.fill(array, offset)
+        self.read_into(array, offset)
         return array
 
-    def fill(self, array: np.ndarray, offset: int) -> None:
+    def read_into(self, array: np.ndarray, offset: int) -> None:
         """Read a contiguous array that lies at `offset`.
 
         Raises
@@ -131,62 +135,68 @@ class BinaryFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Packing:
+class ArrayLayout:
     """How an array of positions lies in a file.
 
     Attributes
     ----------
     offset : int
         First byte.
-    kind : dtype
-    frames, vertices : int
+    dtype : dtype
+    frame_count, vertex_count : int
         F and m.
-    order : str
+    axis_order : str
         Axes, the slowest first: f frames, v vertices, x coordinates.
     """
 
     offset: int
-    kind: np.dtype
-    frames: int
-    vertices: int
-    order: str = "fvx"
+    dtype: np.dtype
+    frame_count: int
+    vertex_count: int
+    axis_order: str = "fvx"
 
 
-class StoredFrames(FramesInRuns):
+class StoredFrames(ChunkedFrames):
     """Frames of an array in a file, read one by one unless they are its fastest axis."""
 
-    def __init__(self, file: BinaryFile, packing: Packing) -> None:
-        self._file, self._packing = file, packing
-        self._is_last = packing.order[2] == "f"
-        layer = packing.frames if self._is_last else 1
-        super().__init__(packing.frames, packing.vertices, layer, packing.kind.itemsize)
+    def __init__(self, file: BinaryFile, layout: ArrayLayout) -> None:
+        self._file, self._layout = file, layout
+        self._is_frame_axis_last = layout.axis_order[2] == "f"
+        chunk_frames = layout.frame_count if self._is_frame_axis_last else 1
+        super().__init__(
+            layout.frame_count, layout.vertex_count, chunk_frames, layout.dtype.itemsize
+        )
 
-    def run(self, start: int, stop: int) -> np.ndarray:
+    def read_chunk(self, start: int, stop: int) -> np.ndarray:
         """Read frames `start` to `stop`, that left out: (k, m, 3)."""
-        order = self._packing.order
-        lengths = {"f": stop - start, "v": self.vertices, "x": 3}
-        stored = self._rows(start, stop) if self._is_last else self._together(start, stop)
+        order = self._layout.axis_order
+        lengths = {"f": stop - start, "v": self.vertex_count, "x": 3}
+        stored = (
+            self._read_strided(start, stop)
+            if self._is_frame_axis_last
+            else self._read_contiguous(start, stop)
+        )
         stored = stored.reshape([lengths[axis] for axis in order])
         return stored.transpose([order.index(axis) for axis in "fvx"])
 
-    def _together(self, start: int, stop: int) -> np.ndarray:
-        packing, numbers = self._packing, 3 * self.vertices
-        place = packing.offset + start * numbers * packing.kind.itemsize
-        return self._file.numbers(place, packing.kind, ((stop - start) * numbers,))
+    def _read_contiguous(self, start: int, stop: int) -> np.ndarray:
+        layout, numbers = self._layout, 3 * self.vertex_count
+        offset = layout.offset + start * numbers * layout.dtype.itemsize
+        return self._file.read_array(offset, layout.dtype, ((stop - start) * numbers,))
 
-    def _rows(self, start: int, stop: int) -> np.ndarray:
+    def _read_strided(self, start: int, stop: int) -> np.ndarray:
         """A stretch of the row that each coordinate has."""
-        if stop - start == self.count:
-            return self._together(start, stop)
-        packing = self._packing
-        stretches = np.empty((3 * self.vertices, stop - start), packing.kind)
+        if stop - start == self.frame_count:
+            return self._read_contiguous(start, stop)
+        layout = self._layout
+        stretches = np.empty((3 * self.vertex_count, stop - start), layout.dtype)
         for row, stretch in enumerate(stretches):
-            place = packing.offset + (row * self.count + start) * packing.kind.itemsize
-            self._file.fill(stretch, place)
+            offset = layout.offset + (row * self.frame_count + start) * layout.dtype.itemsize
+            self._file.read_into(stretch, offset)
         return stretches
 
 
-def refuse_other_size(file: BinaryFile, expected: int, counts: dict[str, int]) -> None:
+def check_file_size(file: BinaryFile, expected: int, counts: dict[str, int]) -> None:
     """Refuse counts of a header that are not above zero, or ask for another size of the file.
 
     Raises

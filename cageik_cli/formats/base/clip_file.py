@@ -13,8 +13,8 @@ import numpy as np
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import InputError, first_few, located
-from cageik_cli.util.text import printable
+from cageik_cli.util.errors import InputError, error_context, join_truncated
+from cageik_cli.util.text import to_unicode
 
 
 class ClipFile(MeshSequence):
@@ -23,28 +23,28 @@ class ClipFile(MeshSequence):
     Attributes
     ----------
     path : Path
-    numbers : range
-        Which of the file's frames the clip's are; set by `take`.
+    frame_indices : range
+        Which of the file's frames the clip's are; set by `set_frames`.
     """
 
     path: Path
-    numbers: range
-    _fanned: TriMesh | None = None
+    frame_indices: range
+    _fan_triangulated: TriMesh | None = None
 
-    def take(self, request: ClipRequest, count: int, scene: SceneHints | None = None) -> None:
+    def set_frames(self, request: ClipRequest, count: int, scene: SceneHints | None = None) -> None:
         """Take those of the file's `count` frames that are asked for, and name them.
 
         `scene` is what the file says of all of them.
         """
-        self.path = only(request.paths)
-        self.numbers = request.chosen(count)
-        self.scene = (scene or SceneHints()).chosen(self.numbers)
+        self.path = single_path(request.paths)
+        self.frame_indices = request.select_frames(count)
+        self.scene = (scene or SceneHints()).restrict_to_frames(self.frame_indices)
         member = f"::{request.member}" if request.member is not None else ""
-        name = printable(self.path.name + member)
-        self.names = tuple(f"{name}[{k}]" for k in self.numbers)
+        name = to_unicode(self.path.name + member)
+        self.names = tuple(f"{name}[{k}]" for k in self.frame_indices)
 
-    def take_faces(self, request: ClipRequest, vertices: int) -> None:
-        """Take the rest pose's faces, for a file that holds positions alone, of `vertices`.
+    def use_rest_faces(self, request: ClipRequest, vertex_count: int) -> None:
+        """Take the rest pose's faces, for a file that holds positions alone, of `vertex_count`.
 
         Raises
         ------
@@ -52,46 +52,47 @@ class ClipFile(MeshSequence):
             When no rest pose is given, or it has not as many vertices.
         """
         rest = request.rest
-        with located(self.path):
+        with error_context(self.path):
             if rest is None:
                 raise InputError(
                     "holds positions and no faces; give a mesh that has them with --rest"
                 )
-            if vertices != len(rest.mesh.vertices):
+            if vertex_count != len(rest.mesh.vertices):
                 raise InputError(
-                    f"{vertices} vertices, the rest pose has {len(rest.mesh.vertices)}; all must "
+                    f"{vertex_count} vertices, the rest pose has {len(rest.mesh.vertices)}; all "
+                    f"must "
                     "share one connectivity"
                 )
-        positions = self.positions(0)
-        with located(self.names[0]):
+        positions = self.read_positions(0)
+        with error_context(self.names[0]):
             self.first = TriMesh(positions, rest.mesh.faces)
-        self._fanned = TriMesh(self.first.vertices, rest.fanned.faces)
+        self._fan_triangulated = TriMesh(self.first.vertices, rest.fan_triangulated.faces)
 
     @property
-    def fanned(self) -> TriMesh:
+    def fan_triangulated(self) -> TriMesh:
         """Frame 0 with every polygon as a fan: what connectivity is compared by."""
-        return self._fanned or self.first
+        return self._fan_triangulated or self.first
 
     def digest(self, index: int) -> bytes:
         """SHA-256 of the file."""
         return self._digest
 
-    def recall(self, start: int, stamps: Sequence[bytes]) -> None:
+    def set_digests(self, start: int, digests: Sequence[bytes]) -> None:
         """Take the file's digest from who has it: that of any frame."""
-        self._digest = stamps[0]
+        self._digest = digests[0]
 
-    def source(self) -> dict[str, Any]:
+    def describe_source(self) -> dict[str, Any]:
         """Name and digest of the file."""
-        return {"name": printable(self.path.name), "sha256": self._digest.hex()}
+        return {"name": to_unicode(self.path.name), "sha256": self._digest.hex()}
 
     @cached_property
     def _digest(self) -> bytes:
-        return digest_of(self.path)
+        return hash_file(self.path)
 
 
-def digest_of(path: Path) -> bytes:
+def hash_file(path: Path) -> bytes:
     """SHA-256 of a file."""
-    with located(path):
+    with error_context(path):
         try:
             with path.open("rb") as stream:
                 return hashlib.file_digest(stream, "sha256").digest()
@@ -99,47 +100,48 @@ def digest_of(path: Path) -> bytes:
             raise InputError(f"cannot be read: {error.strerror or error}") from error
 
 
-def refuse_counted_from_one(faces: np.ndarray, vertices: int) -> None:
-    """Refuse faces that name one vertex more than there are `vertices`, and never vertex 0.
+def check_zero_based(faces: np.ndarray, vertex_count: int) -> None:
+    """Refuse faces that name one vertex more than there are `vertex_count`, and never vertex 0.
 
     Raises
     ------
     InputError
     """
-    if faces.size and faces.min() > 0 and faces.max() == vertices:
+    if faces.size and faces.min() > 0 and faces.max() == vertex_count:
         raise InputError(
-            f"faces name vertices {faces.min()} to {vertices} of {vertices}, so they are counted "
+            f"faces name vertices {faces.min()} to {vertex_count} of {vertex_count}, so they "
+            f"are counted "
             "from 1; take 1 off them and write the file again"
         )
 
 
-def only(paths: tuple[Path, ...]) -> Path:
+def single_path(paths: tuple[Path, ...]) -> Path:
     """The one file of a clip that is not a file a frame."""
     if len(paths) > 1:
         raise InputError(
             f"{paths[0]}: {len(paths)} files that each hold a clip were named, expected one: "
-            f"{first_few(path.name for path in paths)}"
+            f"{join_truncated(path.name for path in paths)}"
         )
     return paths[0]
 
 
-class Frames(Protocol):
-    """Frames of a file: `count` of them, of `vertices` each."""
+class FrameSource(Protocol):
+    """Frames of a file: `frame_count` of them, of `vertex_count` each."""
 
-    count: int
-    vertices: int
+    frame_count: int
+    vertex_count: int
 
-    def frame(self, index: int) -> np.ndarray:
+    def read_frame(self, index: int) -> np.ndarray:
         """Positions of one frame, (m, 3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PackedClip:
+class ArrayClip:
     """What a file holds.
 
     Attributes
     ----------
-    frames : Frames
+    frames : FrameSource
     faces : (t, 3) integers, optional
         The rest pose's if absent.
     scene : SceneHints
@@ -148,33 +150,33 @@ class PackedClip:
         What is odd in it, a sentence each.
     """
 
-    frames: Frames
+    frames: FrameSource
     faces: np.ndarray | None = None
     scene: SceneHints = field(default_factory=SceneHints)
     notes: tuple[str, ...] = ()
 
 
-class PackedClipFile(ClipFile):
+class ArrayClipFile(ClipFile):
     """Frames of such a file; readers say where in it they are."""
 
     def __init__(self, request: ClipRequest) -> None:
-        self.path = only(request.paths)
-        with located(self.path):
-            packed = self.opened(request)
-            self.take(request, packed.frames.count, packed.scene)
-        self._frames = packed.frames
-        self.notes = tuple(f"{printable(self.path.name)}: {note}" for note in packed.notes)
-        if packed.faces is None:
-            self.take_faces(request, packed.frames.vertices)
+        self.path = single_path(request.paths)
+        with error_context(self.path):
+            clip = self.open_clip(request)
+            self.set_frames(request, clip.frames.frame_count, clip.scene)
+        self._frames = clip.frames
+        self.notes = tuple(f"{to_unicode(self.path.name)}: {note}" for note in clip.notes)
+        if clip.faces is None:
+            self.use_rest_faces(request, clip.frames.vertex_count)
             return
-        positions = self.positions(0)
-        with located(self.path):
-            refuse_counted_from_one(packed.faces, packed.frames.vertices)
-            self.first = TriMesh(positions, packed.faces)
+        positions = self.read_positions(0)
+        with error_context(self.path):
+            check_zero_based(clip.faces, clip.frames.vertex_count)
+            self.first = TriMesh(positions, clip.faces)
 
     @classmethod
     @abstractmethod
-    def opened(cls, request: ClipRequest) -> PackedClip:
+    def open_clip(cls, request: ClipRequest) -> ArrayClip:
         """Look into the file, every claim of which is compared with its size.
 
         Raises
@@ -184,22 +186,22 @@ class PackedClipFile(ClipFile):
         """
 
     @classmethod
-    def outline(cls, request: ClipRequest) -> list[tuple[str, str]]:
+    def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
         """What a file without faces holds."""
-        path = only(request.paths)
-        with located(path):
-            packed = cls.opened(request)
-        if packed.faces is not None:
+        path = single_path(request.paths)
+        with error_context(path):
+            clip = cls.open_clip(request)
+        if clip.faces is not None:
             return []
         return [
             ("holds", "positions without faces, which --rest gives"),
-            ("frames", str(packed.frames.count)),
-            ("vertices", str(packed.frames.vertices)),
-            *([("scene", packed.scene.words)] if packed.scene.words else []),
-            *(("note", note) for note in packed.notes),
+            ("frames", str(clip.frames.frame_count)),
+            ("vertices", str(clip.frames.vertex_count)),
+            *([("scene", clip.scene.describe)] if clip.scene.describe else []),
+            *(("note", note) for note in clip.notes),
         ]
 
-    def positions(self, index: int) -> np.ndarray:
+    def read_positions(self, index: int) -> np.ndarray:
         """Vertices of one frame."""
-        with located(self.path):
-            return self._frames.frame(self.numbers[index])
+        with error_context(self.path):
+            return self._frames.read_frame(self.frame_indices[index])

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from cageik_cli.formats.base.sequence import MeshSequence, refuse_other_connectivity
+from cageik_cli.formats.base.sequence import MeshSequence, check_connectivity
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import InputError
 
 
-def refuse_other_order(sequence: MeshSequence, expected: TriMesh, whose: str) -> None:
+def check_vertex_order(sequence: MeshSequence, expected: TriMesh, expected_name: str) -> None:
     """Refuse a clip whose faces do not join the vertices that those of `expected` join.
 
     Other programs write faces in another order, from another corner or turned, and cut quads along
@@ -17,41 +17,42 @@ def refuse_other_order(sequence: MeshSequence, expected: TriMesh, whose: str) ->
     Raises
     ------
     InputError
-        Saying where it differs from the mesh that is `whose`.
+        Saying where it differs from the mesh that is `expected_name`.
     """
-    found = sequence.fanned
+    found = sequence.fan_triangulated
     counts = [(len(mesh.vertices), len(mesh.faces)) for mesh in (found, expected)]
     if counts[0] == counts[1]:
-        if any(_joins_alike(mesh, expected) for mesh in (found, sequence.first)):
+        if any(_has_same_edges(mesh, expected) for mesh in (found, sequence.first)):
             return
-        if np.array_equal(_valences(found), _valences(expected)):
+        if np.array_equal(_sorted_valences(found), _sorted_valences(expected)):
             raise InputError(
-                f"the same number of vertices and triangles as {whose} has, in another order; "
+                f"the same number of vertices and triangles as {expected_name} has, in another "
+                f"order; "
                 "export it again from the mesh that cageik export wrote, with its vertex order kept"
             )
-    refuse_other_connectivity(len(found.vertices), found.faces, expected, whose)
+    check_connectivity(len(found.vertices), found.faces, expected, expected_name)
 
 
-def _joins_alike(mesh: TriMesh, expected: TriMesh) -> bool:
+def _has_same_edges(mesh: TriMesh, expected: TriMesh) -> bool:
     """Whether both have the same edges, but for diagonals of quads."""
     ours, theirs = mesh.edges.ends, expected.edges.ends
-    new, lost = ~_are_among(ours, theirs), ~_are_among(theirs, ours)
-    face, corner = np.nonzero(new[mesh.edges.of_side])
+    new, lost = ~_rows_in(ours, theirs), ~_rows_in(theirs, ours)
+    face, corner = np.nonzero(new[mesh.edges.side_edges])
     # The other diagonal joins the corners that face a new edge from both sides.
-    edge = mesh.edges.of_side[face, corner]
+    edge = mesh.edges.side_edges[face, corner]
     facing = mesh.faces[face, corner][np.argsort(edge, kind="stable")]
-    if (mesh.edges.uses[new] != 2).any():
+    if (mesh.edges.face_counts[new] != 2).any():
         return False
     others = np.sort(facing.reshape(-1, 2), axis=1)
-    return len(others) == np.count_nonzero(lost) and bool(_are_among(theirs[lost], others).all())
+    return len(others) == np.count_nonzero(lost) and bool(_rows_in(theirs[lost], others).all())
 
 
-def _valences(mesh: TriMesh) -> Integers:
+def _sorted_valences(mesh: TriMesh) -> Integers:
     """How many faces have a vertex, in ascending order, whatever the vertices' own."""
     return np.sort(np.bincount(mesh.faces.ravel()))
 
 
-def _are_among(pairs: Integers, others: Integers) -> np.ndarray:
+def _rows_in(pairs: Integers, others: Integers) -> np.ndarray:
     """Which rows of `pairs` (a, 2) are rows of `others` (b, 2)."""
     base = int(max(pairs.max(initial=0), others.max(initial=0))) + 1
     return np.isin(pairs @ [base, 1], others @ [base, 1])

@@ -11,27 +11,27 @@ from pathlib import Path
 
 from cageik_cli.util.errors import InputError
 
-PACKED = ".gz"
+GZIP_SUFFIX = ".gz"
 
-LARGEST_RATIO = 100
+MAX_COMPRESSION_RATIO = 100
 """A packed file may unpack to so many times its size; text of a mesh packs to a fifth or so."""
 
-SMALL = 64 * 2**20
+MIN_UNPACKED_LIMIT = 64 * 2**20
 """Bytes that a packed file may unpack to in any case."""
 
 
-def kind_of(path: Path) -> str:
+def file_suffix(path: Path) -> str:
     """The suffix in lower case, of packed files with the one before it: `.obj`, `.obj.gz`."""
     suffix = path.suffix.lower()
-    return Path(path.stem).suffix.lower() + suffix if suffix == PACKED else suffix
+    return Path(path.stem).suffix.lower() + suffix if suffix == GZIP_SUFFIX else suffix
 
 
-def stem_of(path: Path) -> str:
+def file_stem(path: Path) -> str:
     """The name without its kind."""
-    return path.name[: len(path.name) - len(kind_of(path))]
+    return path.name[: len(path.name) - len(file_suffix(path))]
 
 
-def unpacked(data: bytes, kind: str) -> bytes:
+def decompress(data: bytes, suffix: str) -> bytes:
     """What a file of some kind holds, unpacked if it is packed.
 
     Raises
@@ -39,16 +39,17 @@ def unpacked(data: bytes, kind: str) -> bytes:
     InputError
         When it is damaged, or holds more than `LARGEST_RATIO` times its size and `SMALL`.
     """
-    if not kind.endswith(PACKED):
+    if not suffix.endswith(GZIP_SUFFIX):
         return data
-    limit = max(SMALL, LARGEST_RATIO * len(data))
+    limit = max(MIN_UNPACKED_LIMIT, MAX_COMPRESSION_RATIO * len(data))
     try:
         content = gzip.GzipFile(fileobj=io.BytesIO(data)).read(limit + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"cannot be unpacked ({error}); pack or copy it again") from error
     if len(content) > limit:
         raise InputError(
-            f"holds more than {limit} bytes in {len(data)}, expected {LARGEST_RATIO} times as many "
+            f"holds more than {limit} bytes in {len(data)}, expected {MAX_COMPRESSION_RATIO} "
+            f"times as many "
             "at most; unpack it if that is what it should be"
         )
     return content
@@ -57,13 +58,13 @@ def unpacked(data: bytes, kind: str) -> bytes:
 _NUMBERED = re.compile(r"(.*?)(\d+)(\D*)")
 
 
-def numbered_alike(paths: list[Path]) -> dict[str, list[Path]]:
+def group_numbered_files(paths: list[Path]) -> dict[str, list[Path]]:
     """Numbered files of one kind, by what is around the last number in their names; in order."""
     found: dict[tuple[str, str], list[Path]] = {}
     for path in paths:
-        match = _NUMBERED.fullmatch(stem_of(path))
+        match = _NUMBERED.fullmatch(file_stem(path))
         if match:
-            kind = path.name[len(stem_of(path)) :].lower()
+            kind = path.name[len(file_stem(path)) :].lower()
             found.setdefault((f"{match[1]}#{match[3]}", kind), []).append(path)
     stems = Counter(stem for stem, _ in found)
     return {
@@ -71,7 +72,7 @@ def numbered_alike(paths: list[Path]) -> dict[str, list[Path]]:
     }
 
 
-def refuse_gaps(paths: list[Path]) -> None:
+def check_no_gaps(paths: list[Path]) -> None:
     """Refuse files, in order, among whose numbers one is missing.
 
     Files that are not numbered alike, or lie in several folders, are taken as they are.
@@ -81,7 +82,7 @@ def refuse_gaps(paths: list[Path]) -> None:
     InputError
         Naming the first file that is missing.
     """
-    found = [_NUMBERED.fullmatch(stem_of(path)) for path in paths]
+    found = [_NUMBERED.fullmatch(file_stem(path)) for path in paths]
     matches = [match for match in found if match]
     around = {(path.parent, m[1], m[3]) for path, m in zip(paths, matches, strict=False)}
     if len(matches) < len(paths) or len(around) != 1:
@@ -93,7 +94,7 @@ def refuse_gaps(paths: list[Path]) -> None:
     if gaps:
         first = matches[gaps[0]]
         number = str(int(first[2]) + usual).zfill(len(first[2]))
-        lost = f"{first[1]}{number}{first[3]}{paths[0].name[len(stem_of(paths[0])) :]}"
+        lost = f"{first[1]}{number}{first[3]}{paths[0].name[len(file_stem(paths[0])) :]}"
         raise InputError(
             f"{paths[gaps[0]].parent / lost}: missing between {paths[gaps[0]].name} and "
             f"{paths[gaps[0] + 1].name}, where frames are numbered in steps of {usual} "
@@ -101,7 +102,7 @@ def refuse_gaps(paths: list[Path]) -> None:
         )
 
 
-_NUMBER = re.compile(r"(?P<hashes>#+)|%0?(?P<printf>\d?)d|\$F(?P<houdini>\d?)")
+_FRAME_NUMBER = re.compile(r"(?P<hashes>#+)|%0?(?P<printf>\d?)d|\$F(?P<houdini>\d?)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +121,7 @@ class FrameNames:
     after: str
 
     @classmethod
-    def of(cls, pattern: str) -> "FrameNames | None":
+    def parse(cls, pattern: str) -> "FrameNames | None":
         """What a pattern means: `#` a digit, `%04d` as in C, `$F4` as in Houdini; None if plain.
 
         Raises
@@ -128,7 +129,7 @@ class FrameNames:
         InputError
             When the number stands in it twice.
         """
-        found = list(_NUMBER.finditer(pattern))
+        found = list(_FRAME_NUMBER.finditer(pattern))
         if len(found) > 1:
             raise InputError(
                 f"the frame's number stands in {pattern} {len(found)} times, expected once"
@@ -145,11 +146,11 @@ class FrameNames:
         """These names as `of` reads them."""
         return f"{self.before}{'#' * self.digits}{self.after}"
 
-    def name(self, number: int) -> str:
+    def file_name(self, number: int) -> str:
         """The file of the frame of that number."""
         return f"{self.before}{number:0{self.digits}d}{self.after}"
 
-    def has(self, name: str) -> bool:
+    def matches(self, name: str) -> bool:
         """Whether a file of this name is one of them."""
         around = re.escape(self.before), re.escape(self.after)
         return re.fullmatch(rf"{around[0]}\d{{{self.digits},}}{around[1]}", name) is not None

@@ -8,16 +8,16 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.errors import InputError, error_context
 
-LARGEST_RATIO = 1100
+MAX_COMPRESSION_RATIO = 1100
 """Most that HDF5's filters compress; a dataset that claims more than it can hold is damaged."""
 
-SUFFIXES = (".h5", ".hdf5")
-_KINDS = {"f": "floating-point numbers", "iu": "integers", "O": "text"}
+HDF5_SUFFIXES = (".h5", ".hdf5")
+_KIND_NAMES = {"f": "floating-point numbers", "iu": "integers", "O": "text"}
 
 
-def refuse_other_suffix(path: Path) -> None:
+def check_hdf5_suffix(path: Path) -> None:
     """Refuse to write HDF5 to a file whose name says that it is something else.
 
     Raises
@@ -25,9 +25,10 @@ def refuse_other_suffix(path: Path) -> None:
     InputError
         Naming the output and what to do.
     """
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in HDF5_SUFFIXES:
         raise InputError(
-            f"{path}: is to be an HDF5 file, expected a name that ends in {' or '.join(SUFFIXES)} "
+            f"{path}: is to be an HDF5 file, expected a name that ends in "
+            f"{' or '.join(HDF5_SUFFIXES)} "
             "(cageik export writes cages in other formats)"
         )
 
@@ -42,16 +43,16 @@ def open_file(path: Path) -> h5py.File:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[h5py.File]:
+def open_checked(path: Path) -> Iterator[h5py.File]:
     """Open a file for reading; whatever fails inside is an InputError that names it."""
-    with sound(path), open_file(path) as file:
+    with wrap_hdf5_errors(path), open_file(path) as file:
         yield file
 
 
 @contextmanager
-def sound(path: Path) -> Iterator[None]:
+def wrap_hdf5_errors(path: Path) -> Iterator[None]:
     """Make of whatever HDF5 raises inside an InputError that names the file."""
-    with located(path):
+    with error_context(path):
         try:
             yield
         except (OSError, RuntimeError, KeyError, TypeError, ValueError, MemoryError) as error:
@@ -60,7 +61,9 @@ def sound(path: Path) -> Iterator[None]:
             ) from error
 
 
-def dataset(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> h5py.Dataset:
+def get_dataset(
+    file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]
+) -> h5py.Dataset:
     """A dataset of the expected type and shape.
 
     Parameters
@@ -87,24 +90,24 @@ def dataset(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...
     if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
         raise InputError(f"`{name}` is not a dataset held in this file")
     if found.dtype.kind not in kinds:
-        raise InputError(f"`{name}` holds {found.dtype} values, expected {_KINDS[kinds]}")
+        raise InputError(f"`{name}` holds {found.dtype} values, expected {_KIND_NAMES[kinds]}")
     fits = found.shape is not None and len(found.shape) == len(shape)
     if not fits or any(
         n == 0 or e not in (None, n) for n, e in zip(found.shape, shape, strict=True)
     ):
         wanted = " x ".join("any" if length is None else str(length) for length in shape)
         raise InputError(f"`{name}` has shape {found.shape}, expected {wanted}")
-    if found.nbytes > LARGEST_RATIO * max(found.id.get_storage_size(), 1):
+    if found.nbytes > MAX_COMPRESSION_RATIO * max(found.id.get_storage_size(), 1):
         raise InputError(f"`{name}` claims {found.nbytes} bytes and holds next to none of them")
     return found
 
 
-def numbers(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> np.ndarray:
-    """All of a small dataset, checked as by `dataset`."""
-    return np.asarray(dataset(file, name, kinds, shape)[()])
+def read_array(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> np.ndarray:
+    """All of a small dataset, checked as by `get_dataset`."""
+    return np.asarray(get_dataset(file, name, kinds, shape)[()])
 
 
-def numeric_shapes(file: h5py.File, kinds: str) -> dict[str, tuple[int, ...]]:
+def list_numeric_shapes(file: h5py.File, kinds: str) -> dict[str, tuple[int, ...]]:
     """Shapes of the datasets of numbers of these kinds that lie at the top of a file, by name."""
     held = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
     found = {name: file[name] for name in held if file.get(name, getclass=True) is h5py.Dataset}
@@ -115,7 +118,7 @@ def numeric_shapes(file: h5py.File, kinds: str) -> dict[str, tuple[int, ...]]:
     }
 
 
-def lone_attributes(file: h5py.File, names: tuple[str, ...]) -> dict[str, Any]:
+def scalar_attributes(file: h5py.File, names: tuple[str, ...]) -> dict[str, Any]:
     """The attributes of these names that are one value each."""
     held = [name for name in names if name in file.attrs]
     return {name: file.attrs[name] for name in held if file.attrs.get_id(name).shape == ()}

@@ -10,11 +10,13 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
 
-FOLDED = 1e-9
+FOLD_TOL = 1e-9
 """A fan is folded when it has a triangle turned against the polygon by more of its area."""
 
 
-def fans(polygons: Sequence[Sequence[int] | Integers]) -> tuple[Integers, Integers]:
+def fan_triangulate_polygons(
+    polygons: Sequence[Sequence[int] | Integers],
+) -> tuple[Integers, Integers]:
     """Fans of `polygons` at their first corners, (f, 3), and the polygons' numbers of corners.
 
     Raises
@@ -24,54 +26,55 @@ def fans(polygons: Sequence[Sequence[int] | Integers]) -> tuple[Integers, Intege
     """
     sizes = np.array([len(polygon) for polygon in polygons], np.int64)
     corners = np.fromiter(chain.from_iterable(polygons), np.int64, sizes.sum())
-    return fans_of(corners, sizes), sizes
+    return fan_triangulate(corners, sizes), sizes
 
 
-def fans_of(corners: Integers, sizes: Integers) -> Integers:
-    """Fans, (f, 3), of polygons whose `corners` follow one another, `sizes` of them each.
+def fan_triangulate(corners: Integers, corner_counts: Integers) -> Integers:
+    """Fans, (f, 3), of polygons whose `corners` follow one another, `corner_counts` of them each.
 
     Raises
     ------
     InputError
         Naming a polygon of fewer than three corners.
     """
-    small = np.flatnonzero(sizes < 3)
+    small = np.flatnonzero(corner_counts < 3)
     if len(small):
         raise InputError(
-            f"face {small[0]} has {sizes[small[0]]} corners, expected 3 or more; export it again"
+            f"face {small[0]} has {corner_counts[small[0]]} corners, expected 3 or more; export "
+            f"it again"
         )
-    counts = sizes - 2
-    first = np.repeat(np.cumsum(sizes) - sizes, counts)
+    counts = corner_counts - 2
+    first = np.repeat(np.cumsum(corner_counts) - corner_counts, counts)
     place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     return np.asarray(corners[np.stack([first, first + place + 1, first + place + 2], axis=1)])
 
 
-def unfolded(mesh: TriMesh, sizes: Integers) -> TriMesh:
+def replace_folded_fans(mesh: TriMesh, corner_counts: Integers) -> TriMesh:
     """A mesh of `fans`, with those that fold over cut into ears instead.
 
     Ears are found in the plane of the polygon's area vector (Newell); a polygon that crosses
     itself and has none keeps its fan. A polygon's triangles stay where its fan was.
     """
-    counts = sizes - 2
+    counts = corner_counts - 2
     starts = np.cumsum(counts) - counts
     a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
     areas = np.cross(b - a, c - a)
     whole = np.add.reduceat(areas, starts)
     turned = np.einsum("fx,fx->f", areas, np.repeat(whole, counts, axis=0))
-    folded = turned < -FOLDED * np.repeat(np.einsum("px,px->p", whole, whole), counts)
+    folded = turned < -FOLD_TOL * np.repeat(np.einsum("px,px->p", whole, whole), counts)
     if not folded.any():
         return mesh
     faces = mesh.faces.copy()
-    for k in np.unique(np.repeat(np.arange(len(sizes)), counts)[folded]):
+    for k in np.unique(np.repeat(np.arange(len(corner_counts)), counts)[folded]):
         fan = slice(starts[k], starts[k] + counts[k])
         ring = np.concatenate([faces[fan][0, :2], faces[fan][:, 2]])
-        ears = _ears(_flattened(mesh.vertices[ring], whole[k]))
+        ears = _clip_ears(_project_to_plane(mesh.vertices[ring], whole[k]))
         if ears is not None:
             faces[fan] = ring[ears]
     return TriMesh(mesh.vertices, faces)
 
 
-def _flattened(points: Floats, normal: Floats) -> Floats:
+def _project_to_plane(points: Floats, normal: Floats) -> Floats:
     """Points (k, 3) in the plane across `normal`, (k, 2), counter-clockwise seen against it."""
     direction = normal / np.abs(normal).max()  # first, since tiny squares would be zeros
     direction /= np.linalg.norm(direction)
@@ -80,7 +83,7 @@ def _flattened(points: Floats, normal: Floats) -> Floats:
     return np.asarray((points - points[0]) @ np.stack([across, np.cross(direction, across)]).T)
 
 
-def _ears(points: Floats) -> list[list[int]] | None:
+def _clip_ears(points: Floats) -> list[list[int]] | None:
     """Corners of the triangles of a polygon (k, 2), by clipping ears; None if it has none."""
     ring, ears = list(range(len(points))), []
     while len(ring) > 3:
@@ -113,28 +116,28 @@ class FileMesh:
         Each value is `float(text)` to the bit; may not be finite.
     faces : (f, 3) int64
         From 0; polygons are cut into fans at their first corner.
-    sizes : (p,) int64
+    corner_counts : (p,) int64
         How many corners each face of the file has.
     """
 
     vertices: Floats
     faces: Integers
-    sizes: Integers
+    corner_counts: Integers
 
     @property
-    def polygons(self) -> int:
+    def polygon_count(self) -> int:
         """How many faces have more than three corners."""
-        return int(np.count_nonzero(self.sizes > 3))
+        return int(np.count_nonzero(self.corner_counts > 3))
 
     @property
-    def fanned(self) -> TriMesh:
+    def fan_triangulated(self) -> TriMesh:
         """The mesh, checked, with its polygons as fans: what connectivity is compared by."""
         return TriMesh(self.vertices, self.faces)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What was changed, one sentence each."""
-        if not self.polygons:
+        if not self.polygon_count:
             return ()
-        plural = "s" * (self.polygons > 1)
-        return (f"{self.polygons} polygon{plural} cut into triangles to compute with",)
+        plural = "s" * (self.polygon_count > 1)
+        return (f"{self.polygon_count} polygon{plural} cut into triangles to compute with",)

@@ -9,12 +9,12 @@ PACKAGE = "cageik_cli.formats"
 
 
 @cache
-def by_suffix(name: str) -> dict[str, Any]:
-    """The classes called `name` of all modules in `formats`, by the suffixes that they take.
+def discover_plugins(class_name: str) -> dict[str, Any]:
+    """The classes called `class_name` of all modules in `formats`, by the suffixes that they take.
 
     Modules without one are skipped.
     """
-    folder = import_module(PACKAGE)
-    modules = sorted(module.name for module in iter_modules(folder.__path__))
-    found = [getattr(import_module(f"{PACKAGE}.{module}"), name, None) for module in modules]
+    package = import_module(PACKAGE)
+    modules = sorted(module.name for module in iter_modules(package.__path__))
+    found = [getattr(import_module(f"{PACKAGE}.{module}"), class_name, None) for module in modules]
     return {suffix: kind for kind in found if kind is not None for suffix in kind.suffixes}

@@ -12,10 +12,10 @@ import numpy as np
 
 from cageik_cli.formats.mesh_file import LoadedMesh
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.geometry.mesh import TriMesh, checked_positions
+from cageik_cli.geometry.mesh import TriMesh, validate_positions
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError, located
-from cageik_cli.util.threads import InOrder
+from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.threads import OrderedMap
 
 LAYOUTS = ("fvx", "vxf", "fxv")
 """Orders of an array's axes: f frames, v vertices, x coordinates."""
@@ -52,15 +52,15 @@ class ClipRequest:
         Which of the clips in a file: what was typed behind `::`.
     rest : LoadedMesh, optional
         The rest pose, for files that hold no faces.
-    how : ClipSettings
+    settings : ClipSettings
     """
 
     paths: tuple[Path, ...]
     member: str | None = None
     rest: LoadedMesh | None = None
-    how: ClipSettings = field(default_factory=ClipSettings)
+    settings: ClipSettings = field(default_factory=ClipSettings)
 
-    def chosen(self, count: int) -> range:
+    def select_frames(self, count: int) -> range:
         """Numbers of the frames to take of `count`.
 
         Raises
@@ -68,7 +68,7 @@ class ClipRequest:
         InputError
             When there are none.
         """
-        wanted = self.how.selection
+        wanted = self.settings.selection
         numbers = range(count)[wanted]
         if not numbers:
             bounds = (wanted.start, wanted.stop, *([wanted.step] if wanted.step else []))
@@ -88,23 +88,23 @@ class Block:
     positions : (k, m, 3) float64
         A frame that could not be read has the clip's first in its place, so that what is computed
         of the others does not depend on it.
-    faults : dict
+    read_errors : dict
         By number in the clip, why a frame could not be read.
     """
 
     start: int
     positions: Floats
-    faults: dict[int, InputError]
+    read_errors: dict[int, InputError]
 
     @property
     def stop(self) -> int:
         """Number of the frame after the last."""
         return self.start + len(self.positions)
 
-    def refuse_faults(self) -> None:
+    def raise_read_errors(self) -> None:
         """Raise the first fault, if there is one."""
-        if self.faults:
-            raise self.faults[min(self.faults)]
+        if self.read_errors:
+            raise self.read_errors[min(self.read_errors)]
 
 
 class MeshSequence(ABC):
@@ -144,24 +144,24 @@ class MeshSequence(ABC):
         """Open the clip."""
 
     @classmethod
-    def outline(cls, request: ClipRequest) -> list[tuple[str, str]]:
+    def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
         """What files hold that are no clip by themselves, in labelled lines; none for a clip."""
         return []
 
     @classmethod
-    def members(cls, path: Path) -> list[str]:
+    def list_members(cls, path: Path) -> list[str]:
         """Names of the clips in a file of several; none if the file is a clip itself."""
         return []
 
     @abstractmethod
-    def positions(self, index: int) -> np.ndarray:
+    def read_positions(self, index: int) -> np.ndarray:
         """Vertices of one frame as the file has them, in the connectivity of `first`."""
 
     @abstractmethod
     def digest(self, index: int) -> bytes:
         """SHA-256 of the file that a frame comes from."""
 
-    def stamp(self, index: int) -> bytes:
+    def digest_or_zeros(self, index: int) -> bytes:
         """The digest of a frame's file; zeros when it cannot be read, and the frame is a gap."""
         try:
             return self.digest(index)
@@ -169,26 +169,26 @@ class MeshSequence(ABC):
             return bytes(hashlib.sha256().digest_size)
 
     @abstractmethod
-    def recall(self, start: int, stamps: Sequence[bytes]) -> None:
+    def set_digests(self, start: int, digests: Sequence[bytes]) -> None:
         """Take the stamps of frames from `start` on from who has read them: not to read again."""
 
     @abstractmethod
-    def source(self) -> dict[str, Any]:
+    def describe_source(self) -> dict[str, Any]:
         """Name and digest of all that is read."""
 
     @property
-    def fanned(self) -> TriMesh:
+    def fan_triangulated(self) -> TriMesh:
         """Frame 0 with every polygon as a fan: what connectivity is compared by."""
         return self.first
 
     def __len__(self) -> int:
         return len(self.names)
 
-    def place(self, index: int) -> str:
+    def location(self, index: int) -> str:
         """Where a frame is, for messages."""
         return self.names[index]
 
-    def frame(self, index: int) -> Floats:
+    def read_frame(self, index: int) -> Floats:
         """Vertices of one frame, (m, 3), as many as the first has and all finite.
 
         Raises
@@ -196,28 +196,28 @@ class MeshSequence(ABC):
         InputError
             Naming the frame.
         """
-        positions = self.positions(index)
-        with located(self.place(index)):
-            refuse_other_connectivity(len(positions), self.first.faces, self.first, "the rest pose")
-            return checked_positions(positions)
+        positions = self.read_positions(index)
+        with error_context(self.location(index)):
+            check_connectivity(len(positions), self.first.faces, self.first, "the rest pose")
+            return validate_positions(positions)
 
     def blocks(self, size: int, jobs: int, start: int = 0) -> Generator[Block]:
         """All frames from `start` on, in order, at most `size` in a block, read ahead by threads.
 
         At most two blocks of frames are in memory.
         """
-        with ReadAhead(self, jobs, size, range(start, len(self))) as frames:
+        with FramePrefetcher(self, jobs, size, range(start, len(self))) as frames:
             yield from frames.blocks(size)
 
 
-class ReadAhead:
+class FramePrefetcher:
     """Frames of a clip, `wanted` of them, read by `jobs` threads, at most `ahead` in advance."""
 
-    def __init__(self, sequence: MeshSequence, jobs: int, ahead: int, wanted: range) -> None:
-        self._sequence, self._wanted = sequence, wanted
-        self._frames = InOrder(self._tried, wanted, jobs, ahead)
+    def __init__(self, sequence: MeshSequence, jobs: int, max_ahead: int, indices: range) -> None:
+        self._sequence, self._indices = sequence, indices
+        self._frames = OrderedMap(self._read_or_error, indices, jobs, max_ahead)
 
-    def __enter__(self) -> "ReadAhead":
+    def __enter__(self) -> "FramePrefetcher":
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -225,24 +225,24 @@ class ReadAhead:
 
     def blocks(self, size: int) -> Iterator[Block]:
         """Them in blocks of at most `size`."""
-        for start in self._wanted[::size]:
-            yield self._block(start, list(islice(self._frames, size)))
+        for start in self._indices[::size]:
+            yield self._make_block(start, list(islice(self._frames, size)))
 
-    def _tried(self, index: int) -> Floats | InputError:
+    def _read_or_error(self, index: int) -> Floats | InputError:
         try:
-            return self._sequence.frame(index)
+            return self._sequence.read_frame(index)
         except InputError as error:
             return error
 
-    def _block(self, start: int, read: list[Floats | InputError]) -> Block:
+    def _make_block(self, start: int, read: list[Floats | InputError]) -> Block:
         faults = {k: v for k, v in enumerate(read, start) if isinstance(v, InputError)}
-        stead = self._sequence.first.vertices
-        positions = np.stack([stead if isinstance(v, InputError) else v for v in read])
+        placeholder = self._sequence.first.vertices
+        positions = np.stack([placeholder if isinstance(v, InputError) else v for v in read])
         return Block(start, positions, faults)
 
 
-def refuse_other_connectivity(count: int, faces: Integers, expected: TriMesh, whose: str) -> None:
-    """Refuse a mesh of `count` vertices and `faces` that is not `whose`, saying where it differs.
+def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_name: str) -> None:
+    """Refuse a mesh whose counts or `faces` differ from the expected ones, and say where.
 
     Raises
     ------
@@ -254,7 +254,7 @@ def refuse_other_connectivity(count: int, faces: Integers, expected: TriMesh, wh
     ):
         if found != wanted:
             raise InputError(
-                f"{found} {noun}, {whose} has {wanted}; all must share one connectivity"
+                f"{found} {noun}, {expected_name} has {wanted}; all must share one connectivity"
             )
     if faces is expected.faces:
         return
@@ -262,11 +262,12 @@ def refuse_other_connectivity(count: int, faces: Integers, expected: TriMesh, wh
     if len(differs):
         k = differs[0]
         raise InputError(
-            f"triangle {k} joins vertices {_joined(faces[k])}, in {whose} "
-            f"{_joined(expected.faces[k])} (counted from 0; {len(differs)} triangles differ); "
+            f"triangle {k} joins vertices {_format_corners(faces[k])}, in {expected_name} "
+            f"{_format_corners(expected.faces[k])} (counted from 0; {len(differs)} triangles "
+            f"differ); "
             "all must share one connectivity"
         )
 
 
-def _joined(corners: Integers) -> str:
+def _format_corners(corners: Integers) -> str:
     return "-".join(map(str, corners))

@@ -23,20 +23,20 @@ class Animation:
     ----------
     rest : TriMesh
         The rest pose, with the faces of every frame.
-    count : int
+    frame_count : int
         How many frames there are.
     scene : Scene
     name : str
         What the object is called where formats name objects: letters, digits and underscores.
-    text : bytes
+    obj_text : bytes
         The OBJ file that the rest mesh was read from, unpacked; empty if it was none.
     """
 
     rest: TriMesh
-    count: int
+    frame_count: int
     scene: Scene
     name: str
-    text: bytes = b""
+    obj_text: bytes = b""
 
 
 class AnimationWriter(ABC):
@@ -50,18 +50,18 @@ class AnimationWriter(ABC):
     ----------
     suffixes : tuple of str
         Lower case, with the dot.
-    into_folder : bool
+    writes_folder : bool
         Whether it writes a folder of files, a frame each, instead of a file.
     notes : tuple of str
         What to mind about what is written, one sentence each.
     """
 
     suffixes: tuple[str, ...]
-    into_folder: bool = False
+    writes_folder: bool = False
     notes: tuple[str, ...] = ()
 
     @classmethod  # noqa: B027  # most need no other library
-    def require(cls) -> None:
+    def require_libraries(cls) -> None:
         """Refuse to go on without a library that is needed, with what to install."""
 
     @abstractmethod
@@ -91,10 +91,10 @@ class AnimationWriter(ABC):
 class FrameFileWriter(AnimationWriter):
     """Writes a file a frame, numbered from the scene's start; writers say what a file holds."""
 
-    into_folder = True
+    writes_folder = True
 
     def __init__(self, target: Path, animation: Animation) -> None:
-        names = FrameNames.of(target.name)
+        names = FrameNames.parse(target.name)
         if names is None:
             raise ValueError(f"{target.name} has no place for the frame's number")
         start = animation.scene.start
@@ -103,23 +103,25 @@ class FrameFileWriter(AnimationWriter):
                 f"the first frame's number is {start:g}, expected a whole one, 0 or above, for "
                 "files are named by it; choose it with --start"
             )
-        self._folder, self._names, self._next = target.parent, names, int(start)
+        self._folder, self._names, self._next_number = target.parent, names, int(start)
 
     @abstractmethod
-    def content(self, positions: Floats) -> bytes:
+    def encode_frame(self, positions: Floats) -> bytes:
         """The file of one frame, (m, 3)."""
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
         for positions in frames:
-            (self._folder / self._names.name(self._next)).write_bytes(self.content(positions))
-            self._next += 1
+            (self._folder / self._names.file_name(self._next_number)).write_bytes(
+                self.encode_frame(positions)
+            )
+            self._next_number += 1
 
     def complete(self) -> None:
         """Nothing comes after the last frame."""
 
 
-def single_precision(positions: Floats) -> NDArray[np.float32]:
+def to_float32(positions: Floats) -> NDArray[np.float32]:
     """`positions` as contiguous float32.
 
     Raises
@@ -142,25 +144,25 @@ class PointCacheWriter(AnimationWriter):
 
     Attributes
     ----------
-    kind : str
+    dtype : str
         Numpy's name of float32 in the file's byte order.
     """
 
-    kind: str
+    dtype: str
 
     def __init__(self, target: Path, animation: Animation) -> None:
         with ExitStack() as stack:
             self._file = stack.enter_context(target.open("wb"))
-            self._file.write(self.header(animation))
+            self._file.write(self.make_header(animation))
             stack.pop_all()  # open from here on
 
     @abstractmethod
-    def header(self, animation: Animation) -> bytes:
+    def make_header(self, animation: Animation) -> bytes:
         """What stands before the first frame."""
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
-        self._file.write(single_precision(frames).astype(self.kind, copy=False).data)
+        self._file.write(to_float32(frames).astype(self.dtype, copy=False).data)
 
     def complete(self) -> None:
         """Close the file."""
@@ -171,7 +173,7 @@ class PointCacheWriter(AnimationWriter):
         self._file.close()
 
 
-def blender_note(start: float) -> tuple[str, ...]:
+def make_blender_notes(start: float) -> tuple[str, ...]:
     """Where Blender's Mesh Cache modifier puts the first frame, unless that is where it belongs."""
     if start == 0:
         return ()

@@ -16,23 +16,23 @@ from tokenize import TokenError
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import BinaryFile
-from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.errors import InputError, error_context
 
-LARGEST_HEADER = 1 << 14
+MAX_HEADER_BYTES = 1 << 14
 """Bytes that are looked at for a header; numpy itself takes 10 000 characters."""
 
-LARGEST_RATIO = 1032
+MAX_COMPRESSION_RATIO = 1032
 """Most that deflate compresses (zlib's own figure)."""
 
-_BLOCK = 1 << 20
+_COPY_BYTES = 1 << 20
 
-_HEADERS = {
+_HEADER_READERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
 
 # What numpy and zipfile raise for files that are cut, encrypted or not of arrays.
-_DAMAGES = (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, RuntimeError,
+_READ_ERRORS = (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, RuntimeError,
             SyntaxError, TokenError, zlib.error, zipfile.BadZipFile)  # fmt: skip
 
 
@@ -45,38 +45,40 @@ class FileArray:
     file : BinaryFile
     offset : int
         Its first byte.
-    kind : dtype
+    dtype : dtype
         Of numbers, or of text.
     shape : tuple of int
-    is_reversed : bool
+    is_fortran_order : bool
         Whether its first axis is the fastest (Fortran's order), not its last.
     """
 
     file: BinaryFile
     offset: int
-    kind: np.dtype
+    dtype: np.dtype
     shape: tuple[int, ...]
-    is_reversed: bool
+    is_fortran_order: bool
 
-    def values(self) -> np.ndarray:
+    def read(self) -> np.ndarray:
         """The whole array."""
-        array = self.file.numbers(self.offset, self.kind, self.shape[:: 1 - 2 * self.is_reversed])
-        return array.T if self.is_reversed else array
+        array = self.file.read_array(
+            self.offset, self.dtype, self.shape[:: 1 - 2 * self.is_fortran_order]
+        )
+        return array.T if self.is_fortran_order else array
 
 
-def lone_array(path: Path) -> FileArray:
+def open_npy(path: Path) -> FileArray:
     """The array of a `.npy`.
 
     Raises
     ------
     InputError
     """
-    file = BinaryFile.at(path)
-    with _refusals("a sound .npy of plain numbers"):
-        return _array(file, 0, file.size)
+    file = BinaryFile.open(path)
+    with _wrap_read_errors("a sound .npy of plain numbers"):
+        return _open_array(file, 0, file.size)
 
 
-class Archive:
+class NpzArchive:
     """The arrays of a `.npz`.
 
     Attributes
@@ -85,8 +87,8 @@ class Archive:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, self._file = path, BinaryFile.at(path)
-        with _refusals("a sound .npz of plain arrays"), zipfile.ZipFile(path) as archive:
+        self._path, self._file = path, BinaryFile.open(path)
+        with _wrap_read_errors("a sound .npz of plain arrays"), zipfile.ZipFile(path) as archive:
             self._members = {
                 info.filename.removesuffix(".npy"): info
                 for info in archive.infolist()
@@ -94,7 +96,7 @@ class Archive:
             }
         self.names = set(self._members)
 
-    def array(self, name: str) -> FileArray:
+    def open_array(self, name: str) -> FileArray:
         """One of its arrays; one that is compressed is unpacked into a file without a name.
 
         Raises
@@ -103,30 +105,30 @@ class Archive:
             When it is damaged, or there is no room for it.
         """
         info = self._members[name]
-        with located(f"`{name}`"), _refusals("a sound member of a .npz"):
+        with error_context(f"`{name}`"), _wrap_read_errors("a sound member of a .npz"):
             if info.flag_bits & 1:
                 raise InputError("is encrypted; write the file with numpy.savez")
             if info.compress_type == zipfile.ZIP_STORED:
-                return _array(self._file, self._place(info), info.file_size)
+                return _open_array(self._file, self._find_offset(info), info.file_size)
             if info.compress_type == zipfile.ZIP_DEFLATED:
-                self._refuse_claims(info)
-                return _array(self._unpacked(info), 0, info.file_size)
+                self._check_claimed_size(info)
+                return _open_array(self._decompress(info), 0, info.file_size)
             raise InputError(
                 f"is compressed by method {info.compress_type}, expected deflate or none; write "
                 "the file with numpy.savez"
             )
 
-    def scalar(self, name: str) -> np.ndarray | None:
+    def read_scalar(self, name: str) -> np.ndarray | None:
         """The number or text of that name; None if there is none, or it is something else."""
-        if name not in self.names or self._members[name].file_size > _BLOCK:
+        if name not in self.names or self._members[name].file_size > _COPY_BYTES:
             return None
-        array = self.array(name)
-        plain = array.shape == () and array.kind.kind in "fiuU" and array.kind.itemsize
-        return array.values() if plain else None
+        array = self.open_array(name)
+        plain = array.shape == () and array.dtype.kind in "fiuU" and array.dtype.itemsize
+        return array.read() if plain else None
 
-    def _place(self, info: zipfile.ZipInfo) -> int:
+    def _find_offset(self, info: zipfile.ZipInfo) -> int:
         """Where the bytes of a member begin that is not compressed: behind its own header."""
-        head = self._file.numbers(info.header_offset, np.dtype(np.uint8), (30,)).tobytes()
+        head = self._file.read_array(info.header_offset, np.dtype(np.uint8), (30,)).tobytes()
         lengths = np.frombuffer(head, "<u2", 2, 26)
         place = info.header_offset + 30 + int(lengths.sum())
         size = info.file_size
@@ -136,10 +138,13 @@ class Archive:
             )
         return place
 
-    def _refuse_claims(self, info: zipfile.ZipInfo) -> None:
+    def _check_claimed_size(self, info: zipfile.ZipInfo) -> None:
         """Refuse a member that claims more than deflate can give, or than the disk has room for."""
         size, folder = info.file_size, tempfile.gettempdir()
-        if size > LARGEST_RATIO * min(info.compress_size, self._file.size) + LARGEST_HEADER:
+        if (
+            size
+            > MAX_COMPRESSION_RATIO * min(info.compress_size, self._file.size) + MAX_HEADER_BYTES
+        ):
             raise InputError(
                 f"claims {size} bytes out of {info.compress_size}, more than deflate can give; "
                 "the file is damaged, write it again"
@@ -150,13 +155,13 @@ class Archive:
                 "in TMPDIR, or write the file with numpy.savez"
             )
 
-    def _unpacked(self, info: zipfile.ZipInfo) -> BinaryFile:
+    def _decompress(self, info: zipfile.ZipInfo) -> BinaryFile:
         """The bytes of a member."""
         with ExitStack() as stack:
             try:
                 target = stack.enter_context(tempfile.TemporaryFile())
                 with zipfile.ZipFile(self._path) as archive, archive.open(info) as member:
-                    shutil.copyfileobj(member, target, _BLOCK)
+                    shutil.copyfileobj(member, target, _COPY_BYTES)
                     size = target.tell()
             except OSError as error:
                 raise InputError(
@@ -169,30 +174,30 @@ class Archive:
             return BinaryFile(target)
 
 
-def _array(file: BinaryFile, place: int, size: int) -> FileArray:
-    """The array whose `.npy` lies at `place` and has `size` bytes."""
-    head = file.numbers(place, np.dtype(np.uint8), (min(size, LARGEST_HEADER),)).tobytes()
+def _open_array(file: BinaryFile, offset: int, size: int) -> FileArray:
+    """The array whose `.npy` lies at `offset` and has `size` bytes."""
+    head = file.read_array(offset, np.dtype(np.uint8), (min(size, MAX_HEADER_BYTES),)).tobytes()
     stream = io.BytesIO(head)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of Python 2's long numbers, and odd ones
         version = np.lib.format.read_magic(stream)
-        if version not in _HEADERS:
+        if version not in _HEADER_READERS:
             raise InputError(f"is a .npy of version {version}, expected (1, 0) or (2, 0)")
-        shape, is_reversed, kind = _HEADERS[version](stream)
+        shape, is_reversed, kind = _HEADER_READERS[version](stream)
     claimed = stream.tell() + prod(shape) * kind.itemsize
     if not kind.hasobject and (min(shape, default=0) < 0 or claimed != size):
         raise InputError(
             f"announces an array of shape {shape} of {kind}, which takes {claimed} bytes, and has "
             f"{size}; it is cut short or damaged, write it again"
         )
-    return FileArray(file, place + stream.tell(), kind, shape, is_reversed)
+    return FileArray(file, offset + stream.tell(), kind, shape, is_reversed)
 
 
 @contextmanager
-def _refusals(expected: str) -> Iterator[None]:
+def _wrap_read_errors(expected: str) -> Iterator[None]:
     """Make of whatever numpy and zipfile raise inside an InputError."""
     try:
         yield
-    except _DAMAGES as error:
+    except _READ_ERRORS as error:
         said = (str(error).splitlines() or [type(error).__name__])[0]
         raise InputError(f"is not {expected} ({said}); write it again") from error

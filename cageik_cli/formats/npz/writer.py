@@ -10,12 +10,12 @@ import numpy as np
 from cageik_cli.formats.base.writer import Animation, AnimationWriter
 from cageik_cli.util.arrays import Floats
 
-_FIRST = (1980, 1, 1, 0, 0, 0)
+_FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 
 
-def undated(name: str) -> zipfile.ZipInfo:
+def fixed_date_zipinfo(name: str) -> zipfile.ZipInfo:
     """A member that has zip's first time: as good as any, and always the same."""
-    return zipfile.ZipInfo(name, _FIRST)
+    return zipfile.ZipInfo(name, _FIXED_DATE)
 
 
 class Writer(AnimationWriter):
@@ -26,9 +26,9 @@ class Writer(AnimationWriter):
     def __init__(self, target: Path, animation: Animation) -> None:
         with ExitStack() as stack:
             self._archive = stack.enter_context(zipfile.ZipFile(target, "w"))
-            self._write_all_but_frames(animation)
-            self._frames = self._member("vertices")
-            shape = (animation.count, *animation.rest.vertices.shape)
+            self._write_static_arrays(animation)
+            self._frames = self._open_member("vertices")
+            shape = (animation.frame_count, *animation.rest.vertices.shape)
             header = {"descr": "<f8", "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(self._frames, header)
             stack.pop_all()  # open from here on
@@ -49,7 +49,7 @@ class Writer(AnimationWriter):
         with self._archive, self._frames:
             pass  # each closes, whatever the other meets
 
-    def _write_all_but_frames(self, animation: Animation) -> None:
+    def _write_static_arrays(self, animation: Animation) -> None:
         scene = animation.scene
         for name, value in (
             ("faces", animation.rest.faces.astype(np.int32)),
@@ -58,8 +58,8 @@ class Writer(AnimationWriter):
             ("up_axis", np.str_(scene.up_axis)),
             ("metres_per_unit", np.float64(scene.metres_per_unit)),
         ):
-            with self._member(name) as stream:
+            with self._open_member(name) as stream:
                 np.lib.format.write_array(stream, np.asarray(value), allow_pickle=False)
 
-    def _member(self, name: str) -> IO[bytes]:
-        return self._archive.open(undated(f"{name}.npy"), "w", force_zip64=True)
+    def _open_member(self, name: str) -> IO[bytes]:
+        return self._archive.open(fixed_date_zipinfo(f"{name}.npy"), "w", force_zip64=True)

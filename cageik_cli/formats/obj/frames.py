@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.obj.tokens import FACE, VERTEX, Words, vertices_of, words_of
+from cageik_cli.formats.obj.tokens import FACE, VERTEX, Tokens, parse_vertices, tokenize
 from cageik_cli.util.arrays import Floats
 
 
-class FrameParser:
+class ObjFrameParser:
     """Reads OBJ frames that from a face on are, byte for byte, a first frame.
 
     From which: the first face behind all vertices. What stands before it are vertices (with any
@@ -27,43 +27,43 @@ class FrameParser:
 
     def __init__(self, first: bytes, vertices: Floats) -> None:
         self._tail = b""
-        words = words_of(first)
-        cut = _last_faces(words) if words else 0
-        head = words_of(first[:cut]) if cut else None
-        found = vertices_of(head) if head else None
+        words = tokenize(first)
+        cut = _find_trailing_faces(words) if words else 0
+        head = tokenize(first[:cut]) if cut else None
+        found = parse_vertices(head) if head else None
         if head and found is not None and np.array_equal(found, vertices):
             self._tail = first[cut - 1 :]
-            self._lines, self._faces = _compared(head), _faces(head)
+            self._line_kinds, self._face_runs = _relevant_line_kinds(head), _find_face_runs(head)
 
-    def positions(self, data: bytes) -> Floats | None:
+    def parse_positions(self, data: bytes) -> Floats | None:
         """Vertices (m, 3) if the file is regular and its faces are the first frame's, else None."""
         if not self._tail or not data.endswith(self._tail):
             return None
-        words = words_of(data[: len(data) - len(self._tail) + 1])
-        if words is None or not np.array_equal(_compared(words), self._lines):
+        words = tokenize(data[: len(data) - len(self._tail) + 1])
+        if words is None or not np.array_equal(_relevant_line_kinds(words), self._line_kinds):
             return None
-        return vertices_of(words) if _faces(words) == self._faces else None
+        return parse_vertices(words) if _find_face_runs(words) == self._face_runs else None
 
 
-def _last_faces(words: Words) -> int:
+def _find_trailing_faces(words: Tokens) -> int:
     """Where the line of the first face behind all vertices begins; 0 if there is none."""
-    vertices = np.flatnonzero(words.kinds == VERTEX)
-    faces = np.flatnonzero(words.kinds == FACE)
+    vertices = np.flatnonzero(words.line_kinds == VERTEX)
+    faces = np.flatnonzero(words.line_kinds == FACE)
     behind = faces[faces > vertices.max(initial=-1)]
     if not len(behind):
         return 0
-    return words.data.rfind(b"\n", 0, words.bounds[words.heads[behind[0]], 0]) + 1
+    return words.data.rfind(b"\n", 0, words.bounds[words.first_tokens[behind[0]], 0]) + 1
 
 
-def _compared(words: Words) -> NDArray[np.uint8]:
+def _relevant_line_kinds(words: Tokens) -> NDArray[np.uint8]:
     """The kinds of lines that matter, in order: how many vertices each face has before it."""
-    return np.asarray(words.kinds[words.kinds != 0])
+    return np.asarray(words.line_kinds[words.line_kinds != 0])
 
 
-def _faces(words: Words) -> list[bytes]:
+def _find_face_runs(words: Tokens) -> list[bytes]:
     """The runs of lines that are faces, as they are spelt."""
-    is_face = np.concatenate([[False], words.kinds == FACE, [False]])
+    is_face = np.concatenate([[False], words.line_kinds == FACE, [False]])
     changes = np.flatnonzero(is_face[1:] != is_face[:-1])
-    lines = np.append(words.bounds[words.heads, 0], len(words.data))
+    lines = np.append(words.bounds[words.first_tokens, 0], len(words.data))
     runs = lines[changes].reshape(-1, 2).tolist()
     return [words.data[begin:end] for begin, end in runs]

@@ -17,11 +17,11 @@ Offsets = NDArray[np.int32]
 VERTEX, FACE = ord("v"), ord("f")
 _SLASH, _NEWLINE, _RETURN = b"/\n\r"
 _IS_BLANK = np.isin(np.arange(256), list(b" \t\n\r\v\f"))
-_LONGEST = 2**31 - 1  # Arrow's strings count their bytes in 32 bits
+_MAX_TEXT_BYTES = 2**31 - 1  # Arrow's strings count their bytes in 32 bits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Words:
+class Tokens:
     """Where the words of a text stand.
 
     Attributes
@@ -30,35 +30,35 @@ class Words:
         The text, with a newline at its end.
     bounds : (w, 2) int32
         Where each begins and ends, in bytes.
-    heads : (l,) int64
+    first_tokens : (l,) int64
         Number of the first word of each line that has any.
-    kinds : (l,) uint8
+    line_kinds : (l,) uint8
         `VERTEX` or `FACE` where that word is `v` or `f`, else 0: the line does not matter.
     """
 
     data: bytes
     bounds: Offsets
-    heads: Integers
-    kinds: NDArray[np.uint8]
+    first_tokens: Integers
+    line_kinds: NDArray[np.uint8]
 
     @property
-    def sizes(self) -> Integers:
+    def token_counts(self) -> Integers:
         """Words of each line, (l,)."""
-        return np.diff(self.heads, append=len(self.bounds))
+        return np.diff(self.first_tokens, append=len(self.bounds))
 
 
-def words_of(data: bytes, parts: bool = False) -> Words | None:
-    """Find the words of a text; of `parts`, those that slashes divide them into.
+def tokenize(data: bytes, split_slashes: bool = False) -> Tokens | None:
+    """Find the words of a text; of `split_slashes`, those that slashes divide them into.
 
     None if a byte is neither blank nor printed, a line ends in a backslash or in a bare CR, or
     `v` or `f` is followed by a comment.
     """
     data = data if data.endswith(b"\n") else data + b"\n"
-    if len(data) > _LONGEST or (b"\\" in data and (b"\\\n" in data or b"\\\r" in data)):
+    if len(data) > _MAX_TEXT_BYTES or (b"\\" in data and (b"\\\n" in data or b"\\\r" in data)):
         return None
     codes = np.frombuffer(data, np.uint8)
     is_gap = codes <= ord(" ")
-    if parts:
+    if split_slashes:
         is_gap |= codes == _SLASH
     ends = np.flatnonzero(is_gap)
     gaps = codes[ends]
@@ -77,58 +77,60 @@ def words_of(data: bytes, parts: bool = False) -> Words | None:
         lines = np.cumsum(is_head)[is_word]
         bounds, is_head = bounds[is_word], np.diff(lines, prepend=0) > 0
     heads = np.flatnonzero(is_head)
-    kinds = _kinds(codes, bounds[heads, 0])
-    return None if kinds is None else Words(data, bounds, heads, kinds)
+    kinds = _classify_lines(codes, bounds[heads, 0])
+    return None if kinds is None else Tokens(data, bounds, heads, kinds)
 
 
-def vertices_of(words: Words) -> Floats | None:
+def parse_vertices(tokens: Tokens) -> Floats | None:
     """The first three numbers of every `v` line, (n, 3), all finite; None if there is none."""
-    chosen = words.kinds == VERTEX
-    sizes, heads = words.sizes[chosen], words.heads[chosen]
+    chosen = tokens.line_kinds == VERTEX
+    sizes, heads = tokens.token_counts[chosen], tokens.first_tokens[chosen]
     if not len(heads) or sizes.min() < 4:
         return None
     if (sizes == sizes[0]).all() and heads[-1] - heads[0] == sizes[:-1].sum():
         # One block of lines of as many words: a slice is quicker than picking them.
         block = slice(heads[0], heads[-1] + sizes[0])
-        bounds = words.bounds[block].reshape(-1, sizes[0], 2)[:, 1:4]
+        bounds = tokens.bounds[block].reshape(-1, sizes[0], 2)[:, 1:4]
     else:
-        bounds = words.bounds[heads[:, None] + np.arange(1, 4)]
-    values = _converted(words.data, bounds, np.float64)
+        bounds = tokens.bounds[heads[:, None] + np.arange(1, 4)]
+    values = _convert_numbers(tokens.data, bounds, np.float64)
     if values is None or not np.isfinite(values).all():
         return None
     return values.reshape(-1, 3)
 
 
-def polygons_of(parts: Words) -> tuple[Integers, Integers] | None:
+def parse_polygons(tokens: Tokens) -> tuple[Integers, Integers] | None:
     """Corners of every `f` line, from 0, one after the other, and how many each has.
 
     None if there is none, a face lacks corners, has a comment, or names no vertex of the text.
     """
-    sizes = parts.sizes
-    is_corner = np.repeat(parts.kinds == FACE, sizes)
-    is_corner[parts.heads] = False
-    codes = np.frombuffer(parts.data, np.uint8)
+    sizes = tokens.token_counts
+    is_corner = np.repeat(tokens.line_kinds == FACE, sizes)
+    is_corner[tokens.first_tokens] = False
+    codes = np.frombuffer(tokens.data, np.uint8)
     # A comment may begin inside a corner, behind what is read of it.
     marks = np.flatnonzero(codes == ord("#"))
-    lines = np.searchsorted(parts.bounds[parts.heads, 0], marks, side="right") - 1
-    if (parts.kinds[lines] == FACE).any():
+    lines = np.searchsorted(tokens.bounds[tokens.first_tokens, 0], marks, side="right") - 1
+    if (tokens.line_kinds[lines] == FACE).any():
         return None
-    is_corner &= codes[parts.bounds[:, 0] - 1] != _SLASH
-    bounds = parts.bounds[is_corner]
+    is_corner &= codes[tokens.bounds[:, 0] - 1] != _SLASH
+    bounds = tokens.bounds[is_corner]
     # Arrow reads hexadecimal integers, Python does not.
     if np.isin(codes[bounds[:, 0] + 1], list(b"xX")).any():
         return None
-    counts = np.add.reduceat(is_corner, parts.heads, dtype=np.int64)[parts.kinds == FACE]
-    values = _converted(parts.data, bounds, np.int64)
+    counts = np.add.reduceat(is_corner, tokens.first_tokens, dtype=np.int64)[
+        tokens.line_kinds == FACE
+    ]
+    values = _convert_numbers(tokens.data, bounds, np.int64)
     if values is None or counts.min() < 3 or (values == 0).any():
         return None
-    known = np.cumsum(parts.kinds == VERTEX)[parts.kinds == FACE]
+    known = np.cumsum(tokens.line_kinds == VERTEX)[tokens.line_kinds == FACE]
     corners = np.where(values > 0, values - 1, values + np.repeat(known, counts))
-    is_there = (corners >= 0) & (corners < np.count_nonzero(parts.kinds == VERTEX))
+    is_there = (corners >= 0) & (corners < np.count_nonzero(tokens.line_kinds == VERTEX))
     return (corners, counts) if is_there.all() else None
 
 
-def _kinds(codes: NDArray[np.uint8], begins: Integers) -> NDArray[np.uint8] | None:
+def _classify_lines(codes: NDArray[np.uint8], begins: Integers) -> NDArray[np.uint8] | None:
     """What the lines are that begin with the words at `begins`; None if it takes a closer look."""
     letters, next_to = codes[begins], codes[begins + 1]
     letters[(letters != VERTEX) & (letters != FACE)] = 0
@@ -138,7 +140,7 @@ def _kinds(codes: NDArray[np.uint8], begins: Integers) -> NDArray[np.uint8] | No
     return letters
 
 
-def _converted(data: bytes, bounds: Offsets, kind: type[np.generic]) -> NDArray[Any] | None:
+def _convert_numbers(data: bytes, bounds: Offsets, dtype: type[np.generic]) -> NDArray[Any] | None:
     """The words within `bounds` as numbers, rounded as `float` rounds; None if one is none."""
     if not bounds.size:
         return None
@@ -148,7 +150,7 @@ def _converted(data: bytes, bounds: Offsets, kind: type[np.generic]) -> NDArray[
     buffers = [pyarrow.py_buffer(part) for part in (is_word, np.ascontiguousarray(bounds), data)]
     strings = pyarrow.Array.from_buffers(pyarrow.string(), count, buffers)
     batch = pyarrow.record_batch([strings], ["number"])
-    wanted = pyarrow.schema([("number", pyarrow.from_numpy_dtype(kind))])
+    wanted = pyarrow.schema([("number", pyarrow.from_numpy_dtype(dtype))])
     # A reader casts as `pyarrow.compute` does, which takes 50 ms to import.
     reader = pyarrow.RecordBatchReader.from_batches(batch.schema, [batch]).cast(wanted)
     try:
@@ -156,4 +158,4 @@ def _converted(data: bytes, bounds: Offsets, kind: type[np.generic]) -> NDArray[
     except pyarrow.ArrowInvalid:
         return None
     # Out of the buffer, for pyarrow's own conversion imports pandas where it is installed.
-    return np.frombuffer(numbers.buffers()[1], kind, count)[::2].copy()
+    return np.frombuffer(numbers.buffers()[1], dtype, count)[::2].copy()

@@ -12,20 +12,20 @@ from cageik_cli.formats.base.writer import Animation, FrameFileWriter
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
-_ASIDE = re.compile(rb"#[^\r\n]*|\\(?:\r\n?|\n|\Z)")
+_COMMENT_OR_CONTINUATION = re.compile(rb"#[^\r\n]*|\\(?:\r\n?|\n|\Z)")
 """What is as good as blanks: a comment, or the end of a line that goes on in the next."""
 
-_CONTROLS = bytes.maketrans(bytes(set(range(32)) - set(b"\t\n\v\f\r")), b"?" * 27)
+_CONTROLS_TO_MARKS = bytes.maketrans(bytes(set(range(32)) - set(b"\t\n\v\f\r")), b"?" * 27)
 """They divide no words, unlike the other bytes below the blank."""
 
-_NUMBER = 0
+_NUMBER_MARK = 0
 """Stands for a number, since no text has this byte."""
 
-_BLOCK = 1 << 22
+_BLOCK_BYTES = 1 << 22
 """Bytes that are gone through at once, and on to the end of a line."""
 
 
-def obj_format(text: bytes) -> bytes:
+def make_obj_template(text: bytes) -> bytes:
     """A format of the text for the positions of its n vertices: it takes 3n numbers, no others.
 
     All else stays byte for byte, but for normals, which would be stale: `vn` lines are dropped,
@@ -39,16 +39,18 @@ def obj_format(text: bytes) -> bytes:
     body = text.removeprefix(codecs.BOM_UTF8)
     pieces, begin = [text[: len(text) - len(body)]], 0
     body = body.replace(b"%", b"%%")
-    bare = _ASIDE.sub(lambda found: b" " * len(found[0]), body).translate(_CONTROLS)
+    bare = _COMMENT_OR_CONTINUATION.sub(lambda found: b" " * len(found[0]), body).translate(
+        _CONTROLS_TO_MARKS
+    )
     while begin < len(body):
-        end = bare.find(b"\n", begin + _BLOCK) + 1 or len(body)
-        pieces.append(_block_format(body[begin:end], bare[begin:end]))
+        end = bare.find(b"\n", begin + _BLOCK_BYTES) + 1 or len(body)
+        pieces.append(_make_block_template(body[begin:end], bare[begin:end]))
         begin = end
     return b"".join(pieces)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Words:
+class _Tokens:
     """Where the words of a text stand.
 
     Attributes
@@ -57,19 +59,19 @@ class _Words:
         The text.
     bounds : (w, 2) int64
         Where each word begins and ends.
-    heads : (l,) int64
+    first_tokens : (l,) int64
         Number of the first word of each line that has any.
-    lines : (l, 2) int64
+    line_bounds : (l, 2) int64
         Where these lines begin, and end behind their breaks.
     """
 
     codes: NDArray[np.uint8]
     bounds: Integers
-    heads: Integers
-    lines: Integers
+    first_tokens: Integers
+    line_bounds: Integers
 
     @classmethod
-    def of(cls, text: bytes) -> "_Words":
+    def from_text(cls, text: bytes) -> "_Tokens":
         """The words of a text that has neither comments nor lines that go on in the next."""
         codes = np.frombuffer(text, np.uint8)
         is_break = codes == ord("\r")
@@ -84,38 +86,42 @@ class _Words:
         lines = line[heads, None] + np.arange(2)
         return cls(codes, bounds, heads, ends[lines])
 
-    def begin_with(self, keyword: bytes) -> NDArray[np.bool_]:
+    def find_lines(self, keyword: bytes) -> NDArray[np.bool_]:
         """Which lines begin with a word, (l,), and not with a longer one."""
-        begins, ends = self.bounds[self.heads].T
+        begins, ends = self.bounds[self.first_tokens].T
         found = np.asarray(ends - begins == len(keyword))
         for k, letter in enumerate(keyword):
             found[found] = self.codes[begins[found] + k] == letter
         return found
 
 
-def _block_format(text: bytes, bare: bytes) -> bytes:
+def _make_block_template(text: bytes, bare: bytes) -> bytes:
     """The format of some lines; `bare` is the text with blanks for what is as good as these."""
-    words = _Words.of(bare)
-    places = words.heads[words.begin_with(b"v"), None] + np.arange(1, 4)
+    words = _Tokens.from_text(bare)
+    places = words.first_tokens[words.find_lines(b"v"), None] + np.arange(1, 4)
     numbers = words.bounds[places.ravel()]
     codes = np.frombuffer(text, np.uint8).copy()
-    codes[numbers[:, 0]] = _NUMBER
+    codes[numbers[:, 0]] = _NUMBER_MARK
     behind = numbers + np.array([1, 0])
-    dropped = np.concatenate([behind, words.lines[words.begin_with(b"vn")], _normals(words)])
+    dropped = np.concatenate(
+        [behind, words.line_bounds[words.find_lines(b"vn")], _find_normal_indices(words)]
+    )
     # No two of these begin, or end, at one place.
     steps = np.zeros(len(codes) + 1, np.int8)
     steps[dropped[:, 0]] += 1
     steps[dropped[:, 1]] -= 1
     kept = np.cumsum(steps[:-1], dtype=np.int8) == 0
     left: bytes = codes[kept].tobytes()
-    return left.replace(bytes([_NUMBER]), b"%.9g")
+    return left.replace(bytes([_NUMBER_MARK]), b"%.9g")
 
 
-def _normals(words: _Words) -> Integers:
+def _find_normal_indices(words: _Tokens) -> Integers:
     """Where the third index of each corner begins, with the slashes before it, and ends."""
     slashes = np.flatnonzero(words.codes == ord("/"))
     word = np.searchsorted(words.bounds[:, 0], slashes, side="right") - 1
-    is_face = np.repeat(words.begin_with(b"f"), np.diff(words.heads, append=len(words.bounds)))
+    is_face = np.repeat(
+        words.find_lines(b"f"), np.diff(words.first_tokens, append=len(words.bounds))
+    )
     is_first = np.diff(word, prepend=-1) > 0
     second = np.flatnonzero(is_face[word] & ~is_first & np.roll(is_first, 1))
     # Without texture coordinates both slashes go.
@@ -135,15 +141,17 @@ class Writer(FrameFileWriter):
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
         # One format of the whole file is several times as quick as one a line.
-        text = animation.text
-        self._format = obj_format(text) if text else _triangles(animation.rest)
+        text = animation.obj_text
+        self._template = (
+            make_obj_template(text) if text else _make_triangle_template(animation.rest)
+        )
 
-    def content(self, positions: Floats) -> bytes:
+    def encode_frame(self, positions: Floats) -> bytes:
         """The text of one frame."""
-        return self._format % tuple(positions.ravel().tolist())
+        return self._template % tuple(positions.ravel().tolist())
 
 
-def _triangles(mesh: TriMesh) -> bytes:
+def _make_triangle_template(mesh: TriMesh) -> bytes:
     """A format of vertices and faces alone."""
     faces = b"f %d %d %d\n" * len(mesh.faces) % tuple((mesh.faces + 1).ravel().tolist())
     return b"v %.9g %.9g %.9g\n" * len(mesh.vertices) + faces

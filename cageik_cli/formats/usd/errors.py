@@ -6,23 +6,23 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.util.errors import needing
+from cageik_cli.util.errors import require_optional
 
 _NOT_TEXT = "its text is not UTF-8"
-SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
+USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
-def need_usd(act: str) -> None:
-    """Refuse to go on without usd-core; `act` is what it is needed for."""
-    with needing("usd-core", "usd", act):
+def require_usd(purpose: str) -> None:
+    """Refuse to go on without usd-core; `purpose` is what it is needed for."""
+    with require_optional("usd-core", "usd", purpose):
         import pxr  # noqa: F401
 
 
 @contextmanager
-def quiet(failed: Callable[[str], Exception]) -> Iterator[list[str]]:
+def capture_diagnostics(make_error: Callable[[str], Exception]) -> Iterator[list[str]]:
     """A list that holds, when the block ends, what USD would have printed, a sentence each.
 
-    Of an error that USD raises in the block, `failed` makes another.
+    Of an error that USD raises in the block, `make_error` makes another.
     """
     from pxr import Tf
 
@@ -31,15 +31,15 @@ def quiet(failed: Callable[[str], Exception]) -> Iterator[list[str]]:
         try:
             yield warnings
         except Tf.ErrorException as error:
-            raise failed(_sentence(error.args[0])) from error
+            raise make_error(_format_diagnostic(error.args[0])) from error
         except UnicodeDecodeError as error:
-            raise failed(_NOT_TEXT) from error
+            raise make_error(_NOT_TEXT) from error
         finally:
-            warnings += map(_sentence, trap.GetWarnings())
+            warnings += map(_format_diagnostic, trap.GetWarnings())
             trap.Clear()
 
 
-def _sentence(diagnostic: Any) -> str:
+def _format_diagnostic(diagnostic: Any) -> str:
     """On one line, without folders, addresses in memory and the names of the parser's rules."""
     try:
         text = " ".join(diagnostic.commentary.split())

@@ -8,97 +8,99 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.clip_file import ClipFile, digest_of, only
-from cageik_cli.formats.base.polygons import unfolded
+from cageik_cli.formats.base.clip_file import ClipFile, hash_file, single_path
+from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
     Sampling,
-    mirrors,
-    moved,
-    picked,
-    rate,
-    transform_notes,
-    unchanging,
+    choose_mesh,
+    describe_transform,
+    frames_per_second,
+    is_mirroring,
+    read_constant_polygons,
+    transform_points,
 )
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.formats.usd.errors import SUFFIXES, need_usd, quiet
+from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics, require_usd
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.errors import InputError, error_context
 
-LARGEST_SPAN = 100_000
+MAX_TIME_CODES = 100_000
 """Most whole time codes that are taken, a frame each, between samples that are not even."""
 
 
 class Reader(ClipFile):
     """Frames of one mesh in the space of its stage, evaluated when they are asked for."""
 
-    suffixes = SUFFIXES
+    suffixes = USD_SUFFIXES
     has_members = True
 
     def __init__(self, request: ClipRequest) -> None:
-        path = only(request.paths)
-        with located(path):
-            need_usd(f"reading {path.suffix.lower()}")
-            with quiet(_unsound) as warnings:
-                notes = self._open(path, request)
+        path = single_path(request.paths)
+        with error_context(path):
+            require_usd(f"reading {path.suffix.lower()}")
+            with capture_diagnostics(_make_unsound_error) as warnings:
+                notes = self._open_mesh(path, request)
             said = [f"USD warns: {warning}" for warning in warnings]
         self.notes = tuple(f"{path.name}: {note}" for note in [*notes, *said])
 
-    def positions(self, index: int) -> Floats:
+    def read_positions(self, index: int) -> Floats:
         """Vertices of one frame."""
-        with located(self.place(index)), quiet(_unsound):
-            return self._placed(self._times[index])
+        with error_context(self.location(index)), capture_diagnostics(_make_unsound_error):
+            return self._read_points(self._times[index])
 
-    def source(self) -> dict[str, Any]:
+    def describe_source(self) -> dict[str, Any]:
         """Name of the file, how many files it is composed of, and a digest over all of them."""
-        count = len(self._files)
-        return super().source() | ({"files": count} if count > 1 else {})
+        count = len(self._composed_files)
+        return super().describe_source() | ({"files": count} if count > 1 else {})
 
-    def _open(self, path: Path, request: ClipRequest) -> list[str]:
+    def _open_mesh(self, path: Path, request: ClipRequest) -> list[str]:
         """Find the mesh and its frames; what was changed is returned."""
         from pxr import Usd, UsdGeom
 
         self._stage = Usd.Stage.Open(str(path))
         stage_range = Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies())
         meshes = {str(prim.GetPath()): prim for prim in stage_range if prim.IsA(UsdGeom.Mesh)}
-        prim = meshes[picked(list(meshes), request.member)]
-        _refuse_skinned(prim)
+        prim = meshes[choose_mesh(list(meshes), request.member)]
+        _check_not_skinned(prim)
         self._mesh = UsdGeom.Mesh(prim)
-        moving = _transform_times(prim)
-        sampling, notes = _frames({*self._mesh.GetPointsAttr().GetTimeSamples(), *moving})
-        self.take(request, len(sampling.times), _hints(self._stage, sampling))
-        self._times = sampling.times[list(self.numbers)].tolist()
-        matrix = self._matrix(self._times[0])
+        moving = _find_transform_times(prim)
+        sampling, notes = _choose_sampling({*self._mesh.GetPointsAttr().GetTimeSamples(), *moving})
+        self.set_frames(request, len(sampling.times), _make_scene_hints(self._stage, sampling))
+        self._times = sampling.times[list(self.frame_indices)].tolist()
+        matrix = self._world_matrix(self._times[0])
         is_left = self._mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
-        mesh = self._polygons().mesh(
-            self._placed(self._times[0]), turned=is_left != mirrors(matrix)
+        mesh = self._read_polygons().make_mesh(
+            self._read_points(self._times[0]), is_clockwise=is_left != is_mirroring(matrix)
         )
-        self._fanned = mesh.fanned
-        self.first = unfolded(self._fanned, mesh.sizes)
+        self._fan_triangulated = mesh.fan_triangulated
+        self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)
         notes += ["left-handed faces turned"] if is_left else []
-        return [*notes, *transform_notes(matrix, bool(moving)), *mesh.notes]
+        return [*notes, *describe_transform(matrix, bool(moving)), *mesh.notes]
 
-    def _placed(self, time: float) -> Floats:
-        points = _values(self._mesh.GetPointsAttr(), time, "f", (3,))
+    def _read_points(self, time: float) -> Floats:
+        points = _read_array(self._mesh.GetPointsAttr(), time, "f", (3,))
         if len(points) == 0:
             raise InputError(f"the mesh has no points at time {time:g}; export it again")
-        return moved(points, self._matrix(time))
+        return transform_points(points, self._world_matrix(time))
 
-    def _matrix(self, time: float) -> Floats:
+    def _world_matrix(self, time: float) -> Floats:
         return np.array(self._mesh.ComputeLocalToWorldTransform(time), np.float64)
 
-    def _polygons(self) -> Polygons:
+    def _read_polygons(self) -> Polygons:
         """The faces, which must be the same at all times."""
         attributes = (
             self._mesh.GetFaceVertexCountsAttr(),
             self._mesh.GetFaceVertexIndicesAttr(),
         )
         sampled = {time for attribute in attributes for time in attribute.GetTimeSamples()}
-        return unchanging(partial(_polygons_at, attributes), sorted(sampled or {self._times[0]}))
+        return read_constant_polygons(
+            partial(_read_polygons_at, attributes), sorted(sampled or {self._times[0]})
+        )
 
     @cached_property
-    def _files(self) -> list[Path]:
+    def _composed_files(self) -> list[Path]:
         """All files that the stage is composed of, its own first."""
         from pxr import Ar
 
@@ -108,20 +110,20 @@ class Reader(ClipFile):
 
     @cached_property
     def _digest(self) -> bytes:
-        digests = [digest_of(file) for file in self._files]
+        digests = [hash_file(file) for file in self._composed_files]
         return digests[0] if len(digests) == 1 else hashlib.sha256(b"".join(digests)).digest()
 
 
-def _polygons_at(attributes: tuple[Any, Any], time: float) -> Polygons:
-    counts, corners = (_values(attribute, time, "i", ()) for attribute in attributes)
+def _read_polygons_at(attributes: tuple[Any, Any], time: float) -> Polygons:
+    counts, corners = (_read_array(attribute, time, "i", ()) for attribute in attributes)
     return Polygons(counts, corners)
 
 
-def _values(attribute: Any, time: float, kind: str, shape: tuple[int, ...]) -> np.ndarray:
+def _read_array(attribute: Any, time: float, dtype_kind: str, shape: tuple[int, ...]) -> np.ndarray:
     """An array attribute at a time, empty without a value; a layer may give it any type."""
     value = attribute.Get(time)
-    array = np.zeros((0, *shape), kind) if value is None else np.asarray(value)
-    if array.dtype.kind != kind or array.ndim != 1 + len(shape) or array.shape[1:] != shape:
+    array = np.zeros((0, *shape), dtype_kind) if value is None else np.asarray(value)
+    if array.dtype.kind != dtype_kind or array.ndim != 1 + len(shape) or array.shape[1:] != shape:
         raise InputError(
             f"`{attribute.GetName()}` is not of type {attribute.GetTypeName()} at time {time:g}; "
             "export it again"
@@ -129,11 +131,11 @@ def _values(attribute: Any, time: float, kind: str, shape: tuple[int, ...]) -> n
     return array
 
 
-def _unsound(cause: str) -> InputError:
+def _make_unsound_error(cause: str) -> InputError:
     return InputError(f"is not a sound USD file ({cause}); export it again")
 
 
-def _refuse_skinned(prim: Any) -> None:
+def _check_not_skinned(prim: Any) -> None:
     from pxr import UsdSkel
 
     binding = UsdSkel.BindingAPI(prim)
@@ -145,7 +147,7 @@ def _refuse_skinned(prim: Any) -> None:
         )
 
 
-def _transform_times(prim: Any) -> set[float]:
+def _find_transform_times(prim: Any) -> set[float]:
     """Time samples of the transforms that move a prim."""
     from pxr import UsdGeom
 
@@ -160,33 +162,34 @@ def _transform_times(prim: Any) -> set[float]:
     return times
 
 
-def _frames(samples: set[float]) -> tuple[Sampling, list[str]]:
+def _choose_sampling(samples: set[float]) -> tuple[Sampling, list[str]]:
     """When the frames are: at the samples, or at whole time codes where these are not even."""
-    sampling = Sampling.of(samples)
+    sampling = Sampling.from_times(samples)
     if not sampling.is_uneven:
         return sampling, []
     first, last = (float(sampling.times[k]) for k in (0, -1))
     count = floor(last) - ceil(first) + 1
-    if not 1 <= count <= LARGEST_SPAN:
+    if not 1 <= count <= MAX_TIME_CODES:
         raise InputError(
             f"its {len(samples)} time samples from {first:g} to {last:g} are not evenly spaced and "
-            f"span {max(count, 0)} whole time codes, expected 1 to {LARGEST_SPAN}; bake it to one "
+            f"span {max(count, 0)} whole time codes, expected 1 to {MAX_TIME_CODES}; bake it to "
+            f"one "
             "sample a frame"
         )
     whole = {float(ceil(first) + k) for k in range(count)}
-    return Sampling.of(whole), [
+    return Sampling.from_times(whole), [
         f"its {len(samples)} time samples are not evenly spaced; taken at the whole time codes "
         f"{ceil(first)} to {floor(last)}"
     ]
 
 
-def _hints(stage: Any, sampling: Sampling) -> SceneHints:
+def _make_scene_hints(stage: Any, sampling: Sampling) -> SceneHints:
     from pxr import UsdGeom
 
     codes = stage.GetTimeCodesPerSecond()
     is_timed = any(map(stage.HasAuthoredMetadata, ("timeCodesPerSecond", "framesPerSecond")))
     return SceneHints(
-        fps=rate((sampling.step or 1) / codes) if is_timed and codes > 0 else None,
+        fps=frames_per_second((sampling.step or 1) / codes) if is_timed and codes > 0 else None,
         start=float(sampling.times[0]),
         up_axis=str(UsdGeom.GetStageUpAxis(stage)) if stage.HasAuthoredMetadata("upAxis") else None,
         metres_per_unit=UsdGeom.GetStageMetersPerUnit(stage)

@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.writer import Animation, AnimationWriter, single_precision
-from cageik_cli.formats.usd.errors import SUFFIXES, quiet
-from cageik_cli.formats.usd.writer import UsdFile, define_mesh, extent_of
+from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
+from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics
+from cageik_cli.formats.usd.writer import UsdFile, compute_extent, define_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
 
-LEAST_WEIGHT = 1e-7
+MIN_WEIGHT = 1e-7
 """Smaller weights are dropped: single precision beside a weight of one tells no smaller."""
 
-_ROWS = 1 << 14
+_BLOCK_ROWS = 1 << 14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,37 +34,37 @@ class SkinWeights:
     joints: Integers
     values: Floats
 
-    def dense(self, count: int) -> Floats:
+    def to_dense(self, count: int) -> Floats:
         """The same as a matrix (m, count) over all joints."""
         matrix = np.zeros((len(self.joints), count))
         np.put_along_axis(matrix, self.joints, self.values, axis=1)
         return matrix
 
 
-def skin_weights(weights: Floats, most: int | None = None) -> SkinWeights:
+def compute_skin_weights(weights: Floats, max_influences: int | None = None) -> SkinWeights:
     """The skin weights nearest to cage weights: negative ones cut off, the rest scaled to one.
 
     Parameters
     ----------
     weights : (m, n)
         Rows sum to one.
-    most : int, optional
-        Only the `most` largest of each row are kept, 1 or more; all if absent.
+    max_influences : int, optional
+        Only the `max_influences` largest of each row are kept, 1 or more; all if absent.
 
     Raises
     ------
     InputError
         When a row has no weight above zero.
     """
-    blocks = [slice(row, row + _ROWS) for row in range(0, len(weights), _ROWS)]
-    counts = [int((weights[rows] >= LEAST_WEIGHT).sum(axis=1).max()) for rows in blocks]
-    k = min(most or max(counts), max(counts))
+    blocks = [slice(row, row + _BLOCK_ROWS) for row in range(0, len(weights), _BLOCK_ROWS)]
+    counts = [int((weights[rows] >= MIN_WEIGHT).sum(axis=1).max()) for rows in blocks]
+    k = min(max_influences or max(counts), max(counts))
     joints = np.empty((len(weights), k), np.int64)
     values = np.empty((len(weights), k))
     for rows in blocks:
         joints[rows] = np.argsort(-weights[rows], axis=1, kind="stable")[:, :k]
         largest = np.take_along_axis(weights[rows], joints[rows], axis=1)
-        values[rows] = np.where(largest >= LEAST_WEIGHT, largest, 0.0)
+        values[rows] = np.where(largest >= MIN_WEIGHT, largest, 0.0)
     sums = values.sum(axis=1, keepdims=True)
     if not sums.all():
         raise InputError(
@@ -73,7 +73,7 @@ def skin_weights(weights: Floats, most: int | None = None) -> SkinWeights:
     return SkinWeights(joints, values / sums)
 
 
-def furthest(offsets: Floats, excess: Floats, moves: Floats) -> float:
+def measure_skinning_error(offsets: Floats, weight_differences: Floats, moves: Floats) -> float:
     """Largest distance between a skinned mesh and `H c`, over k frames.
 
     A skin of weights S takes a rest vertex p to p + S (c − c_rest); less H c, that is
@@ -83,17 +83,17 @@ def furthest(offsets: Floats, excess: Floats, moves: Floats) -> float:
     ----------
     offsets : (m, 3)
         p − H c_rest.
-    excess : (m, n)
+    weight_differences : (m, n)
         S − H.
     moves : (k, n, 3)
         c − c_rest of each frame.
     """
-    columns = moves.transpose(1, 0, 2).reshape(excess.shape[1], -1)
-    apart = (excess @ columns).reshape(len(offsets), -1, 3) + offsets[:, None]
+    columns = moves.transpose(1, 0, 2).reshape(weight_differences.shape[1], -1)
+    apart = (weight_differences @ columns).reshape(len(offsets), -1, 3) + offsets[:, None]
     return float(np.linalg.norm(apart, axis=2).max())
 
 
-_COMPARED = 1 << 26
+_COMPARE_BYTES = 1 << 26
 """Bytes of frames that are compared at once."""
 
 
@@ -102,20 +102,20 @@ class SkeletonWriter(AnimationWriter):
 
     A skin moves a rest vertex p to p + Σ_k w_k (c_k − rest c_k), which is `H c` as long as its
     weights are ours and `H` rebuilds the rest pose. Skin weights cannot be negative: see
-    `skinning.skin_weights` for what is done about ours.
+    `skinning.compute_skin_weights` for what is done about ours.
 
     Attributes
     ----------
     influences : int
         The most joints that move one vertex; known from the beginning.
-    moved : float
+    max_skinning_error : float
         Largest distance of a skinned vertex from `H c` over the rest pose and the frames appended
         so far, file units; to be given in percent of the rest mesh's diagonal.
     """
 
-    suffixes = SUFFIXES
+    suffixes = USD_SUFFIXES
     influences: int
-    moved: float
+    max_skinning_error: float
 
     def __init__(
         self,
@@ -144,41 +144,45 @@ class SkeletonWriter(AnimationWriter):
         InputError
             When usd-core is not installed, or the format cannot hold the animation.
         """
-        points, skin = single_precision(rest.vertices), skin_weights(weights, max_influences)
+        points, skin = to_float32(rest.vertices), compute_skin_weights(weights, max_influences)
         self.influences = skin.joints.shape[1]
         self._cage, self._diagonal = animation.rest.vertices, rest.diagonal
         self._offsets = rest.vertices - weights @ self._cage
-        self._excess = skin.dense(len(self._cage)) - weights
-        self.moved = float(np.linalg.norm(self._offsets, axis=1).max())
+        self._weight_differences = skin.to_dense(len(self._cage)) - weights
+        self.max_skinning_error = float(np.linalg.norm(self._offsets, axis=1).max())
         self._file = UsdFile(target, animation, 12 * len(self._cage))
         from pxr import Vt
 
-        with quiet(OSError):
+        with capture_diagnostics(OSError):
             self._define_skeleton()
             mesh = define_mesh(self._file.stage, f"{self._file.root}/mesh", rest)
             mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
-            mesh.CreateExtentAttr(extent_of(points))
-            self._bind(mesh, skin)
+            mesh.CreateExtentAttr(compute_extent(points))
+            self._bind_mesh(mesh, skin)
 
     def append(self, frames: Floats) -> None:
         """Write the cages of the next k frames, (k, n, 3)."""
         from pxr import Vt
 
-        for cage in map(single_precision, frames):
-            time = self._file.next_time()
-            with quiet(OSError):
+        for cage in map(to_float32, frames):
+            time = self._file.begin_frame()
+            with capture_diagnostics(OSError):
                 self._translations.Set(Vt.Vec3fArray.FromNumpy(cage), time)
-        size = max(1, _COMPARED // self._offsets.nbytes)
+        size = max(1, _COMPARE_BYTES // self._offsets.nbytes)
         for start in range(0, len(frames), size):
             moves = frames[start : start + size] - self._cage
-            self.moved = max(self.moved, furthest(self._offsets, self._excess, moves))
+            self.max_skinning_error = max(
+                self.max_skinning_error,
+                measure_skinning_error(self._offsets, self._weight_differences, moves),
+            )
 
     def complete(self) -> None:
         """Save the file, and tell what it cost that skin weights cannot be ours."""
         self._file.complete()
         self.notes = (
             f"{self.influences} joints at most move a vertex; no vertex is further than "
-            f"{100 * self.moved / self._diagonal:.2g} % of the diagonal from where our own weights "
+            f"{100 * self.max_skinning_error / self._diagonal:.2g} % of the diagonal from where "
+            f"our own weights "
             "have it",
         )
 
@@ -196,7 +200,7 @@ class SkeletonWriter(AnimationWriter):
         motion = UsdSkel.Animation.Define(stage, f"{root}/skeleton/motion")
         digits = max(3, len(str(count - 1)))
         joints = [f"cage_{k:0{digits}}" for k in range(count)]
-        places = Vt.Matrix4dArray.FromNumpy(_translations(self._cage))
+        places = Vt.Matrix4dArray.FromNumpy(_make_translations(self._cage))
         skeleton.CreateJointsAttr(joints)
         skeleton.CreateBindTransformsAttr(places)
         skeleton.CreateRestTransformsAttr(places)
@@ -207,7 +211,7 @@ class SkeletonWriter(AnimationWriter):
         motion.CreateScalesAttr(Vt.Vec3hArray(count, Gf.Vec3h(1)))
         self._translations: Any = motion.CreateTranslationsAttr()
 
-    def _bind(self, mesh: Any, skin: SkinWeights) -> None:
+    def _bind_mesh(self, mesh: Any, skin: SkinWeights) -> None:
         """Bind a mesh to the skeleton."""
         from pxr import Gf, UsdSkel, Vt
 
@@ -220,7 +224,7 @@ class SkeletonWriter(AnimationWriter):
         values.Set(Vt.FloatArray.FromNumpy(skin.values.astype(np.float32).ravel()))
 
 
-def _translations(points: Floats) -> Floats:
+def _make_translations(points: Floats) -> Floats:
     """Matrices (n, 4, 4) that move the origin to each point, as USD has them: rows times."""
     matrices = np.tile(np.eye(4), (len(points), 1, 1))
     matrices[:, 3, :3] = points

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.writer import Animation, AnimationWriter, single_precision
-from cageik_cli.formats.npz.writer import undated
-from cageik_cli.formats.usd.errors import SUFFIXES, need_usd, quiet
+from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
+from cageik_cli.formats.npz.writer import fixed_date_zipinfo
+from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics, require_usd
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError
 
-LARGEST_UNSAVED = 1 << 26
+MAX_UNSAVED_BYTES = 1 << 26
 """Bytes of time samples that are held before they are brought to the file; of `.usda`, which USD
 keeps in memory to the end, the most that is written."""
 
-LARGEST_PACKAGE = 1 << 32
+MAX_USDZ_BYTES = 1 << 32
 """Bytes of a `.usdz`: a zip without its extension for large files."""
 
 
@@ -38,11 +38,11 @@ class UsdFile:
 
     def __init__(self, target: Path, animation: Animation, frame_bytes: int) -> None:
         """Begin a file of `frame_bytes` a frame."""
-        need_usd(f"writing {target.suffix}")
+        require_usd(f"writing {target.suffix}")
         from pxr import Sdf, Usd
 
-        _refuse_too_large(target.suffix.lower(), animation.count * frame_bytes)
-        self._target, self._frame_bytes, self._unsaved = target, frame_bytes, 0
+        _check_size_limit(target.suffix.lower(), animation.frame_count * frame_bytes)
+        self._target, self._frame_bytes, self._unsaved_bytes = target, frame_bytes, 0
         self._count, self._start = 0, animation.scene.start
         self._folder: TemporaryDirectory[str] | None = None
         self._path, self._member = target, f"{animation.name}.usdc"
@@ -50,29 +50,29 @@ class UsdFile:
             self._folder = TemporaryDirectory(dir=target.parent, prefix=f"{target.stem}.")
             self._path = Path(self._folder.name) / self._member
         binary = {"format": "usdc"} if target.suffix.lower() == ".usd" else {}
-        with quiet(OSError):
+        with capture_diagnostics(OSError):
             self.stage = Usd.Stage.Open(Sdf.Layer.CreateNew(str(self._path), args=binary))
-            _say_scene(self.stage, animation)
+            _write_scene_metadata(self.stage, animation)
             self.root = f"/{animation.name}"
             self.stage.SetDefaultPrim(self.stage.OverridePrim(self.root))
 
-    def next_time(self) -> float:
+    def begin_frame(self) -> float:
         """Time code of the next frame; what was written of those before may be saved."""
-        with quiet(OSError):
-            if self._unsaved + self._frame_bytes > LARGEST_UNSAVED:
+        with capture_diagnostics(OSError):
+            if self._unsaved_bytes + self._frame_bytes > MAX_UNSAVED_BYTES:
                 self.stage.GetRootLayer().Save()
-                self._unsaved = 0
-        self._unsaved += self._frame_bytes
+                self._unsaved_bytes = 0
+        self._unsaved_bytes += self._frame_bytes
         self._count += 1
         return self._start + self._count - 1
 
     def complete(self) -> None:
         """Save what is left, and close the file."""
-        with quiet(OSError):
+        with capture_diagnostics(OSError):
             self.stage.GetRootLayer().Save()
         del self.stage
         if self._folder is not None:
-            _package(self._path, self._target, self._member)
+            _write_usdz(self._path, self._target, self._member)
             self._folder.cleanup()
 
     def abandon(self) -> None:
@@ -96,14 +96,14 @@ def define_mesh(stage: Any, path: str, mesh: TriMesh) -> Any:
     return prim
 
 
-def extent_of(points: NDArray[np.float32]) -> Any:
+def compute_extent(points: NDArray[np.float32]) -> Any:
     """The box around points (m, 3), as USD has it."""
     from pxr import Vt
 
     return Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)]))
 
 
-def _say_scene(stage: Any, animation: Animation) -> None:
+def _write_scene_metadata(stage: Any, animation: Animation) -> None:
     from pxr import UsdGeom
 
     scene = animation.scene
@@ -112,11 +112,11 @@ def _say_scene(stage: Any, animation: Animation) -> None:
     stage.SetTimeCodesPerSecond(scene.fps)
     stage.SetFramesPerSecond(scene.fps)
     stage.SetStartTimeCode(scene.start)
-    stage.SetEndTimeCode(scene.start + animation.count - 1)
+    stage.SetEndTimeCode(scene.start + animation.frame_count - 1)
 
 
-def _refuse_too_large(suffix: str, size: int) -> None:
-    limit = {".usda": LARGEST_UNSAVED, ".usdz": LARGEST_PACKAGE}.get(suffix)
+def _check_size_limit(suffix: str, size: int) -> None:
+    limit = {".usda": MAX_UNSAVED_BYTES, ".usdz": MAX_USDZ_BYTES}.get(suffix)
     if limit is not None and size > limit:
         raise InputError(
             f"{size >> 20} MiB of positions, and a {suffix} takes {limit >> 20} here; write .usdc "
@@ -124,12 +124,12 @@ def _refuse_too_large(suffix: str, size: int) -> None:
         )
 
 
-def _package(path: Path, target: Path, name: str) -> None:
+def _write_usdz(path: Path, target: Path, name: str) -> None:
     """A `.usdz` of one file: stored as it is, its bytes from a multiple of 64 on.
 
     USD's own packager would write the time of day.
     """
-    member = undated(name)
+    member = fixed_date_zipinfo(name)
     header = 30 + len(name.encode()) + 4
     padding = -header % 64
     member.extra = b"\x86\x19" + padding.to_bytes(2, "little") + bytes(padding)
@@ -146,18 +146,18 @@ class Writer(AnimationWriter):
     Blender calls the object by the mesh, others by its parent.
     """
 
-    suffixes = SUFFIXES
+    suffixes = USD_SUFFIXES
 
     @classmethod
-    def require(cls) -> None:
+    def require_libraries(cls) -> None:
         """Refuse to go on without usd-core."""
-        need_usd("writing USD")
+        require_usd("writing USD")
 
     def __init__(self, target: Path, animation: Animation) -> None:
         self._file = UsdFile(target, animation, 12 * len(animation.rest.vertices))
         from pxr import UsdGeom
 
-        with quiet(OSError):
+        with capture_diagnostics(OSError):
             # A mesh as the default prim would be hidden by the type of whatever references it.
             UsdGeom.Xform.Define(self._file.stage, self._file.root)
             mesh = define_mesh(
@@ -169,11 +169,11 @@ class Writer(AnimationWriter):
         """Write the next frames."""
         from pxr import Vt
 
-        for points in map(single_precision, frames):
-            time = self._file.next_time()
-            with quiet(OSError):
+        for points in map(to_float32, frames):
+            time = self._file.begin_frame()
+            with capture_diagnostics(OSError):
                 self._points.Set(Vt.Vec3fArray.FromNumpy(points), time)
-                self._extent.Set(extent_of(points), time)
+                self._extent.Set(compute_extent(points), time)
 
     def complete(self) -> None:
         """Save the file."""

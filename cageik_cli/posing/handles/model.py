@@ -8,7 +8,7 @@ import numpy as np
 
 from cageik_cli.geometry.camera import Camera
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.constraints import Ties
+from cageik_cli.posing.constraints import CageConstraints
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
 
@@ -32,7 +32,7 @@ class Track:
     values: Floats
     frames: Integers | None = None
 
-    def at(self, frames: Integers) -> Floats:
+    def evaluate(self, frames: Integers) -> Floats:
         """The values in frames (k,), (k, d)."""
         if self.frames is None or len(self.frames) == 1:
             return np.repeat(self.values, len(frames), axis=0)
@@ -45,9 +45,9 @@ class Track:
 
 
 class Motion(Protocol):
-    """How a point moves; `field` is what the handles file calls it."""
+    """How a point moves; `field_name` is what the handles file calls it."""
 
-    field: ClassVar[str]
+    field_name: ClassVar[str]
 
     @property
     def track(self) -> Track | None:
@@ -61,7 +61,7 @@ class Motion(Protocol):
 class Pin:
     """Stay where each frame has the point."""
 
-    field: ClassVar[str] = "pin"
+    field_name: ClassVar[str] = "pin"
     track: ClassVar[None] = None
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
@@ -73,54 +73,54 @@ class Pin:
 class MoveTo:
     """Go to the track's places in space."""
 
-    field: ClassVar[str] = "target"
+    field_name: ClassVar[str] = "target"
     track: Track
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
         """See `Motion`."""
-        return self.track.at(frames)
+        return self.track.evaluate(frames)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MoveBy:
     """Go from each frame's own position by the track's offset."""
 
-    field: ClassVar[str] = "offset"
+    field_name: ClassVar[str] = "offset"
     track: Track
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
         """See `Motion`."""
-        return positions + self.track.at(frames)
+        return positions + self.track.evaluate(frames)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScreenTo:
     """Go to where the track's pixels are, as deep as each frame has the point."""
 
-    field: ClassVar[str] = "screen.target"
+    field_name: ClassVar[str] = "screen.target"
     track: Track
     camera: Camera
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
         """See `Motion`; an InputError names a frame in which it is behind the camera."""
-        return _dragged(self.camera, frames, positions, self.track.at(frames))
+        return _move_to_pixels(self.camera, frames, positions, self.track.evaluate(frames))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScreenBy:
     """Go by the track's pixels from where each frame's point is seen, as deep as it is."""
 
-    field: ClassVar[str] = "screen.offset"
+    field_name: ClassVar[str] = "screen.offset"
     track: Track
     camera: Camera
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
         """See `Motion`; an InputError names a frame in which it is behind the camera."""
-        seen = _seen(self.camera, frames, positions)
-        return _dragged(self.camera, frames, positions, seen + self.track.at(frames))
+        seen = _project_to_pixels(self.camera, frames, positions)
+        return _move_to_pixels(self.camera, frames, positions, seen + self.track.evaluate(frames))
 
 
-def _seen(camera: Camera, frames: Integers, positions: Floats) -> Floats:
+def _project_to_pixels(camera: Camera, frames: Integers, positions: Floats) -> Floats:
     """The pixels, (k, 2), in which positions (k, 3) are seen."""
     try:
         return camera.project(positions)[:, :2]
@@ -130,11 +130,11 @@ def _seen(camera: Camera, frames: Integers, positions: Floats) -> Floats:
         raise InputError(f"frame {frames[is_behind.argmax()]}: {error}") from error
 
 
-def _dragged(camera: Camera, frames: Integers, positions: Floats, pixels: Floats) -> Floats:
-    _seen(camera, frames, positions)
+def _move_to_pixels(camera: Camera, frames: Integers, positions: Floats, pixels: Floats) -> Floats:
+    _project_to_pixels(camera, frames, positions)
     # A pixel whose ray never meets the plane is found by its target, which is not finite.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        return camera.dragged(positions, pixels)
+        return camera.move_to_pixels(positions, pixels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,21 +153,21 @@ class OnFace:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NearTo:
+class NearPosition:
     """The point of the surface nearest to a position in space, (3,)."""
 
     position: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class InPixel:
+class AtPixel:
     """The front-most point that a camera sees in a pixel, (2,)."""
 
     pixel: Floats
     camera: Camera
 
 
-Place = OnVertex | OnFace | NearTo | InPixel
+Place = OnVertex | OnFace | NearPosition | AtPixel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,7 +201,7 @@ class HandleSet:
     ----------
     handles : tuple of Handle
         At least one.
-    camera : Camera, optional
+    camera : ParallelCamera, optional
         That its screen handles are seen by.
     frames : (first, last), optional
         Counted from 0 in the clip, both included, in which the edit holds in full; None for all.
@@ -226,16 +226,16 @@ class Handles:
     ----------
     sets : tuple of HandleSet
         Layers, to be applied one after another.
-    ties : Ties
+    constraints : CageConstraints
         Of the cage's vertices, for all layers.
     """
 
     sets: tuple[HandleSet, ...]
-    ties: Ties
+    constraints: CageConstraints
 
 
 @dataclass(frozen=True, slots=True)
-class PlaceSettings:
+class PlacementSettings:
     """How handles are placed.
 
     Attributes
@@ -254,19 +254,19 @@ class PlaceSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+class PosedSurface:
     """A model that handles are placed on, at rest and in motion.
 
     Attributes
     ----------
     mesh : TriMesh
         The rest pose, of m vertices.
-    pose : callable
+    pose_at : callable
         Positions, (m, 3), in frame k.
-    count : int, optional
-        Frames of the clip; None when there is none but one pose, `pose(0)`.
+    frame_count : int, optional
+        Frames of the clip; None when there is none but one pose, `pose_at(0)`.
     """
 
     mesh: TriMesh
-    pose: Callable[[int], Floats]
-    count: int | None = None
+    pose_at: Callable[[int], Floats]
+    frame_count: int | None = None

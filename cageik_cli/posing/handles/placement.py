@@ -6,24 +6,32 @@ from functools import cached_property
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.anchors import SurfacePoint, at_vertex, nearest_to, on_face, picked
-from cageik_cli.posing.handles.conflicts import Held, merged
+from cageik_cli.posing.anchors import (
+    SurfacePoint,
+    closest_point,
+    pick,
+    point_at_vertex,
+    point_on_face,
+)
+from cageik_cli.posing.handles.conflicts import PlacedHandle, merge_coincident
 from cageik_cli.posing.handles.model import (
+    AtPixel,
     Handle,
     HandleSet,
-    InPixel,
-    NearTo,
+    NearPosition,
     OnFace,
     OnVertex,
-    PlaceSettings,
-    Surface,
+    PlacementSettings,
+    PosedSurface,
 )
-from cageik_cli.posing.handles.schedule import Drag
+from cageik_cli.posing.handles.schedule import HandleSchedule
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.errors import InputError, error_context
 
 
-def placed(handle_set: HandleSet, surface: Surface, settings: PlaceSettings) -> Drag:
+def place_handles(
+    handle_set: HandleSet, surface: PosedSurface, settings: PlacementSettings
+) -> HandleSchedule:
     """Put the handles on a surface.
 
     Parameters
@@ -32,7 +40,7 @@ def placed(handle_set: HandleSet, surface: Surface, settings: PlaceSettings) -> 
     surface : Surface
         Its poses are asked for where pixels and positions are looked for; and where handles share
         a point, one after another in all frames that the edit may change.
-    settings : PlaceSettings
+    settings : PlacementSettings
 
     Raises
     ------
@@ -40,112 +48,125 @@ def placed(handle_set: HandleSet, surface: Surface, settings: PlaceSettings) -> 
         Naming the handle that has no place on it, or two that pull one point apart, or the frame
         that the clip does not have.
     """
-    hold = _hold(handle_set, surface.count)
-    span = _span(hold, handle_set.falloff, surface.count)
-    search = _Search(surface, _pick_frame(handle_set, hold, surface.count), settings.snap)
-    held, notes = [], []
+    full_strength = _full_strength_frames(handle_set, surface.frame_count)
+    affected_frames = _affected_frames(full_strength, handle_set.falloff, surface.frame_count)
+    search = _PointFinder(
+        surface, _choose_pick_frame(handle_set, full_strength, surface.frame_count), settings.snap
+    )
+    placed_handles, notes = [], []
     for handle in handle_set.handles:
-        with located(f"handle {handle.name!r}"):
-            _refuse_keys(handle, surface.count)
-            point = search.point_of(handle)
-        if isinstance(handle.place, NearTo):
-            notes.append(search.snap_note(handle, handle.place.position, point))
-        held.append(Held(replace(handle, hard=handle.hard or settings.hard), point))
-    pulls = merged(held, surface, span, settings.allow_conflicts)
-    notes += [pull.note for pull in pulls if pull.note]
-    anchors, movers = tuple(p.anchor for p in pulls), tuple(p.mover for p in pulls)
-    return Drag(anchors, movers, hold, span, handle_set.falloff, tuple(notes))
+        with error_context(f"handle {handle.name!r}"):
+            _check_keyframes(handle, surface.frame_count)
+            point = search.find_point(handle)
+        if isinstance(handle.place, NearPosition):
+            notes.append(search.describe_snap(handle, handle.place.position, point))
+        placed_handles.append(
+            PlacedHandle(replace(handle, hard=handle.hard or settings.hard), point)
+        )
+    merged_anchors = merge_coincident(
+        placed_handles, surface, affected_frames, settings.allow_conflicts
+    )
+    notes += [pull.note for pull in merged_anchors if pull.note]
+    anchors, movers = (
+        tuple(p.anchor for p in merged_anchors),
+        tuple(p.motion for p in merged_anchors),
+    )
+    return HandleSchedule(
+        anchors, movers, full_strength, affected_frames, handle_set.falloff, tuple(notes)
+    )
 
 
-class _Search:
+class _PointFinder:
     """Points of a surface; those in space and on a screen, in the pose of one frame."""
 
-    def __init__(self, surface: Surface, frame: int, may_snap: bool) -> None:
+    def __init__(self, surface: PosedSurface, frame: int, may_snap: bool) -> None:
         self._surface, self._frame, self._may_snap = surface, frame, may_snap
 
-    def point_of(self, handle: Handle) -> SurfacePoint:
+    def find_point(self, handle: Handle) -> SurfacePoint:
         match handle.place:
             case OnVertex(vertex):
-                with located("vertex"):
-                    return at_vertex(self._surface.mesh, vertex)
+                with error_context("vertex"):
+                    return point_at_vertex(self._surface.mesh, vertex)
             case OnFace(face, barycentric):
-                with located("face"):
-                    return on_face(self._surface.mesh, face, barycentric)
-            case NearTo(position):
-                with located("position"):
-                    return self._nearest(position)
-            case InPixel(pixel, camera):
-                with located("screen.source"), np.errstate(all="ignore"):
-                    return picked(self._posed, camera, pixel)
+                with error_context("face"):
+                    return point_on_face(self._surface.mesh, face, barycentric)
+            case NearPosition(position):
+                with error_context("position"):
+                    return self._snap_to_surface(position)
+            case AtPixel(pixel, camera):
+                with error_context("screen.source"), np.errstate(all="ignore"):
+                    return pick(self._posed_mesh, camera, pixel)
 
-    def snap_note(self, handle: Handle, position: Floats, point: SurfacePoint) -> str:
+    def describe_snap(self, handle: Handle, position: Floats, point: SurfacePoint) -> str:
         """How far the point is from the position that was asked for."""
-        away = float(np.linalg.norm(point.position(self._posed.vertices) - position))
+        away = float(np.linalg.norm(point.position(self._posed_mesh.vertices) - position))
         return (
             f"handle {handle.name!r}: its position is {away:.3g} off the surface "
-            f"({away / self._posed.diagonal:.2%} of the diagonal), the nearest point is taken"
+            f"({away / self._posed_mesh.diagonal:.2%} of the diagonal), the nearest point is taken"
         )
 
     @cached_property
-    def _posed(self) -> TriMesh:
-        return TriMesh(self._surface.pose(self._frame), self._surface.mesh.faces)
+    def _posed_mesh(self) -> TriMesh:
+        return TriMesh(self._surface.pose_at(self._frame), self._surface.mesh.faces)
 
-    def _nearest(self, position: Floats) -> SurfacePoint:
+    def _snap_to_surface(self, position: Floats) -> SurfacePoint:
         if not self._may_snap:
             raise InputError(
                 "a position is on no point of the surface by itself; take the nearest with "
                 "--snap, or name a vertex or a face"
             )
-        return nearest_to(self._posed, position)
+        return closest_point(self._posed_mesh, position)
 
 
-def _hold(handle_set: HandleSet, count: int | None) -> range:
+def _full_strength_frames(handle_set: HandleSet, count: int | None) -> range:
     """The frames of full strength."""
     if count is None:
         for field in ("frames", "pick_frame"):
             if getattr(handle_set, field) is not None:
-                raise InputError(f"{field}: {_ONE_POSE}")
+                raise InputError(f"{field}: {_ONE_POSE_HINT}")
         return range(1)
     first, last = handle_set.frames or (0, count - 1)
     for frame in (first, last):
-        with located("frames"):
-            _refuse_outside(frame, count)
+        with error_context("frames"):
+            _check_frame(frame, count)
     if last < first:
         raise InputError(f"frames: the last, {last}, is before the first, {first}; swap them")
     return range(first, last + 1)
 
 
-def _span(hold: range, falloff: int, count: int | None) -> range:
+def _affected_frames(full_strength: range, falloff: int, count: int | None) -> range:
     """The frames of a strength above zero."""
     beyond = max(falloff - 1, 0)
-    return range(max(hold.start - beyond, 0), min(hold.stop + beyond, count or 1))
+    return range(max(full_strength.start - beyond, 0), min(full_strength.stop + beyond, count or 1))
 
 
-def _pick_frame(handle_set: HandleSet, hold: range, count: int | None) -> int:
+def _choose_pick_frame(handle_set: HandleSet, full_strength: range, count: int | None) -> int:
     if handle_set.pick_frame is None or count is None:
-        return hold.start
-    with located("pick_frame"):
-        _refuse_outside(handle_set.pick_frame, count)
+        return full_strength.start
+    with error_context("pick_frame"):
+        _check_frame(handle_set.pick_frame, count)
     return handle_set.pick_frame
 
 
-def _refuse_keys(handle: Handle, count: int | None) -> None:
+def _check_keyframes(handle: Handle, count: int | None) -> None:
     """Refuse keyframes that the clip does not have."""
     track = handle.motion.track
     if track is None or track.frames is None:
         return
-    with located(handle.motion.field):
+    with error_context(handle.motion.field_name):
         if count is None:
-            raise InputError(f"keyframes: {_ONE_POSE}")
+            raise InputError(f"keyframes: {_ONE_POSE_HINT}")
         for frame in track.frames.tolist():
-            _refuse_outside(frame, count)
+            _check_frame(frame, count)
 
 
-def _refuse_outside(frame: int, count: int) -> None:
+def _check_frame(frame: int, count: int) -> None:
     if not 0 <= frame < count:
         raise InputError(
             f"there is no frame {frame}; the clip has {count}, numbered from 0 to {count - 1}"
         )
 
 
-_ONE_POSE = "there is one pose to edit, and no clip; leave it out, or edit an animation's result"
+_ONE_POSE_HINT = (
+    "there is one pose to edit, and no clip; leave it out, or edit an animation's result"
+)

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.geometry.camera import Camera, Stand
-from cageik_cli.posing.constraints import Mirror, Ties
+from cageik_cli.geometry.camera import Camera, LookAt
+from cageik_cli.posing.constraints import CageConstraints, Mirror
 from cageik_cli.posing.handles.json_document import read_document
 from cageik_cli.posing.handles.model import (
+    AtPixel,
     Handle,
     Handles,
     HandleSet,
-    InPixel,
     Motion,
     MoveBy,
     MoveTo,
-    NearTo,
+    NearPosition,
     OnFace,
     OnVertex,
     Pin,
@@ -27,12 +27,12 @@ from cageik_cli.posing.handles.model import (
     ScreenTo,
     Track,
 )
-from cageik_cli.posing.handles.schema import refuse_faults
+from cageik_cli.posing.handles.schema import check_schema
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.errors import InputError, error_context
 
 
-def place_on_surface(said: dict[str, Any], camera: Camera | None) -> Place:
+def parse_place(raw: dict[str, Any], camera: Camera | None) -> Place:
     """What the fields of a handle say of where on the surface it is.
 
     Raises
@@ -40,16 +40,16 @@ def place_on_surface(said: dict[str, Any], camera: Camera | None) -> Place:
     InputError
         When it is on the screen, and there is no camera.
     """
-    if "vertex" in said:
-        return OnVertex(int(said["vertex"]))
-    if "face" in said:
-        return OnFace(int(said["face"]), np.array(said["barycentric"], np.float64))
-    if "position" in said:
-        return NearTo(np.array(said["position"], np.float64))
-    return InPixel(np.array(said["screen"]["source"], np.float64), _needed(camera))
+    if "vertex" in raw:
+        return OnVertex(int(raw["vertex"]))
+    if "face" in raw:
+        return OnFace(int(raw["face"]), np.array(raw["barycentric"], np.float64))
+    if "position" in raw:
+        return NearPosition(np.array(raw["position"], np.float64))
+    return AtPixel(np.array(raw["screen"]["source"], np.float64), _require_camera(camera))
 
 
-def motion_of(said: dict[str, Any], camera: Camera | None) -> Motion:
+def parse_motion(raw: dict[str, Any], camera: Camera | None) -> Motion:
     """What the fields of a handle say of where it is to go.
 
     Raises
@@ -57,31 +57,31 @@ def motion_of(said: dict[str, Any], camera: Camera | None) -> Motion:
     InputError
         Naming the field, when it is on the screen and there is no camera, or keyframes are not.
     """
-    if "pin" in said:
+    if "pin" in raw:
         return Pin()
-    if "target" in said:
-        return MoveTo(_track(said, "target"))
-    if "offset" in said:
-        return MoveBy(_track(said, "offset"))
-    with located("screen"):
-        screen = said["screen"]
+    if "target" in raw:
+        return MoveTo(_parse_track(raw, "target"))
+    if "offset" in raw:
+        return MoveBy(_parse_track(raw, "offset"))
+    with error_context("screen"):
+        screen = raw["screen"]
         if "target" in screen:
-            return ScreenTo(_track(screen, "target"), _needed(camera))
-        return ScreenBy(_track(screen, "offset"), _needed(camera))
+            return ScreenTo(_parse_track(screen, "target"), _require_camera(camera))
+        return ScreenBy(_parse_track(screen, "offset"), _require_camera(camera))
 
 
-def _needed(camera: Camera | None) -> Camera:
+def _require_camera(camera: Camera | None) -> Camera:
     if camera is None:
         raise InputError("screen: there is no camera to see it by; add a camera to the file")
     return camera
 
 
-def _track(said: dict[str, Any], field: str) -> Track:
-    value = said[field]
+def _parse_track(raw: dict[str, Any], field: str) -> Track:
+    value = raw[field]
     if isinstance(value, list):
         return Track(np.array([value], np.float64))
     frames, values = value["frames"], value["values"]
-    with located(field):
+    with error_context(field):
         if len(frames) != len(values):
             raise InputError(
                 f"has {len(frames)} frames and {len(values)} values; give each frame a value"
@@ -100,38 +100,38 @@ def read_handles(path: Path) -> Handles:
     InputError
         Naming the file, the handle and the field that is not what it should be.
     """
-    with located(path):
+    with error_context(path):
         document = read_document(path)
-        refuse_faults(document)
-        ties, camera = _ties(document), _camera(document, None)
+        check_schema(document)
+        ties, camera = _parse_constraints(document), _parse_camera(document, None)
         if "sets" not in document:
-            return Handles((_set(document, camera),), ties)
+            return Handles((_parse_set(document, camera),), ties)
         sets = []
-        for k, said in enumerate(document["sets"]):
-            with located(f"sets[{k}]"):
-                sets.append(_set(said, _camera(said, camera)))
+        for k, raw in enumerate(document["sets"]):
+            with error_context(f"sets[{k}]"):
+                sets.append(_parse_set(raw, _parse_camera(raw, camera)))
         return Handles(tuple(sets), ties)
 
 
-def _set(said: dict[str, Any], camera: Camera | None) -> HandleSet:
-    frames = said.get("frames")
+def _parse_set(raw: dict[str, Any], camera: Camera | None) -> HandleSet:
+    frames = raw.get("frames")
     if frames is not None and frames[1] < frames[0]:
         raise InputError(
             f"frames: the last, {frames[1]}, is before the first, {frames[0]}; swap them"
         )
-    handles = tuple(_handle(one, camera) for one in said["handles"])
-    _refuse_shared_names(handle.name for handle in handles)
-    pick_frame = said.get("pick_frame")
+    handles = tuple(_parse_handle(one, camera) for one in raw["handles"])
+    _check_unique_names(handle.name for handle in handles)
+    pick_frame = raw.get("pick_frame")
     return HandleSet(
         handles,
         camera,
         None if frames is None else (int(frames[0]), int(frames[1])),
-        int(said.get("falloff", 0)),
+        int(raw.get("falloff", 0)),
         None if pick_frame is None else int(pick_frame),
     )
 
 
-def _refuse_shared_names(names: Iterable[str]) -> None:
+def _check_unique_names(names: Iterable[str]) -> None:
     known: set[str] = set()
     for name in names:
         if name in known:
@@ -139,40 +139,42 @@ def _refuse_shared_names(names: Iterable[str]) -> None:
         known.add(name)
 
 
-def _handle(said: dict[str, Any], camera: Camera | None) -> Handle:
-    name = said["name"]
-    with located(f"handle {name!r}"):
+def _parse_handle(raw: dict[str, Any], camera: Camera | None) -> Handle:
+    name = raw["name"]
+    with error_context(f"handle {name!r}"):
         if not name.isprintable():
             raise InputError("name holds characters that cannot be shown; leave them out")
-        place, motion = place_on_surface(said, camera), motion_of(said, camera)
-    return Handle(name, place, motion, float(said.get("weight", 1)), said.get("hard", False))
+        place, motion = parse_place(raw, camera), parse_motion(raw, camera)
+    return Handle(name, place, motion, float(raw.get("weight", 1)), raw.get("hard", False))
 
 
-def _camera(said: dict[str, Any], default: Camera | None) -> Camera | None:
-    if "camera" not in said:
+def _parse_camera(raw: dict[str, Any], default: Camera | None) -> Camera | None:
+    if "camera" not in raw:
         return default
-    values = said["camera"]
+    values = raw["camera"]
     width, height = float(values["width"]), float(values["height"])
-    with located("camera"), np.errstate(over="ignore", invalid="ignore"):
+    with error_context("camera"), np.errstate(over="ignore", invalid="ignore"):
         if "view" in values:
-            view, projection = _array(values["view"]), _array(values["projection"])
+            view, projection = _to_array(values["view"]), _to_array(values["projection"])
             camera = Camera(view, projection, width, height)
         else:
-            stand = Stand(*(_array(values[name]) for name in ("position", "look_at", "up")))
-            camera = Camera.looking_at(stand, float(values["fov_degrees"]), width, height)
+            stand = LookAt(*(_to_array(values[name]) for name in ("position", "look_at", "up")))
+            camera = Camera.from_look_at(stand, float(values["fov_degrees"]), width, height)
         if not np.isfinite(np.linalg.cond(camera.projection @ camera.view)):
             raise InputError("its numbers are too large or too small together; choose other units")
     return camera
 
 
-def _ties(said: dict[str, Any]) -> Ties:
-    locked = tuple(int(vertex) for vertex in said.get("locked", ()))
-    if "mirror" not in said:
-        return Ties(locked)
-    values = said["mirror"]
-    with located("mirror"):
-        return Ties(locked, Mirror(_array(values["normal"]), _array(values["point"])))
+def _parse_constraints(raw: dict[str, Any]) -> CageConstraints:
+    locked = tuple(int(vertex) for vertex in raw.get("locked", ()))
+    if "mirror" not in raw:
+        return CageConstraints(locked)
+    values = raw["mirror"]
+    with error_context("mirror"):
+        return CageConstraints(
+            locked, Mirror(_to_array(values["normal"]), _to_array(values["point"]))
+        )
 
 
-def _array(values: list[Any]) -> Floats:
+def _to_array(values: list[Any]) -> Floats:
     return np.array(values, np.float64)

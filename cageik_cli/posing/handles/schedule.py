@@ -4,15 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.geometry.mesh import LARGEST_COORDINATE
+from cageik_cli.geometry.mesh import MAX_COORDINATE
 from cageik_cli.posing.anchors import Anchor
 from cageik_cli.posing.handles.model import Motion
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError, located
+from cageik_cli.util.errors import InputError, error_context
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mover:
+class BlendedMotion:
     """What one anchor follows: a handle's motion, or the mean of several.
 
     Attributes
@@ -38,37 +38,37 @@ class Mover:
         """
         found = np.zeros_like(positions)
         for name, motion, share in zip(self.names, self.motions, self.shares, strict=True):
-            with located(f"handle {name!r}: {motion.field}"):
+            with error_context(f"handle {name!r}: {motion.field_name}"):
                 targets = motion.targets(frames, positions)
-                _refuse_nowhere(frames, targets)
+                _check_targets(frames, targets)
             found += share * targets
         return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drag:
+class HandleSchedule:
     """Anchors and where they are to go, frame by frame.
 
     Attributes
     ----------
     anchors : tuple of Anchor
         l of them.
-    movers : tuple of Mover
+    motions : tuple of BlendedMotion
         One for each anchor.
-    hold : range
+    full_strength : range
         Frames in which the edit is of full strength.
-    span : range
+    affected_frames : range
         All that it may change, in the clip; `range(1)` for a single pose.
     falloff : int
-        Frames over which it comes before `hold`, and goes after it.
+        Frames over which it comes before `full_strength`, and goes after it.
     notes : tuple of str
         What a user should know of how the handles were placed.
     """
 
     anchors: tuple[Anchor, ...]
-    movers: tuple[Mover, ...]
-    hold: range
-    span: range
+    motions: tuple[BlendedMotion, ...]
+    full_strength: range
+    affected_frames: range
     falloff: int = 0
     notes: tuple[str, ...] = ()
 
@@ -78,7 +78,9 @@ class Drag:
         It is 6x⁵ − 15x⁴ + 10x³ of the way x through the falloff; without one, a step.
         """
         frames = np.asarray(frames)
-        off = np.maximum(np.maximum(self.hold.start - frames, frames - self.hold[-1]), 0)
+        off = np.maximum(
+            np.maximum(self.full_strength.start - frames, frames - self.full_strength[-1]), 0
+        )
         x = np.clip(1 - off / self.falloff, 0, 1) if self.falloff else (off == 0) * 1.0
         return np.asarray(x**3 * (x * (6 * x - 15) + 10))
 
@@ -98,7 +100,7 @@ class Drag:
             Naming the handle and the frame, when a camera cannot see where that is.
         """
         columns = np.moveaxis(positions, 1, 0)
-        found = [m.targets(frames, column) for m, column in zip(self.movers, columns, strict=True)]
+        found = [m.targets(frames, column) for m, column in zip(self.motions, columns, strict=True)]
         return np.stack(found, axis=1)
 
     def displacements(self, frames: Integers, positions: Floats) -> Floats:
@@ -110,8 +112,8 @@ class Drag:
         return displacements
 
 
-def _refuse_nowhere(frames: Integers, targets: Floats) -> None:
-    is_somewhere = (np.abs(targets) <= LARGEST_COORDINATE).all(axis=1)
+def _check_targets(frames: Integers, targets: Floats) -> None:
+    is_somewhere = (np.abs(targets) <= MAX_COORDINATE).all(axis=1)
     if not is_somewhere.all():
         raise InputError(
             f"frame {frames[is_somewhere.argmin()]}: it is no place, or one too far away; choose "

@@ -9,23 +9,23 @@ from difflib import get_close_matches
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-from cageik_cli.posing.handles.json_document import place_of, value_text
+from cageik_cli.posing.handles.json_document import describe_location, format_value
 from cageik_cli.util.errors import InputError
 
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
 
 
-ALIKE = 0.7
+MIN_SIMILARITY = 0.7
 """How alike a field is, of 1, to be what was meant; `name` and `frames` are 0.6."""
 
 
-def schema_text() -> str:
+def read_schema() -> str:
     """The schema, draft 2020-12, as JSON."""
     return files("cageik_cli.posing.handles").joinpath("schema.json").read_text(encoding="utf-8")
 
 
-def refuse_faults(document: Any) -> None:
+def check_schema(document: Any) -> None:
     """Refuse what is not as the schema says.
 
     Raises
@@ -35,47 +35,47 @@ def refuse_faults(document: Any) -> None:
     """
     from jsonschema import Draft202012Validator
 
-    validator = Draft202012Validator(json.loads(schema_text()))
+    validator = Draft202012Validator(json.loads(read_schema()))
     faults = validator.iter_errors(document)
-    first = min(faults, key=lambda fault: _order(document, fault), default=None)
+    first = min(faults, key=lambda fault: _file_order(document, fault), default=None)
     if first is not None:
-        place = place_of(document, list(first.absolute_path))
-        raise InputError(": ".join([*place, _sentence(first)]))
+        place = describe_location(document, list(first.absolute_path))
+        raise InputError(": ".join([*place, _describe_fault(first)]))
 
 
-def _order(document: Any, fault: "ValidationError") -> tuple[int, ...]:
+def _file_order(document: Any, fault: "ValidationError") -> tuple[int, ...]:
     """Sorts faults by where in the file they are; what is missing, by its object's end."""
     numbers, value = [], document
     for step in fault.absolute_path:
         numbers.append(step if isinstance(step, int) else list(value).index(step))
         value = value[step]
     if fault.validator == "additionalProperties":
-        numbers.append(list(value).index(next(_unknown(fault))))
-    elif fault.validator in _OF_OBJECTS:
+        numbers.append(list(value).index(next(_unknown_fields(fault))))
+    elif fault.validator in _OBJECT_FAULTS:
         numbers.append(len(value) if isinstance(value, dict) else 0)
     return tuple(numbers)
 
 
-def _sentence(fault: "ValidationError") -> str:
-    if fault.validator in _OF_OBJECTS:
-        return _OF_OBJECTS[fault.validator](fault)
-    return f"is {value_text(fault.instance)}, expected {fault.schema['title']}"
+def _describe_fault(fault: "ValidationError") -> str:
+    if fault.validator in _OBJECT_FAULTS:
+        return _OBJECT_FAULTS[fault.validator](fault)
+    return f"is {format_value(fault.instance)}, expected {fault.schema['title']}"
 
 
-def _of_unknown(fault: "ValidationError") -> str:
-    known, unknown = list(fault.schema["properties"]), next(_unknown(fault))
-    near = get_close_matches(unknown, known, n=1, cutoff=ALIKE)
+def _describe_unknown_field(fault: "ValidationError") -> str:
+    known, unknown = list(fault.schema["properties"]), next(_unknown_fields(fault))
+    near = get_close_matches(unknown, known, n=1, cutoff=MIN_SIMILARITY)
     near = near or [name for name in known if unknown and name.startswith(unknown)]
     hint = f"did you mean {near[0]}?" if near else f"expected some of {', '.join(known)}"
-    return f"{value_text(unknown)} is not a field of {fault.schema['title']}; {hint}"
+    return f"{format_value(unknown)} is not a field of {fault.schema['title']}; {hint}"
 
 
-def _of_missing(fault: "ValidationError") -> str:
+def _describe_missing_field(fault: "ValidationError") -> str:
     missing = next(name for name in fault.validator_value if name not in fault.instance)
     return f"has no {missing}, which {fault.schema['title']} needs; add it"
 
 
-def _of_alone(fault: "ValidationError") -> str:
+def _describe_lone_field(fault: "ValidationError") -> str:
     """Of a field that another has to stand beside."""
     alone, missing = next(
         (name, other)
@@ -86,7 +86,7 @@ def _of_alone(fault: "ValidationError") -> str:
     return f"has {alone} without {missing}; add it, or leave {alone} out"
 
 
-def _of_choice(fault: "ValidationError") -> str:
+def _describe_choice(fault: "ValidationError") -> str:
     """Of an object that should have exactly one of some fields."""
     title, names = fault.schema["title"], [one["required"][0] for one in fault.validator_value]
     found = [name for name in names if name in fault.instance]
@@ -95,14 +95,14 @@ def _of_choice(fault: "ValidationError") -> str:
     return f"has {len(found)} {title}s, {' and '.join(found)}; keep one of them"
 
 
-def _unknown(fault: "ValidationError") -> Iterator[str]:
+def _unknown_fields(fault: "ValidationError") -> Iterator[str]:
     return (name for name in fault.instance if name not in fault.schema["properties"])
 
 
-_OF_OBJECTS = {
-    "additionalProperties": _of_unknown,
-    "required": _of_missing,
-    "dependentRequired": _of_alone,
-    "oneOf": _of_choice,
+_OBJECT_FAULTS = {
+    "additionalProperties": _describe_unknown_field,
+    "required": _describe_missing_field,
+    "dependentRequired": _describe_lone_field,
+    "oneOf": _describe_choice,
 }
 """Sentences about objects that have other fields than they should, by the schema's keyword."""

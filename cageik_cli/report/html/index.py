@@ -5,67 +5,74 @@ from itertools import groupby
 from typing import Any
 from urllib.parse import quote
 
-from cageik_cli.report.figures import Clip, Summary, change_text, percent_text
-from cageik_cli.report.html.templating import rendered
-from cageik_cli.report.limits import Verdict, found_text, limit_text, verdict_of
-from cageik_cli.report.overview import Curve, Entry, Overview
-from cageik_cli.report.vocabulary import Wording, marked, wording_of
+from cageik_cli.report.figures import ClipRecord, ReportSummary, format_change, format_percent
+from cageik_cli.report.html.templating import render_template
+from cageik_cli.report.limits import (
+    Verdict,
+    format_limit_with_baseline,
+    format_measured,
+    make_overall_verdict,
+)
+from cageik_cli.report.overview import ClipEntry, Curve, Overview
+from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary, display_name
 
-HEIGHT, EDGE, STEP = 48, 4, 2
+THUMBNAIL_HEIGHT, THUMBNAIL_MARGIN, THUMBNAIL_STEP = 48, 4, 2
 """Of a thumbnail: units down, units kept free above and below, and units across a point."""
 
 
-def as_index(overview: Overview) -> str:
+def render_index(overview: Overview) -> str:
     """The page of an overview: those that failed, those over a limit, and the others by error.
 
     Links are relative to the page. The same overview gives the same page.
     """
     failed = [entry for entry in overview.clips if entry.has_failed]
     done = [entry for entry in overview.worst_first if not entry.has_failed]
-    over = sum(entry.exceeds for entry in done)
+    over = sum(entry.exceeds_limit for entry in done)
     counts = [
         ("Failed", len(failed), "bad"),
         ("Over a limit", over, "bad"),
         ("Fine", len(done) - over, "good"),
     ]
-    return rendered(
+    return render_template(
         "index.html.j2",
         total=len(overview.clips),
-        verdict=_verdict(len(failed), over, len(overview.clips)),
+        verdict=_make_batch_verdict(len(failed), over, len(overview.clips)),
         counts=counts,
-        words=overview.wording,
+        words=overview.vocabulary,
         failed=failed,
         rows=[
-            _row(entry, entry.clip, entry.summary, entry.curve)
+            _build_clip_row(entry, entry.clip, entry.summary, entry.curve)
             for entry in done
             if entry.clip and entry.summary and entry.curve
         ],
     )
 
 
-def _verdict(failed: int, over: int, total: int) -> Verdict:
+def _make_batch_verdict(failed: int, over: int, total: int) -> Verdict:
     """What a batch comes to."""
-    told = [
+    parts = [
         f"{count} of {total} {'clip' if total == 1 else 'clips'} {what}"
         for count, what in ((failed, "failed"), (over, "over a limit"))
         if count
     ]
-    if told:
-        return Verdict("bad", ", ".join(told))
+    if parts:
+        return Verdict("bad", ", ".join(parts))
     return Verdict("good", "All clips are done, and none is over a limit")
 
 
-def _row(entry: Entry, clip: Clip, summary: Summary, curve: Curve) -> dict[str, Any]:
-    change, words = summary.volume_change_percent_max, wording_of(entry.edited_from)
-    verdict = verdict_of(entry.gates) if entry.gates else Verdict("none", "none")
+def _build_clip_row(
+    entry: ClipEntry, clip: ClipRecord, summary: ReportSummary, curve: Curve
+) -> dict[str, Any]:
+    change, words = summary.volume_change_percent_max, choose_vocabulary(entry.edited_from)
+    verdict = make_overall_verdict(entry.gates) if entry.gates else Verdict("none", "none")
     return {
-        "name": marked(entry.name, entry.edited_from),
+        "name": display_name(entry.name, entry.edited_from),
         "href": entry.page and "./" + quote(entry.page, errors="surrogateescape"),
-        "error": percent_text(summary.rms_percent),
-        "worst_rms": percent_text(summary.worst_frame_rms_percent),
+        "error": format_percent(summary.rms_percent),
+        "worst_rms": format_percent(summary.worst_frame_rms_percent),
         "worst_frame": summary.worst_frame,
-        "deviation": percent_text(summary.max_deviation_percent),
-        "volume": _undefined(clip) if change is None else change_text(change),
+        "deviation": format_percent(summary.max_deviation_percent),
+        "volume": _explain_undefined_volume(clip) if change is None else format_change(change),
         "frames": clip.frames,
         "skipped": summary.frames_skipped,
         "vertices": clip.vertices,
@@ -73,62 +80,67 @@ def _row(entry: Entry, clip: Clip, summary: Summary, curve: Curve) -> dict[str, 
         "verdict": verdict,
         "rank": {"bad": 0, "none": 1, "good": 2}[verdict.state],
         "passed": [
-            f"{words.metric(gate.metric)} {found_text(gate)} > {limit_text(gate, f' {gate.unit}')}"
-            for gate in entry.gates
-            if gate.passed is False
+            f"{words.describe_metric(check.metric)} {format_measured(check)} > "
+            f"{format_limit_with_baseline(check, f' {check.unit}')}"
+            for check in entry.gates
+            if check.passed is False
         ],
-        "text": _told(summary, words),
-        **_thumbnail(curve),
+        "text": _describe_thumbnail(summary, words),
+        **_build_thumbnail(curve),
     }
 
 
-def _undefined(clip: Clip) -> str:
+def _explain_undefined_volume(clip: ClipRecord) -> str:
     """Why there is no change of volume, in a word."""
     return "unknown" if clip.closed else "open"
 
 
-def _told(summary: Summary, words: Wording) -> str:
+def _describe_thumbnail(summary: ReportSummary, words: Vocabulary) -> str:
     """What a thumbnail shows."""
     change = summary.volume_change_percent_max
     other = (
-        f"{words.largest} up to {percent_text(summary.max_deviation_percent)} %"
+        f"{words.largest} up to {format_percent(summary.max_deviation_percent)} %"
         if change is None
-        else f"volume change up to {change_text(change)} %"
+        else f"volume change up to {format_change(change)} %"
     )
     return (
-        f"RMS up to {percent_text(summary.worst_frame_rms_percent)} % at {summary.worst_frame}; "
+        f"RMS up to {format_percent(summary.worst_frame_rms_percent)} % at {summary.worst_frame}; "
         + other
     )
 
 
-def _thumbnail(curve: Curve) -> dict[str, Any]:
+def _build_thumbnail(curve: Curve) -> dict[str, Any]:
     """The lines of a curve as paths, each as high as its largest value."""
-    rms, other = _heights(curve.rms_percent), _heights(curve.other)
+    rms, other = _scale_heights(curve.rms_percent), _scale_heights(curve.other)
     return {
-        "width": max(STEP * (len(rms) - 1), 1),
-        "rms": _path(rms),
-        "other": _path(other),
-        "worst": f"M{STEP * curve.worst} {rms[curve.worst]}h0",
+        "width": max(THUMBNAIL_STEP * (len(rms) - 1), 1),
+        "rms": _make_svg_path(rms),
+        "other": _make_svg_path(other),
+        "worst": f"M{THUMBNAIL_STEP * curve.worst} {rms[curve.worst]}h0",
     }
 
 
-def _heights(values: Sequence[float | None]) -> list[int | None]:
+def _scale_heights(values: Sequence[float | None]) -> list[int | None]:
     """Units from the top; the line's own extremes and zero just fit."""
     known = [value for value in values if value is not None]
     lowest, highest = min([*known, 0.0]), max([*known, 0.0])
     size = (highest - lowest) or 1.0
     return [
-        None if value is None else round(EDGE + (HEIGHT - 2 * EDGE) * (highest - value) / size)
+        None
+        if value is None
+        else round(
+            THUMBNAIL_MARGIN + (THUMBNAIL_HEIGHT - 2 * THUMBNAIL_MARGIN) * (highest - value) / size
+        )
         for value in values
     ]
 
 
-def _path(heights: Sequence[int | None]) -> str:
+def _make_svg_path(heights: Sequence[int | None]) -> str:
     """A line through the points, with gaps where there are none; a lone point is a dot."""
     parts = []
     runs = groupby(enumerate(heights), key=lambda point: point[1] is None)
     for is_gap, run in runs:
         if not is_gap:
-            points = [f"{STEP * k} {height}" for k, height in run]
+            points = [f"{THUMBNAIL_STEP * k} {height}" for k, height in run]
             parts.append("M" + " ".join(points) + ("h0" if len(points) == 1 else ""))
     return "".join(parts)

@@ -20,32 +20,32 @@ _environment = Environment(
 )
 
 
-def rendered(template: str, **values: Any) -> str:
+def render_template(template: str, **values: Any) -> str:
     """A page from a template and what it shows.
 
     All values are escaped. The page's own policy lets no script run but the one of its digest.
     """
-    script = _part("script.js")
+    script = _read_template("script.js")
     return _environment.get_template(template).render(
-        style=_part("style.css"),
+        style=_read_template("style.css"),
         script=script,
-        script_digest=_policy_digest(script),
+        script_digest=_compute_policy_digest(script),
         generator=GENERATOR,
         **values,
     )
 
 
-def data_url(content: bytes, kind: str) -> str:
+def make_data_url(content: bytes, kind: str) -> str:
     """A picture as the address of itself; `kind` is what comes after `image/`."""
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
-def _part(name: str) -> str:
+def _read_template(name: str) -> str:
     """The text of a file of the templates' folder, which holds no user's text."""
     assert _environment.loader is not None
     return _environment.loader.get_source(_environment, name)[0]
 
 
-def _policy_digest(script: str) -> str:
+def _compute_policy_digest(script: str) -> str:
     """A script's digest as a content security policy writes it."""
     return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

@@ -16,44 +16,44 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from cageik_cli.report.figures import percent_text
+from cageik_cli.report.figures import format_percent
 from cageik_cli.report.plots.limit_lines import (
     Box,
     LimitLine,
-    draw_labels,
-    draw_lines,
-    limit_label,
-    limit_lines,
+    build_limit_lines,
+    draw_limit_labels,
+    draw_limit_lines,
+    format_limit_label,
 )
-from cageik_cli.report.plots.series import LEAST, Series, series_of
-from cageik_cli.report.plots.style import INK, MUTED, drawable, own_style
+from cageik_cli.report.plots.series import MIN_AXIS_PERCENT, Series, build_series
+from cageik_cli.report.plots.style import INK, MUTED, make_drawable, use_fixed_style
 from cageik_cli.report.record import Report
-from cageik_cli.report.vocabulary import wording_of
+from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.util.arrays import Floats, Integers
 
-SIZE, DPI = (7.2, 3.6), 200
+FIGURE_SIZE, DPI = (7.2, 3.6), 200
 """Inches across and down, and pixels to the inch."""
 
 LEFT, RIGHT, BOTTOM, TOP = 0.1, 0.9, 0.14, 0.87
 """Where the axes are, as shares of the picture from its lower left corner."""
 
-GAP = "#eceef0"
+GAP_COLOUR = "#eceef0"
 
 HEADROOM = 1.25
 """The axes end so far above the highest figure, for the label of the worst frame."""
 
-MARKED = 60
+MAX_MARKED_FRAMES = 60
 """Up to so many frames each has a marker."""
 
-LETTER = 0.0115
+LETTER_WIDTH = 0.0115
 """How wide letters of the worst frame's name are, about, as a share of the axes."""
 
-ACROSS = 100
+MAX_UNDRAWN_LETTERS = 100
 """Letters of limits that fit across the picture."""
 
 
 @dataclass(frozen=True, slots=True)
-class Plot:
+class PagePlot:
     """The figure for a page.
 
     Attributes
@@ -77,66 +77,68 @@ class Plot:
     last: float
 
 
-def plot_of(report: Report) -> Plot:
+def build_page_plot(report: Report) -> PagePlot:
     """The figure of a report for a page."""
     first, last = _x_limits(len(report.frames))
-    svg = as_svg(report)
+    svg = render_plot_svg(report)
     svg = re.sub(r' width="[^"]*"| height="[^"]*"', "", svg[svg.index("<svg") :], count=2)
-    return Plot(svg, LEFT, RIGHT, 1 - TOP, 1 - BOTTOM, first, last)
+    return PagePlot(svg, LEFT, RIGHT, 1 - TOP, 1 - BOTTOM, first, last)
 
 
-def as_svg(report: Report) -> str:
+def render_plot_svg(report: Report) -> str:
     """The figure of a report as an SVG file."""
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    return _saved(report, "svg", nothing).decode()
+    return _save_plot(report, "svg", nothing).decode()
 
 
-def as_png(report: Report) -> bytes:
+def render_plot_png(report: Report) -> bytes:
     """The figure of a report as a PNG file, 1440 pixels wide."""
-    return _saved(report, "png", {"Software": None})
+    return _save_plot(report, "png", {"Software": None})
 
 
-def figure_of(report: Report) -> Figure:
+def draw_plot(report: Report) -> Figure:
     """The error of each frame, and the change of its volume or its largest deviation.
 
     The latter is drawn where the model is open, or no frame has a volume. Frames that were skipped
     are gaps, and shaded.
     """
-    with own_style():
-        return _drawn(report)
+    with use_fixed_style():
+        return _draw_plot(report)
 
 
-def _saved(report: Report, kind: str, metadata: dict[str, None]) -> bytes:
+def _save_plot(report: Report, kind: str, metadata: dict[str, None]) -> bytes:
     stream = io.BytesIO()
-    with own_style():
-        _drawn(report).savefig(stream, format=kind, dpi=DPI, metadata=metadata)
+    with use_fixed_style():
+        _draw_plot(report).savefig(stream, format=kind, dpi=DPI, metadata=metadata)
     return stream.getvalue()
 
 
-def _drawn(report: Report) -> Figure:
-    error, other = series_of(report)
-    figure = Figure(SIZE)
+def _draw_plot(report: Report) -> Figure:
+    error, other = build_series(report)
+    figure = Figure(FIGURE_SIZE)
     figure.subplots_adjust(LEFT, BOTTOM, RIGHT, TOP)
     left = figure.add_subplot()
     right = left.twinx()
     left.set(zorder=right.get_zorder() + 1, frame_on=False)
     _draw_gaps(right, error.values)
-    named, shown = [], []
+    undrawn, drawn_limits = [], []
     for axes, series in ((left, error), (right, other)):
         _draw_series(axes, series)
-        near, far = limit_lines(report, series)
-        _fit(axes, series, near)
-        draw_lines(axes, near)
-        shown += near
-        named += far
-    _draw_clip(left, error, report)
-    worst = _draw_worst(left, error, report)
-    _dress(left, error, report)
-    _dress(right, other, report)
-    named += [gate for gate in report.gates if gate.metric not in error.metrics + other.metrics]
-    words = wording_of(report.edited_from)
-    _draw_legend(figure, (left, right), [limit_label(gate, words) for gate in named])
-    draw_labels(((left, error), (right, other)), shown, worst)
+        near, far = build_limit_lines(report, series)
+        _set_y_limits(axes, series, near)
+        draw_limit_lines(axes, near)
+        drawn_limits += near
+        undrawn += far
+    _draw_clip_rms(left, error, report)
+    worst = _draw_worst_frame(left, error, report)
+    _label_axes(left, error, report)
+    _label_axes(right, other, report)
+    undrawn += [
+        check for check in report.gates if check.metric not in error.metrics + other.metrics
+    ]
+    words = choose_vocabulary(report.edited_from)
+    _draw_legend(figure, (left, right), [format_limit_label(gate, words) for gate in undrawn])
+    draw_limit_labels(((left, error), (right, other)), drawn_limits, worst)
     return figure
 
 
@@ -158,7 +160,7 @@ def _draw_gaps(axes: Axes, values: Floats) -> None:
             [(run[0] - 0.5, len(run)) for run in runs],
             (0, 1),
             transform=axes.get_xaxis_transform(),
-            color=GAP,
+            color=GAP_COLOUR,
             linewidth=0,
             label="skipped",
             zorder=0,
@@ -169,56 +171,56 @@ def _draw_series(axes: Axes, series: Series) -> None:
     axes.plot(
         np.arange(len(series.values)),
         series.values,
-        linestyle=series.look.style,
-        color=series.look.colour,
+        linestyle=series.style.linestyle,
+        color=series.style.colour,
         linewidth=1.4,
-        marker=series.look.marker,
+        marker=series.style.marker,
         markersize=3.2,
-        markevery=_marked(series.values).tolist(),
+        markevery=_marked_frames(series.values).tolist(),
         label=series.name.split(",")[0],
         gid=series.metrics[0],
     )
     if series.is_signed:
-        axes.axhline(0, color=series.look.colour, linewidth=0.5, dashes=(1, 3), gid="zero")
+        axes.axhline(0, color=series.style.colour, linewidth=0.5, dashes=(1, 3), gid="zero")
 
 
-def _marked(values: Floats) -> Integers:
+def _marked_frames(values: Floats) -> Integers:
     """The frames with a marker: all of a short clip, else those that stand between gaps."""
     known = np.isfinite(values)
-    if len(values) <= MARKED:
+    if len(values) <= MAX_MARKED_FRAMES:
         return np.flatnonzero(known)
     padded = np.pad(known, 1)
     return np.flatnonzero(known & ~padded[:-2] & ~padded[2:])
 
 
-def _fit(axes: Axes, series: Series, limits: Sequence[LimitLine]) -> None:
+def _set_y_limits(axes: Axes, series: Series, limits: Sequence[LimitLine]) -> None:
     """Let the axes hold zero, all figures and the limits."""
     heights = [height for limit in limits for height in limit.heights]
     lowest = float(np.nanmin(series.values, initial=min([0.0, *heights])))
     highest = float(np.nanmax(series.values, initial=max([0.0, *heights])))
-    size = max(highest - lowest, LEAST)
+    size = max(highest - lowest, MIN_AXIS_PERCENT)
     axes.set_ylim(lowest - 0.08 * size if lowest < 0 else 0, lowest + HEADROOM * size)
 
 
-def _draw_clip(axes: Axes, series: Series, report: Report) -> None:
+def _draw_clip_rms(axes: Axes, series: Series, report: Report) -> None:
     axes.axhline(
         report.summary.rms_percent,
-        color=series.look.colour,
+        color=series.style.colour,
         linewidth=0.7,
-        label=f"RMS of the clip {percent_text(report.summary.rms_percent)} %",
+        label=f"RMS of the clip {format_percent(report.summary.rms_percent)} %",
         gid="clip",
     )
 
 
-def _draw_worst(axes: Axes, series: Series, report: Report) -> Box:
+def _draw_worst_frame(axes: Axes, series: Series, report: Report) -> Box:
     """Ring the worst frame, and name it to that side where there is room; where its name is."""
     summary, count = report.summary, len(report.frames)
     place = (summary.worst_frame_index, series.values[summary.worst_frame_index])
     column = int(np.digitize(place[0] / count, (0.3, 0.7)))
     side = ("left", "center", "right")[column]
     text = (
-        f"{wording_of(report.edited_from).worst} "
-        f"{percent_text(summary.worst_frame_rms_percent)} %, {drawable(summary.worst_frame)}"
+        f"{choose_vocabulary(report.edited_from).worst} "
+        f"{format_percent(summary.worst_frame_rms_percent)} %, {make_drawable(summary.worst_frame)}"
     )
     axes.plot(*place, "o", markersize=7.5, markerfacecolor="none", markeredgecolor=INK, gid="worst")
     axes.annotate(
@@ -238,29 +240,29 @@ def _draw_worst(axes: Axes, series: Series, report: Report) -> Box:
         },
     )
     first, last = _x_limits(count)
-    width, at = LETTER * len(text), (place[0] - first) / (last - first)
+    width, at = LETTER_WIDTH * len(text), (place[0] - first) / (last - first)
     return at - width * column / 2, 0.92, at + width * (1 - column / 2), 1.0
 
 
-def _dress(axes: Axes, series: Series, report: Report) -> None:
+def _label_axes(axes: Axes, series: Series, report: Report) -> None:
     """Name and number the axes."""
     axes.set_xlim(*_x_limits(len(report.frames)))
-    axes.set_xlabel(f"frame of {drawable(report.result)}, numbered from 0")
-    axes.set_ylabel(series.name, color=series.look.colour)
-    axes.tick_params(axis="y", labelcolor=series.look.colour, color=series.look.colour)
+    axes.set_xlabel(f"frame of {make_drawable(report.result)}, numbered from 0")
+    axes.set_ylabel(series.name, color=series.style.colour)
+    axes.tick_params(axis="y", labelcolor=series.style.colour, color=series.style.colour)
     axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, min_n_ticks=1, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-    axes.yaxis.set_major_formatter(FuncFormatter(_tick_text))
+    axes.yaxis.set_major_formatter(FuncFormatter(_format_tick))
     axes.spines["top"].set_visible(False)
 
 
-def _tick_text(value: float, _: int | None) -> str:
+def _format_tick(value: float, _: int | None) -> str:
     return f"{value:g}".replace("-", "−")
 
 
-def _draw_legend(figure: Figure, both: tuple[Axes, Axes], named: list[str]) -> None:
+def _draw_legend(figure: Figure, axes_pair: tuple[Axes, Axes], undrawn_limits: list[str]) -> None:
     """Above the axes: what the lines are, and the limits that no line shows."""
-    drawn = [axes.get_legend_handles_labels() for axes in both]
+    drawn = [axes.get_legend_handles_labels() for axes in axes_pair]
     figure.legend(
         [handle for handles, _ in drawn for handle in handles],
         [label for _, labels in drawn for label in labels],
@@ -274,7 +276,7 @@ def _draw_legend(figure: Figure, both: tuple[Axes, Axes], named: list[str]) -> N
         borderpad=0.6,
         borderaxespad=0,
     )
-    if named:
-        text = "not drawn: " + "; ".join(named)
-        text = textwrap.shorten(text, ACROSS, placeholder=" …")
+    if undrawn_limits:
+        text = "not drawn: " + "; ".join(undrawn_limits)
+        text = textwrap.shorten(text, MAX_UNDRAWN_LETTERS, placeholder=" …")
         figure.text(LEFT, TOP + 0.015, text, fontsize=7.5, color=MUTED, gid="not-drawn")

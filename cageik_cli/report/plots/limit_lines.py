@@ -6,25 +6,25 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from cageik_cli.report.limits import PERCENT, Gate, gate_verdict, most_text
-from cageik_cli.report.plots.series import LEAST, Series
+from cageik_cli.report.limits import PERCENT, LimitCheck, format_limit, make_verdict
+from cageik_cli.report.plots.series import MIN_AXIS_PERCENT, Series
 from cageik_cli.report.record import Report
-from cageik_cli.report.vocabulary import Wording, wording_of
+from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.util.arrays import Floats
 
-HEIGHT = 0.052
+LABEL_HEIGHT = 0.052
 """Of a label."""
 
-CLEAR = 0.008
+LABEL_GAP = 0.008
 """Between a label and its line."""
 
-EDGE = 0.012
+EDGE_MARGIN = 0.012
 """Between a label and the sides of the axes."""
 
-STEPS = 9
+POSITION_COUNT = 9
 """Places along a line that are tried."""
 
-MEETS, CROSSES = 1000.0, 15.0
+OVERLAP_COST, CROSSING_COST = 1000.0, 15.0
 """What it costs to meet another label or leave the axes, and to lie on another line; to hide a
 point costs one."""
 
@@ -41,17 +41,17 @@ class Label:
     width : float
     levels : tuple of float
         Heights of the lines that it may stand at, one of them.
-    from_right : bool
+    prefers_right : bool
         Whether it is to be to the right rather than to the left, where both are as good.
     """
 
     width: float
     levels: tuple[float, ...]
-    from_right: bool
+    prefers_right: bool
 
 
-def placed(
-    labels: Sequence[Label], points: Floats, levels: Sequence[float], taken: Sequence[Box]
+def place_labels(
+    labels: Sequence[Label], points: Floats, levels: Sequence[float], occupied: Sequence[Box]
 ) -> list[Box]:
     """A place for each label, above or below one of its lines.
 
@@ -63,41 +63,49 @@ def placed(
         Of the curves; nan is left out.
     levels : sequence of float
         Heights of all lines.
-    taken : sequence of Box
+    occupied : sequence of Box
         Where no label can be.
     """
-    boxes = list(taken)
+    boxes = list(occupied)
     for label in labels:
-        boxes.append(min(_candidates(label), key=lambda box: _cost(box, points, levels, boxes)))
-    return boxes[len(taken) :]
+        boxes.append(
+            min(
+                _candidate_boxes(label), key=lambda box: _placement_cost(box, points, levels, boxes)
+            )
+        )
+    return boxes[len(occupied) :]
 
 
-def _candidates(label: Label) -> Iterator[Box]:
+def _candidate_boxes(label: Label) -> Iterator[Box]:
     """The best first."""
-    lefts = np.linspace(EDGE, max(1 - EDGE - label.width, EDGE), STEPS).tolist()
-    for left in reversed(lefts) if label.from_right else lefts:
+    lefts = np.linspace(
+        EDGE_MARGIN, max(1 - EDGE_MARGIN - label.width, EDGE_MARGIN), POSITION_COUNT
+    ).tolist()
+    for left in reversed(lefts) if label.prefers_right else lefts:
         for level in label.levels:
-            for bottom in (level + CLEAR, level - CLEAR - HEIGHT):
-                yield left, bottom, left + label.width, bottom + HEIGHT
+            for bottom in (level + LABEL_GAP, level - LABEL_GAP - LABEL_HEIGHT):
+                yield left, bottom, left + label.width, bottom + LABEL_HEIGHT
 
 
-def _cost(box: Box, points: Floats, levels: Sequence[float], boxes: Sequence[Box]) -> float:
+def _placement_cost(
+    box: Box, points: Floats, levels: Sequence[float], boxes: Sequence[Box]
+) -> float:
     left, bottom, right, top = box
     x, y = points.T
     hidden = np.count_nonzero((left < x) & (x < right) & (bottom < y) & (y < top))
     crossed = sum(bottom < level < top for level in levels)
     met = sum(a < right and left < c and b < top and bottom < d for a, b, c, d in boxes)
     met += bottom < 0 or top > 1
-    return MEETS * met + CROSSES * crossed + float(hidden)
+    return OVERLAP_COST * met + CROSSING_COST * crossed + float(hidden)
 
 
-REACH = 2.5
+MAX_REACH = 2.5
 """A limit is drawn up to so many times as high as the highest figure; beyond it is named alone."""
 
-LETTER = 0.0101
+LETTER_WIDTH = 0.0101
 """How wide letters of labels are, about, as a share of the axes."""
 
-SAMPLES = 600
+CURVE_SAMPLES = 600
 """Points of a line that labels keep clear of."""
 
 
@@ -108,48 +116,48 @@ class LimitLine:
     Attributes
     ----------
     series : Series
-    gate : Gate
+    check : LimitCheck
     heights : tuple of float
         Of its lines, one or, on both sides of zero, two, in percent.
     label : str
     """
 
     series: Series
-    gate: Gate
+    check: LimitCheck
     heights: tuple[float, ...]
     label: str
 
 
-def limit_lines(report: Report, series: Series) -> tuple[list[LimitLine], list[Gate]]:
+def build_limit_lines(report: Report, series: Series) -> tuple[list[LimitLine], list[LimitCheck]]:
     """The limits on a series that are drawn, and those far above it."""
-    words = wording_of(report.edited_from)
-    reach = REACH * np.nanmax(np.abs(series.values), initial=LEAST)
+    words = choose_vocabulary(report.edited_from)
+    reach = MAX_REACH * np.nanmax(np.abs(series.values), initial=MIN_AXIS_PERCENT)
     to_percent = 100 / report.clip.diagonal
     near, far = [], []
-    for gate in report.gates:
-        if gate.metric in series.metrics:
-            height = gate.limit if gate.unit == PERCENT else to_percent * gate.limit
+    for check in report.gates:
+        if check.metric in series.metrics:
+            height = check.limit if check.unit == PERCENT else to_percent * check.limit
             if height <= reach:
                 heights = (height, -height) if series.is_signed else (height,)
-                near.append(LimitLine(series, gate, heights, limit_label(gate, words)))
+                near.append(LimitLine(series, check, heights, format_limit_label(check, words)))
             else:
-                far.append(gate)
+                far.append(check)
     return near, far
 
 
-def draw_lines(axes: Axes, limits: Sequence[LimitLine]) -> None:
+def draw_limit_lines(axes: Axes, limits: Sequence[LimitLine]) -> None:
     """Draw limits on the axes of their series, dashed, without their labels."""
     for limit in limits:
         for height in limit.heights:
             axes.axhline(
-                height, color=limit.series.look.colour, linewidth=0.9, dashes=(8, 4), gid="limit"
+                height, color=limit.series.style.colour, linewidth=0.9, dashes=(8, 4), gid="limit"
             )
 
 
-def draw_labels(
+def draw_limit_labels(
     drawn: tuple[tuple[Axes, Series], tuple[Axes, Series]],
     limits: Sequence[LimitLine],
-    taken: Box,
+    occupied: Box,
 ) -> None:
     """Name the limits, above the lines of both axes and where they hide little.
 
@@ -159,21 +167,21 @@ def draw_labels(
         The left axes, which are in front, and the right ones, each with its series.
     limits : sequence of LimitLine
         Those that are drawn.
-    taken : Box
+    occupied : Box
         Where no label can be.
     """
-    points = np.concatenate([_points(axes, series) for axes, series in drawn])
+    points = np.concatenate([_sample_curve(axes, series) for axes, series in drawn])
     labels = [
         Label(
-            LETTER * len(limit.label),
-            tuple(_shares(drawn[limit.series.side][0], limit.heights)),
+            LETTER_WIDTH * len(limit.label),
+            tuple(_axes_fractions(drawn[limit.series.side][0], limit.heights)),
             limit.series.side == 1,
         )
         for limit in limits
     ]
     levels = [level for label in labels for level in label.levels]
     front = drawn[0][0]
-    for limit, box in zip(limits, placed(labels, points, levels, [taken]), strict=True):
+    for limit, box in zip(limits, place_labels(labels, points, levels, [occupied]), strict=True):
         is_right = limit.series.side == 1
         front.text(
             box[2 if is_right else 0],
@@ -183,26 +191,26 @@ def draw_labels(
             ha="right" if is_right else "left",
             va="bottom",
             fontsize=7.5,
-            color=limit.series.look.colour,
+            color=limit.series.style.colour,
             bbox={"boxstyle": "square,pad=0.1", "fc": "white", "lw": 0, "alpha": 0.75},
         )
 
 
-def limit_label(gate: Gate, words: Wording) -> str:
+def format_limit_label(check: LimitCheck, words: Vocabulary) -> str:
     """A limit and its verdict, as short as a label is to be."""
-    verdict = gate_verdict(gate).text
-    return f"{words.limits[gate.metric]} ≤ {most_text(gate)} {gate.unit}, {verdict}"
+    verdict = make_verdict(check).text
+    return f"{words.limits[check.metric]} ≤ {format_limit(check)} {check.unit}, {verdict}"
 
 
-def _points(axes: Axes, series: Series) -> Floats:
+def _sample_curve(axes: Axes, series: Series) -> Floats:
     """Places along a line, (k, 2), as shares of the axes."""
     first, last = axes.get_xlim()
-    frames = np.linspace(0, len(series.values) - 1, SAMPLES)
+    frames = np.linspace(0, len(series.values) - 1, CURVE_SAMPLES)
     heights = np.interp(frames, np.arange(len(series.values)), series.values)
-    return np.stack([(frames - first) / (last - first), _shares(axes, heights)], axis=1)
+    return np.stack([(frames - first) / (last - first), _axes_fractions(axes, heights)], axis=1)
 
 
-def _shares(axes: Axes, heights: Sequence[float] | Floats) -> list[float]:
+def _axes_fractions(axes: Axes, heights: Sequence[float] | Floats) -> list[float]:
     """Where heights are between the lower and the upper end of the axes."""
     low, high = axes.get_ylim()
     return [float(height / (high - low) - low / (high - low)) for height in heights]

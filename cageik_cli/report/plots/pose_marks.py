@@ -19,27 +19,27 @@ from cageik_cli.util.arrays import Floats
 
 Flags = NDArray[np.bool_]
 
-SMALL = 8.0
+LEGEND_FONT_SIZE = 8.0
 """Size of letters."""
 
-MOVED = "#c8321f"
+HANDLE_COLOUR = "#c8321f"
 
-KINDS = ((False, MOVED, "o"), (True, INK, "s"))
+ANCHOR_STYLES = ((False, HANDLE_COLOUR, "o"), (True, INK, "s"))
 """Whether it is pinned, and the colour and mark of such an anchor."""
 
-DOT, RING = 6.0, 11.0
+DOT_SIZE, RING_SIZE = 6.0, 11.0
 """Across marks: anchors, and the targets around them."""
 
-AROUND = RING / 2 * np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)])
+MARK_OFFSETS = RING_SIZE / 2 * np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)])
 """What a mark covers: points from its middle."""
 
-COVERED = 0.5
+COVERED_OPACITY = 0.5
 """Opacity of marks behind the model."""
 
-SHAFT, HEAD, HEAD_WIDTH = 1.9, 9.0, 7.0
+SHAFT_WIDTH, HEAD_LENGTH, HEAD_WIDTH = 1.9, 9.0, 7.0
 """Of an arrow."""
 
-LEAST = 1.0
+MIN_DRAWN_LENGTH = 1.0
 """Shorter arrows (those towards the viewer, say) and smaller misses of pins are not drawn."""
 
 
@@ -48,33 +48,33 @@ def draw_arrows(axes: Axes, starts: Floats, ends: Floats) -> None:
     for start, end in zip(starts, ends, strict=True):
         along = end - start
         length = float(np.hypot(*along))
-        if length < LEAST:
+        if length < MIN_DRAWN_LENGTH:
             continue
-        head = min(HEAD, 0.6 * length)
-        share = head / HEAD
+        head = min(HEAD_LENGTH, 0.6 * length)
+        share = head / HEAD_LENGTH
         along = along / length
         neck = end - head * along
         across = share * np.array([-along[1], along[0]])
-        shaft, barb = SHAFT / 2 * across, HEAD_WIDTH / 2 * across
+        shaft, barb = SHAFT_WIDTH / 2 * across, HEAD_WIDTH / 2 * across
         outline = [start + shaft, neck + shaft, neck + barb, end]
         outline += [neck - barb, neck - shaft, start - shaft]
-        arrow = Polygon(np.array(outline), facecolor=MOVED, zorder=3, gid="arrow")
+        arrow = Polygon(np.array(outline), facecolor=HANDLE_COLOUR, zorder=3, gid="arrow")
         arrow.set(edgecolor="white", linewidth=0.6, joinstyle="miter")
         axes.add_patch(arrow)
 
 
-def draw_goals(axes: Axes, dots: Floats, goals: Floats, pinned: Flags) -> None:
+def draw_targets(axes: Axes, dots: Floats, targets: Floats, pinned: Flags) -> None:
     """Ring the targets, with a line to where what was to go there is, if that can be seen.
 
     Those of pins are ringed only if they are missed.
     """
-    misses = np.linalg.norm(dots - goals, axis=1)
-    for is_pin, colour, marker in KINDS:
-        kind = (pinned == is_pin) & (misses >= (LEAST if is_pin else 0))
+    misses = np.linalg.norm(dots - targets, axis=1)
+    for is_pin, colour, marker in ANCHOR_STYLES:
+        kind = (pinned == is_pin) & (misses >= (MIN_DRAWN_LENGTH if is_pin else 0))
         axes.plot(
-            *goals[kind].T,
+            *targets[kind].T,
             marker,
-            markersize=RING,
+            markersize=RING_SIZE,
             markerfacecolor="none",
             markeredgecolor=colour,
             markeredgewidth=1.1,
@@ -82,22 +82,22 @@ def draw_goals(axes: Axes, dots: Floats, goals: Floats, pinned: Flags) -> None:
             zorder=4,
             gid="goal",
         )
-        for line in np.stack([dots, goals], axis=1)[kind & (misses > RING / 2)]:
+        for line in np.stack([dots, targets], axis=1)[kind & (misses > RING_SIZE / 2)]:
             axes.plot(*line.T, color=colour, linewidth=1.0, dashes=(3, 1.5), zorder=4, gid="miss")
 
 
-def draw_dots(axes: Axes, dots: Floats, pinned: Flags, covered: Flags) -> None:
+def draw_anchors(axes: Axes, dots: Floats, pinned: Flags, covered: Flags) -> None:
     """Mark the anchors, (l, 2), those behind the model paler."""
-    for is_pin, colour, marker in KINDS:
+    for is_pin, colour, marker in ANCHOR_STYLES:
         for is_covered in (True, False):
             axes.plot(
                 *dots[(pinned == is_pin) & (covered == is_covered)].T,
                 marker,
-                markersize=DOT,
+                markersize=DOT_SIZE,
                 color=colour,
                 markeredgecolor="white",
                 markeredgewidth=0.7,
-                alpha=COVERED if is_covered else 1.0,
+                alpha=COVERED_OPACITY if is_covered else 1.0,
                 zorder=5,
                 gid="pin" if is_pin else "dot",
             )
@@ -107,9 +107,12 @@ def draw_legend(figure: Figure, pinned: Flags) -> None:
     """Say below all panels what the marks are."""
     marks = []
     if not pinned.all():
-        marks += [(MOVED, "o", DOT, MOVED, "handle"), (MOVED, "o", RING, "none", "its target")]
+        marks += [
+            (HANDLE_COLOUR, "o", DOT_SIZE, HANDLE_COLOUR, "handle"),
+            (HANDLE_COLOUR, "o", RING_SIZE, "none", "its target"),
+        ]
     if pinned.any():
-        marks += [(INK, "s", DOT, INK, "pinned")]
+        marks += [(INK, "s", DOT_SIZE, INK, "pinned")]
     figure.legend(
         [
             Line2D([], [], linestyle="", color=colour, marker=marker, ms=size, mfc=inside)
@@ -118,7 +121,7 @@ def draw_legend(figure: Figure, pinned: Flags) -> None:
         [label for *_, label in marks],
         loc="lower center",
         ncols=len(marks) or 1,
-        fontsize=SMALL,
+        fontsize=LEGEND_FONT_SIZE,
         labelcolor=MUTED,
         frameon=False,
         handletextpad=0.1,
@@ -128,20 +131,20 @@ def draw_legend(figure: Figure, pinned: Flags) -> None:
     )
 
 
-GAPS = (8.0, 14.0, 21.0)
+NAME_GAPS = (8.0, 14.0, 21.0)
 """Between a dot and its name; the nearest is the best."""
 
-SIDES = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))
+NAME_SIDES = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))
 """Of a dot where its name may stand: to the right or left, above or below."""
 
-EDGE = 3.0
+EDGE_MARGIN = 3.0
 """Between a name and the sides of the picture."""
 
-AWAY = 2.0
+GAP_STEP_COST = 2.0
 """Points that a name may hide rather than stand one gap further away."""
 
 
-def name_places(dots: Floats, sizes: Floats, hidden: Floats, side: float) -> list[Box | None]:
+def place_names(dots: Floats, sizes: Floats, hidden: Floats, side: float) -> list[Box | None]:
     """A place beside its dot for each name, in a square picture; None where there is no room.
 
     Parameters
@@ -161,32 +164,34 @@ def name_places(dots: Floats, sizes: Floats, hidden: Floats, side: float) -> lis
     """
     boxes: list[Box | None] = []
     for dot, size in zip(dots, sizes, strict=True):
-        held = [box for box in boxes if box is not None]
-        free = [box for box in _candidates(dot, size, side) if not _meets(box[1], held)]
-        best = min(free, key=lambda one: one[0] + _covered(one[1], hidden), default=None)
+        occupied = [box for box in boxes if box is not None]
+        free = [
+            box for box in _candidate_boxes(dot, size, side) if not _overlaps_any(box[1], occupied)
+        ]
+        best = min(free, key=lambda one: one[0] + _count_covered(one[1], hidden), default=None)
         boxes.append(None if best is None else best[1])
     return boxes
 
 
-def _candidates(dot: Floats, size: Floats, side: float) -> Iterator[tuple[float, Box]]:
+def _candidate_boxes(dot: Floats, size: Floats, side: float) -> Iterator[tuple[float, Box]]:
     """Boxes beside a dot with what each costs, the best first; none leaves the picture."""
-    if (size > side - 2 * EDGE).any():
+    if (size > side - 2 * EDGE_MARGIN).any():
         return
-    for step, gap in enumerate(GAPS):
-        for place, (right, down) in enumerate(SIDES):
+    for step, gap in enumerate(NAME_GAPS):
+        for place, (right, down) in enumerate(NAME_SIDES):
             towards = np.array([right, down]) * (1.0 if 0 in (right, down) else np.sqrt(0.5))
             middle = dot + towards * gap + np.array([right, down]) * size / 2
-            low = np.clip(middle - size / 2, EDGE, side - EDGE - size)
+            low = np.clip(middle - size / 2, EDGE_MARGIN, side - EDGE_MARGIN - size)
             left, top, end, bottom = (float(value) for value in (*low, *(low + size)))
-            yield AWAY * step + 0.01 * place, (left, top, end, bottom)
+            yield GAP_STEP_COST * step + 0.01 * place, (left, top, end, bottom)
 
 
-def _covered(box: Box, points: Floats) -> int:
+def _count_covered(box: Box, points: Floats) -> int:
     left, top, right, bottom = box
     x, y = points.T
     return int(np.count_nonzero((left < x) & (x < right) & (top < y) & (y < bottom)))
 
 
-def _meets(box: Box, others: list[Box]) -> bool:
+def _overlaps_any(box: Box, others: list[Box]) -> bool:
     left, top, right, bottom = box
     return any(a < right and left < c and b < bottom and top < d for a, b, c, d in others)

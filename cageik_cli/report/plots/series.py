@@ -6,22 +6,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.report.record import Report
-from cageik_cli.report.vocabulary import wording_of
+from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.util.arrays import Floats
 
-LEAST = 0.001
+MIN_AXIS_PERCENT = 0.001
 """Percent: no axis ends lower, so that rounding is not made to look like error."""
 
-LARGEST = 1e150
+MAX_PLOTTED_PERCENT = 1e150
 """A line leaves the picture here; no axis could be drawn."""
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class LineStyle:
     """How a line looks, in matplotlib's words."""
 
     colour: str
-    style: str | tuple[int, tuple[float, ...]]
+    linestyle: str | tuple[int, tuple[float, ...]]
     marker: str
 
 
@@ -39,14 +39,14 @@ class Series:
         Limits on these are drawn with it.
     side : int
         Of its axis: 0 for left, 1 for right.
-    look : Look
+    style : LineStyle
     """
 
     values: Floats
     name: str
     metrics: tuple[str, ...]
     side: int
-    look: Look
+    style: LineStyle
 
     @property
     def is_signed(self) -> bool:
@@ -54,29 +54,31 @@ class Series:
         return self.metrics == ("volume_change",)
 
 
-def series_of(report: Report) -> tuple[Series, Series]:
+def build_series(report: Report) -> tuple[Series, Series]:
     """The error, and the change of volume or the largest deviation.
 
     The latter is taken where the model is open, or no frame has a volume.
     """
-    frames, words = report.frames, wording_of(report.edited_from)
+    frames, words = report.frames, choose_vocabulary(report.edited_from)
     error = Series(
-        _values([frame.rms_percent for frame in frames]),
+        _plottable_values([frame.rms_percent for frame in frames]),
         f"RMS {words.measure}, % of the diagonal",
         ("rms", "frame_rms"),
         0,
-        Look("#0a7d4b", "-", "o"),
+        LineStyle("#0a7d4b", "-", "o"),
     )
     changes = [frame.volume_change for frame in frames]
     if report.clip.closed and any(change is not None for change in changes):
-        look = Look("#1f4fa3", (0, (3.4, 1.1)), "s")
-        return error, Series(_values(changes), "volume change, %", ("volume_change",), 1, look)
-    deviations = _values([frame.max_deviation_percent for frame in frames])
+        style = LineStyle("#1f4fa3", (0, (3.4, 1.1)), "s")
+        return error, Series(
+            _plottable_values(changes), "volume change, %", ("volume_change",), 1, style
+        )
+    deviations = _plottable_values([frame.max_deviation_percent for frame in frames])
     name = f"{words.largest}, % of the diagonal"
-    look = Look("#8a3a8f", (0, (4, 1, 1, 1)), "^")
-    return error, Series(deviations, name, ("max_deviation",), 1, look)
+    style = LineStyle("#8a3a8f", (0, (4, 1, 1, 1)), "^")
+    return error, Series(deviations, name, ("max_deviation",), 1, style)
 
 
-def _values(figures: Sequence[float | None]) -> Floats:
+def _plottable_values(figures: Sequence[float | None]) -> Floats:
     values = np.array([np.nan if figure is None else figure for figure in figures])
-    return np.asarray(np.clip(values, -LARGEST, LARGEST))
+    return np.asarray(np.clip(values, -MAX_PLOTTED_PERCENT, MAX_PLOTTED_PERCENT))

@@ -10,10 +10,10 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 
 INK, MUTED = "#20242a", "#59626d"
 
-LONGEST = 40
+DEFAULT_MAX_LENGTH = 40
 """Characters of a name that are shown, unless there is less room."""
 
-SETTINGS: Any = {
+MATPLOTLIB_SETTINGS: Any = {
     "font.size": 9.0,
     "axes.edgecolor": MUTED,
     "axes.linewidth": 0.8,
@@ -28,22 +28,22 @@ SETTINGS: Any = {
 
 
 @contextmanager
-def own_style() -> Iterator[None]:
+def use_fixed_style() -> Iterator[None]:
     """Within it figures are made and saved."""
-    with matplotlib.style.context("default"), mpl.rc_context(SETTINGS):
+    with matplotlib.style.context("default"), mpl.rc_context(MATPLOTLIB_SETTINGS):
         yield
 
 
-def drawable(name: str, longest: int = LONGEST) -> str:
+def make_drawable(name: str, max_length: int = DEFAULT_MAX_LENGTH) -> str:
     """A name as far as it fits and the font has letters for it."""
     font = get_font(findfont(FontProperties()))
     text = "".join(letter if font.get_char_index(ord(letter)) else "\ufffd" for letter in name)
-    if len(text) <= longest:
+    if len(text) <= max_length:
         return text
-    return f"{text[: longest // 2 - 1]}…{text[-longest // 2 :]}"
+    return f"{text[: max_length // 2 - 1]}…{text[-max_length // 2 :]}"
 
 
-def text_width(text: str, size: float) -> float:
+def measure_text_width(text: str, size: float) -> float:
     """How wide a text is in letters of a size, both in points."""
     font = get_font(findfont(FontProperties()))
     font.set_size(size, 72)

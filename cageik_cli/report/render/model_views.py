@@ -6,70 +6,72 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from cageik_cli.report.render.raster import Camera, lines, rasterised
+from cageik_cli.report.render.raster import ParallelCamera, rasterize, rasterize_lines
 from cageik_cli.report.render.shading import (
-    SAMPLES,
+    SAMPLES_PER_PIXEL,
     Picture,
-    Surface,
-    coloured,
-    drawn_over,
-    painted,
-    reduced,
-    surface_of,
+    VisibleSurface,
+    downsample,
+    map_colours,
+    overlay,
+    rasterize_surface,
+    render,
 )
-from cageik_cli.store.result import Result, read_posed_frames, read_weights
+from cageik_cli.store.result import Result, read_key_frames, read_weights
 from cageik_cli.util.arrays import Floats, Integers
 
-PALE, LINE = "#f0ede8", "#1f6fd0"
+MODEL_COLOUR, CAGE_COLOUR = "#f0ede8", "#1f6fd0"
 """Of a model in its cage, and of the cage."""
 
-TURN, TILT = 32.0, 14.0
+VIEW_TURN, VIEW_TILT = 32.0, 14.0
 """Degrees that the viewer stands to the right of the front, and above it."""
 
-UPRIGHT = {"Y": np.eye(3), "Z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
+UPRIGHT_AXES = {"Y": np.eye(3), "Z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
 """Rows: to the right, upwards, and to the front, by the axis that points up."""
 
-THICKNESS = 1.3
+LINE_WIDTH = 1.3
 """Of lines, pixels."""
 
-CLEARANCE = 0.006
+DEPTH_TOL = 0.006
 """Of the picture: what is no deeper than this behind a surface is before it."""
 
-NEAR, FAR = 0.95, 0.28
+FRONT_OPACITY, HIDDEN_OPACITY = 0.95, 0.28
 """Opacity of lines before all surfaces, and behind one."""
 
 
 def view_axes(up_axis: str, turn: float) -> Floats:
     """Rows: right, up and towards a viewer who stands `turn` degrees to the right of the front."""
-    turned, tilted = np.radians((turn, TILT))
-    (c, s), (d, e) = ((np.cos(angle), np.sin(angle)) for angle in (turned, tilted))
+    turn_angle, tilt_angle = np.radians((turn, VIEW_TILT))
+    (c, s), (d, e) = ((np.cos(angle), np.sin(angle)) for angle in (turn_angle, tilt_angle))
     around = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
     over = np.array([[1, 0, 0], [0, d, -e], [0, e, d]])
-    return np.asarray(over @ around @ UPRIGHT[up_axis])
+    return np.asarray(over @ around @ UPRIGHT_AXES[up_axis])
 
 
-def seen_surface(camera: Camera, vertices: Floats, faces: Integers) -> Surface:
+def project_surface(camera: ParallelCamera, vertices: Floats, faces: Integers) -> VisibleSurface:
     """What a camera sees of a mesh."""
-    return surface_of(camera.project(vertices), faces, camera.size)
+    return rasterize_surface(camera.project(vertices), faces, camera.size)
 
 
-def caged(surface: Surface, camera: Camera, cage: Floats, cage_faces: Integers) -> Picture:
+def render_with_cage(
+    surface: VisibleSurface, camera: ParallelCamera, cage: Floats, cage_faces: Integers
+) -> Picture:
     """A pale model with its cage's edges over it, fainter where they are behind."""
     projected, size = camera.project(cage), camera.size
     edges = np.unique(np.sort(cage_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)), axis=0)
-    depth = lines(projected, edges, THICKNESS * SAMPLES, size)
-    before = np.minimum(surface.depth, rasterised(projected[cage_faces], size).depth)
-    opacity = np.where(depth <= before + CLEARANCE * size, NEAR, FAR)
-    picture = painted(surface, colour(PALE))
-    return drawn_over(picture, colour(LINE), np.where(np.isfinite(depth), opacity, 0))
+    depth = rasterize_lines(projected, edges, LINE_WIDTH * SAMPLES_PER_PIXEL, size)
+    before = np.minimum(surface.depth, rasterize(projected[cage_faces], size).depth)
+    opacity = np.where(depth <= before + DEPTH_TOL * size, FRONT_OPACITY, HIDDEN_OPACITY)
+    picture = render(surface, parse_colour(MODEL_COLOUR))
+    return overlay(picture, parse_colour(CAGE_COLOUR), np.where(np.isfinite(depth), opacity, 0))
 
 
-def colour(text: str) -> Floats:
+def parse_colour(text: str) -> Floats:
     """Red, green and blue, 0 to 1, of #rrggbb."""
     return np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255
 
 
-LABELS = ("worst", "median", "best")
+FRAME_LABELS = ("worst", "median", "best")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +99,7 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Poses:
+class PoseSet:
     """What a page draws.
 
     Attributes
@@ -118,7 +120,7 @@ class Poses:
     up_axis: str
 
 
-def poses_of(result: Result) -> Poses | None:
+def load_poses(result: Result) -> PoseSet | None:
     """The poses of a result; None if it was written without its weights.
 
     Raises
@@ -131,36 +133,42 @@ def poses_of(result: Result) -> Poses | None:
         return None
     rest, cage, diagonal = result.rest, result.cage, result.rest.diagonal
     rebuilt = weights @ cage.vertices
-    missed = _percent((rebuilt - rest.vertices) / diagonal)
-    poses = [Pose("rest", "rest pose", rest.vertices, rebuilt, cage.vertices, missed)]
-    held = read_posed_frames(result, weights)
-    for k, label in enumerate(LABELS):
-        name, rebuilt, misses = result.frames[held.frames[k]], held.rebuilt[k], held.misses[k]
+    deviation = _deviation_percent((rebuilt - rest.vertices) / diagonal)
+    poses = [Pose("rest", "rest pose", rest.vertices, rebuilt, cage.vertices, deviation)]
+    key_frames = read_key_frames(result, weights)
+    for k, label in enumerate(FRAME_LABELS):
+        name, rebuilt, misses = (
+            result.frames[key_frames.indices[k]],
+            key_frames.reconstructed[k],
+            key_frames.errors[k],
+        )
         given = rebuilt + diagonal * misses
-        poses.append(Pose(label, name, given, rebuilt, held.cages[k], _percent(misses)))
+        poses.append(
+            Pose(label, name, given, rebuilt, key_frames.cages[k], _deviation_percent(misses))
+        )
     vertex_rms = 100 * result.vertex_rms / diagonal
-    return Poses(rest.faces, cage.faces, tuple(poses), vertex_rms, result.scene.up_axis)
+    return PoseSet(rest.faces, cage.faces, tuple(poses), vertex_rms, result.scene.up_axis)
 
 
-def _percent(misses: Floats) -> Floats:
+def _deviation_percent(misses: Floats) -> Floats:
     return np.asarray(100 * np.linalg.norm(misses, axis=1))
 
 
-COLOURS = (
+COLOUR_SCALE = (
     "#f2eada", "#efd098", "#ecb362", "#e69441", "#e56e38", "#d64d41", "#bb3252",
     "#8f2c64", "#5d2d62",
 )  # fmt: skip
 """From light to dark in even steps, so that they are told apart without their hue."""
 
-CLAY, UNKNOWN = "#e2d6c8", "#a3a8ad"
+CLAY_COLOUR, MISSING_COLOUR = "#e2d6c8", "#a3a8ad"
 
-SHARE = 99.5
+SCALE_PERCENTILE = 99.5
 """Percent of the vertices that a scale of colours is to tell apart."""
 
-STEPS = (1, 1.5, 2, 3, 4, 5, 6, 8, 10)
+SCALE_ENDS = (1, 1.5, 2, 3, 4, 5, 6, 8, 10)
 """A scale ends at one of these, times a power of ten."""
 
-LEAST = 0.001
+MIN_SCALE_END = 0.001
 """Percent of the diagonal: no scale ends lower, so that rounding is not made to look like error."""
 
 
@@ -206,58 +214,64 @@ class Pictures:
     colours: tuple[str, ...]
 
 
-def pictures_of(poses: Poses, pixels: int = 360) -> Pictures:
+def render_pictures(poses: PoseSet, pixels: int = 360) -> Pictures:
     """Draw the poses and the spread of the error, in squares of so many pixels."""
     known = np.isfinite(poses.vertex_rms)
-    top = _top(np.concatenate([pose.deviation[known] for pose in poses.poses]))
-    spread_top = _top(poses.vertex_rms[known])
+    top = _choose_scale_end(np.concatenate([pose.deviation[known] for pose in poses.poses]))
+    spread_top = _choose_scale_end(poses.vertex_rms[known])
     return Pictures(
-        poses=tuple(_pose_pictures(poses, pose, top, pixels) for pose in poses.poses),
-        spread=tuple(_spread(poses, turn, spread_top, pixels) for turn in (TURN, TURN + 180)),
+        poses=tuple(_render_pose(poses, pose, top, pixels) for pose in poses.poses),
+        spread=tuple(
+            _render_spread(poses, turn, spread_top, pixels) for turn in (VIEW_TURN, VIEW_TURN + 180)
+        ),
         top_percent=top,
         spread_top_percent=spread_top,
-        colours=COLOURS,
+        colours=COLOUR_SCALE,
     )
 
 
-def _top(values: Floats) -> float:
+def _choose_scale_end(values: Floats) -> float:
     """A round end for a scale that nearly all values are on."""
-    wanted = max(float(np.percentile(values, SHARE)) if len(values) else 0.0, LEAST)
+    wanted = max(
+        float(np.percentile(values, SCALE_PERCENTILE)) if len(values) else 0.0, MIN_SCALE_END
+    )
     power = 10.0 ** np.floor(np.log10(wanted))
-    return float(f"{power * next((k for k in STEPS if k * power >= wanted), 10):.2g}")
+    return float(f"{power * next((k for k in SCALE_ENDS if k * power >= wanted), 10):.2g}")
 
 
-def _pose_pictures(poses: Poses, pose: Pose, top: float, pixels: int) -> PosePictures:
+def _render_pose(poses: PoseSet, pose: Pose, top: float, pixels: int) -> PosePictures:
     points = np.concatenate([pose.given, pose.rebuilt, pose.cage])
-    camera = Camera.fitted(view_axes(poses.up_axis, TURN), points, SAMPLES * pixels)
-    given = seen_surface(camera, pose.given, poses.faces)
-    rebuilt = seen_surface(camera, pose.rebuilt, poses.faces)
+    camera = ParallelCamera.fit(
+        view_axes(poses.up_axis, VIEW_TURN), points, SAMPLES_PER_PIXEL * pixels
+    )
+    given = project_surface(camera, pose.given, poses.faces)
+    rebuilt = project_surface(camera, pose.rebuilt, poses.faces)
     deviation = np.where(np.isfinite(poses.vertex_rms), pose.deviation, np.nan)
     return PosePictures(
         label=pose.label,
         name=pose.name,
-        given=_png(painted(given, colour(CLAY))),
-        rebuilt=_png(painted(rebuilt, _colours(rebuilt, deviation, top))),
-        cage=_png(caged(rebuilt, camera, pose.cage, poses.cage_faces)),
+        given=_encode_png(render(given, parse_colour(CLAY_COLOUR))),
+        rebuilt=_encode_png(render(rebuilt, _colour_pixels(rebuilt, deviation, top))),
+        cage=_encode_png(render_with_cage(rebuilt, camera, pose.cage, poses.cage_faces)),
     )
 
 
-def _spread(poses: Poses, turn: float, top: float, pixels: int) -> bytes:
+def _render_spread(poses: PoseSet, turn: float, top: float, pixels: int) -> bytes:
     rest = poses.poses[0].rebuilt
-    camera = Camera.fitted(view_axes(poses.up_axis, turn), rest, SAMPLES * pixels)
-    surface = seen_surface(camera, rest, poses.faces)
-    return _png(painted(surface, _colours(surface, poses.vertex_rms, top)))
+    camera = ParallelCamera.fit(view_axes(poses.up_axis, turn), rest, SAMPLES_PER_PIXEL * pixels)
+    surface = project_surface(camera, rest, poses.faces)
+    return _encode_png(render(surface, _colour_pixels(surface, poses.vertex_rms, top)))
 
 
-def _colours(surface: Surface, values: Floats, top: float) -> Floats:
-    stops = np.array([colour(stop) for stop in COLOURS])
-    return coloured(surface.interpolated(values), top, stops, colour(UNKNOWN))
+def _colour_pixels(surface: VisibleSurface, values: Floats, top: float) -> Floats:
+    stops = np.array([parse_colour(stop) for stop in COLOUR_SCALE])
+    return map_colours(surface.interpolate(values), top, stops, parse_colour(MISSING_COLOUR))
 
 
-def _png(picture: Picture) -> bytes:
+def _encode_png(picture: Picture) -> bytes:
     """A picture as a PNG file; its colours in 64 levels, which halves it."""
     stream = io.BytesIO()
-    levels = np.rint(255 * np.clip(reduced(picture), 0, 1)).astype(np.uint8)
+    levels = np.rint(255 * np.clip(downsample(picture), 0, 1)).astype(np.uint8)
     levels[:3] &= np.where(levels[3] > 0, 0xFC, 0).astype(np.uint8)
     image = Image.fromarray(np.ascontiguousarray(levels.transpose(1, 2, 0)), "RGBA")
     # Runs are most of what there is to find in shaded surfaces: a third of the time, 7 % larger.

@@ -15,15 +15,15 @@ from cageik_cli.util.arrays import Floats, Integers
 MARGIN = 0.03
 """Of the picture, free on each side."""
 
-BLOCK = 1 << 18
+BLOCK_PIXELS = 1 << 18
 """Pixels in the boxes around triangles that are gone through at once."""
 
-EDGE_ON = 1e-9
+EDGE_ON_TOL = 1e-9
 """A triangle whose normal's share along the view is below this has one depth."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Camera:
+class ParallelCamera:
     """A parallel projection onto a square picture.
 
     Attributes
@@ -44,7 +44,7 @@ class Camera:
     size: int
 
     @classmethod
-    def fitted(cls, axes: Floats, points: Floats, size: int) -> Self:
+    def fit(cls, axes: Floats, points: Floats, size: int) -> Self:
         """The camera that shows all points, (k, 3), as large as they fit; nan is left out."""
         seen = points[np.isfinite(points).all(axis=1)] @ axes.T
         low, high = (seen.min(axis=0), seen.max(axis=0)) if len(seen) else np.zeros((2, 3))
@@ -59,7 +59,7 @@ class Camera:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class DepthBuffer:
     """What is nearest in each pixel.
 
     Attributes
@@ -74,7 +74,7 @@ class Seen:
     depth: Floats
 
 
-def rasterised(corners: Floats, size: int) -> Seen:
+def rasterize(corners: Floats, size: int) -> DepthBuffer:
     """The nearest of triangles, (t, 3, 3) as projected, in each pixel of a square of `size`.
 
     A pixel belongs to a triangle when its middle does; triangles that meet in an edge share none
@@ -89,12 +89,14 @@ def rasterised(corners: Floats, size: int) -> Seen:
     kept = np.flatnonzero(usable)
     places, low, high = places[..., kept], low[:, kept], high[:, kept]
     rows = np.stack([low[1], high[1]]).astype(np.int64)
-    for block in _blocks((high - low).prod(axis=0)):
-        _draw(places[..., block], rows[:, block], kept[block], Seen(face, depth), size)
-    return Seen(face.reshape(size, size), depth.reshape(size, size))
+    for block in _split_blocks((high - low).prod(axis=0)):
+        _draw_triangles(
+            places[..., block], rows[:, block], kept[block], DepthBuffer(face, depth), size
+        )
+    return DepthBuffer(face.reshape(size, size), depth.reshape(size, size))
 
 
-def lines(projected: Floats, edges: Integers, width: float, size: int) -> Floats:
+def rasterize_lines(projected: Floats, edges: Integers, width: float, size: int) -> Floats:
     """Depths of lines between projected vertices, (s, s); infinite beside them."""
     ends = projected[edges]
     along = ends[:, 1, :2] - ends[:, 0, :2]
@@ -107,32 +109,36 @@ def lines(projected: Floats, edges: Integers, width: float, size: int) -> Floats
     ):
         quads[:, corner, :2] += offset
     triangles = np.concatenate([quads[:, (0, 1, 2)], quads[:, (0, 2, 3)]])
-    return rasterised(triangles, size).depth
+    return rasterize(triangles, size).depth
 
 
-def crossed(one: Floats, two: Floats) -> Floats:
+def cross_products(one: Floats, two: Floats) -> Floats:
     """The cross products of vectors, (3, t)."""
     return np.stack([one[k - 2] * two[k - 1] - one[k - 1] * two[k - 2] for k in range(3)])
 
 
-def _blocks(areas: Floats) -> Iterator[slice]:
+def _split_blocks(areas: Floats) -> Iterator[slice]:
     """Runs of triangles whose boxes hold some `BLOCK` pixels together."""
-    ends = np.searchsorted(np.cumsum(areas), np.arange(BLOCK, areas.sum() + BLOCK, BLOCK))
+    ends = np.searchsorted(
+        np.cumsum(areas), np.arange(BLOCK_PIXELS, areas.sum() + BLOCK_PIXELS, BLOCK_PIXELS)
+    )
     start = 0
     for end in np.unique(np.minimum(ends + 1, len(areas))).tolist():
         yield slice(start, end)
         start = end
 
 
-def _draw(places: Floats, rows: Integers, names: Integers, seen: Seen, size: int) -> None:
+def _draw_triangles(
+    places: Floats, rows: Integers, face_ids: Integers, buffer: DepthBuffer, size: int
+) -> None:
     """Add triangles to what is seen, by the stretches of each of their rows, (2, t).
 
     `places`, (3, 3, t), are x, y and depth of their three corners.
     """
     count = rows[1] - rows[0]
-    triangle, row = np.repeat(np.arange(len(count)), count), _counted(rows[0], count)
-    start, end = _stretches(places, triangle, row, size)
-    slopes, depth = _planes(places)
+    triangle, row = np.repeat(np.arange(len(count)), count), _concatenate_ranges(rows[0], count)
+    start, end = _row_spans(places, triangle, row, size)
+    slopes, depth = _depth_planes(places)
     slope = slopes[0, triangle]
     depth_there = (
         depth[triangle]
@@ -140,21 +146,24 @@ def _draw(places: Floats, rows: Integers, names: Integers, seen: Seen, size: int
         + slopes[1, triangle] * (row + 0.5 - places[1, 0, triangle])
     )
     width = np.maximum(end - start, 0)
-    stretch, step = np.repeat(np.arange(len(width)), width), _counted(np.zeros_like(width), width)
+    stretch, step = (
+        np.repeat(np.arange(len(width)), width),
+        _concatenate_ranges(np.zeros_like(width), width),
+    )
     pixel = (row * size + start)[stretch] + step
     depths = depth_there[stretch] + slope[stretch] * step
-    np.minimum.at(seen.depth, pixel, depths)
-    nearest = np.flatnonzero(depths == seen.depth[pixel])
-    seen.face[pixel[nearest]] = names[triangle[stretch[nearest]]]
+    np.minimum.at(buffer.depth, pixel, depths)
+    nearest = np.flatnonzero(depths == buffer.depth[pixel])
+    buffer.face[pixel[nearest]] = face_ids[triangle[stretch[nearest]]]
 
 
-def _counted(starts: Integers, counts: Integers) -> Integers:
+def _concatenate_ranges(starts: Integers, counts: Integers) -> Integers:
     """start, start + 1, ... of each, so many as its count, one after the other."""
     ends = np.cumsum(counts)
     return np.arange(ends[-1] if len(ends) else 0) + np.repeat(starts - ends + counts, counts)
 
 
-def _stretches(
+def _row_spans(
     places: Floats, triangle: Integers, row: Integers, size: int
 ) -> tuple[Integers, Integers]:
     """The first pixel of a triangle in a row, and the one after its last.
@@ -175,9 +184,9 @@ def _stretches(
     return left, right
 
 
-def _planes(places: Floats) -> tuple[Floats, Floats]:
+def _depth_planes(places: Floats) -> tuple[Floats, Floats]:
     """How the depth of triangles grows with x and y, (2, t), and what it is at their corner 0."""
-    normal = crossed(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
-    edge_on = np.abs(normal[2]) <= EDGE_ON * np.abs(normal).sum(axis=0)
+    normal = cross_products(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+    edge_on = np.abs(normal[2]) <= EDGE_ON_TOL * np.abs(normal).sum(axis=0)
     slopes = -normal[:2] / np.where(edge_on, np.inf, normal[2])
     return slopes, np.where(edge_on, places[2].mean(axis=0), places[2, 0])

@@ -8,23 +8,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.report.render.raster import crossed, rasterised
+from cageik_cli.report.render.raster import cross_products, rasterize
 from cageik_cli.util.arrays import Floats, Integers
 
 Picture = NDArray[np.float32]
 """(4, s, s): red, green and blue, each times the opacity, and the opacity, 0 to 1."""
 
-SAMPLES = 2
+SAMPLES_PER_PIXEL = 2
 """Of a pixel, across and down."""
 
-KEY, FILL = np.array([-0.42, 0.66, 0.62]), np.array([0.85, 0.05, 0.52])
+KEY_DIRECTION, FILL_DIRECTION = np.array([-0.42, 0.66, 0.62]), np.array([0.85, 0.05, 0.52])
 """Towards the lights: right, up, towards the viewer; both of length one, nearly."""
 
-AMBIENT, KEY_LIGHT, FILL_LIGHT, RIM = 0.46, 0.54, 0.12, 0.30
+AMBIENT_LIGHT, KEY_LIGHT, FILL_LIGHT, RIM_DARKENING = 0.46, 0.54, 0.12, 0.30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+class VisibleSurface:
     """What is seen of a mesh, pixel by pixel.
 
     Attributes
@@ -33,7 +33,7 @@ class Surface:
         Those with a face, row by row.
     corners : (3, p) int64
         Vertices of the face there.
-    shares : (3, p) float64
+    barycentric : (3, p) float64
         Of those corners in the pixel's middle; they sum to one.
     normals : (3, p) float64
         Right, up, towards the viewer; of length one, on the side that is seen.
@@ -42,44 +42,48 @@ class Surface:
 
     pixels: Integers
     corners: Integers
-    shares: Floats
+    barycentric: Floats
     normals: Floats
     depth: Floats
 
-    def interpolated(self, values: Floats) -> Floats:
+    def interpolate(self, values: Floats) -> Floats:
         """Values of the vertices, (m,), in each pixel."""
-        return _mixed(self.shares, values[self.corners])
+        return _weighted_sum(self.barycentric, values[self.corners])
 
 
-def surface_of(projected: Floats, faces: Integers, size: int, is_smooth: bool = True) -> Surface:
+def rasterize_surface(
+    projected: Floats, faces: Integers, size: int, is_smooth: bool = True
+) -> VisibleSurface:
     """What is seen of a mesh whose vertices, (m, 3), are projected; both sides of its faces."""
-    seen = rasterised(projected[faces], size)
-    pixels = np.flatnonzero(seen.face >= 0)
-    names = seen.face.ravel()[pixels]
-    corners = faces.T[:, names]
-    shares = _shares(projected, corners, np.stack([pixels % size, pixels // size]))
-    facing = _facing(projected, faces)
-    normals = facing[:, names]
+    buffer = rasterize(projected[faces], size)
+    pixels = np.flatnonzero(buffer.face >= 0)
+    face_ids = buffer.face.ravel()[pixels]
+    corners = faces.T[:, face_ids]
+    shares = _barycentric_coordinates(projected, corners, np.stack([pixels % size, pixels // size]))
+    face_normals = _face_normals(projected, faces)
+    normals = face_normals[:, face_ids]
     away = normals[2] < 0
     if is_smooth:
-        of_vertices = _vertex_sums(facing, faces, len(projected))
-        normals = np.stack([_mixed(shares, along[corners]) for along in of_vertices])
-    return Surface(pixels, corners, shares, _units(np.where(away, -normals, normals)), seen.depth)
+        vertex_normals = _vertex_normals(face_normals, faces, len(projected))
+        normals = np.stack([_weighted_sum(shares, along[corners]) for along in vertex_normals])
+    return VisibleSurface(
+        pixels, corners, shares, _normalize(np.where(away, -normals, normals)), buffer.depth
+    )
 
 
-def _mixed(shares: Floats, values: Floats) -> Floats:
+def _weighted_sum(shares: Floats, values: Floats) -> Floats:
     """The sum of shares, (3, p), of values, (3, p)."""
     return np.asarray(shares[0] * values[0] + shares[1] * values[1] + shares[2] * values[2])
 
 
-def _facing(projected: Floats, faces: Integers) -> Floats:
+def _face_normals(projected: Floats, faces: Integers) -> Floats:
     """Normals of faces, (3, t), right, up and towards the viewer, as long as twice their areas."""
     first, second, third = (projected[corner].T for corner in faces.T)
-    normals = crossed(second - first, third - first) * np.array([[1], [-1], [-1]])
+    normals = cross_products(second - first, third - first) * np.array([[1], [-1], [-1]])
     return np.where(np.isfinite(normals), normals, 0)
 
 
-def _shares(projected: Floats, corners: Integers, places: Integers) -> Floats:
+def _barycentric_coordinates(projected: Floats, corners: Integers, places: Integers) -> Floats:
     """Barycentric coordinates, (3, p), of pixels, (2, p), in their triangles, held to [0, 1]."""
     x, y = (projected[:, axis][corners] - (places[axis] + 0.5) for axis in range(2))
     areas = np.stack(
@@ -91,28 +95,30 @@ def _shares(projected: Floats, corners: Integers, places: Integers) -> Floats:
     return np.where(total > 0, shares / np.where(total > 0, total, 1), 1 / 3)
 
 
-def _vertex_sums(vectors: Floats, faces: Integers, count: int) -> Floats:
+def _vertex_normals(vectors: Floats, faces: Integers, count: int) -> Floats:
     """Of each vertex, (3, m), the sum of the vectors, (3, t), of its faces; of length one."""
     corners = faces.T.ravel()
     sums = [np.bincount(corners, np.tile(along, 3), count) for along in vectors]
-    return _units(np.stack(sums))
+    return _normalize(np.stack(sums))
 
 
-def _units(vectors: Floats) -> Floats:
+def _normalize(vectors: Floats) -> Floats:
     """Vectors, (3, p), of length one; those without length stay."""
     vectors = vectors / np.maximum(np.abs(vectors).max(axis=0), 1e-300)
     lengths = np.sqrt(vectors[0] ** 2 + vectors[1] ** 2 + vectors[2] ** 2)
     return np.asarray(vectors / np.where(lengths > 0, lengths, 1))
 
 
-def lit(normals: Floats) -> Floats:
+def shade(normals: Floats) -> Floats:
     """How bright a surface with these normals, (3, p), is, (p,), about 0.3 to 1."""
-    key, fill = (np.maximum(_mixed(light, normals), 0) for light in (KEY, FILL))
-    bright = AMBIENT + KEY_LIGHT * key + FILL_LIGHT * fill
-    return np.asarray(bright * (1 - RIM * (1 - np.clip(normals[2], 0, 1)) ** 2))
+    key, fill = (
+        np.maximum(_weighted_sum(light, normals), 0) for light in (KEY_DIRECTION, FILL_DIRECTION)
+    )
+    bright = AMBIENT_LIGHT + KEY_LIGHT * key + FILL_LIGHT * fill
+    return np.asarray(bright * (1 - RIM_DARKENING * (1 - np.clip(normals[2], 0, 1)) ** 2))
 
 
-def coloured(values: Floats, top: float, stops: Floats, missing: Floats) -> Floats:
+def map_colours(values: Floats, top: float, stops: Floats, missing: Floats) -> Floats:
     """Colours, (p, 3), of values on a scale of colours, (k, 3), from 0 to `top`.
 
     What is beyond the scale has its last colour, and nan the colour `missing`, (3,).
@@ -124,18 +130,18 @@ def coloured(values: Floats, top: float, stops: Floats, missing: Floats) -> Floa
     return np.where(known[:, None], np.stack(colours, axis=1), missing)
 
 
-def painted(surface: Surface, colours: Floats) -> Picture:
+def render(surface: VisibleSurface, colours: Floats) -> Picture:
     """A surface of these colours, (p, 3), in light."""
     size = len(surface.depth)
     picture = np.zeros((4, size * size), np.float32)
-    bright = lit(surface.normals)
+    bright = shade(surface.normals)
     for plane, colour in zip(picture[:3], colours.T, strict=True):
         plane[surface.pixels] = np.clip(colour * bright, 0, 1)
     picture[3, surface.pixels] = 1
     return picture.reshape(4, size, size)
 
 
-def drawn_over(picture: Picture, colour: Floats, opacity: Floats) -> Picture:
+def overlay(picture: Picture, colour: Floats, opacity: Floats) -> Picture:
     """A picture under a colour, (3,), of an opacity in each pixel, (s, s)."""
     drawn = np.flatnonzero(opacity)
     over = picture.reshape(4, -1).copy()
@@ -144,9 +150,13 @@ def drawn_over(picture: Picture, colour: Floats, opacity: Floats) -> Picture:
     return over.reshape(picture.shape)
 
 
-def reduced(picture: Picture) -> Picture:
+def downsample(picture: Picture) -> Picture:
     """A picture with the means of `SAMPLES` by `SAMPLES` pixels; its colours without opacity."""
-    samples = [picture[:, k::SAMPLES, j::SAMPLES] for k in range(SAMPLES) for j in range(SAMPLES)]
-    means = sum(samples[1:], start=samples[0]) / np.float32(SAMPLES**2)
+    samples = [
+        picture[:, k::SAMPLES_PER_PIXEL, j::SAMPLES_PER_PIXEL]
+        for k in range(SAMPLES_PER_PIXEL)
+        for j in range(SAMPLES_PER_PIXEL)
+    ]
+    means = sum(samples[1:], start=samples[0]) / np.float32(SAMPLES_PER_PIXEL**2)
     means[:3] /= np.where(means[3] > 0, means[3], 1)
     return means

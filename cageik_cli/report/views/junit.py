@@ -6,17 +6,17 @@ The elements and attributes are those that the schema of Ant's JUnit task demand
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from cageik_cli.report.limits import Gate
-from cageik_cli.report.overview import Entry, Overview
-from cageik_cli.report.views.text import gate_row
-from cageik_cli.report.vocabulary import Wording, wording_of
-from cageik_cli.util.text import shown
+from cageik_cli.report.limits import LimitCheck
+from cageik_cli.report.overview import ClipEntry, Overview
+from cageik_cli.report.views.text import format_check_row
+from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
+from cageik_cli.util.text import single_line
 
 # The schema demands a time and a host; the same input is to give the same bytes.
-_FIXED = {"timestamp": "1970-01-01T00:00:00", "hostname": "localhost", "time": "0"}
+_FIXED_ATTRIBUTES = {"timestamp": "1970-01-01T00:00:00", "hostname": "localhost", "time": "0"}
 
 
-def as_junit(overview: Overview) -> str:
+def format_junit(overview: Overview) -> str:
     """Every clip is a suite, with a case `extracted`, or `edited`, and one for each limit.
 
     A clip that failed is an error, a figure over its limit a failure, and one that is not defined
@@ -30,9 +30,9 @@ def as_junit(overview: Overview) -> str:
     return f"{head}\n{ElementTree.tostring(root, encoding='unicode')}\n"
 
 
-def _add_suite(root: Element, number: int, entry: Entry) -> None:
-    words = wording_of(entry.edited_from)
-    name = " ".join(shown(entry.name).split()) or "unnamed"
+def _add_suite(root: Element, number: int, entry: ClipEntry) -> None:
+    words = choose_vocabulary(entry.edited_from)
+    name = " ".join(single_line(entry.name).split()) or "unnamed"
     verdicts = [gate.passed for gate in entry.gates]
     counts = {
         "tests": 1 + len(verdicts),
@@ -42,32 +42,34 @@ def _add_suite(root: Element, number: int, entry: Entry) -> None:
     }
     attributes = {"name": name, "package": "", "id": str(number)}
     attributes |= {key: str(count) for key, count in counts.items()}
-    suite = SubElement(root, "testsuite", attributes | _FIXED)
+    suite = SubElement(root, "testsuite", attributes | _FIXED_ATTRIBUTES)
     SubElement(suite, "properties")
     done = SubElement(suite, "testcase", classname=name, name=words.done, time="0")
     if entry.fault is not None:
-        _add_fault(done, "error", shown(entry.fault))
-    for gate in entry.gates:
-        _add_case(suite, name, gate, words)
-    SubElement(suite, "system-out").text = "\n".join(map(shown, entry.notes))
+        _add_fault(done, "error", single_line(entry.fault))
+    for check in entry.gates:
+        _add_case(suite, name, check, words)
+    SubElement(suite, "system-out").text = "\n".join(map(single_line, entry.notes))
     SubElement(suite, "system-err")
 
 
-def _add_case(suite: Element, clip: str, gate: Gate, words: Wording) -> None:
-    case = SubElement(suite, "testcase", classname=clip, name=_name(gate, words), time="0")
-    verdict, line = gate_row(gate, words)
-    if gate.passed is None:
+def _add_case(suite: Element, clip: str, check: LimitCheck, words: Vocabulary) -> None:
+    case = SubElement(
+        suite, "testcase", classname=clip, name=_format_case_name(check, words), time="0"
+    )
+    verdict, line = format_check_row(check, words)
+    if check.passed is None:
         SubElement(case, "skipped", message=line)
-    elif not gate.passed:
+    elif not check.passed:
         _add_fault(case, "failure", f"{verdict}: {line}")
 
 
-def _name(gate: Gate, words: Wording) -> str:
+def _format_case_name(check: LimitCheck, words: Vocabulary) -> str:
     """What is asked, without what was found, so that it stays the same from run to run."""
-    metric = words.limits[gate.metric]
-    if gate.baseline is not None:
+    metric = words.limits[check.metric]
+    if check.baseline is not None:
         return f"{metric} against the baseline"
-    return f"{metric} at most {gate.limit:.10g} {gate.unit}"
+    return f"{metric} at most {check.limit:.10g} {check.unit}"
 
 
 def _add_fault(case: Element, kind: str, sentence: str) -> None:

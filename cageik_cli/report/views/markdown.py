@@ -4,119 +4,124 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 
-from cageik_cli.report.figures import percent_text
-from cageik_cli.report.overview import Entry, Overview
-from cageik_cli.report.views.text import gate_row
-from cageik_cli.report.vocabulary import Wording, marked, wording_of
-from cageik_cli.util.text import shown
+from cageik_cli.report.figures import format_percent
+from cageik_cli.report.overview import ClipEntry, Overview
+from cageik_cli.report.views.text import format_check_row
+from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary, display_name
+from cageik_cli.util.text import single_line
 
-ROOM = {"clips": 24_000, "failed": 12_000, "limits": 12_000, "notes": 8_000}
+MAX_PART_BYTES = {"clips": 24_000, "failed": 12_000, "limits": 12_000, "notes": 8_000}
 """Bytes of the lines of each part; with headings all is under 60 000."""
 
-LONGEST = 300
+MAX_TEXT_LENGTH = 300
 """Characters of a name or a sentence that are shown."""
 
-_RULE = "|---|---|---:|---:|---|---:|---:|"
+_TABLE_RULE = "|---|---|---:|---:|---|---:|---:|"
 
 
-def as_markdown(overview: Overview) -> str:
+def format_markdown(overview: Overview) -> str:
     """The verdict, a table of the clips, worst first, and what failed or is over its limit.
 
     Each part has a share of 60 000 bytes; what has no room is counted. Percentages are of the
     diagonal, volumes' of the volume.
     """
     clips = overview.worst_first
-    rows = _fitting((_row(entry) for entry in clips), ROOM["clips"], "| {} |")
-    table = [_header(overview.wording), _RULE, *rows]
+    rows = _fit_lines(
+        (_format_table_row(entry) for entry in clips), MAX_PART_BYTES["clips"], "| {} |"
+    )
+    table = [_table_header(overview.vocabulary), _TABLE_RULE, *rows]
     failed = [
-        f"- {_plain(entry.name)}: {_plain(entry.fault)}" for entry in clips if entry.has_failed
+        f"- {_escape_markdown(entry.name)}: {_escape_markdown(entry.fault)}"
+        for entry in clips
+        if entry.has_failed
     ]
     limits = [
-        f"- {_plain(entry.name)}: {_plain(gate_row(gate, wording_of(entry.edited_from))[1])}"
+        f"- {_escape_markdown(entry.name)}: "
+        f"{_escape_markdown(format_check_row(check, choose_vocabulary(entry.edited_from))[1])}"
         for entry in clips
-        for gate in entry.gates
-        if gate.passed is False
+        for check in entry.gates
+        if check.passed is False
     ]
     parts = {"Failed": (failed, "failed"), "Over a limit": (limits, "limits"),
-             "Notes": (_notes(clips), "notes")}  # fmt: skip
-    blocks = [f"## cageik: {_verdict(overview)}", "\n".join(table)]
+             "Notes": (_format_notes(clips), "notes")}  # fmt: skip
+    blocks = [f"## cageik: {_format_run_verdict(overview)}", "\n".join(table)]
     for heading, (lines, room) in parts.items():
         if lines:
-            blocks += [f"### {heading}", "\n".join(_fitting(lines, ROOM[room], "- {}"))]
+            blocks += [f"### {heading}", "\n".join(_fit_lines(lines, MAX_PART_BYTES[room], "- {}"))]
     return "\n\n".join(blocks) + "\n"
 
 
-def _header(words: Wording) -> str:
+def _table_header(words: Vocabulary) -> str:
     return (
         f"| clip | verdict | {words.limits['rms']}, % | {words.worst_frame}, % | at "
         f"| {words.largest}, % | volume change, % |"
     )
 
 
-def _verdict(overview: Overview) -> str:
+def _format_run_verdict(overview: Overview) -> str:
     """The run in a line: how many clips there are of each verdict, the worst first."""
     clips = overview.worst_first
-    counts = Counter(map(_clip_verdict, clips))
+    counts = Counter(map(_name_clip_verdict, clips))
     found = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
     return f"{len(clips)} clip{'' if len(clips) == 1 else 's'}: {found}"
 
 
-def _row(entry: Entry) -> str:
+def _format_table_row(entry: ClipEntry) -> str:
     summary = entry.summary
     if summary is None:
         cells = ["", "", "", "", ""]
     else:
         change = summary.volume_change_percent_max
         cells = [
-            percent_text(summary.rms_percent),
-            percent_text(summary.worst_frame_rms_percent),
-            _plain(summary.worst_frame),
-            percent_text(summary.max_deviation_percent),
+            format_percent(summary.rms_percent),
+            format_percent(summary.worst_frame_rms_percent),
+            _escape_markdown(summary.worst_frame),
+            format_percent(summary.max_deviation_percent),
             "not defined" if change is None else f"{change:+.4f}",
         ]
-    verdict = _clip_verdict(entry)
-    if entry.has_failed or entry.exceeds:
+    verdict = _name_clip_verdict(entry)
+    if entry.has_failed or entry.exceeds_limit:
         verdict = f"**{verdict}**"
-    name = _plain(marked(entry.name, entry.edited_from))
+    name = _escape_markdown(display_name(entry.name, entry.edited_from))
     return f"| {' | '.join([name, verdict, *cells])} |"
 
 
-def _clip_verdict(entry: Entry) -> str:
+def _name_clip_verdict(entry: ClipEntry) -> str:
     if entry.has_failed:
         return "failed"
-    if entry.exceeds:
+    if entry.exceeds_limit:
         return "over limit"
-    if any(gate.passed for gate in entry.gates):
+    if any(check.passed for check in entry.gates):
         return "within limits"
-    return wording_of(entry.edited_from).done
+    return choose_vocabulary(entry.edited_from).done
 
 
-def _notes(clips: Iterable[Entry]) -> list[str]:
+def _format_notes(clips: Iterable[ClipEntry]) -> list[str]:
     """Each note once, and how many clips have it."""
     counts = Counter(note for entry in clips for note in entry.notes)
     return [
-        f"- {_plain(note)}" + (f" ({count} clips)" if count > 1 else "")
+        f"- {_escape_markdown(note)}" + (f" ({count} clips)" if count > 1 else "")
         for note, count in counts.most_common()
     ]
 
 
-def _fitting(lines: Iterable[str], room: int, rest: str) -> list[str]:
+def _fit_lines(lines: Iterable[str], max_bytes: int, rest_template: str) -> list[str]:
     """As many of the lines as have room, and one that counts the others."""
     waiting = list(lines)
     shown_lines: list[str] = []
     for line in waiting:
-        room -= len(line.encode()) + 1
-        if room < 0:
+        max_bytes -= len(line.encode()) + 1
+        if max_bytes < 0:
             break
         shown_lines.append(line)
     left = len(waiting) - len(shown_lines)
-    return [*shown_lines, rest.format(f"and {left} more")] if left else shown_lines
+    return [*shown_lines, rest_template.format(f"and {left} more")] if left else shown_lines
 
 
-def _plain(text: str | None) -> str:
+def _escape_markdown(text: str | None) -> str:
     """Text that Markdown and HTML leave as it is, on one line, cut when very long."""
-    line = shown(text or "").strip()
-    if len(line) > LONGEST:
-        line = line[: LONGEST - 1] + "…"
+    line = single_line(text or "").strip()
+    if len(line) > MAX_TEXT_LENGTH:
+        line = line[: MAX_TEXT_LENGTH - 1] + "…"
     line = re.sub(r"([\\`*_{}\[\]<>&|~$@:!#])", r"\\\1", line)
     return re.sub(r"^(\d*)([-+=.)])", r"\1\\\2", line)  # what begins a list, or underlines

@@ -12,24 +12,24 @@ from typing import Any
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.open import clip_and_rest
-from cageik_cli.solver.blocks import BlockSolver, Budget, SolvedBlock, Threads
+from cageik_cli.formats.open import open_clip_and_rest
+from cageik_cli.solver.blocks import BlockSolver, MemoryPlan, SolvedBlock, ThreadExecutor
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.errors import InputError
-from cageik_cli.util.progress import Observer
-from cageik_cli.workflows.batch.clip_task import bound_for
-from cageik_cli.workflows.batch.dask_worker import make_fit
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.batch.clip_task import bind_clip
+from cageik_cli.workflows.batch.dask_worker import configure_worker
 from cageik_cli.workflows.batch.jobs import ClipJob
 from cageik_cli.workflows.extract_inputs import ExtractSettings
 
-PIECE_SECONDS = 0.5
+MIN_PIECE_SECONDS = 0.5
 """Work of a piece at least; what a scheduler spends on a task is a hundredth of it."""
 
-FEWEST_PIECES = 3
+MIN_PIECES = 3
 """What makes fewer is done where it is."""
 
-URGENT = 1
+PIECE_PRIORITY = 1
 """Priority of pieces: a clip that is begun is brought to its end before others are begun."""
 
 
@@ -47,162 +47,182 @@ class WeightsTask:
     key: str
     job: ClipJob
 
-    def asked_of(self, client: Any) -> Any:
+    def submit(self, client: Any) -> Any:
         """The future of the weights."""
-        return client.submit(made_weights, self.job, key=self.key)
+        return client.submit(compute_weights, self.job, key=self.key)
 
 
-def made_weights(job: ClipJob) -> StoredBinding | None:
+def compute_weights(job: ClipJob) -> StoredBinding | None:
     """A task: the weights of a job, and of all that share them."""
-    make_fit()
-    return bound_for(job)
+    configure_worker()
+    return bind_clip(job)
 
 
 @dataclass(frozen=True, slots=True)
-class Pieces:
+class ClusterExecutor:
     """A crew for a task of a cluster: does short clips itself, and gives pieces of long ones out.
 
-    The first `seconds` of work are done here, and what they solve is the size of a piece.
+    The first `min_seconds` of work are done here, and what they solve is the size of a piece.
 
     Attributes
     ----------
     settings : ExtractSettings
         Of the clip; its files are at the same paths for all workers.
-    weights : WeightsTask
-    seconds : float
+    weights_task : WeightsTask
+    min_seconds : float
     """
 
     settings: ExtractSettings
-    weights: WeightsTask
-    seconds: float = PIECE_SECONDS
+    weights_task: WeightsTask
+    min_seconds: float = MIN_PIECE_SECONDS
 
-    def solving(
-        self, work: BlockSolver, starts: range, budget: Budget
+    def run_blocks(
+        self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
     ) -> AbstractContextManager[Iterator[SolvedBlock]]:
         """The blocks that begin at `starts`, in order."""
-        return closing(self._blocks(work, starts, replace(budget, solvers=1, queue=starts.step)))
+        return closing(
+            self._solve_blocks(
+                block_solver,
+                starts,
+                replace(memory_plan, max_parallel_blocks=1, max_queued_frames=starts.step),
+            )
+        )
 
-    def _blocks(self, work: BlockSolver, starts: range, budget: Budget) -> Generator[SolvedBlock]:
-        begun, done = time.monotonic(), 0
-        with Threads(1).solving(work, starts, budget) as here:
-            for block in here:
+    def _solve_blocks(
+        self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
+    ) -> Generator[SolvedBlock]:
+        start_time, done = time.monotonic(), 0
+        with ThreadExecutor(1).run_blocks(block_solver, starts, memory_plan) as local_blocks:
+            for block in local_blocks:
                 yield block
                 done += 1
-                is_long = len(starts) - done >= FEWEST_PIECES * done
-                if is_long and time.monotonic() - begun >= self.seconds:
+                is_long = len(starts) - done >= MIN_PIECES * done
+                if is_long and time.monotonic() - start_time >= self.min_seconds:
                     break
         if done < len(starts):
-            pieces = cut(range(starts[done], starts.stop, starts.step), done)
-            with closing(self._elsewhere(work, pieces, budget)) as blocks:
+            pieces = split_into_pieces(range(starts[done], starts.stop, starts.step), done)
+            with closing(self._solve_on_workers(block_solver, pieces, memory_plan)) as blocks:
                 yield from blocks
 
-    def _elsewhere(
-        self, work: BlockSolver, pieces: Iterator[range], budget: Budget
+    def _solve_on_workers(
+        self, block_solver: BlockSolver, pieces: Iterator[range], memory_plan: MemoryPlan
     ) -> Generator[SolvedBlock]:
         """Solve pieces as tasks of their own, no more at once than keep all workers busy."""
         from distributed import KilledWorker, worker_client
 
         pending: deque[Any] = deque()
         with worker_client() as client:
-            weights = self.weights.asked_of(client)
-            common = client.scatter(Common.of(self.settings, work, budget), hash=False)
+            weights = self.weights_task.submit(client)
+            context = client.scatter(
+                ClipContext.build(self.settings, block_solver, memory_plan), hash=False
+            )
             try:
                 while True:
-                    refuse_unwanted(client)
+                    check_task_wanted(client)
                     for _ in range(2 * len(client.nthreads()) - len(pending)):
                         if (piece := next(pieces, None)) is not None:
                             pending.append(
                                 client.submit(
-                                    solved_piece,
-                                    common,
+                                    solve_piece,
+                                    context,
                                     weights,
                                     piece,
-                                    priority=URGENT,
+                                    priority=PIECE_PRIORITY,
                                     pure=False,
                                 )
                             )
                     if not pending:
                         return
                     for block in pending.popleft().result():
-                        work.sequence.recall(block.start, block.digests)
+                        block_solver.sequence.set_digests(block.start, block.digests)
                         yield block
             except KilledWorker as error:
-                raise InputError(sentence_of_killed(error)) from error
+                raise InputError(describe_killed_worker(error)) from error
             finally:
                 client.cancel(list(pending))
 
 
-class Common:
+class ClipContext:
     """What all pieces of a clip need: it travels to a worker once, and opens the clip there once.
 
     Parameters
     ----------
     settings : ExtractSettings
-    budget : Budget
+    memory_plan : MemoryPlan
     names : tuple of str
         Of the clip's frames.
     stamp : bytes
         Of its first.
     solver : bytes
-        As `pickled_without` gives it.
+        As `pickle_without_weights` gives it.
     """
 
     def __init__(
         self,
         settings: ExtractSettings,
-        budget: Budget,
+        memory_plan: MemoryPlan,
         names: tuple[str, ...],
-        stamp: bytes,
+        first_digest: bytes,
         solver: bytes,
     ) -> None:
-        self._given = (settings, budget, names, stamp, solver)
-        self.settings, self.budget = settings, budget
-        self._names, self._stamp, self._solver = names, stamp, solver
+        self._arguments = (settings, memory_plan, names, first_digest, solver)
+        self.settings, self.memory_plan = settings, memory_plan
+        self._names, self._first_digest, self._solver = names, first_digest, solver
 
     @staticmethod
-    def of(settings: ExtractSettings, work: BlockSolver, budget: Budget) -> "Common":
+    def build(
+        settings: ExtractSettings, block_solver: BlockSolver, memory_plan: MemoryPlan
+    ) -> "ClipContext":
         """What it takes to go on with some work elsewhere."""
-        solver = pickled_without(work.solver.binding, work.solver)
-        sequence = work.sequence
-        return Common(settings, budget, sequence.names, sequence.stamp(0), solver)
+        solver = pickle_without_weights(block_solver.solver.binding, block_solver.solver)
+        sequence = block_solver.sequence
+        return ClipContext(
+            settings, memory_plan, sequence.names, sequence.digest_or_zeros(0), solver
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Common, self._given
+        return ClipContext, self._arguments
 
     @cached_property
     def sequence(self) -> MeshSequence:
         """The clip, which must have the frames it had when the work began."""
         s = self.settings
-        sequence, _ = clip_and_rest(s.frames, s.clip, s.rest, s.rest_frame)
+        sequence, _ = open_clip_and_rest(s.frames, s.clip, s.rest, s.rest_frame)
         if sequence.names != self._names:
             raise InputError(
                 f"{s.frames[0]}: has {len(sequence)} frames, or others, where it had "
                 f"{len(self._names)} when the work began; let all workers see the same files, and "
                 "run again"
             )
-        sequence.recall(0, (self._stamp,))
+        sequence.set_digests(0, (self._first_digest,))
         return sequence
 
-    def work_with(self, binding: Binding) -> BlockSolver:
+    def build_block_solver(self, binding: Binding) -> BlockSolver:
         """The work, joined with the weights again."""
-        solver = unpickled_with(binding, self._solver)
-        return BlockSolver(self.sequence, solver, self.settings.on_bad_frame == "skip", Observer())
+        solver = unpickle_with_weights(binding, self._solver)
+        return BlockSolver(
+            self.sequence, solver, self.settings.on_bad_frame == "skip", ProgressListener()
+        )
 
 
-def solved_piece(common: Common, bound: StoredBinding, starts: range) -> list[SolvedBlock]:
+def solve_piece(
+    context: ClipContext, stored_binding: StoredBinding, starts: range
+) -> list[SolvedBlock]:
     """A task: the blocks that begin at `starts`."""
-    make_fit()
-    with Threads(1).solving(common.work_with(bound.binding), starts, common.budget) as blocks:
+    configure_worker()
+    with ThreadExecutor(1).run_blocks(
+        context.build_block_solver(stored_binding.binding), starts, context.memory_plan
+    ) as blocks:
         return list(blocks)
 
 
-def cut(starts: range, size: int) -> Iterator[range]:
+def split_into_pieces(starts: range, size: int) -> Iterator[range]:
     """Cut the starts of blocks in pieces of `size` blocks; each ends where the next begins."""
     for first in range(starts.start, starts.stop, size * starts.step):
         yield range(first, min(first + size * starts.step, starts.stop), starts.step)
 
 
-def refuse_unwanted(client: Any) -> None:
+def check_task_wanted(client: Any) -> None:
     """End a task that the cluster does not count as one of this worker's any more.
 
     Raises
@@ -218,7 +238,7 @@ def refuse_unwanted(client: Any) -> None:
         raise InputError("the batch was stopped, or goes on with this clip elsewhere")
 
 
-def sentence_of_killed(error: Any) -> str:
+def describe_killed_worker(error: Any) -> str:
     """What to do about a task that ends every worker it is given to."""
     return (
         f"{error.allowed_failures + 1} workers ended while they worked on it, the last of them "
@@ -227,20 +247,20 @@ def sentence_of_killed(error: Any) -> str:
     )
 
 
-def pickled_without(binding: Binding, solver: DualLaplacianSolver) -> bytes:
+def pickle_without_weights(binding: Binding, solver: DualLaplacianSolver) -> bytes:
     """A solver pickled with its binding, and the weights in it, left out."""
     stream = io.BytesIO()
-    _Leaving(stream, binding).dump(solver)
+    _WeightlessPickler(stream, binding).dump(solver)
     return stream.getvalue()
 
 
-def unpickled_with(binding: Binding, data: bytes) -> DualLaplacianSolver:
-    """The solver of `pickled_without`, given the same binding again."""
-    solver: DualLaplacianSolver = _Joining(io.BytesIO(data), binding).load()
+def unpickle_with_weights(binding: Binding, data: bytes) -> DualLaplacianSolver:
+    """The solver of `pickle_without_weights`, given the same binding again."""
+    solver: DualLaplacianSolver = _WeightlessUnpickler(io.BytesIO(data), binding).load()
     return solver
 
 
-class _Leaving(pickle.Pickler):
+class _WeightlessPickler(pickle.Pickler):
     def __init__(self, stream: io.BytesIO, binding: Binding) -> None:
         super().__init__(stream, pickle.HIGHEST_PROTOCOL)
         self._names = {id(binding): "binding", id(binding.weights): "weights"}
@@ -249,7 +269,7 @@ class _Leaving(pickle.Pickler):
         return self._names.get(id(thing))
 
 
-class _Joining(pickle.Unpickler):
+class _WeightlessUnpickler(pickle.Unpickler):
     def __init__(self, stream: io.BytesIO, binding: Binding) -> None:
         super().__init__(stream)
         self._things = {"binding": binding, "weights": binding.weights}

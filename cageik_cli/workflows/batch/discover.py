@@ -5,19 +5,19 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path, PurePosixPath
 
-from cageik_cli.formats.base.file_names import kind_of, numbered_alike
-from cageik_cli.formats.base.hdf5 import SUFFIXES
+from cageik_cli.formats.base.file_names import file_suffix, group_numbered_files
+from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.mesh_file import MESH_SUFFIXES
-from cageik_cli.formats.open import clip_suffixes, in_natural_order, members_of
+from cageik_cli.formats.open import clip_suffixes, list_members, sort_naturally
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import is_result
 from cageik_cli.util.errors import InputError
-from cageik_cli.util.text import printable, shown
+from cageik_cli.util.text import single_line, to_unicode
 
-FEWEST_FRAMES = 2
+MIN_CLIP_FRAMES = 2
 """Files numbered alike that are taken for a clip: one alone is a rest pose, a cage or a prop."""
 
-DEVICES = {
+RESERVED_NAMES = {
     "CON",
     "PRN",
     "AUX",
@@ -26,39 +26,39 @@ DEVICES = {
 }
 """Names that no file may have on Windows, whatever its suffix."""
 
-OUTPUTS = (".h5", ".h5.partial", ".html")
+OUTPUT_SUFFIXES = (".h5", ".h5.partial", ".html")
 """What is added to a clip's name in those of its files."""
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class DiscoveredClip:
     """A clip.
 
     Attributes
     ----------
     name : str
         Its path under the folder it was looked for in, with forward slashes.
-    home : Path
+    folder : Path
         The folder it is in.
-    place : Path
+    path : Path
         The folder that is the clip, or its file, or the file and the clip's name in it.
     frames : tuple of str
         What `cageik extract` would be given.
     """
 
     name: str
-    home: Path
-    place: Path
+    folder: Path
+    path: Path
     frames: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
+class DiscoveryFilter:
     """What is not looked at.
 
     Attributes
     ----------
-    named : frozenset of Path
+    auxiliary_files : frozenset of Path
         Files that are cages and the like; resolved.
     output : Path
         The folder of the batch's own results.
@@ -66,12 +66,12 @@ class Search:
         Patterns of clips' names.
     """
 
-    named: frozenset[Path]
+    auxiliary_files: frozenset[Path]
     output: Path
     exclude: tuple[str, ...] = ()
 
 
-def folders_under(root: Path, output: Path) -> Iterator[Path]:
+def walk_folders(root: Path, output: Path) -> Iterator[Path]:
     """A folder and all in it that are not hidden, each once, in natural order; not `output`.
 
     Raises
@@ -97,10 +97,12 @@ def folders_under(root: Path, output: Path) -> Iterator[Path]:
         except OSError as error:
             raise InputError(f"{folder}: cannot be read ({error.strerror or error})") from error
         visible = [path for path in inside if not path.name.startswith(".")]
-        waiting += reversed(in_natural_order(visible))
+        waiting += reversed(sort_naturally(visible))
 
 
-def clips_under(roots: Sequence[Path], search: Search) -> list[Found]:
+def discover_clips(
+    roots: Sequence[Path], discovery_filter: DiscoveryFilter
+) -> list[DiscoveredClip]:
     """All clips under the folders, in natural order; with several, names begin with theirs.
 
     Raises
@@ -108,14 +110,14 @@ def clips_under(roots: Sequence[Path], search: Search) -> list[Found]:
     InputError
         When two clips would have one name, or there is none.
     """
-    _refuse_nested(roots)
-    found: list[Found] = []
+    _check_not_nested(roots)
+    found: list[DiscoveredClip] = []
     excluded = 0
     for root in roots:
         prefix = f"{root.resolve().name}/" if len(roots) > 1 else ""
-        for folder in folders_under(root, search.output):
-            for clip in _clips_in(folder, root, search):
-                if any(fnmatch(clip.name, pattern) for pattern in search.exclude):
+        for folder in walk_folders(root, discovery_filter.output):
+            for clip in _find_clips_in(folder, root, discovery_filter):
+                if any(fnmatch(clip.name, pattern) for pattern in discovery_filter.exclude):
                     excluded += 1
                 else:
                     found.append(replace(clip, name=prefix + clip.name))
@@ -127,34 +129,34 @@ def clips_under(roots: Sequence[Path], search: Search) -> list[Found]:
     if not found:
         raise InputError(
             f"{', '.join(map(str, roots))}: no clip found, expected folders of numbered frames "
-            f"({', '.join(MESH_SUFFIXES)}), or files of kinds {', '.join(_clip_files())}"
+            f"({', '.join(MESH_SUFFIXES)}), or files of kinds {', '.join(_clip_file_suffixes())}"
         )
-    places: dict[str, Found] = {}
+    clips_by_name: dict[str, DiscoveredClip] = {}
     for clip in found:
-        other = places.setdefault(clip.name.casefold(), clip)
+        other = clips_by_name.setdefault(clip.name.casefold(), clip)
         if other is not clip:
             raise InputError(
                 f"{clip.frames[0]}: its results would have the name of those of "
                 f"{other.frames[0]}, {clip.name}; rename one of them"
             )
-    _refuse_names_of_folders(places)
+    _check_folder_conflicts(clips_by_name)
     return found
 
 
-def _refuse_names_of_folders(places: Mapping[str, Found]) -> None:
+def _check_folder_conflicts(clips_by_name: Mapping[str, DiscoveredClip]) -> None:
     """Refuse clips whose files would have the name of a folder with results of others."""
-    folders = {str(above): name for name in places for above in PurePosixPath(name).parents}
-    for name, clip in places.items():
-        for suffix in OUTPUTS:
+    folders = {str(above): name for name in clips_by_name for above in PurePosixPath(name).parents}
+    for name, clip in clips_by_name.items():
+        for suffix in OUTPUT_SUFFIXES:
             if name + suffix in folders:
-                other = places[folders[name + suffix]]
+                other = clips_by_name[folders[name + suffix]]
                 raise InputError(
                     f"{clip.frames[0]}: its result would be {clip.name}{suffix}, the folder of "
                     f"those of {other.frames[0]}; rename one of them"
                 )
 
 
-def _refuse_nested(roots: Sequence[Path]) -> None:
+def _check_not_nested(roots: Sequence[Path]) -> None:
     """Refuse folders whose clips would be found twice."""
     places = [root.resolve() for root in roots]
     for k, place in enumerate(places):
@@ -163,32 +165,36 @@ def _refuse_nested(roots: Sequence[Path]) -> None:
                 raise InputError(f"{place}: is searched twice; name it, or {other}, once")
 
 
-def _clips_in(folder: Path, root: Path, search: Search) -> Iterator[Found]:
+def _find_clips_in(
+    folder: Path, root: Path, discovery_filter: DiscoveryFilter
+) -> Iterator[DiscoveredClip]:
     """The clips that the folder's numbered mesh files are, and those that its other files hold."""
     files = [path for path in folder.iterdir() if path.is_file() and path.name[0] != "."]
-    files = in_natural_order([path for path in files if path.resolve() not in search.named])
-    series = numbered_alike([path for path in files if kind_of(path) in MESH_SUFFIXES])
-    clips = {stem: frames for stem, frames in series.items() if len(frames) >= FEWEST_FRAMES}
+    files = sort_naturally(
+        [path for path in files if path.resolve() not in discovery_filter.auxiliary_files]
+    )
+    series = group_numbered_files([path for path in files if file_suffix(path) in MESH_SUFFIXES])
+    clips = {stem: frames for stem, frames in series.items() if len(frames) >= MIN_CLIP_FRAMES}
     for stem, frames in clips.items():
-        name, place = _name(folder, root), folder
+        name, place = _make_clip_name(folder, root), folder
         if len(clips) > 1:
-            label = _plain(stem.replace("#", "").strip("._- ")) if stem != "#" else "frames"
+            label = _sanitize_name(stem.replace("#", "").strip("._- ")) if stem != "#" else "frames"
             name, place = f"{name}/{label}", folder / label
-        yield Found(name, folder, place, tuple(map(str, frames)))
+        yield DiscoveredClip(name, folder, place, tuple(map(str, frames)))
     for path in files:
-        if kind_of(path) not in _clip_files() or _is_ours(path):
+        if file_suffix(path) not in _clip_file_suffixes() or _is_cageik_file(path):
             continue
-        name, members = _name(path, root), members_of(path)
+        name, members = _make_clip_name(path, root), list_members(path)
         if not members:
-            yield Found(name, folder, path, (str(path),))
+            yield DiscoveredClip(name, folder, path, (str(path),))
         for member in members:
-            plain = _plain(member)
-            yield Found(f"{name}/{plain}", folder, path / plain, (f"{path}::{member}",))
+            plain = _sanitize_name(member)
+            yield DiscoveredClip(f"{name}/{plain}", folder, path / plain, (f"{path}::{member}",))
 
 
-def _is_ours(path: Path) -> bool:
+def _is_cageik_file(path: Path) -> bool:
     """Whether it is a result or a binding of this program; one lies where results are kept."""
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in HDF5_SUFFIXES:
         return False
     try:
         return is_result(path) or is_binding(path)
@@ -196,17 +202,17 @@ def _is_ours(path: Path) -> bool:
         return False  # whoever opens it is told
 
 
-def _clip_files() -> list[str]:
+def _clip_file_suffixes() -> list[str]:
     return [suffix for suffix in clip_suffixes() if suffix not in MESH_SUFFIXES]
 
 
-def _name(path: Path, root: Path) -> str:
+def _make_clip_name(path: Path, root: Path) -> str:
     parts = path.relative_to(root).parts or (root.resolve().name or "clip",)
-    return "/".join(_plain(part) for part in parts)
+    return "/".join(_sanitize_name(part) for part in parts)
 
 
-def _plain(name: str) -> str:
+def _sanitize_name(name: str) -> str:
     """A name as part of a path that stays where it is put."""
-    text = "".join("_" if c in '/\\:*?"<>|' else c for c in shown(printable(name)))
+    text = "".join("_" if c in '/\\:*?"<>|' else c for c in single_line(to_unicode(name)))
     text = text.strip(". ") or "_"
-    return f"_{text}" if text.split(".")[0].upper() in DEVICES else text
+    return f"_{text}" if text.split(".")[0].upper() in RESERVED_NAMES else text

@@ -2,37 +2,39 @@
 
 from collections.abc import Iterator
 
-from cageik_cli.store.result import partial_name
+from cageik_cli.store.result import checkpoint_path
 from cageik_cli.util.errors import CageikError
-from cageik_cli.util.text import page
+from cageik_cli.util.text import format_block
 from cageik_cli.workflows.batch.jobs import ClipJob
-from cageik_cli.workflows.batch.run import Batch
-from cageik_cli.workflows.extract import held_result
+from cageik_cli.workflows.batch.run import BatchPlan
+from cageik_cli.workflows.extract import plan_extraction
 
-FAULT = "would fail"
+FAULT_LABEL = "would fail"
 
 
-def listed(batch: Batch) -> Iterator[str]:
+def dry_run_lines(batch: BatchPlan) -> Iterator[str]:
     """A few lines a clip: what it is, its cage, where its result would be and what is there."""
-    refused = {entry.name: entry.fault for entry in batch.refused}
+    rejected = {entry.name: entry.fault for entry in batch.rejected}
     jobs = {job.name: job for job in batch.jobs}
     failing = 0
     for name in batch.order:
-        rows = [(FAULT, str(refused[name]))] if name in refused else _rows(jobs[name])
-        failing += rows[0][0] == FAULT
-        yield page(name, rows)
+        rows = (
+            [(FAULT_LABEL, str(rejected[name]))] if name in rejected else _describe_job(jobs[name])
+        )
+        failing += rows[0][0] == FAULT_LABEL
+        yield format_block(name, rows)
     yield f"{len(batch.order)} clips, of which {failing} would fail at once"
 
 
-def _rows(job: ClipJob) -> list[tuple[str, str]]:
+def _describe_job(job: ClipJob) -> list[tuple[str, str]]:
     settings = job.settings
     try:
-        inputs, held = held_result(settings)
+        inputs, existing = plan_extraction(settings)
     except CageikError as error:
-        return [(FAULT, str(error))]
-    if held is not None:
+        return [(FAULT_LABEL, str(error))]
+    if existing is not None:
         state = "is whole and unchanged, and stays"
-    elif partial_name(settings.output).exists():
+    elif checkpoint_path(settings.output).exists():
         state = "has been begun"
     elif settings.output.exists():
         state = "would be replaced"

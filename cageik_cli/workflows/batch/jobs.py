@@ -6,10 +6,10 @@ from enum import Enum
 from typing import Protocol
 
 from cageik_cli.report.limits import Limits
-from cageik_cli.report.overview import Entry
+from cageik_cli.report.overview import ClipEntry
 from cageik_cli.workflows.extract_inputs import ExtractSettings
 
-CLIPS = "clips"
+CLIPS_FOLDER = "clips"
 """The folder of the clips' results, in the batch's."""
 
 
@@ -35,7 +35,7 @@ class ClipJob:
     has_page: bool = True
 
 
-class State(Enum):
+class ClipState(Enum):
     """What became of a clip in this run."""
 
     DONE = "done"
@@ -51,11 +51,11 @@ class Outcome:
     ----------
     entry : Entry
         What the report over all shows; it does not depend on how often the batch was interrupted.
-    state : State
+    state : ClipState
     """
 
-    entry: Entry
-    state: State
+    entry: ClipEntry
+    state: ClipState
 
 
 class Scheduler(Protocol):
@@ -65,5 +65,5 @@ class Scheduler(Protocol):
 
     def __exit__(self, *error: object) -> None: ...
 
-    def outcomes(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
+    def run_jobs(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
         """What came of each, as they end."""

@@ -13,19 +13,19 @@ from dataclasses import replace
 from multiprocessing.context import BaseContext
 from queue import SimpleQueue
 
-from cageik_cli.report.overview import Entry
-from cageik_cli.util.threads import limit_blas_for_good
-from cageik_cli.workflows.batch.clip_task import work_on
-from cageik_cli.workflows.batch.jobs import ClipJob, Outcome, State
+from cageik_cli.report.overview import ClipEntry
+from cageik_cli.util.threads import set_blas_threads
+from cageik_cli.workflows.batch.clip_task import run_clip
+from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome
 
-PAGE = "cageik_cli.report.html.page"
+PAGE_MODULE = "cageik_cli.report.html.page"
 """What draws pages, and takes as long to import as to draw one."""
 
-ATTEMPTS = 2
+MAX_ATTEMPTS = 2
 """A job whose process ends without a word is begun again, so many times in all."""
 
 
-class Processes:
+class ProcessScheduler:
     """`jobs` processes, each with one clip at a time.
 
     One that is killed, or that a library takes down, costs the clip it had one attempt, and the
@@ -36,18 +36,20 @@ class Processes:
         self._jobs = jobs
         self._workers: list[_Worker] = []
 
-    def __enter__(self) -> "Processes":
+    def __enter__(self) -> "ProcessScheduler":
         return self
 
     def __exit__(self, kind: object, *error: object) -> None:
         for worker in self._workers:
-            worker.end(at_once=kind is not None)
+            worker.stop(is_immediate=kind is not None)
 
-    def outcomes(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
+    def run_jobs(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
         """What came of each job, as they end."""
         count = max(1, min(self._jobs, len(jobs)))
         share = max(1, self._jobs // count)
-        context = _context([work_on.__module__, *(PAGE for job in jobs if job.has_page)])
+        context = _make_process_context(
+            [run_clip.__module__, *(PAGE_MODULE for job in jobs if job.has_page)]
+        )
         self._workers = [_Worker(context) for _ in range(count)]
         free: SimpleQueue[_Worker] = SimpleQueue()
         for worker in self._workers:
@@ -56,7 +58,7 @@ class Processes:
         def done(job: ClipJob) -> Outcome:
             worker = free.get()
             try:
-                return worker.done(replace(job, settings=replace(job.settings, jobs=share)))
+                return worker.run_job(replace(job, settings=replace(job.settings, jobs=share)))
             finally:
                 free.put(worker)
 
@@ -73,48 +75,48 @@ class _Worker:
 
     def __init__(self, context: BaseContext) -> None:
         self._context = context
-        self._has_ended, self._lock = False, threading.Lock()
-        self._begin()
+        self._is_stopped, self._lock = False, threading.Lock()
+        self._start()
 
-    def done(self, job: ClipJob) -> Outcome:
+    def run_job(self, job: ClipJob) -> Outcome:
         """Do a job in the process."""
-        for _ in range(ATTEMPTS):
+        for _ in range(MAX_ATTEMPTS):
             try:
-                return self._pool.submit(work_on, job).result()
+                return self._pool.submit(run_clip, job).result()
             except BrokenProcessPool:
-                if not self._has_begun_again():
+                if not self._try_restart():
                     raise
         fault = (
-            f"its process ended without a word, {ATTEMPTS} times: killed from outside, out of "
+            f"its process ended without a word, {MAX_ATTEMPTS} times: killed from outside, out of "
             "memory (use fewer --jobs), or a damaged file took it down"
         )
-        return Outcome(Entry(job.name, fault=fault), State.FAILED)
+        return Outcome(ClipEntry(job.name, fault=fault), ClipState.FAILED)
 
-    def end(self, at_once: bool) -> None:
-        """End the process, `at_once` whatever it is at; a run that is cut can be gone on with."""
+    def stop(self, is_immediate: bool) -> None:
+        """End the process, at once if `is_immediate`; a run that is cut can be resumed."""
         with self._lock:  # none is begun after this
-            self._has_ended = True
+            self._is_stopped = True
         with suppress(BrokenProcessPool):
             pid = self._pid.result()
-            for child in multiprocessing.active_children() if at_once else ():
+            for child in multiprocessing.active_children() if is_immediate else ():
                 if child.pid == pid:
                     child.kill()
         self._pool.shutdown()
 
-    def _has_begun_again(self) -> bool:
+    def _try_restart(self) -> bool:
         """Begin a process in place of one that has died, unless this is the end."""
         with self._lock:
-            if not self._has_ended:
+            if not self._is_stopped:
                 self._pool.shutdown()
-                self._begin()
-            return not self._has_ended
+                self._start()
+            return not self._is_stopped
 
-    def _begin(self) -> None:
-        self._pool = ProcessPoolExecutor(1, self._context, _prepare)
+    def _start(self) -> None:
+        self._pool = ProcessPoolExecutor(1, self._context, _initialize_process)
         self._pid = self._pool.submit(os.getpid)
 
 
-def _context(modules: list[str]) -> BaseContext:
+def _make_process_context(modules: list[str]) -> BaseContext:
     """How processes come about: where that is sound, by a fork of one that has the modules."""
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")
@@ -123,14 +125,14 @@ def _context(modules: list[str]) -> BaseContext:
     return context
 
 
-def _prepare() -> None:
+def _initialize_process() -> None:
     """Make a new process one that ends with its parent, and leaves others their processors."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it, and ends this process
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    limit_blas_for_good()
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    set_blas_threads()
 
 
-def _end_with_parent() -> None:
+def _exit_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

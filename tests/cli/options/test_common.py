@@ -68,9 +68,9 @@ def test_wrong_usage_is_exit_code_2(run, folder, words, says):
     ],
 )
 def test_sizes(text, size):
-    from cageik_cli.cli.options.common import Size
+    from cageik_cli.cli.options.common import SizeType
 
-    assert Size().convert(text, None, None) == size
+    assert SizeType().convert(text, None, None) == size
 
 
 @pytest.mark.parametrize("words", [["--help"], ["-h"], ["extract", "-h"], ["report", "--help"]])
@@ -84,7 +84,7 @@ def test_help(run, words):
 def test_help_names_every_kind_of_clip(run):
     """Of USD as one, and of what gzip may pack as .gz."""
     said = run("extract", "--help").out
-    for suffix in opening._readers():
+    for suffix in opening._find_readers():
         shown = ".usd*" if suffix.startswith(".usd") else suffix
         shown = ".h5" if suffix == ".hdf5" else shown
         assert Path(shown).suffix in said
@@ -93,7 +93,7 @@ def test_help_names_every_kind_of_clip(run):
 @pytest.mark.parametrize("command", ["export", "deform"])
 def test_help_names_every_kind_of_file_that_is_written(run, command):
     said = run(command, "--help").out
-    for suffix in export_opening._writers():
+    for suffix in export_opening._find_writers():
         assert (".usd*" if suffix.startswith(".usd") else suffix) in said
 
 
@@ -120,7 +120,7 @@ def test_choices_are_the_numerics_own():
 
     assert options.COORDINATES == binding.COORDINATES
     assert {name: asked.tolerance for name, asked in ACCURACIES.items()} == options.ACCURACIES
-    assert options.OUTSIDE == enclosure.OUTSIDE
+    assert options.OUTSIDE_POLICIES == enclosure.OUTSIDE
 
 
 @pytest.mark.parametrize("command", ["extract", "bind"])

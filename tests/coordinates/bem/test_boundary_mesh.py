@@ -17,20 +17,22 @@ def some(mesh, every=3):
 def test_divided_keeps_surface_and_hats(every):
     """Also where some panels are divided and others not, twice over."""
     cage = concave()
-    mesh = BoundaryMesh.of(cage)
+    mesh = BoundaryMesh.from_cage(cage)
     for _ in range(2):
-        mesh = mesh.divided(some(mesh, every))
+        mesh = mesh.divide(some(mesh, every))
     panels = mesh.panels
-    assert panels.areas.sum() == pytest.approx(BoundaryMesh.of(cage).panels.areas.sum(), rel=1e-14)
+    assert panels.areas.sum() == pytest.approx(
+        BoundaryMesh.from_cage(cage).panels.areas.sum(), rel=1e-14
+    )
     assert TriMesh(panels.vertices, panels.corners).volume == pytest.approx(cage.volume, rel=1e-13)
     np.testing.assert_allclose(mesh.hats @ cage.vertices, panels.vertices, atol=1e-15)
     np.testing.assert_allclose(mesh.hats.sum(axis=1), 1, rtol=1e-15)
 
 
 def test_children_stand_in_their_parent_s_place():
-    mesh = BoundaryMesh.of(concave())
+    mesh = BoundaryMesh.from_cage(concave())
     chosen = some(mesh)
-    finer = mesh.divided(chosen)
+    finer = mesh.divide(chosen)
     parent = np.repeat(np.arange(len(chosen)), np.where(chosen, 4, 1))
     np.testing.assert_allclose(finer.panels.normals, mesh.panels.normals[parent], atol=1e-14)
     sums = np.bincount(parent, finer.panels.areas)
@@ -38,26 +40,28 @@ def test_children_stand_in_their_parent_s_place():
 
 
 def test_values_of_the_hats_are_their_interpolation():
-    mesh = BoundaryMesh.of(concave()).divided(some(BoundaryMesh.of(concave())))
+    mesh = BoundaryMesh.from_cage(concave()).divide(some(BoundaryMesh.from_cage(concave())))
     barycentric, chosen = np.array([[0.2, 0.3, 0.5], [1, 0, 0]]), np.array([0, 4, 9])
     corner = mesh.panels.vertices[mesh.panels.corners[chosen]]
     places = np.einsum("jk,ckx->cjx", barycentric, corner)
-    values = mesh.values(chosen, barycentric)
+    values = mesh.evaluate_hats(chosen, barycentric)
     np.testing.assert_allclose(values @ concave().vertices, places, atol=1e-15)
     assert values.min() >= 0
 
 
 def test_unknowns_are_numbered_once_and_know_their_degree():
-    mesh = BoundaryMesh.of(concave())
+    mesh = BoundaryMesh.from_cage(concave())
     high = np.array([1, 4, 7])
-    mesh = mesh.raised(3, high, np.ones(3))
+    mesh = mesh.raise_order(3, high, np.ones(3))
     low = np.setdiff1d(np.arange(len(mesh.panels.corners)), high)
-    rows = np.concatenate([mesh.rows(high).ravel(), mesh.rows(low).ravel()])
+    rows = np.concatenate([mesh.panel_unknowns(high).ravel(), mesh.panel_unknowns(low).ravel()])
     np.testing.assert_array_equal(np.sort(rows), np.arange(mesh.unknowns))
-    degree, highest, panel = mesh.degrees
+    degree, highest, panel = mesh.unknown_degrees
     expected = [a + b for a, b in exponents(3)]
-    np.testing.assert_array_equal(degree[mesh.rows(high)], [expected] * 3)
-    np.testing.assert_array_equal(degree[mesh.rows(low)], [expected[:3]] * len(low))
-    np.testing.assert_array_equal(panel[mesh.rows(high)], np.repeat(high[:, None], 10, axis=1))
-    assert (highest[mesh.rows(high)] == 3).all()
-    assert (highest[mesh.rows(low)] == 1).all()
+    np.testing.assert_array_equal(degree[mesh.panel_unknowns(high)], [expected] * 3)
+    np.testing.assert_array_equal(degree[mesh.panel_unknowns(low)], [expected[:3]] * len(low))
+    np.testing.assert_array_equal(
+        panel[mesh.panel_unknowns(high)], np.repeat(high[:, None], 10, axis=1)
+    )
+    assert (highest[mesh.panel_unknowns(high)] == 3).all()
+    assert (highest[mesh.panel_unknowns(low)] == 1).all()

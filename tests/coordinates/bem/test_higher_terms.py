@@ -2,20 +2,20 @@ import numpy as np
 import pytest
 
 from cageik_cli.coordinates.bem.higher_terms import HigherTerms, higher_moments
-from cageik_cli.coordinates.bem.panels import linear_moments, view
-from cageik_cli.coordinates.bem.polynomials import LINEAR, basis, monomials
-from cageik_cli.util.arrays import Scratch
+from cageik_cli.coordinates.bem.panels import linear_moments, panel_view
+from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, monomials, orthogonal_basis
+from cageik_cli.util.arrays import Workspace
 
 
 @pytest.mark.parametrize(("order", "digits"), [(2, 1e-11), (3, 1e-10), (5, 1e-6)])
 def test_higher_moments_are_those_of_quadrature(seen, order, digits):
     """Seen from one to some ten panels away, at which some digits are lost, as is said."""
     panels, points, _, barycentric, single, _ = seen
-    polynomials = basis(order)[LINEAR:] @ monomials(order, barycentric)
+    polynomials = orthogonal_basis(order)[LINEAR_TERMS:] @ monomials(order, barycentric)
     terms = HigherTerms(panels, np.array([0, 3, 5, 11, len(panels.corners) - 1]), order)
-    near, scratch = np.array([0, 2, 4]), Scratch()
-    looked = view(panels, points[:7], scratch)
+    near, scratch = np.array([0, 2, 4]), Workspace()
+    looked = panel_view(panels, points[:7], scratch)
     linear = linear_moments(panels, looked, scratch)
-    expected = np.einsum("pqg,dg->dpq", single[terms.chosen[near], :7], polynomials)
+    expected = np.einsum("pqg,dg->dpq", single[terms.high_panels[near], :7], polynomials)
     found = higher_moments(terms, near, looked, linear, scratch)
     np.testing.assert_allclose(found, expected, rtol=0, atol=digits)

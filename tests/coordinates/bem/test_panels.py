@@ -3,16 +3,16 @@ import pytest
 
 from cageik_cli.coordinates.bem.panel_geometry import Panels
 from cageik_cli.coordinates.bem.panels import (
-    SMALL_TANGENT,
+    MAX_SERIES_TANGENT,
     _arctan2,
-    close_angles,
+    close_solid_angles,
     double_layer,
     linear_moments,
-    take_principal_values,
-    view,
+    panel_view,
+    set_principal_values,
 )
 from cageik_cli.coordinates.bem.polynomials import monomials
-from cageik_cli.util.arrays import Scratch
+from cageik_cli.util.arrays import Workspace
 from tests.shapes import ball, box, concave, inside
 
 
@@ -21,8 +21,8 @@ def panels_of(mesh):
 
 
 def moments_of(panels, points, scratch=None):
-    scratch = scratch or Scratch()
-    return linear_moments(panels, view(panels, points, scratch), scratch)
+    scratch = scratch or Workspace()
+    return linear_moments(panels, panel_view(panels, points, scratch), scratch)
 
 
 def test_linear_moments_are_those_of_quadrature(seen):
@@ -33,7 +33,7 @@ def test_linear_moments_are_those_of_quadrature(seen):
 
 def test_double_layer_is_that_of_quadrature(seen):
     panels, points, _, barycentric, _, double = seen
-    integrals = double_layer(panels, view(panels, points, Scratch()), Scratch())
+    integrals = double_layer(panels, panel_view(panels, points, Workspace()), Workspace())
     expected = np.einsum("pqg,dg->dpq", double, monomials(1, barycentric))
     np.testing.assert_allclose(integrals, expected, rtol=1e-9, atol=1e-10)
 
@@ -41,19 +41,21 @@ def test_double_layer_is_that_of_quadrature(seen):
 @pytest.mark.parametrize("mesh", [box(), concave(), ball(2)], ids=["box", "concave", "ball"])
 def test_solid_angles_sum_to_4_pi_inside_and_0_outside(mesh):
     panels, points = panels_of(mesh), inside(mesh, 50)
-    angles = view(panels, points, Scratch()).solid_angle.sum(axis=0)
+    angles = panel_view(panels, points, Workspace()).solid_angle.sum(axis=0)
     np.testing.assert_allclose(angles, 4 * np.pi, rtol=1e-13)
     beyond = points + 3 * mesh.diagonal
-    angles = view(panels, beyond, Scratch()).solid_angle.sum(axis=0)
+    angles = panel_view(panels, beyond, Workspace()).solid_angle.sum(axis=0)
     np.testing.assert_allclose(angles, 0, atol=1e-13)
 
 
 def test_solid_angle_is_positive_behind_the_outward_normal():
     panels = Panels(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     behind, before = np.array([[0.2, 0.2, -0.1]]), np.array([[0.2, 0.2, 0.1]])
-    seen_from_behind = view(panels, behind, Scratch()).solid_angle
+    seen_from_behind = panel_view(panels, behind, Workspace()).solid_angle
     assert 0 < seen_from_behind[0, 0] < 2 * np.pi
-    np.testing.assert_array_equal(view(panels, before, Scratch()).solid_angle, -seen_from_behind)
+    np.testing.assert_array_equal(
+        panel_view(panels, before, Workspace()).solid_angle, -seen_from_behind
+    )
 
 
 def test_a_plane_is_seen_edge_on_from_within():
@@ -61,10 +63,10 @@ def test_a_plane_is_seen_edge_on_from_within():
     points = np.array([[1.0, 0.3, 0.1], [1.0, 3.0, 0.1]])
     in_plane = np.isclose(panels.normals[:, 0], 1)
     assert in_plane.sum() == 2
-    seen = view(panels, points, Scratch())
+    seen = panel_view(panels, points, Workspace())
     assert abs(seen.solid_angle[in_plane, 0]).max() == pytest.approx(2 * np.pi)
-    take_principal_values(seen)
-    assert (double_layer(panels, seen, Scratch())[:, in_plane] == 0).all()
+    set_principal_values(seen)
+    assert (double_layer(panels, seen, Workspace())[:, in_plane] == 0).all()
 
 
 @pytest.mark.parametrize("depth", [1e-3, 1e-6, 1e-9, 1e-12])
@@ -73,7 +75,7 @@ def test_beside_an_edge_its_logarithm_is_that_of_the_distance_to_it(depth):
     panels = panels_of(box())
     along = np.array([0.3, -0.8, 0.99])
     points = np.column_stack([1 - depth * np.ones(3), 1 - 2 * depth * np.ones(3), along])
-    looked = view(panels, points, Scratch())
+    looked = panel_view(panels, points, Workspace())
     ends = panels.vertices[panels.edges.ends]
     edge = np.flatnonzero((ends[:, :, :2] == 1).all(axis=(1, 2)))
     delta = np.hypot(1 - points[:, 0], 1 - points[:, 1])
@@ -82,7 +84,7 @@ def test_beside_an_edge_its_logarithm_is_that_of_the_distance_to_it(depth):
 
 
 def test_scratch_is_asked_for_once():
-    scratch = Scratch()
+    scratch = Workspace()
     first = scratch.array("a", 4, 5)
     assert scratch.array("a", 2, 5).base is first.base
     assert scratch.array("a", 5, 5).base is not first.base
@@ -90,28 +92,28 @@ def test_scratch_is_asked_for_once():
 
 def test_results_do_not_depend_on_what_scratch_held():
     panels, points = panels_of(concave()), inside(concave(), 6)
-    scratch = Scratch()
+    scratch = Workspace()
     fresh = moments_of(panels, points, scratch).copy()
     for array in scratch._arrays.values():
         array[:] = np.nan
     np.testing.assert_array_equal(moments_of(panels, points, scratch), fresh)
 
 
-@pytest.mark.parametrize("size", [1e-300, 1e-9, SMALL_TANGENT, 1.0, 1e9, 1e300])
+@pytest.mark.parametrize("size", [1e-300, 1e-9, MAX_SERIES_TANGENT, 1.0, 1e9, 1e300])
 def test_the_short_arctangent_is_the_library_s(size):
     y = size * np.linspace(-1.001, 1.001, 51)[None]
     y[0, 25] = 0.0
     for x in (np.ones_like(y), -np.ones_like(y), np.zeros_like(y)):
-        found = _arctan2(y, x, Scratch())
+        found = _arctan2(y, x, Workspace())
         np.testing.assert_allclose(found, np.arctan2(y, x), rtol=4e-16, atol=0)
 
 
 def test_angles_are_closed_to_the_sum_they_have_inside_and_no_other():
     panels = panels_of(box())
     points = np.array([[0.1, 0.2, 0.3], [3.0, 0, 0], [1 - 1e-9, 1 - 1e-9, 0.2]])
-    seen = view(panels, points, Scratch())
+    seen = panel_view(panels, points, Workspace())
     seen.solid_angle[:, 0] *= 1 + 1e-5
     outside = seen.solid_angle[:, 1].copy()
-    close_angles(seen)
+    close_solid_angles(seen)
     np.testing.assert_allclose(seen.solid_angle[:, [0, 2]].sum(axis=0), 4 * np.pi, rtol=1e-15)
     np.testing.assert_array_equal(seen.solid_angle[:, 1], outside)

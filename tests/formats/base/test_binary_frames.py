@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.binary_frames import (
+    ArrayLayout,
     BinaryFile,
-    Packing,
     StoredFrames,
-    refuse_other_size,
+    check_file_size,
 )
 from cageik_cli.util.errors import InputError
 
@@ -27,57 +27,57 @@ def path(tmp_path):
 @pytest.mark.parametrize("whole", [True, False])
 def test_every_order_of_axes(path, monkeypatch, order, whole):
     if not whole:
-        monkeypatch.setattr("cageik_cli.formats.base.binary_frames.LARGEST_RUN", 1)
+        monkeypatch.setattr("cageik_cli.formats.base.binary_frames.MAX_CHUNK_BYTES", 1)
     sizes = {"f": 2, "v": 4, "x": 3}
     array = VALUES.reshape([sizes[axis] for axis in order])
     expected = np.einsum(f"{order}->fvx", array)
-    stored = StoredFrames(BinaryFile.at(path), Packing(4, VALUES.dtype, 2, 4, order))
-    assert (stored.count, stored.vertices) == (2, 4)
+    stored = StoredFrames(BinaryFile.open(path), ArrayLayout(4, VALUES.dtype, 2, 4, order))
+    assert (stored.frame_count, stored.vertex_count) == (2, 4)
     for k in (1, 0):
-        np.testing.assert_array_equal(stored.frame(k), expected[k])
+        np.testing.assert_array_equal(stored.read_frame(k), expected[k])
 
 
 def test_a_file_that_shrinks_is_refused(path):
-    file = BinaryFile.at(path)
+    file = BinaryFile.open(path)
     with path.open("r+b") as stream:
         stream.truncate(100)
     with pytest.raises(InputError, match="became shorter since it was opened"):
-        file.numbers(4, VALUES.dtype, VALUES.shape)
+        file.read_array(4, VALUES.dtype, VALUES.shape)
 
 
 def test_more_than_memory_holds_is_refused(path):
     with pytest.raises(InputError, match="36028797018963968 bytes of it do not fit in memory"):
-        BinaryFile.at(path).numbers(4, VALUES.dtype, (1 << 52,))
+        BinaryFile.open(path).read_array(4, VALUES.dtype, (1 << 52,))
 
 
 def test_what_cannot_be_opened_or_read_is_refused(tmp_path):
     with pytest.raises(InputError, match="is a folder"):
-        BinaryFile.at(tmp_path)
+        BinaryFile.open(tmp_path)
     with pytest.raises(InputError, match="cannot be read: No such file"):
-        BinaryFile.at(tmp_path / "none")
+        BinaryFile.open(tmp_path / "none")
 
     class Torn(io.BytesIO):
         def readinto(self, buffer):
             raise OSError(5, "Input/output error")
 
     with pytest.raises(InputError, match="cannot be read: Input/output error"):
-        BinaryFile(Torn(bytes(100))).numbers(0, VALUES.dtype, (2,))
+        BinaryFile(Torn(bytes(100))).read_array(0, VALUES.dtype, (2,))
 
 
 def test_the_file_is_closed_with_its_last_user(path):
     stream = path.open("rb")
-    frames = StoredFrames(BinaryFile(stream), Packing(4, VALUES.dtype, 2, 4, "vxf"))
+    frames = StoredFrames(BinaryFile(stream), ArrayLayout(4, VALUES.dtype, 2, 4, "vxf"))
     assert not stream.closed
     del frames
     assert stream.closed
 
 
 def test_counts_and_size_are_compared(path):
-    file = BinaryFile.at(path)
-    refuse_other_size(file, 196, {"frames": 1})
+    file = BinaryFile.open(path)
+    check_file_size(file, 196, {"frames": 1})
     with pytest.raises(InputError, match="announces 0 frames, 2 faces, expected one of each"):
-        refuse_other_size(file, 196, {"frames": 0, "faces": 2})
+        check_file_size(file, 196, {"frames": 0, "faces": 2})
     with pytest.raises(InputError, match="take 195 bytes, and has 196; it is damaged"):
-        refuse_other_size(file, 195, {"frames": 1})
+        check_file_size(file, 195, {"frames": 1})
     with pytest.raises(InputError, match="take 197 bytes, and has 196; it is cut short or damaged"):
-        refuse_other_size(file, 197, {"frames": 1})
+        check_file_size(file, 197, {"frames": 1})

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base import file_names as files
-from cageik_cli.formats.base.file_names import kind_of, stem_of, unpacked
+from cageik_cli.formats.base.file_names import decompress, file_stem, file_suffix
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.util.errors import InputError
@@ -27,8 +27,8 @@ from tests.clips import frames_of
     ],
 )
 def test_the_kind_of_a_packed_file_has_two_suffixes(name, stem, kind):
-    assert kind_of(Path("folder.obj") / name) == kind
-    assert stem_of(Path("folder.obj") / name) == stem
+    assert file_suffix(Path("folder.obj") / name) == kind
+    assert file_stem(Path("folder.obj") / name) == stem
 
 
 @pytest.fixture
@@ -75,7 +75,7 @@ def test_a_packed_mesh_is_the_mesh(tmp_path, kind):
     np.testing.assert_array_equal(loaded.mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
     np.testing.assert_array_equal(loaded.mesh.faces, [[0, 1, 2]])
     assert loaded.source["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert loaded.text == (text if kind == "obj" else b"")
+    assert loaded.obj_text == (text if kind == "obj" else b"")
 
 
 SOUND = gzip.compress(b"v 0 0 0\n" * 100, mtime=0)
@@ -108,8 +108,8 @@ def test_an_empty_packed_file_is_an_empty_mesh(tmp_path):
 
 
 def test_a_bomb_is_refused_and_what_just_fits_is_not(monkeypatch):
-    monkeypatch.setattr(files, "SMALL", 1000)
-    assert len(unpacked(gzip.compress(b" " * 1000), ".obj.gz")) == 1000
+    monkeypatch.setattr(files, "MIN_UNPACKED_LIMIT", 1000)
+    assert len(decompress(gzip.compress(b" " * 1000), ".obj.gz")) == 1000
     bomb = gzip.compress(b" " * 10**6)
     with pytest.raises(InputError, match=f"holds more than {100 * len(bomb)} bytes in {len(bomb)}"):
-        unpacked(bomb, ".obj.gz")
+        decompress(bomb, ".obj.gz")

@@ -20,21 +20,21 @@ from cageik_cli.util.errors import InputError
     ],
 )
 def test_patterns(pattern, names):
-    found = FrameNames.of(pattern)
-    assert (found.name(7), found.name(12345)) == names
-    assert all(map(found.has, names))
-    assert FrameNames.of(found.pattern) == found
+    found = FrameNames.parse(pattern)
+    assert (found.file_name(7), found.file_name(12345)) == names
+    assert all(map(found.matches, names))
+    assert FrameNames.parse(found.pattern) == found
 
 
 @pytest.mark.parametrize("name", ["cage.obj", "cage_%x.obj", "cage_0001.obj", "$cage.obj", ""])
 def test_what_has_no_number_is_no_pattern(name):
-    assert FrameNames.of(name) is None
+    assert FrameNames.parse(name) is None
 
 
 @pytest.mark.parametrize("name", ["a_##_##.obj", "a_%d_$F.obj", "$F_%04d"])
 def test_a_number_stands_there_once(name):
     with pytest.raises(InputError, match=r"stands in .* 2 times, expected once"):
-        FrameNames.of(name)
+        FrameNames.parse(name)
 
 
 @pytest.mark.parametrize(
@@ -43,5 +43,5 @@ def test_a_number_stands_there_once(name):
 )
 def test_other_names_are_not_ours(name):
     """Names around the number are taken letter by letter."""
-    assert not FrameNames("c_", 3, ".obj").has(name)
-    assert not FrameNames("c.", 3, ".obj").has(name)
+    assert not FrameNames("c_", 3, ".obj").matches(name)
+    assert not FrameNames("c.", 3, ".obj").matches(name)

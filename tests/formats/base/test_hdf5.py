@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.hdf5 import dataset, numbers, opened, refuse_other_suffix
+from cageik_cli.formats.base.hdf5 import check_hdf5_suffix, get_dataset, open_checked, read_array
 from cageik_cli.util.errors import InputError
 
 VALUES = np.arange(12.0).reshape(4, 3)
@@ -43,9 +43,9 @@ def path(tmp_path):
     ],
 )
 def test_what_is_as_expected_is_given(path, name, kinds, shape):
-    with opened(path) as file, h5py.File(path) as plain:
-        assert dataset(file, name, kinds, shape).name == f"/{name}"
-        np.testing.assert_array_equal(numbers(file, name, kinds, shape), plain[name][()])
+    with open_checked(path) as file, h5py.File(path) as plain:
+        assert get_dataset(file, name, kinds, shape).name == f"/{name}"
+        np.testing.assert_array_equal(read_array(file, name, kinds, shape), plain[name][()])
 
 
 @pytest.mark.parametrize(
@@ -67,8 +67,8 @@ def test_what_is_as_expected_is_given(path, name, kinds, shape):
     ],
 )
 def test_what_is_not_as_expected_is_refused(path, name, kinds, shape, says):
-    with pytest.raises(InputError) as caught, opened(path) as file:
-        numbers(file, name, kinds, shape)
+    with pytest.raises(InputError) as caught, open_checked(path) as file:
+        read_array(file, name, kinds, shape)
     assert str(caught.value).startswith(f"{path}: ")
     assert says in str(caught.value)
 
@@ -85,7 +85,7 @@ def test_what_is_not_as_expected_is_refused(path, name, kinds, shape, says):
 )
 def test_what_is_no_hdf5_file_is_refused(path, make, says):
     make(path)
-    with pytest.raises(InputError) as caught, opened(path):
+    with pytest.raises(InputError) as caught, open_checked(path):
         pytest.fail("opened")
     assert str(caught.value).startswith(f"{path}: {says}")
 
@@ -103,7 +103,7 @@ def test_what_is_no_hdf5_file_is_refused(path, make, says):
 )
 def test_a_name_says_the_kind(name, is_taken):
     try:
-        refuse_other_suffix(Path(name))
+        check_hdf5_suffix(Path(name))
     except InputError as error:
         said = str(error)
     else:
@@ -114,5 +114,5 @@ def test_a_name_says_the_kind(name, is_taken):
 
 @pytest.mark.parametrize("error", [OSError("x"), RuntimeError("x"), KeyError("x"), ValueError("x")])
 def test_what_the_library_raises_inside_is_refused_too(path, error):
-    with pytest.raises(InputError, match="is not a sound HDF5 file"), opened(path):
+    with pytest.raises(InputError, match="is not a sound HDF5 file"), open_checked(path):
         raise error

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cageik_cli.formats.base.scene_graph import picked
+from cageik_cli.formats.base.scene_graph import choose_mesh
 from cageik_cli.util.errors import InputError
 
 
@@ -11,7 +11,7 @@ from cageik_cli.util.errors import InputError
     [(["/a"], None, "/a"), (["/a"], "/a", "/a"), (["/a", "/b"], "/b", "/b")],
 )
 def test_the_one_that_is_named_or_the_only_one(meshes, member, mesh):
-    assert picked(meshes, member) == mesh
+    assert choose_mesh(meshes, member) == mesh
 
 
 @pytest.mark.parametrize(
@@ -25,4 +25,4 @@ def test_the_one_that_is_named_or_the_only_one(meshes, member, mesh):
 )
 def test_otherwise_what_there_is_to_choose_from(meshes, member, sentence):
     with pytest.raises(InputError, match=sentence):
-        picked(meshes, member)
+        choose_mesh(meshes, member)

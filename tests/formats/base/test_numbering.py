@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.formats.base.file_names import refuse_gaps
+from cageik_cli.formats.base.file_names import check_no_gaps
 from cageik_cli.util.errors import InputError
 
 
@@ -21,7 +21,7 @@ from cageik_cli.util.errors import InputError
 )
 def test_a_gap_names_the_first_file_that_is_missing(names, missing):
     with pytest.raises(InputError) as caught:
-        refuse_gaps([Path("clip") / f"{name}.obj" for name in names.split()])
+        check_no_gaps([Path("clip") / f"{name}.obj" for name in names.split()])
     assert str(caught.value).startswith(f"{Path('clip') / missing}.obj: missing between")
     assert "--allow-gaps" in str(caught.value)
 
@@ -41,4 +41,4 @@ def test_a_gap_names_the_first_file_that_is_missing(names, missing):
     ],
 )
 def test_numbers_without_a_gap_and_other_names_pass(names):
-    assert refuse_gaps([Path(f"{name}.obj") for name in names.split()]) is None
+    assert check_no_gaps([Path(f"{name}.obj") for name in names.split()]) is None

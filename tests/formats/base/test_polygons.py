@@ -5,7 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.base.polygons import _flattened, fans, unfolded
+from cageik_cli.formats.base.polygons import (
+    _project_to_plane,
+    fan_triangulate_polygons,
+    replace_folded_fans,
+)
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError
 from tests.shapes import rotation
@@ -24,8 +28,8 @@ def cut(points, start=0, seed=0):
     turn = rotation(seed)
     flat = np.column_stack([points, np.zeros(len(points))])
     order = np.roll(np.arange(len(points)), -start)
-    faces, sizes = fans([order])
-    mesh = unfolded(TriMesh(flat @ turn.T + [5, -3, 2], faces), sizes)
+    faces, sizes = fan_triangulate_polygons([order])
+    mesh = replace_folded_fans(TriMesh(flat @ turn.T + [5, -3, 2], faces), sizes)
     return mesh, turn[:, 2]
 
 
@@ -70,7 +74,7 @@ def test_stars_are_covered_once(radii, start, seed):
 def test_a_fan_would_have_folded():
     """The checks above must be able to fail: fans fail them."""
     turn = rotation(0)
-    faces, _ = fans([np.roll(np.arange(4), -1)])
+    faces, _ = fan_triangulate_polygons([np.roll(np.arange(4), -1)])
     flat = np.column_stack([DART, np.zeros(4)]) @ turn.T
     assert signed_areas(TriMesh(flat, faces), turn[:, 2]).min() < 0
 
@@ -100,14 +104,18 @@ def test_degenerate_polygons_give_as_many_triangles_of_their_corners(points):
 
 
 def test_a_bent_quad_stays_a_fan():
-    faces, sizes = fans([[0, 1, 2, 3]])
-    mesh = unfolded(TriMesh([[0, 0, 0], [1, 0, 0.4], [1, 1, 0], [0, 1, 0.4]], faces), sizes)
+    faces, sizes = fan_triangulate_polygons([[0, 1, 2, 3]])
+    mesh = replace_folded_fans(
+        TriMesh([[0, 0, 0], [1, 0, 0.4], [1, 1, 0], [0, 1, 0.4]], faces), sizes
+    )
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
 
 
 def test_the_smallest_area_has_a_direction():
     """Of a polygon that crosses itself, positive and negative parts may cancel down to it."""
-    flat = _flattened(np.array([[0, 0, 7], [1, 0, 7], [1, 1, 7.0]]), np.array([0, 0, 5e-324]))
+    flat = _project_to_plane(
+        np.array([[0, 0, 7], [1, 0, 7], [1, 1, 7.0]]), np.array([0, 0, 5e-324])
+    )
     np.testing.assert_allclose(np.linalg.norm(flat, axis=1), [0, 1, np.sqrt(2)])
     assert np.linalg.det(flat[1:]) > 0
 
@@ -115,9 +123,9 @@ def test_the_smallest_area_has_a_direction():
 def test_triangles_stay_in_the_place_of_their_polygon():
     flat = np.column_stack([DART, np.zeros(4)])
     vertices = np.concatenate([flat, flat + np.array([9, 0, 0])])
-    faces, sizes = fans([[0, 1, 2], [5, 6, 7, 4], [0, 2, 3]])
+    faces, sizes = fan_triangulate_polygons([[0, 1, 2], [5, 6, 7, 4], [0, 2, 3]])
     np.testing.assert_array_equal(sizes, [3, 4, 3])
-    mesh = unfolded(TriMesh(vertices, faces), sizes)
+    mesh = replace_folded_fans(TriMesh(vertices, faces), sizes)
     np.testing.assert_array_equal(mesh.faces[[0, 3]], faces[[0, 3]])
     assert {frozenset(face) for face in mesh.faces[1:3].tolist()} == {
         frozenset((4, 5, 6)),
@@ -127,4 +135,4 @@ def test_triangles_stay_in_the_place_of_their_polygon():
 
 def test_a_polygon_of_two_corners_is_refused():
     with pytest.raises(InputError, match="face 1 has 2 corners, expected 3 or more"):
-        fans([[0, 1, 2], [0, 1]])
+        fan_triangulate_polygons([[0, 1, 2], [0, 1]])

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.base.sequence import MeshSequence, refuse_other_connectivity
+from cageik_cli.formats.base.sequence import MeshSequence, check_connectivity
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError
 from tests.clips import frames_of, positions_of
@@ -100,20 +100,20 @@ def test_a_frame_whose_file_cannot_be_read_has_a_stamp_of_zeros():
         def digest(self, index):
             raise InputError("gone")
 
-    assert Counted(2).stamp(1) == b""
-    assert Gone(2).stamp(1) == bytes(32)
+    assert Counted(2).digest_or_zeros(1) == b""
+    assert Gone(2).digest_or_zeros(1) == bytes(32)
 
 
 def test_other_connectivity_is_refused_where_it_first_differs():
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4]])
     mesh = TriMesh(np.zeros((6, 3)), faces)
-    refuse_other_connectivity(6, faces.copy(), mesh, "the rest pose")
+    check_connectivity(6, faces.copy(), mesh, "the rest pose")
     other = faces.copy()
     other[1:] += 1
     with pytest.raises(InputError, match=r"triangle 1 joins vertices 1-3-4, in the rest pose 0-2-3 "
                                          r".*2 triangles differ"):  # fmt: skip
-        refuse_other_connectivity(6, other, mesh, "the rest pose")
+        check_connectivity(6, other, mesh, "the rest pose")
     with pytest.raises(InputError, match="2 triangles, the first frame has 3"):
-        refuse_other_connectivity(6, faces[:2], mesh, "the first frame")
+        check_connectivity(6, faces[:2], mesh, "the first frame")
     with pytest.raises(InputError, match="5 vertices, the first frame has 6"):
-        refuse_other_connectivity(5, faces, mesh, "the first frame")
+        check_connectivity(5, faces, mesh, "the first frame")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.npz import archive as numpy_files
-from cageik_cli.formats.npz.archive import Archive, lone_array
+from cageik_cli.formats.npz.archive import NpzArchive, open_npy
 from cageik_cli.util.errors import InputError
 
 VALUES = np.random.default_rng(0).normal(size=(6, 5, 3))
@@ -47,28 +47,28 @@ def claiming(path, size, compressed=None):
 )
 def test_arrays_are_what_numpy_saved(tmp_path, save, array):
     save(tmp_path / "a.npz", other=[1, 2], verts=array)
-    archive = Archive(tmp_path / "a.npz")
+    archive = NpzArchive(tmp_path / "a.npz")
     assert archive.names == {"other", "verts"}
-    np.testing.assert_array_equal(archive.array("verts").values(), array)
+    np.testing.assert_array_equal(archive.open_array("verts").read(), array)
     np.save(tmp_path / "a.npy", array)
-    np.testing.assert_array_equal(lone_array(tmp_path / "a.npy").values(), array)
+    np.testing.assert_array_equal(open_npy(tmp_path / "a.npy").read(), array)
 
 
 def test_a_lone_value_is_given_and_nothing_else(tmp_path):
     np.savez(tmp_path / "a.npz", one=2.5, text="Z", many=[1, 2], void=np.array(None))
-    archive = Archive(tmp_path / "a.npz")
-    assert (archive.scalar("one"), str(archive.scalar("text"))) == (2.5, "Z")
-    assert [archive.scalar(name) for name in ("many", "void", "absent")] == [None] * 3
+    archive = NpzArchive(tmp_path / "a.npz")
+    assert (archive.read_scalar("one"), str(archive.read_scalar("text"))) == (2.5, "Z")
+    assert [archive.read_scalar(name) for name in ("many", "void", "absent")] == [None] * 3
     empty = npy(np.array("Z"))[:-4].replace(b"<U1", b"<U0")
-    assert Archive(zipped(tmp_path / "a.npz", empty)).scalar("verts") is None
+    assert NpzArchive(zipped(tmp_path / "a.npz", empty)).read_scalar("verts") is None
 
 
 def test_what_is_unpacked_has_no_name_and_does_not_stay(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     (tmp_path / "temporary").mkdir()
     np.savez_compressed(tmp_path / "a.npz", verts=VALUES)
-    array = Archive(tmp_path / "a.npz").array("verts")
-    np.testing.assert_array_equal(array.values(), VALUES)
+    array = NpzArchive(tmp_path / "a.npz").open_array("verts")
+    np.testing.assert_array_equal(array.read(), VALUES)
     assert os.listdir(tmp_path / "temporary") == []
 
 
@@ -76,7 +76,7 @@ def test_an_array_is_unpacked_in_blocks(tmp_path):
     """32 MiB of it, in a few."""
     np.savez_compressed(tmp_path / "a.npz", verts=np.zeros((1 << 22,)))
     tracemalloc.start()
-    assert Archive(tmp_path / "a.npz").array("verts").file.size > 1 << 25
+    assert NpzArchive(tmp_path / "a.npz").open_array("verts").file.size > 1 << 25
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert most < 1 << 23
@@ -95,7 +95,7 @@ def _sparse(path):
 def test_a_huge_claim_is_refused_without_room_for_it(tmp_path):
     tracemalloc.start()
     with pytest.raises(InputError, match="which takes 24000000000128 bytes, and has 1099511627904"):
-        lone_array(_sparse(tmp_path / "a.npy"))
+        open_npy(_sparse(tmp_path / "a.npy"))
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert most < 1 << 20
@@ -129,10 +129,10 @@ def test_a_header_that_cannot_be_is_refused(tmp_path, data, says, method):
     path = tmp_path / "a"
     path.write_bytes(data)
     with pytest.raises(InputError) as lone:
-        lone_array(path)
+        open_npy(path)
     assert says in str(lone.value)
     with pytest.raises(InputError) as member:
-        Archive(zipped(path, data, method)).array("verts")
+        NpzArchive(zipped(path, data, method)).open_array("verts")
     assert says.replace(".npy of plain numbers", "member of a .npz") in str(member.value)
     assert str(member.value).startswith("`verts`: ")
     assert "\n" not in str(lone.value) + str(member.value)
@@ -143,12 +143,12 @@ def test_more_than_deflate_can_give_is_refused(tmp_path):
     with pytest.raises(
         InputError, match=r"claims 4294967294 bytes out of .* more than deflate can"
     ):
-        Archive(path).array("verts")
+        NpzArchive(path).open_array("verts")
 
 
 def test_what_deflate_gives_at_most_is_taken(tmp_path):
     path = zipped(tmp_path / "a.npz", npy(np.zeros(1 << 22)))
-    assert Archive(path).array("verts").shape == (1 << 22,)
+    assert NpzArchive(path).open_array("verts").shape == (1 << 22,)
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def test_what_deflate_gives_at_most_is_taken(tmp_path):
 )
 def test_a_member_of_another_length_is_refused(tmp_path, size, says):
     with pytest.raises(InputError, match=says):
-        Archive(claiming(zipped(tmp_path / "a.npz", npy(VALUES)), size)).array("verts")
+        NpzArchive(claiming(zipped(tmp_path / "a.npz", npy(VALUES)), size)).open_array("verts")
 
 
 def test_no_room_on_the_disk_is_said_before_it_is_written(tmp_path, monkeypatch):
@@ -164,9 +164,9 @@ def test_no_room_on_the_disk_is_said_before_it_is_written(tmp_path, monkeypatch)
     monkeypatch.setattr(numpy_files.shutil, "disk_usage", lambda folder: usage(847))
     path = zipped(tmp_path / "a.npz", npy(VALUES))
     with pytest.raises(InputError, match=r"takes 848 bytes unpacked, and .* has 847 left; name a"):
-        Archive(path).array("verts")
+        NpzArchive(path).open_array("verts")
     monkeypatch.setattr(numpy_files.shutil, "disk_usage", lambda folder: usage(848))
-    np.testing.assert_array_equal(Archive(path).array("verts").values(), VALUES)
+    np.testing.assert_array_equal(NpzArchive(path).open_array("verts").read(), VALUES)
 
 
 def test_a_disk_that_fills_all_the_same_is_no_fault_of_the_file(tmp_path, monkeypatch):
@@ -177,14 +177,14 @@ def test_a_disk_that_fills_all_the_same_is_no_fault_of_the_file(tmp_path, monkey
     monkeypatch.setattr(numpy_files.tempfile, "TemporaryFile", Full)
     path = zipped(tmp_path / "a.npz", npy(VALUES))
     with pytest.raises(InputError, match=r"`verts`: cannot be unpacked into .* \(\[Errno 28\] No"):
-        Archive(path).array("verts")
+        NpzArchive(path).open_array("verts")
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_another_compression_is_refused(tmp_path, method):
     path = zipped(tmp_path / "a.npz", npy(VALUES), method)
     with pytest.raises(InputError, match=f"is compressed by method {method}, expected deflate"):
-        Archive(path).array("verts")
+        NpzArchive(path).open_array("verts")
 
 
 def test_an_encrypted_member_is_refused(tmp_path):
@@ -193,7 +193,7 @@ def test_an_encrypted_member_is_refused(tmp_path):
     data[data.index(b"PK\1\2") + 8] |= 1
     path.write_bytes(data)
     with pytest.raises(InputError, match="`verts`: is encrypted"):
-        Archive(path).array("verts")
+        NpzArchive(path).open_array("verts")
 
 
 @pytest.mark.parametrize(
@@ -209,4 +209,4 @@ def test_a_stored_member_that_is_not_where_the_archive_says_is_refused(tmp_path,
     path = zipped(tmp_path / "a.npz", npy(VALUES), zipfile.ZIP_STORED)
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(InputError, match="is not at byte 0, as the archive says"):
-        Archive(path).array("verts")
+        NpzArchive(path).open_array("verts")

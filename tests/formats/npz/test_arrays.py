@@ -85,7 +85,7 @@ def test_runs_of_frames_are_the_frames(tmp_path, monkeypatch, layout, order):
     path = tmp_path / "clip.npz"
     np.savez(path, verts=np.asarray(frames.transpose(AXES[layout]), order=order), faces=FACES)
     for bound in (1, 4 * 4 * 3 * 8, 1 << 25):
-        monkeypatch.setattr(runs, "LARGEST_RUN", bound)
+        monkeypatch.setattr(runs, "MAX_CHUNK_BYTES", bound)
         sequence = open_sequence([str(path)], ClipSettings(slice(1, None, 2), layout))
         np.testing.assert_array_equal(frames_of(sequence, 3, 1), frames[1::2])
         np.testing.assert_array_equal(frames_of(sequence, 2, 4), frames[1::2])
@@ -150,12 +150,12 @@ def test_an_export_is_read_back(tmp_path):
     """Our own writer's file, and numpy's opinion of it."""
     from cageik_cli.formats.base.writer import Animation
     from cageik_cli.formats.scene import Scene
-    from cageik_cli.formats.write import created
+    from cageik_cli.formats.write import open_writer
     from cageik_cli.geometry.mesh import TriMesh
 
     path = tmp_path / "out.npz"
     rest = TriMesh(FRAMES[0], FACES)
-    with created(
+    with open_writer(
         path, Animation(rest, len(FRAMES), Scene(30, 7, "Z", 0.1), "clip"), False
     ) as writer:
         writer.append(FRAMES)

@@ -2,23 +2,23 @@
 
 import pytest
 
-from cageik_cli.formats.npz.reader import Reading, likeliest, readings_of
+from cageik_cli.formats.npz.reader import AxisOrder, candidate_orders, choose_order
 from cageik_cli.util.errors import InputError
 
 
 @pytest.mark.parametrize(
     ("shape", "layout", "found"),
     [
-        ((7, 5, 3), None, [Reading("fvx", 7, 5)]),
-        ((5, 3, 7), None, [Reading("vxf", 7, 5), Reading("fxv", 5, 7)]),
-        ((5, 3, 7), "vxf", [Reading("vxf", 7, 5)]),
-        ((5, 3, 7), "fxv", [Reading("fxv", 5, 7)]),
-        ((3, 5, 3), None, [Reading("fvx", 3, 5)]),
-        ((5, 3, 3), None, [Reading("fvx", 5, 3), Reading("vxf", 3, 5), Reading("fxv", 5, 3)]),
+        ((7, 5, 3), None, [AxisOrder("fvx", 7, 5)]),
+        ((5, 3, 7), None, [AxisOrder("vxf", 7, 5), AxisOrder("fxv", 5, 7)]),
+        ((5, 3, 7), "vxf", [AxisOrder("vxf", 7, 5)]),
+        ((5, 3, 7), "fxv", [AxisOrder("fxv", 5, 7)]),
+        ((3, 5, 3), None, [AxisOrder("fvx", 3, 5)]),
+        ((5, 3, 3), None, [AxisOrder("fvx", 5, 3), AxisOrder("vxf", 3, 5), AxisOrder("fxv", 5, 3)]),
     ],
 )
 def test_an_axis_of_three_is_the_coordinates(shape, layout, found):
-    assert readings_of(shape, layout) == found
+    assert candidate_orders(shape, layout) == found
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def test_an_axis_of_three_is_the_coordinates(shape, layout, found):
 )
 def test_other_shapes_are_refused(shape, layout, says):
     with pytest.raises(InputError) as caught:
-        readings_of(shape, layout)
+        candidate_orders(shape, layout)
     assert says in str(caught.value)
 
 
@@ -52,7 +52,7 @@ def test_other_shapes_are_refused(shape, layout, says):
     ],
 )
 def test_the_vertices_that_are_named_decide(shape, named, layout):
-    assert likeliest(readings_of(shape, None), named).layout == layout
+    assert choose_order(candidate_orders(shape, None), named).layout == layout
 
 
 @pytest.mark.parametrize(
@@ -68,6 +68,6 @@ def test_the_vertices_that_are_named_decide(shape, named, layout):
 )
 def test_several_readings_are_asked_about(shape, named, says):
     with pytest.raises(InputError) as caught:
-        likeliest(readings_of(shape, None), named)
+        choose_order(candidate_orders(shape, None), named)
     assert says in str(caught.value)
     assert str(caught.value).endswith("say which with --layout")

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.obj.frames import FrameParser
-from cageik_cli.formats.obj.parse import _mesh_by_lines, parse_obj
+from cageik_cli.formats.obj.frames import ObjFrameParser
+from cageik_cli.formats.obj.parse import _parse_line_by_line, parse_obj
 from cageik_cli.util.errors import InputError
 
 VERTICES = [[0, 0, 0], [1.5, 0, 0], [0, -2, 0], [0, 0, 0.25]]
@@ -67,7 +67,7 @@ SLOW = {"CR", "comment behind vertices", "line continuation",
 
 
 def frame_of(data: bytes, first: bytes = PLAIN) -> np.ndarray | None:
-    return FrameParser(first, parse_obj(first).vertices).positions(data)
+    return ObjFrameParser(first, parse_obj(first).vertices).parse_positions(data)
 
 
 @pytest.mark.parametrize("data", DIALECTS.values(), ids=DIALECTS)
@@ -75,7 +75,7 @@ def test_every_dialect_gives_the_same_mesh(data):
     mesh = parse_obj(data)
     np.testing.assert_array_equal(mesh.vertices, VERTICES)
     np.testing.assert_array_equal(mesh.faces, FACES)
-    assert mesh.polygons == 0
+    assert mesh.polygon_count == 0
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
@@ -112,7 +112,7 @@ def test_polygons_become_fans_at_their_first_corner():
     mesh = parse_obj(pentagon + b"f 1 2 3\nf 1 3 4 5\nf 1 2 3 4 5\n")
     expected = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 1, 2], [0, 2, 3], [0, 3, 4]]
     np.testing.assert_array_equal(mesh.faces, expected)
-    assert mesh.polygons == 2
+    assert mesh.polygon_count == 2
 
 
 def test_vertices_of_one_place_stay_apart():
@@ -182,7 +182,7 @@ def test_the_fast_path_declines_or_agrees_with_the_parser(edits, dialect):
     fast = frame_of(data, first)
     if fast is None:
         return
-    full = _mesh_by_lines(data.removeprefix(codecs.BOM_UTF8))
+    full = _parse_line_by_line(data.removeprefix(codecs.BOM_UTF8))
     assert fast.tobytes() == full.vertices.tobytes()
     np.testing.assert_array_equal(full.faces, FACES)
 
@@ -195,10 +195,10 @@ def test_the_fast_path_declines_or_agrees_with_the_parser(edits, dialect):
 def test_a_regular_file_is_the_mesh_that_its_lines_are(edits, dialect):
     data = edited(edits, DIALECTS[dialect]).removeprefix(codecs.BOM_UTF8)
     outcomes = []
-    for parse in (_mesh_by_lines, parse_obj):
+    for parse in (_parse_line_by_line, parse_obj):
         try:
             mesh = parse(data)
-            outcomes.append((mesh.vertices.tobytes(), mesh.faces.tobytes(), mesh.polygons))
+            outcomes.append((mesh.vertices.tobytes(), mesh.faces.tobytes(), mesh.polygon_count))
         except InputError as error:
             outcomes.append(str(error))
     assert outcomes[0] == outcomes[1] or b"\0" in data or not data.strip()

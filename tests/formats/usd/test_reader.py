@@ -70,7 +70,7 @@ def test_frames_faces_and_digest(tmp_path, suffix):
     np.testing.assert_array_equal(sequence.first.faces, MESH.faces)
     np.testing.assert_array_equal(frames_of(sequence, 3, 4), FRAMES)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    assert sequence.source() == {"name": path.name, "sha256": digest}
+    assert sequence.describe_source() == {"name": path.name, "sha256": digest}
     assert sequence.digest(2).hex() == digest
 
 
@@ -118,7 +118,7 @@ def test_a_span_of_uneven_samples_is_bounded(stage, times):
 
 
 def test_as_many_whole_codes_as_the_bound_are_taken(stage, monkeypatch):
-    monkeypatch.setattr(usd, "LARGEST_SPAN", 5)
+    monkeypatch.setattr(usd, "MAX_TIME_CODES", 5)
     add_mesh(stage, times=(1, 2, 5))
     assert len(opened(stage)) == 5
 
@@ -180,7 +180,7 @@ def test_polygons_are_cut_and_compared_as_fans(stage):
     corners = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [1.5, 0.5, 0], [3, 3, 0]]
     add_mesh(stage, frames=[np.array(corners)], times=(1,), faces=[[0, 1, 2, 3], [2, 1, 4]])
     sequence = opened(stage)
-    assert sequence.fanned.faces.tolist() == [[0, 1, 2], [0, 2, 3], [2, 1, 4]]
+    assert sequence.fan_triangulated.faces.tolist() == [[0, 1, 2], [0, 2, 3], [2, 1, 4]]
     areas = np.cross(
         *(
             sequence.first.vertices[sequence.first.faces[:2, k]]
@@ -362,7 +362,7 @@ def test_the_digest_is_over_all_files_that_a_stage_is_made_of(tmp_path, stage):
     files = b"".join(
         hashlib.sha256(file.read_bytes()).digest() for file in (path, tmp_path / "clip.usda")
     )
-    assert open_sequence([str(path)]).source() == {
+    assert open_sequence([str(path)]).describe_source() == {
         "name": "shot.usda",
         "sha256": hashlib.sha256(files).hexdigest(),
         "files": 2,

@@ -8,8 +8,8 @@ from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.usd import skeleton
-from cageik_cli.formats.usd.errors import SUFFIXES
-from cageik_cli.formats.usd.skeleton import SkeletonWriter, skin_weights
+from cageik_cli.formats.usd.errors import USD_SUFFIXES
+from cageik_cli.formats.usd.skeleton import SkeletonWriter, compute_skin_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError
 from tests.formats.clips import faults_of
@@ -56,12 +56,12 @@ def test_the_weights_of_the_test_are_what_they_claim():
     assert CONVEX.min() >= 0 > SIGNED.min()
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", USD_SUFFIXES)
 def test_convex_weights_give_the_mesh_of_the_cages(tmp_path, suffix):
     path = tmp_path / f"rig{suffix}"
     writer = written(path, CONVEX)
     np.testing.assert_allclose(skinned(path), CONVEX @ CAGES, atol=2e-6)
-    assert writer.moved < 1e-14
+    assert writer.max_skinning_error < 1e-14
     assert writer.influences == 8
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
@@ -69,15 +69,15 @@ def test_convex_weights_give_the_mesh_of_the_cages(tmp_path, suffix):
 @pytest.mark.parametrize("most", [None, 3])
 @pytest.mark.parametrize("compared", [1, 1 << 26])
 def test_what_other_weights_cost_is_what_usd_shows(tmp_path, monkeypatch, most, compared):
-    monkeypatch.setattr(skeleton, "_COMPARED", compared)
+    monkeypatch.setattr(skeleton, "_COMPARE_BYTES", compared)
     writer = written(tmp_path / "rig.usdc", SIGNED, most)
     found = skinned(tmp_path / "rig.usdc")
-    skin = skin_weights(SIGNED, most).dense(8)
+    skin = compute_skin_weights(SIGNED, most).to_dense(8)
     expected = REST.vertices + skin @ (CAGES - CAGE.vertices)
     np.testing.assert_allclose(found, expected, atol=2e-6)
     moved = np.linalg.norm(found - SIGNED @ CAGES, axis=2).max()
     assert moved > 0.01
-    np.testing.assert_allclose(writer.moved, moved, rtol=1e-4)
+    np.testing.assert_allclose(writer.max_skinning_error, moved, rtol=1e-4)
     assert writer.influences == (most or np.count_nonzero(skin, axis=1).max())
 
 
@@ -86,7 +86,7 @@ def test_vertices_that_the_weights_do_not_rebuild_are_told_from_the_rest_pose_on
     weights = trilinear(REST.vertices * 0.9)
     animation = Animation(CAGE, 1, SCENE, "hero")
     writer = SkeletonWriter(tmp_path / "rig.usdc", animation, REST, weights)
-    np.testing.assert_allclose(writer.moved, 0.1, rtol=1e-12)
+    np.testing.assert_allclose(writer.max_skinning_error, 0.1, rtol=1e-12)
     writer.abandon()
 
 
@@ -104,7 +104,7 @@ def test_joints_are_the_vertices_of_the_cage(tmp_path):
     assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", USD_SUFFIXES)
 def test_usd_finds_no_fault_with_it(tmp_path, suffix):
     path = tmp_path / f"rig{suffix}"
     written(path, SIGNED, 4)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.usd import skeleton as skinning
-from cageik_cli.formats.usd.skeleton import LEAST_WEIGHT, furthest, skin_weights
+from cageik_cli.formats.usd.skeleton import MIN_WEIGHT, compute_skin_weights, measure_skinning_error
 from cageik_cli.util.errors import InputError
 
 RANDOM = np.random.default_rng(7)
@@ -16,16 +16,16 @@ SIGNED /= SIGNED.sum(axis=1, keepdims=True)
 @pytest.fixture(autouse=True, params=[7, 1 << 14])
 def rows(monkeypatch, request):
     """However many rows are taken at once."""
-    monkeypatch.setattr(skinning, "_ROWS", request.param)
+    monkeypatch.setattr(skinning, "_BLOCK_ROWS", request.param)
 
 
 def test_convex_weights_are_unchanged():
-    np.testing.assert_allclose(skin_weights(CONVEX).dense(9), CONVEX, rtol=1e-15)
+    np.testing.assert_allclose(compute_skin_weights(CONVEX).to_dense(9), CONVEX, rtol=1e-15)
 
 
 @pytest.mark.parametrize("most", [None, 1, 3, 9, 20])
 def test_rows_are_convex(most):
-    skin = skin_weights(SIGNED, most)
+    skin = compute_skin_weights(SIGNED, most)
     assert (skin.values >= 0).all()
     np.testing.assert_allclose(skin.values.sum(axis=1), 1, rtol=1e-15)
     assert skin.joints.shape[1] <= min(most or 9, 9)
@@ -36,42 +36,42 @@ def test_rows_are_convex(most):
 @pytest.mark.parametrize("most", [9, 100])
 def test_as_many_as_there_are_is_all(most):
     np.testing.assert_array_equal(
-        skin_weights(SIGNED, most).dense(9), skin_weights(SIGNED).dense(9)
+        compute_skin_weights(SIGNED, most).to_dense(9), compute_skin_weights(SIGNED).to_dense(9)
     )
 
 
 def test_the_largest_are_kept_in_proportion():
-    skin = skin_weights(np.array([[0.4, -0.2, 0.3, 0.1, 0.4], [0, 0, 0, 0, 1]]), 3)
+    skin = compute_skin_weights(np.array([[0.4, -0.2, 0.3, 0.1, 0.4], [0, 0, 0, 0, 1]]), 3)
     expected = [[4 / 11, 0, 3 / 11, 0, 4 / 11], [0, 0, 0, 0, 1]]
-    np.testing.assert_allclose(skin.dense(5), expected, rtol=1e-15)
+    np.testing.assert_allclose(skin.to_dense(5), expected, rtol=1e-15)
 
 
 def test_no_more_influences_than_the_fullest_row_has():
-    skin = skin_weights(np.array([[0.5, 0.5, 0, 0], [1, 0, 0, 0], [0.25, 0.25, 0, 0.5]]))
+    skin = compute_skin_weights(np.array([[0.5, 0.5, 0, 0], [1, 0, 0, 0], [0.25, 0.25, 0, 0.5]]))
     assert skin.joints.shape == (3, 3)
     np.testing.assert_array_equal(skin.values[1], [1, 0, 0])
 
 
 def test_weights_that_single_precision_does_not_tell_are_dropped():
-    small = LEAST_WEIGHT / 2
-    skin = skin_weights(np.array([[1 - small, small], [0.5, 0.5]]))
-    np.testing.assert_array_equal(skin.dense(2), [[1, 0], [0.5, 0.5]])
+    small = MIN_WEIGHT / 2
+    skin = compute_skin_weights(np.array([[1 - small, small], [0.5, 0.5]]))
+    np.testing.assert_array_equal(skin.to_dense(2), [[1, 0], [0.5, 0.5]])
 
 
 def test_a_row_without_a_weight_above_zero_is_refused():
     with pytest.raises(InputError, match="vertex 1 has no weight above zero"):
-        skin_weights(np.array([[1.0, 0], [0, 0]]))
+        compute_skin_weights(np.array([[1.0, 0], [0, 0]]))
 
 
 def test_the_distance_is_that_of_the_definition():
     """p + S (c - c_rest) against H c, written out vertex by vertex."""
     rest, frames = RANDOM.normal(size=(9, 3)), RANDOM.normal(size=(5, 9, 3))
     points = SIGNED @ rest + RANDOM.normal(0, 0.1, (40, 3))
-    skin = skin_weights(SIGNED).dense(9)
+    skin = compute_skin_weights(SIGNED).to_dense(9)
     longest = 0.0
     for cage in frames:
         for j, p in enumerate(points):
             skinned = p + sum(skin[j, k] * (cage[k] - rest[k]) for k in range(9))
             longest = max(longest, np.linalg.norm(skinned - SIGNED[j] @ cage))
-    found = furthest(points - SIGNED @ rest, skin - SIGNED, frames - rest)
+    found = measure_skinning_error(points - SIGNED @ rest, skin - SIGNED, frames - rest)
     np.testing.assert_allclose(found, longest, rtol=1e-13)

@@ -7,12 +7,12 @@ import pytest
 from pxr import Usd, UsdGeom
 
 from cageik_cli.formats.usd import writer as usd_file
-from cageik_cli.formats.usd.errors import SUFFIXES
+from cageik_cli.formats.usd.errors import USD_SUFFIXES
 from cageik_cli.util.errors import InputError
 from tests.formats.clips import FRAMES, REST, fail_halfway, faults_of, write_huge, written
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", USD_SUFFIXES)
 def test_every_frame_is_what_was_given_in_single_precision(tmp_path, suffix):
     stage = Usd.Stage.Open(str(written(tmp_path / f"clip{suffix}")))
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/hero/hero"))
@@ -39,24 +39,24 @@ def test_the_stage_says_what_the_scene_is(tmp_path):
     assert UsdGeom.GetStageMetersPerUnit(stage) == 0.01
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", USD_SUFFIXES)
 def test_the_same_animation_gives_the_same_bytes(tmp_path, monkeypatch, suffix):
     """Whatever the size of blocks, and although frames are saved as they come."""
-    monkeypatch.setattr(usd_file, "LARGEST_UNSAVED", 1000)
+    monkeypatch.setattr(usd_file, "MAX_UNSAVED_BYTES", 1000)
     found = {written(tmp_path / f"{k}{suffix}", size=k).read_bytes() for k in (1, 4, 7)}
     assert len(found) == 1
     assert len(list(tmp_path.iterdir())) == 3
 
 
 def test_frames_saved_as_they_come_are_all_there(tmp_path, monkeypatch):
-    monkeypatch.setattr(usd_file, "LARGEST_UNSAVED", 12 * 6 * 2)
+    monkeypatch.setattr(usd_file, "MAX_UNSAVED_BYTES", 12 * 6 * 2)
     stage = Usd.Stage.Open(str(written(tmp_path / "clip.usdc")))
     points = UsdGeom.Mesh(stage.GetPrimAtPath("/hero/hero")).GetPointsAttr()
     found = [np.array(points.Get(11 + k)) for k in range(7)]
     np.testing.assert_array_equal(found, FRAMES.astype(np.float32))
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", USD_SUFFIXES)
 def test_usd_finds_no_fault_with_it(tmp_path, suffix):
     assert faults_of(written(tmp_path / f"clip{suffix}")) == []
 
@@ -100,7 +100,7 @@ def test_what_single_precision_cannot_hold_is_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", USD_SUFFIXES)
 def test_a_failure_leaves_nothing(tmp_path, suffix):
     with pytest.raises(KeyError):
         fail_halfway(tmp_path / f"clip{suffix}")
@@ -121,7 +121,7 @@ except InputError as error:
 """
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", USD_SUFFIXES)
 def test_a_full_disk_is_a_sentence(tmp_path, run_process, suffix):
     path = tmp_path / f"clip{suffix}"
     done = run_process("-c", FULL, path)

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.posing.handles.model import Handles, HandleSet, PlaceSettings, Surface
-from cageik_cli.posing.handles.placement import placed
+from cageik_cli.posing.handles.model import Handles, HandleSet, PlacementSettings, PosedSurface
+from cageik_cli.posing.handles.placement import place_handles
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.handles.schedule import Drag
+from cageik_cli.posing.handles.schedule import HandleSchedule
 from tests.shapes import box
 
 FRAMES = 12
@@ -30,8 +30,8 @@ def step(k: int) -> np.ndarray:
 
 
 MESH = box()
-CLIP = Surface(MESH, lambda k: MESH.vertices + step(k), FRAMES)
-STILL = Surface(MESH, lambda k: MESH.vertices)
+CLIP = PosedSurface(MESH, lambda k: MESH.vertices + step(k), FRAMES)
+STILL = PosedSurface(MESH, lambda k: MESH.vertices)
 
 
 def read(folder: Path, document: object) -> Handles:
@@ -47,6 +47,6 @@ def read_set(folder: Path, *handles: dict, **fields: object) -> HandleSet:
     return found
 
 
-def drag(handle_set: HandleSet, surface: Surface = CLIP, **settings: bool) -> Drag:
+def drag(handle_set: HandleSet, surface: PosedSurface = CLIP, **settings: bool) -> HandleSchedule:
     """The handles put on a surface."""
-    return placed(handle_set, surface, PlaceSettings(**settings))
+    return place_handles(handle_set, surface, PlacementSettings(**settings))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.anchors import positions_of
-from cageik_cli.posing.handles.model import Surface
+from cageik_cli.posing.anchors import anchor_positions
+from cageik_cli.posing.handles.model import PosedSurface
 from cageik_cli.util.errors import InputError
 from tests.posing.handles.files import CLIP, FRAMES, HAND, MESH, STILL, drag, read_set
 
@@ -27,7 +27,7 @@ def on_face(name, **fields):
 
 def targets(found, surface=CLIP):
     frames = np.array(found.span)
-    positions = np.array([positions_of(found.anchors, surface.pose(k)) for k in frames])
+    positions = np.array([anchor_positions(found.anchors, surface.pose_at(k)) for k in frames])
     return found.targets(frames, positions), positions
 
 
@@ -76,7 +76,7 @@ DIFFERENT = {
     "a place and an offset": (
         handle("a", target=HERE.tolist()),
         handle("b", pin=True),
-        f"{np.linalg.norm(CLIP.pose(11)[0] - MESH.vertices[0]):.3g} apart in frame 11",
+        f"{np.linalg.norm(CLIP.pose_at(11)[0] - MESH.vertices[0]):.3g} apart in frame 11",
     ),
 }
 
@@ -153,7 +153,7 @@ def test_one_hard_one_is_enough_of_those_that_agree(tmp_path):
 def test_coincident_vertices_are_one_point(tmp_path):
     """As of a seam: two vertices of one place have the same weights."""
     doubled = TriMesh(np.vstack([MESH.vertices, HERE]), MESH.faces)
-    surface = Surface(doubled, lambda k: doubled.vertices)
+    surface = PosedSurface(doubled, lambda k: doubled.vertices)
     apart = handle("a", target=[1, 2, 3]), handle("b", vertex=8, target=[1, 2, 4])
     with pytest.raises(InputError, match="handles 'a' and 'b' are on one point"):
         drag(read_set(tmp_path, *apart), surface)
@@ -171,7 +171,7 @@ def test_a_point_ends_somewhere(tmp_path, slip, count):
 
 
 def test_one_behind_the_camera_is_named(tmp_path):
-    behind = Surface(MESH, lambda k: MESH.vertices + np.array([0, 0, 20.0 * (k == 6)]), FRAMES)
+    behind = PosedSurface(MESH, lambda k: MESH.vertices + np.array([0, 0, 20.0 * (k == 6)]), FRAMES)
     nose = {"name": "nose", "screen": {"source": [320, 240], "offset": [0, 0]}}
     found = drag(read_set(tmp_path, nose), behind).anchors[0].point
     face = next(k for k, f in enumerate(MESH.faces) if set(f) == set(found.corners))

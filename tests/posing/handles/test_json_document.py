@@ -3,11 +3,11 @@ import os
 import pytest
 
 from cageik_cli.posing.handles.json_document import (
-    DEEPEST,
-    MOST_BYTES,
-    place_of,
+    MAX_BYTES,
+    MAX_DEPTH,
+    describe_location,
+    format_value,
     read_document,
-    value_text,
 )
 from cageik_cli.util.errors import InputError
 
@@ -23,8 +23,8 @@ def path(tmp_path):
         ('{"a": [1, 2.5, true, null, "x"]}', {"a": [1, 2.5, True, None, "x"]}),
         ("\ufeff{}", {}),
         ('{"ä": "\\u00e4"}', {"ä": "ä"}),
-        ("[" * DEEPEST + "]" * DEEPEST, None),
-        ("[]" + " " * (MOST_BYTES - 2), []),
+        ("[" * MAX_DEPTH + "]" * MAX_DEPTH, None),
+        ("[]" + " " * (MAX_BYTES - 2), []),
     ],
     ids=["values", "mark", "letters", "deep", "long"],
 )
@@ -39,8 +39,8 @@ FAULTS = {
     "a comment": (b"{\n  // no\n}", "is not JSON at line 2, column 3"),
     "empty": (b"", "is not JSON at line 1, column 1"),
     "not UTF-8": (b'{"a": "\xff"}', "is not UTF-8 text at byte 7; save it as UTF-8"),
-    "too large": (b"[]" + b" " * (MOST_BYTES - 1), "is of 2 MB, more than the 2 MB that are read"),
-    "deep": (b"[" * (DEEPEST + 2) + b"]" * (DEEPEST + 2), "nested too deeply"),
+    "too large": (b"[]" + b" " * (MAX_BYTES - 1), "is of 2 MB, more than the 2 MB that are read"),
+    "deep": (b"[" * (MAX_DEPTH + 2) + b"]" * (MAX_DEPTH + 2), "nested too deeply"),
     "too deep for Python": (b"[" * 100_000, "nested too deeply"),
     "digits": (b"9" * 5000, "a number of thousands of digits"),
     "not a number": (b'{"a": [1, NaN]}', "a[1]: is NaN, expected a finite number"),
@@ -103,7 +103,7 @@ def test_places_have_words(steps, words):
         "sets": [{"handles": [{"name": "arm", "odd name": 1}]}],
         "camera": {"view": [[0] * 4] * 4},
     }
-    assert place_of(document, steps) == words
+    assert describe_location(document, steps) == words
 
 
 @pytest.mark.parametrize(
@@ -120,4 +120,4 @@ def test_places_have_words(steps, words):
     ],
 )
 def test_values_have_words(value, text):
-    assert value_text(value) == text
+    assert format_value(value) == text

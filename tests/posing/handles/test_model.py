@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.geometry.camera import Camera, Stand
+from cageik_cli.geometry.camera import Camera, LookAt
 from cageik_cli.posing.handles.model import MoveBy, MoveTo, Pin, ScreenBy, ScreenTo, Track
 from cageik_cli.util.errors import InputError
 
@@ -14,8 +14,8 @@ KEYS = np.array([2, 5, 9])
 VALUES = np.array([[1.0, 2, 3], [2, 0, 3], [2.5, 1, 3]])
 POSITIONS = np.random.default_rng(5).normal(0, 0.5, (12, 3))
 
-STANDING = Camera.looking_at(
-    Stand(np.array([1.0, 2, 9]), np.zeros(3), np.array([0.0, 1, 0])), 40, 640, 480
+STANDING = Camera.from_look_at(
+    LookAt(np.array([1.0, 2, 9]), np.zeros(3), np.array([0.0, 1, 0])), 40, 640, 480
 )
 _PARALLEL = np.diag([0.3, 0.4, -0.05, 1.0])
 PARALLEL = Camera(STANDING.view, _PARALLEL, 640, 480)
@@ -27,16 +27,16 @@ CAMERAS = pytest.mark.parametrize(
 
 
 def test_one_value_holds_in_all_frames():
-    np.testing.assert_array_equal(Track(VALUES[:1]).at(FRAMES), np.tile(VALUES[0], (12, 1)))
+    np.testing.assert_array_equal(Track(VALUES[:1]).evaluate(FRAMES), np.tile(VALUES[0], (12, 1)))
 
 
 def test_one_key_holds_in_all_frames():
     track = Track(VALUES[:1], KEYS[:1])
-    np.testing.assert_array_equal(track.at(FRAMES), np.tile(VALUES[0], (12, 1)))
+    np.testing.assert_array_equal(track.evaluate(FRAMES), np.tile(VALUES[0], (12, 1)))
 
 
 def test_keys_are_met_and_the_ends_stay():
-    found = Track(VALUES, KEYS).at(FRAMES)
+    found = Track(VALUES, KEYS).evaluate(FRAMES)
     np.testing.assert_array_equal(found[KEYS], VALUES)
     np.testing.assert_array_equal(found[:2], np.tile(VALUES[0], (2, 1)))
     np.testing.assert_array_equal(found[10:], np.tile(VALUES[2], (2, 1)))
@@ -47,7 +47,7 @@ def test_equal_keys_are_linear_between_steps_of_a_line():
     frames = np.array([0, 4, 8, 11])
     line = frames[:, None] * np.array([[0.5, -2.0, 0.0]]) + 1
     np.testing.assert_allclose(
-        Track(line, frames).at(FRAMES), FRAMES[:, None] * [0.5, -2.0, 0.0] + 1, rtol=1e-13
+        Track(line, frames).evaluate(FRAMES), FRAMES[:, None] * [0.5, -2.0, 0.0] + 1, rtol=1e-13
     )
 
 
@@ -57,7 +57,7 @@ def test_equal_keys_are_linear_between_steps_of_a_line():
 )
 def test_no_key_is_passed(values, gaps):
     keys = np.cumsum(gaps)[: len(values)]
-    found = Track(np.array(values)[:, None], keys).at(np.arange(keys[0], keys[-1] + 1))[:, 0]
+    found = Track(np.array(values)[:, None], keys).evaluate(np.arange(keys[0], keys[-1] + 1))[:, 0]
     place = np.searchsorted(keys, np.arange(keys[0], keys[-1] + 1), side="right") - 1
     after = np.minimum(place + 1, len(values) - 1)
     ends = np.sort([np.array(values)[place], np.array(values)[after]], axis=0)
@@ -68,8 +68,8 @@ def test_no_key_is_passed(values, gaps):
 
 def test_frames_may_come_in_blocks():
     track = Track(VALUES, KEYS)
-    blocks = [track.at(FRAMES[k : k + 5]) for k in range(0, 12, 5)]
-    np.testing.assert_array_equal(np.concatenate(blocks), track.at(FRAMES))
+    blocks = [track.evaluate(FRAMES[k : k + 5]) for k in range(0, 12, 5)]
+    np.testing.assert_array_equal(np.concatenate(blocks), track.evaluate(FRAMES))
 
 
 def test_a_pin_stays():
@@ -78,9 +78,9 @@ def test_a_pin_stays():
 
 def test_a_target_is_absolute_and_an_offset_is_not():
     track = Track(VALUES, KEYS)
-    np.testing.assert_array_equal(MoveTo(track).targets(FRAMES, POSITIONS), track.at(FRAMES))
+    np.testing.assert_array_equal(MoveTo(track).targets(FRAMES, POSITIONS), track.evaluate(FRAMES))
     np.testing.assert_array_equal(
-        MoveBy(track).targets(FRAMES, POSITIONS), POSITIONS + track.at(FRAMES)
+        MoveBy(track).targets(FRAMES, POSITIONS), POSITIONS + track.evaluate(FRAMES)
     )
 
 

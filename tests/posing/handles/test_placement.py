@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.camera import Stand
+from cageik_cli.geometry.camera import LookAt
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.posing.anchors import positions_of
-from cageik_cli.posing.handles.model import HandleSet, Surface
+from cageik_cli.posing.anchors import anchor_positions
+from cageik_cli.posing.handles.model import HandleSet, PosedSurface
 from cageik_cli.util.errors import InputError
 from tests.posing.handles.files import (
     CAMERA,
@@ -35,7 +35,7 @@ def test_vertices_and_faces_are_where_they_are(tmp_path):
         ("hand", 3.0, True),
         ("knee", 1.0, False),
     ]
-    hand, knee = positions_of(found.anchors, MESH.vertices)
+    hand, knee = anchor_positions(found.anchors, MESH.vertices)
     np.testing.assert_array_equal(hand, MESH.vertices[7])
     corners = MESH.vertices[MESH.faces[4]]
     np.testing.assert_allclose(knee, np.array([0.2, 0.3, 0.5]) @ corners, rtol=1e-15)
@@ -66,7 +66,7 @@ def test_a_position_is_not_snapped_unasked(tmp_path):
 def test_a_face_without_area_has_a_nearest_point(tmp_path):
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]])
     flat = TriMesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
-    surface = Surface(flat, lambda k: corners)
+    surface = PosedSurface(flat, lambda k: corners)
     for position, nearest in (([1.5, -1, 0], [1.5, 0, 0]), ([0.5, 0.2, 1], [0.5, 0.2, 0])):
         found = drag(read_set(tmp_path, NEAR | {"position": position}), surface, snap=True)
         place = found.anchors[0].point.position(corners)
@@ -75,7 +75,7 @@ def test_a_face_without_area_has_a_nearest_point(tmp_path):
 
 def ray_of(pixel):
     """From the eye through a pixel, by the angles of the picture."""
-    place = Stand(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
+    place = LookAt(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
     right, up, back = place.view[:3, :3]
     half = np.tan(np.radians(CAMERA["fov_degrees"]) / 2)
     x, y = (pixel[0] - 320) / 240 * half, (240 - pixel[1]) / 240 * half
@@ -96,8 +96,8 @@ def test_a_pixel_is_picked_in_the_pose_of_the_pick_frame(tmp_path, said, frame):
 def test_a_screen_target_is_followed_in_every_frame(tmp_path):
     found = drag(read_set(tmp_path, with_screen(target=[300, 200])))
     frames = np.arange(FRAMES)
-    positions = np.array([positions_of(found.anchors, CLIP.pose(k)) for k in frames])
-    place = Stand(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
+    positions = np.array([anchor_positions(found.anchors, CLIP.pose_at(k)) for k in frames])
+    place = LookAt(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
     targets, (eye, way) = found.targets(frames, positions)[:, 0], ray_of([300, 200])
     ahead = (positions[:, 0] - eye) @ place.view[2, :3] / (way @ place.view[2, :3])
     np.testing.assert_allclose(targets, eye + ahead[:, None] * way, rtol=0, atol=1e-9)
@@ -105,7 +105,7 @@ def test_a_screen_target_is_followed_in_every_frame(tmp_path):
 
 def test_poses_are_asked_for_only_where_they_are_needed(tmp_path):
     asked = []
-    surface = Surface(MESH, lambda k: asked.append(k) or CLIP.pose(k), FRAMES)
+    surface = PosedSurface(MESH, lambda k: asked.append(k) or CLIP.pose_at(k), FRAMES)
     drag(read_set(tmp_path, HAND, KNEE), surface)
     assert asked == []
     drag(read_set(tmp_path, HAND, NOSE, NEAR, pick_frame=3), surface, snap=True)
@@ -125,7 +125,7 @@ def test_poses_are_asked_for_only_where_they_are_needed(tmp_path):
 )
 def test_frames(tmp_path, said, hold, span):
     found = drag(read_set(tmp_path, HAND, **said))
-    assert (found.hold, found.span) == (hold, span)
+    assert (found.full_strength, found.affected_frames) == (hold, span)
     blend = found.blend(np.arange(FRAMES))
     np.testing.assert_array_equal(np.flatnonzero(blend), np.array(span))
     np.testing.assert_array_equal(np.flatnonzero(blend == 1), np.array(hold))
@@ -133,8 +133,8 @@ def test_frames(tmp_path, said, hold, span):
 
 def test_one_pose(tmp_path):
     found = drag(read_set(tmp_path, HAND, NOSE, NEAR), STILL, snap=True)
-    assert (found.hold, found.span) == (range(1), range(1))
-    positions = positions_of(found.anchors, MESH.vertices)[None]
+    assert (found.full_strength, found.affected_frames) == (range(1), range(1))
+    positions = anchor_positions(found.anchors, MESH.vertices)[None]
     moved = positions + found.displacements(np.arange(1), positions)
     np.testing.assert_allclose(moved[0, 0], [1, 2, 3], rtol=1e-15)
 

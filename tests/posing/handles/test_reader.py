@@ -6,20 +6,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.geometry.camera import Camera, Stand
+from cageik_cli.geometry.camera import Camera, LookAt
 from cageik_cli.posing.handles.model import (
-    InPixel,
+    AtPixel,
     MoveBy,
     MoveTo,
-    NearTo,
+    NearPosition,
     OnFace,
     OnVertex,
     Pin,
-    PlaceSettings,
+    PlacementSettings,
     ScreenBy,
     ScreenTo,
 )
-from cageik_cli.posing.handles.placement import placed
+from cageik_cli.posing.handles.placement import place_handles
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.util.errors import CageikError, InputError
 from tests.posing.handles.files import CAMERA, CLIP, HAND, KEYS, STILL, read, read_set
@@ -54,10 +54,10 @@ def test_handles_are_what_the_file_says(tmp_path):
     assert isinstance(knee.motion, MoveBy)
     np.testing.assert_array_equal(knee.motion.track.frames, KEYS["frames"])
     np.testing.assert_array_equal(knee.motion.track.values, KEYS["values"])
-    assert isinstance(foot.place, NearTo)
+    assert isinstance(foot.place, NearPosition)
     np.testing.assert_array_equal(foot.place.position, [1, 2, 3])
     assert isinstance(foot.motion, Pin)
-    assert isinstance(nose.place, InPixel)
+    assert isinstance(nose.place, AtPixel)
     assert isinstance(nose.motion, ScreenTo)
     assert isinstance(ear.motion, ScreenBy)
     np.testing.assert_array_equal(ear.place.pixel, [1, 2])
@@ -69,20 +69,20 @@ def test_what_is_not_said_has_its_default(tmp_path):
     found = read(tmp_path, {"handles": [HAND]})
     (only,) = found.sets
     assert (only.camera, only.frames, only.falloff, only.pick_frame) == (None, None, 0, None)
-    assert (found.ties.locked, found.ties.mirror) == ((), None)
+    assert (found.constraints.locked, found.constraints.mirror) == ((), None)
 
 
 def test_ties(tmp_path):
     mirror = {"normal": [0, 2, 0], "point": [1, 2, 3]}
-    found = read(tmp_path, {"handles": [HAND], "locked": [4, 0], "mirror": mirror}).ties
+    found = read(tmp_path, {"handles": [HAND], "locked": [4, 0], "mirror": mirror}).constraints
     assert found.locked == (4, 0)
     np.testing.assert_array_equal(found.mirror.normal, [0, 1, 0])
     np.testing.assert_array_equal(found.mirror.point, [1, 2, 3])
 
 
 def test_cameras(tmp_path):
-    place = Stand(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
-    standing = Camera.looking_at(place, 40, 640, 480)
+    place = LookAt(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
+    standing = Camera.from_look_at(place, 40, 640, 480)
     for said, camera in ((CAMERA, standing), (MATRICES, Camera(np.eye(4), np.eye(4), 640, 480))):
         found = read(tmp_path, {"handles": [HAND], "camera": said}).sets[0].camera
         np.testing.assert_array_equal(found.view, camera.view)
@@ -263,8 +263,10 @@ def faults_of(path):
     for one in handles.sets:
         for surface in (CLIP, STILL):
             try:
-                drag = placed(one, surface, PlaceSettings(snap=True, allow_conflicts=True))
-                frames = np.arange(drag.span.start, drag.span.stop)
+                drag = place_handles(
+                    one, surface, PlacementSettings(snap=True, allow_conflicts=True)
+                )
+                frames = np.arange(drag.affected_frames.start, drag.affected_frames.stop)
                 positions = np.zeros((len(frames), len(drag.anchors), 3))
                 assert np.isfinite(drag.displacements(frames, positions)).all()
             except CageikError as error:
@@ -305,5 +307,5 @@ def test_what_is_no_sentence_is_found():
 def test_the_whole_document_passes(tmp_path):
     """So that the mistakes are the mistakes."""
     first, second = read(tmp_path, WHOLE).sets
-    assert placed(first, CLIP, PlaceSettings(snap=True)).span == range(2, 10)
-    assert placed(second, CLIP, PlaceSettings()).hold == range(12)
+    assert place_handles(first, CLIP, PlacementSettings(snap=True)).affected_frames == range(2, 10)
+    assert place_handles(second, CLIP, PlacementSettings()).full_strength == range(12)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.posing.anchors import Anchor, at_vertex
+from cageik_cli.posing.anchors import Anchor, point_at_vertex
 from cageik_cli.posing.handles.model import MoveBy, MoveTo, Pin, ScreenTo, Track
-from cageik_cli.posing.handles.schedule import Drag, Mover
+from cageik_cli.posing.handles.schedule import BlendedMotion, HandleSchedule
 from cageik_cli.util.errors import InputError
 from tests.posing.handles.test_model import FRAMES, POSITIONS, STANDING
 from tests.shapes import box
@@ -15,9 +15,11 @@ OFFSET = np.array([[1.0, -2.0, 0.5]])
 
 def drag_of(*motions, hold=range(20, 31), falloff=10):
     names = [f"h{k}" for k in range(len(motions))]
-    anchors = tuple(Anchor(name, at_vertex(box(), k)) for k, name in enumerate(names))
-    movers = tuple(Mover((n,), (m,), np.ones(1)) for n, m in zip(names, motions, strict=True))
-    return Drag(anchors, movers, hold, range(50), falloff)
+    anchors = tuple(Anchor(name, point_at_vertex(box(), k)) for k, name in enumerate(names))
+    movers = tuple(
+        BlendedMotion((n,), (m,), np.ones(1)) for n, m in zip(names, motions, strict=True)
+    )
+    return HandleSchedule(anchors, movers, hold, range(50), falloff)
 
 
 def test_full_where_it_holds_and_nothing_outside():
@@ -92,7 +94,9 @@ def test_blocks_of_frames_are_parts_of_all():
 
 def test_a_mean_of_motions():
     other = np.array([[3.0, 0.0, 0.0]])
-    mover = Mover(("a", "b"), (MoveTo(Track(OFFSET)), MoveTo(Track(other))), np.array([0.25, 0.75]))
+    mover = BlendedMotion(
+        ("a", "b"), (MoveTo(Track(OFFSET)), MoveTo(Track(other))), np.array([0.25, 0.75])
+    )
     np.testing.assert_allclose(
         mover.targets(FRAMES, POSITIONS), np.tile(0.25 * OFFSET + 0.75 * other, (12, 1)), rtol=1e-15
     )

@@ -6,7 +6,7 @@ from importlib.resources import files
 import pytest
 from jsonschema import Draft202012Validator
 
-from cageik_cli.posing.handles.schema import refuse_faults, schema_text
+from cageik_cli.posing.handles.schema import check_schema, read_schema
 from cageik_cli.util.errors import InputError
 from tests.posing.handles.files import CAMERA, HAND, KEYS
 
@@ -222,7 +222,7 @@ BAD = {
 
 
 def test_it_is_a_schema_that_is_packaged():
-    schema = json.loads(schema_text())
+    schema = json.loads(read_schema())
     Draft202012Validator.check_schema(schema)
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
     assert files("cageik_cli.posing.handles").joinpath("schema.json").is_file()
@@ -230,7 +230,7 @@ def test_it_is_a_schema_that_is_packaged():
 
 def test_every_field_is_described():
     """An editor shows it, of the field itself or of what it refers to."""
-    defined = json.loads(schema_text())["$defs"]
+    defined = json.loads(read_schema())["$defs"]
     for title, record in defined.items():
         for name, field in record.get("properties", {}).items():
             meant = defined[field["$ref"].split("/")[-1]] if "$ref" in field else {}
@@ -239,14 +239,14 @@ def test_every_field_is_described():
 
 @pytest.mark.parametrize("document", GOOD.values(), ids=GOOD)
 def test_passes(document):
-    assert refuse_faults(document) is None
-    assert Draft202012Validator(json.loads(schema_text())).is_valid(document)
+    assert check_schema(document) is None
+    assert Draft202012Validator(json.loads(read_schema())).is_valid(document)
 
 
 @pytest.mark.parametrize(("document", "said"), BAD.values(), ids=BAD)
 def test_refused(document, said):
     with pytest.raises(InputError) as error:
-        refuse_faults(document)
+        check_schema(document)
     assert said in str(error.value)
 
 
@@ -254,7 +254,7 @@ def test_the_first_fault_in_the_file_is_told():
     document = {"handles": [HAND | {"vertex": "a", "weight": "b"}, HAND | {"vertex": "c"}]}
     for said in ("handle 'hand': vertex: is \"a\"", 'weight: is "b"', 'vertex: is "c"'):
         with pytest.raises(InputError) as error:
-            refuse_faults(document)
+            check_schema(document)
         assert said in str(error.value)
         first = next(one for one in document["handles"] if any(map(is_letter, one.values())))
         first[next(key for key, value in first.items() if is_letter(value))] = 1
@@ -266,4 +266,4 @@ def is_letter(value):
 
 def test_a_misspelt_field_is_told_before_what_it_leaves_missing():
     with pytest.raises(InputError, match="did you mean target"):
-        refuse_faults(with_one(["target"], targt=[1, 2, 3]))
+        check_schema(with_one(["target"], targt=[1, 2, 3]))

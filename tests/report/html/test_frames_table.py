@@ -2,19 +2,19 @@
 
 from dataclasses import fields, replace
 
-from cageik_cli.report.figures import Frame
+from cageik_cli.report.figures import FrameRecord
 from cageik_cli.report.html.frames_table import (
-    FRAME,
-    LENGTHS,
-    NAME,
-    VOLUMES,
-    Row,
-    columns_of,
-    row_of,
+    INDEX_COLUMN,
+    LENGTH_COLUMNS,
+    NAME_COLUMN,
+    VOLUME_COLUMNS,
+    FrameRow,
+    build_frame_row,
+    choose_columns,
 )
-from cageik_cli.report.record import report_of
+from cageik_cli.report.record import build_report
 
-FIGURES = Frame(
+FIGURES = FrameRecord(
     index=3,
     name="a",
     rms=0.0123456789,
@@ -31,24 +31,26 @@ FIGURES = Frame(
 
 
 def test_every_figure_of_a_frame_has_a_column():
-    names = [column.name for column in (FRAME, NAME, *LENGTHS, *VOLUMES)]
-    assert sorted([*names, "skipped"]) == sorted(field.name for field in fields(Frame))
+    names = [
+        column.name for column in (INDEX_COLUMN, NAME_COLUMN, *LENGTH_COLUMNS, *VOLUME_COLUMNS)
+    ]
+    assert sorted([*names, "skipped"]) == sorted(field.name for field in fields(FrameRecord))
 
 
 def test_figures_are_printed_as_everywhere():
     lengths = ("1.2346", "0.0123457", "0.0000", "2e-07", "7")
-    assert row_of(FIGURES, LENGTHS) == Row(3, "a", None, lengths)
-    assert row_of(FIGURES, VOLUMES).cells == ("+0.5000", "", "8", "-1.0000")
+    assert build_frame_row(FIGURES, LENGTH_COLUMNS) == FrameRow(3, "a", None, lengths)
+    assert build_frame_row(FIGURES, VOLUME_COLUMNS).cells == ("+0.5000", "", "8", "-1.0000")
 
 
 def test_a_column_without_figures_is_left_out(closed, opened):
-    assert columns_of(report_of(closed.result)) == (*LENGTHS, *VOLUMES)
-    assert columns_of(report_of(opened.result)) == LENGTHS
+    assert choose_columns(build_report(closed.result)) == (*LENGTH_COLUMNS, *VOLUME_COLUMNS)
+    assert choose_columns(build_report(opened.result)) == LENGTH_COLUMNS
 
 
 def test_one_frame_with_a_figure_makes_a_column(closed):
-    report = report_of(closed.result)
+    report = build_report(closed.result)
     first, *others = report.frames
     without = tuple(replace(frame, volume_drift=None) for frame in others)
-    assert VOLUMES[-1] in columns_of(replace(report, frames=(first, *without)))
-    assert VOLUMES[-1] not in columns_of(replace(report, frames=without))
+    assert VOLUME_COLUMNS[-1] in choose_columns(replace(report, frames=(first, *without)))
+    assert VOLUME_COLUMNS[-1] not in choose_columns(replace(report, frames=without))

@@ -6,11 +6,11 @@ from urllib.parse import unquote
 
 import pytest
 
-from cageik_cli.report.figures import change_text, percent_text
-from cageik_cli.report.html.index import as_index
-from cageik_cli.report.limits import Limit, Limits, judged
-from cageik_cli.report.overview import Entry, entry_of, overview_of
-from cageik_cli.report.record import report_of
+from cageik_cli.report.figures import format_change, format_percent
+from cageik_cli.report.html.index import render_index
+from cageik_cli.report.limits import Limit, Limits, check_limits
+from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
+from cageik_cli.report.record import build_report
 from tests.report.clips import five_hundred
 from tests.report.hostile import NAMES, with_hostile_names
 from tests.report.markup import faults_of, parsed
@@ -20,7 +20,7 @@ FAULT = "frame_3.obj: line 7: `v 0.5` has 1 coordinates, expected 3; export it a
 
 @pytest.fixture
 def report(closed):
-    return report_of(closed.result)
+    return build_report(closed.result)
 
 
 def _with_error(entry, name, rms_percent):
@@ -38,7 +38,7 @@ def _names(page):
 def _judged(report, most):
     return replace(
         report,
-        gates=judged(report.result, report.summary, Limits((Limit("rms", Decimal(most)),))),
+        gates=check_limits(report.result, report.summary, Limits((Limit("rms", Decimal(most)),))),
     )
 
 
@@ -47,15 +47,15 @@ def _over(report):
 
 
 def test_failed_clips_come_first_then_those_over_a_limit_then_the_worst(report):
-    fine, over = entry_of(report), entry_of(_over(report))
-    page = as_index(
-        overview_of(
+    fine, over = build_clip_entry(report), build_clip_entry(_over(report))
+    page = render_index(
+        build_overview(
             [
                 _with_error(fine, "small", 0.1),
                 _with_error(fine, "large", 2.0),
                 _with_error(over, "over, small", 0.2),
                 _with_error(over, "over, large", 0.3),
-                Entry("broken", fault=FAULT),
+                ClipEntry("broken", fault=FAULT),
             ]
         )
     )
@@ -74,22 +74,22 @@ def test_failed_clips_come_first_then_those_over_a_limit_then_the_worst(report):
     ],
 )
 def test_the_verdict_is_that_of_the_limits(report, most, verdict):
-    page = as_index(overview_of([entry_of(_judged(report, most))]))
+    page = render_index(build_overview([build_clip_entry(_judged(report, most))]))
     assert verdict in parsed(page).text
 
 
 def test_a_row_tells_the_figures_as_printed(report):
-    over = entry_of(_over(report))
-    (row,) = _rows(as_index(overview_of([over])))
+    over = build_clip_entry(_over(report))
+    (row,) = _rows(render_index(build_overview([over])))
     summary, cells = report.summary, [cell.text for cell in row.all("td")]
-    rms = percent_text(summary.rms_percent)
+    rms = format_percent(summary.rms_percent)
     assert cells == [
         f"Over the limit error of the clip {rms} > 0.0001 %",
         "",
         rms,
-        f"{percent_text(summary.worst_frame_rms_percent)} {summary.worst_frame}",
-        percent_text(summary.max_deviation_percent),
-        change_text(summary.volume_change_percent_max),
+        f"{format_percent(summary.worst_frame_rms_percent)} {summary.worst_frame}",
+        format_percent(summary.max_deviation_percent),
+        format_change(summary.volume_change_percent_max),
         "5",
         "18",
         "8",
@@ -97,23 +97,23 @@ def test_a_row_tells_the_figures_as_printed(report):
 
 
 def test_an_open_model_has_no_change_of_volume(opened):
-    (row,) = _rows(as_index(overview_of([entry_of(report_of(opened.result))])))
+    (row,) = _rows(render_index(build_overview([build_clip_entry(build_report(opened.result))])))
     assert [cell.text for cell in row.all("td")][5] == "open"
     (svg,) = (svg for svg in row.all("svg") if svg.attributes.get("class") == "thumb")
     assert "max deviation up to" in svg.attributes["aria-label"]
 
 
 def test_skipped_frames_are_counted(report):
-    entry = entry_of(report)
+    entry = build_clip_entry(report)
     skipping = replace(entry, summary=replace(entry.summary, frames_skipped=2))
-    (row,) = _rows(as_index(overview_of([skipping])))
+    (row,) = _rows(render_index(build_overview([skipping])))
     assert [cell.text for cell in row.all("td")][6] == "5 2 skipped"
 
 
 def test_a_closed_model_with_missing_data_has_none_either(report):
-    entry = entry_of(report)
+    entry = build_clip_entry(report)
     unknown = replace(entry, summary=replace(entry.summary, volume_change_percent_max=None))
-    (row,) = _rows(as_index(overview_of([unknown])))
+    (row,) = _rows(render_index(build_overview([unknown])))
     assert [cell.text for cell in row.all("td")][5] == "unknown"
 
 
@@ -123,14 +123,14 @@ def _paths(page):
 
 
 def test_a_thumbnail_is_the_curve(report):
-    entry = entry_of(report)
+    entry = build_clip_entry(report)
     curve = replace(
         entry.curve,
         rms_percent=(0.0, 1.0, None, 2.0, None, 1.0, 0.5),
         other=(0.0, -1.0, 1.0, None, None, 0.0, 0.0),
         worst=3,
     )
-    paths = _paths(as_index(overview_of([replace(entry, curve=curve)])))
+    paths = _paths(render_index(build_overview([replace(entry, curve=curve)])))
     # From 4, the largest value, to 44, zero or the smallest; two units a point; gaps; lone points.
     assert paths["rms"] == "M0 44 2 24M6 4h0M10 24 12 34"
     assert paths["other"] == "M0 24 2 44 4 4M10 24 12 24"
@@ -138,9 +138,9 @@ def test_a_thumbnail_is_the_curve(report):
 
 
 def test_a_thumbnail_of_nothing_but_zeros_is_flat(report):
-    entry = entry_of(report)
+    entry = build_clip_entry(report)
     curve = replace(entry.curve, rms_percent=(0.0, 0.0), other=(None, None), worst=0)
-    paths = _paths(as_index(overview_of([replace(entry, curve=curve)])))
+    paths = _paths(render_index(build_overview([replace(entry, curve=curve)])))
     assert (paths["rms"], paths["other"]) == ("M0 4 2 4", "")
 
 
@@ -148,7 +148,7 @@ def test_a_thumbnail_of_nothing_but_zeros_is_flat(report):
     "page", ["a/b c.html", "javascript:x.html", "a%20b#c?d.html", "ü/“.html", "a/\udce9.html"]
 )
 def test_links_are_relative_and_quoted(report, page):
-    (row,) = _rows(as_index(overview_of([entry_of(report, page=page)])))
+    (row,) = _rows(render_index(build_overview([build_clip_entry(report, page=page)])))
     (link,) = row.all("a")
     href = link.attributes["href"]
     assert unquote(href, errors="surrogateescape") == f"./{page}"
@@ -157,24 +157,28 @@ def test_links_are_relative_and_quoted(report, page):
 
 
 def test_a_clip_without_a_page_has_no_link(report):
-    (row,) = _rows(as_index(overview_of([entry_of(report)])))
+    (row,) = _rows(render_index(build_overview([build_clip_entry(report)])))
     assert list(row.all("a")) == []
 
 
 @pytest.mark.parametrize("kinds", ["both", "failed", "done"])
 def test_the_page_stands_alone_and_can_be_read_by_all(report, kinds):
-    done = [] if kinds == "failed" else [entry_of(report, page="a.html"), entry_of(_over(report))]
-    failed = [] if kinds == "done" else [Entry("broken", fault=FAULT)]
-    page = as_index(overview_of(failed + done))
+    done = (
+        []
+        if kinds == "failed"
+        else [build_clip_entry(report, page="a.html"), build_clip_entry(_over(report))]
+    )
+    failed = [] if kinds == "done" else [ClipEntry("broken", fault=FAULT)]
+    page = render_index(build_overview(failed + done))
     assert faults_of(page) == []
-    assert page == as_index(overview_of(failed + done))
+    assert page == render_index(build_overview(failed + done))
 
 
 def test_hostile_names_are_text(report):
-    hostile = entry_of(with_hostile_names(report), page=NAMES[3])
+    hostile = build_clip_entry(with_hostile_names(report), page=NAMES[3])
     entries = [replace(hostile, name=name) for name in NAMES]
-    entries += [Entry(name, fault=name) for name in NAMES]
-    page = as_index(overview_of(entries))
+    entries += [ClipEntry(name, fault=name) for name in NAMES]
+    page = render_index(build_overview(entries))
     assert faults_of(page) == []
     assert len(list(parsed(page).all("script"))) == 1
     shown = [" ".join(name.split()) for name in NAMES]
@@ -182,4 +186,4 @@ def test_hostile_names_are_text(report):
 
 
 def test_five_hundred_clips_are_a_small_file(report):
-    assert len(as_index(overview_of(five_hundred(report))).encode()) < 2_000_000
+    assert len(render_index(build_overview(five_hundred(report))).encode()) < 2_000_000

@@ -10,14 +10,21 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from cageik_cli.report.figures import change_text, figure_text, percent_text, units_text
-from cageik_cli.report.html.frames_table import quality_rows
-from cageik_cli.report.html.page import as_html, is_page_of, record_digest
-from cageik_cli.report.limits import Gate, Limit, Limits, Verdict, judged, verdict_of
-from cageik_cli.report.record import report_of
+from cageik_cli.report.figures import format_change, format_length, format_metric, format_percent
+from cageik_cli.report.html.frames_table import build_quality_rows
+from cageik_cli.report.html.page import compute_record_digest, is_page_current, render_page
+from cageik_cli.report.limits import (
+    Limit,
+    LimitCheck,
+    Limits,
+    Verdict,
+    check_limits,
+    make_overall_verdict,
+)
+from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import Pictures, PosePictures
-from cageik_cli.report.views.tables import as_json
-from cageik_cli.report.views.text import as_text
+from cageik_cli.report.views.tables import format_json
+from cageik_cli.report.views.text import format_text
 from tests.report.hostile import NAMES, with_hostile_names
 from tests.report.markup import faults_of, parsed
 
@@ -63,12 +70,12 @@ def pictures_of_one_point(noise: int = 0) -> Pictures:
 
 @pytest.fixture(scope="module")
 def report(closed):
-    return report_of(closed.result, LIMITS)
+    return build_report(closed.result, LIMITS)
 
 
 @pytest.fixture(scope="module")
 def page(report):
-    return as_html(report, pictures_of_one_point())
+    return render_page(report, pictures_of_one_point())
 
 
 def _rows(page, name):
@@ -78,7 +85,7 @@ def _rows(page, name):
 
 def test_the_verdict_and_the_headline_come_first(page, report):
     main = parsed(page).by_id("main").text
-    rms = percent_text(report.summary.rms_percent)
+    rms = format_percent(report.summary.rms_percent)
     assert main.startswith(f"Verdict Over 1 of 3 limits {rms} % of the diagonal")
 
 
@@ -90,7 +97,7 @@ def test_each_limit_has_its_row(page, report):
         [
             "error of the clip",
             "0.0001",
-            percent_text(summary.rms_percent),
+            format_percent(summary.rms_percent),
             "% of the diagonal",
             summary.worst_frame,
             "over limit",
@@ -98,7 +105,7 @@ def test_each_limit_has_its_row(page, report):
         [
             "max deviation",
             "9.5",
-            units_text(summary.max_deviation),
+            format_length(summary.max_deviation),
             "units of the file",
             summary.max_deviation_frame,
             "within limit",
@@ -106,7 +113,7 @@ def test_each_limit_has_its_row(page, report):
         [
             "volume change",
             "99",
-            percent_text(abs(summary.volume_change_percent_max)),
+            format_percent(abs(summary.volume_change_percent_max)),
             "% of the volume",
             summary.volume_change_frame,
             "within limit",
@@ -116,19 +123,21 @@ def test_each_limit_has_its_row(page, report):
 
 def test_limits_of_a_baseline_are_told_from_those_typed(report):
     gates = tuple(replace(gate, baseline=0.25) for gate in report.gates[:1]) + report.gates[1:]
-    table = next(parsed(as_html(replace(report, gates=gates), None)).by_id("verdict").all("table"))
+    table = next(
+        parsed(render_page(replace(report, gates=gates), None)).by_id("verdict").all("table")
+    )
     names = [row.text for row in table.all("th") if row.attributes["scope"] == "row"]
     assert names[0] == "error of the clip against 0.2500 of the baseline"
     assert not any("baseline" in name for name in names[1:])
 
 
 def test_without_limits_it_says_so(report):
-    verdict = parsed(as_html(replace(report, gates=()), None)).by_id("verdict")
+    verdict = parsed(render_page(replace(report, gates=()), None)).by_id("verdict")
     assert "No limits were stated" in verdict.text
     assert list(verdict.all("table")) == []
 
 
-GATE = Gate("rms", "%", 1.0, 0.5, "a", True)
+GATE = LimitCheck("rms", "%", 1.0, 0.5, "a", True)
 OVER, UNJUDGED = replace(GATE, passed=False), replace(GATE, found=None, passed=None)
 
 
@@ -145,12 +154,12 @@ OVER, UNJUDGED = replace(GATE, passed=False), replace(GATE, found=None, passed=N
     ],
 )
 def test_what_limits_come_to(gates, state, text):
-    assert verdict_of(gates) == Verdict(state, text)
+    assert make_overall_verdict(gates) == Verdict(state, text)
 
 
 def test_a_limit_that_could_not_be_judged_says_so(opened):
-    report = report_of(opened.result, LIMITS)
-    table = next(parsed(as_html(report, None)).by_id("verdict").all("table"))
+    report = build_report(opened.result, LIMITS)
+    table = next(parsed(render_page(report, None)).by_id("verdict").all("table"))
     assert "volume change 99 not defined % of the volume" in table.text
     assert "not judged" in table.text
 
@@ -159,13 +168,13 @@ def test_every_figure_of_the_record_is_there_as_printed(page, report):
     words = parsed(page).text
     summary, vertices, binding = report.summary, report.vertices, report.binding
     printed = [
-        *map(percent_text, (summary.rms_percent, summary.worst_frame_rms_percent)),
-        percent_text(summary.max_deviation_percent),
-        *map(units_text, (summary.rms, summary.worst_frame_rms, summary.max_deviation)),
-        *map(change_text, (summary.volume_change_percent_max, summary.volume_drift_percent_max)),
-        *map(figure_text, (summary.e_rms, summary.kg_error)),
+        *map(format_percent, (summary.rms_percent, summary.worst_frame_rms_percent)),
+        format_percent(summary.max_deviation_percent),
+        *map(format_length, (summary.rms, summary.worst_frame_rms, summary.max_deviation)),
+        *map(format_change, (summary.volume_change_percent_max, summary.volume_drift_percent_max)),
+        *map(format_metric, (summary.e_rms, summary.kg_error)),
         *map(str, (summary.max_deviation_vertex, summary.floats_per_frame, summary.fixed_floats)),
-        *map(percent_text, vertices.edges_percent),
+        *map(format_percent, vertices.edges_percent),
         *map(str, vertices.counts),
         f"{binding.partition_of_unity:.1e}",
         f"{binding.linear_precision:.1e}",
@@ -174,14 +183,18 @@ def test_every_figure_of_the_record_is_there_as_printed(page, report):
         f"{binding.condition_number:.4g}",
         *map(str, (binding.panels, binding.projected)),
         *map(str, (report.clip.frames, report.clip.vertices, report.clip.cage_vertices)),
-        units_text(report.clip.diagonal),
+        format_length(report.clip.diagonal),
         *(str(value) for value in report.settings.values() if not isinstance(value, bool)),
         *(source["sha256"] for source in report.sources.values() if "sha256" in source),
-        record_digest(report),
+        compute_record_digest(report),
     ]
     for vertex in vertices.worst:
-        printed += [str(vertex.vertex), percent_text(vertex.rms_percent), units_text(vertex.rms)]
-        printed += map(units_text, vertex.position)
+        printed += [
+            str(vertex.vertex),
+            format_percent(vertex.rms_percent),
+            format_length(vertex.rms),
+        ]
+        printed += map(format_length, vertex.position)
     missing = [text for text in printed if not re.search(rf"(?<!\w){re.escape(text)}(?!\w)", words)]
     assert missing == []
 
@@ -193,29 +206,29 @@ def test_the_table_of_frames_is_the_record(page, report):
         [
             str(frame.index),
             frame.name,
-            percent_text(frame.rms_percent),
-            units_text(frame.rms),
-            percent_text(frame.max_deviation_percent),
-            units_text(frame.max_deviation),
+            format_percent(frame.rms_percent),
+            format_length(frame.rms),
+            format_percent(frame.max_deviation_percent),
+            format_length(frame.max_deviation),
             str(frame.worst_vertex),
-            change_text(frame.volume_change),
-            units_text(frame.volume),
-            units_text(frame.volume_reconstructed),
-            change_text(frame.volume_drift),
+            format_change(frame.volume_change),
+            format_length(frame.volume),
+            format_length(frame.volume_reconstructed),
+            format_change(frame.volume_drift),
         ]
         for frame in report.frames
     ]
 
 
 def test_it_prints_what_the_text_prints(page, report):
-    words, text = parsed(page).text, as_text(report)
+    words, text = parsed(page).text, format_text(report)
     figures = re.findall(r"[-+]?\d+\.\d{4}\b|\b\d\.\de-\d\d\b", text)
     assert len(figures) > 6
     assert [figure for figure in figures if figure not in words] == []
 
 
 def test_an_open_model_has_no_columns_of_volumes(opened):
-    page = as_html(report_of(opened.result), None)
+    page = render_page(build_report(opened.result), None)
     titles = _rows(page, "frames-table")[0]
     assert titles[-1] == "At vertex"
     assert "Volume change not defined the model is open" in parsed(page).by_id("verdict").text
@@ -231,14 +244,14 @@ def test_a_closed_model_with_missing_data_says_why_there_is_no_volume(report):
         volume_drift_percent_max=None,
         kg_error=None,
     )
-    words = parsed(as_html(replace(report, summary=none), None)).by_id("verdict").text
+    words = parsed(render_page(replace(report, summary=none), None)).by_id("verdict").text
     assert "Volume change not defined not every vertex is data" in words
     assert "KG error not defined" in words
 
 
 def test_a_change_without_a_drift_says_so(report):
     summary = replace(report.summary, volume_drift_percent_max=None)
-    words = parsed(as_html(replace(report, summary=summary), None)).by_id("verdict").text
+    words = parsed(render_page(replace(report, summary=summary), None)).by_id("verdict").text
     assert "the input's own drift from rest is not defined" in words
 
 
@@ -247,7 +260,7 @@ def test_skipped_frames_say_why(report):
     skipping = replace(
         report, frames=frames, summary=replace(report.summary, frames_skipped=1), gates=()
     )
-    page = as_html(skipping, None)
+    page = render_page(skipping, None)
     assert faults_of(page) == []
     assert _rows(page, "frames-table")[-1][2] == f"skipped: {NAMES[1]}"
     assert "1 of 5 frames were skipped and are in no figure" in parsed(page).text
@@ -255,7 +268,7 @@ def test_skipped_frames_say_why(report):
 
 def test_the_quality_of_weights_is_explained(page, report):
     text = parsed(page).by_id("weights").text
-    for row in quality_rows(report):
+    for row in build_quality_rows(report):
         assert f"{row.label} {row.found} {row.meaning} {row.good}" in text
 
 
@@ -278,7 +291,7 @@ def test_pictures_are_there_with_their_scales(page):
 
 
 def test_without_pictures_it_says_why(report):
-    page = as_html(report, None)
+    page = render_page(report, None)
     assert "--no-weights" in parsed(page).by_id("poses").text
     assert len(list(parsed(page).all("img"))) == 1
 
@@ -298,7 +311,7 @@ def test_the_histogram_is_as_high_as_its_counts(page, report):
 def test_the_bins_of_the_histogram_can_be_told_apart(report, top, shown):
     edges = tuple(np.linspace(0, top, len(report.vertices.counts) + 1).tolist())
     vertices = replace(report.vertices, edges_percent=edges)
-    spread = parsed(as_html(replace(report, vertices=vertices), None)).by_id("spread")
+    spread = parsed(render_page(replace(report, vertices=vertices), None)).by_id("spread")
     rows = [[cell.text for cell in row.all("td")] for row in spread.all("tr")][1:]
     assert rows[-1][1] == shown
     assert len({low for low, _, _ in rows}) == len(rows)
@@ -324,12 +337,12 @@ def test_the_page_stands_alone_and_can_be_read_by_all(page):
 
 
 def test_the_same_report_gives_the_same_bytes(page, report):
-    assert as_html(report, pictures_of_one_point()) == page
+    assert render_page(report, pictures_of_one_point()) == page
 
 
 def test_hostile_names_are_text(report):
     hostile = with_hostile_names(report)
-    page = as_html(hostile, pictures_of_one_point())
+    page = render_page(hostile, pictures_of_one_point())
     assert faults_of(page) == []
     assert len(list(parsed(page).all("script"))) == 1
     assert not {element.tag for element in parsed(page).all()} & {"b", "iframe", "object"}
@@ -343,27 +356,31 @@ def test_two_thousand_frames_with_pictures_are_under_5_mb(report):
         replace(report.frames[k % 5], index=k, name=f"sequence_take_07_{k:06d}.obj")
         for k in range(2000)
     ]
-    page = as_html(replace(report, frames=tuple(frames)), pictures_of_one_point(100_000))
+    page = render_page(replace(report, frames=tuple(frames)), pictures_of_one_point(100_000))
     assert len(page.encode()) < 5_000_000
 
 
 def test_a_page_knows_the_report_that_it_shows(tmp_path, page, report):
     path = tmp_path / "page.html"
-    assert not is_page_of(path, report, True)
+    assert not is_page_current(path, report, True)
     path.write_text(page)
-    assert is_page_of(path, report, True)
-    assert not is_page_of(path, replace(report, notes=("another",)), True)
-    assert not is_page_of(path, replace(report, gates=judged("", report.summary, Limits())), True)
-    assert not is_page_of(path, report, False)
-    assert not is_page_of(tmp_path, report, True)
+    assert is_page_current(path, report, True)
+    assert not is_page_current(path, replace(report, notes=("another",)), True)
+    assert not is_page_current(
+        path, replace(report, gates=check_limits("", report.summary, Limits())), True
+    )
+    assert not is_page_current(path, report, False)
+    assert not is_page_current(tmp_path, report, True)
 
 
 def test_the_mark_is_in_the_head_whatever_the_name_is(tmp_path, report):
     path = tmp_path / "page.html"
     named = replace(report, result="x" * 10_000)
-    path.write_text(as_html(named, None))
-    assert is_page_of(path, named, False)
+    path.write_text(render_page(named, None))
+    assert is_page_current(path, named, False)
 
 
 def test_the_digest_is_that_of_the_json(report):
-    assert record_digest(report) == hashlib.sha256(as_json([report]).encode()).hexdigest()
+    assert (
+        compute_record_digest(report) == hashlib.sha256(format_json([report]).encode()).hexdigest()
+    )

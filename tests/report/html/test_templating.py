@@ -7,7 +7,7 @@ import pytest
 from jinja2 import DictLoader, UndefinedError
 
 from cageik_cli.report.html import templating
-from cageik_cli.report.html.templating import data_url, rendered
+from cageik_cli.report.html.templating import make_data_url, render_template
 from tests.report.markup import parsed
 
 
@@ -17,7 +17,8 @@ def template(monkeypatch):
 
     def add(text):
         parts = {
-            name: templating._part(name) for name in ("base.html.j2", "style.css", "script.js")
+            name: templating._read_template(name)
+            for name in ("base.html.j2", "style.css", "script.js")
         }
         monkeypatch.setattr(
             templating._environment, "loader", DictLoader(parts | {"test.html.j2": text})
@@ -35,7 +36,7 @@ TEXT = (
 def test_values_are_escaped(template):
     template(TEXT)
     value = "<b>\"'&</b>"
-    page = rendered("test.html.j2", value=value)
+    page = render_template("test.html.j2", value=value)
     (paragraph,) = parsed(page).all("p")
     assert (paragraph.text, paragraph.attributes["title"]) == (value, value)
 
@@ -43,12 +44,12 @@ def test_values_are_escaped(template):
 def test_a_value_that_is_missing_is_an_error(template):
     template(TEXT)
     with pytest.raises(UndefinedError, match="value"):
-        rendered("test.html.j2")
+        render_template("test.html.j2")
 
 
 def test_the_policy_lets_only_our_script_run_and_nothing_be_fetched(template):
     template(TEXT)
-    page = parsed(rendered("test.html.j2", value=""))
+    page = parsed(render_template("test.html.j2", value=""))
     (policy,) = (
         meta.attributes["content"]
         for meta in page.all("meta")
@@ -67,5 +68,5 @@ def test_the_policy_lets_only_our_script_run_and_nothing_be_fetched(template):
 
 
 def test_a_picture_is_its_own_address():
-    kind, content = data_url(b"\x89PNG", "png").split(",")
+    kind, content = make_data_url(b"\x89PNG", "png").split(",")
     assert (kind, base64.b64decode(content)) == ("data:image/png;base64", b"\x89PNG")

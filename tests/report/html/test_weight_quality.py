@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from cageik_cli.report.html.frames_table import quality_rows
-from cageik_cli.report.record import report_of
+from cageik_cli.report.html.frames_table import build_quality_rows
+from cageik_cli.report.record import build_report
 
 
 @pytest.mark.parametrize(
@@ -17,17 +17,17 @@ from cageik_cli.report.record import report_of
     ],
 )
 def test_weights_are_explained_by_their_kind(closed, settings, panels, words):
-    report = report_of(closed.result)
+    report = build_report(closed.result)
     binding = replace(report.binding, panels=panels)
-    rows = quality_rows(replace(report, settings=settings, binding=binding))
+    rows = build_quality_rows(replace(report, settings=settings, binding=binding))
     text = " ".join(f"{row.meaning} {row.good}" for row in rows)
     assert [word for word in words if word not in text] == []
     assert ("Panels" in [row.label for row in rows]) == bool(panels)
 
 
 def test_an_accuracy_that_is_not_known_is_no_aim(closed):
-    report = report_of(closed.result)
+    report = build_report(closed.result)
     binding = replace(report.binding, panels=8)
-    rows = quality_rows(replace(report, settings={"accuracy": "other"}, binding=binding))
+    rows = build_quality_rows(replace(report, settings={"accuracy": "other"}, binding=binding))
     (row,) = [row for row in rows if row.label.startswith("Mean row L1 error")]
     assert row.good == ""

@@ -12,14 +12,19 @@ import pytest
 from PIL import Image
 
 from cageik_cli.report.limits import Limit
-from cageik_cli.report.plots.error_plot import as_png, as_svg, figure_of, plot_of
-from cageik_cli.report.record import report_of
+from cageik_cli.report.plots.error_plot import (
+    build_page_plot,
+    draw_plot,
+    render_plot_png,
+    render_plot_svg,
+)
+from cageik_cli.report.record import build_report
 from tests.report.drawings import lines, texts
 
 
 @pytest.fixture(scope="module")
 def report(closed):
-    return report_of(closed.result)
+    return build_report(closed.result)
 
 
 def test_the_lines_are_the_figures_of_the_record(report):
@@ -28,7 +33,7 @@ def test_the_lines_are_the_figures_of_the_record(report):
     np.testing.assert_array_equal(error.get_xydata()[:, 0], range(5))
     np.testing.assert_array_equal(error.get_ydata(), [frame.rms_percent for frame in frames])
     np.testing.assert_array_equal(change.get_ydata(), [frame.volume_change for frame in frames])
-    left, right = figure_of(report).axes
+    left, right = draw_plot(report).axes
     assert left.get_ylabel() == "RMS error, % of the diagonal"
     assert right.get_ylabel() == "volume change, %"
     assert left.get_xlabel() == "frame of cages.h5, numbered from 0"
@@ -48,7 +53,7 @@ def test_the_worst_frame_is_ringed_and_named(report):
 
 
 def test_an_open_model_shows_its_largest_deviations(opened):
-    report = report_of(opened.result)
+    report = build_report(opened.result)
     assert lines(report, "volume_change") == []
     (deviation,) = lines(report, "max_deviation")
     expected = [frame.max_deviation_percent for frame in report.frames]
@@ -60,7 +65,7 @@ def test_skipped_frames_are_gaps(made):
     report = made([0.0, 1.0, None, None, 2.0, 1.0], [0.0, -1.0, None, None, 1.0, None])
     (error,) = lines(report, "rms")
     np.testing.assert_array_equal(error.get_ydata(), [0, 1, np.nan, np.nan, 2, 1])
-    (shades,) = figure_of(report).axes[1].collections
+    (shades,) = draw_plot(report).axes[1].collections
     (box,) = [path.get_extents() for path in shades.get_paths()]
     assert (box.x0, box.x1) == (1.5, 3.5)
     assert "skipped" in texts(report)
@@ -102,7 +107,7 @@ CLIPS = {
 @pytest.mark.parametrize(("errors", "changes"), CLIPS.values(), ids=CLIPS)
 def test_any_clip_is_drawn(made, errors, changes):
     report = made(errors, changes)
-    assert as_png(report).startswith(b"\x89PNG")
+    assert render_plot_png(report).startswith(b"\x89PNG")
     assert len(texts(report)) > 8
     (marked,) = lines(report, "rms")
     assert marked.get_markevery() == [k for k, error in enumerate(errors) if error is not None]
@@ -110,14 +115,14 @@ def test_any_clip_is_drawn(made, errors, changes):
 
 def test_rounding_does_not_look_like_error(made):
     report = made([1e-15, 3e-15], [1e-13, -1e-13], limits=[Limit("rms", Decimal("0.3"))])
-    for axes in figure_of(report).axes:
+    for axes in draw_plot(report).axes:
         assert 0.001 < axes.get_ylim()[1] < 0.002
     assert "not drawn: rms ≤ 0.3 %, within limit" in texts(report)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 40])
 def test_frames_are_numbered_in_whole_numbers(made, count):
-    axes = figure_of(made([1.0] * count)).axes[0]
+    axes = draw_plot(made([1.0] * count)).axes[0]
     places = [place for place in axes.get_xticks() if -0.5 <= place <= count - 0.5]
     assert places
     assert places == [round(place) for place in places]
@@ -132,7 +137,7 @@ def test_frames_between_gaps_are_marked_in_long_clips(made):
 @pytest.mark.parametrize("name", ["x" * 300, "$a_{}$ <&> \"'", "\x01\x7f\n{}", "動き{}", "{}%\\"])
 def test_any_name_is_shown(made, name):
     report = replace(made([1.0, 2.0], names=name), result=name)
-    as_png(report)
+    render_plot_png(report)
     (shown,) = [text for text in texts(report) if text.startswith("worst ")]
     assert len(shown) < 60
     if name.startswith("$"):
@@ -141,13 +146,13 @@ def test_any_name_is_shown(made, name):
 
 def test_a_long_clip_is_small(made):
     values = np.random.default_rng(1).random((2, 2000))
-    assert len(plot_of(made(values[0].tolist(), values[1].tolist())).svg) < 300_000
+    assert len(build_page_plot(made(values[0].tolist(), values[1].tolist())).svg) < 300_000
 
 
 def test_the_same_report_gives_the_same_bytes_whatever_the_settings(report):
-    png, svg = as_png(report), as_svg(report)
+    png, svg = render_plot_png(report), render_plot_svg(report)
     with mpl.rc_context({"font.size": 30, "lines.linewidth": 9, "svg.fonttype": "path"}):
-        assert (as_png(report), as_svg(report)) == (png, svg)
+        assert (render_plot_png(report), render_plot_svg(report)) == (png, svg)
     image = Image.open(io.BytesIO(png))
     assert image.size == (1440, 720)
     assert set(image.info) <= {"dpi"}
@@ -162,12 +167,12 @@ def test_pyplot_is_not_needed(run_process):
 
 
 def test_a_page_knows_where_the_axes_are(report):
-    plot = plot_of(report)
+    plot = build_page_plot(report)
     root = ElementTree.fromstring(plot.svg)
     assert plot.svg.startswith("<svg ")
     assert {"width", "height"}.isdisjoint(root.attrib)
     _, _, width, height = map(float, root.attrib["viewBox"].split())
-    axes = figure_of(report).axes[0]
+    axes = draw_plot(report).axes[0]
     assert axes.get_xlim() == (plot.first, plot.last)
     # The first path of the axes is their background.
     place = re.search(r'id="axes_1".*? d="(.*?)"', plot.svg, re.DOTALL)[1]

@@ -4,10 +4,10 @@ from decimal import Decimal
 
 import pytest
 
-from cageik_cli.report.limits import Gate, Limit
-from cageik_cli.report.plots.error_plot import figure_of
-from cageik_cli.report.plots.limit_lines import limit_label
-from cageik_cli.report.vocabulary import EXTRACTED
+from cageik_cli.report.limits import Limit, LimitCheck
+from cageik_cli.report.plots.error_plot import draw_plot
+from cageik_cli.report.plots.limit_lines import format_limit_label
+from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY
 from tests.report.drawings import lines, texts
 
 
@@ -25,7 +25,7 @@ def test_labels_of_limits_that_are_close_do_not_meet(made):
     typed = [("rms", 1.5), ("rms", 1.52), ("frame_rms", 1.9), ("frame_rms", 1.93)]
     typed += [("volume_change", 0.9), ("volume_change", 0.92), ("frame_rms", 2.2)]
     limits = [Limit(metric, Decimal(str(most))) for metric, most in typed]
-    drawn = figure_of(made([0.0, 2.0, 1.0], [0.0, -1.0, 1.0], limits=limits))
+    drawn = draw_plot(made([0.0, 2.0, 1.0], [0.0, -1.0, 1.0], limits=limits))
     drawn.draw_without_rendering()
     boxes = [
         text.get_window_extent()
@@ -48,10 +48,13 @@ def test_a_limit_in_units_stands_where_the_diagonal_puts_it(made):
 
 
 def test_a_limit_made_of_a_baseline_is_printed_as_figures_are():
-    gate = Gate("volume_change", "%", 1.1, None, None, None, baseline=1.0)
-    assert limit_label(gate, EXTRACTED) == "volume change ≤ 1.1000 %, not judged"
+    gate = LimitCheck("volume_change", "%", 1.1, None, None, None, baseline=1.0)
+    assert format_limit_label(gate, EXTRACTION_VOCABULARY) == "volume change ≤ 1.1000 %, not judged"
 
 
 def test_a_limit_that_was_typed_keeps_its_digits():
-    gate = Gate("max_deviation", "units", 0.12345678, 0.1, "a", True)
-    assert limit_label(gate, EXTRACTED) == "max deviation ≤ 0.12345678 units, within limit"
+    gate = LimitCheck("max_deviation", "units", 0.12345678, 0.1, "a", True)
+    assert (
+        format_limit_label(gate, EXTRACTION_VOCABULARY)
+        == "max deviation ≤ 0.12345678 units, within limit"
+    )

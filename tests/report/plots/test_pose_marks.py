@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cageik_cli.report.plots.pose_marks import EDGE, GAPS, name_places
+from cageik_cli.report.plots.pose_marks import EDGE_MARGIN, NAME_GAPS, place_names
 
 SIDE = 100.0
 NOTHING = np.empty((0, 2))
@@ -13,17 +13,17 @@ NOTHING = np.empty((0, 2))
 
 def placed(dots, size=(20.0, 8.0), hidden=NOTHING):
     dots = np.array(dots, float).reshape(-1, 2)
-    return name_places(dots, np.tile(size, (len(dots), 1)), np.asarray(hidden, float), SIDE)
+    return place_names(dots, np.tile(size, (len(dots), 1)), np.asarray(hidden, float), SIDE)
 
 
 def test_a_name_stands_to_the_right_of_its_dot():
     (box,) = placed([(50, 50)])
-    assert box == pytest.approx((50 + GAPS[0], 46, 70 + GAPS[0], 54))
+    assert box == pytest.approx((50 + NAME_GAPS[0], 46, 70 + NAME_GAPS[0], 54))
 
 
 def test_at_the_right_end_it_stands_to_the_left():
     (box,) = placed([(95, 50)], hidden=[(95, 50)])
-    assert box == pytest.approx((75 - GAPS[0], 46, 95 - GAPS[0], 54))
+    assert box == pytest.approx((75 - NAME_GAPS[0], 46, 95 - NAME_GAPS[0], 54))
 
 
 def test_it_gives_way_to_what_is_better_not_covered():
@@ -40,8 +40,8 @@ def test_names_never_meet_nor_leave_the_picture(spread):
     boxes = [box for box in placed(dots) if box is not None]
     assert len(boxes) >= 8
     for left, top, right, bottom in boxes:
-        assert EDGE <= left < right <= SIDE - EDGE + 1e-9
-        assert EDGE <= top < bottom <= SIDE - EDGE + 1e-9
+        assert EDGE_MARGIN <= left < right <= SIDE - EDGE_MARGIN + 1e-9
+        assert EDGE_MARGIN <= top < bottom <= SIDE - EDGE_MARGIN + 1e-9
     for (a, b, c, d), (e, f, g, h) in combinations(boxes, 2):
         assert a >= g or e >= c or b >= h or f >= d
 

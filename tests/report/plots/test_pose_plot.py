@@ -10,17 +10,25 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cageik_cli.report.plots.pose_marks import MOVED
-from cageik_cli.report.plots.pose_plot import NAMED, SIDE, STRIP, Panel, PoseView, as_png, figure_of
-from cageik_cli.report.plots.style import INK, own_style
-from cageik_cli.report.render.model_views import TURN, view_axes
-from cageik_cli.report.render.raster import Camera
+from cageik_cli.report.plots.pose_marks import HANDLE_COLOUR
+from cageik_cli.report.plots.pose_plot import (
+    LEGEND_HEIGHT,
+    MAX_NAMED_ANCHORS,
+    PANEL_SIDE,
+    Panel,
+    PoseView,
+    draw_pose,
+    render_pose_png,
+)
+from cageik_cli.report.plots.style import INK, use_fixed_style
+from cageik_cli.report.render.model_views import VIEW_TURN, view_axes
+from cageik_cli.report.render.raster import ParallelCamera
 from tests.report.hostile import NAMES
 from tests.report.odd_poses import FACTORS
 from tests.shapes import ball, box
 
 PIXELS = 240
-RIGHT, UP, NEARER = view_axes("Y", TURN)
+RIGHT, UP, NEARER = view_axes("Y", VIEW_TURN)
 
 
 def moved(*motions, missed=0.0, **changes):
@@ -55,7 +63,7 @@ def moved(*motions, missed=0.0, **changes):
 
 def drawn(view, pixels=PIXELS):
     """The picture's colours, (rows, columns, 3), 0 to 255."""
-    image = Image.open(io.BytesIO(as_png(view, pixels)))
+    image = Image.open(io.BytesIO(render_pose_png(view, pixels)))
     assert set(image.info) == {"dpi"}
     return np.asarray(image.convert("RGB"), int)
 
@@ -65,8 +73,8 @@ def figure(view):
         Panel(view.before, view.cage_before, view.starts, True, view.title_before),
         Panel(view.after, view.cage_after, view.ends, False, view.title_after),
     )
-    with own_style():
-        figure = figure_of(view, panels, PIXELS)
+    with use_fixed_style():
+        figure = draw_pose(view, panels, PIXELS)
         figure.canvas.draw()
     return figure
 
@@ -83,14 +91,14 @@ def places(view, gid):
 def seen(view, points, panel, axes=(RIGHT, UP, NEARER)):
     """Where points are to be, in points, counted again from what the picture has to show."""
     held = (view.before, view.cage_before, view.cage_after, view.starts, view.targets, view.ends)
-    camera = Camera.fitted(np.array(axes), np.concatenate([view.after, *held]), 1000)
-    return camera.project(points)[:, :2] * SIDE / 1000 + [panel * SIDE, 0]
+    camera = ParallelCamera.fit(np.array(axes), np.concatenate([view.after, *held]), 1000)
+    return camera.project(points)[:, :2] * PANEL_SIDE / 1000 + [panel * PANEL_SIDE, 0]
 
 
 def is_coloured(picture, point, colour, reach=2):
     """Whether a colour is within some pixels of a place of the figure, in points."""
     wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-    column, row = (point * PIXELS / SIDE).astype(int)
+    column, row = (point * PIXELS / PANEL_SIDE).astype(int)
     near = picture[row - reach : row + reach + 1, column - reach : column + reach + 1]
     return bool((np.abs(near - wanted).max(axis=2) < 40).any())
 
@@ -99,7 +107,9 @@ def is_coloured(picture, point, colour, reach=2):
 def test_two_panels_stand_beside_each_other_over_their_captions(pixels):
     picture = drawn(moved(0.4 * UP), pixels)
     assert picture.shape[1] == 2 * pixels
-    assert picture.shape[0] == pytest.approx(pixels * (SIDE + STRIP) / SIDE, abs=0.6)
+    assert picture.shape[0] == pytest.approx(
+        pixels * (PANEL_SIDE + LEGEND_HEIGHT) / PANEL_SIDE, abs=0.6
+    )
     edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
     assert (edge == 255).all()
     for half in (picture[:, :pixels], picture[:, pixels:]):
@@ -107,10 +117,10 @@ def test_two_panels_stand_beside_each_other_over_their_captions(pixels):
 
 
 def test_the_same_view_gives_the_same_bytes(monkeypatch):
-    first = as_png(moved(0.4 * UP, None), PIXELS)
+    first = render_pose_png(moved(0.4 * UP, None), PIXELS)
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")
-    assert as_png(moved(0.4 * UP, None), PIXELS) == first
-    assert as_png(moved(0.3 * UP, None), PIXELS) != first
+    assert render_pose_png(moved(0.4 * UP, None), PIXELS) == first
+    assert render_pose_png(moved(0.3 * UP, None), PIXELS) != first
 
 
 def test_both_panels_are_seen_from_one_place():
@@ -137,9 +147,9 @@ def test_arrows_lead_from_where_anchors_were_to_their_targets():
     picture = drawn(view)
     for share in (0.0, 0.3, 0.5, 0.7, 0.9):
         place = start + share * (target - start)
-        assert is_coloured(picture, place, MOVED)
-    beside = start + 0.5 * (target - start) + [SIDE, 0]
-    assert not is_coloured(picture, beside, MOVED)
+        assert is_coloured(picture, place, HANDLE_COLOUR)
+    beside = start + 0.5 * (target - start) + [PANEL_SIDE, 0]
+    assert not is_coloured(picture, beside, HANDLE_COLOUR)
 
 
 def test_marks_stand_where_anchors_are():
@@ -152,8 +162,8 @@ def test_marks_stand_where_anchors_are():
     picture = drawn(view)
     for panel, points in enumerate((view.starts, view.ends)):
         for place, pinned in zip(seen(view, points, panel), is_pin, strict=True):
-            assert is_coloured(picture, place, INK if pinned else MOVED)
-            assert not is_coloured(picture, place, MOVED if pinned else INK)
+            assert is_coloured(picture, place, INK if pinned else HANDLE_COLOUR)
+            assert not is_coloured(picture, place, HANDLE_COLOUR if pinned else INK)
 
 
 def test_a_target_that_is_missed_is_led_to():
@@ -191,7 +201,7 @@ def test_it_is_seen_from_where_pages_look(motion):
     np.testing.assert_allclose(places(view, "dot")[0], seen(view, view.starts, 0)[0])
 
 
-@pytest.mark.parametrize(("motion", "turn"), [(NEARER, -TURN), (np.array([0, 0, 1.0]), 75.0)])
+@pytest.mark.parametrize(("motion", "turn"), [(NEARER, -VIEW_TURN), (np.array([0, 0, 1.0]), 75.0)])
 def test_it_is_seen_from_where_arrows_are_long(motion, turn):
     view = moved(0.5 * motion)
     expected = seen(view, view.starts, 0, view_axes("Y", turn))
@@ -209,9 +219,9 @@ def test_up_is_up(up_axis):
 
 def boxes(view):
     """Where the names are, (left, top, right, bottom) in points."""
-    height = SIDE + STRIP
+    height = PANEL_SIDE + LEGEND_HEIGHT
     extents = [text.get_window_extent() for text in artists(view, "name")]
-    scale = SIDE / PIXELS
+    scale = PANEL_SIDE / PIXELS
     return [
         (box.x0 * scale, height - box.y1 * scale, box.x1 * scale, height - box.y0 * scale)
         for box in extents
@@ -220,7 +230,7 @@ def boxes(view):
 
 CROWDS = {
     "one": 1,
-    "a dozen": NAMED,
+    "a dozen": MAX_NAMED_ANCHORS,
     "more than are named": 30,
     "all at one place": -20,
 }
@@ -232,21 +242,21 @@ def test_names_do_not_meet_and_stay_in_their_panel(count):
     if count < 0:
         view = replace(view, starts=0 * view.starts, targets=0 * view.targets, ends=0 * view.ends)
     named = boxes(view)
-    assert len(named) <= 2 * NAMED
+    assert len(named) <= 2 * MAX_NAMED_ANCHORS
     if count > 0:
-        assert len(named) == 2 * min(count, NAMED)
+        assert len(named) == 2 * min(count, MAX_NAMED_ANCHORS)
     for left, top, right, bottom in named:
-        panel = int(left > SIDE)
-        assert panel * SIDE <= left < right <= (panel + 1) * SIDE
-        assert 0 <= top < bottom <= SIDE
+        panel = int(left > PANEL_SIDE)
+        assert panel * PANEL_SIDE <= left < right <= (panel + 1) * PANEL_SIDE
+        assert 0 <= top < bottom <= PANEL_SIDE
     for (a, b, c, d), (e, f, g, h) in combinations(named, 2):
         assert a >= g or e >= c or b >= h - 1 or f >= d - 1
 
 
 def test_those_that_go_farthest_are_named_first():
-    view = moved(*(0.02 * k * UP for k in range(2 * NAMED)))
+    view = moved(*(0.02 * k * UP for k in range(2 * MAX_NAMED_ANCHORS)))
     shown = {text.get_text() for text in artists(view, "name")}
-    assert shown == {f"anchor {k}" for k in range(NAMED, 2 * NAMED)}
+    assert shown == {f"anchor {k}" for k in range(MAX_NAMED_ANCHORS, 2 * MAX_NAMED_ANCHORS)}
 
 
 HOSTILE = (

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.report.plots.pose_plot import as_png, view_of
+from cageik_cli.report.plots.pose_plot import build_pose_view, render_pose_png
 from cageik_cli.store.result import read_result, read_weights
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import extract
@@ -33,7 +33,7 @@ def test_a_pose_is_seen_from_the_rest_pose_on(handles, animation):
     settings = PoseSettings(
         Path("frames/frame_1.obj"), Path("handles.json"), Path("posed.obj"), Path("cage.obj")
     )
-    view = view_of(pose(settings), "Z")
+    view = build_pose_view(pose(settings), "Z")
     np.testing.assert_array_equal(view.before, animation.rest.vertices)
     np.testing.assert_array_equal(view.cage_before, animation.cage.vertices)
     np.testing.assert_array_equal(view.starts, animation.rest.vertices[[0, 7]])
@@ -52,7 +52,9 @@ def test_an_edit_is_seen_in_the_frame_that_was_moved_most(handles):
     Path("handles.json").write_text(
         json.dumps({"handles": [HANDLES[0] | {"offset": keys}, HANDLES[1]], "frames": [1, 3]})
     )
-    view = view_of(edit(EditSettings(Path("cages.h5"), Path("handles.json"), Path("e.h5"))), "Y")
+    view = build_pose_view(
+        edit(EditSettings(Path("cages.h5"), Path("handles.json"), Path("e.h5"))), "Y"
+    )
     assert view.title_before == "frame_4.obj, before"
     before = read_weights(result) @ view.cage_before
     np.testing.assert_allclose(view.before, before, rtol=0, atol=1e-12)
@@ -67,7 +69,7 @@ def viewed(folder, run):
     def make(*sets):
         Path("handles.json").write_text(json.dumps({"sets": sets}))
         settings = EditSettings(Path("cages.h5"), Path("handles.json"), Path("edited.h5"))
-        return view_of(edit(settings), "Y")
+        return build_pose_view(edit(settings), "Y")
 
     return make
 
@@ -103,4 +105,4 @@ def test_of_several_sets_the_last_decides_a_point(viewed):
 def test_nothing_is_drawn_of_an_edit_that_does_nothing(viewed):
     view = viewed(moving("still", 0, [0, 0, 0], frames=[0, 1]))
     assert view.names == ()
-    assert as_png(view, pixels=120).startswith(b"\x89PNG")
+    assert render_pose_png(view, pixels=120).startswith(b"\x89PNG")

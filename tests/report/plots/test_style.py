@@ -3,12 +3,17 @@
 import matplotlib as mpl
 import pytest
 
-from cageik_cli.report.plots.style import LONGEST, drawable, own_style, text_width
+from cageik_cli.report.plots.style import (
+    DEFAULT_MAX_LENGTH,
+    make_drawable,
+    measure_text_width,
+    use_fixed_style,
+)
 
 
 def test_the_readers_settings_are_kept_out_and_kept():
     with mpl.rc_context({"font.size": 31.0, "axes.facecolor": "red"}):
-        with own_style():
+        with use_fixed_style():
             assert mpl.rcParams["font.size"] == 9.0
             assert mpl.rcParams["axes.facecolor"] == "white"
         assert mpl.rcParams["font.size"] == 31.0
@@ -19,24 +24,26 @@ def test_the_readers_settings_are_kept_out_and_kept():
     [
         ("walk_01.obj", "walk_01.obj"),
         ("a\nb\ud800", "a\ufffdb\ufffd"),
-        ("x" * LONGEST, "x" * LONGEST),
+        ("x" * DEFAULT_MAX_LENGTH, "x" * DEFAULT_MAX_LENGTH),
         ("", ""),
     ],
 )
 def test_letters_that_the_font_lacks_are_replaced(name, expected):
-    assert drawable(name) == expected
+    assert make_drawable(name) == expected
 
 
-@pytest.mark.parametrize("longest", [20, LONGEST])
+@pytest.mark.parametrize("longest", [20, DEFAULT_MAX_LENGTH])
 def test_long_names_keep_their_ends(longest):
-    text = drawable("first" + "x" * 100 + "last", longest)
+    text = make_drawable("first" + "x" * 100 + "last", longest)
     assert len(text) <= longest
     assert text.startswith("first")
     assert text.endswith("last")
 
 
 def test_widths_grow_with_letters_and_their_size():
-    assert text_width("", 10) == 0
-    assert 4 * text_width("m", 10) == pytest.approx(text_width("mmmm", 10), rel=0.1)
-    assert 2 * text_width("mile", 10) == pytest.approx(text_width("mile", 20), rel=0.1)
-    assert text_width("iiii", 10) < text_width("mmmm", 10)
+    assert measure_text_width("", 10) == 0
+    assert 4 * measure_text_width("m", 10) == pytest.approx(measure_text_width("mmmm", 10), rel=0.1)
+    assert 2 * measure_text_width("mile", 10) == pytest.approx(
+        measure_text_width("mile", 20), rel=0.1
+    )
+    assert measure_text_width("iiii", 10) < measure_text_width("mmmm", 10)

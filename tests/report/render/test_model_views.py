@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from cageik_cli.report.render.model_views import LINE, caged, colour, seen_surface, view_axes
-from cageik_cli.report.render.raster import Camera
+from cageik_cli.report.render.model_views import (
+    CAGE_COLOUR,
+    parse_colour,
+    project_surface,
+    render_with_cage,
+    view_axes,
+)
+from cageik_cli.report.render.raster import ParallelCamera
 from tests.shapes import ball, box
 
 SIZE = 200
@@ -34,10 +40,10 @@ def test_a_cage_is_drawn_over_its_model_fainter_behind_it():
     shares = []
     for size in (1.2, 0.5):
         cage = box(size)
-        camera = Camera.fitted(np.eye(3), 1.3 * model.vertices, SIZE)
-        surface = seen_surface(camera, model.vertices, model.faces)
-        picture = caged(surface, camera, cage.vertices, cage.faces)
-        blue = np.abs(picture[:3] - colour(LINE)[:, None, None]).max(axis=0) < 0.1
+        camera = ParallelCamera.fit(np.eye(3), 1.3 * model.vertices, SIZE)
+        surface = project_surface(camera, model.vertices, model.faces)
+        picture = render_with_cage(surface, camera, cage.vertices, cage.faces)
+        blue = np.abs(picture[:3] - parse_colour(CAGE_COLOUR)[:, None, None]).max(axis=0) < 0.1
         shares.append(blue.sum())
         assert (picture[3] > 0).sum() >= (surface.depth < np.inf).sum()
     assert shares[0] > 200
@@ -45,4 +51,4 @@ def test_a_cage_is_drawn_over_its_model_fainter_behind_it():
 
 
 def test_colours_are_read():
-    np.testing.assert_allclose(colour("#ff8000"), [1, 128 / 255, 0])
+    np.testing.assert_allclose(parse_colour("#ff8000"), [1, 128 / 255, 0])

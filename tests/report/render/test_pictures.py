@@ -8,12 +8,12 @@ import pytest
 from PIL import Image
 
 from cageik_cli.report.render.model_views import (
-    COLOURS,
-    UNKNOWN,
+    COLOUR_SCALE,
+    MISSING_COLOUR,
     Pose,
-    Poses,
-    pictures_of,
-    poses_of,
+    PoseSet,
+    load_poses,
+    render_pictures,
 )
 from tests.report.odd_poses import FACTORS
 from tests.shapes import ball, box
@@ -23,7 +23,7 @@ PIXELS = 60
 
 @pytest.fixture(scope="module")
 def poses(closed):
-    return poses_of(closed.result)
+    return load_poses(closed.result)
 
 
 def opened_png(data):
@@ -55,26 +55,26 @@ def still(vertex_rms, deviation, **changes):
         cage.vertices,
         np.full(count, deviation),
     )
-    poses = Poses(model.faces, cage.faces, (given,), np.full(count, vertex_rms), "Y")
+    poses = PoseSet(model.faces, cage.faces, (given,), np.full(count, vertex_rms), "Y")
     return replace(poses, **changes)
 
 
 def test_every_pose_has_its_three_pictures(poses):
-    pictures = pictures_of(poses, PIXELS)
+    pictures = render_pictures(poses, PIXELS)
     assert [(pose.label, pose.name) for pose in pictures.poses] == [
         (pose.label, pose.name) for pose in poses.poses
     ]
     assert len(pictures.spread) == 2
-    assert pictures.colours == COLOURS
+    assert pictures.colours == COLOUR_SCALE
     for data in all_of(pictures):
         opacity = opened_png(data)[..., 3]
         assert (opacity == 255).sum() > 50
         assert (opacity == 0).sum() > 50
-    assert all_of(pictures_of(poses, PIXELS)) == all_of(pictures)
+    assert all_of(render_pictures(poses, PIXELS)) == all_of(pictures)
 
 
 def test_given_and_rebuilt_are_seen_from_one_place():
-    (pose,) = pictures_of(still(1.0, 1.0), PIXELS).poses
+    (pose,) = render_pictures(still(1.0, 1.0), PIXELS).poses
     given, rebuilt, caged = map(opened_png, (pose.given, pose.rebuilt, pose.cage))
     np.testing.assert_array_equal(given[..., 3], rebuilt[..., 3])
     assert (caged[..., 3] >= given[..., 3]).all()
@@ -89,9 +89,9 @@ def test_colours_tell_the_deviation(share, expected):
     deviation = np.full(len(rest.given), share * 2.0)
     deviation[rest.given[:, 1] < -0.5] = 2.0
     shown = replace(poses, poses=(replace(rest, deviation=deviation),))
-    pictures = pictures_of(shown, PIXELS)
+    pictures = render_pictures(shown, PIXELS)
     middle = opened_png(pictures.poses[0].rebuilt)[PIXELS // 2 - 5, PIXELS // 2, :3]
-    wanted = hue(COLOURS[4 if share == 0.5 else expected])
+    wanted = hue(COLOUR_SCALE[4 if share == 0.5 else expected])
     if share <= 1:
         assert pictures.top_percent == 2
     ratio = middle / wanted
@@ -99,17 +99,17 @@ def test_colours_tell_the_deviation(share, expected):
 
 
 def test_scales_end_at_round_numbers_that_nearly_all_keep():
-    assert pictures_of(still(0.43, 1.1), PIXELS).top_percent == 1.5
-    assert pictures_of(still(0.43, 1.1), PIXELS).spread_top_percent == 0.5
-    assert pictures_of(still(0.0, 1e-13), PIXELS).top_percent == 0.001
-    assert pictures_of(still(0.0, 9.5e7), PIXELS).top_percent == 1e8
+    assert render_pictures(still(0.43, 1.1), PIXELS).top_percent == 1.5
+    assert render_pictures(still(0.43, 1.1), PIXELS).spread_top_percent == 0.5
+    assert render_pictures(still(0.0, 1e-13), PIXELS).top_percent == 0.001
+    assert render_pictures(still(0.0, 9.5e7), PIXELS).top_percent == 1e8
 
 
 def test_missing_data_is_grey():
-    pictures = pictures_of(still(np.nan, 5.0), PIXELS)
+    pictures = render_pictures(still(np.nan, 5.0), PIXELS)
     assert pictures.top_percent == 0.001
     for data in (pictures.poses[0].rebuilt, *pictures.spread):
-        ratio = opened_png(data)[PIXELS // 2, PIXELS // 2, :3] / hue(UNKNOWN)
+        ratio = opened_png(data)[PIXELS // 2, PIXELS // 2, :3] / hue(MISSING_COLOUR)
         assert ratio == pytest.approx(np.full(3, ratio.mean()), rel=0.05)
 
 
@@ -120,7 +120,7 @@ def test_up_is_up(up_axis):
     stretch = np.where(np.arange(3) == "XYZ".index(up_axis), 4.0, 1.0)
     rest = poses.poses[0]
     tall = replace(rest, given=stretch * rest.given, rebuilt=stretch * rest.rebuilt)
-    drawn = opened_png(pictures_of(replace(poses, poses=(tall,)), PIXELS).spread[0])[..., 3] > 0
+    drawn = opened_png(render_pictures(replace(poses, poses=(tall,)), PIXELS).spread[0])[..., 3] > 0
     assert np.ptp(np.flatnonzero(drawn.any(axis=1))) > 2.5 * np.ptp(
         np.flatnonzero(drawn.any(axis=0))
     )
@@ -133,6 +133,6 @@ def test_any_pose_is_drawn(model, cage):
     odd = replace(
         rest, given=model * rest.given, rebuilt=model * rest.rebuilt, cage=cage * rest.cage
     )
-    pictures = pictures_of(replace(poses, poses=(odd,)), PIXELS)
+    pictures = render_pictures(replace(poses, poses=(odd,)), PIXELS)
     assert len(pictures.poses) == 1
     assert all(opened_png(data).shape == (PIXELS, PIXELS, 4) for data in all_of(pictures))

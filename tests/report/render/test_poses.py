@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.report.record import report_of
-from cageik_cli.report.render.model_views import poses_of
+from cageik_cli.report.record import build_report
+from cageik_cli.report.render.model_views import load_poses
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.extract_inputs import ExtractSettings
 
@@ -20,7 +20,7 @@ def diagonal_of(case):
 
 
 def test_the_poses_are_the_frames_they_are_named_for(closed):
-    poses = poses_of(closed.result)
+    poses = load_poses(closed.result)
     rest, worst, median, best = poses.poses
     order = np.argsort((misses_of(closed) ** 2).mean(axis=1))
     numbers = {"worst": order[-1], "median": order[2], "best": order[0]}
@@ -37,7 +37,7 @@ def test_the_poses_are_the_frames_they_are_named_for(closed):
 
 
 def test_the_rest_pose_is_rebuilt(closed):
-    rest = poses_of(closed.result).poses[0]
+    rest = load_poses(closed.result).poses[0]
     np.testing.assert_array_equal(rest.given, closed.frames[0])
     np.testing.assert_allclose(rest.rebuilt, rest.given, rtol=0, atol=1e-12)
     assert rest.deviation.max() < 1e-10
@@ -45,7 +45,7 @@ def test_the_rest_pose_is_rebuilt(closed):
 
 
 def test_the_spread_and_the_meshes(closed):
-    poses = poses_of(closed.result)
+    poses = load_poses(closed.result)
     expected = 100 * np.sqrt((misses_of(closed) ** 2).mean(axis=0)) / diagonal_of(closed)
     np.testing.assert_allclose(poses.vertex_rms, expected, rtol=1e-9)
     np.testing.assert_array_equal(poses.faces, closed.faces)
@@ -57,7 +57,7 @@ def test_a_result_without_weights_has_no_poses(folder):
     settings = ExtractSettings(
         ("frames",), folder / "cage.obj", folder / "c.h5", keep_weights=False
     )
-    assert poses_of(extract(settings)) is None
+    assert load_poses(extract(settings)) is None
 
 
 @pytest.mark.parametrize("missing", [(), (3, 7)])
@@ -65,7 +65,7 @@ def test_the_figures_of_vertices(closed, missing):
     result, case_rms = closed.result, np.sqrt((misses_of(closed) ** 2).mean(axis=0))
     rms = result.vertex_rms.copy()
     rms[list(missing)] = np.nan
-    vertices = report_of(replace(result, vertex_rms=rms)).vertices
+    vertices = build_report(replace(result, vertex_rms=rms)).vertices
     known = np.setdiff1d(np.arange(18), missing)
     percent = 100 * case_rms / diagonal_of(closed)
     assert sum(vertices.counts) == len(known)
@@ -85,6 +85,6 @@ def test_the_figures_of_vertices(closed, missing):
 
 
 def test_vertices_without_error_are_in_the_first_bin(closed):
-    vertices = report_of(replace(closed.result, vertex_rms=np.zeros(18))).vertices
+    vertices = build_report(replace(closed.result, vertex_rms=np.zeros(18))).vertices
     assert vertices.counts[0] == 18
     assert vertices.edges_percent[-1] == 1

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from cageik_cli.report.render.raster import lines, rasterised
+from cageik_cli.report.render.raster import rasterize, rasterize_lines
 from tests.report.squares import SIZE, SQUARE, square
 
 
 def test_a_square_covers_its_pixels_once():
-    seen = rasterised(square(20.2, 60.7)[SQUARE], SIZE)
+    seen = rasterize(square(20.2, 60.7)[SQUARE], SIZE)
     inside = np.zeros((SIZE, SIZE), bool)
     inside[20:61, 20:61] = True  # middles from 20.5 to 60.5
     np.testing.assert_array_equal(seen.face >= 0, inside)
@@ -21,7 +21,7 @@ def test_triangles_that_meet_leave_no_pixel_out():
     angles = np.linspace(0, 2 * np.pi, 400)
     ring = np.stack([50 + 45 * np.cos(angles), 50 + 45 * np.sin(angles), 0 * angles], axis=1)
     middle = np.broadcast_to([50.1, 49.7, 0.0], ring[1:].shape)
-    seen = rasterised(np.stack([middle, ring[:-1], ring[1:]], axis=1), SIZE)
+    seen = rasterize(np.stack([middle, ring[:-1], ring[1:]], axis=1), SIZE)
     rows, columns = np.indices((SIZE, SIZE)) + 0.5
     radius = np.hypot(rows - 50, columns - 50)
     assert (seen.face[radius < 44.9] >= 0).all()
@@ -31,7 +31,7 @@ def test_triangles_that_meet_leave_no_pixel_out():
 @pytest.mark.parametrize("order", [[0, 1, 2, 3], [3, 2, 1, 0], [2, 0, 3, 1]])
 def test_what_is_nearer_hides_what_is_further(order):
     near, far = square(30, 70, -1.0)[SQUARE], square(10, 90, 1.0)[SQUARE]
-    seen = rasterised(np.concatenate([near, far])[order], SIZE)
+    seen = rasterize(np.concatenate([near, far])[order], SIZE)
     shown = np.array(order)[seen.face[30:70, 30:70]]
     assert (shown < 2).all()
     assert (seen.depth[30:70, 30:70] == -1).all()
@@ -41,7 +41,7 @@ def test_what_is_nearer_hides_what_is_further(order):
 def test_triangles_that_cross_are_told_apart_pixel_by_pixel():
     slanted = square(0, SIZE)
     slanted[:, 2] = slanted[:, 0] - 50
-    seen = rasterised(np.concatenate([square(0, SIZE)[SQUARE], slanted[SQUARE]]), SIZE)
+    seen = rasterize(np.concatenate([square(0, SIZE)[SQUARE], slanted[SQUARE]]), SIZE)
     assert (seen.face[:, :50] >= 2).all()
     assert (seen.face[:, 50:] < 2).all()
     np.testing.assert_allclose(seen.depth[:, :50] - (np.arange(50) - 49.5), 0, atol=1e-12)
@@ -49,17 +49,17 @@ def test_triangles_that_cross_are_told_apart_pixel_by_pixel():
 
 def test_blocks_do_not_show(monkeypatch):
     points = np.random.default_rng(2).uniform(-10, 110, (200, 3, 3))
-    whole = rasterised(points, SIZE)
-    monkeypatch.setattr("cageik_cli.report.render.raster.BLOCK", 500)
-    blocked = rasterised(points, SIZE)
+    whole = rasterize(points, SIZE)
+    monkeypatch.setattr("cageik_cli.report.render.raster.BLOCK_PIXELS", 500)
+    blocked = rasterize(points, SIZE)
     np.testing.assert_array_equal(blocked.face, whole.face)
     np.testing.assert_array_equal(blocked.depth, whole.depth)
 
 
 def test_a_line_is_as_wide_as_asked():
     ends = np.array([[20.0, 50, 3], [80, 50, 5], [50, 20, 1], [50, 20, 1]])
-    depth = lines(ends, np.array([[0, 1]]), 4.0, SIZE)
+    depth = rasterize_lines(ends, np.array([[0, 1]]), 4.0, SIZE)
     drawn = np.isfinite(depth)
     assert drawn.sum() == 4 * 64
     assert drawn[48:52, 18:82].all()
-    assert np.isfinite(lines(ends, np.array([[2, 3]]), 4.0, SIZE)).sum() == 16
+    assert np.isfinite(rasterize_lines(ends, np.array([[2, 3]]), 4.0, SIZE)).sum() == 16

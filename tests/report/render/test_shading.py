@@ -3,16 +3,23 @@
 import numpy as np
 import pytest
 
-from cageik_cli.report.render.raster import Camera, lines
-from cageik_cli.report.render.shading import coloured, drawn_over, lit, painted, reduced, surface_of
+from cageik_cli.report.render.raster import ParallelCamera, rasterize_lines
+from cageik_cli.report.render.shading import (
+    downsample,
+    map_colours,
+    overlay,
+    rasterize_surface,
+    render,
+    shade,
+)
 from tests.report.squares import SIZE, SQUARE, square
 from tests.shapes import ball
 
 
 def test_the_outline_of_a_sphere():
     model = ball(levels=5, size=1.0)
-    camera = Camera.fitted(np.eye(3), model.vertices, 400)
-    surface = surface_of(camera.project(model.vertices), model.faces, 400)
+    camera = ParallelCamera.fit(np.eye(3), model.vertices, 400)
+    surface = rasterize_surface(camera.project(model.vertices), model.faces, 400)
     assert len(surface.pixels) == pytest.approx(np.pi * (200 * 0.94) ** 2, rel=0.01)
     places = np.stack([surface.pixels % 400, surface.pixels // 400], axis=1) + 0.5
     across = (places - 200) / (200 * 0.94) * (1, -1)
@@ -22,23 +29,26 @@ def test_the_outline_of_a_sphere():
 
 
 def test_values_are_interpolated():
-    surface = surface_of(square(0, SIZE), SQUARE, SIZE)
-    found = surface.interpolated(square(0, SIZE)[:, 0])
+    surface = rasterize_surface(square(0, SIZE), SQUARE, SIZE)
+    found = surface.interpolate(square(0, SIZE)[:, 0])
     np.testing.assert_allclose(found, surface.pixels % SIZE + 0.5, rtol=1e-12)
 
 
 def test_flat_faces_have_one_normal_and_both_sides_are_lit():
     corners = np.array([[0.0, 0, 0], [SIZE, 0, SIZE], [SIZE, SIZE, 0], [0, SIZE, SIZE]])
     for faces in (SQUARE, SQUARE[:, ::-1]):
-        flat = surface_of(corners, faces, SIZE, is_smooth=False)
+        flat = rasterize_surface(corners, faces, SIZE, is_smooth=False)
         assert len(np.unique(flat.normals.round(12), axis=1)[0]) == 2
         assert (flat.normals[2] > 0).all()
-        assert len(np.unique(surface_of(corners, faces, SIZE).normals.round(6), axis=1)[0]) > 100
+        assert (
+            len(np.unique(rasterize_surface(corners, faces, SIZE).normals.round(6), axis=1)[0])
+            > 100
+        )
 
 
 def test_light_falls_from_above_and_the_left():
     faces = np.array([[0, 1, 0], [0, -1, 0], [-1, 0, 0], [0, 0, 1.0], [-0.42, 0.66, 0.62]])
-    up, down, _, front, key = lit(faces.T)
+    up, down, _, front, key = shade(faces.T)
     assert 0 < down < up < key
     assert front < key < 1.1
 
@@ -47,19 +57,19 @@ def test_colours_of_a_scale():
     stops = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]])
     values = np.array([0, 1, 2, 3, 4, 9, np.nan])
     expected = [[0, 0, 0], [0.5, 0, 0], [1, 0, 0], [1, 0.5, 0], [1, 1, 0], [1, 1, 0], [0, 0, 1]]
-    np.testing.assert_allclose(coloured(values, 4, stops, np.array([0, 0, 1.0])), expected)
+    np.testing.assert_allclose(map_colours(values, 4, stops, np.array([0, 0, 1.0])), expected)
 
 
 def test_pictures_are_laid_over_and_reduced_by_opacity():
     empty, red = np.zeros((4, 4, 4), np.float32), np.array([1.0, 0, 0])
     opacity = np.zeros((4, 4))
     opacity[0, 0] = 1
-    small = reduced(drawn_over(empty, red, opacity))
+    small = downsample(overlay(empty, red, opacity))
     assert small.shape == (4, 2, 2)
     np.testing.assert_allclose(small[:, 0, 0], [1, 0, 0, 0.25])
     assert not small[:, 1, 1].any()
     white = np.ones((4, 4, 4), np.float32)
-    mixed = drawn_over(white, red, np.full((4, 4), 0.25))
+    mixed = overlay(white, red, np.full((4, 4), 0.25))
     np.testing.assert_allclose(mixed[:, 0, 0], [1, 0.75, 0.75, 1])
     assert not empty.any()
 
@@ -79,17 +89,19 @@ MODELS = {
 
 @pytest.mark.parametrize("vertices", MODELS.values(), ids=MODELS)
 def test_hardly_a_model_is_drawn_all_the_same(vertices):
-    camera = Camera.fitted(np.eye(3), vertices, SIZE)
+    camera = ParallelCamera.fit(np.eye(3), vertices, SIZE)
     projected = camera.project(vertices)
     for is_smooth in (True, False):
-        surface = surface_of(projected, np.concatenate([SQUARE, [[1, 1, 1]]]), SIZE, is_smooth)
-        assert np.isfinite(painted(surface, np.ones(3))).all()
-    lines(projected, np.array([[0, 1], [1, 3]]), 3.0, SIZE)
+        surface = rasterize_surface(
+            projected, np.concatenate([SQUARE, [[1, 1, 1]]]), SIZE, is_smooth
+        )
+        assert np.isfinite(render(surface, np.ones(3))).all()
+    rasterize_lines(projected, np.array([[0, 1], [1, 3]]), 3.0, SIZE)
 
 
 @pytest.mark.parametrize("factor", [1e-30, 1.0, 1e30])
 def test_the_scale_does_not_matter(factor):
     vertices = factor * square(-1, 1, 0.5)
-    camera = Camera.fitted(np.eye(3), vertices, SIZE)
-    surface = surface_of(camera.project(vertices), SQUARE, SIZE)
+    camera = ParallelCamera.fit(np.eye(3), vertices, SIZE)
+    surface = rasterize_surface(camera.project(vertices), SQUARE, SIZE)
     assert len(surface.pixels) == 94 * 94

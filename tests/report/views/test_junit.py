@@ -5,8 +5,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cageik_cli.report.overview import Entry, overview_of
-from cageik_cli.report.views.junit import as_junit
+from cageik_cli.report.overview import ClipEntry, build_overview
+from cageik_cli.report.views.junit import format_junit
 from tests.report.clips import HOSTILE, clip, gate
 
 SUITE = {
@@ -66,15 +66,15 @@ def _suite_faults(suite: ElementTree.Element) -> list[str]:
 BASELINE = {"baseline": 0.2}
 CLIPS = (
     clip("run", gate(True), gate(False, **BASELINE), notes=["one", "two & three"]),
-    Entry("broken", fault="frame_3.obj: is <empty>"),
+    ClipEntry("broken", fault="frame_3.obj: is <empty>"),
     clip("walk/open", gate(None, metric="volume_change", frame=None), gate(False)),
     clip("plain"),
 )
 
 
 def test_it_is_as_the_schema_says():
-    assert faults_of(as_junit(overview_of(CLIPS))) == []
-    assert faults_of(as_junit(overview_of([]))) == []
+    assert faults_of(format_junit(build_overview(CLIPS))) == []
+    assert faults_of(format_junit(build_overview([]))) == []
 
 
 @pytest.mark.parametrize(
@@ -101,13 +101,13 @@ def test_it_is_as_the_schema_says():
     ],
 )
 def test_what_is_not_is_found(old, new, fault):
-    text = as_junit(overview_of(CLIPS))
+    text = format_junit(build_overview(CLIPS))
     assert old in text
     assert fault in faults_of(text.replace(old, new))
 
 
 def test_every_clip_is_a_suite_and_every_limit_a_case():
-    root = ElementTree.fromstring(as_junit(overview_of(CLIPS)))
+    root = ElementTree.fromstring(format_junit(build_overview(CLIPS)))
     run, broken, opened, plain = root
     outcomes = {
         suite.get("name"): {
@@ -140,13 +140,13 @@ def test_every_clip_is_a_suite_and_every_limit_a_case():
 def test_no_name_breaks_it(name):
     entries = [
         clip(name, gate(False, frame=name), notes=[name]),
-        Entry(name, fault=name),
+        ClipEntry(name, fault=name),
     ]
-    text = as_junit(overview_of(entries))
+    text = format_junit(build_overview(entries))
     assert faults_of(text) == []
     if name.isprintable() and is_token(name):
         assert ElementTree.fromstring(text)[0].get("name") == name
 
 
 def test_the_same_run_is_the_same_text():
-    assert as_junit(overview_of(CLIPS)) == as_junit(overview_of(CLIPS))
+    assert format_junit(build_overview(CLIPS)) == format_junit(build_overview(CLIPS))

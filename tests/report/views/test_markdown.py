@@ -6,8 +6,8 @@ import re
 import pytest
 from markdown_it import MarkdownIt
 
-from cageik_cli.report.overview import Entry, overview_of
-from cageik_cli.report.views.markdown import LONGEST, as_markdown
+from cageik_cli.report.overview import ClipEntry, build_overview
+from cageik_cli.report.views.markdown import MAX_TEXT_LENGTH, format_markdown
 from tests.report.clips import HOSTILE, clip, gate, summary
 
 RENDERER = MarkdownIt("commonmark").enable(["table", "strikethrough"])
@@ -32,13 +32,13 @@ CLIPS = (
     clip("fine", gate(True), rms_percent=0.1),
     clip("worse", gate(True), rms_percent=0.3, notes=["one"]),
     clip("over", gate(True), gate(False), rms_percent=0.2, notes=["one", "two"]),
-    Entry("broken", fault="frame_3.obj: is empty"),
+    ClipEntry("broken", fault="frame_3.obj: is empty"),
     clip("plain", gate(None), rms_percent=0.01),
 )
 
 
 def test_the_worst_come_first_and_say_why():
-    text = as_markdown(overview_of(CLIPS))
+    text = format_markdown(build_overview(CLIPS))
     assert text.startswith(
         "## cageik: 5 clips: 1 failed, 1 over limit, 2 within limits, 1 extracted\n\n| clip |"
     )
@@ -59,7 +59,7 @@ def test_the_worst_come_first_and_say_why():
 
 
 def test_what_there_is_none_of_has_no_heading():
-    text = as_markdown(overview_of([clip("a")]))
+    text = format_markdown(build_overview([clip("a")]))
     assert text.startswith("## cageik: 1 clip: 1 extracted\n")
     assert "###" not in text
 
@@ -67,13 +67,16 @@ def test_what_there_is_none_of_has_no_heading():
 def seen(name: str) -> str:
     """What is to be seen of a name."""
     line = "".join(" " if c.isspace() else c if c.isprintable() else "\ufffd" for c in name).strip()
-    return line if len(line) <= LONGEST else line[: LONGEST - 1] + "…"
+    return line if len(line) <= MAX_TEXT_LENGTH else line[: MAX_TEXT_LENGTH - 1] + "…"
 
 
 @pytest.mark.parametrize("name", HOSTILE.values(), ids=HOSTILE)
 def test_names_are_seen_as_they_are(name):
-    entries = [clip(name, gate(False, frame=name), notes=[f"{name} note"]), Entry(name, fault=name)]
-    text = as_markdown(overview_of(entries))
+    entries = [
+        clip(name, gate(False, frame=name), notes=[f"{name} note"]),
+        ClipEntry(name, fault=name),
+    ]
+    text = format_markdown(build_overview(entries))
     assert [row[0] for row in cells_of(text)] == [seen(name)] * 2
     assert items_of(text)[0] == f"{seen(name)}: {seen(name)}".strip()
     rendered = RENDERER.render(text)
@@ -83,8 +86,8 @@ def test_names_are_seen_as_they_are(name):
 
 def test_the_frames_name_is_seen_too():
     for name in HOSTILE.values():
-        entry = Entry("a", summary=summary(worst_frame=name))
-        assert cells_of(as_markdown(overview_of([entry])))[0][4] == seen(name)
+        entry = ClipEntry("a", summary=summary(worst_frame=name))
+        assert cells_of(format_markdown(build_overview([entry])))[0][4] == seen(name)
 
 
 @pytest.mark.parametrize("name", ["clip_", "ü|<>" * 60, "\U0001f600" * 290], ids=range(3))
@@ -93,10 +96,10 @@ def test_any_number_of_clips_has_room(name):
     clips = [
         clip(f"{k} {name}", gate(k % 40 > 0), notes=[f"{k} {name} note"])
         if k % 100
-        else Entry(f"{k} {name}", fault="it is broken " * 50)
+        else ClipEntry(f"{k} {name}", fault="it is broken " * 50)
         for k in range(2000)
     ]
-    text = as_markdown(overview_of(clips))
+    text = format_markdown(build_overview(clips))
     assert len(text.encode()) < 60_000
     assert "## cageik: 2000 clips: 20 failed, 40 over limit, 1940 within limits\n" in text
     *rows, last = cells_of(text)
@@ -110,6 +113,6 @@ def test_any_number_of_clips_has_room(name):
 
 
 def test_a_few_clips_are_all_shown():
-    text = as_markdown(overview_of([clip(f"clip_{k}", gate(False)) for k in range(100)]))
+    text = format_markdown(build_overview([clip(f"clip_{k}", gate(False)) for k in range(100)]))
     assert " more" not in text
     assert len(cells_of(text)) == 100

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from cageik_cli.posing.summary import AnchorFigures, PoseFigures
-from cageik_cli.report.views.pose_text import SHOWN, pose_json, pose_rows
+from cageik_cli.posing.summary import AnchorSummary, PoseSummary
+from cageik_cli.report.views.pose_text import MAX_SHOWN_HANDLES, format_pose_json, format_pose_rows
 
-HAND = AnchorFigures("hand", "", 0.2, 1e-9, 5e-8, "f_7", 0.03, 0.02)
-EDIT = PoseFigures(
+HAND = AnchorSummary("hand", "", 0.2, 1e-9, 5e-8, "f_7", 0.03, 0.02)
+EDIT = PoseSummary(
     diagonal=2.0, anchors=(HAND,), rms=0.03, rms_percent=1.5, moved=0.25, moved_least=0.0,
     vertex=7, frame="f_8", cage_moved=0.3, cage_vertex=2, volume_change_percent=1.25,
     condition_number=152.0, rigidity=0, changed=("f_3", "f_9"),
@@ -23,7 +23,7 @@ POSE = replace(
 
 
 def test_an_edit_tells_where_and_when():
-    rows = dict(pose_rows(EDIT))
+    rows = dict(format_pose_rows(EDIT))
     assert rows["handle"] == (
         "hand: moved 0.2, ends 5.0e-08 % of the diagonal from its target in f_7"
     )
@@ -36,7 +36,7 @@ def test_an_edit_tells_where_and_when():
 
 
 def test_a_pose_has_no_frames():
-    rows = dict(pose_rows(POSE))
+    rows = dict(format_pose_rows(POSE))
     assert rows["handle"] == "hand: moved 0.2, ends 5.0e-08 % of the diagonal from its target"
     assert rows["moved most"] == "vertex 7 by 0.25, cage vertex 2 by 0.3"
     assert rows["volume change"] == "+1.2500 %"
@@ -45,16 +45,18 @@ def test_a_pose_has_no_frames():
 
 
 def test_of_many_handles_the_worst_are_shown():
-    many = tuple(replace(HAND, name=f"h{k}", residual=float(k)) for k in range(SHOWN + 3))
-    rows = pose_rows(replace(EDIT, anchors=many))
+    many = tuple(
+        replace(HAND, name=f"h{k}", residual=float(k)) for k in range(MAX_SHOWN_HANDLES + 3)
+    )
+    rows = format_pose_rows(replace(EDIT, anchors=many))
     told = [text.split(":")[0] for label, text in rows if label == "handle"]
-    assert told == [f"h{k}" for k in reversed(range(3, SHOWN + 3))]
+    assert told == [f"h{k}" for k in reversed(range(3, MAX_SHOWN_HANDLES + 3))]
     assert dict(rows)["handles"] == "3 more, no farther from their targets"
 
 
 def test_the_handle_that_is_made_to_accelerate_most_is_named():
     calm = replace(HAND, name="calm", acceleration=0.5, acceleration_before=0.5)
-    rows = dict(pose_rows(replace(EDIT, anchors=(calm, HAND))))
+    rows = dict(format_pose_rows(replace(EDIT, anchors=(calm, HAND))))
     assert rows["acceleration"].startswith("of hand,")
 
 
@@ -62,38 +64,44 @@ def test_an_edit_that_accelerates_nothing_says_so():
     """Neither what gets smoother, nor rounding, is the edit's fault."""
     calm = replace(HAND, acceleration=0.02, acceleration_before=0.03)
     pin = replace(HAND, acceleration=0.5 + 1e-9, acceleration_before=0.5)
-    rows = dict(pose_rows(replace(EDIT, anchors=(calm, pin))))
+    rows = dict(format_pose_rows(replace(EDIT, anchors=(calm, pin))))
     assert rows["acceleration"] == "of no handle larger than before the edit"
 
 
 def test_handles_of_several_sets_are_told_apart():
     anchors = (replace(HAND, layer="sets[0]"), replace(HAND, layer="sets[1]", residual_percent=34))
-    told = [text for label, text in pose_rows(replace(EDIT, anchors=anchors)) if label == "handle"]
+    told = [
+        text
+        for label, text in format_pose_rows(replace(EDIT, anchors=anchors))
+        if label == "handle"
+    ]
     assert told[0].startswith("hand (sets[0]): moved 0.2, ends 5.0e-08 %")
     assert told[1].startswith("hand (sets[1]): moved 0.2, ends 34 %")
 
 
 def test_a_model_that_moves_along_is_told_what_to_do():
-    along = dict(pose_rows(replace(EDIT, moved_least=0.2)))
+    along = dict(format_pose_rows(replace(EDIT, moved_least=0.2)))
     assert along["note"] == "all of the model moves, by 0.2 at least; pin what is to stay"
-    assert "note" not in dict(pose_rows(replace(EDIT, moved_least=0.1)))
+    assert "note" not in dict(format_pose_rows(replace(EDIT, moved_least=0.1)))
 
 
 def test_handles_that_are_where_they_are_to_be_are_told():
     pin = replace(HAND, moved=1e-9)
-    assert dict(pose_rows(replace(EDIT, anchors=(pin,))))["note"].startswith("nothing moves: ")
+    assert dict(format_pose_rows(replace(EDIT, anchors=(pin,))))["note"].startswith(
+        "nothing moves: "
+    )
     held = replace(pin, residual=0.3)
-    assert "note" not in dict(pose_rows(replace(EDIT, anchors=(held,))))
+    assert "note" not in dict(format_pose_rows(replace(EDIT, anchors=(held,))))
 
 
 def test_a_handle_that_goes_too_far_is_told_of_units():
     """The diagonal is 2, so that 5 of them are 10."""
     edit = replace(EDIT, anchors=(HAND, replace(HAND, name="foot", moved=10.1)))
-    assert dict(pose_rows(edit))["note"] == (
+    assert dict(format_pose_rows(edit))["note"] == (
         "foot goes 5.05 times the model's diagonal, more than 5; give targets in the units and "
         "axes of the model's file"
     )
-    assert "note" not in dict(pose_rows(replace(EDIT, anchors=(replace(HAND, moved=9.9),))))
+    assert "note" not in dict(format_pose_rows(replace(EDIT, anchors=(replace(HAND, moved=9.9),))))
 
 
 @pytest.mark.parametrize(
@@ -102,18 +110,18 @@ def test_a_handle_that_goes_too_far_is_told_of_units():
 def test_a_cage_that_moves_wildly_is_told_what_to_do(farthest, cage, told):
     """More than 5 times as far as any handle, and more than the diagonal, which is 2."""
     edit = replace(EDIT, anchors=(replace(HAND, moved=farthest), HAND), cage_moved=cage)
-    notes = [text for label, text in pose_rows(edit) if label == "note"]
+    notes = [text for label, text in format_pose_rows(edit) if label == "note"]
     assert len(notes) == told
     assert all(text.startswith("cage vertex 2 moves 2.6, more than 5 times") for text in notes)
 
 
 def test_handles_that_meet_each_other_make_no_traceback():
     wild = replace(EDIT, anchors=(replace(HAND, moved=0.0, residual=1.0),), cage_moved=9.0)
-    assert "ask for more than the cage can do" in dict(pose_rows(wild))["note"]
+    assert "ask for more than the cage can do" in dict(format_pose_rows(wild))["note"]
 
 
 def test_a_change_of_nothing_has_no_minus():
-    rows = dict(pose_rows(replace(EDIT, volume_change_percent=-4e-13)))
+    rows = dict(format_pose_rows(replace(EDIT, volume_change_percent=-4e-13)))
     assert rows["volume change"] == "+0.0000 % at most"
 
 
@@ -125,16 +133,16 @@ def test_a_change_of_nothing_has_no_minus():
     ],
 )
 def test_what_is_not_there_is_said(changes, label, text):
-    assert dict(pose_rows(replace(EDIT, **changes)))[label] == text
+    assert dict(format_pose_rows(replace(EDIT, **changes)))[label] == text
 
 
 def test_names_stay_on_their_line():
-    rows = dict(pose_rows(replace(EDIT, anchors=(replace(HAND, name="a\n\x1b[31mb"),))))
+    rows = dict(format_pose_rows(replace(EDIT, anchors=(replace(HAND, name="a\n\x1b[31mb"),))))
     assert rows["handle"].startswith("a \ufffd[31mb: ")
 
 
 def test_json_has_every_figure():
-    record = json.loads(pose_json(EDIT))
+    record = json.loads(format_pose_json(EDIT))
     assert record["schema"] == 1
     assert record["changed"] == ["f_3", "f_9"]
     assert record["anchors"][0]["residual_percent"] == HAND.residual_percent

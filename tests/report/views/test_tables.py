@@ -7,8 +7,8 @@ from dataclasses import asdict, fields
 
 import pytest
 
-from cageik_cli.report.record import Frame, report_of
-from cageik_cli.report.views.tables import as_csv, as_json
+from cageik_cli.report.record import FrameRecord, build_report
+from cageik_cli.report.views.tables import format_csv, format_json
 
 KEYS = {
     "schema", "tool", "result", "edited_from", "sources", "settings", "notes", "clip", "binding",
@@ -35,11 +35,11 @@ def strict(text):
 
 @pytest.fixture(params=["closed", "opened"])
 def report(request):
-    return report_of(request.getfixturevalue(request.param).result)
+    return build_report(request.getfixturevalue(request.param).result)
 
 
 def test_json_holds_the_whole_record(report):
-    text = as_json([report])
+    text = format_json([report])
     record = strict(text)
     assert text.endswith("}\n")
     assert set(record) == KEYS
@@ -53,17 +53,17 @@ def test_json_holds_the_whole_record(report):
 
 
 def test_several_records_are_a_list(report):
-    records = strict(as_json([report, report]))
-    assert records == [strict(as_json([report]))] * 2
+    records = strict(format_json([report, report]))
+    assert records == [strict(format_json([report]))] * 2
 
 
 def test_csv_gives_the_numbers_back(report):
-    rows = list(csv.DictReader(io.StringIO(as_csv([report, report]))))
+    rows = list(csv.DictReader(io.StringIO(format_csv([report, report]))))
     assert len(rows) == 10
     assert rows[:5] == rows[5:]
     for row, frame in zip(rows, report.frames, strict=False):
         assert row.pop("result") == "cages.h5"
-        assert set(row) == {field.name for field in fields(Frame)}
+        assert set(row) == {field.name for field in fields(FrameRecord)}
         for name, text in row.items():
             value = getattr(frame, name)
             if value is None:
@@ -73,5 +73,5 @@ def test_csv_gives_the_numbers_back(report):
 
 
 def test_the_same_report_is_the_same_text(report):
-    assert as_json([report]) == as_json([report])
-    assert as_csv([report]).count("\r") == 0
+    assert format_json([report]) == format_json([report])
+    assert format_csv([report]).count("\r") == 0

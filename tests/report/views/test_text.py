@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import pytest
 
-from cageik_cli.report.record import report_of
-from cageik_cli.report.views.text import as_text
+from cageik_cli.report.record import build_report
+from cageik_cli.report.views.text import format_text
 
 
 @pytest.fixture
 def report(closed):
-    return report_of(closed.result)
+    return build_report(closed.result)
 
 
 def test_the_page_shows_the_numbers_of_the_record(report):
-    lines = as_text(report).splitlines()
+    lines = format_text(report).splitlines()
     summary = report.summary
     assert lines[0].startswith("cages.h5: 5 frames of 18 vertices in a cage of 8, diagonal 3.4641")
     rows = {line[2:16].strip(): line[17:] for line in lines[1:]}
@@ -30,23 +30,23 @@ def test_the_page_shows_the_numbers_of_the_record(report):
         "(estimated)"
     )
     assert "alpha 0.001, beta 1" in rows["system"]
-    assert "nan" not in as_text(report)
+    assert "nan" not in format_text(report)
     assert max(map(len, lines)) < 120
 
 
 def test_closed_forms_have_no_panels_to_tell_of(report):
-    text = as_text(replace(report, binding=replace(report.binding, panels=0)))
+    text = format_text(replace(report, binding=replace(report.binding, panels=0)))
     assert "  accuracy       exact, in closed form" in text
 
 
 def test_an_open_model_is_said_to_be_open_and_noted_once(opened):
-    text = as_text(report_of(opened.result))
+    text = format_text(build_report(opened.result))
     assert "volume change  not defined, the model is open" in text
     assert text.splitlines()[-1].startswith("  note           the model is open")
     assert text.count("note") == 1
 
 
 def test_figures_that_a_result_lacks_are_unknown(report):
-    text = as_text(replace(report, settings={}, notes=("first", "second")))
+    text = format_text(replace(report, settings={}, notes=("first", "second")))
     assert ", alpha unknown, beta unknown" in text
     assert text.splitlines()[-2:] == ["  note           first", "  note           second"]

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from cageik_cli.report.overview import Entry, entry_of
-from cageik_cli.report.record import report_of
+from cageik_cli.report.overview import ClipEntry, build_clip_entry
+from cageik_cli.report.record import build_report
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 
 @pytest.fixture(scope="session")
-def entry(tmp_path_factory, animation, write_obj) -> Entry:
+def entry(tmp_path_factory, animation, write_obj) -> ClipEntry:
     folder = tmp_path_factory.mktemp("entry")
     np.savez(folder / "clip.npz", verts=animation.frames, faces=animation.rest.faces)
     cage = write_obj(folder / "cage.obj", animation.cage.vertices, animation.cage.faces)
     result = extract(ExtractSettings((str(folder / "clip.npz"),), cage, folder / "cages.h5"))
-    return entry_of(report_of(result))
+    return build_clip_entry(build_report(result))

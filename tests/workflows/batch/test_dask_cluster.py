@@ -20,21 +20,26 @@ import pytest
 
 import cageik_cli
 from cageik_cli.coordinates.binding import BindSettings
-from cageik_cli.solver.blocks import BlockSolver, Budget
+from cageik_cli.solver.blocks import BlockSolver, MemoryPlan
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import write_binding
-from cageik_cli.store.checkpoint import progress_of
-from cageik_cli.store.result import partial_name
+from cageik_cli.store.checkpoint import checkpoint_progress
+from cageik_cli.store.result import checkpoint_path
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import open_locked
-from cageik_cli.util.progress import Observer
+from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch import dask_cluster as module
-from cageik_cli.workflows.batch.clip_task import bound_for, looked_at, work_on
-from cageik_cli.workflows.batch.dask_cluster import Cluster, await_log
-from cageik_cli.workflows.batch.dask_pieces import Common, cut, pickled_without, unpickled_with
-from cageik_cli.workflows.batch.jobs import ClipJob, State
-from cageik_cli.workflows.extract import held_result
-from cageik_cli.workflows.extract_inputs import ExtractSettings, bound_of
+from cageik_cli.workflows.batch.clip_task import bind_clip, check_clip, run_clip
+from cageik_cli.workflows.batch.dask_cluster import DaskScheduler, wait_for_checkpoint
+from cageik_cli.workflows.batch.dask_pieces import (
+    ClipContext,
+    pickle_without_weights,
+    split_into_pieces,
+    unpickle_with_weights,
+)
+from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
+from cageik_cli.workflows.extract import plan_extraction
+from cageik_cli.workflows.extract_inputs import ExtractSettings, load_or_compute_binding
 
 ONE_FRAME = 7_000
 """Bytes that the weights, and blocks of one frame of the little animation, have room for."""
@@ -83,15 +88,15 @@ def job(tmp_path, animation, write_obj):
 
 def outcomes(workers, jobs, **options):
     """What came of each job, by its name."""
-    with Cluster(workers.scheduler_address, **options) as cluster:
-        return {outcome.entry.name: outcome for outcome in cluster.outcomes(jobs)}
+    with DaskScheduler(workers.scheduler_address, **options) as cluster:
+        return {outcome.entry.name: outcome for outcome in cluster.run_jobs(jobs)}
 
 
 def local_bytes(job):
     """What the result's file holds when one process makes it."""
     output = job.settings.output.with_name("local.h5")
-    outcome = work_on(replace(job, settings=replace(job.settings, output=output)))
-    assert outcome.state is State.DONE, outcome.entry.fault
+    outcome = run_clip(replace(job, settings=replace(job.settings, output=output)))
+    assert outcome.state is ClipState.DONE, outcome.entry.fault
     return output.read_bytes()
 
 
@@ -104,17 +109,17 @@ def tasks_done(workers, prefix):
 def test_results_are_the_bytes_of_one_process(workers, job):
     jobs = [job("a"), job("b", 7), job("long", 60)]
     found = outcomes(workers, jobs, piece_seconds=0.0)
-    assert {outcome.state for outcome in found.values()} == {State.DONE}, found
+    assert {outcome.state for outcome in found.values()} == {ClipState.DONE}, found
     for each in jobs:
         assert each.settings.output.read_bytes() == local_bytes(each)
-        assert found[each.name].entry == replace(work_on(each).entry)
+        assert found[each.name].entry == replace(run_clip(each).entry)
     assert tasks_done(workers, "solved_piece")
 
 
 def test_a_long_clip_is_solved_in_pieces_and_few_are_under_way(workers, job):
     workers.scheduler.transition_log.clear()
     found = outcomes(workers, [job("long", 100)], piece_seconds=0.0)
-    assert found["long"].state is State.DONE
+    assert found["long"].state is ClipState.DONE
     assert len(tasks_done(workers, "solved_piece")) == 99
     alive, most = set(), 0
     for key, _, end, *_ in workers.scheduler.transition_log:
@@ -127,7 +132,7 @@ def test_a_long_clip_is_solved_in_pieces_and_few_are_under_way(workers, job):
 def test_short_clips_are_not_cut(workers, job):
     workers.scheduler.transition_log.clear()
     found = outcomes(workers, [job("short", 20)], piece_seconds=60.0)
-    assert found["short"].state is State.DONE
+    assert found["short"].state is ClipState.DONE
     assert tasks_done(workers, "solved_piece") == []
 
 
@@ -143,7 +148,7 @@ def test_weights_are_made_once_and_travel_once(job, animation, write_obj, tmp_pa
     ):
         for some in (jobs[:3], jobs[3:]):
             found = outcomes(fresh, some, piece_seconds=0.0)
-            assert {outcome.state for outcome in found.values()} == {State.DONE}
+            assert {outcome.state for outcome in found.values()} == {ClipState.DONE}
         weights = tasks_done(fresh, "weights-")
         assert len(weights) == len(set(weights)) == 2
         travelled = [
@@ -163,7 +168,7 @@ def test_what_is_whole_is_left_alone(workers, job):
     stamps = [each.settings.output.stat().st_mtime_ns for each in jobs]
     workers.scheduler.transition_log.clear()
     again = outcomes(workers, jobs)
-    assert {outcome.state for outcome in again.values()} == {State.UNCHANGED}
+    assert {outcome.state for outcome in again.values()} == {ClipState.UNCHANGED}
     assert {name: o.entry for name, o in again.items()} == {n: o.entry for n, o in first.items()}
     assert [each.settings.output.stat().st_mtime_ns for each in jobs] == stamps
     assert tasks_done(workers, "weights-") == []
@@ -205,7 +210,7 @@ def test_clips_of_one_file_and_binding_files(workers, job, animation, tmp_path):
     np.savez(clip, verts=np.concatenate([animation.frames] * 6), tris=animation.rest.faces)
     stored = tmp_path / "binding.h5"
     first = job("first")
-    write_binding(stored, bound_for(first), overwrite=False)
+    write_binding(stored, bind_clip(first), overwrite=False)
     jobs = [
         job("packed", 0, frames=(str(clip),)),
         job("bound", 30, cage=None, binding=stored),
@@ -230,8 +235,8 @@ def test_a_bad_frame_far_into_a_clip(workers, job):
     assert [found[each.name].state.value for each in jobs] == ["failed", "done", "done"]
     fault = found["stops"].entry.fault
     assert "frame_33.obj" in fault
-    assert progress_of(partial_name(jobs[0].settings.output)) == (33, 40)
-    assert work_on(jobs[0]).entry.fault == fault
+    assert checkpoint_progress(checkpoint_path(jobs[0].settings.output)) == (33, 40)
+    assert run_clip(jobs[0]).entry.fault == fault
     assert jobs[1].settings.output.read_bytes() == local_bytes(jobs[1])
 
 
@@ -246,16 +251,16 @@ def test_jobs_that_fail_say_what_a_local_run_says(workers, job, animation, write
     found = outcomes(workers, jobs)
     assert [found[each.name].state.value for each in jobs] == ["failed", "failed", "done", "failed"]
     for each in (jobs[0], jobs[1], jobs[3]):
-        assert found[each.name] == work_on(each)
+        assert found[each.name] == run_clip(each)
 
 
 def test_a_clip_that_ends_every_worker_fails_alone(workers, job, monkeypatch):
-    monkeypatch.setattr(module, "looked_at", deadly)
+    monkeypatch.setattr(module, "check_clip", deadly)
     monkeypatch.setattr(workers.scheduler, "allowed_failures", 1)
     found = outcomes(workers, [job("deadly"), job("sound")])
-    assert found["sound"].state is State.DONE
+    assert found["sound"].state is ClipState.DONE
     fault = found["deadly"].entry.fault
-    assert found["deadly"].state is State.FAILED
+    assert found["deadly"].state is ClipState.FAILED
     assert fault.startswith("2 workers ended while they worked on it, the last of them tcp://")
     assert "a smaller --memory" in fault
 
@@ -263,23 +268,23 @@ def test_a_clip_that_ends_every_worker_fails_alone(workers, job, monkeypatch):
 def deadly(job):
     if job.name == "deadly":
         os._exit(1)
-    return looked_at(job)
+    return check_clip(job)
 
 
 def test_what_is_stopped_ends(workers, job):
     """What is done stays; the worker that keeps a log lets it go, and its result is not written."""
     short, long = job("short"), job("long", 400)
-    with Cluster(workers.scheduler_address, piece_seconds=0.0) as cluster:
-        stopped = cluster.outcomes([short, long])
+    with DaskScheduler(workers.scheduler_address, piece_seconds=0.0) as cluster:
+        stopped = cluster.run_jobs([short, long])
         assert next(stopped).entry.name == "short"
         stopped.close()  # as when an interrupt unwinds it
     assert short.settings.output.exists()
-    log = partial_name(long.settings.output)
-    await_log(log, 20.0)
-    assert progress_of(log)[0] < 400
+    log = checkpoint_path(long.settings.output)
+    wait_for_checkpoint(log, 20.0)
+    assert checkpoint_progress(log)[0] < 400
     assert not long.settings.output.exists()
     found = outcomes(workers, [short, long])
-    assert (found["short"].state, found["long"].state) == (State.UNCHANGED, State.DONE)
+    assert (found["short"].state, found["long"].state) == (ClipState.UNCHANGED, ClipState.DONE)
     assert long.settings.output.read_bytes() == local_bytes(long)
 
 
@@ -301,12 +306,12 @@ def threaded():
 
 
 def test_pieces_that_end_every_worker(threaded, job, monkeypatch):
-    monkeypatch.setattr("cageik_cli.workflows.batch.dask_pieces.solved_piece", killing)
+    monkeypatch.setattr("cageik_cli.workflows.batch.dask_pieces.solve_piece", killing)
     long = job("long", 30)
     found = outcomes(threaded(1), [long], piece_seconds=0.0)
     fault = found["long"].entry.fault
     assert fault.startswith("4 workers ended while they worked on it, the last of them tcp://w:1;")
-    assert progress_of(partial_name(long.settings.output)) == (1, 30)
+    assert checkpoint_progress(checkpoint_path(long.settings.output)) == (1, 30)
 
 
 def killing(common, bound, starts):
@@ -315,9 +320,9 @@ def killing(common, bound, starts):
 
 
 def test_a_fault_of_a_task_is_one_of_its_clip(threaded, job, monkeypatch):
-    monkeypatch.setattr(module, "clip_done", faulty)
+    monkeypatch.setattr(module, "run_clip_task", faulty)
     found = outcomes(threaded(1), [job("a")])
-    assert found["a"].state is State.FAILED
+    assert found["a"].state is ClipState.FAILED
     assert "a fault of cageik itself (ZeroDivisionError" in found["a"].entry.fault
 
 
@@ -326,7 +331,7 @@ def faulty(*arguments):
 
 
 def refusal(address, **options):
-    with pytest.raises(InputError) as caught, Cluster(address, **options):
+    with pytest.raises(InputError) as caught, DaskScheduler(address, **options):
         pass
     return str(caught.value)
 
@@ -340,7 +345,7 @@ def refusal(address, **options):
     ],
 )
 def test_no_scheduler_answers(monkeypatch, address, reason):
-    monkeypatch.setattr(module, "CONNECT_SECONDS", 0.3)
+    monkeypatch.setattr(module, "CONNECT_TIMEOUT", 0.3)
     found = refusal(address)
     assert found.startswith(f"{address}: no Dask scheduler answers ({reason}")
     assert found.endswith("as tcp://HOST:8786")
@@ -367,7 +372,7 @@ def test_workers_have_this_version(workers, monkeypatch):
 
 
 def test_workers_have_cageik_at_all(workers, monkeypatch):
-    monkeypatch.setattr(module, "PACKAGE", "no-such-package")
+    monkeypatch.setattr(module, "PACKAGE_NAME", "no-such-package")
     assert "has no cageik (No package metadata was found" in refusal(workers.scheduler_address)
 
 
@@ -412,8 +417,8 @@ def elsewhere():
 
 def test_the_scheduler_is_lost(elsewhere, job):
     process, address = elsewhere(60)
-    with Cluster(address, piece_seconds=0.0) as cluster:
-        found = cluster.outcomes([job("short"), job("long", 300)])
+    with DaskScheduler(address, piece_seconds=0.0) as cluster:
+        found = cluster.run_jobs([job("short"), job("long", 300)])
         assert next(found).entry.name == "short"
         process.kill()
         with pytest.raises(InputError, match=f"{address}: the scheduler is gone.*--resume"):
@@ -422,32 +427,32 @@ def test_the_scheduler_is_lost(elsewhere, job):
 
 def test_the_last_worker_leaves(elsewhere, job):
     _, address = elsewhere(1.5)
-    with Cluster(address, patience=0.5, piece_seconds=0.0) as cluster:
-        found = cluster.outcomes([job("long", 3000)])
+    with DaskScheduler(address, worker_timeout=0.5, piece_seconds=0.0) as cluster:
+        found = cluster.run_jobs([job("long", 3000)])
         with pytest.raises(InputError, match=r"no worker for 0\.5 s"):
             next(found)
 
 
 def test_a_log_is_waited_for_a_while(job):
     clip = job("a")
-    log = partial_name(clip.settings.output)
+    log = checkpoint_path(clip.settings.output)
     held = open_locked(log)
-    await_log(log, 0.2)
-    assert "another run is writing it" in work_on(clip).entry.fault
+    wait_for_checkpoint(log, 0.2)
+    assert "another run is writing it" in run_clip(clip).entry.fault
     timer = threading.Timer(0.3, held.close)
     timer.start()
-    await_log(log, 20.0)
+    wait_for_checkpoint(log, 20.0)
     timer.join()
-    assert work_on(clip).state is State.DONE
+    assert run_clip(clip).state is ClipState.DONE
 
 
 def test_other_files_than_when_the_work_began(job):
     settings = job("a").settings
-    inputs, _ = held_result(settings)
-    bound = bound_of(inputs, settings, Observer())
+    inputs, _ = plan_extraction(settings)
+    bound = load_or_compute_binding(inputs, settings, ProgressListener())
     solver = DualLaplacianSolver(bound.binding, settings.solve)
-    work = BlockSolver(inputs.sequence, solver, False, Observer())
-    common = Common.of(settings, work, Budget(1, 1, 1))
+    work = BlockSolver(inputs.sequence, solver, False, ProgressListener())
+    common = ClipContext.build(settings, work, MemoryPlan(1, 1, 1))
     copy = pickle.loads(pickle.dumps(common))
     assert copy.work_with(bound.binding).sequence.names == inputs.sequence.names
     Path(settings.frames[0], "frame_4.obj").unlink()
@@ -457,12 +462,12 @@ def test_other_files_than_when_the_work_began(job):
 
 def test_a_solver_travels_without_its_weights(job, animation):
     settings = job("a").settings
-    inputs, _ = held_result(settings)
-    binding = bound_of(inputs, settings, Observer()).binding
+    inputs, _ = plan_extraction(settings)
+    binding = load_or_compute_binding(inputs, settings, ProgressListener()).binding
     solver = DualLaplacianSolver(binding, settings.solve)
-    data = pickled_without(binding, solver)
+    data = pickle_without_weights(binding, solver)
     assert binding.weights.tobytes() not in data
-    again = unpickled_with(binding, data)
+    again = unpickle_with_weights(binding, data)
     assert again.binding is binding
     assert np.array_equal(again.solve(animation.frames).cages, solver.solve(animation.frames).cages)
 
@@ -470,7 +475,7 @@ def test_a_solver_travels_without_its_weights(job, animation):
 @pytest.mark.parametrize("size", [1, 2, 3, 50])
 @pytest.mark.parametrize("starts", [range(0, 50, 16), range(32, 50, 1), range(7, 8, 5)])
 def test_pieces_hold_every_block_once(starts, size):
-    pieces = list(cut(starts, size))
+    pieces = list(split_into_pieces(starts, size))
     assert [start for piece in pieces for start in piece] == list(starts)
     assert [piece.start for piece in pieces[1:]] == [piece.stop for piece in pieces[:-1]]
     assert pieces[-1].stop == starts.stop
@@ -481,6 +486,6 @@ def test_others_logs_are_kept_from_the_terminal(workers):
     names = ("distributed", "distributed.client", "tornado", "asyncio")
     loggers = [logging.getLogger(name) for name in names]
     before = [logger.level for logger in loggers]
-    with Cluster(workers.scheduler_address):
+    with DaskScheduler(workers.scheduler_address):
         assert not any(logger.isEnabledFor(logging.CRITICAL) for logger in loggers)
     assert [logger.level for logger in loggers] == before

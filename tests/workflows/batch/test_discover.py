@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 
 from cageik_cli.util.errors import InputError
-from cageik_cli.workflows.batch.discover import Search, _plain, clips_under, folders_under
+from cageik_cli.workflows.batch.discover import (
+    DiscoveryFilter,
+    _sanitize_name,
+    discover_clips,
+    walk_folders,
+)
 
-NOWHERE = Search(frozenset(), Path("out"))
+NOWHERE = DiscoveryFilter(frozenset(), Path("out"))
 
 
 def put(*names):
@@ -24,37 +29,37 @@ def here(tmp_path, monkeypatch):
 
 
 def names(*roots, **options):
-    search = Search(frozenset(), Path("out"), **options)
-    return [clip.name for clip in clips_under([Path(root) for root in roots], search)]
+    search = DiscoveryFilter(frozenset(), Path("out"), **options)
+    return [clip.name for clip in discover_clips([Path(root) for root in roots], search)]
 
 
 def test_folders_of_frames_and_files_that_hold_clips_in_natural_order():
     put("a/walk10/f_2.obj", "a/walk10/f_10.obj", "a/walk10/f_1.obj")
     put("a/walk2/sub/1.ply.gz", "a/walk2/sub/2.ply.gz", "a/face.pc2", "a/notes.txt", "a/b.MDD")
-    found = clips_under([Path("a")], NOWHERE)
+    found = discover_clips([Path("a")], NOWHERE)
     assert [clip.name for clip in found] == ["b.MDD", "face.pc2", "walk2/sub", "walk10"]
     assert [Path(frame).name for frame in found[3].frames] == ["f_1.obj", "f_2.obj", "f_10.obj"]
     assert found[1].frames == (str(Path("a/face.pc2")),)
-    assert [clip.home for clip in found] == [
+    assert [clip.folder for clip in found] == [
         Path("a"),
         *map(Path, ("a", "a/walk2/sub", "a/walk10")),
     ]
-    assert found[3].place == Path("a/walk10")
-    assert found[1].place == Path("a/face.pc2")
+    assert found[3].path == Path("a/walk10")
+    assert found[1].path == Path("a/face.pc2")
 
 
 def test_what_is_no_clip_is_left_out():
     put("a/one/prop.obj", "a/.hidden/1.obj", "a/.hidden/2.obj", "a/walk/1.obj", "a/walk/2.obj")
     put("a/walk/.3.obj", "a/walk/cage.obj", "a/out/1.obj", "a/out/2.obj")
-    search = Search(frozenset([Path("a/walk/cage.obj").resolve()]), Path("a/out"))
-    (clip,) = clips_under([Path("a")], search)
+    search = DiscoveryFilter(frozenset([Path("a/walk/cage.obj").resolve()]), Path("a/out"))
+    (clip,) = discover_clips([Path("a")], search)
     assert (clip.name, len(clip.frames)) == ("walk", 2)
 
 
 def test_meshes_that_are_no_series_are_no_clip():
     """A cage and a rest pose beside each other, say; or beside the frames."""
     put("a/rig/cage.obj", "a/rig/rest.obj", "a/walk/cage.obj", "a/walk/f_1.obj", "a/walk/f_2.obj")
-    (clip,) = clips_under([Path("a")], NOWHERE)
+    (clip,) = discover_clips([Path("a")], NOWHERE)
     assert (clip.name, len(clip.frames)) == ("walk", 2)
 
 
@@ -63,7 +68,7 @@ def test_every_series_in_a_folder_is_a_clip():
     put("a/b/1.obj", "a/b/2.obj", "a/b/x1.ply", "a/b/x2.ply", "a/b/x1.obj", "a/b/x2.obj")
     found = {
         clip.name: [Path(frame).name for frame in clip.frames]
-        for clip in clips_under([Path("a")], NOWHERE)
+        for clip in discover_clips([Path("a")], NOWHERE)
     }
     assert found["a/take1"] == ["take1_08.obj", "take1_09.obj", "take1_10.obj"]
     assert sorted(found) == ["a/take1", "a/take2", "b/frames", "b/x.obj", "b/x.ply"]
@@ -91,7 +96,7 @@ def test_a_link_back_is_gone_once():
     put("a/walk/1.obj", "a/walk/2.obj")
     Path("a/walk/again").symlink_to(Path("a").resolve())
     assert names("a") == ["walk"]
-    assert len(list(folders_under(Path("a"), Path("out")))) == 2
+    assert len(list(walk_folders(Path("a"), Path("out")))) == 2
 
 
 def test_every_clip_of_a_file_is_one():
@@ -99,7 +104,7 @@ def test_every_clip_of_a_file_is_one():
         file["50002_jump"] = np.zeros((4, 3, 2))
         file["run: fast"] = np.zeros((4, 3, 2))
         file["faces"] = np.zeros((2, 3), int)
-    clips = clips_under([Path()], NOWHERE)
+    clips = discover_clips([Path()], NOWHERE)
     assert [clip.name for clip in clips] == ["bodies.hdf5/50002_jump", "bodies.hdf5/run_ fast"]
     assert clips[1].frames == ("bodies.hdf5::run: fast",)
 
@@ -118,7 +123,7 @@ def test_every_clip_of_a_file_is_one():
     ],
 )
 def test_a_name_stays_where_it_is_put(name, plain):
-    assert _plain(name) == plain
+    assert _sanitize_name(name) == plain
 
 
 def test_results_and_bindings_of_this_program_are_no_clips():

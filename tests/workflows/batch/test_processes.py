@@ -12,9 +12,9 @@ import pytest
 
 from cageik_cli.report.limits import Limits
 from cageik_cli.workflows.batch import processes as local
-from cageik_cli.workflows.batch.clip_task import work_on
-from cageik_cli.workflows.batch.jobs import ClipJob, State
-from cageik_cli.workflows.batch.processes import Processes
+from cageik_cli.workflows.batch.clip_task import run_clip
+from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
+from cageik_cli.workflows.batch.processes import ProcessScheduler
 from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 
@@ -60,16 +60,16 @@ def by_name(outcomes):
 
 
 def test_what_processes_do_is_what_this_one_does(jobs, folder):
-    with Processes(2) as processes:
-        found = by_name(processes.outcomes(jobs))
+    with ProcessScheduler(2) as processes:
+        found = by_name(processes.run_jobs(jobs))
     assert multiprocessing.active_children() == []
     states = {name: outcome.state for name, outcome in found.items()}
-    assert states == {"a": State.DONE, "b": State.FAILED, "c": State.DONE}
+    assert states == {"a": ClipState.DONE, "b": ClipState.FAILED, "c": ClipState.DONE}
     assert "none.obj: cannot be read" in found["b"].entry.fault
     data = (folder / "a.h5").read_bytes()
     assert (folder / "c.h5").read_bytes() == data
-    again = by_name(work_on(job) for job in jobs)
-    assert again["a"].state is State.UNCHANGED
+    again = by_name(run_clip(job) for job in jobs)
+    assert again["a"].state is ClipState.UNCHANGED
     assert {name: outcome.entry for name, outcome in again.items()} == {
         name: outcome.entry for name, outcome in found.items()
     }
@@ -80,11 +80,11 @@ def test_what_processes_do_is_what_this_one_does(jobs, folder):
 @pytest.mark.parametrize("times", [1, 5])
 def test_a_process_that_dies_costs_its_clip_one_attempt(jobs, tmp_path, times):
     deadly = Deadly(log=tmp_path / "deaths", parent=os.getpid(), times=times)
-    with Processes(1) as processes:
-        found = by_name(processes.outcomes([replace(jobs[0], limits=deadly), jobs[2]]))
-    assert found["c"].state is State.DONE
+    with ProcessScheduler(1) as processes:
+        found = by_name(processes.run_jobs([replace(jobs[0], limits=deadly), jobs[2]]))
+    assert found["c"].state is ClipState.DONE
     if times == 1:
-        assert found["a"].state is State.UNCHANGED  # the result was whole when it died
+        assert found["a"].state is ClipState.UNCHANGED  # the result was whole when it died
     else:
         assert found["a"].entry.fault.startswith("its process ended without a word, 2 times")
         assert (tmp_path / "deaths").read_text() == "xx"
@@ -92,8 +92,8 @@ def test_a_process_that_dies_costs_its_clip_one_attempt(jobs, tmp_path, times):
 
 def test_an_error_of_who_asks_ends_the_processes(jobs):
     def asked():
-        with Processes(2) as processes:
-            for _ in processes.outcomes(jobs):
+        with ProcessScheduler(2) as processes:
+            for _ in processes.run_jobs(jobs):
                 raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -109,15 +109,15 @@ def test_a_process_that_died_between_two_clips_costs_the_next_one_attempt(jobs):
         [worker._pool.submit(os.getpid).result(30) for _ in range(100_000)]  # until it is seen
     with pytest.raises(BrokenProcessPool):
         worker._pool.submit(os.getpid)
-    assert worker.done(jobs[0]).state is State.DONE
-    worker.end(at_once=False)
+    assert worker.run_job(jobs[0]).state is ClipState.DONE
+    worker.stop(is_immediate=False)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
 def test_no_process_is_begun_after_the_end(monkeypatch):
     """One that died just before is begun again at the same moment."""
     context = multiprocessing.get_context("spawn")
-    worker, died, begin = local._Worker(context), threading.Event(), local._Worker._begin
+    worker, died, begin = local._Worker(context), threading.Event(), local._Worker._start
 
     def begin_slowly(self):
         died.set()
@@ -130,7 +130,7 @@ def test_no_process_is_begun_after_the_end(monkeypatch):
     asking = threading.Thread(target=lambda: done.append(outcome_or_error(worker)))
     asking.start()
     assert died.wait(30)
-    worker.end(at_once=True)
+    worker.stop(is_immediate=True)
     asking.join(30)
     assert isinstance(done[0], Exception)
     assert multiprocessing.active_children() == []

@@ -6,12 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.report.overview import Entry
+from cageik_cli.report.overview import ClipEntry
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import open_locked
-from cageik_cli.util.progress import Observer
-from cageik_cli.workflows.batch.jobs import ClipJob, Outcome, State
-from cageik_cli.workflows.batch.run import LOCK, VIEWS, WEIGHTS, Batch, refuse_used, run_batch
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome
+from cageik_cli.workflows.batch.run import (
+    LOCK_FILE,
+    REPORT_FILES,
+    WEIGHT_CACHE_FOLDER,
+    BatchPlan,
+    check_folder_empty,
+    run_batch,
+)
 from cageik_cli.workflows.extract_inputs import ExtractSettings
 
 
@@ -34,7 +41,7 @@ class Scripted:
             yield outcome
 
 
-class Heard(Observer):
+class Heard(ProgressListener):
     def __init__(self):
         self.remarks, self.steps = [], []
 
@@ -47,11 +54,11 @@ class Heard(Observer):
 
 @pytest.fixture
 def done(entry):
-    return lambda name: Outcome(replace(entry, name=name), State.DONE)
+    return lambda name: Outcome(replace(entry, name=name), ClipState.DONE)
 
 
 def failed(name):
-    return Outcome(Entry(name, fault=f"{name}: is broken"), State.FAILED)
+    return Outcome(ClipEntry(name, fault=f"{name}: is broken"), ClipState.FAILED)
 
 
 def batch_of(output, *names, refused=()):
@@ -59,8 +66,8 @@ def batch_of(output, *names, refused=()):
         ClipJob(name, ExtractSettings(("x",), None, output / "clips" / f"{name}.h5"))
         for name in names
     )
-    entries = tuple(Entry(name, fault="no cage") for name in refused)
-    return Batch(output, jobs, entries, tuple(sorted([*names, *refused])))
+    entries = tuple(ClipEntry(name, fault="no cage") for name in refused)
+    return BatchPlan(output, jobs, entries, tuple(sorted([*names, *refused])))
 
 
 def test_outcomes_are_told_as_they_end_and_reported_in_order(tmp_path, done):
@@ -75,7 +82,9 @@ def test_outcomes_are_told_as_they_end_and_reported_in_order(tmp_path, done):
     assert scheduler.has_ended
     held = json.loads((tmp_path / "o" / "report.json").read_text())
     assert [entry["name"] for entry in held["clips"]] == ["a", "b", "c"]
-    assert sorted(path.name for path in (tmp_path / "o").iterdir()) == sorted([*VIEWS, "clips"])
+    assert sorted(path.name for path in (tmp_path / "o").iterdir()) == sorted(
+        [*REPORT_FILES, "clips"]
+    )
     assert overview.exit_code == 4
 
 
@@ -83,7 +92,7 @@ def test_the_order_in_which_clips_end_does_not_change_the_reports(tmp_path, done
     outcomes = [done("a"), failed("b"), done("c")]
     for name, order in (("one", outcomes), ("two", outcomes[::-1])):
         run_batch(batch_of(tmp_path / name, "a", "b", "c"), Scripted(*order), Heard())
-    for view in VIEWS:
+    for view in REPORT_FILES:
         assert (tmp_path / "one" / view).read_bytes() == (tmp_path / "two" / view).read_bytes()
 
 
@@ -93,12 +102,12 @@ def test_an_interruption_says_how_far_it_got_and_leaves_the_folder_free(tmp_path
         run_batch(batch_of(tmp_path / "o", "a", "b"), scheduler, Heard())
     assert caught.value.__notes__ == ["1 of 2 clips were done; go on with --resume"]
     assert scheduler.has_ended
-    assert not (tmp_path / "o" / LOCK).exists()
+    assert not (tmp_path / "o" / LOCK_FILE).exists()
     run_batch(batch_of(tmp_path / "o", "a", "b"), Scripted(done("a"), done("b")), Heard())
 
 
 def test_one_batch_at_a_time_has_the_folder(tmp_path, done):
-    lock = open_locked(tmp_path / LOCK)
+    lock = open_locked(tmp_path / LOCK_FILE)
     with pytest.raises(InputError, match="another batch is writing to it"):
         run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Heard())
     lock.close()
@@ -107,13 +116,13 @@ def test_one_batch_at_a_time_has_the_folder(tmp_path, done):
 
 @pytest.mark.parametrize("is_used", [True, False])
 def test_weights_of_this_batch_alone_are_deleted(tmp_path, done, is_used):
-    (tmp_path / WEIGHTS).mkdir()
-    (tmp_path / WEIGHTS / "x.weights").write_text("")
+    (tmp_path / WEIGHT_CACHE_FOLDER).mkdir()
+    (tmp_path / WEIGHT_CACHE_FOLDER / "x.weights").write_text("")
     batch = batch_of(tmp_path, "a")
-    cache = tmp_path / (WEIGHTS if is_used else "mine")
+    cache = tmp_path / (WEIGHT_CACHE_FOLDER if is_used else "mine")
     job = replace(batch.jobs[0], settings=replace(batch.jobs[0].settings, cache=cache))
     run_batch(replace(batch, jobs=(job,)), Scripted(done("a")), Heard())
-    assert (tmp_path / WEIGHTS).exists() is not is_used
+    assert (tmp_path / WEIGHT_CACHE_FOLDER).exists() is not is_used
 
 
 def test_folders_that_cannot_be_made_are_refused(tmp_path, done):
@@ -123,11 +132,11 @@ def test_folders_that_cannot_be_made_are_refused(tmp_path, done):
 
 
 def test_folders_that_hold_something_are_refused(tmp_path):
-    refuse_used(tmp_path / "new")
-    refuse_used(tmp_path)
+    check_folder_empty(tmp_path / "new")
+    check_folder_empty(tmp_path)
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match=r"holds something already; go on with --resume"):
-        refuse_used(tmp_path)
+        check_folder_empty(tmp_path)
     with pytest.raises(InputError, match=r"file: is a file, expected the name of a folder"):
-        refuse_used(tmp_path / "file")
+        check_folder_empty(tmp_path / "file")
     assert Path(tmp_path / "file").exists()
