@@ -2,18 +2,85 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from typing import ClassVar
 
 
 class CageikError(Exception):
-    """An error the user can act on; its text is one sentence, ready to be shown."""
+    """An error that the user can act on; its text is one sentence, ready to show.
+
+    Attributes
+    ----------
+    kind : str
+        What is at fault, in one word. Programs tell errors apart by it, not by their text.
+    """
+
+    kind: ClassVar[str] = "error"
 
 
 class InputError(CageikError):
-    """A file or folder does not hold what it should."""
+    """A file, a folder or a setting is not what it should be."""
+
+    kind = "input"
+
+
+class FileAccessError(InputError):
+    """A file or folder is missing, of the wrong sort, or cannot be read."""
+
+    kind = "file"
+
+
+class FormatError(InputError):
+    """The content of a file is not what its format says: damaged, cut short, of another kind."""
+
+    kind = "format"
+
+
+class ConnectivityError(InputError):
+    """Meshes that must share one connectivity do not."""
+
+    kind = "connectivity"
+
+
+class CageError(InputError):
+    """A cage is not fit to hold the model."""
+
+    kind = "cage"
+
+
+class HandlesError(InputError):
+    """A handles file, or what it asks of the model, is at fault."""
+
+    kind = "handles"
+
+
+class SettingError(InputError):
+    """A setting has a value that it cannot have, or contradicts another."""
+
+    kind = "setting"
+
+
+class OutputError(InputError):
+    """An output exists already, overlaps with an input, or cannot be written."""
+
+    kind = "output"
+
+
+class CheckpointError(InputError):
+    """A checkpoint or result belongs to another run, or another run is writing it."""
+
+    kind = "checkpoint"
+
+
+class MissingLibraryError(InputError):
+    """An optional library is not installed."""
+
+    kind = "library"
 
 
 class NumericalError(CageikError):
     """The numbers cannot be trusted, although the files are sound."""
+
+    kind = "numerics"
 
 
 @contextmanager
