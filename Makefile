@@ -4,6 +4,7 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
+PLAIN  := $(VENV)/.installed
 READY  := $(VENV)/.ready
 OUT    ?= out
 
@@ -14,25 +15,37 @@ READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/bl
 
 CHROMIUM      ?= chromium
 
-.PHONY: help run test test-blender test-browser check format fuzz bench growth latency docs fixtures clean
+.PHONY: help run test test-slow test-all test-blender test-browser check format fuzz bench growth latency docs fixtures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
 
+# `run` installs what a user needs; what tests and checks need on top comes with `.ready`.
+$(PLAIN): pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
 $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	@touch $@
+	@touch $(PLAIN) $@
 
-run: $(READY)  ## Extract the cages of the walking figure, and report on them
+run: $(PLAIN)  ## Extract the cages of the walking figure and report on them
 	@mkdir -p $(OUT)
 	$(BIN)/cageik extract data_fixtures/walker/frames/*.obj --cage data_fixtures/walker/cage.obj \
 		--output $(OUT)/walker.h5 --overwrite
 	$(BIN)/cageik report $(OUT)/walker.h5 --html $(OUT)/walker.html --plot $(OUT)/figure4.png \
 		--json $(OUT)/report.json --csv $(OUT)/frames.csv --overwrite
+	@echo "open $(abspath $(OUT))/walker.html"
 
-test: $(READY)  ## Run the tests, with the coverage of the package
+test: $(READY)  ## Run the quick tests, with the coverage of the package
 	$(BIN)/python -m pytest --numprocesses=auto --cov --cov-report=term-missing:skip-covered --cov-fail-under=95
+
+test-slow: $(READY)  ## Run the tests that `test` leaves out: clusters, killed batches, many cages
+	$(BIN)/python -m pytest --numprocesses=auto -m slow
+
+test-all: test test-slow  ## Run all tests
 
 $(BLENDER_READY):
 	@$(PYTHON311) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || { \
