@@ -134,7 +134,7 @@ def _resolve_target(path: Path, file_format: str | None) -> _Target:
             names, folder = FrameNames(f"{path.name}_", DEFAULT_DIGITS, suffix), path
         if suffix not in kinds:
             raise InputError(
-                f"`{path.suffix}` is not a kind of animation written here, expected "
+                f"`{path.suffix}` is not an animation format that can be written, expected "
                 f"{', '.join(kinds)}"
             )
         writer = kinds[suffix]

@@ -144,7 +144,7 @@ def test_no_format_here_replaces_a_result(run, result):
     [
         (["nothing.h5", "c.npz"], "nothing.h5: no such result; make it with cageik extract"),
         (["cage.obj", "c.npz"], "cage.obj: is not an HDF5 file"),
-        (["cages.h5", "c.gif"], "c.gif: `.gif` is not a kind of animation written here"),
+        (["cages.h5", "c.gif"], "c.gif: `.gif`"),
         (["cages.h5", "c.obj"], "c.obj: a `.obj` file holds one frame; name a folder of them"),
         (["cages.h5", "no/c.npz"], "no/c.npz: the folder no does not exist"),
         (["cages.h5", "c/c_#.obj", "--start", "-1"], "c/c_#.obj: the first frame's number is -1"),
@@ -252,7 +252,7 @@ def test_other_values_of_export_are_wrong_usage(run, folder, value):
 @pytest.mark.parametrize(
     ("out", "says"),
     [
-        ("c.gif", "c.gif: `.gif` is not a kind of animation written here"),
+        ("c.gif", "c.gif: `.gif`"),
         ("there.npz", "there.npz: exists already"),
         (
             "frames/frame_#.obj",
