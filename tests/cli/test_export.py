@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.cli.options import common as options
 from cageik_cli.formats import write as opening
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.workflows import export as exporting
@@ -211,9 +210,8 @@ def test_a_file_may_hold_every_option(run, result):
 
 
 def test_kinds_of_frames_are_the_writers_own():
-    kinds = {suffix[1:] for suffix, kind in opening._find_writers().items() if kind.writes_folder}
-    assert kinds == set(options.FRAME_KINDS)
-    assert opening.DEFAULT_FORMAT in kinds
+    assert set(opening.frame_formats()) == {"obj", "ply"}
+    assert opening.DEFAULT_FORMAT in opening.frame_formats()
 
 
 # --- extract --export
