@@ -18,7 +18,7 @@ from cageik_cli.formats.base.sequence import (
 )
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import FileAccessError, InputError, error_context
 
 _SKELETON_REASON = (
     "holds the motion of a skeleton, no mesh; export the mesh it moves, as OBJ frames"
@@ -100,13 +100,8 @@ def _resolve_request(
     arguments, member = _split_member(arguments)
     paths = expand_arguments(arguments, tuple(readers_by_suffix))
     for path in paths:
-        if file_suffix(path) in _UNSUPPORTED_REASONS:
-            raise InputError(f"{path}: {_UNSUPPORTED_REASONS[file_suffix(path)]}")
         if file_suffix(path) not in readers_by_suffix:
-            raise InputError(
-                f"{path}: `{file_suffix(path)}` is not a kind of clip read here, expected "
-                f"{', '.join(readers_by_suffix)}"
-            )
+            raise FileAccessError(f"{path}: {_explain_unsupported(file_suffix(path))}")
     kinds = sorted({file_suffix(path) for path in paths})
     if len(kinds) > 1:
         raise InputError(
@@ -126,6 +121,13 @@ def _resolve_request(
     if not settings.allow_gaps:
         check_no_gaps(paths)
     return reader, ClipRequest(tuple(paths), member, rest, settings)
+
+
+def _explain_unsupported(suffix: str) -> str:
+    expected = ", ".join(_find_readers())
+    return _UNSUPPORTED_REASONS.get(
+        suffix, f"`{suffix}` is not a clip format that can be read, expected {expected}"
+    )
 
 
 def list_input_files(arguments: list[str]) -> list[Path]:

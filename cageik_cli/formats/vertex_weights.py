@@ -6,7 +6,7 @@ from tokenize import TokenError
 
 import numpy as np
 
-from cageik_cli.formats.mesh_file import describe_source, read_bytes
+from cageik_cli.formats.base.file_data import describe_source, read_bytes
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError, error_context
 

@@ -60,6 +60,12 @@ def output_path(path: Path, file_format: str | None = None) -> Path:
     return _resolve_target(path, file_format).path
 
 
+def frame_formats() -> tuple[str, ...]:
+    """Return the names of the formats of folders of frames: their suffixes without the dot."""
+    writers = _find_writers().items()
+    return tuple(suffix[1:] for suffix, writer in writers if writer.writes_folder)
+
+
 @contextmanager
 def open_writer(
     path: Path,
@@ -134,7 +140,7 @@ def _resolve_target(path: Path, file_format: str | None) -> _Target:
             names, folder = FrameNames(f"{path.name}_", DEFAULT_DIGITS, suffix), path
         if suffix not in kinds:
             raise InputError(
-                f"`{path.suffix}` is not a kind of animation written here, expected "
+                f"`{path.suffix}` is not an animation format that can be written, expected "
                 f"{', '.join(kinds)}"
             )
         writer = kinds[suffix]

@@ -20,7 +20,6 @@ COORDINATES = ("harmonic", "mean-value")
 
 ACCURACIES = {"preview": 0.03, "standard": 0.005, "fine": 0.001}
 OUTSIDE_POLICIES = ("refuse", "project")
-FRAME_KINDS = ("obj", "ply")
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
@@ -35,6 +34,21 @@ class SizeType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable 
         if not match or float(match[1]) == 0:
             self.fail(f"{value!r} is not a size such as 512MiB or 1GiB", param, ctx)
         return int(float(match[1]) * _UNITS[match[2].upper()])
+
+
+class FrameFormatType(click.ParamType):  # type: ignore[type-arg]  # as above
+    """A format of folders of frames: the formats are looked up when one is given."""
+
+    name = "format"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Check the name."""
+        from cageik_cli.formats.write import frame_formats
+
+        known = frame_formats()
+        if value not in known:
+            self.fail(f"{value!r} is not one of {', '.join(map(repr, known))}.", param, ctx)
+        return str(value)
 
 
 def common_options(command: Command) -> Command:
@@ -148,7 +162,8 @@ def animation_options(command: Command) -> Command:
         click.option(
             "--format",
             "kind",
-            type=click.Choice(FRAME_KINDS),
+            type=FrameFormatType(),
+            metavar="[obj|ply]",
             help="Of the files in a folder that is but named.  [default: obj]",
         ),
     ):

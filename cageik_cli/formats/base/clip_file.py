@@ -1,6 +1,5 @@
 """A clip that one file holds."""
 
-import hashlib
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from cageik_cli.formats.base.file_data import hash_file
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
@@ -88,16 +88,6 @@ class ClipFile(MeshSequence):
     @cached_property
     def _digest(self) -> bytes:
         return hash_file(self.path)
-
-
-def hash_file(path: Path) -> bytes:
-    """SHA-256 of a file."""
-    with error_context(path):
-        try:
-            with path.open("rb") as stream:
-                return hashlib.file_digest(stream, "sha256").digest()
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror or error}") from error
 
 
 def check_zero_based(faces: np.ndarray, vertex_count: int) -> None:

@@ -7,7 +7,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.polygons import FileMesh, fan_triangulate_polygons
+from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.polygons import fan_triangulate_polygons
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import InputError, join_truncated
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.mesh_file import LoadedMesh
+from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.geometry.mesh import TriMesh, validate_positions
 from cageik_cli.util.arrays import Floats, Integers

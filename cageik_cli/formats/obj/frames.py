@@ -1,10 +1,35 @@
-"""OBJ frames of which only the vertices need parsing, for their faces are those of a first."""
+"""OBJ files as frames of a clip; only the vertices of most frames need parsing."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.formats.base.file_data import with_gzip
+from cageik_cli.formats.base.frame_files import FrameFileReader
+from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.obj.parse import parse_obj
 from cageik_cli.formats.obj.tokens import FACE, VERTEX, Tokens, parse_vertices, tokenize
 from cageik_cli.util.arrays import Floats
+
+
+class Reader(FrameFileReader):
+    """Frames from OBJ files."""
+
+    suffixes = with_gzip(".obj")
+
+    @classmethod
+    def parse(cls, data: bytes) -> FileMesh:
+        """Parse the content of an OBJ file."""
+        return parse_obj(data)
+
+    @classmethod
+    def make_frame_parser(cls, data: bytes, mesh: FileMesh) -> "ObjFrameParser":
+        """Return a parser of frames whose faces are spelt as in the first."""
+        return ObjFrameParser(data, mesh.vertices)
+
+    @classmethod
+    def keep_obj_text(cls, data: bytes) -> bytes:
+        """Return the text itself, for the writer keeps all but positions and normals."""
+        return data
 
 
 class ObjFrameParser:

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cageik_cli.formats.base.polygons import FileMesh, fan_triangulate, fan_triangulate_polygons
+from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.polygons import fan_triangulate, fan_triangulate_polygons
 from cageik_cli.formats.obj.tokens import parse_polygons, parse_vertices, tokenize
 from cageik_cli.util.errors import InputError
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.clip_file import ClipFile, hash_file, single_path
+from cageik_cli.formats.base.clip_file import ClipFile, single_path
+from cageik_cli.formats.base.file_data import hash_file
 from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
