@@ -20,6 +20,7 @@ from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box
 
 COUNT = 6
+NAMES = [f"f_{k}" for k in range(COUNT)]
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +37,7 @@ def cages(binding):
 @pytest.fixture
 def clip(binding, cages):
     return EditTarget(
-        binding, CageSkin.for_reconstruction(binding), lambda frame: cages[frame], COUNT
+        binding, CageSkin.for_reconstruction(binding), lambda frame: cages[frame], NAMES
     )
 
 
