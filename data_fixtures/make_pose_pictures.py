@@ -28,7 +28,8 @@ from cageik_cli.posing.anchors import (
     point_on_face,
 )
 from cageik_cli.posing.poser import Poser
-from cageik_cli.report.plots.pose_plot import Panel, PoseView, draw_pose
+from cageik_cli.posing.summary import PoseSnapshot
+from cageik_cli.report.plots.pose_plot import Panel, draw_pose
 from cageik_cli.report.plots.style import use_fixed_style
 
 HERE = Path(__file__).resolve().parent
@@ -93,9 +94,10 @@ class Task:
         mesh = binding.rest.vertices + binding.weights @ (cage - binding.cage.vertices)
         return Panel(mesh, cage, anchor_positions(self.anchors, mesh), False, title)
 
-    def view(self, before: Panel, after: Panel) -> PoseView:
+    def view(self, before: Panel, after: Panel) -> PoseSnapshot:
         """Return two panels as one view."""
-        return PoseView(
+        return PoseSnapshot(
+            frame="",
             faces=self.binding.rest.faces,
             cage_faces=self.binding.cage.faces,
             before=before.vertices,
@@ -108,8 +110,8 @@ class Task:
             names=tuple(anchor.name for anchor in self.anchors),
             pinned=self.pinned,
             up_axis="Y",
-            title_before=before.title,
-            title_after=after.title,
+            rms_percent=0.0,
+            max_residual_percent=0.0,
         )
 
 

@@ -127,11 +127,11 @@ def pose_command(
         result = edit(settings, progress) if is_edit else pose(settings, progress)
         if plot is not None:
             with progress.stage("plot"):
-                write_or_print(_render_plot(result, up_axis), plot, settings.overwrite)
+                write_or_print(_render_plot(result.snapshot, up_axis), plot, settings.overwrite)
     if json_out is not None:
-        write_or_print(format_pose_json(result.figures), json_out, settings.overwrite)
+        write_or_print(format_pose_json(result.summary), json_out, settings.overwrite)
     if not quiet:
-        rows = [*format_pose_rows(result.figures), *progress.make_rows()]
+        rows = [*format_pose_rows(result.summary), *progress.make_rows()]
         click.echo(format_block(str(settings.output), rows), err=True)
         next_step = f"; next: cageik report {settings.output}" if is_edit else ""
         written = [settings.output, options["cage_out"], plot, json_out]
@@ -139,11 +139,13 @@ def pose_command(
         click.echo(f"wrote {', '.join(names)}{next_step}", err=True)
 
 
-def _render_plot(result: Any, up_axis: str | None) -> bytes:
+def _render_plot(snapshot: Any, up_axis: str | None) -> bytes:
     """Before and after, as a PNG file; matplotlib takes long to import."""
-    from cageik_cli.report.plots.pose_plot import build_pose_view, render_pose_png
+    from dataclasses import replace
 
-    return render_pose_png(build_pose_view(result, up_axis or result.up_axis))
+    from cageik_cli.report.plots.pose_plot import render_pose_png
+
+    return render_pose_png(replace(snapshot, up_axis=up_axis or snapshot.up_axis))
 
 
 def _make_settings(options: dict[str, Any]) -> Any:

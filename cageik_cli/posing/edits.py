@@ -111,7 +111,7 @@ class Layer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EditTarget:
-    """What layers are laid over.
+    """The pose or the animation that layers are applied to.
 
     Attributes
     ----------
@@ -119,14 +119,22 @@ class EditTarget:
     skin : CageSkin
     cage_at : callable
         The cage of a frame, (n, 3), by its number.
-    frame_count : int, optional
-        Of its frames; None for a single pose, whose only frame is 0.
+    frame_names : sequence of str, optional
+        None for a single pose, whose only frame is 0.
+    up_axis : str
+        "Y" or "Z", for drawings.
     """
 
     binding: Binding
     skin: CageSkin
     cage_at: Callable[[int], Floats]
-    frame_count: int | None
+    frame_names: Sequence[str] | None = None
+    up_axis: str = "Y"
+
+    @property
+    def frame_count(self) -> int | None:
+        """The number of frames; None for a single pose."""
+        return None if self.frame_names is None else len(self.frame_names)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,6 +198,19 @@ def active_anchors(layers: Sequence[Layer], frames: Integers) -> NDArray[np.bool
     """Which of all anchors have a part in frames (k,), (k, l): those of layers that change them."""
     strengths = [layer.schedule.blend(frames) for layer in layers for _ in layer.schedule.anchors]
     return np.stack(strengths, axis=1) > 0
+
+
+def deciding_anchors(layers: Sequence[Layer], frame: int) -> list[int]:
+    """Return the numbers of the anchors that decide a frame, ascending.
+
+    Layers that do not change the frame are left out; of several anchors at one point, the last one
+    decides.
+    """
+    is_active = active_anchors(layers, np.array([frame]))[0]
+    points = [anchor.point for anchor in collect_anchors(layers)]
+    keys = [(point.corners.tobytes(), point.barycentric.tobytes()) for point in points]
+    last = {key: k for k, key in enumerate(keys) if is_active[k]}
+    return sorted(last.values())
 
 
 def apply_layers(

@@ -1,19 +1,18 @@
 """Figures of an earlier run, out of the JSON of a report, of several, or of a batch."""
 
-import json
 import math
 from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from cageik_cli.report.limits import Baseline
 from cageik_cli.report.record import SCHEMA_VERSION
 from cageik_cli.util.errors import InputError, error_context
-from cageik_cli.util.text import format_bytes
+from cageik_cli.util.json_files import JsonFormat, format_value, read_json
 
 MAX_BYTES = 256 << 20
-"""Of a file that is read."""
+"""Largest file that is read."""
 
 SUMMARY_FIELDS = {
     "rms": "rms_percent",
@@ -44,7 +43,7 @@ def read_baseline(path: Path, max_regression: Decimal) -> Baseline:
     """
     with error_context(path):
         figures: dict[str, dict[str, float | None]] = {}
-        for name, found in _iterate_results(_load_json(path)):
+        for name, found in _iterate_results(_read_report(path)):
             if name in figures:
                 raise InputError(
                     f"holds two results of the name {name}, expected one of each; "
@@ -56,28 +55,8 @@ def read_baseline(path: Path, max_regression: Decimal) -> Baseline:
     return Baseline(path, figures, max_regression)
 
 
-def _load_json(path: Path) -> Any:
-    try:
-        size = path.stat().st_size
-        if not path.is_file():
-            raise InputError("is not a plain file; name the JSON of an earlier report")
-        if size > MAX_BYTES:
-            raise InputError(
-                f"is of {format_bytes(size)}, more than the {format_bytes(MAX_BYTES)} that are "
-                f"read; "
-                "name the JSON of an earlier report"
-            )
-        return json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=_reject_constant)
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror or error}); check the path") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(
-            f"cannot be read as JSON ({error}); name the JSON of an earlier report"
-        ) from error
-
-
-def _reject_constant(word: str) -> NoReturn:
-    raise ValueError(f"{word} is not a number of JSON")
+def _read_report(path: Path) -> Any:
+    return read_json(path, JsonFormat("the JSON of an earlier report", MAX_BYTES))
 
 
 def _iterate_results(document: Any) -> Iterator[tuple[str, dict[str, float | None]]]:
@@ -105,7 +84,7 @@ def _check_schema(record: dict[str, Any]) -> None:
     schema = record.get("schema")
     if schema != SCHEMA_VERSION or isinstance(schema, bool):
         raise InputError(
-            f"schema is {_shorten_json(schema)}, expected {SCHEMA_VERSION}; name the JSON of "
+            f"schema is {format_value(schema)}, expected {SCHEMA_VERSION}; name the JSON of "
             f"cageik report or "
             "cageik batch, of this version"
         )
@@ -126,7 +105,7 @@ def _parse_metric(summary: dict[str, Any], metric: str, name: str) -> float | No
     if size is None or size < 0:
         expected = " or null" if metric == "volume_change" else ", zero or above"
         raise InputError(
-            f"summary.{name} is {_shorten_json(value)}, expected a finite number{expected}"
+            f"summary.{name} is {format_value(value)}, expected a finite number{expected}"
         )
     return size
 
@@ -150,14 +129,8 @@ def _get_member(record: dict[str, Any], name: str, kind: type) -> Any:
 def _check_type(value: Any, kind: type) -> Any:
     if not isinstance(value, kind):
         raise InputError(
-            f"is {_shorten_json(value)}, expected {_TYPE_NAMES[kind]}; name the JSON of cageik "
+            f"is {format_value(value)}, expected {_TYPE_NAMES[kind]}; name the JSON of cageik "
             f"report or "
             "cageik batch"
         )
     return value
-
-
-def _shorten_json(value: Any) -> str:
-    """A value as JSON, cut when long."""
-    text = json.dumps(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -20,7 +20,7 @@ from cageik_cli.posing.edits import (
     edit_frames,
 )
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.summary import PoseResult, PoseSnapshot, PoseStatistics
+from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.solver.blocks import MemoryPlan, SolvedBlock, summarize_blocks
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
@@ -104,8 +104,8 @@ def edit(settings: EditSettings, progress: ProgressListener | None = None) -> Po
                     sources, summary.skipped, summary.vertex_rms, summary.key_frames, offsets
                 )
             )
-    snapshot = PoseSnapshot(result.frames[summary.key_frames[0]], layers, posed[0], target)
-    return PoseResult(edit_run.statistics.summarize(result.frames), snapshot, result.scene.up_axis)
+    pose_summary = edit_run.statistics.summarize(result.frames)
+    return PoseResult(pose_summary, take_snapshot(layers, target, posed[0], pose_summary))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,7 +188,8 @@ def _build_target(result: Result) -> EditTarget:
     def cage(frame: int) -> Floats:
         return np.asarray(next(read_cages(result, 1, frame))[0])
 
-    return EditTarget(binding, CageSkin.for_reconstruction(binding), cage, len(result.frames))
+    skin = CageSkin.for_reconstruction(binding)
+    return EditTarget(binding, skin, cage, result.frames, result.scene.up_axis)
 
 
 def _build_header(settings: EditSettings, result: Result, binding: Binding) -> ResultHeader:

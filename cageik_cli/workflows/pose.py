@@ -22,7 +22,7 @@ from cageik_cli.posing.edits import (
     edit_frames,
 )
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.summary import PoseResult, PoseSnapshot, PoseStatistics
+from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import InputError, error_context
 from cageik_cli.util.outputs import check_no_overlap
@@ -95,7 +95,9 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
         model = _load_bound_model(settings, progress)
     binding = model.binding
     cage = binding.cage.vertices
-    target = EditTarget(binding, CageSkin.for_rest_pose(binding), lambda _: cage, None)
+    target = EditTarget(
+        binding, CageSkin.for_rest_pose(binding), lambda _: cage, None, Scene().up_axis
+    )
     # One thread: the last digits depend on how many.
     with progress.stage("pose"), error_context(settings.handles), limit_blas_threads(1):
         layers = build_layers(handles, target, settings.posing)
@@ -105,9 +107,8 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
         _write_outputs(settings, model, block)
     statistics = PoseStatistics(layers, binding.rest.diagonal)
     statistics.update(block)
-    return PoseResult(
-        statistics.summarize([]), PoseSnapshot("", layers, block, target), Scene().up_axis
-    )
+    summary = statistics.summarize([])
+    return PoseResult(summary, take_snapshot(layers, target, block, summary))
 
 
 def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: ProgressListener) -> None:

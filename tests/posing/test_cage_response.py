@@ -41,24 +41,26 @@ def minimum(case, slacks, targets, differences):
 def test_responses_are_the_minimum_for_every_target_and_every_difference(case, slack):
     field, laplacian, _, rows = case
     n, slacks = len(laplacian), slack * np.linspace(0.5, 2, 6)
-    response = field.response(rows, slacks)
+    response = field.solve_response(rows, slacks)
     targets, differences = np.eye(6), np.eye(n)
     np.testing.assert_allclose(
-        response.of_anchors, minimum(case, slacks, targets, np.zeros((n, 6))), atol=1e-9
+        response.anchor_response, minimum(case, slacks, targets, np.zeros((n, 6))), atol=1e-9
     )
     np.testing.assert_allclose(
-        response.of_differences, minimum(case, slacks, np.zeros((6, n)), differences), atol=1e-8
+        response.differential_response,
+        minimum(case, slacks, np.zeros((6, n)), differences),
+        atol=1e-8,
     )
-    assert response.loose == 0
+    assert response.free_modes == 0
 
 
 def test_without_slack_anchors_are_met_and_forces_are_balanced(case):
     """Lagrange: what is left of LᵀL d in the basis are forces of the anchors alone."""
     field, laplacian, basis, rows = case
-    response = field.response(rows, np.zeros(6))
-    np.testing.assert_allclose(rows @ response.of_anchors, np.eye(6), atol=1e-12)
-    np.testing.assert_allclose(rows @ response.of_differences, 0, atol=1e-12)
-    pulls = basis.T @ laplacian.T @ laplacian @ response.of_anchors
+    response = field.solve_response(rows, np.zeros(6))
+    np.testing.assert_allclose(rows @ response.anchor_response, np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(rows @ response.differential_response, 0, atol=1e-12)
+    pulls = basis.T @ laplacian.T @ laplacian @ response.anchor_response
     forces = np.linalg.lstsq(basis.T @ rows.T, pulls, rcond=None)[0]
     np.testing.assert_allclose(basis.T @ rows.T @ forces, pulls, atol=1e-9 * np.abs(pulls).max())
 

@@ -20,6 +20,7 @@ from cageik_cli.util.errors import InputError
 from tests.shapes import ball, box
 
 COUNT = 6
+NAMES = [f"f_{k}" for k in range(COUNT)]
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +37,7 @@ def cages(binding):
 @pytest.fixture
 def clip(binding, cages):
     return EditTarget(
-        binding, CageSkin.for_reconstruction(binding), lambda frame: cages[frame], COUNT
+        binding, CageSkin.for_reconstruction(binding), lambda frame: cages[frame], NAMES
     )
 
 
@@ -71,8 +72,8 @@ def test_a_skin_that_rebuilds_is_weights_times_cages(binding, cages):
 def test_anchors_are_where_their_vertices_are(binding, cages, layers, make):
     anchors = collect_anchors(layers(moving([1, 0, 0])))
     skin = make(binding)
-    positions = skin.positions(anchors, cages)
-    np.testing.assert_allclose(positions[:, 0], skin.meshes(cages)[:, 1], rtol=0, atol=1e-14)
+    positions = skin.anchor_positions(anchors, cages)
+    np.testing.assert_allclose(positions[:, 0], skin.deform(cages)[:, 1], rtol=0, atol=1e-14)
 
 
 def test_frames_that_no_layer_touches_keep_their_cages(clip, cages, layers):

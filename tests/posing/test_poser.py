@@ -95,7 +95,7 @@ def test_an_anchor_that_weighs_more_is_met_better(binding):
 
 def reached(poser, moves, rigidity=0):
     """How far the anchors went."""
-    cage = poser.cage(moves, rigidity) - poser.binding.cage.vertices
+    cage = poser.solve_cage(moves, rigidity) - poser.binding.cage.vertices
     return anchor_matrix(poser.anchors, poser.binding.weights) @ cage
 
 

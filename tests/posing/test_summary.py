@@ -30,7 +30,7 @@ def clip_of(rest):
     wobble = np.random.default_rng(0).normal(0, 0.05, (COUNT, 8, 3))
     cages = binding.cage.vertices + wobble
     return EditTarget(
-        binding, CageSkin.for_reconstruction(binding), lambda frame: cages[frame], COUNT
+        binding, CageSkin.for_reconstruction(binding), lambda frame: cages[frame], NAMES
     ), cages
 
 
@@ -119,7 +119,7 @@ def test_what_accelerates_elsewhere_is_not_the_edits(closed, layers):
     for jerk, counts in ((4, True), (3, False)):
         cages = np.repeat(clip.binding.cage.vertices[None], COUNT, axis=0)
         cages[jerk] += 5.0
-        still = EditTarget(clip.binding, clip.skin, cages.__getitem__, COUNT)
+        still = EditTarget(clip.binding, clip.skin, cages.__getitem__, NAMES)
         found = figures_of(layers(still, late), still, cages, 4)
         assert found.changed == ("f_6", "f_11")
         assert (found.anchors[2].acceleration_before > 1) == counts

@@ -12,7 +12,7 @@ from cageik_cli.report.baseline import read_baseline
 from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.tables import format_json, format_overview_json
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FileAccessError, InputError
 from tests.report.clips import summary
 
 TEN = Decimal(10)
@@ -71,13 +71,16 @@ def without(key):
 
 NAN = float("nan")
 FAULTS = {
-    "no JSON": ("{", "cannot be read as JSON (Expecting property name"),
-    "empty": ("", "cannot be read as JSON"),
-    "no text": (b"\xff\xfe\x00", "cannot be read as JSON ('utf-8' codec"),
-    "nan": (json.dumps(record(rms_percent=NAN)), "(NaN is not a number of JSON)"),
-    "infinite": (json.dumps(record(rms_percent=-float("inf"))), "-Infinity is not a number"),
-    "very deep": ("[" * 200_000, "cannot be read as JSON"),
-    "a number of many digits": ("1" * 5000, "cannot be read as JSON (Exceeds the limit"),
+    "no JSON": ("{", "line 1, column 2"),
+    "empty": ("", "line 1, column 1"),
+    "no text": (b"\xff\xfe\x00", "UTF-8 text at byte 0"),
+    "nan": (json.dumps(record(rms_percent=NAN)), "summary.rms_percent: is NaN"),
+    "infinite": (
+        json.dumps(record(rms_percent=-float("inf"))),
+        "summary.rms_percent: is -Infinity",
+    ),
+    "very deep": ("[" * 200_000, "16 levels"),
+    "a number of many digits": ("1" * 5000, "thousands of digits"),
     "a number": (5, "old.json: is 5, expected an object"),
     "null": (None, "old.json: is null, expected an object"),
     "nothing": ([], "holds no result with figures"),
@@ -89,7 +92,7 @@ FAULTS = {
     "schema of a batch": ({"schema": "x" * 99, "clips": []}, 'schema is "xxxxx'),
     "no name": (without("result"), "result: is null, expected a text"),
     "no summary": (without("summary"), "old.json: summary: is null, expected an object"),
-    "clips no list": ({"schema": 1, "clips": {}}, "clips: is {}, expected a list"),
+    "clips no list": ({"schema": 1, "clips": {}}, "clips: is an object, expected a list"),
     "clip no object": ({"schema": 1, "clips": ["a"]}, 'clips[0]: is "a", expected an object'),
     "clip no name": (
         {"schema": 1, "clips": [{"name": 3, "summary": {}}]},
@@ -99,6 +102,7 @@ FAULTS = {
         {"schema": 1, "clips": [{"name": "a", "summary": 3}]},
         "clips[0]: summary: is 3, expected an object",
     ),
+    "a key twice": ('[{"schema": 1, "schema": 1}]', '[0]: has "schema" twice'),
     "twice": ([record(), record()], "holds two results of the name a.h5, expected one of each"),
     "too large": ('{"schema": 1, "result": "a", "summary": {"rms_percent": 1e999}}', "Infinity"),
     **{
@@ -138,7 +142,7 @@ def test_a_file_that_is_too_large_is_not_read(old, monkeypatch):
     monkeypatch.setattr(baseline, "MAX_BYTES", old.stat().st_size)
     assert read_baseline(old, TEN).figures
     monkeypatch.setattr(baseline, "MAX_BYTES", old.stat().st_size - 1)
-    with pytest.raises(InputError, match=r"old\.json: is of .* more than the .* that are read"):
+    with pytest.raises(FileAccessError, match=r"old\.json: .* at most 501 bytes"):
         read_baseline(old, TEN)
 
 

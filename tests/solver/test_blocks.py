@@ -7,7 +7,7 @@ from tests.store.test_checkpoint import BLOCKS
 
 
 def test_what_a_log_tells_of_all_its_frames():
-    blocks = [replace(block, figures=replace(block.metrics)) for block in BLOCKS]
+    blocks = [replace(block, metrics=replace(block.metrics)) for block in BLOCKS]
     rms = [np.array([2.0, 9.0]), np.array([1.0, np.nan]), np.array([4.0])]
     for block, column in zip(blocks, rms, strict=True):
         object.__setattr__(block.metrics, "rms", column)

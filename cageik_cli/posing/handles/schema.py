@@ -9,8 +9,9 @@ from difflib import get_close_matches
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-from cageik_cli.posing.handles.json_document import describe_location, format_value
-from cageik_cli.util.errors import InputError
+from cageik_cli.posing.handles.json_document import describe_location
+from cageik_cli.util.errors import HandlesError
+from cageik_cli.util.json_files import format_value
 
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
@@ -40,7 +41,8 @@ def check_schema(document: Any) -> None:
     first = min(faults, key=lambda fault: _file_order(document, fault), default=None)
     if first is not None:
         place = describe_location(document, list(first.absolute_path))
-        raise InputError(": ".join([*place, _describe_fault(first)]))
+        fault = _describe_fault(first)
+        raise HandlesError(f"{place}: {fault}" if place else fault)
 
 
 def _file_order(document: Any, fault: "ValidationError") -> tuple[int, ...]:

@@ -13,8 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from cageik_cli.posing.edits import Layer, active_anchors, collect_anchors
-from cageik_cli.posing.summary import PoseResult
+from cageik_cli.posing.summary import PoseSnapshot
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.plots.pose_marks import (
     MARK_OFFSETS,
@@ -36,7 +35,7 @@ from cageik_cli.report.render.model_views import (
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, downsample
 from cageik_cli.report.views.pose_text import format_miss
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 
 PANEL_SIDE, LEGEND_HEIGHT = 345.6, 43.2
 """Of a panel, and of what stands below all of them."""
@@ -64,44 +63,6 @@ ARROW_SAMPLE_SPACING = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PoseView:
-    """A pose before and after.
-
-    Attributes
-    ----------
-    faces, cage_faces : (t, 3) and (f, 3) int64
-    before, after : (m, 3) float64
-        The model.
-    cage_before, cage_after : (n, 3) float64
-    starts, targets, ends : (l, 3) float64
-        Where the anchors were, were to go, and are.
-    names : tuple of str
-        Of the l anchors.
-    pinned : (l,) bool
-        Whether they were to stay.
-    up_axis : str
-        "Y" or "Z".
-    title_before, title_after : str
-        A line each.
-    """
-
-    faces: Integers
-    cage_faces: Integers
-    before: Floats
-    after: Floats
-    cage_before: Floats
-    cage_after: Floats
-    starts: Floats
-    targets: Floats
-    ends: Floats
-    names: tuple[str, ...]
-    pinned: Flags
-    up_axis: str
-    title_before: str
-    title_after: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Panel:
     """One of the pictures side by side.
 
@@ -122,19 +83,30 @@ class Panel:
     title: str
 
 
-def render_pose_png(view: PoseView, pixels: int = 720) -> bytes:
+def render_pose_png(view: PoseSnapshot, pixels: int = 720) -> bytes:
     """Draw a pose before and after, each so many pixels across, as a PNG file."""
-    panels = (
-        Panel(view.before, view.cage_before, view.starts, True, view.title_before),
-        Panel(view.after, view.cage_after, view.ends, False, view.title_after),
-    )
     stream = io.BytesIO()
     with use_fixed_style():
-        draw_pose(view, panels, pixels).savefig(stream, format="png", metadata={"Software": None})
+        draw_pose(view, build_panels(view), pixels).savefig(
+            stream, format="png", metadata={"Software": None}
+        )
     return stream.getvalue()
 
 
-def draw_pose(view: PoseView, panels: Sequence[Panel], pixels: int) -> Figure:
+def build_panels(view: PoseSnapshot) -> tuple[Panel, Panel]:
+    """Build the panels before and after, with their captions."""
+    title_before = f"{view.frame}, before" if view.frame else "before"
+    title_after = (
+        f"after: mesh moved {format_percent(view.rms_percent)} %, "
+        f"handles met within {format_miss(view.max_residual_percent)} %"
+    )
+    return (
+        Panel(view.before, view.cage_before, view.starts, True, title_before),
+        Panel(view.after, view.cage_after, view.ends, False, title_after),
+    )
+
+
+def draw_pose(view: PoseSnapshot, panels: Sequence[Panel], pixels: int) -> Figure:
     """Panels of one model, seen from one place, with the anchors and targets of a view."""
     points = [points for panel in panels for points in (panel.vertices, panel.cage, panel.anchors)]
     camera = _choose_camera(
@@ -182,7 +154,7 @@ class _PanelPlace:
         return self.number * PANEL_SIDE
 
 
-def _choose_camera(view: PoseView, points: Floats, size: int) -> ParallelCamera:
+def _choose_camera(view: PoseSnapshot, points: Floats, size: int) -> ParallelCamera:
     """One that shows all points, from where the arrows are long."""
     arrows = _arrow_vectors(view)
     views = [view_axes(view.up_axis, turn) for turn in VIEW_TURNS]
@@ -191,12 +163,12 @@ def _choose_camera(view: PoseView, points: Floats, size: int) -> ParallelCamera:
     return ParallelCamera.fit(views[chosen], points, size)
 
 
-def _arrow_vectors(view: PoseView) -> Floats:
+def _arrow_vectors(view: PoseSnapshot) -> Floats:
     """How far the anchors were to go, (l, 3)."""
     return np.where(view.pinned[:, None], 0.0, view.targets - view.starts)
 
 
-def _draw_panel(place: _PanelPlace, view: PoseView, panel: Panel) -> None:
+def _draw_panel(place: _PanelPlace, view: PoseSnapshot, panel: Panel) -> None:
     surface = project_surface(place.camera, panel.vertices, view.faces)
     picture = downsample(render_with_cage(surface, place.camera, panel.cage, view.cage_faces))
     pixels = picture.shape[1]
@@ -232,7 +204,7 @@ def _are_covered(camera: ParallelCamera, points: Floats, depth: Floats) -> Flags
     return np.asarray(seen[:, 2] > depth[rows, columns] + DEPTH_TOL * camera.size)
 
 
-def _draw_names(place: _PanelPlace, view: PoseView, dots: Floats, targets: Floats) -> None:
+def _draw_names(place: _PanelPlace, view: PoseSnapshot, dots: Floats, targets: Floats) -> None:
     """Name up to `MAX_NAMED_ANCHORS` anchors where there is room, first those that go farthest."""
     far = np.linalg.norm(_arrow_vectors(view), axis=1)
     order = np.argsort(-far, kind="stable")[:MAX_NAMED_ANCHORS]
@@ -263,45 +235,3 @@ def _sample_segment(start: Floats, end: Floats) -> Floats:
     """Points from one to the other, (k, 2), no further apart than `STEP`."""
     count = int(np.ceil(np.hypot(*(end - start)) / ARROW_SAMPLE_SPACING)) + 1
     return np.linspace(start, end, count)
-
-
-def build_pose_view(result: PoseResult, up_axis: str) -> PoseView:
-    """The pose, or the frame that was moved most, with the handles that act in it."""
-    snapshot, figures = result.snapshot, result.figures
-    block, binding = snapshot.block, snapshot.edit_target.binding
-    anchors, chosen = (
-        collect_anchors(snapshot.layers),
-        _deciding_anchors(snapshot.layers, int(block.frames[0])),
-    )
-    starts, targets = block.edit.start_positions[0, chosen], block.edit.target_positions[0, chosen]
-    max_miss = max((figures.anchors[k].residual_percent for k in chosen), default=0.0)
-    place = f"{snapshot.frame}, " if snapshot.frame else ""
-    return PoseView(
-        faces=binding.rest.faces,
-        cage_faces=binding.cage.faces,
-        before=block.meshes_before[0],
-        after=block.meshes_after[0],
-        cage_before=block.cages_before[0],
-        cage_after=block.edit.cages[0],
-        starts=block.anchors_before[0, chosen],
-        targets=targets,
-        ends=block.anchors_after[0, chosen],
-        names=tuple(anchors[k].name for k in chosen),
-        pinned=(targets == starts).all(axis=1),
-        up_axis=up_axis,
-        title_before=f"{place}before",
-        title_after=f"after: mesh moved {format_percent(figures.rms_percent)} %, "
-        f"handles met within {format_miss(max_miss)} %",
-    )
-
-
-def _deciding_anchors(layers: Sequence[Layer], frame: int) -> list[int]:
-    """Numbers of the anchors that decide a frame, ascending.
-
-    Those of layers that change nothing in it do not, and of several at one point the last does.
-    """
-    acts = active_anchors(layers, np.array([frame]))[0]
-    points = [anchor.point for anchor in collect_anchors(layers)]
-    keys = [(point.corners.tobytes(), point.barycentric.tobytes()) for point in points]
-    last = {key: k for k, key in enumerate(keys) if acts[k]}
-    return sorted(last.values())

@@ -26,7 +26,7 @@ def on_face(name, **fields):
 
 
 def targets(found, surface=CLIP):
-    frames = np.array(found.span)
+    frames = np.array(found.affected_frames)
     positions = np.array([anchor_positions(found.anchors, surface.pose_at(k)) for k in frames])
     return found.targets(frames, positions), positions
 

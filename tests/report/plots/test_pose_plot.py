@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cageik_cli.posing.summary import PoseSnapshot
 from cageik_cli.report.plots.pose_marks import HANDLE_COLOUR
 from cageik_cli.report.plots.pose_plot import (
     LEGEND_HEIGHT,
     MAX_NAMED_ANCHORS,
     PANEL_SIDE,
-    Panel,
-    PoseView,
+    build_panels,
     draw_pose,
     render_pose_png,
 )
@@ -42,7 +42,8 @@ def moved(*motions, missed=0.0, **changes):
     pinned = np.array([motion is None for motion in motions], bool)
     steps = [np.zeros(3) if motion is None else motion for motion in motions]
     steps = np.array(steps, float).reshape(-1, 3)
-    view = PoseView(
+    view = PoseSnapshot(
+        frame="",
         faces=model.faces,
         cage_faces=cage.faces,
         before=model.vertices,
@@ -55,8 +56,8 @@ def moved(*motions, missed=0.0, **changes):
         names=tuple(f"anchor {k}" for k in range(len(motions))),
         pinned=pinned,
         up_axis="Y",
-        title_before="before",
-        title_after="after",
+        rms_percent=1.0,
+        max_residual_percent=0.0,
     )
     return replace(view, **changes)
 
@@ -68,19 +69,16 @@ def drawn(view, pixels=PIXELS):
     return np.asarray(image.convert("RGB"), int)
 
 
-def figure(view):
-    panels = (
-        Panel(view.before, view.cage_before, view.starts, True, view.title_before),
-        Panel(view.after, view.cage_after, view.ends, False, view.title_after),
-    )
+def figure(view, panels=None):
     with use_fixed_style():
-        figure = draw_pose(view, panels, PIXELS)
+        figure = draw_pose(view, panels or build_panels(view), PIXELS)
         figure.canvas.draw()
     return figure
 
 
-def artists(view, gid):
-    return [artist for artist in figure(view).axes[0].get_children() if artist.get_gid() == gid]
+def artists(view, gid, panels=None):
+    children = figure(view, panels).axes[0].get_children()
+    return [artist for artist in children if artist.get_gid() == gid]
 
 
 def places(view, gid):
@@ -274,11 +272,12 @@ HOSTILE = (
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_any_name_is_drawn(name):
-    view = moved(0.4 * UP, None, title_before=name, title_after=3 * name)
-    view = replace(view, names=(name, "other"))
+    view = moved(0.4 * UP, None, frame=name, names=(name, "other"))
+    before, after = build_panels(view)
+    panels = replace(before, title=name), replace(after, title=3 * name)
     assert len(boxes(view)) == 4
     drawn(view)
-    titles = artists(view, "title")
+    titles = artists(view, "title", panels)
     for number, title in enumerate(titles):
         extent = title.get_window_extent()
         assert number * PIXELS - 1 < extent.x0 <= extent.x1 < (number + 1) * PIXELS + 1

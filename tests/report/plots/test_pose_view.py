@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.report.plots.pose_plot import build_pose_view, render_pose_png
+from cageik_cli.report.plots.pose_plot import build_panels, render_pose_png
 from cageik_cli.store.result import read_result, read_weights
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import extract
@@ -33,16 +33,17 @@ def test_a_pose_is_seen_from_the_rest_pose_on(handles, animation):
     settings = PoseSettings(
         Path("frames/frame_1.obj"), Path("handles.json"), Path("posed.obj"), Path("cage.obj")
     )
-    view = build_pose_view(pose(settings), "Z")
+    view = pose(settings).snapshot
     np.testing.assert_array_equal(view.before, animation.rest.vertices)
     np.testing.assert_array_equal(view.cage_before, animation.cage.vertices)
     np.testing.assert_array_equal(view.starts, animation.rest.vertices[[0, 7]])
     np.testing.assert_allclose(view.ends - view.starts, [[0.1, 0.2, -0.3], [0] * 3], atol=1e-12)
     np.testing.assert_allclose(view.after[[0, 7]], view.ends, rtol=0, atol=1e-12)
     np.testing.assert_allclose(view.targets, view.ends, rtol=0, atol=1e-12)
-    assert (view.names, view.pinned.tolist(), view.up_axis) == (("tip", "pin"), [False, True], "Z")
-    assert view.title_before == "before"
-    assert view.title_after.startswith("after: mesh moved ")
+    assert (view.names, view.pinned.tolist(), view.up_axis) == (("tip", "pin"), [False, True], "Y")
+    before, after = build_panels(view)
+    assert before.title == "before"
+    assert after.title.startswith("after: mesh moved ")
 
 
 def test_an_edit_is_seen_in_the_frame_that_was_moved_most(handles):
@@ -52,10 +53,9 @@ def test_an_edit_is_seen_in_the_frame_that_was_moved_most(handles):
     Path("handles.json").write_text(
         json.dumps({"handles": [HANDLES[0] | {"offset": keys}, HANDLES[1]], "frames": [1, 3]})
     )
-    view = build_pose_view(
-        edit(EditSettings(Path("cages.h5"), Path("handles.json"), Path("e.h5"))), "Y"
-    )
-    assert view.title_before == "frame_4.obj, before"
+    view = edit(EditSettings(Path("cages.h5"), Path("handles.json"), Path("e.h5"))).snapshot
+    assert view.frame == "frame_4.obj"
+    assert build_panels(view)[0].title == "frame_4.obj, before"
     before = read_weights(result) @ view.cage_before
     np.testing.assert_allclose(view.before, before, rtol=0, atol=1e-12)
     np.testing.assert_allclose(view.targets[0] - view.starts[0], [0.5, 0, 0], atol=1e-12)
@@ -69,7 +69,7 @@ def viewed(folder, run):
     def make(*sets):
         Path("handles.json").write_text(json.dumps({"sets": sets}))
         settings = EditSettings(Path("cages.h5"), Path("handles.json"), Path("edited.h5"))
-        return build_pose_view(edit(settings), "Y")
+        return edit(settings).snapshot
 
     return make
 
@@ -98,7 +98,7 @@ def test_of_several_sets_the_last_decides_a_point(viewed):
     )
     assert view.names == ("other", "last")
     np.testing.assert_allclose(view.ends[1], view.targets[1], rtol=0, atol=1e-6)
-    (missed,) = re.findall(r"met within (\S+) %", view.title_after)
+    (missed,) = re.findall(r"met within (\S+) %", build_panels(view)[1].title)
     assert float(missed) == pytest.approx(miss_percent(view, "other"), rel=1e-3)
 
 
