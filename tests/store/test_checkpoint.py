@@ -48,11 +48,11 @@ BLOCKS = [block_of(0, 2), block_of(2, 2, {3: "frame_3: not a mesh ü"}), block_o
 
 def assert_same(found, expected):
     assert (found.start, found.stop) == (expected.start, expected.stop)
-    assert (found.digests, found.faults) == (expected.digests, expected.faults)
+    assert (found.digests, found.skipped) == (expected.digests, expected.skipped)
     np.testing.assert_array_equal(found.cages, expected.cages)
-    np.testing.assert_array_equal(found.squares, expected.squares)
+    np.testing.assert_array_equal(found.squared_errors, expected.squared_errors)
     for field in fields(FrameMetrics):
-        one, other = (getattr(block.figures, field.name) for block in (found, expected))
+        one, other = (getattr(block.metrics, field.name) for block in (found, expected))
         np.testing.assert_array_equal(one, other)
 
 

@@ -13,7 +13,7 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import Scene
 from cageik_cli.solver.dual_laplacian import SolveQuality
-from cageik_cli.solver.metrics import FrameMetrics
+from cageik_cli.solver.metrics import FrameMetrics, check_finite
 from cageik_cli.store import hdf5_fields as parts
 from cageik_cli.store import result as store
 from cageik_cli.store import result_writer
@@ -444,9 +444,9 @@ def test_what_could_not_be_read_again_is_refused(name, bad):
         column = getattr(figures, name).copy()
         column[3] = bad
         figures = replace(figures, **{name: column})
-    result_writer.refuse_unsound(0, CAGES, part(slice(None)))
+    check_finite(0, CAGES, part(slice(None)))
     with pytest.raises(NumericalError, match=f"{name}.* in frames 10 to 14"):
-        result_writer.refuse_unsound(10, cages, figures)
+        check_finite(10, cages, figures)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])

@@ -28,14 +28,14 @@ class Stopped(ProgressListener):
     """Ends the run when so many frames are done, as Ctrl-C does; remembers what was remarked."""
 
     def __init__(self, after=None):
-        self.after, self.remarks = after, []
+        self.after, self.notes = after, []
 
-    def advance(self, done, total):
+    def update(self, done, total):
         if total == 5 and done == self.after:
             raise KeyboardInterrupt
 
-    def remark(self, topic, text):
-        self.remarks.append((topic, text))
+    def note(self, topic, text):
+        self.notes.append((topic, text))
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(plain, whole, after):
     watch = Stopped()
     result = extract(replace(plain, resume=True), watch)
     assert result.path.read_bytes() == whole
-    assert watch.remarks == [("resumed", f"from frame {after} of 5")]
+    assert watch.notes == [("resumed", f"from frame {after} of 5")]
     assert not LOG.exists()
 
 
@@ -86,7 +86,7 @@ def test_memory_and_jobs_may_change_meanwhile(plain, whole):
 def test_without_a_run_before_it_begins(plain, whole):
     watch = Stopped()
     assert extract(replace(plain, resume=True), watch).path.read_bytes() == whole
-    assert watch.remarks == []
+    assert watch.notes == []
 
 
 def test_what_an_interrupted_run_left_is_not_lost_unasked(plain, whole):
@@ -111,7 +111,7 @@ def test_frames_that_changed_are_solved_again(plain, animation, write_obj):
     watch = Stopped()
     resumed = extract(replace(plain, resume=True), watch).path.read_bytes()
     text = "from frame 2 of 5, for frame_3.obj is not what it was"
-    assert watch.remarks == [("resumed", text)]
+    assert watch.notes == [("resumed", text)]
     assert resumed == extract(replace(plain, output=Path("whole.h5"))).path.read_bytes()
 
 
@@ -130,7 +130,7 @@ def test_a_whole_result_is_left_as_it_is(plain, whole):
     extract(plain)
     watch = Stopped()
     assert extract(replace(plain, resume=True), watch).path.read_bytes() == whole
-    assert watch.remarks == [("unchanged", "the result is whole already")]
+    assert watch.notes == [("unchanged", "the result is whole already")]
 
 
 def test_a_whole_result_is_told_before_anything_is_bound(plain, whole, monkeypatch):
@@ -139,7 +139,7 @@ def test_a_whole_result_is_told_before_anything_is_bound(plain, whole, monkeypat
     def bind(*given):
         raise AssertionError("bound")
 
-    monkeypatch.setattr("cageik_cli.workflows.extract.bound_of", bind)
+    monkeypatch.setattr("cageik_cli.workflows.extract.load_or_compute_binding", bind)
     assert extract(replace(plain, resume=True)).path.read_bytes() == whole
     with pytest.raises(AssertionError, match="bound"):
         extract(replace(plain, resume=True, overwrite=True, keep_weights=False))
@@ -155,16 +155,16 @@ def test_going_on_may_replace_what_is_another_runs(plain, whole):
     assert extract(both).path.read_bytes() == whole
     watch = Stopped()
     extract(both, watch)
-    assert watch.remarks == [("unchanged", "the result is whole already")]
+    assert watch.notes == [("unchanged", "the result is whole already")]
     Path("cages.h5").unlink()
     interrupted(plain, 3)
     extract(both, watch)
-    assert watch.remarks[1:] == [("resumed", "from frame 3 of 5")]
+    assert watch.notes[1:] == [("resumed", "from frame 3 of 5")]
 
 
 def test_a_frame_that_changes_before_it_is_drawn_is_refused(plain, animation, write_obj):
     class Changing(Stopped):
-        def advance(self, done, total):
+        def update(self, done, total):
             for k in range(1, 6) if total == done == 5 else ():
                 path, vertices = Path(f"frames/frame_{k}.obj"), k * animation.frames[0]
                 write_obj(path, vertices, animation.rest.faces)

@@ -124,7 +124,7 @@ def test_no_process_is_begun_after_the_end(monkeypatch):
         threading.Event().wait(0.3)
         begin(self)
 
-    monkeypatch.setattr(local._Worker, "_begin", begin_slowly)
+    monkeypatch.setattr(local._Worker, "_start", begin_slowly)
     os.kill(worker._pid.result(), signal.SIGKILL)
     done = []
     asking = threading.Thread(target=lambda: done.append(outcome_or_error(worker)))
@@ -138,6 +138,6 @@ def test_no_process_is_begun_after_the_end(monkeypatch):
 
 def outcome_or_error(worker):
     try:
-        return worker.done(None)
+        return worker.run_job(None)
     except Exception as error:
         return error
