@@ -38,8 +38,7 @@ from cageik_cli.workflows.batch.dask_pieces import (
     unpickle_with_weights,
 )
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
-from cageik_cli.workflows.extract import plan_extraction
-from cageik_cli.workflows.extract_inputs import ExtractSettings, load_or_compute_binding
+from cageik_cli.workflows.plan import ExtractSettings, load_or_compute_binding, plan_extraction
 
 ONE_FRAME = 7_000
 """Bytes that the weights, and blocks of one frame of the little animation, have room for."""
@@ -448,13 +447,13 @@ def test_a_log_is_waited_for_a_while(job):
 
 def test_other_files_than_when_the_work_began(job):
     settings = job("a").settings
-    inputs, _ = plan_extraction(settings)
-    bound = load_or_compute_binding(inputs, settings, ProgressListener())
+    plan = plan_extraction(settings)
+    bound = load_or_compute_binding(plan, ProgressListener())
     solver = DualLaplacianSolver(bound.binding, settings.solve)
-    work = BlockSolver(inputs.sequence, solver, False, ProgressListener())
+    work = BlockSolver(plan.sequence, solver, False, ProgressListener())
     common = ClipContext.build(settings, work, MemoryPlan(1, 1, 1))
     copy = pickle.loads(pickle.dumps(common))
-    assert copy.build_block_solver(bound.binding).sequence.names == inputs.sequence.names
+    assert copy.build_block_solver(bound.binding).sequence.names == plan.sequence.names
     Path(settings.frames[0], "frame_4.obj").unlink()
     with pytest.raises(InputError, match="has 4 frames, or others, where it had 5"):
         pickle.loads(pickle.dumps(common)).build_block_solver(bound.binding)
@@ -462,8 +461,7 @@ def test_other_files_than_when_the_work_began(job):
 
 def test_a_solver_travels_without_its_weights(job, animation):
     settings = job("a").settings
-    inputs, _ = plan_extraction(settings)
-    binding = load_or_compute_binding(inputs, settings, ProgressListener()).binding
+    binding = load_or_compute_binding(plan_extraction(settings), ProgressListener()).binding
     solver = DualLaplacianSolver(binding, settings.solve)
     data = pickle_without_weights(binding, solver)
     assert binding.weights.tobytes() not in data
