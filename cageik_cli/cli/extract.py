@@ -163,7 +163,7 @@ def make_extract_settings(options: dict[str, Any]) -> Any:
     """
     from cageik_cli.coordinates.binding import BindSettings
     from cageik_cli.solver.dual_laplacian import SolveSettings
-    from cageik_cli.workflows.extract_inputs import ExtractSettings
+    from cageik_cli.workflows.plan import ExtractSettings
 
     if options["cage"] is None and options["binding"] is None:
         raise click.UsageError("Missing option '--cage', or '--binding', which holds one.")

@@ -55,6 +55,14 @@ class BindRunSettings:
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
 
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        return [self.cage, self.rest]
+
+    def outputs(self) -> list[Path]:
+        """Return the file that is written."""
+        return [self.output]
+
 
 def bind_files(
     settings: BindRunSettings, progress: ProgressListener | None = None

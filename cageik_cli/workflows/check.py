@@ -10,7 +10,7 @@ from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts, diagnose
 from cageik_cli.cages.findings import Finding
 from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
-from cageik_cli.formats.open import open_clip_and_rest
+from cageik_cli.formats.open import list_input_files, open_clip_and_rest
 from cageik_cli.util.text import format_block
 
 SCHEMA_VERSION = 1
@@ -41,6 +41,15 @@ class CheckSettings:
     rest_frame: int = 0
     jobs: int = 1
     clip: ClipSettings = field(default_factory=lambda: ClipSettings(allow_gaps=True))
+
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        rest = [] if self.rest is None else [self.rest]
+        return [self.cage, *rest, *list_input_files(list(self.frames))]
+
+    def outputs(self) -> list[Path]:
+        """Return the files that are written: none, a report is the command's own."""
+        return []
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from cageik_cli.formats.base.connectivity import check_vertex_order
 from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
@@ -69,6 +69,16 @@ class DeformSettings:
     cache: Path | None = None
     memory: int = 1 << 30
     jobs: int = 1
+
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        mesh = [] if self.mesh is None else [self.mesh]
+        cages = [] if self.cages is None else list_input_files([self.cages])
+        return [self.result, *mesh, *cages]
+
+    def outputs(self) -> list[Path]:
+        """Return the file or folder that is written."""
+        return [self.output.target_path]
 
 
 def deform(settings: DeformSettings, progress: ProgressListener | None = None) -> ExportSummary:

@@ -59,6 +59,14 @@ class EditSettings:
     memory: int = 1 << 30
     overwrite: bool = False
 
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        return [self.result, self.handles]
+
+    def outputs(self) -> list[Path]:
+        """Return the file that is written."""
+        return [self.output]
+
 
 def edit(settings: EditSettings, progress: ProgressListener | None = None) -> PoseResult:
     """Lay the sets of a file of handles over the cage animation of a result, and write a result.
@@ -74,7 +82,7 @@ def edit(settings: EditSettings, progress: ProgressListener | None = None) -> Po
         When hard handles cannot all be met.
     """
     progress = progress or ProgressListener()
-    check_no_overlap([settings.output], [settings.result, settings.handles])
+    check_no_overlap([*settings.outputs()], [*settings.inputs()])
     check_writable(settings.output, settings.overwrite)
     check_hdf5_suffix(settings.output)
     with progress.stage("open"):

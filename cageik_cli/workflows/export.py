@@ -38,6 +38,14 @@ class ExportSettings:
     skeleton: bool = False
     max_influences: int | None = None
 
+    def inputs(self) -> list[Path]:
+        """Return the file that is read."""
+        return [self.result]
+
+    def outputs(self) -> list[Path]:
+        """Return the file or folder that is written."""
+        return [self.output.target_path]
+
 
 def export(settings: ExportSettings, progress: ProgressListener | None = None) -> ExportSummary:
     """Write the cage animation of a result.

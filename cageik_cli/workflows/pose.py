@@ -60,6 +60,14 @@ class PoseSettings:
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
 
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        return [self.target, self.handles, *([] if self.cage is None else [self.cage])]
+
+    def outputs(self) -> list[Path]:
+        """Return the files that are written."""
+        return [self.output, *([] if self.cage_output is None else [self.cage_output])]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BoundModel:
@@ -120,11 +128,9 @@ def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: Progres
 
 def _check_outputs(settings: PoseSettings) -> None:
     _check_target_kind(settings.target)
-    outputs = [settings.output, settings.cage_output]
-    check_no_overlap(outputs, [settings.target, settings.cage, settings.handles])
-    for path in outputs:
-        if path is not None:
-            check_mesh_output(path, settings.overwrite)
+    check_no_overlap([*settings.outputs()], [*settings.inputs()])
+    for path in settings.outputs():
+        check_mesh_output(path, settings.overwrite)
 
 
 def _check_target_kind(target: Path) -> None:

@@ -74,12 +74,12 @@ def test_a_hit_gives_the_binding_that_was_computed(kept, said, coarse_panels, na
     def never():
         raise AssertionError("it is in the cache")
 
-    computed = kept.bound(rest, cage, settings, lambda: bind(rest, cage, settings))
+    computed = kept.get_or_compute(rest, cage, settings, lambda: bind(rest, cage, settings))
     assert said == []
-    found = kept.bound(rest, cage, settings, never)
+    found = kept.get_or_compute(rest, cage, settings, never)
     (remark,) = said
-    assert remark.startswith("weights taken from it, ")
-    assert remark.endswith(" s saved")
+    assert remark.startswith("cache hit, saved ")
+    assert remark.endswith(" s")
     np.testing.assert_array_equal(found.weights, computed.weights)
     assert found.weights.flags.c_contiguous == computed.weights.flags.c_contiguous
     np.testing.assert_array_equal(found.cage.faces, computed.cage.faces)
@@ -96,8 +96,8 @@ def test_the_seconds_saved_are_those_of_the_computation(kept, said, monkeypatch)
     monkeypatch.setattr(module.time, "perf_counter", lambda: next(clock))
     bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
     for _ in range(2):
-        kept.bound(TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound)
-    assert said == ["weights taken from it, 2.0 s saved"]
+        kept.get_or_compute(TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound)
+    assert said == ["cache hit, saved 2.0 s"]
 
 
 def test_what_is_refused_is_not_kept(kept):
@@ -105,7 +105,7 @@ def test_what_is_refused_is_not_kept(kept):
         raise ValueError("no")
 
     with pytest.raises(ValueError, match="no"):
-        kept.bound(ball(1), box(), SETTINGS, refuse)
+        kept.get_or_compute(ball(1), box(), SETTINGS, refuse)
     assert list(kept.folder.iterdir()) == []
 
 
@@ -128,7 +128,7 @@ def test_one_process_at_a_time_computes_an_entry(kept, monkeypatch):
     def compute():
         raise AssertionError("computed")
 
-    found = kept.bound(*given, compute)
+    found = kept.get_or_compute(*given, compute)
     np.testing.assert_array_equal(found.weights, bound.weights)
     assert waited == [module.POLL_SECONDS] * 2
     assert [path.suffix for path in kept.folder.iterdir()] == [".weights"]
@@ -140,7 +140,7 @@ def test_in_a_folder_that_cannot_be_written_nobody_waits(kept, monkeypatch):
 
     monkeypatch.setattr(module, "open_locked", full)
     bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
-    assert kept.bound(TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound) is bound
+    assert kept.get_or_compute(TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound) is bound
 
 
 def moved(mesh, vertex, by):
@@ -291,7 +291,7 @@ def test_what_is_larger_than_the_cache_is_not_kept(cache, said):
     kept.write(KEY, entry(rows=6))
     assert names_in(kept) == [f"{OTHER}.weights"]
     (remark,) = said
-    assert f"holds {size} bytes at most" in remark
+    assert f"at most {size})" in remark
     kept.write(KEY, entry(rows=5))
     assert names_in(kept) == [f"{KEY}.weights"]
 
@@ -408,8 +408,7 @@ WORKER = """
 import sys
 from pathlib import Path
 import numpy as np
-from cageik_cli.store.cache import WeightCache
-from cageik_cli.store.cache_entry import Entry
+from cageik_cli.store.weight_cache import CacheEntry, WeightCache
 
 folder, (seed, turns, largest) = Path(sys.argv[1]), map(int, sys.argv[2:])
 remarks, hits = [], 0
@@ -421,7 +420,7 @@ for _ in range(turns):
     k = int(generator.integers(3))
     if generator.random() < 0.5:
         weights = np.full((500, 8 * (k + 1)), float(k))
-        cache.write(f"{k:064x}", Entry(faces, weights, k, 0.0, 0, (), 1.0))
+        cache.write(f"{k:064x}", CacheEntry(faces, weights, k, 0.0, 0, (), 1.0))
     else:
         found = cache.read(f"{k:064x}")
         if found is not None:
@@ -483,5 +482,7 @@ def test_the_entry_of_a_write_that_stopped_is_not_there(kept, said, monkeypatch)
 def test_settings_of_a_hit_are_those_asked_for(kept, coarse_panels):
     settings = replace(SETTINGS, accuracy="preview")
     for _ in range(2):
-        found = kept.bound(ball(1), box(), settings, lambda: bind(ball(1), box(), settings))
+        found = kept.get_or_compute(
+            ball(1), box(), settings, lambda: bind(ball(1), box(), settings)
+        )
         assert found.settings == settings

@@ -25,17 +25,17 @@ class Listener(ProgressListener):
     """Remembers what it was told."""
 
     def __init__(self):
-        self.stages, self.counts, self.remarks = [], [], []
+        self.stages, self.counts, self.notes = [], [], []
 
     def stage(self, name):
         self.stages.append(name)
         return super().stage(name)
 
-    def advance(self, done, total):
+    def update(self, done, total):
         self.counts.append((done, total))
 
-    def remark(self, topic, text):
-        self.remarks.append((topic, text))
+    def note(self, topic, text):
+        self.notes.append((topic, text))
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def test_an_observer_is_told_stages_progress_and_the_cache(plain, cache, kept):
         bind_files(settings, listener)
         assert listener.stages == ["open", "bind", "write"]
         assert listener.counts[-1] == (18, 18)
-        assert [topic for topic, _ in listener.remarks] == ["cache"] * (kept and turn)
+        assert [topic for topic, _ in listener.notes] == ["cache"] * (kept and turn)
     assert cache.exists() == kept
 
 
@@ -85,7 +85,7 @@ def test_what_was_cut_or_turned_is_noted(plain, folder):
         "6 polygons cut into triangles to compute with",
         "the cage's faces turn inward; it is used turned outward",
     )
-    assert listener.remarks == [
+    assert listener.notes == [
         ("note", "frame_1.obj: 6 polygons cut into triangles to compute with")
     ]
     found = load_matching_binding(plain.output, load_mesh(plain.rest), load_mesh(plain.cage))

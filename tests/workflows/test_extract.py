@@ -15,7 +15,7 @@ from cageik_cli.solver.dual_laplacian import SolveSettings
 from cageik_cli.util.errors import InputError, NumericalError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 from tests.shapes import ball, box, rotation
 
 TRUTH = SolveSettings(alpha=0.0)
@@ -92,12 +92,12 @@ def test_the_figures_of_the_walker_are_those_of_weights_times_cages(walker, fixt
         rebuilt = file["weights"][:] @ file["verts"][:]
     misses = np.linalg.norm(rebuilt - frames, axis=2)
     rms = np.sqrt((misses**2).mean(axis=1))
-    np.testing.assert_allclose(result.figures.rms, rms, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(result.metrics.rms, rms, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(
-        result.figures.max_deviation, misses.max(axis=1), rtol=1e-9, atol=1e-12
+        result.metrics.max_deviation, misses.max(axis=1), rtol=1e-9, atol=1e-12
     )
     # The first frame is the rest pose, whose misses are rounding.
-    np.testing.assert_array_equal(result.figures.worst_vertex[1:], misses.argmax(axis=1)[1:])
+    np.testing.assert_array_equal(result.metrics.worst_vertex[1:], misses.argmax(axis=1)[1:])
     assert 0 < rms.max() < 0.005 * result.rest.diagonal
     assert result.frames == tuple(f"walker_{k}.obj" for k in (1, 9, 17, 25, 33, 41))
 
@@ -292,7 +292,7 @@ class Listener(ProgressListener):
         self.stages.append(name)
         return super().stage(name)
 
-    def advance(self, done, total):
+    def update(self, done, total):
         self.counts.append((self.stages[-1] == "bind", done, total))
 
 
@@ -312,7 +312,7 @@ def test_a_run_that_stops_leaves_the_old_result(plain, folder, animation, write_
     Path("cages.h5").write_text("old")
 
     class Impatient(ProgressListener):
-        def advance(self, done, total):
+        def update(self, done, total):
             if fault == "interrupt" and total == 5:
                 raise KeyboardInterrupt
 

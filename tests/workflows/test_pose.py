@@ -26,7 +26,7 @@ class Notes(ProgressListener):
     def __init__(self):
         self.texts = []
 
-    def remark(self, topic, text):
+    def note(self, topic, text):
         self.texts.append((topic, text))
 
 
@@ -54,7 +54,7 @@ def test_how_handles_were_taken_is_remarked(settings):
 
 
 def test_what_was_changed_in_the_cage_is_remarked(settings, write_obj, animation):
-    turned = animation.cage.flipped()
+    turned = animation.cage.flip()
     write_obj(Path("inward.obj"), turned.vertices, turned.faces)
     notes = Notes()
     posed = pose(settings(TIP, PIN, cage="inward.obj"), notes)

@@ -16,10 +16,10 @@ from cageik_cli.report.views.tables import format_csv, format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.dual_laplacian import SolveSettings
 from cageik_cli.store.checkpoint import checkpoint_progress
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import CheckpointError, FileAccessError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 
 LOG = Path("cages.h5.partial")
 
@@ -28,14 +28,14 @@ class Stopped(ProgressListener):
     """Ends the run when so many frames are done, as Ctrl-C does; remembers what was remarked."""
 
     def __init__(self, after=None):
-        self.after, self.remarks = after, []
+        self.after, self.notes = after, []
 
-    def advance(self, done, total):
+    def update(self, done, total):
         if total == 5 and done == self.after:
             raise KeyboardInterrupt
 
-    def remark(self, topic, text):
-        self.remarks.append((topic, text))
+    def note(self, topic, text):
+        self.notes.append((topic, text))
 
 
 @pytest.fixture
@@ -61,13 +61,13 @@ def interrupted(settings, after):
 @pytest.mark.parametrize("after", [1, 2, 4, 5])
 def test_an_interrupted_run_goes_on_to_the_same_bytes(plain, whole, after):
     error = interrupted(plain, after)
-    kept = f"{after} of 5 frames are kept in cages.h5.partial; go on with --resume"
+    kept = f"{after} of 5 frames are kept in cages.h5.partial; continue with --resume"
     assert error.__notes__ == [kept]
     assert checkpoint_progress(LOG) == (after, 5)
     watch = Stopped()
     result = extract(replace(plain, resume=True), watch)
     assert result.path.read_bytes() == whole
-    assert watch.remarks == [("resumed", f"from frame {after} of 5")]
+    assert watch.notes == [("resumed", f"from frame {after} of 5")]
     assert not LOG.exists()
 
 
@@ -86,12 +86,12 @@ def test_memory_and_jobs_may_change_meanwhile(plain, whole):
 def test_without_a_run_before_it_begins(plain, whole):
     watch = Stopped()
     assert extract(replace(plain, resume=True), watch).path.read_bytes() == whole
-    assert watch.remarks == []
+    assert watch.notes == []
 
 
 def test_what_an_interrupted_run_left_is_not_lost_unasked(plain, whole):
     interrupted(plain, 2)
-    with pytest.raises(InputError, match=r"has left 2 of 5 frames there; go on with --resume, or"):
+    with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*2 of 5 frames"):
         extract(plain)
     assert checkpoint_progress(LOG) == (2, 5)
     assert extract(replace(plain, overwrite=True)).path.read_bytes() == whole
@@ -100,7 +100,7 @@ def test_what_an_interrupted_run_left_is_not_lost_unasked(plain, whole):
 def test_a_run_with_other_settings_is_refused(plain):
     interrupted(plain, 2)
     other = replace(plain, resume=True, solve=SolveSettings(alpha=0.5))
-    with pytest.raises(InputError, match=r"is of another run: its alpha was 0\.001, not 0\.5"):
+    with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*alpha was 0\.001, not 0\.5"):
         extract(other)
     assert checkpoint_progress(LOG) == (2, 5)
 
@@ -110,8 +110,8 @@ def test_frames_that_changed_are_solved_again(plain, animation, write_obj):
     write_obj(Path("frames/frame_3.obj"), animation.frames[2] + 0.25, animation.rest.faces)
     watch = Stopped()
     resumed = extract(replace(plain, resume=True), watch).path.read_bytes()
-    text = "from frame 2 of 5, for frame_3.obj is not what it was"
-    assert watch.remarks == [("resumed", text)]
+    text = "from frame 2 of 5 (frame_3.obj has changed)"
+    assert watch.notes == [("resumed", text)]
     assert resumed == extract(replace(plain, output=Path("whole.h5"))).path.read_bytes()
 
 
@@ -130,7 +130,7 @@ def test_a_whole_result_is_left_as_it_is(plain, whole):
     extract(plain)
     watch = Stopped()
     assert extract(replace(plain, resume=True), watch).path.read_bytes() == whole
-    assert watch.remarks == [("unchanged", "the result is whole already")]
+    assert watch.notes == [("unchanged", "up to date, nothing to do")]
 
 
 def test_a_whole_result_is_told_before_anything_is_bound(plain, whole, monkeypatch):
@@ -139,7 +139,7 @@ def test_a_whole_result_is_told_before_anything_is_bound(plain, whole, monkeypat
     def bind(*given):
         raise AssertionError("bound")
 
-    monkeypatch.setattr("cageik_cli.workflows.extract.bound_of", bind)
+    monkeypatch.setattr("cageik_cli.workflows.extract.load_or_compute_binding", bind)
     assert extract(replace(plain, resume=True)).path.read_bytes() == whole
     with pytest.raises(AssertionError, match="bound"):
         extract(replace(plain, resume=True, overwrite=True, keep_weights=False))
@@ -155,21 +155,21 @@ def test_going_on_may_replace_what_is_another_runs(plain, whole):
     assert extract(both).path.read_bytes() == whole
     watch = Stopped()
     extract(both, watch)
-    assert watch.remarks == [("unchanged", "the result is whole already")]
+    assert watch.notes == [("unchanged", "up to date, nothing to do")]
     Path("cages.h5").unlink()
     interrupted(plain, 3)
     extract(both, watch)
-    assert watch.remarks[1:] == [("resumed", "from frame 3 of 5")]
+    assert watch.notes[1:] == [("resumed", "from frame 3 of 5")]
 
 
 def test_a_frame_that_changes_before_it_is_drawn_is_refused(plain, animation, write_obj):
     class Changing(Stopped):
-        def advance(self, done, total):
+        def update(self, done, total):
             for k in range(1, 6) if total == done == 5 else ():
                 path, vertices = Path(f"frames/frame_{k}.obj"), k * animation.frames[0]
                 write_obj(path, vertices, animation.rest.faces)
 
-    with pytest.raises(InputError, match=r"frame_\d\.obj: changed while the run went on"):
+    with pytest.raises(FileAccessError, match=r"frame_\d\.obj: changed"):
         extract(plain, Changing())
     assert not Path("cages.h5").exists()
 
@@ -194,15 +194,15 @@ def test_a_run_killed_between_its_last_two_steps_is_done(plain, whole):
 def test_another_result_is_not_replaced_by_going_on(plain, whole, change, says):
     extract(plain)
     Path("other.obj").write_text(Path("cage.obj").read_text() + "# other\n")
-    with pytest.raises(InputError, match=f"is the result of {says}; choose another name"):
+    with pytest.raises(CheckpointError, match=rf"cages\.h5: .*{says}"):
         extract(replace(plain, resume=True, **change))
     assert Path("cages.h5").read_bytes() == whole
 
 
 def test_a_result_of_another_version_is_not_taken_for_this_ones(plain, whole, monkeypatch):
     extract(plain)
-    monkeypatch.setattr("cageik_cli.workflows.resume.__version__", "9.9")
-    with pytest.raises(InputError, match="is the result of another version of cageik; choose"):
+    monkeypatch.setattr("cageik_cli.workflows.plan.__version__", "9.9")
+    with pytest.raises(CheckpointError, match=r"cages\.h5: .*another version"):
         extract(replace(plain, resume=True))
     assert Path("cages.h5").read_bytes() == whole
 
@@ -290,9 +290,7 @@ def test_a_frame_that_is_damaged_meanwhile_costs_nothing_either(plain, whole):
 def test_a_whole_result_with_gaps_is_none_for_a_run_that_stops(gapped):
     result = extract(replace(gapped, on_bad_frame="skip"))
     data = result.path.read_bytes()
-    with pytest.raises(
-        InputError, match=r"2 frames were skipped in it, .*frame_2\.obj: 0 vertices"
-    ):
+    with pytest.raises(CheckpointError, match=r"cages\.h5: 2 frames .*frame_2\.obj: 0 vertices"):
         extract(replace(gapped, resume=True))
     assert result.path.read_bytes() == data
     again = extract(replace(gapped, resume=True, on_bad_frame="skip"))
@@ -310,7 +308,7 @@ def test_nothing_but_gaps_is_refused(plain):
                 for path in Path("frames").iterdir():
                     path.write_text("no mesh")
 
-    with pytest.raises(InputError, match=r"no frame can be read, the first: .*frame_1\.obj: 0 ver"):
+    with pytest.raises(FileAccessError, match=r"frame_1\.obj: 0 ver"):
         extract(replace(plain, on_bad_frame="skip"), Damaging())
     assert not Path("cages.h5").exists()
 
@@ -341,7 +339,7 @@ def test_the_command_says_what_is_kept_and_goes_on(run, gapped):
     outcome = run(*TYPED, "--memory", "1")
     assert outcome.code == 1
     assert outcome.err.splitlines()[-1].endswith(
-        "1 of 5 frames are kept in cages.h5.partial; go on with --resume"
+        "1 of 5 frames are kept in cages.h5.partial; continue with --resume"
     )
     for name in ("cages.h5", "cages.h5.partial"):
         said = run("report", name)

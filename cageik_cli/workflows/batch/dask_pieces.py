@@ -21,7 +21,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.clip_task import bind_clip
 from cageik_cli.workflows.batch.dask_worker import configure_worker
 from cageik_cli.workflows.batch.jobs import ClipJob
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 
 MIN_PIECE_SECONDS = 0.5
 """Work of a piece at least; what a scheduler spends on a task is a hundredth of it."""

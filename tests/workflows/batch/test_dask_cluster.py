@@ -38,8 +38,7 @@ from cageik_cli.workflows.batch.dask_pieces import (
     unpickle_with_weights,
 )
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
-from cageik_cli.workflows.extract import plan_extraction
-from cageik_cli.workflows.extract_inputs import ExtractSettings, load_or_compute_binding
+from cageik_cli.workflows.plan import ExtractSettings, load_or_compute_binding, plan_extraction
 
 ONE_FRAME = 7_000
 """Bytes that the weights, and blocks of one frame of the little animation, have room for."""
@@ -113,17 +112,17 @@ def test_results_are_the_bytes_of_one_process(workers, job):
     for each in jobs:
         assert each.settings.output.read_bytes() == local_bytes(each)
         assert found[each.name].entry == replace(run_clip(each).entry)
-    assert tasks_done(workers, "solved_piece")
+    assert tasks_done(workers, "solve_piece")
 
 
 def test_a_long_clip_is_solved_in_pieces_and_few_are_under_way(workers, job):
     workers.scheduler.transition_log.clear()
     found = outcomes(workers, [job("long", 100)], piece_seconds=0.0)
     assert found["long"].state is ClipState.DONE
-    assert len(tasks_done(workers, "solved_piece")) == 99
+    assert len(tasks_done(workers, "solve_piece")) == 99
     alive, most = set(), 0
     for key, _, end, *_ in workers.scheduler.transition_log:
-        if str(key).startswith("solved_piece"):
+        if str(key).startswith("solve_piece"):
             (alive.discard if end == "forgotten" else alive.add)(key)
             most = max(most, len(alive))
     assert most <= 12  # four, and those of which the scheduler has not heard yet
@@ -133,7 +132,7 @@ def test_short_clips_are_not_cut(workers, job):
     workers.scheduler.transition_log.clear()
     found = outcomes(workers, [job("short", 20)], piece_seconds=60.0)
     assert found["short"].state is ClipState.DONE
-    assert tasks_done(workers, "solved_piece") == []
+    assert tasks_done(workers, "solve_piece") == []
 
 
 def test_weights_are_made_once_and_travel_once(job, animation, write_obj, tmp_path):
@@ -182,11 +181,11 @@ def test_a_worker_is_killed_in_the_middle(workers, job):
     def kill():
         while len(killed) < 2:
             time.sleep(0.02)
-            done = len(tasks_done(workers, "solved_piece"))
+            done = len(tasks_done(workers, "solve_piece"))
             holders = [
                 task.processing_on
                 for key, task in list(workers.scheduler.tasks.items())
-                if str(key).startswith("clip_done") and task.processing_on
+                if str(key).startswith("run_clip_task") and task.processing_on
             ]
             if done > 30 * (1 + len(killed)) and holders:
                 pid = workers.workers[holders[0].name].pid
@@ -220,7 +219,7 @@ def test_clips_of_one_file_and_binding_files(workers, job, animation, tmp_path):
     workers.scheduler.transition_log.clear()
     found = outcomes(workers, jobs, piece_seconds=0.0)
     assert [found[each.name].entry.fault for each in jobs] == [None] * 3
-    assert len(tasks_done(workers, "solved_piece")) == 29 * 2 + 4
+    assert len(tasks_done(workers, "solve_piece")) == 29 * 2 + 4
     assert len(tasks_done(workers, "weights-")) == 2
     for each in jobs:
         assert each.settings.output.read_bytes() == local_bytes(each)
@@ -316,7 +315,7 @@ def test_pieces_that_end_every_worker(threaded, job, monkeypatch):
 
 def killing(common, bound, starts):
     last = SimpleNamespace(address="tcp://w:1")
-    raise distributed.KilledWorker("solved_piece", last, 3)
+    raise distributed.KilledWorker("solve_piece", last, 3)
 
 
 def test_a_fault_of_a_task_is_one_of_its_clip(threaded, job, monkeypatch):
@@ -353,7 +352,7 @@ def test_no_scheduler_answers(monkeypatch, address, reason):
 
 def test_no_worker_comes(threaded):
     address = threaded(0).scheduler_address
-    found = refusal(address, patience=0.2)
+    found = refusal(address, worker_timeout=0.2)
     assert found.startswith(f"{address}: the scheduler has had no worker for 0.2 s; start some")
     assert f"dask worker {address} --nthreads 1" in found
 
@@ -448,22 +447,21 @@ def test_a_log_is_waited_for_a_while(job):
 
 def test_other_files_than_when_the_work_began(job):
     settings = job("a").settings
-    inputs, _ = plan_extraction(settings)
-    bound = load_or_compute_binding(inputs, settings, ProgressListener())
+    plan = plan_extraction(settings)
+    bound = load_or_compute_binding(plan, ProgressListener())
     solver = DualLaplacianSolver(bound.binding, settings.solve)
-    work = BlockSolver(inputs.sequence, solver, False, ProgressListener())
+    work = BlockSolver(plan.sequence, solver, False, ProgressListener())
     common = ClipContext.build(settings, work, MemoryPlan(1, 1, 1))
     copy = pickle.loads(pickle.dumps(common))
-    assert copy.work_with(bound.binding).sequence.names == inputs.sequence.names
+    assert copy.build_block_solver(bound.binding).sequence.names == plan.sequence.names
     Path(settings.frames[0], "frame_4.obj").unlink()
     with pytest.raises(InputError, match="has 4 frames, or others, where it had 5"):
-        pickle.loads(pickle.dumps(common)).work_with(bound.binding)
+        pickle.loads(pickle.dumps(common)).build_block_solver(bound.binding)
 
 
 def test_a_solver_travels_without_its_weights(job, animation):
     settings = job("a").settings
-    inputs, _ = plan_extraction(settings)
-    binding = load_or_compute_binding(inputs, settings, ProgressListener()).binding
+    binding = load_or_compute_binding(plan_extraction(settings), ProgressListener()).binding
     solver = DualLaplacianSolver(binding, settings.solve)
     data = pickle_without_weights(binding, solver)
     assert binding.weights.tobytes() not in data

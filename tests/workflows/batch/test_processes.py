@@ -15,7 +15,7 @@ from cageik_cli.workflows.batch import processes as local
 from cageik_cli.workflows.batch.clip_task import run_clip
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
 from cageik_cli.workflows.batch.processes import ProcessScheduler
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def test_no_process_is_begun_after_the_end(monkeypatch):
         threading.Event().wait(0.3)
         begin(self)
 
-    monkeypatch.setattr(local._Worker, "_begin", begin_slowly)
+    monkeypatch.setattr(local._Worker, "_start", begin_slowly)
     os.kill(worker._pid.result(), signal.SIGKILL)
     done = []
     asking = threading.Thread(target=lambda: done.append(outcome_or_error(worker)))
@@ -138,6 +138,6 @@ def test_no_process_is_begun_after_the_end(monkeypatch):
 
 def outcome_or_error(worker):
     try:
-        return worker.done(None)
+        return worker.run_job(None)
     except Exception as error:
         return error

@@ -19,7 +19,7 @@ from cageik_cli.workflows.batch.run import (
     check_folder_empty,
     run_batch,
 )
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 
 
 class Scripted:
@@ -34,7 +34,7 @@ class Scripted:
     def __exit__(self, *error):
         self.has_ended = True
 
-    def outcomes(self, jobs):
+    def run_jobs(self, jobs):
         for outcome in self.made:
             if isinstance(outcome, BaseException):
                 raise outcome
@@ -43,12 +43,12 @@ class Scripted:
 
 class Heard(ProgressListener):
     def __init__(self):
-        self.remarks, self.steps = [], []
+        self.notes, self.steps = [], []
 
-    def remark(self, topic, text):
-        self.remarks.append((topic, text))
+    def note(self, topic, text):
+        self.notes.append((topic, text))
 
-    def advance(self, done, total):
+    def update(self, done, total):
         self.steps.append((done, total))
 
 
@@ -77,7 +77,7 @@ def test_outcomes_are_told_as_they_end_and_reported_in_order(tmp_path, done):
     assert [entry.fault for entry in overview.clips] == ["a: is broken", "no cage", None]
     (entry,) = (entry for entry in overview.clips if entry.summary)
     text = f"done, error {entry.summary.rms_percent:.4f} %"
-    assert heard.remarks == [("b", "no cage"), ("c", text), ("a", "a: is broken")]
+    assert heard.notes == [("b", "no cage"), ("c", text), ("a", "a: is broken")]
     assert heard.steps == [(1, 2), (2, 2)]
     assert scheduler.has_ended
     held = json.loads((tmp_path / "o" / "report.json").read_text())
