@@ -96,7 +96,7 @@ def test_quiet_says_what_is_over_its_limit_and_nothing_else(run, result, words):
 def test_what_an_open_model_lacks_is_not_judged(run, opened):
     outcome = run(*TYPED, "--max-volume-change", "0")
     assert outcome.code == 0
-    assert "  not judged     volume change not defined, limit 0 %" in outcome.err
+    assert "  not checked    volume change not defined, limit 0 %" in outcome.err
     outcome = run("report", "--max-volume-change", "0", "--json", "-")
     (gate,) = json.loads(outcome.out)["gates"]
     assert gate == {

@@ -1,4 +1,4 @@
-"""Limits in the figure over the frames: their lines, and labels that hide little."""
+"""Limits in the plot over the frames: their lines, and labels that cover little."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ def place_labels(
     levels : sequence of float
         Heights of all lines.
     occupied : sequence of Box
-        Where no label can be.
+        A box that labels must not touch.
     """
     boxes = list(occupied)
     for label in labels:
@@ -100,25 +100,25 @@ def _placement_cost(
 
 
 MAX_REACH = 2.5
-"""A limit is drawn up to so many times as high as the highest figure; beyond it is named alone."""
+"""Limits above this multiple of the highest value have no line; they are named above the plot."""
 
 LETTER_WIDTH = 0.0101
-"""How wide letters of labels are, about, as a share of the axes."""
+"""Approximate width of a letter of a label, as a share of the axes."""
 
 CURVE_SAMPLES = 600
-"""Points of a line that labels keep clear of."""
+"""Points of a curve that labels should not cover."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimitLine:
-    """A limit that is drawn with a series.
+    """A limit that is drawn with a curve.
 
     Attributes
     ----------
     series : Series
     check : LimitCheck
     heights : tuple of float
-        Of its lines, one or, on both sides of zero, two, in percent.
+        Percent; two of opposite sign if the limit applies on both sides of zero.
     label : str
     """
 
@@ -129,7 +129,7 @@ class LimitLine:
 
 
 def build_limit_lines(report: Report, series: Series) -> tuple[list[LimitLine], list[LimitCheck]]:
-    """The limits on a series that are drawn, and those far above it."""
+    """Split the limits on a curve into those that are drawn and those far above it."""
     words = choose_vocabulary(report.edited_from)
     reach = MAX_REACH * np.nanmax(np.abs(series.values), initial=MIN_AXIS_PERCENT)
     to_percent = 100 / report.clip.diagonal
@@ -146,7 +146,7 @@ def build_limit_lines(report: Report, series: Series) -> tuple[list[LimitLine], 
 
 
 def draw_limit_lines(axes: Axes, limits: Sequence[LimitLine]) -> None:
-    """Draw limits on the axes of their series, dashed, without their labels."""
+    """Draw limits as dashed lines on the axes of their curve, without labels."""
     for limit in limits:
         for height in limit.heights:
             axes.axhline(
@@ -159,16 +159,16 @@ def draw_limit_labels(
     limits: Sequence[LimitLine],
     occupied: Box,
 ) -> None:
-    """Name the limits, above the lines of both axes and where they hide little.
+    """Label the limits, above or below their lines, where the labels cover little.
 
     Parameters
     ----------
     drawn : tuple
-        The left axes, which are in front, and the right ones, each with its series.
+        The left axes, which are in front, and the right ones, each with its curve.
     limits : sequence of LimitLine
-        Those that are drawn.
+        The limits that have lines.
     occupied : Box
-        Where no label can be.
+        A box that labels must not touch.
     """
     points = np.concatenate([_sample_curve(axes, series) for axes, series in drawn])
     labels = [
@@ -197,13 +197,13 @@ def draw_limit_labels(
 
 
 def format_limit_label(check: LimitCheck, words: Vocabulary) -> str:
-    """A limit and its verdict, as short as a label is to be."""
+    """Format a limit and its verdict for a label."""
     verdict = make_verdict(check).text
     return f"{words.limits[check.metric]} ≤ {format_limit(check)} {check.unit}, {verdict}"
 
 
 def _sample_curve(axes: Axes, series: Series) -> Floats:
-    """Places along a line, (k, 2), as shares of the axes."""
+    """Sample points along a curve, (k, 2), as shares of the axes."""
     first, last = axes.get_xlim()
     frames = np.linspace(0, len(series.values) - 1, CURVE_SAMPLES)
     heights = np.interp(frames, np.arange(len(series.values)), series.values)
@@ -211,6 +211,6 @@ def _sample_curve(axes: Axes, series: Series) -> Floats:
 
 
 def _axes_fractions(axes: Axes, heights: Sequence[float] | Floats) -> list[float]:
-    """Where heights are between the lower and the upper end of the axes."""
+    """Return heights as shares of the axes, from the lower end."""
     low, high = axes.get_ylim()
     return [float(height / (high - low) - low / (high - low)) for height in heights]

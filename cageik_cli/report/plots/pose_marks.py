@@ -1,6 +1,6 @@
-"""The marks of a picture of a pose: anchors, arrows to their targets, and rings around these.
+"""The marks of a plot of a pose: anchors, arrows to their targets, and rings around targets.
 
-Places are points of the figure, 72 to the inch, x to the right and y downwards.
+Positions are in points of the figure, 72 per inch, x to the right and y downwards.
 """
 
 from collections.abc import Iterator
@@ -20,31 +20,31 @@ from cageik_cli.util.arrays import Floats
 Flags = NDArray[np.bool_]
 
 LEGEND_FONT_SIZE = 8.0
-"""Size of letters."""
+"""Points."""
 
 HANDLE_COLOUR = "#c8321f"
 
 ANCHOR_STYLES = ((False, HANDLE_COLOUR, "o"), (True, INK, "s"))
-"""Whether it is pinned, and the colour and mark of such an anchor."""
+"""Whether an anchor is pinned, its colour and its marker."""
 
 DOT_SIZE, RING_SIZE = 6.0, 11.0
-"""Across marks: anchors, and the targets around them."""
+"""Diameters of the marks of anchors, and of the rings of targets."""
 
 MARK_OFFSETS = RING_SIZE / 2 * np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)])
-"""What a mark covers: points from its middle."""
+"""Points that a mark covers, relative to its centre."""
 
 COVERED_OPACITY = 0.5
 """Opacity of marks behind the model."""
 
 SHAFT_WIDTH, HEAD_LENGTH, HEAD_WIDTH = 1.9, 9.0, 7.0
-"""Of an arrow."""
+"""Sizes of an arrow."""
 
 MIN_DRAWN_LENGTH = 1.0
-"""Shorter arrows (those towards the viewer, say) and smaller misses of pins are not drawn."""
+"""Shorter arrows (for example towards the viewer) and smaller misses of pins are not drawn."""
 
 
 def draw_arrows(axes: Axes, starts: Floats, ends: Floats) -> None:
-    """Draw an arrow from each place to another, (k, 2)."""
+    """Draw an arrow from each start to its end, (k, 2)."""
     for start, end in zip(starts, ends, strict=True):
         along = end - start
         length = float(np.hypot(*along))
@@ -64,9 +64,9 @@ def draw_arrows(axes: Axes, starts: Floats, ends: Floats) -> None:
 
 
 def draw_targets(axes: Axes, dots: Floats, targets: Floats, pinned: Flags) -> None:
-    """Ring the targets, with a line to where what was to go there is, if that can be seen.
+    """Ring the targets, with a dashed line to their anchors if those are outside the ring.
 
-    Those of pins are ringed only if they are missed.
+    Targets of pins are ringed only if they are missed.
     """
     misses = np.linalg.norm(dots - targets, axis=1)
     for is_pin, colour, marker in ANCHOR_STYLES:
@@ -87,7 +87,7 @@ def draw_targets(axes: Axes, dots: Floats, targets: Floats, pinned: Flags) -> No
 
 
 def draw_anchors(axes: Axes, dots: Floats, pinned: Flags, covered: Flags) -> None:
-    """Mark the anchors, (l, 2), those behind the model paler."""
+    """Mark the anchors, (l, 2); those behind the model are paler."""
     for is_pin, colour, marker in ANCHOR_STYLES:
         for is_covered in (True, False):
             axes.plot(
@@ -104,15 +104,15 @@ def draw_anchors(axes: Axes, dots: Floats, pinned: Flags, covered: Flags) -> Non
 
 
 def draw_legend(figure: Figure, pinned: Flags) -> None:
-    """Say below all panels what the marks are."""
+    """Explain the marks below all panels."""
     marks = []
     if not pinned.all():
         marks += [
             (HANDLE_COLOUR, "o", DOT_SIZE, HANDLE_COLOUR, "handle"),
-            (HANDLE_COLOUR, "o", RING_SIZE, "none", "its target"),
+            (HANDLE_COLOUR, "o", RING_SIZE, "none", "target"),
         ]
     if pinned.any():
-        marks += [(INK, "s", DOT_SIZE, INK, "pinned")]
+        marks += [(INK, "s", DOT_SIZE, INK, "pin")]
     figure.legend(
         [
             Line2D([], [], linestyle="", color=colour, marker=marker, ms=size, mfc=inside)
