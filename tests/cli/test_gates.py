@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-import yaml
 
 from cageik_cli.report.figures import format_length, format_percent
 
@@ -336,14 +335,3 @@ class TestStepSummary:
         assert outcome.code == 0
         assert "of the 1048576 that GitHub shows, nothing was added" in outcome.err
         assert page.read_text() == full
-
-
-def test_the_workflow_of_the_readme_is_one():
-    """Its YAML is read, and its steps are those of a job that makes a batch."""
-    text = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
-    (block,) = [part.split("```")[0] for part in text.split("```yaml\n")[1:]]
-    workflow = yaml.safe_load(block)
-    (job,) = workflow["jobs"].values()
-    assert "runs-on" in job
-    assert any("cageik batch" in step.get("run", "") for step in job["steps"])
-    assert all(("run" in step) != ("uses" in step) for step in job["steps"])
