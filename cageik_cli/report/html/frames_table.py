@@ -148,7 +148,9 @@ def _exactness_rows(quality: WeightQuality) -> list[QualityRow]:
 def _smallest_weight_row(quality: WeightQuality, is_harmonic: bool) -> QualityRow:
     label, smallest = "Smallest weight", f"{quality.min_weight:.1e}"
     if is_harmonic:
-        meaning = "Exact harmonic weights are never negative, so a negative one is an error."
+        meaning = (
+            "Exact harmonic weights are never negative; a negative one shows the size of the error."
+        )
         return QualityRow(label, smallest, meaning, f"{MIN_HARMONIC_WEIGHT} or more")
     meaning = (
         "Mean value weights can be negative near concave parts of a cage. There the model moves "

@@ -17,13 +17,13 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.plots.limit_lines import (
-    Box,
     LimitLine,
     build_limit_lines,
     draw_limit_labels,
     draw_limit_lines,
     format_limit_label,
 )
+from cageik_cli.report.plots.placement import Box
 from cageik_cli.report.plots.series import MIN_AXIS_PERCENT, Series, build_series
 from cageik_cli.report.plots.style import INK, MUTED, make_drawable, use_fixed_style
 from cageik_cli.report.record import Report

@@ -13,7 +13,7 @@ from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from cageik_cli.report.plots.limit_lines import Box
+from cageik_cli.report.plots.placement import Box, place_boxes
 from cageik_cli.report.plots.style import INK, MUTED
 from cageik_cli.util.arrays import Floats
 
@@ -132,66 +132,45 @@ def draw_legend(figure: Figure, pinned: Flags) -> None:
 
 
 NAME_GAPS = (8.0, 14.0, 21.0)
-"""Between a dot and its name; the nearest is the best."""
+"""Distances between a dot and its name; the smallest is the best."""
 
 NAME_SIDES = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))
-"""Of a dot where its name may stand: to the right or left, above or below."""
+"""Sides of a dot for its name, the best first: right, left, above, below, then the corners."""
 
 EDGE_MARGIN = 3.0
-"""Between a name and the sides of the picture."""
+"""Distance between a name and the sides of the picture."""
 
 GAP_STEP_COST = 2.0
-"""Points that a name may hide rather than stand one gap further away."""
+"""Cost of the next larger gap; to cover a point costs one."""
 
 
-def place_names(dots: Floats, sizes: Floats, hidden: Floats, side: float) -> list[Box | None]:
-    """A place beside its dot for each name, in a square picture; None where there is no room.
+def place_names(dots: Floats, sizes: Floats, points: Floats, side: float) -> list[Box | None]:
+    """Place each name beside its dot in a square picture; None where there is no room.
 
     Parameters
     ----------
     dots : (k, 2) float64
-        The first have the first choice.
+        The first names choose first.
     sizes : (k, 2) float64
-        Of the names, across and down.
-    hidden : (p, 2) float64
-        What is better not covered.
+        Widths and heights of the names.
+    points : (p, 2) float64
+        Points that should stay visible.
     side : float
-        Of the picture.
-
-    Returns
-    -------
-    list of (left, top, right, bottom)
+        Size of the picture.
     """
-    boxes: list[Box | None] = []
-    for dot, size in zip(dots, sizes, strict=True):
-        occupied = [box for box in boxes if box is not None]
-        free = [
-            box for box in _candidate_boxes(dot, size, side) if not _overlaps_any(box[1], occupied)
-        ]
-        best = min(free, key=lambda one: one[0] + _count_covered(one[1], hidden), default=None)
-        boxes.append(None if best is None else best[1])
-    return boxes
+    return place_boxes(
+        (_candidate_boxes(dot, size, side) for dot, size in zip(dots, sizes, strict=True)), points
+    )
 
 
 def _candidate_boxes(dot: Floats, size: Floats, side: float) -> Iterator[tuple[float, Box]]:
-    """Boxes beside a dot with what each costs, the best first; none leaves the picture."""
+    """Yield boxes beside a dot with their costs, the best first; all are inside the picture."""
     if (size > side - 2 * EDGE_MARGIN).any():
         return
     for step, gap in enumerate(NAME_GAPS):
-        for place, (right, down) in enumerate(NAME_SIDES):
+        for number, (right, down) in enumerate(NAME_SIDES):
             towards = np.array([right, down]) * (1.0 if 0 in (right, down) else np.sqrt(0.5))
             middle = dot + towards * gap + np.array([right, down]) * size / 2
             low = np.clip(middle - size / 2, EDGE_MARGIN, side - EDGE_MARGIN - size)
             left, top, end, bottom = (float(value) for value in (*low, *(low + size)))
-            yield GAP_STEP_COST * step + 0.01 * place, (left, top, end, bottom)
-
-
-def _count_covered(box: Box, points: Floats) -> int:
-    left, top, right, bottom = box
-    x, y = points.T
-    return int(np.count_nonzero((left < x) & (x < right) & (top < y) & (y < bottom)))
-
-
-def _overlaps_any(box: Box, others: list[Box]) -> bool:
-    left, top, right, bottom = box
-    return any(a < right and left < c and b < bottom and top < d for a, b, c, d in others)
+            yield GAP_STEP_COST * step + 0.01 * number, (left, top, end, bottom)
