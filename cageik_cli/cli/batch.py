@@ -107,7 +107,7 @@ def _choose_scheduler(options: dict[str, Any]) -> Any:
 def _show_overview(overview: Any, quiet: bool) -> None:
     """How the batch ended: in numbers, and why each clip failed or is over a limit."""
     failed = [entry for entry in overview.clips if entry.has_failed]
-    over = [entry for entry in overview.clips if entry.exceeds]
+    over = [entry for entry in overview.clips if entry.exceeds_limit]
     if not quiet:
         done = len(overview.clips) - len(failed)
         text = f"{len(overview.clips)} clips: {done} done, {len(failed)} failed"

@@ -275,7 +275,7 @@ def _make_clip_settings(
         options = dict(context.params)
         for name in BATCH_OPTIONS:
             options.pop(name, None)
-        limits = pop_limits(options, load_baseline).by_name()
+        limits = pop_limits(options, load_baseline).match_by_name()
         return make_extract_settings(options | {"output": Path()}), limits
 
 

@@ -66,7 +66,7 @@ def report_command(results: tuple[Path, ...], overwrite: bool, quiet: bool, **op
         if path is not None and str(path) != "-":
             check_writable(path, overwrite)
     names = _choose_names(results)
-    limits = limits.by_name() if len(results) > 1 else limits
+    limits = limits.match_by_name() if len(results) > 1 else limits
     loaded = list(map(read_result, results))
     reports = [
         build_report(*given) for given in zip(loaded, [limits] * len(loaded), names, strict=True)

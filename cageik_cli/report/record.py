@@ -1,4 +1,4 @@
-"""The record that every view of a result shows; views compute nothing."""
+"""The record of a result that all views show; views compute nothing."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -22,18 +22,18 @@ SCHEMA_VERSION = 1
 E_RMS_FACTOR = 2000 / np.sqrt(3)
 
 HISTOGRAM_BINS = 40
-"""Of the histogram over vertices."""
+"""Bins of the histogram over vertices."""
 
 MAX_WORST_VERTICES = 10
-"""Vertices that are named."""
+"""Vertices in the list of the worst ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
     """One result's report; `report.json` is this record.
 
-    `edited_from` names the result that it is an edit of, None for one that was extracted. Figures
-    of an edit tell how far it moved the mesh.
+    `edited_from` names the result that was edited; None for an extracted one. The metrics of an
+    edit measure how far it moved the mesh.
     """
 
     schema: int
@@ -58,9 +58,9 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
     ----------
     result : Result
     limits : Limits, optional
-        What it is to keep; nothing by default.
+        Limits on its metrics; none by default.
     name : str, optional
-        What it is called; its file's name by default.
+        Name of the result; by default that of its file.
     """
     rest, result_name = result.rest, to_unicode(name or result.path.name)
     limits = limits or Limits()
@@ -169,12 +169,12 @@ def _build_vertex_metrics(result: Result) -> VertexMetrics:
 
 
 def _positive_max(values: Floats) -> float:
-    """The largest of them, or one if that is zero."""
+    """Return the largest value, or one if that is zero."""
     return float(np.nanmax(values)) or 1.0
 
 
 def _percent_change(new: Floats, old: Floats) -> Floats:
-    """100 (new − old)/old; nan where old is zero or nan, and infinite where it is next to zero."""
+    """Return 100 (new − old)/old; nan where old is zero or nan, infinite where it is tiny."""
     usable = np.where(old == 0, np.nan, old)
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(100 * (new - old) / usable)

@@ -35,7 +35,7 @@ class Here:
     def __exit__(self, *error):
         pass
 
-    def outcomes(self, jobs):
+    def run_jobs(self, jobs):
         for job in jobs:
             self.done.append(job.name)
             yield run_clip(job)
@@ -44,7 +44,7 @@ class Here:
 @pytest.fixture
 def here(monkeypatch) -> list[str]:
     """Jobs are done in this process; the names of those that were."""
-    monkeypatch.setattr(command, "_scheduler", lambda options: Here())
+    monkeypatch.setattr(command, "_choose_scheduler", lambda options: Here())
     monkeypatch.setattr(Here, "done", [])
     return Here.done
 

@@ -22,7 +22,7 @@ class Case:
 
     result: Result
     frames: np.ndarray
-    rebuilt: np.ndarray
+    reconstruction: np.ndarray
     faces: np.ndarray
 
 
@@ -36,8 +36,8 @@ def case_of(tmp_path_factory, animation, write_obj):
         cage = write_obj(folder / "cage.obj", animation.cage.vertices, animation.cage.faces)
         result = extract(ExtractSettings((str(folder / "clip.npz"),), cage, folder / "cages.h5"))
         with h5py.File(result.path) as file:
-            rebuilt = file["weights"][:] @ file["verts"][:]
-        return Case(result, frames, rebuilt, faces)
+            reconstruction = file["weights"][:] @ file["verts"][:]
+        return Case(result, frames, reconstruction, faces)
 
     return extracted
 

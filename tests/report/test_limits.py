@@ -80,7 +80,7 @@ def test_a_figure_that_is_not_defined_is_not_judged():
     gate = gate_on(opened, "volume_change", "2")
     assert (gate.found, gate.frame, gate.passed) == (None, None, None)
     assert format_check_row(gate, EXTRACTION_VOCABULARY) == (
-        "not judged",
+        "not checked",
         "volume change not defined, limit 2 %",
     )
 
@@ -156,7 +156,7 @@ def test_every_metric_is_compared(metric):
 def test_one_result_is_compared_with_one_whatever_it_is_called():
     one = Limits((), baseline({"a": figures_of(summary())}, "0"))
     two = Limits((), baseline({"a": figures_of(summary()), "b": figures_of(summary())}, "0"))
-    says = ("not compared with old.json, which has no result of this name",)
+    says = ("not compared with the baseline: old.json has no result named c",)
     for limits, name, count in (
         (one, "a", 4), (one, "c", 4), (one.match_by_name(), "a", 4), (one.match_by_name(), "c", 0),
         (two, "b", 4), (two, "c", 0),
@@ -177,7 +177,7 @@ def test_a_volume_that_only_one_run_has_is_not_judged():
         gates.METRICS[:3]
     )
     assert missing_in_baseline("a", summary(), now_closed) == (
-        "volume change not compared: not defined in old.json",
+        "volume change not compared with the baseline: not defined in old.json",
     )
     assert missing_in_baseline("a", opened, now_closed) == ()
 

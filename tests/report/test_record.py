@@ -25,18 +25,18 @@ def column(report, name):
 
 
 def test_figures_of_each_frame(closed, report):
-    misses = np.linalg.norm(closed.rebuilt - closed.frames, axis=2)
+    misses = np.linalg.norm(closed.reconstruction - closed.frames, axis=2)
     diagonal = np.linalg.norm(np.ptp(closed.frames[0], axis=0))
     volume = volumes(closed.frames, closed.faces)
-    rebuilt = volumes(closed.rebuilt, closed.faces)
+    reconstruction = volumes(closed.reconstruction, closed.faces)
     expected = {
         "rms": np.sqrt((misses**2).sum(axis=1) / 18),
         "rms_percent": 100 * np.sqrt((misses**2).mean(axis=1)) / diagonal,
         "max_deviation": misses.max(axis=1),
         "max_deviation_percent": 100 * misses.max(axis=1) / diagonal,
         "volume": volume,
-        "volume_reconstructed": rebuilt,
-        "volume_change": 100 * (rebuilt - volume) / volume,
+        "volume_reconstructed": reconstruction,
+        "volume_change": 100 * (reconstruction - volume) / volume,
         "volume_drift": 100 * (volume - volume[0]) / volume[0],
     }
     for name, values in expected.items():
@@ -48,7 +48,7 @@ def test_figures_of_each_frame(closed, report):
 
 
 def test_the_summary(closed, report):
-    squares = ((closed.rebuilt - closed.frames) ** 2).sum(axis=2)
+    squares = ((closed.reconstruction - closed.frames) ** 2).sum(axis=2)
     diagonal = np.linalg.norm(np.ptp(closed.frames[0], axis=0))
     rms = np.sqrt(squares.mean())
     means = closed.frames.mean(axis=1, keepdims=True)

@@ -63,13 +63,13 @@ def test_failed_clips_come_first_then_those_over_a_limit_then_the_worst(report):
     assert _rows(page)[0].text.endswith(FAULT)
     assert "1 of 5 clips failed, 2 of 5 clips over a limit" in parsed(page).text
     counts = parsed(page).text
-    assert "Failed 1 Over a limit 2 Fine 2" in counts
+    assert "Failed 1 Over a limit 2 OK 2" in counts
 
 
 @pytest.mark.parametrize(
     ("most", "verdict"),
     [
-        ("99", "All clips are done, and none is over a limit"),
+        ("99", "All clips done, none over a limit"),
         ("0.0001", "1 of 1 clip over a limit"),
     ],
 )
@@ -84,7 +84,7 @@ def test_a_row_tells_the_figures_as_printed(report):
     summary, cells = report.summary, [cell.text for cell in row.all("td")]
     rms = format_percent(summary.rms_percent)
     assert cells == [
-        f"Over the limit error of the clip {rms} > 0.0001 %",
+        f"Over the limit RMS error of the clip {rms} > 0.0001 %",
         "",
         rms,
         f"{format_percent(summary.worst_frame_rms_percent)} {summary.worst_frame}",

@@ -61,9 +61,9 @@ def pictures_of_one_point(noise: int = 0) -> Pictures:
     poses = [("rest", "rest pose"), ("worst", "frame_5"), ("median", "frame_3"), ("best", NAMES[0])]
     return Pictures(
         poses=tuple(PosePictures(label, name, *[picture] * 3) for label, name in poses),
-        spread=(picture, picture),
-        top_percent=1.5,
-        spread_top_percent=0.8,
+        rest_views=(picture, picture),
+        max_deviation_percent=1.5,
+        max_rms_percent=0.8,
         colours=("#102030", "#405060", "#f0e020"),
     )
 
@@ -95,7 +95,7 @@ def test_each_limit_has_its_row(page, report):
     rows = [[cell.text for cell in row.all("th", "td")] for row in table.all("tr")]
     assert rows[1:] == [
         [
-            "error of the clip",
+            "RMS error of the clip",
             "0.0001",
             format_percent(summary.rms_percent),
             "% of the diagonal",
@@ -106,7 +106,7 @@ def test_each_limit_has_its_row(page, report):
             "max deviation",
             "9.5",
             format_length(summary.max_deviation),
-            "units of the file",
+            "file units",
             summary.max_deviation_frame,
             "within limit",
         ],
@@ -127,41 +127,41 @@ def test_limits_of_a_baseline_are_told_from_those_typed(report):
         parsed(render_page(replace(report, gates=gates), None)).by_id("verdict").all("table")
     )
     names = [row.text for row in table.all("th") if row.attributes["scope"] == "row"]
-    assert names[0] == "error of the clip against 0.2500 of the baseline"
+    assert names[0] == "RMS error of the clip baseline 0.2500"
     assert not any("baseline" in name for name in names[1:])
 
 
 def test_without_limits_it_says_so(report):
     verdict = parsed(render_page(replace(report, gates=()), None)).by_id("verdict")
-    assert "No limits were stated" in verdict.text
+    assert "No limits set" in verdict.text
     assert list(verdict.all("table")) == []
 
 
 GATE = LimitCheck("rms", "%", 1.0, 0.5, "a", True)
-OVER, UNJUDGED = replace(GATE, passed=False), replace(GATE, found=None, passed=None)
+OVER, UNCHECKED = replace(GATE, passed=False), replace(GATE, found=None, passed=None)
 
 
 @pytest.mark.parametrize(
     ("gates", "state", "text"),
     [
-        ([], "none", "No limits were stated"),
+        ([], "none", "No limits set"),
         ([GATE], "good", "Within the limit"),
         ([OVER], "bad", "Over the limit"),
-        ([UNJUDGED], "none", "No limit could be judged"),
+        ([UNCHECKED], "none", "No limit could be checked"),
         ([GATE, GATE], "good", "Within 2 of 2 limits"),
-        ([GATE, UNJUDGED], "good", "Within 1 of 2 limits; 1 could not be judged"),
-        ([GATE, OVER, UNJUDGED], "bad", "Over 1 of 3 limits; 1 could not be judged"),
+        ([GATE, UNCHECKED], "good", "Within 1 of 2 limits; 1 could not be checked"),
+        ([GATE, OVER, UNCHECKED], "bad", "Over 1 of 3 limits; 1 could not be checked"),
     ],
 )
 def test_what_limits_come_to(gates, state, text):
     assert make_overall_verdict(gates) == Verdict(state, text)
 
 
-def test_a_limit_that_could_not_be_judged_says_so(opened):
+def test_a_limit_that_cannot_be_checked_says_so(opened):
     report = build_report(opened.result, LIMITS)
     table = next(parsed(render_page(report, None)).by_id("verdict").all("table"))
     assert "volume change 99 not defined % of the volume" in table.text
-    assert "not judged" in table.text
+    assert "not checked" in table.text
 
 
 def test_every_figure_of_the_record_is_there_as_printed(page, report):
@@ -173,7 +173,8 @@ def test_every_figure_of_the_record_is_there_as_printed(page, report):
         *map(format_length, (summary.rms, summary.worst_frame_rms, summary.max_deviation)),
         *map(format_change, (summary.volume_change_percent_max, summary.volume_drift_percent_max)),
         *map(format_metric, (summary.e_rms, summary.kg_error)),
-        *map(str, (summary.max_deviation_vertex, summary.floats_per_frame, summary.fixed_floats)),
+        *map(str, (summary.max_deviation_vertex, summary.floats_per_frame)),
+        f"{report.clip.vertices} x {report.clip.cage_vertices} weight matrix",
         *map(format_percent, vertices.edges_percent),
         *map(str, vertices.counts),
         f"{binding.partition_of_unity:.1e}",
@@ -201,7 +202,7 @@ def test_every_figure_of_the_record_is_there_as_printed(page, report):
 
 def test_the_table_of_frames_is_the_record(page, report):
     titles, *rows = _rows(page, "frames-table")
-    assert titles[:4] == ["#", "Frame", "RMS, %", "RMS, units"]
+    assert titles[:4] == ["#", "Frame", "RMS, %", "RMS, file units"]
     assert rows == [
         [
             str(frame.index),
@@ -245,14 +246,14 @@ def test_a_closed_model_with_missing_data_says_why_there_is_no_volume(report):
         kg_error=None,
     )
     words = parsed(render_page(replace(report, summary=none), None)).by_id("verdict").text
-    assert "Volume change not defined not every vertex is data" in words
+    assert "Volume change not defined some vertices are missing data" in words
     assert "KG error not defined" in words
 
 
 def test_a_change_without_a_drift_says_so(report):
     summary = replace(report.summary, volume_drift_percent_max=None)
     words = parsed(render_page(replace(report, summary=summary), None)).by_id("verdict").text
-    assert "the input's own drift from rest is not defined" in words
+    assert "drift of the input from rest not defined" in words
 
 
 def test_skipped_frames_say_why(report):
@@ -263,13 +264,13 @@ def test_skipped_frames_say_why(report):
     page = render_page(skipping, None)
     assert faults_of(page) == []
     assert _rows(page, "frames-table")[-1][2] == f"skipped: {NAMES[1]}"
-    assert "1 of 5 frames were skipped and are in no figure" in parsed(page).text
+    assert "1 of 5 frames skipped" in parsed(page).text
 
 
 def test_the_quality_of_weights_is_explained(page, report):
     text = parsed(page).by_id("weights").text
     for row in build_quality_rows(report):
-        assert f"{row.label} {row.found} {row.meaning} {row.good}" in text
+        assert " ".join((row.label, row.value, row.meaning, row.expected)).strip() in text
 
 
 def test_pictures_are_there_with_their_scales(page):
@@ -284,7 +285,7 @@ def test_pictures_are_there_with_their_scales(page):
         f"Best frame {NAMES[0]}",
     ]
     assert "0 0.375 0.75 1.125 1.5" in tree.by_id("poses").text
-    assert "0 0.2 0.4 0.6 0.8" in tree.by_id("where").text
+    assert "0 0.2 0.4 0.6 0.8" in tree.by_id("worst-vertices").text
     ramps = [e for e in tree.all("div") if e.attributes.get("class") == "ramp"]
     assert len(ramps) == 2
     assert all("#102030, #405060, #f0e020" in ramp.attributes["style"] for ramp in ramps)
@@ -298,7 +299,7 @@ def test_without_pictures_it_says_why(report):
 
 def test_the_histogram_is_as_high_as_its_counts(page, report):
     (svg,) = (
-        svg for svg in parsed(page).by_id("spread").all("svg") if svg.attributes["role"] == "img"
+        svg for svg in parsed(page).by_id("histogram").all("svg") if svg.attributes["role"] == "img"
     )
     bars = [bar for bar in svg.all("rect") if bar.attributes["class"] == "bar"]
     heights = np.array([float(bar.attributes["height"]) for bar in bars])
@@ -311,7 +312,7 @@ def test_the_histogram_is_as_high_as_its_counts(page, report):
 def test_the_bins_of_the_histogram_can_be_told_apart(report, top, shown):
     edges = tuple(np.linspace(0, top, len(report.vertices.counts) + 1).tolist())
     vertices = replace(report.vertices, edges_percent=edges)
-    spread = parsed(render_page(replace(report, vertices=vertices), None)).by_id("spread")
+    spread = parsed(render_page(replace(report, vertices=vertices), None)).by_id("histogram")
     rows = [[cell.text for cell in row.all("td")] for row in spread.all("tr")][1:]
     assert rows[-1][1] == shown
     assert len({low for low, _, _ in rows}) == len(rows)

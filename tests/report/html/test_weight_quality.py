@@ -12,7 +12,7 @@ from cageik_cli.report.record import build_report
     ("settings", "panels", "words"),
     [
         ({"coordinates": "harmonic", "accuracy": "fine"}, 8, ["0.001 or less", "never negative"]),
-        ({"coordinates": "mean-value"}, 0, ["closed form", "negative across concave parts"]),
+        ({"coordinates": "mean-value"}, 0, ["closed form", "negative near concave parts"]),
         ({"coordinates": "harmonic", "accuracy": "other"}, 8, ["never negative"]),
     ],
 )
@@ -20,7 +20,7 @@ def test_weights_are_explained_by_their_kind(closed, settings, panels, words):
     report = build_report(closed.result)
     binding = replace(report.binding, panels=panels)
     rows = build_quality_rows(replace(report, settings=settings, binding=binding))
-    text = " ".join(f"{row.meaning} {row.good}" for row in rows)
+    text = " ".join(f"{row.meaning} {row.expected}" for row in rows)
     assert [word for word in words if word not in text] == []
     assert ("Panels" in [row.label for row in rows]) == bool(panels)
 
@@ -29,5 +29,5 @@ def test_an_accuracy_that_is_not_known_is_no_aim(closed):
     report = build_report(closed.result)
     binding = replace(report.binding, panels=8)
     rows = build_quality_rows(replace(report, settings={"accuracy": "other"}, binding=binding))
-    (row,) = [row for row in rows if row.label.startswith("Mean row L1 error")]
-    assert row.good == ""
+    (row,) = [row for row in rows if row.label.startswith("Estimated weight error")]
+    assert row.expected == ""

@@ -36,7 +36,7 @@ def test_the_lines_are_the_figures_of_the_record(report):
     left, right = draw_plot(report).axes
     assert left.get_ylabel() == "RMS error, % of the diagonal"
     assert right.get_ylabel() == "volume change, %"
-    assert left.get_xlabel() == "frame of cages.h5, numbered from 0"
+    assert left.get_xlabel() == "frame of cages.h5 (the first is 0)"
     assert error.get_color() != change.get_color()
     assert error.get_linestyle() != change.get_linestyle()
     assert error.get_marker() != change.get_marker()
@@ -77,7 +77,7 @@ def test_many_limits_without_a_line_are_cut_short(made):
     (text,) = [
         text
         for text in texts(made([1.0, 2.0], [0.0, 1.0], limits=limits))
-        if text.startswith("not drawn: ")
+        if text.startswith("limits without a line: ")
     ]
     assert len(text) <= 100
     assert text.endswith(" …")
@@ -87,8 +87,8 @@ def test_limits_without_a_line_are_named(made):
     far = made([1.0, 2.0], [0.0, 1.0], limits=[Limit("rms", Decimal(90))])
     other = made([1.0, 2.0], [0.0, 1.0], limits=[Limit("max_deviation", Decimal(90))])
     assert lines(far, "limit") == lines(other, "limit") == []
-    assert "not drawn: rms ≤ 90 %, within limit" in texts(far)
-    assert "not drawn: max deviation ≤ 90 %, within limit" in texts(other)
+    assert "limits without a line: rms ≤ 90 %, within limit" in texts(far)
+    assert "limits without a line: max deviation ≤ 90 %, within limit" in texts(other)
     (error,) = lines(far, "rms")
     assert error.axes.get_ylim()[1] < 5
 
@@ -117,7 +117,7 @@ def test_rounding_does_not_look_like_error(made):
     report = made([1e-15, 3e-15], [1e-13, -1e-13], limits=[Limit("rms", Decimal("0.3"))])
     for axes in draw_plot(report).axes:
         assert 0.001 < axes.get_ylim()[1] < 0.002
-    assert "not drawn: rms ≤ 0.3 %, within limit" in texts(report)
+    assert "limits without a line: rms ≤ 0.3 %, within limit" in texts(report)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 40])

@@ -49,7 +49,9 @@ def test_a_limit_in_units_stands_where_the_diagonal_puts_it(made):
 
 def test_a_limit_made_of_a_baseline_is_printed_as_figures_are():
     gate = LimitCheck("volume_change", "%", 1.1, None, None, None, baseline=1.0)
-    assert format_limit_label(gate, EXTRACTION_VOCABULARY) == "volume change ≤ 1.1000 %, not judged"
+    assert (
+        format_limit_label(gate, EXTRACTION_VOCABULARY) == "volume change ≤ 1.1000 %, not checked"
+    )
 
 
 def test_a_limit_that_was_typed_keeps_its_digits():

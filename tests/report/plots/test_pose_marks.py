@@ -11,9 +11,9 @@ SIDE = 100.0
 NOTHING = np.empty((0, 2))
 
 
-def placed(dots, size=(20.0, 8.0), hidden=NOTHING):
+def placed(dots, size=(20.0, 8.0), points=NOTHING):
     dots = np.array(dots, float).reshape(-1, 2)
-    return place_names(dots, np.tile(size, (len(dots), 1)), np.asarray(hidden, float), SIDE)
+    return place_names(dots, np.tile(size, (len(dots), 1)), np.asarray(points, float), SIDE)
 
 
 def test_a_name_stands_to_the_right_of_its_dot():
@@ -22,13 +22,13 @@ def test_a_name_stands_to_the_right_of_its_dot():
 
 
 def test_at_the_right_end_it_stands_to_the_left():
-    (box,) = placed([(95, 50)], hidden=[(95, 50)])
+    (box,) = placed([(95, 50)], points=[(95, 50)])
     assert box == pytest.approx((75 - NAME_GAPS[0], 46, 95 - NAME_GAPS[0], 54))
 
 
 def test_it_gives_way_to_what_is_better_not_covered():
     line = np.column_stack([np.linspace(55, 90, 20), np.full(20, 50.0)])
-    (box,) = placed([(50, 50)], hidden=line)
+    (box,) = placed([(50, 50)], points=line)
     left, top, right, bottom = box
     x, y = line.T
     assert not ((left < x) & (x < right) & (top < y) & (y < bottom)).any()

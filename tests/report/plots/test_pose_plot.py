@@ -174,7 +174,7 @@ def test_a_target_that_is_missed_is_led_to():
 
 def test_the_legend_has_the_words_of_the_handles_file():
     (legend,) = figure(moved(RIGHT, None)).legends
-    assert [text.get_text() for text in legend.get_texts()] == ["handle", "its target", "pinned"]
+    assert [text.get_text() for text in legend.get_texts()] == ["handle", "target", "pin"]
 
 
 def test_a_pin_is_ringed_only_if_it_slipped():

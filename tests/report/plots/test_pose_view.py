@@ -98,7 +98,7 @@ def test_of_several_sets_the_last_decides_a_point(viewed):
     )
     assert view.names == ("other", "last")
     np.testing.assert_allclose(view.ends[1], view.targets[1], rtol=0, atol=1e-6)
-    (missed,) = re.findall(r"met within (\S+) %", build_panels(view)[1].title)
+    (missed,) = re.findall(r"miss of a target (\S+) %", build_panels(view)[1].title)
     assert float(missed) == pytest.approx(miss_percent(view, "other"), rel=1e-3)
 
 

@@ -12,7 +12,7 @@ from cageik_cli.workflows.plan import ExtractSettings
 
 
 def misses_of(case):
-    return np.linalg.norm(case.rebuilt - case.frames, axis=2)
+    return np.linalg.norm(case.reconstruction - case.frames, axis=2)
 
 
 def diagonal_of(case):
@@ -29,17 +29,19 @@ def test_the_poses_are_the_frames_they_are_named_for(closed):
     for pose in (worst, median, best):
         k = numbers[pose.label]
         assert pose.name == closed.result.frames[k]
-        np.testing.assert_allclose(pose.rebuilt, closed.rebuilt[k], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            pose.reconstruction, closed.reconstruction[k], rtol=0, atol=1e-12
+        )
         # Misses are held in single precision.
-        np.testing.assert_allclose(pose.given, closed.frames[k], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(pose.original, closed.frames[k], rtol=0, atol=1e-6)
         expected = 100 * misses_of(closed)[k] / diagonal_of(closed)
         np.testing.assert_allclose(pose.deviation, expected, rtol=1e-5, atol=1e-5)
 
 
 def test_the_rest_pose_is_rebuilt(closed):
     rest = load_poses(closed.result).poses[0]
-    np.testing.assert_array_equal(rest.given, closed.frames[0])
-    np.testing.assert_allclose(rest.rebuilt, rest.given, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(rest.original, closed.frames[0])
+    np.testing.assert_allclose(rest.reconstruction, rest.original, rtol=0, atol=1e-12)
     assert rest.deviation.max() < 1e-10
     np.testing.assert_array_equal(rest.cage, closed.result.cage.vertices)
 

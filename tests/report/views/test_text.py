@@ -21,13 +21,14 @@ def test_the_page_shows_the_numbers_of_the_record(report):
     assert rows["error"].startswith(f"{summary.rms_percent:.4f} % of the diagonal")
     assert rows["worst frame"].endswith(f" at {summary.worst_frame}")
     assert f"vertex {summary.max_deviation_vertex} of " in rows["max deviation"]
-    assert rows["volume change"].startswith(f"{summary.volume_change_percent_max:+.4f} % at most")
-    assert rows["literature"] == f"E_RMS {summary.e_rms:.4g}, KG error {summary.kg_error:.4g}"
-    assert rows["size"] == "24 numbers a frame instead of 54, and 144 weights once"
+    assert rows["volume change"].startswith(f"largest {summary.volume_change_percent_max:+.4f} % (")
+    assert f"E_RMS {summary.e_rms:.4g} (" in rows["metrics"]
+    assert f"KG error {summary.kg_error:.4g} (" in rows["metrics"]
+    assert rows["size"] == "24 floats per frame instead of 54, plus one 18 x 8 weight matrix"
     quality = report.binding
     assert rows["accuracy"] == (
-        f"standard: {quality.panels} panels, mean row L1 error {quality.estimated_error:.1e} "
-        "(estimated)"
+        f"standard: estimated weight error {quality.estimated_error:.1e} (mean L1 per vertex), "
+        f"{quality.panels} panels"
     )
     assert "alpha 0.001, beta 1" in rows["system"]
     assert "nan" not in format_text(report)
@@ -36,7 +37,7 @@ def test_the_page_shows_the_numbers_of_the_record(report):
 
 def test_closed_forms_have_no_panels_to_tell_of(report):
     text = format_text(replace(report, binding=replace(report.binding, panels=0)))
-    assert "  accuracy       exact, in closed form" in text
+    assert "  accuracy       exact (closed form)" in text
 
 
 def test_an_open_model_is_said_to_be_open_and_noted_once(opened):
