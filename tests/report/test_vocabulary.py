@@ -43,7 +43,7 @@ def _page(report):
     """What is read in a page, and told of its pictures; not of the weights, as above."""
     page = parsed(render_page(report, pictures_of_one_point()))
     page.by_id("weights").children.clear()
-    names = ("alt", "aria-label", "data-told")
+    names = ("alt", "aria-label", "data-cursor")
     told = [element.attributes.get(name, "") for element in page.all() for name in names]
     return "\n".join([page.text, *told])
 

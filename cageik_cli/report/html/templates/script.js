@@ -69,7 +69,7 @@ function makeCursor(plot) {
   const [left, right, top, bottom, first, last] =
     ["left", "right", "top", "bottom", "first", "last"].map((key) => Number(plot.dataset[key]));
   const cursor = plot.querySelector(".cursor"), tip = plot.querySelector(".tip");
-  const told = titles.map((title, column) => [title.dataset.told, column]).filter(([label]) => label);
+  const told = titles.map((title, column) => [title.dataset.cursor, column]).filter(([label]) => label);
   let current = null;
 
   const placeOf = (frame) => left + (frame - first) / (last - first) * (right - left);
