@@ -1,53 +1,17 @@
 """A rest model in its rest cage: the weights that tie them, with figures of their quality."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.coordinates.weights import ACCURACIES
+from cageik_cli.coordinates.settings import COORDINATES as COORDINATES
+from cageik_cli.coordinates.settings import BindSettings as BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError
-
-OUTSIDE_POLICIES = ("refuse", "project")
-"""What may be done with vertices further outside."""
 
 ALGORITHM_VERSIONS = {"harmonic": 3, "mean-value": 1}
 """To be raised when weights, notes or refusals change, so that no cache gives the old ones."""
-
-COORDINATES = tuple(ALGORITHM_VERSIONS)
-
-
-@dataclass(frozen=True, slots=True)
-class BindSettings:
-    """How weights are to be computed.
-
-    Attributes
-    ----------
-    coordinates : str
-        One of `COORDINATES`.
-    accuracy : str
-        One of `ACCURACIES`; coordinates in closed form do not ask.
-    outside : str
-        One of `OUTSIDE_POLICIES`: vertices outside the cage are refused, or get the weights of the
-        nearest point on it.
-    """
-
-    coordinates: str = "harmonic"
-    accuracy: str = "standard"
-    outside: str = "refuse"
-
-    def __post_init__(self) -> None:
-        for name, known in (
-            ("coordinates", COORDINATES),
-            ("accuracy", ACCURACIES),
-            ("outside", OUTSIDE_POLICIES),
-        ):
-            if getattr(self, name) not in known:
-                raise InputError(
-                    f"{name} is {getattr(self, name)!r}, expected one of {', '.join(known)}"
-                )
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +67,7 @@ class Binding:
     rest: TriMesh
     cage: TriMesh
     weights: Floats
-    settings: BindSettings = BindSettings()
+    settings: BindSettings = field(default_factory=BindSettings)
     panels: int = 0
     estimated_error: float = 0.0
     projected: int = 0

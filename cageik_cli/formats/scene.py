@@ -5,8 +5,6 @@ from dataclasses import dataclass, fields, replace
 from math import isfinite
 from typing import Any
 
-import numpy as np
-
 from cageik_cli.util.errors import InputError
 
 UP_AXES = ("Y", "Z")
@@ -94,6 +92,8 @@ def parse_scene_metadata(metadata: Mapping[str, Any]) -> tuple[SceneHints, tuple
 
     What is no single number (text for the axis) is somebody else's and passed by.
     """
+    import numpy as np  # here, as the command line imports the settings and no numerics
+
     hints, notes = SceneHints(), []
     for field in fields(SceneHints):
         value = np.asarray(metadata.get(field.name))

@@ -21,6 +21,7 @@ import scipy.linalg
 from cageik_cli.coordinates.binding import Binding, WeightQuality
 from cageik_cli.geometry.mesh import uniform_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
+from cageik_cli.solver.settings import SolveSettings as SolveSettings
 from cageik_cli.util.arrays import Floats, Workspace
 from cageik_cli.util.errors import InputError, NumericalError
 
@@ -32,30 +33,6 @@ REFINE_ABOVE_CONDITION = 1e6
 
 MAX_WEIGHTED_ENTRIES = 1 << 22
 """Entries of H that are weighted at once for the normal matrix."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SolveSettings:
-    """What is minimised.
-
-    Attributes
-    ----------
-    alpha, beta : float
-        Weights of the Laplacian and of the vertices; finite, not negative, not both zero.
-    align : bool
-        Move every frame rigidly onto the rest pose, solve there, and move the cage back.
-    """
-
-    alpha: float = 1e-3
-    beta: float = 1.0
-    align: bool = True
-
-    def __post_init__(self) -> None:
-        for name, value in (("alpha", self.alpha), ("beta", self.beta)):
-            if not (np.isfinite(value) and value >= 0):
-                raise InputError(f"{name} is {value}, expected a finite number, zero or above")
-        if self.alpha == self.beta == 0:
-            raise InputError("alpha and beta are both 0, expected at least one above")
 
 
 @dataclass(frozen=True, slots=True)

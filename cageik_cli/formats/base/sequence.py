@@ -11,33 +11,13 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.base.settings import LAYOUTS as LAYOUTS
+from cageik_cli.formats.base.settings import ClipSettings as ClipSettings
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.geometry.mesh import TriMesh, validate_positions
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError, error_context
 from cageik_cli.util.threads import OrderedMap
-
-LAYOUTS = ("fvx", "vxf", "fxv")
-"""Orders of an array's axes: f frames, v vertices, x coordinates."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClipSettings:
-    """How a clip is taken.
-
-    Attributes
-    ----------
-    selection : slice
-        Which of its frames, as Python slices; the step is above zero.
-    layout : str, optional
-        The order of an array's axes, one of `LAYOUTS`; found out if absent.
-    allow_gaps : bool
-        Take numbered files although a number is missing.
-    """
-
-    selection: slice = field(default_factory=lambda: slice(None))
-    layout: str | None = None
-    allow_gaps: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
