@@ -105,7 +105,7 @@ def _place_of(page, frame):
     return box["x"] + share * box["width"], box["y"] + box["height"] / 2
 
 
-def test_a_click_sorts_the_frames_and_another_turns_them_round(opened, html, report):
+def test_a_click_sorts_the_frames_and_another_reverses_them(opened, html, report):
     page = opened(html).page
     button = page.get_by_role("button", name="RMS, %", exact=True)
     button.click()
@@ -136,7 +136,7 @@ def test_the_keyboard_sorts_the_frames_by_name_as_numbers(opened, html, report):
 
 
 @pytest.mark.parametrize("frame", [0, 3, 17, 33])
-def test_the_cursor_tells_the_frame_that_the_mouse_is_over(opened, html, report, frame):
+def test_the_cursor_shows_the_frame_under_the_mouse(opened, html, report, frame):
     page = opened(html).page
     page.mouse.move(*_place_of(page, frame))
     assert _told(page) == _expected(report.frames[frame])
@@ -145,14 +145,14 @@ def test_the_cursor_tells_the_frame_that_the_mouse_is_over(opened, html, report,
     assert page.locator("#plot .tip").is_hidden()
 
 
-def test_the_cursor_still_tells_the_right_frame_when_the_table_is_sorted(opened, html, report):
+def test_the_cursor_shows_the_right_frame_in_a_sorted_table(opened, html, report):
     page = opened(html).page
     page.get_by_role("button", name="Max deviation, %", exact=True).click()
     page.mouse.move(*_place_of(page, 7))
     assert _told(page) == _expected(report.frames[7])
 
 
-def test_the_cursor_stands_where_the_figure_has_the_frame(opened, html):
+def test_the_cursor_is_at_the_frame_of_the_plot(opened, html):
     page = opened(html).page
     page.mouse.move(*_place_of(page, 11))
     box = page.locator("#plot .cursor").bounding_box()
@@ -218,7 +218,7 @@ def test_all_columns_of_an_index_are_in_the_window(opened, index):
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_why_a_clip_failed_is_in_the_window_wherever_the_table_is(opened, report, width):
+def test_the_reason_of_a_failure_stays_in_the_window(opened, report, width):
     fault = "/srv/walks/broken/mesh_0020.obj: line 5180: 1 coordinates; " + 20 * "export it again "
     entries = [build_clip_entry(report, page="clip.html"), ClipEntry("walks/broken", fault=fault)]
     page = opened(
@@ -231,7 +231,7 @@ def test_why_a_clip_failed_is_in_the_window_wherever_the_table_is(opened, report
     assert sentence["x"] + sentence["width"] <= window["x"] + window["width"]
 
 
-def test_headings_are_below_the_contents_when_jumped_to(opened, html):
+def test_links_to_sections_show_their_headings(opened, html):
     page = opened(html, reduced_motion="reduce").page
     for link in page.locator(".contents a").all():
         link.click()
@@ -241,7 +241,7 @@ def test_headings_are_below_the_contents_when_jumped_to(opened, html):
 
 
 @pytest.mark.parametrize("kind", ["page", "index"])
-def test_long_names_are_broken(opened, report, pictures, kind):
+def test_long_names_are_wrapped(opened, report, pictures, kind):
     long = 300 * "x"
     summary = replace(
         report.summary, worst_frame=long, max_deviation_frame=long, volume_change_frame=long
@@ -272,7 +272,7 @@ LUMINANCE = """element => {
 
 
 @pytest.mark.parametrize("kind", ["page", "index"])
-def test_dark_is_dark_and_paper_is_white(opened, html, index, kind):
+def test_dark_mode_is_dark_and_print_is_white(opened, html, index, kind):
     page = opened(html if kind == "page" else index, color_scheme="dark").page
     assert page.eval_on_selector("body", LUMINANCE) < 0.1
     page.emulate_media(media="print")
@@ -282,7 +282,7 @@ def test_dark_is_dark_and_paper_is_white(opened, html, index, kind):
     assert page.eval_on_selector("body", LUMINANCE) > 0.9
 
 
-def test_paper_has_every_frame_and_no_tools(opened, html):
+def test_print_has_every_frame_and_no_controls(opened, html):
     page = opened(html).page
     page.emulate_media(media="print")
     assert page.locator("nav").is_hidden()
@@ -300,7 +300,7 @@ def test_pictures_are_drawn(opened, html):
         page.wait_for_function("image => image.naturalWidth > 0", arg=image.element_handle())
 
 
-def test_a_pose_can_be_made_larger(opened, html):
+def test_a_pose_can_be_enlarged(opened, html):
     page = opened(html).page
     picture = page.locator(".pose img").nth(4)
     small = picture.bounding_box()["width"]
@@ -331,13 +331,13 @@ def test_hostile_names_do_nothing_among_clips(opened, report):
         render_index(build_overview([*entries, *(ClipEntry(n, fault=n) for n in NAMES)]))
     ).page
     page.get_by_role("button", name="Clip", exact=True).click()
-    page.get_by_label("Show names with").fill("<script>")
+    page.get_by_label("Filter by name").fill("<script>")
     hrefs = page.eval_on_selector_all("th a", "links => links.map(link => link.protocol)")
     assert set(hrefs) == {"file:"}
     assert page.evaluate("window.struck") is None
 
 
-def test_a_script_that_got_in_would_not_run(browser, tmp_path, html):
+def test_an_injected_script_does_not_run(browser, tmp_path, html):
     """The policy itself: the page is spoilt on purpose."""
     path = tmp_path / "spoilt.html"
     spoilt = "<script>window.struck = 1</script><img src='x' onerror='window.struck = 1'>"
@@ -364,13 +364,13 @@ def test_clips_are_sorted_and_failed_ones_stay_on_top(opened, index):
     assert page.text_content("#clips tbody tr th") == "walks/broken"
 
 
-def test_clips_are_found_by_parts_of_their_names(opened, index):
+def test_clips_are_filtered_by_parts_of_their_names(opened, index):
     page = opened(index).page
-    page.get_by_label("Show names with").fill("Shot_1 walks")
+    page.get_by_label("Filter by name").fill("Shot_1 walks")
     shown = page.locator("#clips tbody tr:visible th").all_text_contents()
     assert sorted(shown) == ["walks/shot_1", "walks/shot_10", "walks/shot_11"]
     assert page.text_content("#status") == "3 of 13 shown"
-    page.get_by_label("Show names with").fill("")
+    page.get_by_label("Filter by name").fill("")
     assert page.locator("#clips tbody tr:visible").count() == 13
 
 
@@ -387,7 +387,7 @@ def test_two_thousand_frames_can_be_sorted(opened, report, pictures):
     assert _told(page)[0] == "take_1999.obj"
 
 
-def test_five_hundred_clips_are_there_in_time(opened, report):
+def test_five_hundred_clips_load_in_time(opened, report):
     page = opened(render_index(build_overview(five_hundred(report)))).page
     taken = page.evaluate(
         "() => new Promise(done => requestAnimationFrame(() => setTimeout("

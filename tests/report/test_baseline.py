@@ -47,16 +47,16 @@ def test_several_results_and_a_batch_are_read(closed, opened, old):
     )
     expected = {"a/b": figures_of(first), "ü": figures_of(second)}
     old.write_text(format_json([first, second]))
-    assert read_baseline(old, TEN).figures == expected
+    assert read_baseline(old, TEN).metrics == expected
     failed = ClipEntry("c", fault="it is broken")
     old.write_text(
         format_overview_json(
             build_overview([build_clip_entry(first), failed, build_clip_entry(second)])
         )
     )
-    assert read_baseline(old, TEN).figures == expected
+    assert read_baseline(old, TEN).metrics == expected
     old.write_text(old.read_text(), encoding="utf-8-sig")
-    assert read_baseline(old, TEN).figures == expected
+    assert read_baseline(old, TEN).metrics == expected
 
 
 def record(**changes):
@@ -136,7 +136,7 @@ def test_any_other_content_is_an_error_that_says_where(old, content, says):
 def test_a_file_that_is_too_large_is_not_read(old, monkeypatch):
     old.write_text(json.dumps(record()))
     monkeypatch.setattr(baseline, "MAX_BYTES", old.stat().st_size)
-    assert read_baseline(old, TEN).figures
+    assert read_baseline(old, TEN).metrics
     monkeypatch.setattr(baseline, "MAX_BYTES", old.stat().st_size - 1)
     with pytest.raises(FileAccessError, match=rf"old\.json: .*{baseline.MAX_BYTES} bytes"):
         read_baseline(old, TEN)

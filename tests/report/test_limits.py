@@ -48,7 +48,7 @@ def test_the_command_knows_the_metrics():
 
 @pytest.mark.parametrize(("metric", "unit"), FIELDS)
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_figure_is_judged_as_printed(metric, unit, sign):
+def test_a_metric_is_compared_as_printed(metric, unit, sign):
     """0.123456 and 0.1234449 are printed as they are not; a change has its size judged."""
     name = FIELDS[metric, unit]
     sign = sign if metric == "volume_change" else 1
@@ -70,12 +70,12 @@ def test_a_figure_is_judged_as_printed(metric, unit, sign):
             assert gate.baseline is None
 
 
-def test_a_limit_of_zero_is_kept_by_what_is_printed_as_zero():
+def test_a_limit_of_zero_accepts_values_printed_as_zero():
     assert gate_on(summary(0.00004), "rms", "0").passed is True
     assert gate_on(summary(0.00006), "rms", "0").passed is False
 
 
-def test_a_figure_that_is_not_defined_is_not_judged():
+def test_a_metric_that_is_not_defined_is_not_checked():
     opened = summary(volume_change_percent_max=None, volume_change_frame=None)
     gate = gate_on(opened, "volume_change", "2")
     assert (gate.found, gate.frame, gate.passed) == (None, None, None)
@@ -85,7 +85,7 @@ def test_a_figure_that_is_not_defined_is_not_judged():
     )
 
 
-def test_lines_name_metric_found_limit_and_frame():
+def test_lines_name_metric_value_limit_and_frame():
     assert format_check_row(gate_on(summary(0.25), "rms", "0.5"), EXTRACTION_VOCABULARY) == (
         "within limit", "rms 0.2500 %, limit 0.5 %, worst frame f_7.obj",
     )  # fmt: skip
@@ -115,7 +115,7 @@ def baseline(figures, regression) -> Baseline:
 
 @pytest.mark.parametrize("regression", ["0", "0.01", "10", "1e300"])
 @pytest.mark.parametrize("value", [0.0, 0.00004, 0.12345, 0.12355, 2 / 3, 99.99995, 1e9, 1e300])
-def test_what_has_not_changed_passes(value, regression):
+def test_unchanged_metrics_pass(value, regression):
     """Also the other way a float of the same print lies."""
     figures = summary(value)
     limits = Limits((), baseline({"a": figures_of(figures)}, regression))
@@ -153,7 +153,7 @@ def test_every_metric_is_compared(metric):
     assert over == [metric]
 
 
-def test_one_result_is_compared_with_one_whatever_it_is_called():
+def test_a_baseline_of_one_result_matches_any_name():
     one = Limits((), baseline({"a": figures_of(summary())}, "0"))
     two = Limits((), baseline({"a": figures_of(summary()), "b": figures_of(summary())}, "0"))
     says = ("not compared with the baseline: old.json has no result named c",)
@@ -167,7 +167,7 @@ def test_one_result_is_compared_with_one_whatever_it_is_called():
     assert missing_in_baseline("a", summary(), Limits()) == ()
 
 
-def test_a_volume_that_only_one_run_has_is_not_judged():
+def test_a_volume_that_only_one_run_has_is_not_checked():
     opened = summary(volume_change_percent_max=None, volume_change_frame=None)
     now_open = Limits((), baseline({"a": figures_of(summary())}, "10"))
     gate = check_limits("a", opened, now_open)[-1]

@@ -27,7 +27,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize(("html", "fault"), BROKEN.items(), ids=BROKEN.values())
-def test_the_checker_finds(html, fault):
+def test_the_page_check_finds_faults(html, fault):
     assert faults_of(html) == [fault]
 
 

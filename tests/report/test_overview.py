@@ -60,7 +60,7 @@ def test_a_curve_of_one_frame(report):
     assert (curve.rms_percent, curve.other, curve.worst) == ((0.5,), (-1.0,), 0)
 
 
-def test_a_few_frames_are_all_there_and_gaps_stay(report):
+def test_short_clips_keep_all_frames_and_gaps(report):
     curve = curve_of(report, [0.5, None, 0.25, 1.0], [-1.0, None, 2.0, None], 3)
     assert curve.rms_percent == (0.5, None, 0.25, 1.0)
     assert curve.other == (-1.0, None, 2.0, None)
@@ -95,7 +95,7 @@ def test_a_span_of_gaps_is_a_gap(report):
     assert curve.other[:4] == (1.0, None, 1.0, 1.0)
 
 
-def test_the_other_curve_is_the_volumes_of_a_closed_model(closed, opened):
+def test_the_other_curve_of_a_closed_model_is_its_volume_change(closed, opened):
     frames = build_report(closed.result).frames
     assert build_clip_entry(build_report(closed.result)).curve.other == tuple(
         f.volume_change for f in frames
@@ -106,7 +106,7 @@ def test_the_other_curve_is_the_volumes_of_a_closed_model(closed, opened):
     )
 
 
-def test_an_entry_is_what_its_report_says(closed):
+def test_an_entry_has_the_values_of_its_report(closed):
     report = build_report(closed.result, name="walk/run")
     entry = build_clip_entry(report, "walk/run.h5", "walk/run.html")
     assert (entry.name, entry.result, entry.page) == ("walk/run", "walk/run.h5", "walk/run.html")
@@ -127,7 +127,7 @@ def test_json_is_the_whole_record(closed):
     assert record["clips"][1]["gates"][0]["passed"] is False
 
 
-def test_csv_is_a_line_a_clip():
+def test_csv_has_one_line_per_clip():
     both = clip("x,y\n", gate(False), gate(False, metric="frame_rms"), gate(False))
     rows = list(
         csv.DictReader(io.StringIO(format_overview_csv(build_overview([WELL, both, FAILED]))))

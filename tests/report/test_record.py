@@ -24,7 +24,7 @@ def column(report, name):
     return np.array([getattr(frame, name) for frame in report.frames])
 
 
-def test_figures_of_each_frame(closed, report):
+def test_metrics_of_each_frame(closed, report):
     misses = np.linalg.norm(closed.reconstruction - closed.frames, axis=2)
     diagonal = np.linalg.norm(np.ptp(closed.frames[0], axis=0))
     volume = volumes(closed.frames, closed.faces)
@@ -120,7 +120,7 @@ def test_an_open_model_has_no_volumes_and_a_note(opened, closed):
     assert summary.rms == pytest.approx(build_report(closed.result).summary.rms, rel=RTOL)
 
 
-def test_a_model_that_is_one_point_in_a_frame_has_figures_all_the_same(case_of, animation):
+def test_a_frame_of_one_point_has_metrics(case_of, animation):
     frames = np.array([animation.frames[0], np.zeros((18, 3))])
     report = build_report(case_of(frames, animation.rest.faces).result)
     assert report.frames[1].volume == 0

@@ -77,12 +77,12 @@ def report(request):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_no_view_of_an_edit_speaks_of_errors(view, report):
+def test_no_view_of_an_edit_mentions_errors(view, report):
     assert OF_ERRORS.findall(view(report)) == []
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_every_view_of_an_extraction_does(view, closed):
+def test_every_view_of_an_extraction_mentions_errors(view, closed):
     assert OF_ERRORS.search(view(build_report(closed.result, LIMITS)))
 
 
@@ -92,7 +92,7 @@ def test_every_view_of_an_edit_says_that_it_moved(view, limits, edited):
     assert "moved" in view(build_report(edited, limits))
 
 
-def test_the_text_says_what_was_edited_and_how_far(edited):
+def test_the_text_names_the_edited_result_and_the_distance(edited):
     report = build_report(edited, LIMITS)
     lines = format_text(report).splitlines()
     rows = [(line[2:16].strip(), line[17:]) for line in lines[1:]]
@@ -108,7 +108,7 @@ def test_the_text_says_what_was_edited_and_how_far(edited):
     assert ("over limit", f"rms moved {percent}, limit 0.0001 %, most moved {worst}") in rows
 
 
-def test_the_page_says_it_in_its_title_and_first(edited):
+def test_the_page_of_an_edit_says_so_in_its_title(edited):
     report = build_report(edited)
     page = parsed(render_page(report, pictures_of_one_point()))
     title = next(page.all("title"))
@@ -125,11 +125,11 @@ def test_the_page_says_it_in_its_title_and_first(edited):
     assert "Of the extraction" in page.by_id("weights").text
 
 
-def test_the_page_is_sound(report):
+def test_the_page_of_an_edit_is_sound(report):
     assert faults_of(render_page(report, pictures_of_one_point())) == []
 
 
-def test_records_name_what_was_edited(edited, closed):
+def test_records_name_the_edited_result(edited, closed):
     reports = [build_report(edited), build_report(closed.result)]
     clips = json.loads(format_overview_json(build_overview(map(build_clip_entry, reports))))[
         "clips"
@@ -138,7 +138,7 @@ def test_records_name_what_was_edited(edited, closed):
         assert [record["edited_from"] for record in records] == ["cages.h5", None]
 
 
-def test_an_edit_is_told_from_an_extraction_beside_it(edited, closed):
+def test_edits_are_marked_among_extractions(edited, closed):
     both = build_overview(
         [build_clip_entry(build_report(edited)), build_clip_entry(build_report(closed.result))]
     )
@@ -153,7 +153,7 @@ def test_an_edit_is_told_from_an_extraction_beside_it(edited, closed):
     assert cases == ["edited", "extracted"]
 
 
-def test_words_for_several_are_those_of_an_edit_when_all_are_edited(edited):
+def test_several_results_use_the_words_of_edits_if_all_are_edited(edited):
     clip = build_clip_entry(build_report(edited))
     failed = ClipEntry("broken", fault="it is empty")
     assert build_overview([clip, failed]).vocabulary is EDIT_VOCABULARY
@@ -164,6 +164,6 @@ def test_words_for_several_are_those_of_an_edit_when_all_are_edited(edited):
     assert choose_vocabulary() is EXTRACTION_VOCABULARY
 
 
-def test_every_setting_of_an_edit_is_explained(edited):
+def test_every_setting_of_an_edit_has_a_meaning(edited):
     assert {"pose_alpha", "pose_beta", "rigidity", "hard", "snap"} < set(edited.settings)
     assert set(edited.settings) <= set(SETTING_MEANINGS)

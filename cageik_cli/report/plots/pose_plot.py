@@ -267,14 +267,14 @@ def _sample_segment(start: Floats, end: Floats) -> Floats:
 
 def build_pose_view(result: PoseResult, up_axis: str) -> PoseView:
     """Build the view of the pose, or of the most moved frame, with the handles that act in it."""
-    snapshot, figures = result.snapshot, result.figures
+    snapshot, summary = result.snapshot, result.figures
     block, binding = snapshot.block, snapshot.edit_target.binding
     anchors, chosen = (
         collect_anchors(snapshot.layers),
         _deciding_anchors(snapshot.layers, int(block.frames[0])),
     )
     starts, targets = block.edit.start_positions[0, chosen], block.edit.target_positions[0, chosen]
-    max_miss = max((figures.anchors[k].residual_percent for k in chosen), default=0.0)
+    max_miss = max((summary.anchors[k].residual_percent for k in chosen), default=0.0)
     place = f"{snapshot.frame}, " if snapshot.frame else ""
     return PoseView(
         faces=binding.rest.faces,
@@ -290,7 +290,7 @@ def build_pose_view(result: PoseResult, up_axis: str) -> PoseView:
         pinned=(targets == starts).all(axis=1),
         up_axis=up_axis,
         title_before=f"{place}before",
-        title_after=f"after: mesh moved {format_percent(figures.rms_percent)} %, "
+        title_after=f"after: mesh moved {format_percent(summary.rms_percent)} %, "
         f"largest miss of a target {format_miss(max_miss)} %",
     )
 

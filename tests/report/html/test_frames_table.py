@@ -30,25 +30,25 @@ FIGURES = FrameRecord(
 )
 
 
-def test_every_figure_of_a_frame_has_a_column():
+def test_every_metric_of_a_frame_has_a_column():
     names = [
         column.name for column in (INDEX_COLUMN, NAME_COLUMN, *LENGTH_COLUMNS, *VOLUME_COLUMNS)
     ]
     assert sorted([*names, "skipped"]) == sorted(field.name for field in fields(FrameRecord))
 
 
-def test_figures_are_printed_as_everywhere():
+def test_cells_are_formatted_as_in_all_views():
     lengths = ("1.2346", "0.0123457", "0.0000", "2e-07", "7")
     assert build_frame_row(FIGURES, LENGTH_COLUMNS) == FrameRow(3, "a", None, lengths)
     assert build_frame_row(FIGURES, VOLUME_COLUMNS).cells == ("+0.5000", "", "8", "-1.0000")
 
 
-def test_a_column_without_figures_is_left_out(closed, opened):
+def test_a_column_without_values_is_left_out(closed, opened):
     assert choose_columns(build_report(closed.result)) == (*LENGTH_COLUMNS, *VOLUME_COLUMNS)
     assert choose_columns(build_report(opened.result)) == LENGTH_COLUMNS
 
 
-def test_one_frame_with_a_figure_makes_a_column(closed):
+def test_one_frame_with_a_value_makes_a_column(closed):
     report = build_report(closed.result)
     first, *others = report.frames
     without = tuple(replace(frame, volume_drift=None) for frame in others)

@@ -73,12 +73,12 @@ def test_failed_clips_come_first_then_those_over_a_limit_then_the_worst(report):
         ("0.0001", "1 of 1 clip over a limit"),
     ],
 )
-def test_the_verdict_is_that_of_the_limits(report, most, verdict):
+def test_the_verdict_of_a_batch_follows_the_limits(report, most, verdict):
     page = render_index(build_overview([build_clip_entry(_judged(report, most))]))
     assert verdict in parsed(page).text
 
 
-def test_a_row_tells_the_figures_as_printed(report):
+def test_a_row_shows_the_metrics_as_printed(report):
     over = build_clip_entry(_over(report))
     (row,) = _rows(render_index(build_overview([over])))
     summary, cells = report.summary, [cell.text for cell in row.all("td")]
@@ -96,7 +96,7 @@ def test_a_row_tells_the_figures_as_printed(report):
     ]
 
 
-def test_an_open_model_has_no_change_of_volume(opened):
+def test_an_open_model_has_no_volume_change(opened):
     (row,) = _rows(render_index(build_overview([build_clip_entry(build_report(opened.result))])))
     assert [cell.text for cell in row.all("td")][5] == "open"
     (svg,) = (svg for svg in row.all("svg") if svg.attributes.get("class") == "thumb")
@@ -110,7 +110,7 @@ def test_skipped_frames_are_counted(report):
     assert [cell.text for cell in row.all("td")][6] == "5 2 skipped"
 
 
-def test_a_closed_model_with_missing_data_has_none_either(report):
+def test_a_closed_model_with_missing_data_has_no_volume_change(report):
     entry = build_clip_entry(report)
     unknown = replace(entry, summary=replace(entry.summary, volume_change_percent_max=None))
     (row,) = _rows(render_index(build_overview([unknown])))
@@ -162,7 +162,7 @@ def test_a_clip_without_a_page_has_no_link(report):
 
 
 @pytest.mark.parametrize("kinds", ["both", "failed", "done"])
-def test_the_page_stands_alone_and_can_be_read_by_all(report, kinds):
+def test_the_page_fetches_nothing_and_is_accessible(report, kinds):
     done = (
         []
         if kinds == "failed"
@@ -174,7 +174,7 @@ def test_the_page_stands_alone_and_can_be_read_by_all(report, kinds):
     assert page == render_index(build_overview(failed + done))
 
 
-def test_hostile_names_are_text(report):
+def test_hostile_names_are_shown_as_text(report):
     hostile = build_clip_entry(with_hostile_names(report), page=NAMES[3])
     entries = [replace(hostile, name=name) for name in NAMES]
     entries += [ClipEntry(name, fault=name) for name in NAMES]

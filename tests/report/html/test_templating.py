@@ -47,7 +47,7 @@ def test_a_value_that_is_missing_is_an_error(template):
         render_template("test.html.j2")
 
 
-def test_the_policy_lets_only_our_script_run_and_nothing_be_fetched(template):
+def test_the_policy_allows_only_our_script_and_no_fetches(template):
     template(TEXT)
     page = parsed(render_template("test.html.j2", value=""))
     (policy,) = (
@@ -67,6 +67,6 @@ def test_the_policy_lets_only_our_script_run_and_nothing_be_fetched(template):
     }
 
 
-def test_a_picture_is_its_own_address():
+def test_a_picture_becomes_a_data_url():
     kind, content = make_data_url(b"\x89PNG", "png").split(",")
     assert (kind, base64.b64decode(content)) == ("data:image/png;base64", b"\x89PNG")

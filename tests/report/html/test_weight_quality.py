@@ -25,7 +25,7 @@ def test_weights_are_explained_by_their_kind(closed, settings, panels, words):
     assert ("Panels" in [row.label for row in rows]) == bool(panels)
 
 
-def test_an_accuracy_that_is_not_known_is_no_aim(closed):
+def test_an_unknown_accuracy_has_no_expected_value(closed):
     report = build_report(closed.result)
     binding = replace(report.binding, panels=8)
     rows = build_quality_rows(replace(report, settings={"accuracy": "other"}, binding=binding))

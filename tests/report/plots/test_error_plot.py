@@ -27,7 +27,7 @@ def report(closed):
     return build_report(closed.result)
 
 
-def test_the_lines_are_the_figures_of_the_record(report):
+def test_the_curves_are_the_metrics_of_the_record(report):
     (error,), (change,) = lines(report, "rms"), lines(report, "volume_change")
     frames = report.frames
     np.testing.assert_array_equal(error.get_xydata()[:, 0], range(5))
@@ -42,7 +42,7 @@ def test_the_lines_are_the_figures_of_the_record(report):
     assert error.get_marker() != change.get_marker()
 
 
-def test_the_worst_frame_is_ringed_and_named(report):
+def test_the_worst_frame_is_ringed_and_labelled(report):
     (ring,), (clip,) = lines(report, "worst"), lines(report, "clip")
     summary = report.summary
     place = (summary.worst_frame_index, summary.worst_frame_rms_percent)
@@ -166,7 +166,7 @@ def test_pyplot_is_not_needed(run_process):
     assert run_process("-c", code).out == "False\n"
 
 
-def test_a_page_knows_where_the_axes_are(report):
+def test_the_page_plot_has_the_position_of_the_axes(report):
     plot = build_page_plot(report)
     root = ElementTree.fromstring(plot.svg)
     assert plot.svg.startswith("<svg ")

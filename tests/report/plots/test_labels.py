@@ -21,12 +21,12 @@ def meet(one, other):
 @pytest.mark.parametrize(
     ("from_right", "left"), [(False, EDGE_MARGIN), (True, 1 - EDGE_MARGIN - 0.3)]
 )
-def test_a_label_alone_is_above_its_line_on_its_own_side(from_right, left):
+def test_a_single_label_is_above_its_line_on_its_own_side(from_right, left):
     (box,) = place_labels([Label(0.3, (0.5,), from_right)], NOTHING, [0.5], [])
     assert box == pytest.approx((left, 0.5 + LABEL_GAP, left + 0.3, 0.5 + LABEL_GAP + LABEL_HEIGHT))
 
 
-def test_a_label_evades_curves_lines_and_the_upper_end():
+def test_a_label_avoids_curves_lines_and_the_upper_end():
     curve = np.stack([np.linspace(0, 0.5, 100), np.full(100, 0.53)], axis=1)
     (beside,) = place_labels([Label(0.3, (0.5,), False)], curve, [0.5, 0.46], [])
     assert beside[0] >= 0.5
@@ -36,12 +36,12 @@ def test_a_label_evades_curves_lines_and_the_upper_end():
     assert inside[3] < 0.99
 
 
-def test_a_label_of_two_lines_stands_at_the_free_one():
+def test_a_label_of_two_lines_is_at_the_free_one():
     (box,) = place_labels([Label(0.9, (0.8, 0.2), False)], NOTHING, [0.8, 0.2], [(0, 0.7, 1, 0.9)])
     assert box[1] == pytest.approx(0.2 + LABEL_GAP)
 
 
-def test_labels_do_not_meet():
+def test_labels_do_not_overlap():
     labels = [Label(0.3, (0.5 + 0.03 * k,), k % 2 == 1) for k in range(6)]
     boxes = place_labels(labels, NOTHING, [0.5], [(0.0, 0.5, 0.1, 0.6)])
     assert len(boxes) == 6
@@ -49,6 +49,6 @@ def test_labels_do_not_meet():
     assert not any(meet(one, (0.0, 0.5, 0.1, 0.6)) for one in boxes)
 
 
-def test_a_label_wider_than_the_axes_and_unknown_points_are_borne():
+def test_a_label_wider_than_the_axes_starts_at_the_left():
     (box,) = place_labels([Label(1.5, (0.5,), True)], np.full((3, 2), np.nan), [0.5], [])
     assert box[0] == EDGE_MARGIN

@@ -20,7 +20,7 @@ def test_limits_are_dashed_lines_with_labels(made):
     assert {"rms ≤ 1.5 %, within limit", "frame rms ≤ 1.9 %, over limit"} <= set(texts(report))
 
 
-def test_labels_of_limits_that_are_close_do_not_meet(made):
+def test_labels_of_close_limits_do_not_overlap(made):
     """Nor do they leave the axes, or meet the name of the worst frame."""
     typed = [("rms", 1.5), ("rms", 1.52), ("frame_rms", 1.9), ("frame_rms", 1.93)]
     typed += [("volume_change", 0.9), ("volume_change", 0.92), ("frame_rms", 2.2)]
@@ -40,21 +40,21 @@ def test_labels_of_limits_that_are_close_do_not_meet(made):
         assert not any(box.overlaps(other) for other in boxes[:k])
 
 
-def test_a_limit_in_units_stands_where_the_diagonal_puts_it(made):
+def test_a_limit_in_file_units_is_converted_by_the_diagonal(made):
     report = made([0.0, 2.0], limits=[Limit("frame_rms", Decimal("0.02"), "units")])
     (line,) = lines(report, "limit")
     assert line.get_ydata()[0] == pytest.approx(100 * 0.02 / report.clip.diagonal)
     assert any(text.startswith("frame rms ≤ 0.02 units, ") for text in texts(report))
 
 
-def test_a_limit_made_of_a_baseline_is_printed_as_figures_are():
+def test_a_limit_of_a_baseline_is_printed_with_four_decimals():
     gate = LimitCheck("volume_change", "%", 1.1, None, None, None, baseline=1.0)
     assert (
         format_limit_label(gate, EXTRACTION_VOCABULARY) == "volume change ≤ 1.1000 %, not checked"
     )
 
 
-def test_a_limit_that_was_typed_keeps_its_digits():
+def test_a_typed_limit_keeps_its_digits():
     gate = LimitCheck("max_deviation", "units", 0.12345678, 0.1, "a", True)
     assert (
         format_limit_label(gate, EXTRACTION_VOCABULARY)

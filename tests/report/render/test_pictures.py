@@ -77,7 +77,7 @@ def test_every_pose_has_its_three_pictures(poses):
     assert all_of(render_pictures(poses, PIXELS)) == all_of(pictures)
 
 
-def test_given_and_rebuilt_are_seen_from_one_place():
+def test_original_and_reconstruction_have_one_camera():
     (pose,) = render_pictures(still(1.0, 1.0), PIXELS).poses
     original, reconstruction, caged = map(
         opened_png, (pose.original, pose.reconstruction, pose.cage)
@@ -88,7 +88,7 @@ def test_given_and_rebuilt_are_seen_from_one_place():
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.5, 4), (1.0, 8), (5.0, 8)])
-def test_colours_tell_the_deviation(share, expected):
+def test_colours_show_the_deviation(share, expected):
     """Half of the vertices, those to the right, at a share of the scale that others end."""
     poses = still(1.0, 0.0)
     rest = poses.poses[0]
@@ -104,7 +104,7 @@ def test_colours_tell_the_deviation(share, expected):
     assert ratio == pytest.approx(np.full(3, ratio.mean()), rel=0.06)
 
 
-def test_scales_end_at_round_numbers_that_nearly_all_keep():
+def test_scales_end_at_round_numbers_above_nearly_all_values():
     assert render_pictures(still(0.43, 1.1), PIXELS).max_deviation_percent == 1.5
     assert render_pictures(still(0.43, 1.1), PIXELS).max_rms_percent == 0.5
     assert render_pictures(still(0.0, 1e-13), PIXELS).max_deviation_percent == 0.001

@@ -19,7 +19,7 @@ def diagonal_of(case):
     return np.linalg.norm(np.ptp(case.frames[0], axis=0))
 
 
-def test_the_poses_are_the_frames_they_are_named_for(closed):
+def test_the_poses_are_the_frames_of_their_names(closed):
     poses = load_poses(closed.result)
     rest, worst, median, best = poses.poses
     order = np.argsort((misses_of(closed) ** 2).mean(axis=1))
@@ -38,7 +38,7 @@ def test_the_poses_are_the_frames_they_are_named_for(closed):
         np.testing.assert_allclose(pose.deviation, expected, rtol=1e-5, atol=1e-5)
 
 
-def test_the_rest_pose_is_rebuilt(closed):
+def test_the_rest_pose_is_reconstructed(closed):
     rest = load_poses(closed.result).poses[0]
     np.testing.assert_array_equal(rest.original, closed.frames[0])
     np.testing.assert_allclose(rest.reconstruction, rest.original, rtol=0, atol=1e-12)
@@ -46,7 +46,7 @@ def test_the_rest_pose_is_rebuilt(closed):
     np.testing.assert_array_equal(rest.cage, closed.result.cage.vertices)
 
 
-def test_the_spread_and_the_meshes(closed):
+def test_the_vertex_errors_and_the_meshes(closed):
     poses = load_poses(closed.result)
     expected = 100 * np.sqrt((misses_of(closed) ** 2).mean(axis=0)) / diagonal_of(closed)
     np.testing.assert_allclose(poses.vertex_rms, expected, rtol=1e-9)
@@ -63,7 +63,7 @@ def test_a_result_without_weights_has_no_poses(folder):
 
 
 @pytest.mark.parametrize("missing", [(), (3, 7)])
-def test_the_figures_of_vertices(closed, missing):
+def test_the_metrics_of_vertices(closed, missing):
     result, case_rms = closed.result, np.sqrt((misses_of(closed) ** 2).mean(axis=0))
     rms = result.vertex_rms.copy()
     rms[list(missing)] = np.nan

@@ -72,7 +72,7 @@ CLIPS = (
 )
 
 
-def test_it_is_as_the_schema_says():
+def test_the_xml_follows_the_schema():
     assert faults_of(format_junit(build_overview(CLIPS))) == []
     assert faults_of(format_junit(build_overview([]))) == []
 
@@ -100,7 +100,7 @@ def test_it_is_as_the_schema_says():
         ("</failure>", "</failure><skipped />", "outcomes"),
     ],
 )
-def test_what_is_not_is_found(old, new, fault):
+def test_the_schema_check_finds_faults(old, new, fault):
     text = format_junit(build_overview(CLIPS))
     assert old in text
     assert fault in faults_of(text.replace(old, new))
@@ -137,7 +137,7 @@ def test_every_clip_is_a_suite_and_every_limit_a_case():
 
 
 @pytest.mark.parametrize("name", HOSTILE.values(), ids=HOSTILE)
-def test_no_name_breaks_it(name):
+def test_any_name_gives_valid_xml(name):
     entries = [
         clip(name, gate(False, frame=name), notes=[name]),
         ClipEntry(name, fault=name),
@@ -148,5 +148,5 @@ def test_no_name_breaks_it(name):
         assert ElementTree.fromstring(text)[0].get("name") == name
 
 
-def test_the_same_run_is_the_same_text():
+def test_the_same_run_gives_the_same_text():
     assert format_junit(build_overview(CLIPS)) == format_junit(build_overview(CLIPS))

@@ -37,7 +37,7 @@ CLIPS = (
 )
 
 
-def test_the_worst_come_first_and_say_why():
+def test_the_worst_clips_come_first_with_their_reasons():
     text = format_markdown(build_overview(CLIPS))
     assert text.startswith(
         "## cageik: 5 clips: 1 failed, 1 over limit, 2 within limits, 1 extracted\n\n| clip |"
@@ -58,7 +58,7 @@ def test_the_worst_come_first_and_say_why():
     ]
 
 
-def test_what_there_is_none_of_has_no_heading():
+def test_empty_parts_have_no_heading():
     text = format_markdown(build_overview([clip("a")]))
     assert text.startswith("## cageik: 1 clip: 1 extracted\n")
     assert "###" not in text
@@ -71,7 +71,7 @@ def seen(name: str) -> str:
 
 
 @pytest.mark.parametrize("name", HOSTILE.values(), ids=HOSTILE)
-def test_names_are_seen_as_they_are(name):
+def test_names_are_rendered_as_they_are(name):
     entries = [
         clip(name, gate(False, frame=name), notes=[f"{name} note"]),
         ClipEntry(name, fault=name),
@@ -84,14 +84,14 @@ def test_names_are_seen_as_they_are(name):
     assert len(items_of(text)) == 3
 
 
-def test_the_frames_name_is_seen_too():
+def test_names_of_frames_are_rendered_as_they_are():
     for name in HOSTILE.values():
         entry = ClipEntry("a", summary=summary(worst_frame=name))
         assert cells_of(format_markdown(build_overview([entry])))[0][4] == seen(name)
 
 
 @pytest.mark.parametrize("name", ["clip_", "ü|<>" * 60, "\U0001f600" * 290], ids=range(3))
-def test_any_number_of_clips_has_room(name):
+def test_any_number_of_clips_fits(name):
     """Failed ones and those over a limit are among the first; the others are counted."""
     clips = [
         clip(f"{k} {name}", gate(k % 40 > 0), notes=[f"{k} {name} note"])
