@@ -23,7 +23,7 @@ def old(tmp_path):
     return tmp_path / "old.json"
 
 
-def figures_of(report):
+def percent_metrics(report):
     change = report.summary.volume_change_percent_max
     return {
         "rms": report.summary.rms_percent,
@@ -38,14 +38,14 @@ def test_one_result_is_read(request, old, case):
     report = build_report(request.getfixturevalue(case).result)
     old.write_text(format_json([report]))
     found = read_baseline(old, TEN)
-    assert found == baseline.Baseline(old, {"cages.h5": figures_of(report)}, TEN)
+    assert found == baseline.Baseline(old, {"cages.h5": percent_metrics(report)}, TEN)
 
 
 def test_several_results_and_a_batch_are_read(closed, opened, old):
     first, second = (
         build_report(case.result, name=name) for case, name in ((closed, "a/b"), (opened, "ü"))
     )
-    expected = {"a/b": figures_of(first), "ü": figures_of(second)}
+    expected = {"a/b": percent_metrics(first), "ü": percent_metrics(second)}
     old.write_text(format_json([first, second]))
     assert read_baseline(old, TEN).metrics == expected
     failed = ClipEntry("c", fault="it is broken")
@@ -60,7 +60,7 @@ def test_several_results_and_a_batch_are_read(closed, opened, old):
 
 
 def record(**changes):
-    """A record with summary figures changed; `...` takes one away."""
+    """A record with changed metrics in its summary; `...` removes one."""
     figures = {key: v for key, v in (asdict(summary()) | changes).items() if v is not ...}
     return {"schema": 1, "result": "a.h5", "summary": figures}
 

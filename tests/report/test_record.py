@@ -1,4 +1,4 @@
-"""Every figure of a report, computed again from the frames and the result by hand."""
+"""Every metric of a report, computed again from the frames and the result."""
 
 import dataclasses
 
@@ -120,9 +120,9 @@ def test_an_open_model_has_no_volumes_and_a_note(opened, closed):
     assert summary.rms == pytest.approx(build_report(closed.result).summary.rms, rel=RTOL)
 
 
-def test_a_frame_of_one_point_has_metrics(case_of, animation):
+def test_a_frame_of_one_point_has_metrics(make_case, animation):
     frames = np.array([animation.frames[0], np.zeros((18, 3))])
-    report = build_report(case_of(frames, animation.rest.faces).result)
+    report = build_report(make_case(frames, animation.rest.faces).result)
     assert report.frames[1].volume == 0
     assert report.frames[1].volume_change is None
     assert report.frames[1].volume_drift == pytest.approx(-100)

@@ -1,4 +1,4 @@
-"""The views of an edited result: how far it was moved, and nothing of errors."""
+"""The views of an edited result: distances moved, and no errors."""
 
 import json
 import re
@@ -26,7 +26,7 @@ from cageik_cli.report.vocabulary import (
 )
 from tests.report.drawings import texts
 from tests.report.html.test_page import pictures_of_one_point
-from tests.report.markup import faults_of, parsed
+from tests.report.markup import find_faults, parse_page
 
 OF_ERRORS = re.compile(
     r"error|deviation|reconstruct|rebuilt|worst|best|extracted|of the input|E_RMS|KG", re.IGNORECASE
@@ -35,13 +35,13 @@ LIMITS = Limits(tuple(Limit(metric, Decimal("0.0001")) for metric in gates.METRI
 
 
 def _text(report):
-    """Without what is said of the weights, which have an error of their own."""
+    """The text without its rows on weights, which have an error of their own."""
     return re.sub(r"\n  (weights|accuracy) .*", "", format_text(report))
 
 
 def _page(report):
-    """What is read in a page, and told of its pictures; not of the weights, as above."""
-    page = parsed(render_page(report, pictures_of_one_point()))
+    """All texts of a page, with those of its pictures, without the section on weights."""
+    page = parse_page(render_page(report, pictures_of_one_point()))
     page.by_id("weights").children.clear()
     names = ("alt", "aria-label", "data-cursor")
     told = [element.attributes.get(name, "") for element in page.all() for name in names]
@@ -62,8 +62,8 @@ def _junit(report):
 
 
 def _index(report):
-    """Clips over a limit, or of large figures, are the worst whatever the figures are of."""
-    page = parsed(render_index(build_overview([build_clip_entry(report)])))
+    """The heading "worst first" is for errors and edits."""
+    page = parse_page(render_index(build_overview([build_clip_entry(report)])))
     told = [element.attributes.get("aria-label", "") for element in page.all("svg")]
     return "\n".join([page.text, *told]).replace("worst first", "")
 
@@ -110,7 +110,7 @@ def test_the_text_names_the_edited_result_and_the_distance(edited):
 
 def test_the_page_of_an_edit_says_so_in_its_title(edited):
     report = build_report(edited)
-    page = parsed(render_page(report, pictures_of_one_point()))
+    page = parse_page(render_page(report, pictures_of_one_point()))
     title = next(page.all("title"))
     assert title.text.startswith(f"edited.h5: moved {report.summary.rms_percent:.4f} %")
     assert "edited from cages.h5" in page.text
@@ -126,7 +126,7 @@ def test_the_page_of_an_edit_says_so_in_its_title(edited):
 
 
 def test_the_page_of_an_edit_is_sound(report):
-    assert faults_of(render_page(report, pictures_of_one_point())) == []
+    assert find_faults(render_page(report, pictures_of_one_point())) == []
 
 
 def test_records_name_the_edited_result(edited, closed):
@@ -143,7 +143,7 @@ def test_edits_are_marked_among_extractions(edited, closed):
         [build_clip_entry(build_report(edited)), build_clip_entry(build_report(closed.result))]
     )
     name = "edited.h5 (edited: distance moved from cages.h5)"
-    assert name in parsed(render_index(both)).text
+    assert name in parse_page(render_index(both)).text
     assert name in format_markdown(both).replace("\\", "")
     assert "| edited |" in format_markdown(both)
     assert "| extracted |" in format_markdown(both)

@@ -1,4 +1,4 @@
-"""The frames' table: figures as they are printed, and no column without any."""
+"""The table of frames: metrics as printed, and no empty columns."""
 
 from dataclasses import fields, replace
 

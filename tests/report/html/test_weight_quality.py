@@ -1,4 +1,4 @@
-"""What a page says of weights: that of their kind, and of the accuracy that was asked for."""
+"""The quality of weights on a page, by type of coordinates and accuracy."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Where labels stand: beside their lines, clear of curves, of each other and of what is there."""
+"""Labels of limits: beside their lines, off the curves, and without overlaps."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Limits in the figure over the frames: where their lines and labels are, and what they say."""
+"""Limits in the plot over the frames: lines, labels and their texts."""
 
 from decimal import Decimal
 
@@ -11,21 +11,23 @@ from cageik_cli.report.vocabulary import EXTRACTION_VOCABULARY
 from tests.report.drawings import lines, texts
 
 
-def test_limits_are_dashed_lines_with_labels(made):
+def test_limits_are_dashed_lines_with_labels(make_report):
     typed = (("rms", "1.5", "%"), ("frame_rms", "1.9", "%"), ("volume_change", "2", "%"))
-    report = made([0.0, 2.0], [0.0, -1.0], limits=[Limit(m, Decimal(v), u) for m, v, u in typed])
+    report = make_report(
+        [0.0, 2.0], [0.0, -1.0], limits=[Limit(m, Decimal(v), u) for m, v, u in typed]
+    )
     drawn = lines(report, "limit")
     assert sorted(line.get_ydata()[0] for line in drawn) == [-2, 1.5, 1.9, 2]
     assert all(line.is_dashed() for line in drawn)
     assert {"rms ≤ 1.5 %, within limit", "frame rms ≤ 1.9 %, over limit"} <= set(texts(report))
 
 
-def test_labels_of_close_limits_do_not_overlap(made):
-    """Nor do they leave the axes, or meet the name of the worst frame."""
+def test_labels_of_close_limits_do_not_overlap(make_report):
+    """They also stay in the axes and off the label of the worst frame."""
     typed = [("rms", 1.5), ("rms", 1.52), ("frame_rms", 1.9), ("frame_rms", 1.93)]
     typed += [("volume_change", 0.9), ("volume_change", 0.92), ("frame_rms", 2.2)]
     limits = [Limit(metric, Decimal(str(most))) for metric, most in typed]
-    drawn = draw_plot(made([0.0, 2.0, 1.0], [0.0, -1.0, 1.0], limits=limits))
+    drawn = draw_plot(make_report([0.0, 2.0, 1.0], [0.0, -1.0, 1.0], limits=limits))
     drawn.draw_without_rendering()
     boxes = [
         text.get_window_extent()
@@ -40,8 +42,8 @@ def test_labels_of_close_limits_do_not_overlap(made):
         assert not any(box.overlaps(other) for other in boxes[:k])
 
 
-def test_a_limit_in_file_units_is_converted_by_the_diagonal(made):
-    report = made([0.0, 2.0], limits=[Limit("frame_rms", Decimal("0.02"), "units")])
+def test_a_limit_in_file_units_is_converted_by_the_diagonal(make_report):
+    report = make_report([0.0, 2.0], limits=[Limit("frame_rms", Decimal("0.02"), "units")])
     (line,) = lines(report, "limit")
     assert line.get_ydata()[0] == pytest.approx(100 * 0.02 / report.clip.diagonal)
     assert any(text.startswith("frame rms ≤ 0.02 units, ") for text in texts(report))

@@ -1,4 +1,4 @@
-"""Names stand beside their dots, apart from each other, inside, and where they hide little."""
+"""Names are beside their dots, inside the picture, without overlaps, and cover little."""
 
 from itertools import combinations
 

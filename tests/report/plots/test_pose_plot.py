@@ -1,4 +1,4 @@
-"""A pose before and after: marks stand where anchors are, names do not meet, any pose is drawn."""
+"""The plot of a pose: positions of marks and names; any pose can be drawn."""
 
 import io
 import subprocess
@@ -32,7 +32,7 @@ RIGHT, UP, NEARER = view_axes("Y", VIEW_TURN)
 
 
 def moved(*motions, missed=0.0, **changes):
-    """A ball in a box; an anchor a motion, at its upper right, that stays so much behind.
+    """A ball in a box, with one anchor per motion at its upper right that misses by `missed`.
 
     None is a pin.
     """
@@ -84,19 +84,19 @@ def artists(view, gid):
 
 
 def places(view, gid):
-    """Where marks of a kind are, points from the figure's upper left corner."""
+    """Return positions of marks, in points from the figure's upper left corner."""
     return np.concatenate([line.get_xydata() for line in artists(view, gid)])
 
 
 def seen(view, points, panel, axes=(RIGHT, UP, NEARER)):
-    """Where points are to be, in points, counted again from what the picture has to show."""
+    """Return expected positions of points, computed again from the extent of the picture."""
     held = (view.before, view.cage_before, view.cage_after, view.starts, view.targets, view.ends)
     camera = ParallelCamera.fit(np.array(axes), np.concatenate([view.after, *held]), 1000)
     return camera.project(points)[:, :2] * PANEL_SIDE / 1000 + [panel * PANEL_SIDE, 0]
 
 
 def is_coloured(picture, point, colour, reach=2):
-    """Whether a colour is within some pixels of a place of the figure, in points."""
+    """Whether a colour is within `reach` pixels of a position in points."""
     wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
     column, row = (point * PIXELS / PANEL_SIDE).astype(int)
     near = picture[row - reach : row + reach + 1, column - reach : column + reach + 1]
@@ -124,7 +124,7 @@ def test_the_same_view_gives_the_same_bytes(monkeypatch):
 
 
 def test_both_panels_have_one_camera():
-    """A ball that grows: the smaller is drawn smaller, and no larger than both need."""
+    """A ball grows: both panels have the scale of the larger ball."""
     view = moved(0.4 * UP)
     grown = replace(view, after=2 * view.after, cage_after=2 * view.cage_after)
     same, other = drawn(view), drawn(grown)
@@ -218,7 +218,7 @@ def test_up_is_up(up_axis):
 
 
 def boxes(view):
-    """Where the names are, (left, top, right, bottom) in points."""
+    """Return the boxes of the names, (left, top, right, bottom) in points."""
     height = PANEL_SIDE + LEGEND_HEIGHT
     extents = [text.get_window_extent() for text in artists(view, "name")]
     scale = PANEL_SIDE / PIXELS

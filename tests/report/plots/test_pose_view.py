@@ -1,4 +1,4 @@
-"""What a picture of a pose is given: the frame that was moved most, before and after."""
+"""The view of a pose: the most moved frame, before and after."""
 
 import json
 import re
@@ -63,7 +63,7 @@ def test_the_view_of_an_edit_is_the_most_moved_frame(handles):
 
 @pytest.fixture
 def viewed(folder, run):
-    """The picture of sets that are laid over the little animation, of five frames."""
+    """A function that builds the view of sets applied to the small animation of five frames."""
     assert run("extract", "frames", "--cage", "cage.obj", "-o", "cages.h5", "-q").code == 0
 
     def make(*sets):

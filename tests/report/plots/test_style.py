@@ -1,4 +1,4 @@
-"""Figures look the same whatever the reader's settings; names are drawn as far as they can be."""
+"""Plots do not depend on the user's settings; names are cut and letters replaced."""
 
 import matplotlib as mpl
 import pytest

@@ -1,4 +1,4 @@
-"""Where a viewer stands, and a cage's lines before and behind its model."""
+"""Viewpoints, and edges of a cage before and behind its model."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_the_viewpoint_is_in_front_and_to_the_right(up_axis, front):
 
 
 def test_a_cage_is_drawn_over_its_model_and_fainter_behind():
-    """Of a box around a ball, seen straight: four edges before it, and in a smaller box none."""
+    """A box around a ball has four edges before it, seen from the front; a smaller box has none."""
     model = ball(levels=3, size=1.0)
     shares = []
     for size in (1.2, 0.5):

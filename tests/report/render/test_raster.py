@@ -17,7 +17,7 @@ def test_a_square_covers_its_pixels_once():
 
 
 def test_adjacent_triangles_leave_no_gap():
-    """A fan of slivers, around a point, covers its disc without holes."""
+    """A fan of thin triangles around a point covers its disc without holes."""
     angles = np.linspace(0, 2 * np.pi, 400)
     ring = np.stack([50 + 45 * np.cos(angles), 50 + 45 * np.sin(angles), 0 * angles], axis=1)
     middle = np.broadcast_to([50.1, 49.7, 0.0], ring[1:].shape)

@@ -1,4 +1,4 @@
-"""Light and colours: what is seen of models, also of those that are hardly any."""
+"""Shading and colours of models, including degenerate ones."""
 
 import numpy as np
 import pytest

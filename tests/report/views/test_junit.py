@@ -1,4 +1,4 @@
-"""JUnit's XML: what Ant's schema demands, held for every clip; no name breaks it."""
+"""JUnit XML: it follows Ant's schema for every clip and every name."""
 
 import re
 from xml.etree import ElementTree
@@ -17,12 +17,12 @@ FAULT = {"message", "type"}
 
 
 def is_token(text: str) -> bool:
-    """What the schema takes for a name, of one character at least."""
+    """Whether the schema accepts a text as a name of at least one character."""
     return text != "" and text == " ".join(text.split())
 
 
-def faults_of(text: str) -> list[str]:
-    """What in a document is not as the schema says, a line each."""
+def find_faults(text: str) -> list[str]:
+    """List violations of the schema, one per line."""
     root = ElementTree.fromstring(text.encode())
     suites = list(root)
     found = ["root"] * (root.tag != "testsuites" or root.attrib != {})
@@ -73,8 +73,8 @@ CLIPS = (
 
 
 def test_the_xml_follows_the_schema():
-    assert faults_of(format_junit(build_overview(CLIPS))) == []
-    assert faults_of(format_junit(build_overview([]))) == []
+    assert find_faults(format_junit(build_overview(CLIPS))) == []
+    assert find_faults(format_junit(build_overview([]))) == []
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_the_xml_follows_the_schema():
 def test_the_schema_check_finds_faults(old, new, fault):
     text = format_junit(build_overview(CLIPS))
     assert old in text
-    assert fault in faults_of(text.replace(old, new))
+    assert fault in find_faults(text.replace(old, new))
 
 
 def test_every_clip_is_a_suite_and_every_limit_a_case():
@@ -143,7 +143,7 @@ def test_any_name_gives_valid_xml(name):
         ClipEntry(name, fault=name),
     ]
     text = format_junit(build_overview(entries))
-    assert faults_of(text) == []
+    assert find_faults(text) == []
     if name.isprintable() and is_token(name):
         assert ElementTree.fromstring(text)[0].get("name") == name
 

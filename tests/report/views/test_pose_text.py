@@ -1,4 +1,4 @@
-"""What a pose came to, in words and as JSON."""
+"""The summary of a pose, as text and as JSON."""
 
 import json
 from dataclasses import replace
@@ -61,7 +61,7 @@ def test_the_handle_with_the_largest_gain_in_acceleration_is_named():
 
 
 def test_an_edit_without_more_acceleration_says_so():
-    """Neither what gets smoother, nor rounding, is the edit's fault."""
+    """Smoother motion and rounding do not count."""
     calm = replace(HAND, acceleration=0.02, acceleration_before=0.03)
     pin = replace(HAND, acceleration=0.5 + 1e-9, acceleration_before=0.5)
     rows = dict(format_pose_rows(replace(EDIT, anchors=(calm, pin))))
@@ -96,7 +96,7 @@ def test_handles_at_their_targets_are_held_and_noted():
 
 
 def test_a_handle_that_moves_too_far_gets_advice_on_units():
-    """The diagonal is 2, so that 5 of them are 10."""
+    """The diagonal is 2, so five diagonals are 10."""
     edit = replace(EDIT, anchors=(HAND, replace(HAND, name="foot", moved=10.1)))
     assert dict(format_pose_rows(edit))["note"] == (
         "foot moves 5.05 times the model's diagonal (expected at most 5); give targets in the "
@@ -109,7 +109,7 @@ def test_a_handle_that_moves_too_far_gets_advice_on_units():
     ("farthest", "cage", "told"), [(0.5, 2.6, True), (0.5, 2.4, False), (0.1, 1.9, False)]
 )
 def test_a_cage_that_moves_too_far_gets_advice(farthest, cage, told):
-    """More than 5 times as far as any handle, and more than the diagonal, which is 2."""
+    """The limits are 5 times the motion of any handle, and the diagonal, which is 2."""
     edit = replace(EDIT, anchors=(replace(HAND, moved=farthest), HAND), cage_moved=cage)
     notes = [text for label, text in format_pose_rows(edit) if label == "note"]
     assert len(notes) == told

@@ -1,4 +1,4 @@
-"""What programs read: JSON with every key that is promised, CSV that gives the numbers back."""
+"""JSON with every promised key, and CSV that gives the numbers back."""
 
 import csv
 import io

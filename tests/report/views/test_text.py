@@ -1,4 +1,4 @@
-"""The page for people: headline first, the numbers of the record, notes last."""
+"""The text report: error first, the numbers of the record, notes last."""
 
 from dataclasses import replace
 
