@@ -1,6 +1,8 @@
-"""The table of frames: metrics as printed, and no empty columns."""
+"""The table of frames and that of the weights: metrics as printed, and no empty columns."""
 
 from dataclasses import fields, replace
+
+import pytest
 
 from cageik_cli.report.figures import FrameRecord
 from cageik_cli.report.html.frames_table import (
@@ -10,6 +12,7 @@ from cageik_cli.report.html.frames_table import (
     VOLUME_COLUMNS,
     FrameRow,
     build_frame_row,
+    build_quality_rows,
     choose_columns,
 )
 from cageik_cli.report.record import build_report
@@ -54,3 +57,28 @@ def test_one_frame_with_a_value_makes_a_column(closed):
     without = tuple(replace(frame, volume_drift=None) for frame in others)
     assert VOLUME_COLUMNS[-1] in choose_columns(replace(report, frames=(first, *without)))
     assert VOLUME_COLUMNS[-1] not in choose_columns(replace(report, frames=without))
+
+
+@pytest.mark.parametrize(
+    ("settings", "panels", "words"),
+    [
+        ({"coordinates": "harmonic", "accuracy": "fine"}, 8, ["0.001 or less", "never negative"]),
+        ({"coordinates": "mean-value"}, 0, ["closed form", "negative near concave parts"]),
+        ({"coordinates": "harmonic", "accuracy": "other"}, 8, ["never negative"]),
+    ],
+)
+def test_weights_are_explained_by_their_kind(closed, settings, panels, words):
+    report = build_report(closed.result)
+    binding = replace(report.binding, panels=panels)
+    rows = build_quality_rows(replace(report, settings=settings, binding=binding))
+    text = " ".join(f"{row.meaning} {row.expected}" for row in rows)
+    assert [word for word in words if word not in text] == []
+    assert ("Panels" in [row.label for row in rows]) == bool(panels)
+
+
+def test_an_unknown_accuracy_has_no_expected_value(closed):
+    report = build_report(closed.result)
+    binding = replace(report.binding, panels=8)
+    rows = build_quality_rows(replace(report, settings={"accuracy": "other"}, binding=binding))
+    (row,) = [row for row in rows if row.label.startswith("Estimated weight error")]
+    assert row.expected == ""
