@@ -44,20 +44,20 @@ def read_baseline(path: Path, max_regression: Decimal) -> Baseline:
         When the content is not that of a report; the message says where.
     """
     with error_context(path):
-        figures: dict[str, dict[str, float | None]] = {}
+        metrics: dict[str, dict[str, float | None]] = {}
         for name, found in _iterate_results(_read_report(path)):
-            if name in figures:
+            if name in metrics:
                 raise FormatError(
                     f"holds two results named {name}, expected one; give the results different "
                     "names, or use the report of a batch"
                 )
-            figures[name] = found
-        if not figures:
+            metrics[name] = found
+        if not metrics:
             raise FormatError(
                 "holds no result with metrics, expected at least one; name the JSON of "
                 "cageik report or cageik batch"
             )
-    return Baseline(path, figures, max_regression)
+    return Baseline(path, metrics, max_regression)
 
 
 def _read_report(path: Path) -> Any:

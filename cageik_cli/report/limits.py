@@ -47,7 +47,7 @@ class Baseline:
     ----------
     path : Path
         The file that the metrics were read from.
-    figures : mapping of str to mapping of str to float or None
+    metrics : mapping of str to mapping of str to float or None
         In percent, by the result's name and the metric; a change without its sign, None where
         the metric was not defined.
     max_regression : Decimal
@@ -58,15 +58,15 @@ class Baseline:
     """
 
     path: Path
-    figures: Mapping[str, Mapping[str, float | None]]
+    metrics: Mapping[str, Mapping[str, float | None]]
     max_regression: Decimal
     is_matched_by_name: bool = False
 
     def find_counterpart(self, name: str) -> Mapping[str, float | None] | None:
         """Return the earlier metrics of a result; None if there are none."""
-        if len(self.figures) == 1 and not self.is_matched_by_name:
-            return next(iter(self.figures.values()))
-        return self.figures.get(name)
+        if len(self.metrics) == 1 and not self.is_matched_by_name:
+            return next(iter(self.metrics.values()))
+        return self.metrics.get(name)
 
 
 @dataclass(frozen=True, slots=True)

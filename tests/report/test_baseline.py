@@ -23,7 +23,7 @@ def old(tmp_path):
     return tmp_path / "old.json"
 
 
-def figures_of(report):
+def percent_metrics(report):
     change = report.summary.volume_change_percent_max
     return {
         "rms": report.summary.rms_percent,
@@ -38,29 +38,29 @@ def test_one_result_is_read(request, old, case):
     report = build_report(request.getfixturevalue(case).result)
     old.write_text(format_json([report]))
     found = read_baseline(old, TEN)
-    assert found == baseline.Baseline(old, {"cages.h5": figures_of(report)}, TEN)
+    assert found == baseline.Baseline(old, {"cages.h5": percent_metrics(report)}, TEN)
 
 
 def test_several_results_and_a_batch_are_read(closed, opened, old):
     first, second = (
         build_report(case.result, name=name) for case, name in ((closed, "a/b"), (opened, "ü"))
     )
-    expected = {"a/b": figures_of(first), "ü": figures_of(second)}
+    expected = {"a/b": percent_metrics(first), "ü": percent_metrics(second)}
     old.write_text(format_json([first, second]))
-    assert read_baseline(old, TEN).figures == expected
+    assert read_baseline(old, TEN).metrics == expected
     failed = ClipEntry("c", fault="it is broken")
     old.write_text(
         format_overview_json(
             build_overview([build_clip_entry(first), failed, build_clip_entry(second)])
         )
     )
-    assert read_baseline(old, TEN).figures == expected
+    assert read_baseline(old, TEN).metrics == expected
     old.write_text(old.read_text(), encoding="utf-8-sig")
-    assert read_baseline(old, TEN).figures == expected
+    assert read_baseline(old, TEN).metrics == expected
 
 
 def record(**changes):
-    """A record with summary figures changed; `...` takes one away."""
+    """A record with changed metrics in its summary; `...` removes one."""
     figures = {key: v for key, v in (asdict(summary()) | changes).items() if v is not ...}
     return {"schema": 1, "result": "a.h5", "summary": figures}
 
@@ -140,7 +140,7 @@ def test_any_other_content_is_an_error_that_says_where(old, content, says):
 def test_a_file_that_is_too_large_is_not_read(old, monkeypatch):
     old.write_text(json.dumps(record()))
     monkeypatch.setattr(baseline, "MAX_BYTES", old.stat().st_size)
-    assert read_baseline(old, TEN).figures
+    assert read_baseline(old, TEN).metrics
     monkeypatch.setattr(baseline, "MAX_BYTES", old.stat().st_size - 1)
     with pytest.raises(FileAccessError, match=rf"old\.json: .*{baseline.MAX_BYTES} bytes"):
         read_baseline(old, TEN)

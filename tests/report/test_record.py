@@ -1,4 +1,4 @@
-"""Every figure of a report, computed again from the frames and the result by hand."""
+"""Every metric of a report, computed again from the frames and the result."""
 
 import dataclasses
 
@@ -24,7 +24,7 @@ def column(report, name):
     return np.array([getattr(frame, name) for frame in report.frames])
 
 
-def test_figures_of_each_frame(closed, report):
+def test_metrics_of_each_frame(closed, report):
     misses = np.linalg.norm(closed.reconstruction - closed.frames, axis=2)
     diagonal = np.linalg.norm(np.ptp(closed.frames[0], axis=0))
     volume = volumes(closed.frames, closed.faces)
@@ -120,9 +120,9 @@ def test_an_open_model_has_no_volumes_and_a_note(opened, closed):
     assert summary.rms == pytest.approx(build_report(closed.result).summary.rms, rel=RTOL)
 
 
-def test_a_model_that_is_one_point_in_a_frame_has_figures_all_the_same(case_of, animation):
+def test_a_frame_of_one_point_has_metrics(make_case, animation):
     frames = np.array([animation.frames[0], np.zeros((18, 3))])
-    report = build_report(case_of(frames, animation.rest.faces).result)
+    report = build_report(make_case(frames, animation.rest.faces).result)
     assert report.frames[1].volume == 0
     assert report.frames[1].volume_change is None
     assert report.frames[1].volume_drift == pytest.approx(-100)

@@ -84,13 +84,7 @@ def render_page(report: Report, pictures: Pictures | None) -> str:
         report=report,
         digest=compute_record_digest(report),
         words=words,
-        sections=[
-            (
-                anchor,
-                title.format(measure=words.measure.capitalize(), worst=words.worst.capitalize()),
-            )
-            for anchor, title in SECTIONS
-        ],
+        sections=_list_sections(words),
         verdict=make_overall_verdict(report.gates),
         limit_rows=[_build_limit_row(check, words) for check in report.gates],
         plot=_build_plot_values(report),
@@ -98,14 +92,7 @@ def render_page(report: Report, pictures: Pictures | None) -> str:
         **(_build_picture_values(pictures, words) if pictures else {}),
         histogram=_build_histogram_values(report.vertices),
         quality=build_quality_rows(report),
-        settings=[
-            (name, _format_value(value), SETTING_MEANINGS.get(name, ""))
-            for name, value in report.settings.items()
-        ],
-        sources=[
-            (role.replace("_", " "), _list_source_facts(source))
-            for role, source in _sort_sources(report)
-        ],
+        **_build_provenance(report),
         columns=(INDEX_COLUMN, NAME_COLUMN, *columns),
         rows=[build_frame_row(frame, columns) for frame in report.frames],
         meanings=words.meanings,
@@ -116,6 +103,26 @@ def render_page(report: Report, pictures: Pictures | None) -> str:
         count=format_count,
         size=describe_size(report.clip, group="\u00a0"),
     )
+
+
+def _list_sections(words: Vocabulary) -> list[tuple[str, str]]:
+    """List the anchors and the titles of the sections."""
+    names = {"measure": words.measure.capitalize(), "worst": words.worst.capitalize()}
+    return [(anchor, title.format(**names)) for anchor, title in SECTIONS]
+
+
+def _build_provenance(report: Report) -> dict[str, Any]:
+    """List the settings with their meanings, and the facts about the source files."""
+    return {
+        "settings": [
+            (name, _format_value(value), SETTING_MEANINGS.get(name, ""))
+            for name, value in report.settings.items()
+        ],
+        "sources": [
+            (role.replace("_", " "), _list_source_facts(source))
+            for role, source in sorted(report.sources.items())
+        ],
+    }
 
 
 def render_result_page(result: Result, report: Report) -> str:
@@ -272,10 +279,6 @@ def _build_histogram_values(vertices: VertexMetrics) -> dict[str, Any]:
         f"diagonal; the largest bin, {peak['low']} to {peak['high']} %, has "
         f"{format_count(max_count, 'vertex')}. The table below lists all bins.",
     }
-
-
-def _sort_sources(report: Report) -> list[tuple[str, Any]]:
-    return sorted(report.sources.items())
 
 
 def _list_source_facts(source: Any) -> list[tuple[str, str]]:

@@ -136,7 +136,7 @@ def _draw_plot(report: Report) -> Figure:
         check for check in report.gates if check.metric not in error.metrics + other.metrics
     ]
     words = choose_vocabulary(report.edited_from)
-    _draw_legend(figure, (left, right), [format_limit_label(gate, words) for gate in undrawn])
+    _draw_legend(figure, (left, right), [format_limit_label(check, words) for check in undrawn])
     draw_limit_labels(((left, error), (right, other)), drawn_limits, worst)
     return figure
 

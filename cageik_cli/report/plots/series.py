@@ -79,6 +79,6 @@ def build_series(report: Report) -> tuple[Series, Series]:
     return error, Series(deviations, name, ("max_deviation",), 1, style)
 
 
-def _plottable_values(figures: Sequence[float | None]) -> Floats:
-    values = np.array([np.nan if figure is None else figure for figure in figures])
+def _plottable_values(metrics: Sequence[float | None]) -> Floats:
+    values = np.array([np.nan if value is None else value for value in metrics])
     return np.asarray(np.clip(values, -MAX_PLOTTED_PERCENT, MAX_PLOTTED_PERCENT))

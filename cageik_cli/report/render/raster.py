@@ -26,9 +26,9 @@ EDGE_ON_TOL = 1e-9
 class ParallelCamera:
     """A parallel projection onto a square picture.
 
-    `geometry.camera.Camera` is another thing: it validates matrices of users, casts rays through
-    pixels, and refuses points that are not finite. Here depths are in pixels, and such points are
-    left out.
+    It is separate from `geometry.camera.Camera`, which validates matrices of users, casts rays
+    through pixels, and refuses points that are not finite. Here depths are in pixels, and points
+    that are not finite are left out.
 
     Attributes
     ----------

@@ -32,43 +32,43 @@ NO_MOTION_TOL = 1e-6
 """Share of the diagonal; smaller distances count as no motion."""
 
 
-def format_pose_rows(figures: PoseSummary) -> list[tuple[str, str]]:
+def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
     """Return labelled lines: each handle, then the mesh, the cage and the system."""
     return [
-        *_handle_rows(figures),
+        *_handle_rows(summary),
         (
             "moved most",
-            f"vertex {figures.vertex} by "
-            f"{format_length(figures.moved)}{_format_frame_suffix(figures.frame)}, "
-            f"cage vertex {figures.cage_vertex} by {format_length(figures.cage_moved)}",
+            f"vertex {summary.vertex} by "
+            f"{format_length(summary.moved)}{_format_frame_suffix(summary.frame)}, "
+            f"cage vertex {summary.cage_vertex} by {format_length(summary.cage_moved)}",
         ),
         (
             "mesh moved",
-            f"{format_percent(figures.rms_percent)} % of the diagonal "
-            f"(rms {format_length(figures.rms)})",
+            f"{format_percent(summary.rms_percent)} % of the diagonal "
+            f"(rms {format_length(summary.rms)})",
         ),
-        ("volume change", _format_volume(figures)),
-        *_changed_rows(figures),
-        *_acceleration_rows(figures),
-        ("system", f"condition number {figures.condition_number:.4g}"),
-        *_advice_rows(figures),
+        ("volume change", _format_volume(summary)),
+        *_changed_rows(summary),
+        *_acceleration_rows(summary),
+        ("system", f"condition number {summary.condition_number:.4g}"),
+        *_advice_rows(summary),
     ]
 
 
-def format_pose_json(figures: PoseSummary) -> str:
+def format_pose_json(summary: PoseSummary) -> str:
     """Format the summary as JSON."""
-    record = {"schema": SCHEMA_VERSION, "tool": "cageik pose", **asdict(figures)}
+    record = {"schema": SCHEMA_VERSION, "tool": "cageik pose", **asdict(summary)}
     return json.dumps(record, indent=1, allow_nan=False) + "\n"
 
 
-def _handle_rows(figures: PoseSummary) -> Iterator[tuple[str, str]]:
+def _handle_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
     """Describe the motion of each handle; of many, those that end farthest from their targets."""
-    anchors = figures.anchors
+    anchors = summary.anchors
     worst = sorted(anchors, key=lambda anchor: -anchor.residual)[:MAX_SHOWN_HANDLES]
     for anchor in anchors if len(anchors) <= MAX_SHOWN_HANDLES else worst:
         motion = (
             "held"
-            if _is_held(anchor, figures.diagonal)
+            if _is_held(anchor, summary.diagonal)
             else f"moved {format_length(anchor.moved)}, misses its target by "
             f"{format_miss(anchor.residual_percent)} % of the diagonal"
             f"{_format_frame_suffix(anchor.frame)}"
@@ -91,17 +91,17 @@ def _format_handle_name(anchor: AnchorSummary) -> str:
     )
 
 
-def _acceleration_rows(figures: PoseSummary) -> Iterator[tuple[str, str]]:
+def _acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
     """Name the handle whose acceleration the edit raises most, with the one before."""
     known = [
         (anchor.acceleration, anchor.acceleration_before, _format_handle_name(anchor))
-        for anchor in figures.anchors
+        for anchor in summary.anchors
         if anchor.acceleration is not None and anchor.acceleration_before is not None
     ]
     if not known:
         return
     after, before, name = max(known, key=lambda found: found[0] - found[1])
-    if after - before <= NO_MOTION_TOL * figures.diagonal:
+    if after - before <= NO_MOTION_TOL * summary.diagonal:
         yield "acceleration", "no handle accelerates more than before the edit"
         return
     yield (
@@ -111,31 +111,31 @@ def _acceleration_rows(figures: PoseSummary) -> Iterator[tuple[str, str]]:
     )
 
 
-def _advice_rows(figures: PoseSummary) -> Iterator[tuple[str, str]]:
+def _advice_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
     """Advise when the pose is probably not the intended one."""
-    still = NO_MOTION_TOL * figures.diagonal
-    if all(_is_held(anchor, figures.diagonal) for anchor in figures.anchors):
+    still = NO_MOTION_TOL * summary.diagonal
+    if all(_is_held(anchor, summary.diagonal) for anchor in summary.anchors):
         yield "note", "no motion: all handles are already at their targets"
-    elif figures.moved_least > max(still, MIN_WHOLE_MOTION * figures.moved):
-        least = format_length(figures.moved_least)
+    elif summary.moved_least > max(still, MIN_WHOLE_MOTION * summary.moved):
+        least = format_length(summary.moved_least)
         yield "note", f"the whole model moves, by at least {least}; pin the parts that must stay"
-    far = max(figures.anchors, key=lambda anchor: anchor.moved)
-    if far.moved > MAX_HANDLE_DISTANCE * figures.diagonal:
+    far = max(summary.anchors, key=lambda anchor: anchor.moved)
+    if far.moved > MAX_HANDLE_DISTANCE * summary.diagonal:
         yield (
             "note",
-            f"{_format_handle_name(far)} moves {far.moved / figures.diagonal:.3g} times the "
+            f"{_format_handle_name(far)} moves {far.moved / summary.diagonal:.3g} times the "
             f"model's diagonal (expected at most {MAX_HANDLE_DISTANCE:g}); give targets in the "
             "units and axes of the model's file",
         )
-    if figures.cage_moved > max(MAX_CAGE_MOTION * far.moved, figures.diagonal):
+    if summary.cage_moved > max(MAX_CAGE_MOTION * far.moved, summary.diagonal):
         yield (
             "note",
-            f"cage vertex {figures.cage_vertex} moves {format_length(figures.cage_moved)}, more "
+            f"cage vertex {summary.cage_vertex} moves {format_length(summary.cage_moved)}, more "
             f"than {MAX_CAGE_MOTION:g} times as far as any handle: the cage cannot follow the "
             "handles; remove some handles, raise --alpha (for example to 1e-3), or check the cage "
             "with cageik check",
         )
-    if abs(figures.volume_change_percent or 0.0) > MAX_VOLUME_CHANGE and not figures.rigidity:
+    if abs(summary.volume_change_percent or 0.0) > MAX_VOLUME_CHANGE and not summary.rigidity:
         yield (
             "note",
             f"the volume changes by more than {MAX_VOLUME_CHANGE:g} %: parts that turn are "
@@ -152,18 +152,18 @@ def _format_frame_suffix(frame: str) -> str:
     return f" in {single_line(frame)}" if frame else ""
 
 
-def _format_volume(figures: PoseSummary) -> str:
-    if figures.volume_change_percent is None:
+def _format_volume(summary: PoseSummary) -> str:
+    if summary.volume_change_percent is None:
         return "not defined, the model is open"
-    change = f"{format_change(figures.volume_change_percent)} %"
-    return f"largest {change}" if figures.frame else change
+    change = f"{format_change(summary.volume_change_percent)} %"
+    return f"largest {change}" if summary.frame else change
 
 
-def _changed_rows(figures: PoseSummary) -> list[tuple[str, str]]:
+def _changed_rows(summary: PoseSummary) -> list[tuple[str, str]]:
     """Return a row on the frames that were changed; none for a single pose."""
-    if not figures.frame:
+    if not summary.frame:
         return []
-    if figures.changed is None:
+    if summary.changed is None:
         return [("changed", "no frames")]
-    first, last = map(single_line, figures.changed)
+    first, last = map(single_line, summary.changed)
     return [("changed", f"{first} to {last}; all other frames are unchanged")]

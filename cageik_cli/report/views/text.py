@@ -32,6 +32,20 @@ def format_text(report: Report) -> str:
     )
     rows = [
         *([] if report.edited_from is None else [("edited from", report.edited_from)]),
+        *_error_rows(summary, words),
+        ("volume change", _format_volume(report, words)),
+        *(_published_metrics_rows(summary) if words.has_published_metrics else []),
+        ("size", f"{summary.floats_per_frame} floats per frame {describe_size(clip)}"),
+        *_quality_rows(report, words),
+        *_skipped_rows(report),
+        *(format_check_row(check, words) for check in report.gates),
+        *(("note", note) for note in report.notes),
+    ]
+    return format_block(headline, rows)
+
+
+def _error_rows(summary: ReportSummary, words: Vocabulary) -> list[tuple[str, str]]:
+    return [
         (
             words.measure,
             f"{format_percent(summary.rms_percent)} % of the diagonal "
@@ -47,15 +61,7 @@ def format_text(report: Report) -> str:
             f"({format_length(summary.max_deviation)}) at vertex {summary.max_deviation_vertex} "
             f"of {summary.max_deviation_frame}",
         ),
-        ("volume change", _format_volume(report, words)),
-        *(_published_metrics_rows(summary) if words.has_published_metrics else []),
-        ("size", f"{summary.floats_per_frame} floats per frame {describe_size(clip)}"),
-        *_quality_rows(report, words),
-        *_skipped_rows(report),
-        *(format_check_row(check, words) for check in report.gates),
-        *(("note", note) for note in report.notes),
     ]
-    return format_block(headline, rows)
 
 
 def format_weights_row(quality: WeightQuality) -> tuple[str, str]:

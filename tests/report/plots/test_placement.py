@@ -1,4 +1,4 @@
-"""Labels take the cheapest box: points, boxes that are there, and preferences have their costs."""
+"""Labels take the cheapest box: preferences, covered points and overlaps have costs."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The pictures of a page: all of a pose from one place, one scale, and any pose at all."""
+"""The pictures of a page: one camera per pose, one scale; any pose can be drawn."""
 
 import io
 from dataclasses import replace
@@ -26,13 +26,13 @@ def poses(closed):
     return load_poses(closed.result)
 
 
-def opened_png(data):
+def open_png(data):
     image = Image.open(io.BytesIO(data))
     assert (image.size, image.mode, image.info) == ((PIXELS, PIXELS), "RGBA", {})
     return np.asarray(image, float)
 
 
-def all_of(pictures):
+def all_pictures(pictures):
     return [
         *(
             data
@@ -48,7 +48,7 @@ def hue(text):
 
 
 def still(vertex_rms, deviation, **changes):
-    """Poses of a ball in a box, reconstruction exactly, whatever the deviations say."""
+    """Poses of a ball in a box, reconstructed exactly, with made-up deviations."""
     model, cage = ball(levels=3, size=1.0), box(1.2)
     count = len(model.vertices)
     original = Pose(
@@ -70,33 +70,31 @@ def test_every_pose_has_its_three_pictures(poses):
     ]
     assert len(pictures.rest_views) == 2
     assert pictures.colours == COLOUR_SCALE
-    for data in all_of(pictures):
-        opacity = opened_png(data)[..., 3]
+    for data in all_pictures(pictures):
+        opacity = open_png(data)[..., 3]
         assert (opacity == 255).sum() > 50
         assert (opacity == 0).sum() > 50
-    assert all_of(render_pictures(poses, PIXELS)) == all_of(pictures)
+    assert all_pictures(render_pictures(poses, PIXELS)) == all_pictures(pictures)
 
 
-def test_given_and_rebuilt_are_seen_from_one_place():
+def test_original_and_reconstruction_have_one_camera():
     (pose,) = render_pictures(still(1.0, 1.0), PIXELS).poses
-    original, reconstruction, caged = map(
-        opened_png, (pose.original, pose.reconstruction, pose.cage)
-    )
+    original, reconstruction, caged = map(open_png, (pose.original, pose.reconstruction, pose.cage))
     np.testing.assert_array_equal(original[..., 3], reconstruction[..., 3])
     assert (caged[..., 3] >= original[..., 3]).all()
     assert (caged[..., 3] > original[..., 3]).sum() > 100
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.5, 4), (1.0, 8), (5.0, 8)])
-def test_colours_tell_the_deviation(share, expected):
-    """Half of the vertices, those to the right, at a share of the scale that others end."""
+def test_colours_show_the_deviation(share, expected):
+    """Half of the vertices have a share of the deviation at which the scale ends."""
     poses = still(1.0, 0.0)
     rest = poses.poses[0]
     deviation = np.full(len(rest.original), share * 2.0)
     deviation[rest.original[:, 1] < -0.5] = 2.0
     shown = replace(poses, poses=(replace(rest, deviation=deviation),))
     pictures = render_pictures(shown, PIXELS)
-    middle = opened_png(pictures.poses[0].reconstruction)[PIXELS // 2 - 5, PIXELS // 2, :3]
+    middle = open_png(pictures.poses[0].reconstruction)[PIXELS // 2 - 5, PIXELS // 2, :3]
     wanted = hue(COLOUR_SCALE[4 if share == 0.5 else expected])
     if share <= 1:
         assert pictures.max_deviation_percent == 2
@@ -104,7 +102,7 @@ def test_colours_tell_the_deviation(share, expected):
     assert ratio == pytest.approx(np.full(3, ratio.mean()), rel=0.06)
 
 
-def test_scales_end_at_round_numbers_that_nearly_all_keep():
+def test_scales_end_at_round_numbers_above_nearly_all_values():
     assert render_pictures(still(0.43, 1.1), PIXELS).max_deviation_percent == 1.5
     assert render_pictures(still(0.43, 1.1), PIXELS).max_rms_percent == 0.5
     assert render_pictures(still(0.0, 1e-13), PIXELS).max_deviation_percent == 0.001
@@ -115,13 +113,13 @@ def test_missing_data_is_grey():
     pictures = render_pictures(still(np.nan, 5.0), PIXELS)
     assert pictures.max_deviation_percent == 0.001
     for data in (pictures.poses[0].reconstruction, *pictures.rest_views):
-        ratio = opened_png(data)[PIXELS // 2, PIXELS // 2, :3] / hue(MISSING_COLOUR)
+        ratio = open_png(data)[PIXELS // 2, PIXELS // 2, :3] / hue(MISSING_COLOUR)
         assert ratio == pytest.approx(np.full(3, ratio.mean()), rel=0.05)
 
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_up_is_up(up_axis):
-    """A ball is pulled out along the axis that points up: the picture is as high as it can be."""
+    """A ball is stretched along its up axis: the picture is as high as possible."""
     poses = still(1.0, 1.0, up_axis=up_axis)
     stretch = np.where(np.arange(3) == "XYZ".index(up_axis), 4.0, 1.0)
     rest = poses.poses[0]
@@ -129,7 +127,7 @@ def test_up_is_up(up_axis):
         rest, original=stretch * rest.original, reconstruction=stretch * rest.reconstruction
     )
     drawn = (
-        opened_png(render_pictures(replace(poses, poses=(tall,)), PIXELS).rest_views[0])[..., 3] > 0
+        open_png(render_pictures(replace(poses, poses=(tall,)), PIXELS).rest_views[0])[..., 3] > 0
     )
     assert np.ptp(np.flatnonzero(drawn.any(axis=1))) > 2.5 * np.ptp(
         np.flatnonzero(drawn.any(axis=0))
@@ -148,4 +146,4 @@ def test_any_pose_is_drawn(model, cage):
     )
     pictures = render_pictures(replace(poses, poses=(odd,)), PIXELS)
     assert len(pictures.poses) == 1
-    assert all(opened_png(data).shape == (PIXELS, PIXELS, 4) for data in all_of(pictures))
+    assert all(open_png(data).shape == (PIXELS, PIXELS, 4) for data in all_pictures(pictures))
