@@ -531,7 +531,7 @@ def test_cages_and_weights_are_read_and_must_be_finite(path, wrong):
         file["weights"] = np.where(np.arange(18)[:, None] == 7, wrong, BINDING.weights)
     with pytest.raises(InputError, match=r"cages\.h5: the cage of frame 3 is not finite"):
         list(store.read_cages(result, 2))
-    with pytest.raises(InputError, match="`weights`.* vertex 7"):
+    with pytest.raises(InputError, match=r"`weights`.* vertex 7"):
         store.read_weights(result)
 
 
@@ -552,7 +552,7 @@ def test_gaps_that_have_figures_are_refused(path):
         store.read_result(path)
     with h5py.File(path, "r+") as file:
         file.attrs["skipped"] = json.dumps({str(k): "a" for k in range(FRAMES)})
-    with pytest.raises(InputError, match="`skipped`|every frame"):
+    with pytest.raises(InputError, match=r"`skipped`|every frame"):
         store.read_result(path)
 
 

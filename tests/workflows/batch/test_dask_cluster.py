@@ -25,7 +25,7 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import checkpoint_path
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import ClusterError, FileAccessError, InputError
 from cageik_cli.util.outputs import open_locked
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch import dask_cluster as module
@@ -260,8 +260,9 @@ def test_a_clip_that_ends_every_worker_fails_alone(workers, job, monkeypatch):
     assert found["sound"].state is ClipState.DONE
     fault = found["deadly"].entry.fault
     assert found["deadly"].state is ClipState.FAILED
-    assert fault.startswith("2 workers ended while they worked on it, the last of them tcp://")
-    assert "a smaller --memory" in fault
+    assert fault.startswith("2 workers crashed")
+    assert "tcp://" in fault
+    assert "--memory" in fault
 
 
 def deadly(job):
@@ -309,7 +310,8 @@ def test_pieces_that_end_every_worker(threaded, job, monkeypatch):
     long = job("long", 30)
     found = outcomes(threaded(1), [long], piece_seconds=0.0)
     fault = found["long"].entry.fault
-    assert fault.startswith("4 workers ended while they worked on it, the last of them tcp://w:1;")
+    assert fault.startswith("4 workers crashed")
+    assert "tcp://w:1" in fault
     assert checkpoint_progress(checkpoint_path(long.settings.output)) == (1, 30)
 
 
@@ -322,15 +324,15 @@ def test_a_fault_of_a_task_is_one_of_its_clip(threaded, job, monkeypatch):
     monkeypatch.setattr(module, "run_clip_task", faulty)
     found = outcomes(threaded(1), [job("a")])
     assert found["a"].state is ClipState.FAILED
-    assert "a fault of cageik itself (ZeroDivisionError" in found["a"].entry.fault
+    assert "ZeroDivisionError" in found["a"].entry.fault
 
 
 def faulty(*arguments):
     raise ZeroDivisionError("by zero")
 
 
-def refusal(address, **options):
-    with pytest.raises(InputError) as caught, DaskScheduler(address, **options):
+def refusal(address, kind=ClusterError, **options):
+    with pytest.raises(kind) as caught, DaskScheduler(address, **options):
         pass
     return str(caught.value)
 
@@ -346,14 +348,14 @@ def refusal(address, **options):
 def test_no_scheduler_answers(monkeypatch, address, reason):
     monkeypatch.setattr(module, "CONNECT_TIMEOUT", 0.3)
     found = refusal(address)
-    assert found.startswith(f"{address}: no Dask scheduler answers ({reason}")
-    assert found.endswith("as tcp://HOST:8786")
+    assert found.startswith(f"{address}: ")
+    assert reason in found
 
 
 def test_no_worker_comes(threaded):
     address = threaded(0).scheduler_address
     found = refusal(address, worker_timeout=0.2)
-    assert found.startswith(f"{address}: the scheduler has had no worker for 0.2 s; start some")
+    assert found.startswith(f"{address}: no worker for 0.2 s")
     assert f"dask worker {address} --nthreads 1" in found
 
 
@@ -367,7 +369,7 @@ def test_workers_have_this_version(workers, monkeypatch):
     monkeypatch.setattr(module, "__version__", "9.9")
     found = refusal(workers.scheduler_address)
     assert found.startswith("worker tcp://")
-    assert f"has cageik {cageik_cli.__version__} (here is 9.9); install the same" in found
+    assert f"has cageik {cageik_cli.__version__}, expected cageik 9.9" in found
 
 
 def test_workers_have_cageik_at_all(workers, monkeypatch):
@@ -378,7 +380,7 @@ def test_workers_have_cageik_at_all(workers, monkeypatch):
 def test_distributed_is_not_installed(monkeypatch):
     for name in [name for name in sys.modules if name.split(".")[0] == "distributed"]:
         monkeypatch.setitem(sys.modules, name, None)
-    found = refusal("tcp://127.0.0.1:8786")
+    found = refusal("tcp://127.0.0.1:8786", InputError)
     assert found == (
         "the scheduler tcp://127.0.0.1:8786 needs distributed: pip install 'cageik[dask]'"
     )
@@ -420,7 +422,7 @@ def test_the_scheduler_is_lost(elsewhere, job):
         found = cluster.run_jobs([job("short"), job("long", 300)])
         assert next(found).entry.name == "short"
         process.kill()
-        with pytest.raises(InputError, match=f"{address}: the scheduler is gone.*--resume"):
+        with pytest.raises(ClusterError, match=f"{address}: .*--resume"):
             next(found)
 
 
@@ -428,7 +430,7 @@ def test_the_last_worker_leaves(elsewhere, job):
     _, address = elsewhere(1.5)
     with DaskScheduler(address, worker_timeout=0.5, piece_seconds=0.0) as cluster:
         found = cluster.run_jobs([job("long", 3000)])
-        with pytest.raises(InputError, match=r"no worker for 0\.5 s"):
+        with pytest.raises(ClusterError, match=r"no worker for 0\.5 s"):
             next(found)
 
 
@@ -455,7 +457,7 @@ def test_other_files_than_when_the_work_began(job):
     copy = pickle.loads(pickle.dumps(common))
     assert copy.build_block_solver(bound.binding).sequence.names == plan.sequence.names
     Path(settings.frames[0], "frame_4.obj").unlink()
-    with pytest.raises(InputError, match="has 4 frames, or others, where it had 5"):
+    with pytest.raises(FileAccessError, match="found 4, expected 5"):
         pickle.loads(pickle.dumps(common)).build_block_solver(bound.binding)
 
 

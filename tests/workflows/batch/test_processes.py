@@ -86,7 +86,7 @@ def test_a_process_that_dies_costs_its_clip_one_attempt(jobs, tmp_path, times):
     if times == 1:
         assert found["a"].state is ClipState.UNCHANGED  # the result was whole when it died
     else:
-        assert found["a"].entry.fault.startswith("its process ended without a word, 2 times")
+        assert found["a"].entry.fault.startswith("worker process crashed twice")
         assert (tmp_path / "deaths").read_text() == "xx"
 
 

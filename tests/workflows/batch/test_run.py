@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.report.overview import ClipEntry
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import InputError, OutputError
 from cageik_cli.util.outputs import open_locked
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome
@@ -100,7 +100,7 @@ def test_an_interruption_says_how_far_it_got_and_leaves_the_folder_free(tmp_path
     scheduler = Scripted(done("a"), KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt) as caught:
         run_batch(batch_of(tmp_path / "o", "a", "b"), scheduler, Heard())
-    assert caught.value.__notes__ == ["1 of 2 clips were done; go on with --resume"]
+    assert caught.value.__notes__ == ["1 of 2 clips are done; continue with --resume"]
     assert scheduler.has_ended
     assert not (tmp_path / "o" / LOCK_FILE).exists()
     run_batch(batch_of(tmp_path / "o", "a", "b"), Scripted(done("a"), done("b")), Heard())
@@ -108,7 +108,7 @@ def test_an_interruption_says_how_far_it_got_and_leaves_the_folder_free(tmp_path
 
 def test_one_batch_at_a_time_has_the_folder(tmp_path, done):
     lock = open_locked(tmp_path / LOCK_FILE)
-    with pytest.raises(InputError, match="another batch is writing to it"):
+    with pytest.raises(OutputError, match="another batch"):
         run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Heard())
     lock.close()
     assert run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Heard()).exit_code == 0
@@ -135,8 +135,8 @@ def test_folders_that_hold_something_are_refused(tmp_path):
     check_folder_empty(tmp_path / "new")
     check_folder_empty(tmp_path)
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match=r"holds something already; go on with --resume"):
+    with pytest.raises(OutputError, match="--resume"):
         check_folder_empty(tmp_path)
-    with pytest.raises(InputError, match=r"file: is a file, expected the name of a folder"):
+    with pytest.raises(OutputError, match="file: is a file"):
         check_folder_empty(tmp_path / "file")
     assert Path(tmp_path / "file").exists()
