@@ -10,7 +10,7 @@ import pytest
 
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.model import PlacementSettings
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.pose import PoseSettings, pose
 from tests.shapes import box, quad_text
@@ -76,7 +76,7 @@ def test_polygons_are_cut_and_said_so(settings):
 
 
 def test_a_model_needs_a_cage(settings):
-    with pytest.raises(InputError, match=r"frame_1.obj: is a model without a cage; name one with"):
+    with pytest.raises(SettingError, match=r"frame_1\.obj: .*--cage"):
         pose(settings(TIP, PIN, cage=None))
     assert not Path("posed.obj").exists()
 
@@ -95,5 +95,5 @@ def test_an_animation_is_to_be_extracted_first(settings, name, found):
     """Before the output is looked at, whose suffix would be that of a result."""
     Path("walk.abc").touch()
     edit = replace(settings(TIP, PIN), target=Path(name), output=Path("edited.h5"))
-    with pytest.raises(InputError, match=rf"^{name}: is {re.escape(found)}, .* extract its cages"):
+    with pytest.raises(FileAccessError, match=rf"^{name}: is {re.escape(found)}, .*cageik extract"):
         pose(edit)

@@ -344,8 +344,8 @@ def test_the_command_says_what_is_kept_and_goes_on(run, gapped):
     for name in ("cages.h5", "cages.h5.partial"):
         said = run("report", name)
         assert said.code == 1
-        assert "interrupted run has left" in said.err
-    assert "1 of 5; the same command with --resume goes on" in run("info", LOG).out
+        assert "rerun the command with --resume" in said.err
+    assert "1 of 5; rerun the command with --resume" in run("info", LOG).out
     outcome = run(*TYPED, "--memory", "1", "--resume", "--on-bad-frame", "skip")
     assert outcome.code == 0
     assert "resumed        from frame 1 of 5" in outcome.err
