@@ -60,7 +60,7 @@ def test_the_file_holds_what_bind_gives(made):
 
 
 @pytest.mark.parametrize("kept", [False, True])
-def test_an_observer_is_told_stages_progress_and_the_cache(plain, cache, kept):
+def test_a_listener_gets_stages_progress_and_cache_notes(plain, cache, kept):
     how = WeightSettings(cache=cache if kept else None)
     settings = BindRunSettings(plain.cage, plain.rest, plain.output, how, overwrite=True)
     for turn in range(2):
@@ -72,7 +72,7 @@ def test_an_observer_is_told_stages_progress_and_the_cache(plain, cache, kept):
     assert cache.exists() == kept
 
 
-def test_what_was_cut_or_turned_is_noted(plain, folder):
+def test_changes_of_a_mesh_are_noted(plain, folder):
     corners = [(x, y, z) for x in (-2, 2) for y in (-2, 2) for z in (-2, 2)]
     sides = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
     turned = (" ".join(reversed(side.split())) for side in sides)
@@ -92,7 +92,7 @@ def test_what_was_cut_or_turned_is_noted(plain, folder):
     assert found.binding.notes == stored.binding.notes
 
 
-def test_a_binding_serves_its_own_meshes(made):
+def test_a_binding_matches_its_own_meshes(made):
     path, rest, cage = made
     for given in (cage, None):
         found = load_matching_binding(path, rest, given)
@@ -150,7 +150,7 @@ def test_a_binding_of_another_cage_is_refused(made, what, says):
     assert "--cage" in str(caught.value)
 
 
-def test_a_cage_that_is_none_is_refused_by_its_own_name(made):
+def test_an_open_cage_is_refused_by_its_own_name(made):
     path, rest, cage = made
     with pytest.raises(InputError, match=r"^cage\.obj: .*open"):
         load_matching_binding(path, rest, replace(cage, mesh=other(cage.mesh, "triangles")))

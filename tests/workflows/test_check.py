@@ -79,12 +79,12 @@ def test_a_rest_pose_of_another_connectivity_is_refused(folder):
         check_cage(settings)
 
 
-def test_a_frame_that_is_not_there_is_refused(folder):
+def test_a_missing_rest_frame_is_refused(folder):
     with pytest.raises(InputError, match="--rest-frame 5"):
         check_cage(CheckSettings(folder / "cage.obj", ("frames",), rest_frame=5))
 
 
-def test_findings_are_rows_the_worst_first(folder, cage_file):
+def test_findings_are_rows_with_the_worst_first(folder, cage_file):
     small = box(0.75).flip()
     _, rows = rows_of(format_check_text(check_cage(CheckSettings(cage_file(small), ("frames",)))))
     assert [label for label, _ in rows[-2:]] == ["unfit", "warning"]
@@ -94,7 +94,7 @@ def test_findings_are_rows_the_worst_first(folder, cage_file):
     assert "influence" not in dict(rows)
 
 
-def test_what_is_not_defined_is_said(folder, cage_file):
+def test_undefined_values_are_reported(folder, cage_file):
     opened = box(2.0)
     path = cage_file(type(opened)(opened.vertices, opened.faces[1:]))
     _, rows = rows_of(format_check_text(check_cage(CheckSettings(path, ("frames",)))))

@@ -42,7 +42,7 @@ def settings(folder):
     return make
 
 
-def test_how_handles_were_taken_is_remarked(settings):
+def test_how_handles_were_understood_is_noted(settings):
     other = TIP | {"name": "other", "offset": [0.3, 0.2, -0.3]}
     near = {"name": "near", "position": [0, 0, 3], "pin": True}
     notes = Notes()
@@ -52,7 +52,7 @@ def test_how_handles_were_taken_is_remarked(settings):
     assert [text for text in told if "'tip' and 'other' are on one point" in text]
 
 
-def test_what_was_changed_in_the_cage_is_remarked(settings, write_obj, animation):
+def test_changes_of_the_cage_are_noted(settings, write_obj, animation):
     turned = animation.cage.flip()
     write_obj(Path("inward.obj"), turned.vertices, turned.faces)
     notes = Notes()
@@ -63,7 +63,7 @@ def test_what_was_changed_in_the_cage_is_remarked(settings, write_obj, animation
     )
 
 
-def test_polygons_are_cut_and_said_so(settings):
+def test_triangulation_is_noted(settings):
     Path("model.obj").write_text(quad_text(1.0))
     Path("quads.obj").write_text(quad_text(2.0, inward=True))
     made = settings(TIP, PIN, cage="quads.obj")
@@ -81,7 +81,7 @@ def test_a_model_needs_a_cage(settings):
     assert not Path("posed.obj").exists()
 
 
-def test_what_is_wrong_with_the_cage_names_the_cage(settings, write_obj):
+def test_an_unfit_cage_is_refused_by_its_name(settings, write_obj):
     small = box(0.1)
     write_obj(Path("small.obj"), small.vertices, small.faces)
     with pytest.raises(InputError, match=r"^small\.obj: "):
@@ -91,7 +91,7 @@ def test_what_is_wrong_with_the_cage_names_the_cage(settings, write_obj):
 @pytest.mark.parametrize(
     ("name", "found"), [("frames", "a folder"), ("walk.abc", "a clip (`.abc`)")]
 )
-def test_an_animation_is_to_be_extracted_first(settings, name, found):
+def test_an_animation_must_be_extracted_first(settings, name, found):
     """Before the output is looked at, whose suffix would be that of a result."""
     Path("walk.abc").touch()
     edit = replace(settings(TIP, PIN), target=Path(name), output=Path("edited.h5"))

@@ -40,7 +40,7 @@ def state(settings):
     return lines(settings)[0].splitlines()[-1].split(".h5, ")[1]
 
 
-def test_the_state_of_a_result_is_told(settings, folder):
+def test_the_state_of_a_result_is_listed(settings, folder):
     assert state(settings) == "would be new"
     with pytest.raises(KeyboardInterrupt):
         extract(settings, Interrupt())
