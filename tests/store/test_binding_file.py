@@ -86,7 +86,7 @@ def test_the_same_binding_gives_the_same_bytes_under_any_name(tmp_path, path):
     assert (tmp_path / "another name.h5").read_bytes() == path.read_bytes()
 
 
-def test_a_projected_model_is_rebuilt_elsewhere_and_so_it_is_taken(tmp_path, coarse_panels):
+def test_a_binding_of_a_projected_model_is_accepted(tmp_path, coarse_panels):
     settings = BindSettings(outside="project")
     bound = bind(ball(1, 1.1), box(), settings)
     assert bound.quality.linear_precision > 0.01
@@ -247,7 +247,7 @@ def test_a_binding_cut_short_is_refused(path, share):
 
 
 @pytest.mark.parametrize(("name", "says"), [("nowhere.h5", "no such file"), ("", "is a folder")])
-def test_what_is_no_file_is_refused(tmp_path, name, says):
+def test_missing_files_and_folders_are_refused(tmp_path, name, says):
     for read in (store.read_binding, store.read_bind_settings, store.is_binding):
         with pytest.raises(InputError, match=says):
             read(tmp_path / name)

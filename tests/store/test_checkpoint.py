@@ -85,11 +85,11 @@ def held(path):
 
 
 @pytest.mark.parametrize("block", BLOCKS)
-def test_a_block_is_its_bytes(block):
+def test_a_block_is_read_from_its_bytes(block):
     assert_same(from_bytes(to_bytes(block), 6, 4), block)
 
 
-def test_all_blocks_are_found_again(log):
+def test_all_blocks_are_recovered(log):
     done, blocks = held(log)
     assert done == 5
     for found, expected in zip(blocks, BLOCKS, strict=True):
@@ -98,7 +98,7 @@ def test_all_blocks_are_found_again(log):
     assert is_checkpoint(log)
 
 
-def test_a_log_cut_anywhere_holds_the_blocks_that_are_whole(log):
+def test_a_checkpoint_cut_anywhere_keeps_the_complete_blocks(log):
     data = log.read_bytes()
     ends = []
     for count in range(len(BLOCKS) + 1):
@@ -117,7 +117,7 @@ def test_a_log_cut_anywhere_holds_the_blocks_that_are_whole(log):
         assert log.stat().st_size == ends[whole]
 
 
-def test_what_follows_a_cut_is_as_if_it_had_never_been_cut(log):
+def test_a_block_appended_after_a_cut_restores_the_bytes(log):
     data = log.read_bytes()
     log.write_bytes(data[:-20])
     checkpoint = resume(log)
@@ -128,7 +128,7 @@ def test_what_follows_a_cut_is_as_if_it_had_never_been_cut(log):
 
 
 @pytest.mark.parametrize("place", [-1, -300, -600])
-def test_a_flipped_byte_ends_the_log_before_its_block(log, place):
+def test_a_flipped_bit_ends_the_checkpoint_before_its_block(log, place):
     data = bytearray(log.read_bytes())
     data[place] ^= 1
     log.write_bytes(data)
@@ -205,14 +205,14 @@ def test_blocks_are_read_once_to_be_recovered_and_once_to_be_composed(log, monke
     checkpoint.close()
 
 
-def test_a_log_that_was_left_meanwhile_is_not_begun_anew_unasked(log):
+def test_a_checkpoint_written_by_another_run_is_not_replaced(log):
     data = log.read_bytes()
     with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*--resume"):
         Checkpoint.open(log, SPEC, resume=False)
     assert log.read_bytes() == data
 
 
-def test_a_new_run_begins_anew_where_it_may(log):
+def test_overwrite_starts_a_new_checkpoint(log):
     checkpoint = Checkpoint.open(log, SPEC, resume=False, overwrite=True)
     assert (checkpoint.frames_done, list(checkpoint.blocks())) == (0, [])
     checkpoint.close()
@@ -234,20 +234,20 @@ def test_a_new_run_begins_anew_where_it_may(log):
         (replace(SPEC, cage_vertices=5), "its weights were others"),
     ],
 )
-def test_another_plan_is_refused_and_left(log, other, says):
+def test_a_checkpoint_of_another_spec_is_refused_and_kept(log, other, says):
     data = log.read_bytes()
     with pytest.raises(CheckpointError, match=rf"cages\.h5\.partial: .*{says}"):
         Checkpoint.open(log, other, resume=True)
     assert log.read_bytes() == data
 
 
-def test_a_run_that_goes_on_keeps_the_size_of_its_blocks(log):
+def test_a_resumed_run_keeps_the_size_of_its_blocks(log):
     checkpoint = Checkpoint.open(log, replace(SPEC, block=3), resume=True)
     assert checkpoint.spec.block == 2
     checkpoint.close()
 
 
-def test_another_file_is_refused_and_left(tmp_path):
+def test_a_file_that_is_not_a_checkpoint_is_refused_and_kept(tmp_path):
     path = tmp_path / "cages.h5.partial"
     path.write_text("my diary")
     assert not is_checkpoint(path)
@@ -259,14 +259,14 @@ def test_another_file_is_refused_and_left(tmp_path):
 
 
 @pytest.mark.parametrize("head", [b"", b"ab 12\n", b"ab 99999999999999\n{}", b"ab x\n", b"\n"])
-def test_a_plan_that_is_not_whole_is_no_progress(tmp_path, head):
+def test_a_spec_that_is_cut_short_is_no_progress(tmp_path, head):
     path = tmp_path / "a.partial"
     path.write_bytes(MAGIC + head)
     assert checkpoint_progress(path) == (0, 0)
     assert held(path)[0] == 0
 
 
-def test_a_log_is_one_runs_at_a_time(log):
+def test_two_runs_cannot_open_one_checkpoint(log):
     checkpoint = Checkpoint.open(log, SPEC, resume=True)
     with pytest.raises(CheckpointError, match=r"cages\.h5\.partial"):
         Checkpoint.open(log, SPEC, resume=True)
@@ -275,7 +275,7 @@ def test_a_log_is_one_runs_at_a_time(log):
     Checkpoint.open(log, SPEC, resume=True).close()
 
 
-def test_a_name_taken_away_while_it_was_opened_is_made_again(tmp_path, monkeypatch):
+def test_a_file_deleted_while_it_is_opened_is_created_again(tmp_path, monkeypatch):
     path = tmp_path / "a.partial"
     path.write_text("of a run that ends just now")
     seen = []
@@ -293,12 +293,12 @@ def test_a_name_taken_away_while_it_was_opened_is_made_again(tmp_path, monkeypat
     assert len(seen) == 2
 
 
-def test_a_log_that_cannot_be_written_is_a_sentence(tmp_path):
+def test_a_checkpoint_that_cannot_be_written_is_an_output_error(tmp_path):
     with pytest.raises(OutputError, match=r"cages\.h5\.partial: .*No such file"):
         Checkpoint.open(tmp_path / "nowhere" / "cages.h5.partial", SPEC, resume=True)
 
 
-def test_a_block_that_cannot_be_written_leaves_those_before(log, monkeypatch):
+def test_a_block_that_cannot_be_written_keeps_those_before(log, monkeypatch):
     checkpoint = resume(log, lambda block: block.start < 4)
 
     def full(file, data):
@@ -314,7 +314,7 @@ def test_a_block_that_cannot_be_written_leaves_those_before(log, monkeypatch):
     assert held(log)[0] == 5
 
 
-def test_a_frame_that_could_not_be_read_becomes_a_gap():
+def test_an_unreadable_frame_becomes_a_gap():
     block = block_of(2, 3)
     read = Block(2, np.zeros((3, 1, 3)), {3: InputError("frame_3: missing")})
     squares = np.array([[1.0, 2.0], [10.0, 10.0], [3.0, 5.0]])
@@ -328,14 +328,14 @@ def test_a_frame_that_could_not_be_read_becomes_a_gap():
     assert np.isfinite(block.cages).all()
 
 
-def test_a_log_that_was_deleted_meanwhile_is_as_good_as_discarded(log):
+def test_a_deleted_checkpoint_can_be_discarded(log):
     checkpoint = Checkpoint.open(log, SPEC, resume=True)
     log.unlink()
     checkpoint.discard()
     assert not log.exists()
 
 
-def test_a_log_that_another_run_has_begun_meanwhile_stays(log):
+def test_the_checkpoint_of_another_run_is_not_discarded(log):
     checkpoint = Checkpoint.open(log, SPEC, resume=True)
     log.unlink()
     log.write_bytes(b"of another run")
@@ -343,7 +343,7 @@ def test_a_log_that_another_run_has_begun_meanwhile_stays(log):
     assert log.read_bytes() == b"of another run"
 
 
-def test_a_log_is_forgotten_unless_another_run_has_it(log):
+def test_a_checkpoint_is_deleted_unless_another_run_writes_it(log):
     mine = open_locked(log)
     delete_checkpoint(log)
     assert log.exists()

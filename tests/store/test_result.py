@@ -119,7 +119,7 @@ def test_the_schema(path):
 
 
 @pytest.mark.parametrize("kind", ["f2", "f4", ">f8", "g"])
-def test_figures_of_another_precision_are_read(path, kind):
+def test_metrics_of_another_precision_are_read(path, kind):
     """Another program may have rewritten the file."""
     with h5py.File(path, "r+") as file:
         for name in ("rms", "spread", "volume"):
@@ -133,7 +133,7 @@ def test_figures_of_another_precision_are_read(path, kind):
 
 @pytest.mark.skipif(np.finfo(np.longdouble).max == np.finfo(float).max, reason="no such numbers")
 @pytest.mark.parametrize("name", ["rms", "volume"])
-def test_figures_that_do_not_fit_are_refused(path, name):
+def test_metrics_that_overflow_are_refused(path, name):
     with h5py.File(path, "r+") as file:
         del file[f"metrics/{name}"]
         file[f"metrics/{name}"] = np.full(FRAMES, np.finfo(np.longdouble).max)
@@ -174,7 +174,7 @@ def test_what_is_written_is_read(path):
         ("verts", np.full(CAGES.shape, 1e61), "`poses`"),
     ],
 )
-def test_poses_that_cannot_be_are_refused(path, name, value, says):
+def test_impossible_key_frames_are_refused(path, name, value, says):
     with h5py.File(path, "r+") as file:
         del file[name]
         file[name] = value
@@ -212,7 +212,7 @@ def test_weights_can_be_left_out(tmp_path, path):
     np.testing.assert_array_equal(store.read_result(smaller).metrics.rms, FIGURES.rms)
 
 
-def test_an_old_result_is_replaced_only_when_the_new_one_is_whole(tmp_path):
+def test_an_old_result_is_replaced_when_the_new_one_is_complete(tmp_path):
     path = tmp_path / "cages.h5"
     path.write_text("old")
     with result_writer.open_result_writer(path, header(), overwrite=True) as result:
@@ -223,7 +223,7 @@ def test_an_old_result_is_replaced_only_when_the_new_one_is_whole(tmp_path):
     assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
 
 
-def test_a_result_that_came_meanwhile_is_not_replaced(tmp_path):
+def test_a_result_written_by_another_run_is_not_replaced(tmp_path):
     path = tmp_path / "cages.h5"
 
     def race():
@@ -239,7 +239,7 @@ def test_a_result_that_came_meanwhile_is_not_replaced(tmp_path):
 
 
 @pytest.mark.parametrize("kind", [InputError, ValueError, KeyboardInterrupt, MemoryError])
-def test_whatever_goes_wrong_leaves_the_old_result_and_nothing_else(tmp_path, kind):
+def test_an_error_leaves_the_old_result_and_nothing_else(tmp_path, kind):
     path = tmp_path / "cages.h5"
     path.write_text("old")
 
@@ -254,7 +254,7 @@ def test_whatever_goes_wrong_leaves_the_old_result_and_nothing_else(tmp_path, ki
     assert [item.name for item in tmp_path.iterdir()] == ["cages.h5"]
 
 
-def test_what_the_system_refuses_is_a_sentence(tmp_path):
+def test_a_full_disk_is_an_error_that_names_the_file(tmp_path):
     path = tmp_path / "cages.h5"
     with pytest.raises(InputError, match=r"cages\.h5: .*No space left"):  # noqa: SIM117
         with result_writer.open_result_writer(path, header(), overwrite=True):
@@ -403,7 +403,7 @@ def test_a_damaged_result_is_refused_by_name(path, damage, says):
     assert says in str(caught.value)
 
 
-def test_an_edit_says_of_what(tmp_path, path):
+def test_an_edit_names_its_result(tmp_path, path):
     assert store.read_result(path).edited_from is None
     with result_writer.open_result_writer(
         tmp_path / "edited.h5", replace(header(), edited_from="ä.h5"), overwrite=False
@@ -413,7 +413,7 @@ def test_an_edit_says_of_what(tmp_path, path):
     assert store.read_result(tmp_path / "edited.h5").edited_from == "ä.h5"
 
 
-def test_a_version_that_is_no_text_is_shown_as_far_as_it_is(path):
+def test_a_version_with_invalid_text_is_shown(path):
     with h5py.File(path, "r+") as file:
         file.attrs["version"] = np.bytes_(b"1.\xff")
     version = store.read_result(path).version
@@ -433,7 +433,7 @@ def test_a_version_that_is_no_text_is_shown_as_far_as_it_is(path):
         ("cages", np.nan),
     ],
 )
-def test_what_could_not_be_read_again_is_refused(name, bad):
+def test_values_that_could_not_be_read_are_not_written(name, bad):
     cages, figures = CAGES.copy(), part(slice(None))
     if name == "cages":
         cages[3, 1, 2] = bad
@@ -454,7 +454,7 @@ def test_a_result_cut_short_is_refused(path, share):
         store.read_result(path)
 
 
-def test_an_interrupted_write_is_not_taken_for_a_result(tmp_path):
+def test_an_interrupted_write_is_not_a_result(tmp_path):
     path = tmp_path / "cages.h5"
     with result_writer.open_result_writer(path, header(), overwrite=True) as result:
         result.append(CAGES, FIGURES)
@@ -467,7 +467,7 @@ def test_an_interrupted_write_is_not_taken_for_a_result(tmp_path):
 
 
 @pytest.mark.parametrize("rows", [1, 7, 18, 100])
-def test_weights_are_deflated_and_read_back_to_the_bit(tmp_path, monkeypatch, rows):
+def test_weights_are_compressed_without_loss(tmp_path, monkeypatch, rows):
     """Any number of chunks, the last one full or not, by HDF5's own reading."""
     monkeypatch.setattr(parts, "CHUNK_BYTES", rows * BINDING.weights[0].nbytes)
     with h5py.File(written(tmp_path / "cages.h5")) as file:
@@ -477,7 +477,7 @@ def test_weights_are_deflated_and_read_back_to_the_bit(tmp_path, monkeypatch, ro
         np.testing.assert_array_equal(weights[:], BINDING.weights)
 
 
-def test_gaps_come_back_in_the_order_of_the_frames(tmp_path):
+def test_gaps_are_read_in_the_order_of_the_frames(tmp_path):
     """As numbers: the attribute is sorted as text, where 10 is before 9."""
     count = 12
     cages = np.repeat(CAGES[:1], count, axis=0)
@@ -500,7 +500,7 @@ def test_gaps_come_back_in_the_order_of_the_frames(tmp_path):
 
 
 @pytest.mark.parametrize("size", [1, 2, 5])
-def test_gaps_among_the_cages_lie_between_their_neighbours(tmp_path, size):
+def test_gaps_are_interpolated(tmp_path, size):
     """A gap at the start, two within, in blocks that part them."""
     cages, figures = CAGES.copy(), part(slice(None))
     gaps = {0: "missing", 2: "cut", 3: "cut"}
@@ -538,14 +538,14 @@ def test_cages_and_weights_are_read_and_must_be_finite(path, wrong):
 @pytest.mark.parametrize(
     "held", ["[]", '{"5": "out of the clip"}', '{"-1": "a"}', '{"a": "b"}', '{"0": 1}']
 )
-def test_gaps_that_cannot_be_are_refused(path, held):
+def test_impossible_gaps_are_refused(path, held):
     with h5py.File(path, "r+") as file:
         file.attrs["skipped"] = held
     with pytest.raises(InputError, match="attribute `skipped`"):
         store.read_result(path)
 
 
-def test_gaps_that_have_figures_are_refused(path):
+def test_gaps_with_metrics_are_refused(path):
     with h5py.File(path, "r+") as file:
         file.attrs["skipped"] = '{"0": "a"}'
     with pytest.raises(InputError, match="`metrics/rms`"):
@@ -556,7 +556,7 @@ def test_gaps_that_have_figures_are_refused(path):
         store.read_result(path)
 
 
-def test_notes_of_strangers_stay_on_their_line(path):
+def test_notes_stay_on_one_line(path):
     with h5py.File(path, "r+") as file:
         file.attrs["notes"] = json.dumps(["a\nb\x1b[31m"])
     assert store.read_result(path).notes == ("a b\ufffd[31m",)

@@ -58,7 +58,7 @@ def test_what_is_written_is_read(kept, said):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions are others there")
-def test_only_the_owner_may_look(kept):
+def test_only_the_owner_may_read_entries(kept):
     kept.write(KEY, entry())
     assert kept.folder.stat().st_mode & 0o777 == 0o700
     assert path_of(kept).stat().st_mode & 0o777 == 0o600
@@ -100,7 +100,7 @@ def test_the_seconds_saved_are_those_of_the_computation(kept, said, monkeypatch)
     assert said == ["cache hit, saved 2.0 s"]
 
 
-def test_what_is_refused_is_not_kept(kept):
+def test_nothing_is_kept_when_binding_fails(kept):
     def refuse():
         raise ValueError("no")
 
@@ -134,7 +134,7 @@ def test_one_process_at_a_time_computes_an_entry(kept, monkeypatch):
     assert [path.suffix for path in kept.folder.iterdir()] == [".weights"]
 
 
-def test_in_a_folder_that_cannot_be_written_nobody_waits(kept, monkeypatch):
+def test_no_process_waits_in_a_folder_that_cannot_be_written(kept, monkeypatch):
     def full(path):
         raise OSError(28, "No space left on device")
 
@@ -173,7 +173,7 @@ INGREDIENTS = {
 }  # fmt: skip
 
 
-def test_the_key_is_of_everything_that_weights_depend_on(monkeypatch):
+def test_the_key_covers_all_that_weights_depend_on(monkeypatch):
     keys = {name: compute_key(*things) for name, things in INGREDIENTS.items()}
     keys |= {name: compute_key(ball(1), box(), BindSettings(name)) for name in COORDINATES}
     monkeypatch.setitem(ALGORITHM_VERSIONS, "harmonic", ALGORITHM_VERSIONS["harmonic"] + 1)
@@ -184,7 +184,7 @@ def test_the_key_is_of_everything_that_weights_depend_on(monkeypatch):
     assert len(set(keys.values())) == len(keys)
 
 
-def test_the_key_is_of_nothing_else():
+def test_the_key_covers_nothing_else():
     """Neither of the model's faces, nor of how arrays lie in memory."""
     key = compute_key(ball(1), box(), SETTINGS)
     assert compute_key(TriMesh(ball(1).vertices, [[2, 1, 0]]), box(), SETTINGS) == key
@@ -227,16 +227,16 @@ def whole(kept, key=KEY):
         pytest.param(lambda data: data[:49] + b"\xff" * 8 + data[57:], id="claims a long header"),
     ],
 )
-def test_what_is_not_a_whole_entry_is_not_taken(kept, said, change):
+def test_a_damaged_entry_is_not_used(kept, said, change):
     assert damaged(kept, said, change(whole(kept)))
 
 
-def test_an_entry_under_another_name_is_not_taken(kept, said):
+def test_an_entry_under_another_name_is_not_used(kept, said):
     assert damaged(kept, said, whole(kept, OTHER))
 
 
 @pytest.mark.parametrize("kind", ["folder", "link", "loose link", "pipe"])
-def test_what_is_not_a_file_is_not_taken(kept, said, kind):
+def test_only_plain_files_are_used(kept, said, kind):
     data = whole(kept)
     path = path_of(kept)
     path.unlink()
@@ -268,7 +268,7 @@ def test_what_is_not_a_file_is_not_taken(kept, said, kind):
     assert not list(kept.folder.glob("*.partial"))
 
 
-def test_what_was_used_longest_ago_makes_room(cache, said):
+def test_the_least_recently_used_entry_is_deleted(cache, said):
     keys = [f"{k:064x}" for k in range(5)]
     size = len(whole(WeightCache(cache, said.append)))
     path_of(WeightCache(cache, said.append)).unlink()
@@ -284,7 +284,7 @@ def test_what_was_used_longest_ago_makes_room(cache, said):
     assert said == []
 
 
-def test_what_is_larger_than_the_cache_is_not_kept(cache, said):
+def test_an_entry_larger_than_the_cache_is_not_kept(cache, said):
     WeightCache(cache, said.append).write(OTHER, entry())
     size = path_of(WeightCache(cache, said.append), OTHER).stat().st_size
     kept = WeightCache(cache, said.append, max_bytes=size)
@@ -296,7 +296,7 @@ def test_what_is_larger_than_the_cache_is_not_kept(cache, said):
     assert names_in(kept) == [f"{KEY}.weights"]
 
 
-def test_what_others_put_there_stays(cache, said):
+def test_other_files_in_the_folder_stay(cache, said):
     kept = WeightCache(cache, said.append, max_bytes=10_000)
     cache.mkdir()
     others = ["thesis.tex", "x.weights", f"{KEY}.weights.bak", f"{KEY}.partial", "cages.h5"]
@@ -308,7 +308,7 @@ def test_what_others_put_there_stays(cache, said):
     assert names_in(kept) == sorted([*others, f"{KEY}.weights", f"{OTHER}.weights"])
 
 
-def test_what_a_killed_process_left_is_cleared_after_an_hour(kept):
+def test_files_of_killed_processes_are_deleted_after_an_hour(kept):
     kept.folder.mkdir()
     old, new = (kept.folder / f"{OTHER}.{name}.partial" for name in ("ab_1", "cd_2"))
     for path, age in ((old, module.STALE_SECONDS + 60), (new, module.STALE_SECONDS - 60)):
@@ -319,7 +319,7 @@ def test_what_a_killed_process_left_is_cleared_after_an_hour(kept):
 
 
 @pytest.mark.parametrize("place", ["a file", "in a file", "/proc/cageik"])
-def test_a_folder_that_cannot_be_made_is_remarked_once(tmp_path, said, place):
+def test_a_folder_that_cannot_be_created_is_noted_once(tmp_path, said, place):
     (tmp_path / "file").touch()
     folder = {"a file": tmp_path / "file", "in a file": tmp_path / "file" / "in"}.get(place)
     if folder is None and not Path("/proc/self").exists():
@@ -333,7 +333,7 @@ def test_a_folder_that_cannot_be_made_is_remarked_once(tmp_path, said, place):
 
 
 @pytest.mark.skipif(ROOT or os.name != "posix", reason="root may write anywhere")
-def test_a_folder_that_may_only_be_read_still_serves(kept, said):
+def test_a_read_only_folder_can_be_used(kept, said):
     kept.write(KEY, entry())
     kept.folder.chmod(0o500)
     try:
@@ -347,7 +347,7 @@ def test_a_folder_that_may_only_be_read_still_serves(kept, said):
     assert names_in(kept) == [f"{KEY}.weights"]
 
 
-def test_a_hit_that_cannot_be_marked_is_one_all_the_same(kept, said, monkeypatch):
+def test_a_hit_whose_time_cannot_be_set_is_a_hit(kept, said, monkeypatch):
     def read_only(*_):
         raise OSError(errno.EROFS, "Read-only file system")
 
@@ -358,7 +358,7 @@ def test_a_hit_that_cannot_be_marked_is_one_all_the_same(kept, said, monkeypatch
 
 
 @pytest.mark.parametrize("call", ["replace", "open", "mkstemp"])
-def test_a_full_disk_is_remarked_and_leaves_nothing(kept, said, monkeypatch, call):
+def test_a_full_disk_is_noted_and_leaves_nothing(kept, said, monkeypatch, call):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -390,7 +390,7 @@ def test_an_interrupt_while_writing_leaves_nothing(kept, monkeypatch):
     assert names_in(kept) == []
 
 
-def test_entries_that_vanish_are_no_fault(kept, said, monkeypatch):
+def test_entries_may_vanish(kept, said, monkeypatch):
     """Between the look into the folder and the look at the file, and before the reading."""
     kept.write(KEY, entry())
     listed = list(kept.folder.iterdir())
@@ -455,7 +455,7 @@ def test_processes_do_not_harm_each_other(kept, said):
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="nothing kills so there")
-def test_a_process_that_is_killed_leaves_no_damage(kept, said):
+def test_a_killed_process_leaves_no_damage(kept, said):
     for round_ in range(4):
         (process,) = workers(kept.folder, 1, 10**9, 1 << 30)
         assert process.stdout.readline() == "started\n"
@@ -468,7 +468,7 @@ def test_a_process_that_is_killed_leaves_no_damage(kept, said):
     assert said == []
 
 
-def test_the_entry_of_a_write_that_stopped_is_not_there(kept, said, monkeypatch):
+def test_an_unfinished_write_leaves_no_entry(kept, said, monkeypatch):
     """What a process leaves that is killed just before the renaming."""
     monkeypatch.setattr(module.os, "replace", lambda *_: None)
     kept.write(KEY, entry())

@@ -1,4 +1,4 @@
-"""What a batch would do, without doing it."""
+"""What a batch would do, listed without doing it."""
 
 from collections.abc import Iterator
 
