@@ -1,17 +1,16 @@
-"""One coordinate of a cage's displacement, and how it answers to forces and to anchors.
+"""The response of one coordinate of a cage to its anchors.
 
-With the forces λ that anchors exert to bring about displacements t, the minimum in `posing.py` is
-where
+With the forces λ by which anchors cause displacements t, the minimum in `poser.py` is where
 
     LᵀL d = Aᵀ λ,        A d + E λ = t.
 
-LᵀL does not know the anchors: it is factored once a cage. With G its inverse but for what it leaves
-free, P (parts of the cage moving as one), d = G Aᵀ λ + P u, and
+LᵀL does not depend on the anchors: it is factored once per cage. G is its inverse outside the free
+modes P (components of the cage that move as one). Then d = G Aᵀ λ + P u, and
 
     (A G Aᵀ + E) λ + A P u = t,        (A P)ᵀ λ = 0
 
-is a system of as many unknowns as there are anchors. It gives the minimum that the normal matrix of
-both terms gives, and stays well conditioned however small E is: hard anchors are its limit.
+is a system of the size of the anchors. It gives the same minimum as the normal matrix of both
+terms, and stays well conditioned however small E is: hard anchors are the limit E = 0.
 """
 
 from dataclasses import dataclass
@@ -23,28 +22,28 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 
 FREE_MODE_TOL = 1e-9
-"""Free motions that all anchors feel less than this are not decided by them."""
+"""Free modes that couple to all anchors more weakly than this are not decided by them."""
 
 BASIS_TOL = 1e-9
-"""Of a motion of length one: the share that may be lost when it is written in what is free."""
+"""A motion of length one may lose this much when it is projected on the free coordinates."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """How one coordinate of a cage answers to its anchors.
+    """The linear response of one coordinate of a cage to its anchors.
 
     Attributes
     ----------
     anchor_response : (n, l) float64
-        To displacements of the anchors.
+        Displacements of the cage per displacement of an anchor.
     differential_response : (n, n) float64
-        To changes of δ, the anchors' targets staying where they are.
+        Displacements of the cage per change of δ, with the anchors' targets fixed.
     condition_number : float
-        Of the anchors' system, in the 2-norm.
+        Condition number of the anchors' system, in the 2-norm.
     weakest_mode : (l,) float64
-        The anchors' part in what that system decides least; of length one.
+        Eigenvector of the smallest eigenvalue, in anchors; of length one.
     free_modes : int
-        Free motions that the anchors do not decide: they are the least possible.
+        Number of free modes that the anchors do not decide; those motions are minimal.
     """
 
     anchor_response: Floats
@@ -55,14 +54,14 @@ class Response:
 
 
 class CageResponseSolver:
-    """One coordinate of all cage vertices.
+    """Solver for one coordinate of all cage vertices, factored once per cage.
 
     Parameters
     ----------
     cage : TriMesh
     laplacian : (n, n) float64
     basis : (n, r) float64
-        Orthonormal columns: what may move, as `ties.free_basis` gives it.
+        Orthonormal columns: what may move, from `constraints.free_basis`.
     """
 
     def __init__(self, cage: TriMesh, laplacian: Floats, basis: Floats) -> None:
@@ -71,12 +70,14 @@ class CageResponseSolver:
         self._can_move_as_one = bool(self._free_modes.size) and bool(
             np.ptp(self._free_modes[:, 0]) < BASIS_TOL
         )
-        held, free = laplacian @ basis, basis.T @ self._free_modes
-        self._factor = scipy.linalg.cho_factor(held.T @ held + free @ free.T, check_finite=False)
+        differences, free = laplacian @ basis, basis.T @ self._free_modes
+        self._factor = scipy.linalg.cho_factor(
+            differences.T @ differences + free @ free.T, check_finite=False
+        )
         self._laplacian_response = self._solve_forces(laplacian.T)
 
     def solve_response(self, rows: Floats, compliance: Floats) -> Response:
-        """How it answers to anchors with rows A (l, n) and slacks, the diagonal of E, (l,)."""
+        """Return the response to anchors with rows A, (l, n), and compliance E, a diagonal (l,)."""
         influence, rigid_coupling = self._solve_forces(rows.T), rows @ self._free_modes
         system = rows @ influence + np.diag(compliance)
         balanced = _left_null_space(rigid_coupling)
@@ -85,27 +86,27 @@ class CageResponseSolver:
         with np.errstate(divide="ignore", invalid="ignore"):
             forces = balanced @ (vectors / values) @ vectors.T @ balanced.T
         motions = self._resolve_free_modes(rigid_coupling) @ (np.eye(len(rows)) - system @ forces)
-        of_anchors = influence @ forces + self._free_modes @ motions
+        anchor_response = influence @ forces + self._free_modes @ motions
         return Response(
-            anchor_response=of_anchors,
+            anchor_response=anchor_response,
             differential_response=self._laplacian_response
-            - of_anchors @ (rows @ self._laplacian_response),
+            - anchor_response @ (rows @ self._laplacian_response),
             condition_number=_condition_number(values.tolist()),
             weakest_mode=balanced @ vectors[:, 0] if len(values) else np.zeros(len(rows)),
             free_modes=len(self._free_modes.T) - (len(rows) - len(inner)),
         )
 
     def _solve_forces(self, forces: Floats) -> Floats:
-        """G of forces on the cage's vertices, (n, k): displacements without a free motion."""
+        """Return G f, (n, k), for forces f on cage vertices: displacements without free modes."""
         inside = self._basis.T @ forces
         moved = scipy.linalg.cho_solve(self._factor, inside, check_finite=False)
         return np.asarray(self._basis @ moved - self._free_modes @ (self._free_modes.T @ forces))
 
     def _resolve_free_modes(self, rigid_coupling: Floats) -> Floats:
-        """The free motions, (p, l), that what the anchors ask for beside forces means.
+        """Return the free modes u, (p, l), per displacement of an anchor that forces do not cause.
 
-        Where anchors leave a choice, parts of the cage move against each other as little as
-        possible.
+        Where the anchors leave a choice, components of the cage move relative to each other as
+        little as possible.
         """
         if not (self._can_move_as_one and len(rigid_coupling)):
             return _invert_rigid_coupling(rigid_coupling)
@@ -118,23 +119,23 @@ class CageResponseSolver:
 
 
 def _condition_number(eigenvalues: list[float]) -> float:
-    """Of a symmetric matrix by its eigenvalues, ascending; infinite unless all are above 0."""
+    """Return the condition number for ascending eigenvalues; infinite unless all are above 0."""
     if not eigenvalues:
         return 1.0
     return eigenvalues[-1] / eigenvalues[0] if eigenvalues[0] > 0 else float("inf")
 
 
 def _find_free_modes(cage: TriMesh, basis: Floats) -> Floats:
-    """P, (n, p), orthonormal: parts of the cage moving as one, as far as the basis lets them.
+    """Return P, (n, p), orthonormal: components of the cage moving as one within the basis.
 
-    If the whole cage can, that is the first.
+    If the whole cage can move as one, that is the first column.
     """
-    parts = np.eye(cage.components.max() + 1)[cage.components]
-    parts /= np.linalg.norm(parts, axis=0)
-    lost = parts - basis @ (basis.T @ parts)
+    components = np.eye(cage.components.max() + 1)[cage.components]
+    components /= np.linalg.norm(components, axis=0)
+    lost = components - basis @ (basis.T @ components)
     _, sizes, motions = np.linalg.svd(lost, full_matrices=False)
-    free = parts @ motions[sizes < BASIS_TOL].T
-    whole = np.full(len(parts), len(parts) ** -0.5)
+    free = components @ motions[sizes < BASIS_TOL].T
+    whole = np.full(len(components), len(components) ** -0.5)
     shares = free.T @ whole
     if np.linalg.norm(free @ shares - whole) > BASIS_TOL:
         return np.asarray(free)
@@ -143,13 +144,13 @@ def _find_free_modes(cage: TriMesh, basis: Floats) -> Floats:
 
 
 def _left_null_space(rigid_coupling: Floats) -> Floats:
-    """Orthonormal columns, (l, l − rank): forces of the anchors that move no part as one."""
+    """Return orthonormal columns, (l, l − rank): anchor forces that move no component as one."""
     left, sizes, _ = np.linalg.svd(rigid_coupling)
     return np.asarray(left[:, np.count_nonzero(sizes > FREE_MODE_TOL) :])
 
 
 def _invert_rigid_coupling(rigid_coupling: Floats) -> Floats:
-    """Pseudoinverse, (p, l), in which what is felt less than `FREE_MODE_TOL` is not felt at all."""
+    """Return the pseudoinverse, (p, l), with singular values below `FREE_MODE_TOL` taken as 0."""
     left, sizes, right = np.linalg.svd(rigid_coupling, full_matrices=False)
-    is_felt = sizes > FREE_MODE_TOL
-    return np.asarray((right[is_felt].T / sizes[is_felt]) @ left[:, is_felt].T)
+    is_coupled = sizes > FREE_MODE_TOL
+    return np.asarray((right[is_coupled].T / sizes[is_coupled]) @ left[:, is_coupled].T)

@@ -1,4 +1,4 @@
-"""Edits of a cage animation, one over the other: each sees what those before it have done."""
+"""Layers of edits on a cage animation: each layer starts from the result of those before it."""
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -25,14 +25,14 @@ class PosingSettings:
     Attributes
     ----------
     alpha, beta : float
-        As `Poser` has them.
+        As in `Poser`.
     rigidity : int
-        Rounds in which the cage's cells turn.
+        Rounds of rigid rotations.
     placement : PlacementSettings
 
     Raises
     ------
-    InputError
+    SettingError
         When alpha or beta is not a finite number above 0.
     """
 
@@ -47,15 +47,15 @@ class PosingSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CageSkin:
-    """What cages make of a model: `base_mesh + weights @ (cages - cage)`.
+    """The deformation of a model by cages: `base_mesh + weights @ (cages - base_cage)`.
 
     Attributes
     ----------
     weights : (m, n) float64
     base_cage : (n, 3) float64
     base_mesh : (m, 3) float64
-        What that cage is to give exactly, whatever weights times cage are; zeros and zeros for
-        weights times cages alone.
+        The mesh that `base_cage` gives exactly, whatever `weights @ base_cage` is. If both are
+        zeros, meshes are `weights @ cages`.
     """
 
     weights: Floats
@@ -64,23 +64,23 @@ class CageSkin:
 
     @classmethod
     def for_rest_pose(cls, binding: Binding) -> "CageSkin":
-        """One that gives the rest pose bit for bit."""
+        """Return a skin whose rest cage gives the rest pose bit for bit."""
         return cls(binding.weights, binding.cage.vertices, binding.rest.vertices)
 
     @classmethod
     def for_reconstruction(cls, binding: Binding) -> "CageSkin":
-        """One that gives what a result's cages rebuild."""
+        """Return a skin that gives the reconstructions of a result, `weights @ cages`."""
         m, n = binding.weights.shape
         return cls(binding.weights, np.zeros((n, 3)), np.zeros((m, 3)))
 
     def deform(self, cages: Floats) -> Floats:
-        """The meshes (k, m, 3) of cages (k, n, 3)."""
+        """Return the meshes (k, m, 3) of cages (k, n, 3)."""
         meshes = reconstruct(self.weights, cages - self.base_cage)
         meshes += self.base_mesh
         return meshes
 
     def anchor_positions(self, anchors: Sequence[Anchor], cages: Floats) -> Floats:
-        """Where anchors are on the meshes of cages (k, n, 3): (k, l, 3)."""
+        """Return the positions of anchors on the meshes of cages (k, n, 3), as (k, l, 3)."""
         rows = anchor_matrix(anchors, self.weights)
         return np.asarray(
             anchor_positions(anchors, self.base_mesh) + rows @ (cages - self.base_cage)
@@ -94,13 +94,13 @@ class Layer:
     Attributes
     ----------
     schedule : HandleSchedule
-        Where its anchors are to go.
+        The targets of its anchors.
     poser : Poser
-        Of those anchors.
+        For these anchors.
     rigidity : int
-        Rounds in which cells turn.
+        Rounds of rigid rotations.
     name : str
-        Where its set is in the file of handles; "" for the only one.
+        Its place in the handles file, such as "sets[1]"; "" for the only layer.
     """
 
     schedule: HandleSchedule
@@ -139,16 +139,16 @@ class EditTarget:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EditedCages:
-    """What layers did to k frames.
+    """The result of layers on k frames.
 
     Attributes
     ----------
     cages : (k, n, 3) float64
-        As they are after all layers.
+        After all layers.
     start_positions : (k, l, 3) float64
-        Where the anchors of all layers were, each before its own layer.
+        Positions of the anchors of all layers, each before its own layer.
     target_positions : (k, l, 3) float64
-        Where they were to be, at the strength that their layer has in each frame.
+        Their targets, at the strength that their layer has in each frame.
     """
 
     cages: Floats
@@ -159,14 +159,14 @@ class EditedCages:
 def build_layers(
     handles: Handles, edit_target: EditTarget, settings: PosingSettings
 ) -> list[Layer]:
-    """The sets of a file of handles as layers; points are picked on what those before have made.
+    """Build a layer for each set of handles; points are picked on the result of those before.
 
     Raises
     ------
-    InputError
-        Naming the handle at fault.
+    HandlesError
+        When a handle cannot be placed; the message names it.
     NumericalError
-        When hard handles cannot all be met.
+        When hard handles conflict.
     """
     layers: list[Layer] = []
     for k, handle_set in enumerate(handles.sets):
@@ -177,25 +177,25 @@ def build_layers(
         )
         name = f"sets[{k}]" if len(handles.sets) > 1 else ""
         with _set_context(name):
-            drag = place_handles(handle_set, surface, settings.placement)
+            schedule = place_handles(handle_set, surface, settings.placement)
             poser = Poser(
                 edit_target.binding,
-                drag.anchors,
+                schedule.anchors,
                 settings.alpha,
                 settings.beta,
                 handles.constraints,
             )
-        layers.append(Layer(drag, poser, settings.rigidity, name))
+        layers.append(Layer(schedule, poser, settings.rigidity, name))
     return layers
 
 
 def collect_anchors(layers: Sequence[Layer]) -> list[Anchor]:
-    """The anchors of all layers, l of them."""
+    """Return the anchors of all layers, l of them."""
     return [anchor for layer in layers for anchor in layer.schedule.anchors]
 
 
 def active_anchors(layers: Sequence[Layer], frames: Integers) -> NDArray[np.bool_]:
-    """Which of all anchors have a part in frames (k,), (k, l): those of layers that change them."""
+    """Return which anchors act in frames (k,), as (k, l): those of layers that change the frame."""
     strengths = [layer.schedule.blend(frames) for layer in layers for _ in layer.schedule.anchors]
     return np.stack(strengths, axis=1) > 0
 
@@ -216,30 +216,30 @@ def deciding_anchors(layers: Sequence[Layer], frame: int) -> list[int]:
 def apply_layers(
     layers: Sequence[Layer], skin: CageSkin, frames: Integers, cages: Floats
 ) -> EditedCages:
-    """Lay all layers over the cages (k, n, 3) of frames (k,).
+    """Apply all layers to the cages (k, n, 3) of frames (k,).
 
     A frame that no layer changes keeps its cage bit for bit.
     """
     starts, targets = [], []
     for layer in layers:
-        found = skin.anchor_positions(layer.schedule.anchors, cages)
+        start = skin.anchor_positions(layer.schedule.anchors, cages)
         with _set_context(layer.name):
-            displacements = layer.schedule.displacements(frames, found)
+            displacements = layer.schedule.displacements(frames, start)
         cages = layer.poser.edit_cages(cages, displacements, layer.rigidity)
-        starts.append(found)
-        targets.append(found + displacements)
+        starts.append(start)
+        targets.append(start + displacements)
     return EditedCages(cages, np.concatenate(starts, axis=1), np.concatenate(targets, axis=1))
 
 
 def _set_context(name: str) -> AbstractContextManager[None]:
-    """Put the name of a set in front of what is wrong with it."""
+    """Put the name of a set in front of error messages."""
     return error_context(name) if name else nullcontext()
 
 
 def _make_pose_function(
     edit_target: EditTarget, layers: tuple[Layer, ...]
 ) -> Callable[[int], Floats]:
-    """The mesh of a frame, (m, 3), by its number, as the layers leave it."""
+    """Return a function that gives the mesh of a frame, (m, 3), after the layers."""
 
     def pose(frame: int) -> Floats:
         cages = edit_target.cage_at(frame)[None]
@@ -252,23 +252,21 @@ def _make_pose_function(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EditedFrames:
-    """k frames before and after an edit, with l anchors in all its layers.
+    """k frames before and after an edit with l anchors in all layers.
 
     Attributes
     ----------
     frames : (k,) int64
-        Their numbers, ascending.
+        Frame numbers, ascending.
     cages_before : (k, n, 3) float64
-        Before.
     edit : EditedCages
-        What was done.
+        The cages after the edit.
     meshes_before, meshes_after : (k, m, 3) float64
-        Before and after.
     anchors_before, anchors_after : (k, l, 3) float64
     metrics : FrameMetrics
-        Of the meshes after against those before.
+        Differences of the meshes after from those before.
     squared_displacements : (k, m) float64
-        Of how far each vertex was moved.
+        |v' − v|² of each vertex.
     """
 
     frames: Integers
@@ -285,12 +283,12 @@ class EditedFrames:
 def edit_frames(
     layers: Sequence[Layer], edit_target: EditTarget, frames: Integers, cages: Floats
 ) -> EditedFrames:
-    """Lay layers over the cages (k, n, 3) of frames (k,), and compare."""
+    """Apply layers to the cages (k, n, 3) of frames (k,), and measure the changes."""
     edit = apply_layers(layers, edit_target.skin, frames, cages)
     meshes = edit_target.skin.deform(cages)
     after = meshes.copy()
     is_changed = (edit.cages != cages).any(axis=(1, 2))
-    # What is added is the difference alone: nothing cancels, and where it is zero nothing changes.
+    # Only the difference is added: nothing cancels, and unchanged frames stay bit for bit.
     after[is_changed] += reconstruct(edit_target.binding.weights, (edit.cages - cages)[is_changed])
     measured = measure(edit_target.binding.rest, meshes, after, slice(None))
     anchors = collect_anchors(layers)

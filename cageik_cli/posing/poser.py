@@ -6,7 +6,7 @@ The cage of a pose minimises
 
 over l anchors with targets q, whose rows in cage space are a_j (Savoye and Franco 2010, eq. 6, in
 means instead of sums). In displacements d = c − c_rest and t = q − A c_rest everything is linear in
-t, and nothing large cancels: d = R t and H d = (H R) t, with responses that are computed once.
+t, and nothing large cancels: d = R t and H d = (H R) t, with responses R that are computed once.
 """
 
 from collections.abc import Iterable
@@ -23,53 +23,52 @@ from cageik_cli.posing.constraints import CageConstraints, MirroredMap, free_bas
 from cageik_cli.posing.rigidity import Cells, Neighbours
 from cageik_cli.solver.dual_laplacian import MAX_CONDITION
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, NumericalError
+from cageik_cli.util.errors import HandlesError, NumericalError, SettingError
 
 DEFAULT_ALPHA = 1e-6
-"""Of posing: a few anchors are to be met, where thousands of vertices are to be fitted."""
+"""Much smaller than in `DualLaplacianSolver`: a few anchors should be met closely."""
 
 MAX_NAMED = 3
-"""Anchors that are named when they cannot all be met, those first that have most part in it."""
+"""Anchors that the message on a conflict names."""
 
 MIN_NAMED_SHARE = 0.1
-"""Those that have less part in it than this share of the first's are not named."""
+"""Anchors with a smaller share in the conflict, relative to the largest, are not named."""
 
 MAX_WEIGHT_RATIO = 1e100
-"""Of alpha to beta: far beyond, numbers overflow."""
+"""Largest ratio of alpha to beta; numbers overflow far beyond it."""
 
 
 def validate_weights(alpha: float, beta: float) -> None:
-    """Refuse weights of the Laplacian and of the anchors that are not finite numbers above 0.
-
-    So are those between which nothing is left of the anchors.
+    """Check the weights of the Laplacian and of the anchors.
 
     Raises
     ------
-    InputError
+    SettingError
+        When one is not a finite number above 0, or alpha is so large that anchors have no effect.
     """
     for name, value in (("alpha", alpha), ("beta", beta)):
         if not (np.isfinite(value) and value > 0):
-            raise InputError(f"{name} is {value}, expected a finite number above 0")
+            raise SettingError(f"{name} is {value}, expected a finite number above 0")
     if alpha / MAX_WEIGHT_RATIO > beta:
-        raise InputError(
-            f"alpha is {alpha} and beta {beta}, expected no more than {MAX_WEIGHT_RATIO:g} times "
-            "beta; make alpha smaller"
+        raise SettingError(
+            f"alpha is {alpha}, expected at most {MAX_WEIGHT_RATIO:g} times beta, which is {beta}; "
+            "make alpha smaller"
         )
 
 
 class Poser:
-    """Poses of a cage and its mesh by the same anchors, any number of them.
+    """Solver for poses of a cage and its mesh with a fixed set of anchors.
 
     Parameters
     ----------
     binding : Binding
-        m vertices in a cage of n.
+        A model of m vertices in a cage of n.
     anchors : iterable of Anchor
-        l of them, with names of their own. Without any the cage is free to go anywhere, and stays.
+        l anchors with different names. Without any, the cage stays at rest.
     alpha, beta : float
-        Weights of the Laplacian and of the anchors that are not hard; finite, above 0.
+        Weights of the Laplacian and of the soft anchors; finite, above 0.
     constraints : CageConstraints, optional
-        Cage vertices that are locked, or mirrored.
+        Locked cage vertices, and a mirror.
 
     Attributes
     ----------
@@ -78,17 +77,19 @@ class Poser:
     alpha, beta : float
     constraints : CageConstraints
     condition_number : float
-        Of the anchors' system: how much it magnifies errors of what it is given.
+        Condition number of the anchors' system.
     free_modes : int
-        In how many ways parts of the cage could move as one and no anchor says how; they stay, or
-        follow those that are held.
+        Number of motions of whole components that no anchor decides; these components stay, or
+        follow those that are anchored.
 
     Raises
     ------
-    InputError
-        When alpha or beta is no weight, anchors share a name, or ties do not fit the cage.
+    SettingError
+        When alpha or beta is not a valid weight.
+    HandlesError
+        When anchors share a name, or the constraints do not fit the cage.
     NumericalError
-        When hard anchors cannot be met independently of each other.
+        When anchors conflict: they cannot be met independently of each other.
     """
 
     def __init__(
@@ -115,31 +116,32 @@ class Poser:
         self._solve_responses(tuple(anchors))
 
     def with_anchor(self, anchor: Anchor) -> "Poser":
-        """The same with one anchor more; the cage is not factored again."""
+        """Return a poser with one more anchor; the cage is not factored again."""
         return self._with_anchors((*self.anchors, anchor))
 
     def without_anchor(self, name: str) -> "Poser":
-        """The same with one anchor less; the cage is not factored again.
+        """Return a poser without one anchor; the cage is not factored again.
 
         Raises
         ------
-        InputError
-            When no anchor has the name.
+        HandlesError
+            When no anchor has this name.
         """
         kept = tuple(anchor for anchor in self.anchors if anchor.name != name)
         if len(kept) == len(self.anchors):
-            raise InputError(f"there is no anchor called {name!r}")
+            names = ", ".join(repr(anchor.name) for anchor in self.anchors) or "none"
+            raise HandlesError(f"there is no anchor {name!r}; the anchors are: {names}")
         return self._with_anchors(kept)
 
     def displacements(self, targets: Floats) -> Floats:
-        """t, (l, 3), that brings the anchors from the rest pose to targets, (l, 3)."""
+        """Return the displacements t of the anchors from the rest pose to targets, both (l, 3)."""
         return np.asarray(targets - self._rest_positions)
 
     def solve_cage(self, displacements: Floats, rigidity: int = 0) -> Floats:
-        """The cage, (n, 3), for displacements of the anchors from the rest pose, (l, 3).
+        """Return the cage, (n, 3), for displacements of the anchors from the rest pose, (l, 3).
 
-        `rigidity` is the number of rounds in which the cage's cells turn with the motion; without
-        any, what turns far is sheared.
+        `rigidity` is the number of rounds of rigid rotations of the cage's cells; without them,
+        parts that turn far are sheared.
         """
         moved = self._cage_map(displacements)
         if rigidity and displacements.any():
@@ -147,9 +149,9 @@ class Poser:
         return np.asarray(self.binding.cage.vertices + moved)
 
     def solve_mesh(self, displacements: Floats, rigidity: int = 0) -> Floats:
-        """The mesh, (m, 3), for displacements of the anchors from the rest pose, (l, 3).
+        """Return the mesh, (m, 3), for displacements of the anchors from the rest pose, (l, 3).
 
-        It lies in memory coordinate by coordinate, which is faster: all x, then all y, then all z.
+        In memory all x come first, then all y, then all z, which is faster to compute.
         """
         columns = self._rest_columns.copy()
         if rigidity:
@@ -161,10 +163,10 @@ class Poser:
         return columns.T
 
     def edit_cages(self, cages: Floats, displacements: Floats, rigidity: int = 0) -> Floats:
-        """Cages (k, n, 3) with their anchors moved by displacements (k, l, 3).
+        """Move the anchors of cages (k, n, 3) by displacements (k, l, 3).
 
-        Each cage's own δ = L c is kept, so that its motion and detail stay. A cage whose anchors
-        are not displaced stays as it is, bit for bit.
+        Each cage keeps its own δ = L c, and with it its motion and detail. A cage whose anchors
+        are not displaced stays the same bit for bit.
         """
         is_moved = displacements.any(axis=(1, 2))
         edited, chosen = cages.copy(), cages[is_moved]
@@ -178,7 +180,7 @@ class Poser:
         return edited
 
     def _rotate_cells(self, cells: Cells, unrotated: Floats, rounds: int) -> Floats:
-        """Displacements (n, 3) of a cage whose cells turn, from those of cells that do not."""
+        """Return displacements (n, 3) with rotated cells, from those without rotations."""
         moved = unrotated
         for _ in range(rounds):
             moved = unrotated + self._differential_map(
@@ -187,17 +189,17 @@ class Poser:
         return moved
 
     def _with_anchors(self, anchors: tuple[Anchor, ...]) -> "Poser":
-        """What does not depend on the anchors is shared."""
+        """Return a poser with other anchors; what does not depend on them is shared."""
         other = copy(self)
         other._solve_responses(anchors)
         return other
 
     def _solve_responses(self, anchors: tuple[Anchor, ...]) -> None:
-        """Solve for the responses to anchors."""
+        """Solve for the responses to anchors, and keep them."""
         names = [anchor.name for anchor in anchors]
         duplicate = next((name for name in names if names.count(name) > 1), None)
         if duplicate is not None:
-            raise InputError(f"two anchors are called {duplicate!r}; give each a name of its own")
+            raise HandlesError(f"two anchors are named {duplicate!r}; give them different names")
         self.anchors = anchors
         rows = anchor_matrix(anchors, self.binding.weights)
         self._rest_positions = anchor_positions(anchors, self.binding.rest.vertices)
@@ -205,7 +207,7 @@ class Poser:
         compliance = np.array(
             [0.0 if anchor.hard else unit_compliance / anchor.weight for anchor in anchors]
         )
-        responses = [field.solve_response(rows, compliance) for field in self._response_solvers]
+        responses = [one.solve_response(rows, compliance) for one in self._response_solvers]
         for response in responses:
             _check_independent(response, anchors)
         self.condition_number = max(response.condition_number for response in responses)
@@ -231,15 +233,18 @@ class Poser:
 
 
 def _check_independent(response: Response, anchors: tuple[Anchor, ...]) -> None:
-    """Refuse anchors that cannot go where they are to, each for itself."""
+    """Refuse anchors that cannot be met independently of each other, naming the main ones."""
     if response.condition_number <= MAX_CONDITION:
         return
     parts = np.round(np.abs(response.weakest_mode) / np.abs(response.weakest_mode).max(), 6)
     order = np.argsort(-parts, kind="stable")[:MAX_NAMED]
     names = [repr(anchors[k].name) for k in order if parts[k] > MIN_NAMED_SHARE]
-    raise NumericalError(
-        f"the anchors cannot all be met: the system's condition number is "
-        f"{response.condition_number:.1e}, more than {MAX_CONDITION:.0e}, and "
-        f"{' and '.join(names)} {'has' if len(names) == 1 else 'have'} most part in it; leave one "
-        "out, make it soft, raise alpha, or unlock cage vertices near it"
-    )
+    numbers = f"{response.condition_number:.1e}", f"{MAX_CONDITION:.0e}"
+    found, limit = (number.replace("e+", "e") for number in numbers)
+    if len(names) == 1:
+        what = f"anchor {names[0]} cannot be met"
+        remedy = "make it soft, or unlock cage vertices near it"
+    else:
+        what = f"anchors {', '.join(names[:-1])} and {names[-1]} conflict"
+        remedy = "remove one, make it soft, or raise --alpha"
+    raise NumericalError(f"{what} (condition number {found}, limit {limit}): {remedy}")

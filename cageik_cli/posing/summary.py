@@ -1,4 +1,4 @@
-"""What a pose, or an edit of an animation, came to: anchors, motion, volume, smoothness."""
+"""Summary of a pose or an edited animation: anchors, motion, volume, smoothness."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,23 +19,23 @@ from cageik_cli.util.arrays import Floats, Integers
 
 @dataclass(frozen=True, slots=True)
 class AnchorSummary:
-    """How an anchor went, in the frames that its layer changes.
+    """The motion and the residual of an anchor over the frames that its layer changes.
 
     Attributes
     ----------
     name : str
     layer : str
-        Its layer's name; "" for that of the only one.
+        Its layer's name; "" for the only layer.
     moved : float
-        Farthest from where it was before, file units.
+        Largest distance from its position before the edit, file units.
     residual, residual_percent : float
-        Farthest from its target when all layers are applied, file units and percent of the
-        diagonal.
+        Largest distance from its target after all layers, file units and percent of the diagonal.
     frame : str
-        Where that is; "" for a single pose.
+        The frame of the largest residual; "" for a single pose.
     acceleration, acceleration_before : float, optional
-        Largest second difference of its position, |p(k+1) − 2 p(k) + p(k−1)| over frames that
-        follow each other, one of which is changed, after the edit and before; None without such.
+        Largest second difference of its position, |p(k+1) − 2 p(k) + p(k−1)|, over three
+        consecutive frames one of which is changed, after and before the edit; None if there are
+        none.
     """
 
     name: str
@@ -50,34 +50,34 @@ class AnchorSummary:
 
 @dataclass(frozen=True, slots=True)
 class PoseSummary:
-    """What a pose or an edit came to; lengths in file units.
+    """Summary of a pose or an edited animation; lengths in file units.
 
     Attributes
     ----------
     diagonal : float
-        Of the rest model.
+        Diagonal of the rest model.
     anchors : tuple of AnchorSummary
     rms, rms_percent : float
-        How far the mesh moved: sqrt(mean |v' − v|²) over vertices and frames.
+        Motion of the mesh: sqrt(mean |v' − v|²) over vertices and frames.
     moved : float
-        Farthest that a vertex moved.
+        Largest distance that a vertex moved.
     moved_least : float
-        Least that a vertex moved in that frame.
+        Smallest distance that a vertex moved in the same frame.
     vertex : int
-        Which one.
+        The vertex that moved most.
     frame : str
-        Where; "" for a single pose.
+        The frame in which it did; "" for a single pose.
     cage_moved : float
-        Farthest that a cage vertex moved.
+        Largest distance that a cage vertex moved.
     cage_vertex : int
     volume_change_percent : float, optional
-        The one of largest size, against the frame before the edit; None for an open model.
+        Change of largest size against the frame before the edit; None for an open model.
     condition_number : float
-        The largest of the layers' systems.
+        Largest condition number of the layers' systems.
     rigidity : int
-        Rounds in which cells turned.
+        Rounds of rigid rotations.
     changed : tuple of str, optional
-        First and last frame that are not as they were.
+        First and last frame that are changed.
     """
 
     diagonal: float
@@ -97,13 +97,13 @@ class PoseSummary:
 
 
 class PoseStatistics:
-    """Takes block after block, and keeps what is largest.
+    """Running statistics of an edit, updated block by block.
 
     Parameters
     ----------
     layers : sequence of Layer
     diagonal : float
-        Of the rest model.
+        Diagonal of the rest model.
     """
 
     def __init__(self, layers: Sequence[Layer], diagonal: float) -> None:
@@ -121,7 +121,7 @@ class PoseStatistics:
         self._acceleration_trackers = _AccelerationTracker(), _AccelerationTracker()
 
     def update(self, block: EditedFrames) -> None:
-        """Look at the next frames, if there are any."""
+        """Add the next frames, if there are any."""
         if not len(block.frames):
             return
         acts = active_anchors(self._layers, block.frames)
@@ -133,10 +133,10 @@ class PoseStatistics:
         self._residual_frame[is_worse] = block.frames[worst[is_worse]]
         self._residual = np.maximum(self._residual, largest)
         is_changed = (block.edit.cages != block.cages_before).any(axis=(1, 2))
-        for bend, positions in zip(
+        for tracker, positions in zip(
             self._acceleration_trackers, (block.anchors_before, block.anchors_after), strict=True
         ):
-            bend.update(block.frames, positions, is_changed)
+            tracker.update(block.frames, positions, is_changed)
         self._update_meshes(block)
         if is_changed.any():
             numbers = block.frames[is_changed]
@@ -163,16 +163,16 @@ class PoseStatistics:
             self._volume_change = max(self._volume_change or 0.0, largest, key=abs)
 
     def summarize(self, names: Sequence[str]) -> PoseSummary:
-        """The figures of all blocks; `names` are those of the frames, or none for a single pose."""
+        """Return the summary; `names` are those of all frames, or empty for a single pose."""
 
-        def named(frame: int) -> str:
+        def name(frame: int) -> str:
             return names[frame] if names else ""
 
         rms = float(np.sqrt(self._squares / max(1, self._frame_count)))
         return PoseSummary(
             diagonal=self._diagonal,
             anchors=tuple(
-                self._summarize_anchor(k, named(int(frame)))
+                self._summarize_anchor(k, name(int(frame)))
                 for k, frame in enumerate(self._residual_frame)
             ),
             rms=rms,
@@ -180,17 +180,17 @@ class PoseStatistics:
             moved=self._farthest,
             moved_least=self._smallest_motion,
             vertex=self._vertex,
-            frame=named(self._frame),
+            frame=name(self._frame),
             cage_moved=self._cage_farthest,
             cage_vertex=self._cage_vertex,
             volume_change_percent=self._volume_change,
             condition_number=max(layer.poser.condition_number for layer in self._layers),
             rigidity=max(layer.rigidity for layer in self._layers),
-            changed=(named(self._changed[0]), named(self._changed[-1])) if self._changed else None,
+            changed=(name(self._changed[0]), name(self._changed[-1])) if self._changed else None,
         )
 
     def _summarize_anchor(self, k: int, frame: str) -> AnchorSummary:
-        before, after = (bend.max_acceleration for bend in self._acceleration_trackers)
+        before, after = (tracker.max_acceleration for tracker in self._acceleration_trackers)
         return AnchorSummary(
             name=self._anchors[k].name,
             layer=self._layer_names[k],
@@ -204,9 +204,9 @@ class PoseStatistics:
 
 
 class _AccelerationTracker:
-    """The largest second differences of l positions over frames that follow each other.
+    """The largest second differences of l positions over consecutive frames.
 
-    Only those count in which a frame is changed: elsewhere a clip may accelerate as it likes.
+    Only triples of frames count of which one is changed: what a clip does elsewhere is its own.
 
     Attributes
     ----------
@@ -220,17 +220,19 @@ class _AccelerationTracker:
         self._positions: Floats | None = None
 
     def update(self, frames: Integers, positions: Floats, is_changed: NDArray[np.bool_]) -> None:
-        """Go on with positions, (k, l, 3), of frames (k,) that are changed, or not."""
+        """Add positions, (k, l, 3), of frames (k,), and whether each frame is changed, (k,)."""
         if self._positions is not None:
             frames = np.concatenate([self._frames, frames])
             positions = np.concatenate([self._positions, positions])
             is_changed = np.concatenate([self._is_changed, is_changed])
-        in_row = frames[2:] - frames[:-2] == 2
-        in_row &= is_changed[2:] | is_changed[1:-1] | is_changed[:-2]
-        if in_row.any():
-            bends = np.linalg.norm(np.diff(positions, 2, axis=0)[in_row], axis=2).max(axis=0)
+        is_run = frames[2:] - frames[:-2] == 2
+        is_run &= is_changed[2:] | is_changed[1:-1] | is_changed[:-2]
+        if is_run.any():
+            largest = np.linalg.norm(np.diff(positions, 2, axis=0)[is_run], axis=2).max(axis=0)
             self.max_acceleration = (
-                bends if self.max_acceleration is None else np.maximum(self.max_acceleration, bends)
+                largest
+                if self.max_acceleration is None
+                else np.maximum(self.max_acceleration, largest)
             )
         self._frames, self._positions = frames[-2:], positions[-2:]
         self._is_changed = is_changed[-2:]

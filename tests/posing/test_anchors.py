@@ -18,7 +18,7 @@ from cageik_cli.posing.anchors import (
     point_at_vertex,
     point_on_face,
 )
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import HandlesError
 from tests.geometry.test_camera import orthographic
 from tests.shapes import ball, box, changed, finer, octahedron, rotation
 
@@ -26,20 +26,20 @@ WALKER = Path(__file__).parents[2] / "data_fixtures/walker/frames/walker_1.obj"
 BALL = ball(2, 1.0)
 
 
-def from_afar(mesh, direction, width=200, height=150):
+def distant_camera(mesh, direction, width=200, height=150):
     """A camera that sees all of a mesh from a direction."""
     middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     place = middle + 1.5 * mesh.diagonal * np.asarray(direction) / np.linalg.norm(direction)
     return Camera.from_look_at(LookAt(place, middle, np.array([0.1, 1.0, 0.2])), 40, width, height)
 
 
-def in_parallel(mesh, direction):
-    camera, reach = from_afar(mesh, direction), 0.6 * mesh.diagonal
+def parallel_camera(mesh, direction):
+    camera, reach = distant_camera(mesh, direction), 0.6 * mesh.diagonal
     projection = orthographic(-reach, reach, -reach, reach, 1e-3 * reach, 10 * reach)
     return Camera(camera.view, projection, camera.width, camera.height)
 
 
-def test_a_vertex_is_its_row_and_its_position():
+def test_a_point_at_a_vertex_has_its_row_and_position():
     point = point_at_vertex(BALL, 5)
     weights = np.random.default_rng(0).random((len(BALL.vertices), 7))
     np.testing.assert_array_equal(point.cage_weights(weights), weights[5])
@@ -62,7 +62,7 @@ def test_a_point_of_a_face_is_the_mean_of_its_corners(face, first, second):
     )
 
 
-def test_rows_and_positions_of_several_in_several_poses():
+def test_rows_and_positions_of_several_anchors_and_poses():
     anchors = [
         Anchor("a", point_at_vertex(BALL, 3)),
         Anchor("b", point_on_face(BALL, 2, [0.2, 0.3, 0.5])),
@@ -77,7 +77,7 @@ def test_rows_and_positions_of_several_in_several_poses():
     assert anchor_positions([], poses).shape == (2, 0, 3)
 
 
-def test_sums_that_are_off_by_rounding_are_divided():
+def test_sums_off_by_rounding_are_normalised():
     point = point_on_face(BALL, 0, [0.3333333, 0.3333333, 0.3333333])
     np.testing.assert_allclose(point.barycentric, 1 / 3, rtol=1e-15)
 
@@ -85,55 +85,55 @@ def test_sums_that_are_off_by_rounding_are_divided():
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: point_at_vertex(BALL, 66), "no vertex 66; the mesh has 66, numbered from 0 to 65"),
-        (lambda: point_at_vertex(BALL, -1), "no vertex -1; the mesh has 66"),
-        (lambda: point_on_face(BALL, 128, [1, 0, 0]), "no face 128; .* 128 triangles, .* 0 to 127"),
-        (lambda: point_on_face(BALL, -1, [1, 0, 0]), "no face -1; the mesh has 128 triangles"),
+        (lambda: point_at_vertex(BALL, 66), "vertex 66; .* has 66, .* 0 to 65"),
+        (lambda: point_at_vertex(BALL, -1), "vertex -1; .* has 66"),
+        (lambda: point_on_face(BALL, 128, [1, 0, 0]), "face 128; .* 128 triangles, .* 0 to 127"),
+        (lambda: point_on_face(BALL, -1, [1, 0, 0]), "face -1; .* 128 triangles"),
         (
             lambda: point_on_face(BALL, 0, [1, 0]),
-            "barycentric coordinates are not three finite numb",
+            r"barycentric is \[1, 0\]",
         ),
         (
             lambda: point_on_face(BALL, 0, [1, 0, np.nan]),
-            "barycentric coordinates are not three finit",
+            r"barycentric is \[1.0, 0.0, nan\]",
         ),
         (
             lambda: point_on_face(BALL, 0, [np.inf, 0, 0]),
-            "barycentric coordinates are not three finit",
+            r"barycentric is \[inf, 0.0, 0.0\]",
         ),
         (
             lambda: point_on_face(BALL, 0, [0.2, 0.3, 0.4]),
-            "barycentric coordinates sum to 0.9, exp",
+            "barycentric .* 0.9, expected 1",
         ),
         (
             lambda: point_on_face(BALL, 0, [1.2, -0.2, 0]),
-            "a barycentric coordinate is -0.2, expected",
+            "barycentric .* -0.2, expected 0",
         ),
         (
             lambda: Anchor("hand", point_at_vertex(BALL, 0), 0.0),
-            "weight of 'hand' is 0, expected a num",
+            "'hand': weight is 0,",
         ),
         (
             lambda: Anchor("hand", point_at_vertex(BALL, 0), -1.0),
-            "weight of 'hand' is -1, expected",
+            "'hand': weight is -1,",
         ),
         (
             lambda: Anchor("hand", point_at_vertex(BALL, 0), np.nan),
-            "weight of 'hand' is nan, expected",
+            "'hand': weight is nan,",
         ),
         (
             lambda: Anchor("hand", point_at_vertex(BALL, 0), np.inf),
-            "weight of 'hand' is inf, expected",
+            "'hand': weight is inf,",
         ),
     ],
 )
-def test_what_is_no_anchor_is_refused(make, says):
-    with pytest.raises(InputError, match=says):
+def test_invalid_anchors_are_refused(make, says):
+    with pytest.raises(HandlesError, match=says):
         make()
 
 
 @given(st.tuples(*[st.floats(-2, 2)] * 3).map(np.array))
-def test_the_nearest_point_is_on_the_surface_and_none_is_nearer(position):
+def test_the_closest_point_is_on_the_surface_and_none_is_closer(position):
     point = closest_point(BALL, position)
     assert point.barycentric.min() >= 0
     assert point.barycentric.sum() == pytest.approx(1)
@@ -145,14 +145,14 @@ def test_the_nearest_point_is_on_the_surface_and_none_is_nearer(position):
     assert found == pytest.approx(np.linalg.norm(nearest - position, axis=1).min(), abs=1e-12)
 
 
-def test_a_point_of_the_surface_is_its_own_nearest():
+def test_a_point_of_the_surface_is_its_own_closest_point():
     on_it = BALL.vertices[BALL.faces[17]].mean(axis=0)
     found = closest_point(BALL, on_it).position(BALL.vertices)
     np.testing.assert_allclose(found, on_it, atol=1e-15)
 
 
 @pytest.mark.parametrize("third", [[0.5, 0, 0], [0.0, 0, 0], [2.0, 0, 0]])
-def test_the_nearest_point_may_be_on_a_face_without_area(third):
+def test_the_closest_point_may_be_on_a_face_without_area(third):
     flat = TriMesh([[0.0, 0, 0], [1, 0, 0], third], [[0, 1, 2]])
     point = closest_point(flat, np.array([0.3, 1.0, 0]))
     assert point.barycentric.min() >= 0
@@ -160,7 +160,7 @@ def test_the_nearest_point_may_be_on_a_face_without_area(third):
     np.testing.assert_allclose(point.position(flat.vertices), [0.3, 0, 0], atol=1e-12)
 
 
-def front_most(mesh, camera, pixels):
+def first_hits(mesh, camera, pixels):
     """trimesh's ray caster: the first hit of each pixel's ray, NaN where there is none."""
     caster = trimesh.ray.ray_triangle.RayMeshIntersector(
         trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
@@ -175,10 +175,10 @@ def front_most(mesh, camera, pixels):
     return found
 
 
-def picked_or_nan(mesh, camera, pixel):
+def pick_or_nan(mesh, camera, pixel):
     try:
         return pick(mesh, camera, pixel).position(mesh.vertices)
-    except InputError:
+    except HandlesError:
         return np.full(3, np.nan)
 
 
@@ -191,35 +191,35 @@ MESHES = {
 
 
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
-@pytest.mark.parametrize("see", [from_afar, in_parallel])
+@pytest.mark.parametrize("see", [distant_camera, parallel_camera])
 def test_picking_agrees_with_the_ray_caster_of_trimesh(mesh, see):
     camera = see(mesh, [0.5, 0.3, 0.8])
     generator = np.random.default_rng(6)
     pixels = generator.uniform([0, 0], [camera.width, camera.height], (200, 2))
     pixels = np.concatenate([pixels, generator.normal([100, 75], 20, (150, 2))])
-    expected = front_most(mesh, camera, pixels)
-    found = np.array([picked_or_nan(mesh, camera, pixel) for pixel in pixels])
+    expected = first_hits(mesh, camera, pixels)
+    found = np.array([pick_or_nan(mesh, camera, pixel) for pixel in pixels])
     assert 30 < np.count_nonzero(np.isfinite(expected[:, 0])) < 330
     np.testing.assert_allclose(found, expected, atol=1e-9 * mesh.diagonal)
 
 
-def test_the_near_plane_cuts_what_is_before_it():
+def test_faces_before_the_near_plane_are_not_picked():
     """A camera within a box sees the wall ahead, and not the one behind; trimesh agrees."""
     mesh = finer(box(1.0), 1)
     projection = orthographic(-2, 2, -2, 2, 0.5, 3.0)
     camera = Camera(np.eye(4), projection, 100, 100)
     found = pick(mesh, camera, np.array([51.0, 47.0])).position(mesh.vertices)
     np.testing.assert_allclose(found, [0.04, 0.12, -1], atol=1e-12)
-    expected = front_most(mesh, camera, np.array([[51.0, 47.0]]))[0]
+    expected = first_hits(mesh, camera, np.array([[51.0, 47.0]]))[0]
     np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 @settings(max_examples=60)
 @given(st.integers(0, 10**6))
-def test_what_is_seen_of_a_point_that_nothing_hides_is_the_point(seed):
+def test_a_visible_point_is_picked_in_its_pixel(seed):
     generator = np.random.default_rng(seed)
     direction = generator.normal(size=3)
-    camera = from_afar(BALL, direction)
+    camera = distant_camera(BALL, direction)
     face = int((BALL.vertices[BALL.faces].mean(axis=1) @ direction).argmax())
     point = point_on_face(BALL, face, generator.dirichlet(np.ones(3)))
     seen = camera.project(point.position(BALL.vertices))
@@ -229,14 +229,14 @@ def test_what_is_seen_of_a_point_that_nothing_hides_is_the_point(seed):
 
 
 @pytest.mark.parametrize("turn", [np.eye(3), rotation(1), rotation(2)])
-def test_rays_through_edges_and_vertices_do_not_slip_through(turn):
+def test_rays_through_edges_and_vertices_hit_the_mesh(turn):
     """Where faces meet on a ray, one of them is hit, at the point in which they meet."""
     mesh = changed(octahedron(1.0), vertices=octahedron(1.0).vertices @ turn.T)
     camera = Camera(np.eye(4), orthographic(-1.25, 1.25, -1.25, 1.25, -5, 5), 160, 160)
     ends = mesh.vertices[mesh.edges.ends]
     points = np.concatenate([mesh.vertices, ends.mean(axis=1), ends[:, 0]])
     for seen in camera.project(0.999999 * points)[:, :2]:
-        assert np.isfinite(picked_or_nan(mesh, camera, seen)).all()
+        assert np.isfinite(pick_or_nan(mesh, camera, seen)).all()
 
 
 def test_faces_seen_edge_on_are_not_hit():
@@ -248,29 +248,29 @@ def test_faces_seen_edge_on_are_not_hit():
 
 @pytest.mark.parametrize("pixel", [(0.0, 0.0), (-50.0, 20.0), (np.nan, 3.0)])
 def test_a_pixel_that_misses_is_refused_by_name(pixel):
-    camera = from_afar(BALL, [0, 0, 1])
-    says = rf"pixel \({pixel[0]:g}, {pixel[1]:g}\) of 200 x 150 misses the mesh; choose one where"
-    with pytest.raises(InputError, match=says):
+    camera = distant_camera(BALL, [0, 0, 1])
+    says = rf"pixel \({pixel[0]:g}, {pixel[1]:g}\) of 200 x 150 misses .* x 60 to 140, y 35 to 115"
+    with pytest.raises(HandlesError, match=says):
         pick(BALL, camera, np.array(pixel))
 
 
-def test_where_the_mesh_is_seen_is_told():
+def test_the_message_on_a_miss_says_where_the_mesh_is():
     """A ball of radius 1, its vertices at all ends of the axes, in 100 pixels that show 4 units."""
     camera = Camera(np.eye(4), orthographic(-2, 2, -2, 2, -5, 5), 100, 100)
-    with pytest.raises(InputError, match=r"seen: x 25 to 75, y 25 to 75$"):
+    with pytest.raises(HandlesError, match=r"x 25 to 75, y 25 to 75$"):
         pick(BALL, camera, np.array([5.0, 5.0]))
 
 
-def test_a_camera_that_has_the_mesh_behind_it_is_told():
+def test_a_camera_with_the_mesh_behind_it_is_named():
     away = LookAt(np.array([0.0, 0, 5]), np.array([0.0, 0, 9]), np.array([0.0, 1, 0]))
     camera = Camera.from_look_at(away, 40, 100, 100)
-    with pytest.raises(InputError, match="some of it is behind this one, whose view has to"):
+    with pytest.raises(HandlesError, match="part of the mesh is behind it"):
         pick(BALL, camera, np.array([50.0, 50.0]))
 
 
 @pytest.mark.parametrize(("near", "far"), [(3.0, 9.0), (-9.0, -2.5)])
-def test_a_pixel_of_what_the_planes_cut_off_says_so(near, far):
+def test_a_pixel_beyond_the_near_and_far_planes_is_refused(near, far):
     camera = Camera(np.eye(4), orthographic(-2, 2, -2, 2, near, far), 100, 100)
-    says = r"\(50, 50\) of 100 x 100 meets the mesh, but only before the near or beyond the far"
-    with pytest.raises(InputError, match=says):
+    says = r"\(50, 50\) of 100 x 100 meets the mesh, .* near and far planes"
+    with pytest.raises(HandlesError, match=says):
         pick(BALL, camera, np.array([50.0, 50.0]))

@@ -26,7 +26,7 @@ def random_moves(cage, seed=2):
     return 0.2 * np.random.default_rng(seed).normal(size=cage.vertices.shape)
 
 
-def test_rotations_and_turned_differences_are_those_of_a_loop_over_edges(cage):
+def test_rotations_and_rotated_differences_equal_a_loop_over_edges(cage):
     """Sorkine and Alexa 2007, eqs. 5, 6 and 8, with weights of one over the number of edges."""
     pose, move = cage.vertices + 0.1 * random_moves(cage), random_moves(cage, 3)
     moved, neighbours = pose + move, neighbours_of(cage)
@@ -55,13 +55,13 @@ def test_a_rigid_motion_is_the_rotation_of_every_cell(cage):
     np.testing.assert_allclose(cells.rotate_differences(rotations), expected, atol=1e-13)
 
 
-def test_what_does_not_turn_changes_nothing(cage):
+def test_motions_without_rotation_change_nothing(cage):
     cells = Neighbours(uniform_laplacian(cage)).build_cells(cage.vertices)
     shift = np.tile([5.0, 0.0, -7.0], (len(cage.vertices), 1))
     np.testing.assert_allclose(cells.rotate_differences(cells.fit_rotations(shift)), 0, atol=1e-14)
 
 
-def test_a_shear_is_not_taken_for_a_turn(cage):
+def test_a_shear_is_no_rotation(cage):
     """The checks above must be able to fail: a motion that is not rigid leaves a remainder."""
     laplacian, rest = uniform_laplacian(cage), cage.vertices
     shear = np.array([[1, 0.5, 0], [0, 1, 0], [0, 0, 1]])
@@ -71,7 +71,7 @@ def test_a_shear_is_not_taken_for_a_turn(cage):
 
 
 @pytest.mark.parametrize("far", [1e3, 1e6])
-def test_far_from_the_origin_and_moved_far_no_more_digits_are_lost_than_were_given(cage, far):
+def test_far_from_the_origin_only_the_digits_of_the_input_are_lost(cage, far):
     """Positions of size `far` have that many digits less, and edges with them."""
     laplacian, moves = uniform_laplacian(cage), random_moves(cage)
     near = Neighbours(laplacian).build_cells(cage.vertices)
@@ -81,7 +81,7 @@ def test_far_from_the_origin_and_moved_far_no_more_digits_are_lost_than_were_giv
     np.testing.assert_allclose(found, expected, atol=1e-13 * far)
 
 
-def test_a_cage_far_from_the_origin_whose_edges_are_the_same_turns_the_same(cage):
+def test_a_cage_far_from_the_origin_has_the_same_rotations(cage):
     """To the last digits, not to those of its positions: on a grid, far away is exact."""
     near = np.round(cage.vertices * 2**20) / 2**20
     neighbours = Neighbours(uniform_laplacian(cage))
@@ -93,7 +93,7 @@ def test_a_cage_far_from_the_origin_whose_edges_are_the_same_turns_the_same(cage
     np.testing.assert_allclose(*map(found.rotate_differences, rotations), rtol=0, atol=1e-12)
 
 
-def test_what_is_given_is_left_as_it_was(cage):
+def test_inputs_are_not_changed(cage):
     """However it lies in memory."""
     moves = np.asfortranarray(random_moves(cage))
     poses = cage.vertices + moves

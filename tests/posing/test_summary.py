@@ -1,4 +1,4 @@
-"""Figures of an edit, against plain loops over whole arrays."""
+"""The summary of an edit, against plain expressions over whole arrays."""
 
 import json
 
@@ -25,7 +25,7 @@ DOCUMENT = {
 }
 
 
-def clip_of(rest):
+def make_target(rest):
     binding = bind(rest, box(2.0), BindSettings("mean-value"))
     wobble = np.random.default_rng(0).normal(0, 0.05, (COUNT, 8, 3))
     cages = binding.cage.vertices + wobble
@@ -36,7 +36,7 @@ def clip_of(rest):
 
 @pytest.fixture(scope="module")
 def closed():
-    return clip_of(ball(levels=1, size=0.9))
+    return make_target(ball(levels=1, size=0.9))
 
 
 @pytest.fixture
@@ -49,22 +49,22 @@ def layers(tmp_path):
     return make
 
 
-def figures_of(layers, clip, cages, size, names=NAMES, frames=None):
+def summarize(layers, clip, cages, size, names=NAMES, frames=None):
     """By blocks of a size."""
     frames = np.arange(COUNT) if frames is None else frames
-    ledger = PoseStatistics(layers, clip.binding.rest.diagonal)
+    statistics = PoseStatistics(layers, clip.binding.rest.diagonal)
     for start in range(0, len(frames), size):
         chosen = frames[start : start + size]
-        ledger.update(edit_frames(layers, clip, chosen, cages[chosen]))
-    return ledger.summarize(names)
+        statistics.update(edit_frames(layers, clip, chosen, cages[chosen]))
+    return statistics.summarize(names)
 
 
-def test_blocks_give_what_all_frames_at_once_do(closed, layers):
+def test_the_summary_does_not_depend_on_blocks(closed, layers):
     clip, cages = closed
     made = layers(clip, rigidity=1)
-    whole = figures_of(made, clip, cages, COUNT)
+    whole = summarize(made, clip, cages, COUNT)
     for size in (1, 2, 5):
-        found = figures_of(made, clip, cages, size)
+        found = summarize(made, clip, cages, size)
         assert found.rms == pytest.approx(whole.rms, rel=1e-12)
         assert found.anchors == whole.anchors
         assert (found.moved, found.vertex, found.frame) == (whole.moved, whole.vertex, whole.frame)
@@ -72,10 +72,10 @@ def test_blocks_give_what_all_frames_at_once_do(closed, layers):
         assert found.changed == whole.changed == ("f_2", "f_8")
 
 
-def test_figures_are_what_they_say(closed, layers):
+def test_the_summary_equals_its_definitions(closed, layers):
     clip, cages = closed
     made = layers(clip, alpha=1.0)
-    found = figures_of(made, clip, cages, 4)
+    found = summarize(made, clip, cages, 4)
     block = edit_frames(made, clip, np.arange(COUNT), cages)
     weights, diagonal = clip.binding.weights, clip.binding.rest.diagonal
     before, after = weights @ cages, weights @ block.edit.cages
@@ -104,15 +104,15 @@ def test_figures_are_what_they_say(closed, layers):
     assert [first.acceleration_before, first.acceleration] == pytest.approx(bends, rel=1e-9)
 
 
-def test_frames_with_a_gap_between_do_not_accelerate(closed, layers):
+def test_acceleration_needs_consecutive_frames(closed, layers):
     clip, cages = closed
-    found = figures_of(layers(clip), clip, cages, 3, frames=np.array([0, 1, 3, 4, 6, 7]))
+    found = summarize(layers(clip), clip, cages, 3, frames=np.array([0, 1, 3, 4, 6, 7]))
     assert found.anchors[0].acceleration is None
-    apart = figures_of(layers(clip), clip, cages, 3, frames=np.array([0, 1, 2, 4]))
+    apart = summarize(layers(clip), clip, cages, 3, frames=np.array([0, 1, 2, 4]))
     assert apart.anchors[0].acceleration is not None
 
 
-def test_what_accelerates_elsewhere_is_not_the_edits(closed, layers):
+def test_acceleration_counts_near_changed_frames_only(closed, layers):
     """A jerk two frames off the edit counts, one three frames off does not."""
     clip, _ = closed
     late = {**DOCUMENT, "frames": [8, 11]}
@@ -120,46 +120,46 @@ def test_what_accelerates_elsewhere_is_not_the_edits(closed, layers):
         cages = np.repeat(clip.binding.cage.vertices[None], COUNT, axis=0)
         cages[jerk] += 5.0
         still = EditTarget(clip.binding, clip.skin, cages.__getitem__, NAMES)
-        found = figures_of(layers(still, late), still, cages, 4)
+        found = summarize(layers(still, late), still, cages, 4)
         assert found.changed == ("f_6", "f_11")
         assert (found.anchors[2].acceleration_before > 1) == counts
 
 
-def test_anchors_have_the_names_of_their_sets(closed, layers):
+def test_anchors_name_their_sets(closed, layers):
     clip, cages = closed
     both = layers(clip, {"sets": [DOCUMENT, {**DOCUMENT, "handles": DOCUMENT["handles"][:1]}]})
-    found = figures_of(both, clip, cages, COUNT)
+    found = summarize(both, clip, cages, COUNT)
     assert [anchor.layer for anchor in found.anchors] == [*["sets[0]"] * 3, "sets[1]"]
-    assert {anchor.layer for anchor in figures_of(layers(clip), clip, cages, 4).anchors} == {""}
+    assert {anchor.layer for anchor in summarize(layers(clip), clip, cages, 4).anchors} == {""}
 
 
-def test_a_set_does_not_answer_for_frames_of_another(closed, layers):
+def test_anchors_count_in_the_frames_of_their_set_only(closed, layers):
     """One vertex goes up by 0.1 in some frames, and down by 0.3 in others."""
     clip, cages = closed
     sets = [
         {"handles": [{"name": "a", "vertex": 1, "offset": [0, offset, 0]}], "frames": frames}
         for offset, frames in ((0.1, [0, 2]), (-0.3, [6, 9]))
     ]
-    found = figures_of(layers(clip, {"sets": sets}), clip, cages, 4)
+    found = summarize(layers(clip, {"sets": sets}), clip, cages, 4)
     assert [anchor.moved for anchor in found.anchors] == pytest.approx([0.1, 0.3], rel=1e-4)
     assert max(anchor.residual for anchor in found.anchors) < 1e-5
 
 
-def test_volumes_are_of_closed_models_alone(closed, layers):
+def test_only_closed_models_have_a_volume_change(closed, layers):
     clip, cages = closed
     block = edit_frames(layers(clip), clip, np.arange(COUNT), cages)
     changes = 100 * (block.metrics.volume_reconstructed / block.metrics.volume - 1)
-    found = figures_of(layers(clip), clip, cages, 5)
+    found = summarize(layers(clip), clip, cages, 5)
     assert abs(found.volume_change_percent) == pytest.approx(np.abs(changes).max(), rel=1e-12)
     rest = clip.binding.rest
-    opened, open_cages = clip_of(changed(rest, faces=rest.faces[1:]))
-    assert figures_of(layers(opened), opened, open_cages, 5).volume_change_percent is None
+    opened, open_cages = make_target(changed(rest, faces=rest.faces[1:]))
+    assert summarize(layers(opened), opened, open_cages, 5).volume_change_percent is None
 
 
-def test_nothing_moved_is_nothing(closed, layers):
+def test_a_pin_that_does_not_move_gives_zeros(closed, layers):
     clip, cages = closed
     pins = {"handles": [{"name": "p", "vertex": 3, "pin": True}]}
-    found = figures_of(layers(clip, pins), clip, cages, 5)
+    found = summarize(layers(clip, pins), clip, cages, 5)
     assert (found.rms, found.moved, found.cage_moved, found.changed) == (0, 0, 0, None)
     assert found.anchors[0].residual == 0
     assert found.volume_change_percent == 0
@@ -168,6 +168,6 @@ def test_nothing_moved_is_nothing(closed, layers):
 def test_no_frames_change_nothing(closed, layers):
     clip, cages = closed
     made = layers(clip)
-    ledger = PoseStatistics(made, clip.binding.rest.diagonal)
-    ledger.update(edit_frames(made, clip, np.arange(0), cages[:0]))
-    assert ledger.summarize(NAMES).changed is None
+    statistics = PoseStatistics(made, clip.binding.rest.diagonal)
+    statistics.update(edit_frames(made, clip, np.arange(0), cages[:0]))
+    assert statistics.summarize(NAMES).changed is None

@@ -50,7 +50,7 @@ def test_how_handles_were_understood_is_noted(settings):
     pose(settings(TIP, other, near, snap=True, allow_conflicts=True), notes)
     told = [text for topic, text in notes.texts if topic == "note"]
     assert [text for text in told if text.startswith("handles.json: handle 'near': its position")]
-    assert [text for text in told if "'tip' and 'other' are on one point" in text]
+    assert [text for text in told if "'tip' and 'other' conflict" in text]
 
 
 def test_changes_of_the_cage_are_noted(settings, write_obj, animation):

@@ -1,5 +1,5 @@
-"""The handles file: which points of a surface go where, in which frames of a clip.
+"""The handles file: which points of a surface move where, in which frames of a clip.
 
 Depends on `geometry` and the anchors of `posing`. Start with `model`, the records, and `reader`,
-from JSON to them; `placement` finds each handle's point, and `schedule` when it acts.
+from JSON to them; `placement` finds the point of each handle, and `schedule` says when it acts.
 """

@@ -1,4 +1,4 @@
-"""Handles on one point of the surface: they pull as one, or are refused."""
+"""Handles on the same point of the surface: they are merged into one anchor, or refused."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,15 +9,15 @@ from cageik_cli.posing.anchors import COINCIDENT_TOL, Anchor, SurfacePoint, anch
 from cageik_cli.posing.handles.model import Handle, PosedSurface
 from cageik_cli.posing.handles.schedule import BlendedMotion
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import HandlesError
 
 TARGET_TOL = 1e-9
-"""Targets nearer to each other than this, in diagonals, are the same."""
+"""Targets closer to each other than this, in diagonals, are the same."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedHandle:
-    """A handle and where on the surface it is."""
+    """A handle and its point on the surface."""
 
     handle: Handle
     point: SurfacePoint
@@ -25,7 +25,7 @@ class PlacedHandle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MergedAnchor:
-    """An anchor, what it follows, and what a user should know of it, if anything."""
+    """An anchor, its motion, and a note for the user if handles were merged."""
 
     anchor: Anchor
     motion: BlendedMotion
@@ -38,36 +38,36 @@ def merge_coincident(
     affected_frames: range,
     allow_conflicts: bool,
 ) -> list[MergedAnchor]:
-    """An anchor for each point that handles are on, in their order.
+    """Return one anchor for each point that handles are on, in the order of the handles.
 
-    Handles on one point become one anchor, of the sum of their weights and hard if one of them is:
-    no two anchors can be met independently of each other there, whatever vertices they name.
+    Handles on one point become one anchor, because two anchors there cannot be met independently.
+    Its weight is the sum of their weights, and it is hard if one of them is.
 
     Raises
     ------
-    InputError
-        Naming two handles that pull one point to different targets, unless conflicts are allowed;
-        the anchor then goes to their targets' mean by weight, of the hard ones if there are some.
+    HandlesError
+        When two handles on one point have different targets, unless conflicts are allowed. The
+        anchor then moves to the weighted mean of the targets: of the hard ones if there are any.
     """
-    pulls = []
+    merged = []
     for group in _group_by_point(placed_handles, surface):
         if len(group) == 1:
-            pulls.append(_merge_group(group, group))
+            merged.append(_merge_group(group, group))
             continue
         conflict = _describe_conflict(group, surface, affected_frames)
         if conflict and not allow_conflicts:
-            raise InputError(
-                f"{conflict}; leave one out, or take their targets' mean with --allow-conflicts"
+            raise HandlesError(
+                f"{conflict}; remove one, or use the mean of their targets with --allow-conflicts"
             )
         hard = [one for one in group if one.handle.hard] or group
-        pulls.append(_merge_group(group, hard if conflict else hard[:1], conflict))
-    return pulls
+        merged.append(_merge_group(group, hard if conflict else hard[:1], conflict))
+    return merged
 
 
 def _group_by_point(
     placed_handles: Sequence[PlacedHandle], surface: PosedSurface
 ) -> list[list[PlacedHandle]]:
-    """Those of one point each; coincident vertices are one."""
+    """Group handles by point; coincident vertices are one point."""
     rest, nearest = surface.mesh.vertices, COINCIDENT_TOL * surface.mesh.diagonal
     positions = anchor_positions([_make_anchor([one]) for one in placed_handles], rest)
     number = np.full(len(placed_handles), -1)
@@ -76,7 +76,7 @@ def _group_by_point(
             is_here = np.linalg.norm(positions - position, axis=1) <= nearest
             number[is_here & (number < 0)] = k
     return [
-        [one for one, of in zip(placed_handles, number, strict=True) if of == k]
+        [one for one, group in zip(placed_handles, number, strict=True) if group == k]
         for k in np.unique(number)
     ]
 
@@ -84,20 +84,20 @@ def _group_by_point(
 def _describe_conflict(
     group: Sequence[PlacedHandle], surface: PosedSurface, affected_frames: range
 ) -> str:
-    """What two handles of one point disagree on; nothing when all agree."""
+    """Describe two handles of one point that disagree; return "" when all agree."""
     frames = np.arange(affected_frames.start, affected_frames.stop)
     anchor = _make_anchor(group[:1])
     positions = np.array(
         [anchor_positions([anchor], surface.pose_at(k))[0] for k in affected_frames]
     )
     first, *others = (one.handle for one in group)
-    wanted = _compute_targets(first, frames, positions)
+    expected = _compute_targets(first, frames, positions)
     for other in others:
-        apart = np.linalg.norm(_compute_targets(other, frames, positions) - wanted, axis=1)
+        apart = np.linalg.norm(_compute_targets(other, frames, positions) - expected, axis=1)
         if apart.max() > TARGET_TOL * surface.mesh.diagonal:
             where = "" if surface.frame_count is None else f" in frame {frames[apart.argmax()]}"
             return (
-                f"handles {first.name!r} and {other.name!r} are on one point of the surface, "
+                f"handles {first.name!r} and {other.name!r} conflict: they are on the same point, "
                 f"and their targets are {apart.max():.3g} apart{where}"
             )
     return ""
@@ -110,21 +110,25 @@ def _compute_targets(handle: Handle, frames: Integers, positions: Floats) -> Flo
 def _merge_group(
     group: Sequence[PlacedHandle], leaders: Sequence[PlacedHandle], conflict: str = ""
 ) -> MergedAnchor:
-    """One anchor of a group that goes to the mean of its leaders' targets."""
+    """Merge a group into one anchor that moves to the mean of its leaders' targets."""
     handles = [one.handle for one in leaders]
     weights = np.array([handle.weight for handle in handles])
-    mover = BlendedMotion(
+    motion = BlendedMotion(
         tuple(handle.name for handle in handles),
         tuple(handle.motion for handle in handles),
         weights / weights.sum(),
     )
     anchor = _make_anchor(group)
     if len(group) == 1:
-        return MergedAnchor(anchor, mover)
-    what = conflict or f"the handles of {anchor.name!r} are on one point, with the same target"
-    names = " + ".join(mover.names)
-    then = f"it goes to the mean of {names!r}, by weight" if conflict else "they pull as one"
-    return MergedAnchor(anchor, mover, f"{what}; {then}")
+        return MergedAnchor(anchor, motion)
+    if not conflict:
+        names = " + ".join(one.handle.name for one in group)
+        note = f"handles {names!r} are on the same point and have the same target; they are merged"
+        return MergedAnchor(anchor, motion, note)
+    names = " + ".join(motion.names)
+    return MergedAnchor(
+        anchor, motion, f"{conflict}; the point moves to the weighted mean of {names!r}"
+    )
 
 
 def _make_anchor(group: Sequence[PlacedHandle]) -> Anchor:

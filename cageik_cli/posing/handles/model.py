@@ -1,4 +1,4 @@
-"""What a handles file says, and what it is said of."""
+"""The records of a handles file: handles, their places and motions, and the surface."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,143 +10,143 @@ from cageik_cli.geometry.camera import Camera
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.constraints import CageConstraints
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import HandlesError, InputError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """A value for each frame: keyframes, or one value for all.
+    """A value for each frame: keyframes, or one constant value.
 
     Attributes
     ----------
     values : (q, d) float64
     frames : (q,) int64, optional
-        Of the values, increasing; None for one value, q = 1, that holds in all frames.
+        Frames of the values, increasing; None for one value, q = 1, that holds in all frames.
 
     Notes
     -----
-    Between keyframes it is the monotone cubic of Fritsch and Butland 1984, which passes no key;
-    before the first and after the last it stays.
+    Between keyframes it is the monotone cubic of Fritsch and Butland 1984, which does not
+    overshoot; before the first and after the last keyframe it is constant.
     """
 
     values: Floats
     frames: Integers | None = None
 
     def evaluate(self, frames: Integers) -> Floats:
-        """The values in frames (k,), (k, d)."""
+        """Return the values in frames (k,), as (k, d)."""
         if self.frames is None or len(self.frames) == 1:
             return np.repeat(self.values, len(frames), axis=0)
-        from scipy.interpolate import PchipInterpolator  # it takes long, and few files need it
+        from scipy.interpolate import PchipInterpolator  # slow to import, and few files need it
 
         clipped = np.clip(frames, self.frames[0], self.frames[-1])
-        # A slope of nearly nothing has no inverse; the cubic is then level, as it should be.
+        # The inverse of a tiny slope overflows; the cubic is then level, which is correct.
         with np.errstate(over="ignore"):
             return np.asarray(PchipInterpolator(self.frames, self.values)(clipped))
 
 
 class Motion(Protocol):
-    """How a point moves; `field_name` is what the handles file calls it."""
+    """How a point moves; `field_name` is its field in the handles file."""
 
     field_name: ClassVar[str]
 
     @property
     def track(self) -> Track | None:
-        """What it is moved to or by; None when it is held."""
+        """The targets or offsets; None for a pin."""
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Where it is to be in frames (k,) in which it is at positions (k, 3): (k, 3)."""
+        """Return the targets, (k, 3), in frames (k,) in which the point is at positions (k, 3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pin:
-    """Stay where each frame has the point."""
+    """Keep the point where it is in each frame."""
 
     field_name: ClassVar[str] = "pin"
     track: ClassVar[None] = None
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """See `Motion`."""
+        """Return the targets, (k, 3); see `Motion`."""
         return positions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MoveTo:
-    """Go to the track's places in space."""
+    """Move the point to the positions of the track."""
 
     field_name: ClassVar[str] = "target"
     track: Track
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """See `Motion`."""
+        """Return the targets, (k, 3); see `Motion`."""
         return self.track.evaluate(frames)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MoveBy:
-    """Go from each frame's own position by the track's offset."""
+    """Move the point from its position in each frame by the offsets of the track."""
 
     field_name: ClassVar[str] = "offset"
     track: Track
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """See `Motion`."""
+        """Return the targets, (k, 3); see `Motion`."""
         return positions + self.track.evaluate(frames)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScreenTo:
-    """Go to where the track's pixels are, as deep as each frame has the point."""
+    """Move the point to the pixels of the track, at its depth in each frame."""
 
     field_name: ClassVar[str] = "screen.target"
     track: Track
     camera: Camera
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """See `Motion`; an InputError names a frame in which it is behind the camera."""
+        """Return the targets, (k, 3); refuse a frame in which the point is behind the camera."""
         return _move_to_pixels(self.camera, frames, positions, self.track.evaluate(frames))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScreenBy:
-    """Go by the track's pixels from where each frame's point is seen, as deep as it is."""
+    """Move the point on the screen by the pixels of the track, at its depth in each frame."""
 
     field_name: ClassVar[str] = "screen.offset"
     track: Track
     camera: Camera
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """See `Motion`; an InputError names a frame in which it is behind the camera."""
+        """Return the targets, (k, 3); refuse a frame in which the point is behind the camera."""
         seen = _project_to_pixels(self.camera, frames, positions)
         return _move_to_pixels(self.camera, frames, positions, seen + self.track.evaluate(frames))
 
 
 def _project_to_pixels(camera: Camera, frames: Integers, positions: Floats) -> Floats:
-    """The pixels, (k, 2), in which positions (k, 3) are seen."""
+    """Return the pixels, (k, 2), of positions (k, 3)."""
     try:
         return camera.project(positions)[:, :2]
     except InputError as error:
-        weigh = (camera.projection @ camera.view)[3]
-        is_behind = ~(positions @ weigh[:3] + weigh[3] > 0)
-        raise InputError(f"frame {frames[is_behind.argmax()]}: {error}") from error
+        depth_row = (camera.projection @ camera.view)[3]
+        is_behind = ~(positions @ depth_row[:3] + depth_row[3] > 0)
+        raise HandlesError(f"frame {frames[is_behind.argmax()]}: {error}") from error
 
 
 def _move_to_pixels(camera: Camera, frames: Integers, positions: Floats, pixels: Floats) -> Floats:
     _project_to_pixels(camera, frames, positions)
-    # A pixel whose ray never meets the plane is found by its target, which is not finite.
+    # A pixel whose ray never meets the plane gives a target that is not finite.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return camera.move_to_pixels(positions, pixels)
 
 
 @dataclass(frozen=True, slots=True)
 class OnVertex:
-    """A vertex of the model, by its number."""
+    """A vertex of the model."""
 
     vertex: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OnFace:
-    """A point of a face, by the face's number and barycentric coordinates (3,)."""
+    """A point of a face, with barycentric coordinates (3,)."""
 
     face: int
     barycentric: Floats
@@ -154,14 +154,14 @@ class OnFace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearPosition:
-    """The point of the surface nearest to a position in space, (3,)."""
+    """The point of the surface closest to a position in space, (3,)."""
 
     position: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AtPixel:
-    """The front-most point that a camera sees in a pixel, (2,)."""
+    """The front-most point that is visible in a pixel, (2,)."""
 
     pixel: Floats
     camera: Camera
@@ -172,16 +172,16 @@ Place = OnVertex | OnFace | NearPosition | AtPixel
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Handle:
-    """A point of the surface, and where it is to go.
+    """A point of the surface, and its motion.
 
     Attributes
     ----------
     name : str
-        Its own among those of its set.
+        Unique in its set.
     place : Place
     motion : Motion
     weight : float
-        How much it counts beside other handles; above 0.
+        Importance relative to other handles; above 0.
     hard : bool
         Whether its target is met exactly.
     """
@@ -201,14 +201,14 @@ class HandleSet:
     ----------
     handles : tuple of Handle
         At least one.
-    camera : ParallelCamera, optional
-        That its screen handles are seen by.
+    camera : Camera, optional
+        The camera of its screen handles.
     frames : (first, last), optional
-        Counted from 0 in the clip, both included, in which the edit holds in full; None for all.
+        Frames of full strength, counted from 0, both included; None for all frames.
     falloff : int
-        Frames before and after those over which it fades.
+        Number of frames before and after those over which the edit fades.
     pick_frame : int, optional
-        In whose pose pixels and positions are looked for; None for the first of `frames`.
+        Frame in whose pose pixels and positions are searched; None for the first of `frames`.
     """
 
     handles: tuple[Handle, ...]
@@ -220,14 +220,14 @@ class HandleSet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Handles:
-    """What a handles file says.
+    """The content of a handles file.
 
     Attributes
     ----------
     sets : tuple of HandleSet
-        Layers, to be applied one after another.
+        Layers, applied one after another.
     constraints : CageConstraints
-        Of the cage's vertices, for all layers.
+        Constraints on cage vertices, for all layers.
     """
 
     sets: tuple[HandleSet, ...]
@@ -236,14 +236,14 @@ class Handles:
 
 @dataclass(frozen=True, slots=True)
 class PlacementSettings:
-    """How handles are placed.
+    """How handles are placed on a surface.
 
     Attributes
     ----------
     snap : bool
-        Take the surface's nearest point for a position in space, instead of refusing it.
+        Use the closest point of the surface for a position in space, instead of refusing it.
     allow_conflicts : bool
-        Take the mean of different targets of one point, instead of refusing them.
+        Use the mean of different targets of one point, instead of refusing them.
     hard : bool
         Make all anchors hard.
     """
@@ -255,7 +255,7 @@ class PlacementSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedSurface:
-    """A model that handles are placed on, at rest and in motion.
+    """A model that handles are placed on, with its poses.
 
     Attributes
     ----------
@@ -264,7 +264,7 @@ class PosedSurface:
     pose_at : callable
         Positions, (m, 3), in frame k.
     frame_count : int, optional
-        Frames of the clip; None when there is none but one pose, `pose_at(0)`.
+        Number of frames of the clip; None for a single pose, `pose_at(0)`.
     """
 
     mesh: TriMesh

@@ -1,4 +1,4 @@
-"""Handles put on a surface, in frames of a clip."""
+"""Placement of handles on a surface, in the frames of a clip."""
 
 from dataclasses import replace
 from functools import cached_property
@@ -26,63 +26,65 @@ from cageik_cli.posing.handles.model import (
 )
 from cageik_cli.posing.handles.schedule import HandleSchedule
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import HandlesError, error_context
 
 
 def place_handles(
     handle_set: HandleSet, surface: PosedSurface, settings: PlacementSettings
 ) -> HandleSchedule:
-    """Put the handles on a surface.
+    """Place handles on a surface.
 
     Parameters
     ----------
     handle_set : HandleSet
-    surface : Surface
-        Its poses are asked for where pixels and positions are looked for; and where handles share
-        a point, one after another in all frames that the edit may change.
+    surface : PosedSurface
+        The pose of the pick frame is used for pixels and positions; where handles share a point,
+        the poses of all frames that the edit may change are compared.
     settings : PlacementSettings
 
     Raises
     ------
-    InputError
-        Naming the handle that has no place on it, or two that pull one point apart, or the frame
-        that the clip does not have.
+    HandlesError
+        When a handle cannot be placed, two handles conflict, or the clip has no such frame; the
+        message names them.
     """
     full_strength = _full_strength_frames(handle_set, surface.frame_count)
     affected_frames = _affected_frames(full_strength, handle_set.falloff, surface.frame_count)
-    search = _PointFinder(
+    finder = _PointFinder(
         surface, _choose_pick_frame(handle_set, full_strength, surface.frame_count), settings.snap
     )
     placed_handles, notes = [], []
     for handle in handle_set.handles:
         with error_context(f"handle {handle.name!r}"):
             _check_keyframes(handle, surface.frame_count)
-            point = search.find_point(handle)
+            point = finder.find_point(handle)
         if isinstance(handle.place, NearPosition):
-            notes.append(search.describe_snap(handle, handle.place.position, point))
+            notes.append(finder.describe_snap(handle, handle.place.position, point))
         placed_handles.append(
             PlacedHandle(replace(handle, hard=handle.hard or settings.hard), point)
         )
     merged_anchors = merge_coincident(
         placed_handles, surface, affected_frames, settings.allow_conflicts
     )
-    notes += [pull.note for pull in merged_anchors if pull.note]
-    anchors, movers = (
-        tuple(p.anchor for p in merged_anchors),
-        tuple(p.motion for p in merged_anchors),
-    )
+    notes += [merged.note for merged in merged_anchors if merged.note]
     return HandleSchedule(
-        anchors, movers, full_strength, affected_frames, handle_set.falloff, tuple(notes)
+        anchors=tuple(merged.anchor for merged in merged_anchors),
+        motions=tuple(merged.motion for merged in merged_anchors),
+        full_strength=full_strength,
+        affected_frames=affected_frames,
+        falloff=handle_set.falloff,
+        notes=tuple(notes),
     )
 
 
 class _PointFinder:
-    """Points of a surface; those in space and on a screen, in the pose of one frame."""
+    """Finds the points of handles; positions and pixels are searched in the pose of one frame."""
 
     def __init__(self, surface: PosedSurface, frame: int, may_snap: bool) -> None:
         self._surface, self._frame, self._may_snap = surface, frame, may_snap
 
     def find_point(self, handle: Handle) -> SurfacePoint:
+        """Return the point of a handle."""
         match handle.place:
             case OnVertex(vertex):
                 with error_context("vertex"):
@@ -98,11 +100,12 @@ class _PointFinder:
                     return pick(self._posed_mesh, camera, pixel)
 
     def describe_snap(self, handle: Handle, position: Floats, point: SurfacePoint) -> str:
-        """How far the point is from the position that was asked for."""
+        """Return a note on how far the point is from the given position."""
         away = float(np.linalg.norm(point.position(self._posed_mesh.vertices) - position))
         return (
-            f"handle {handle.name!r}: its position is {away:.3g} off the surface "
-            f"({away / self._posed_mesh.diagonal:.2%} of the diagonal), the nearest point is taken"
+            f"handle {handle.name!r}: its position is {away:.3g} away from the surface "
+            f"({100 * away / self._posed_mesh.diagonal:.3g} % of the diagonal); the closest point "
+            "is used"
         )
 
     @cached_property
@@ -111,31 +114,31 @@ class _PointFinder:
 
     def _snap_to_surface(self, position: Floats) -> SurfacePoint:
         if not self._may_snap:
-            raise InputError(
-                "a position is on no point of the surface by itself; take the nearest with "
-                "--snap, or name a vertex or a face"
+            raise HandlesError(
+                "a position needs --snap, which takes the closest point of the surface; or give a "
+                "vertex or a face"
             )
         return closest_point(self._posed_mesh, position)
 
 
 def _full_strength_frames(handle_set: HandleSet, count: int | None) -> range:
-    """The frames of full strength."""
+    """Return the frames of full strength."""
     if count is None:
         for field in ("frames", "pick_frame"):
             if getattr(handle_set, field) is not None:
-                raise InputError(f"{field}: {_ONE_POSE_HINT}")
+                raise HandlesError(f"{field}: {_ONE_POSE_HINT}")
         return range(1)
     first, last = handle_set.frames or (0, count - 1)
     for frame in (first, last):
         with error_context("frames"):
             _check_frame(frame, count)
     if last < first:
-        raise InputError(f"frames: the last, {last}, is before the first, {first}; swap them")
+        raise HandlesError(f"frames: the last, {last}, is before the first, {first}; exchange them")
     return range(first, last + 1)
 
 
 def _affected_frames(full_strength: range, falloff: int, count: int | None) -> range:
-    """The frames of a strength above zero."""
+    """Return the frames in which the strength is above zero."""
     beyond = max(falloff - 1, 0)
     return range(max(full_strength.start - beyond, 0), min(full_strength.stop + beyond, count or 1))
 
@@ -149,24 +152,25 @@ def _choose_pick_frame(handle_set: HandleSet, full_strength: range, count: int |
 
 
 def _check_keyframes(handle: Handle, count: int | None) -> None:
-    """Refuse keyframes that the clip does not have."""
+    """Check that the clip has the frames of all keyframes."""
     track = handle.motion.track
     if track is None or track.frames is None:
         return
     with error_context(handle.motion.field_name):
         if count is None:
-            raise InputError(f"keyframes: {_ONE_POSE_HINT}")
+            raise HandlesError(f"keyframes: {_ONE_POSE_HINT}")
         for frame in track.frames.tolist():
             _check_frame(frame, count)
 
 
 def _check_frame(frame: int, count: int) -> None:
     if not 0 <= frame < count:
-        raise InputError(
+        raise HandlesError(
             f"there is no frame {frame}; the clip has {count}, numbered from 0 to {count - 1}"
         )
 
 
 _ONE_POSE_HINT = (
-    "there is one pose to edit, and no clip; leave it out, or edit an animation's result"
+    "not possible for a single pose, which has no frames; remove it, or edit the result of an "
+    "animation"
 )

@@ -1,4 +1,4 @@
-"""A handles file, read and checked."""
+"""Reading of a handles file: from checked JSON to records."""
 
 from collections.abc import Iterable
 from itertools import pairwise
@@ -29,16 +29,16 @@ from cageik_cli.posing.handles.model import (
 )
 from cageik_cli.posing.handles.schema import check_schema
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import HandlesError, error_context
 
 
 def parse_place(raw: dict[str, Any], camera: Camera | None) -> Place:
-    """What the fields of a handle say of where on the surface it is.
+    """Return the place on the surface that the fields of a handle give.
 
     Raises
     ------
-    InputError
-        When it is on the screen, and there is no camera.
+    HandlesError
+        When it is on the screen and there is no camera.
     """
     if "vertex" in raw:
         return OnVertex(int(raw["vertex"]))
@@ -50,12 +50,12 @@ def parse_place(raw: dict[str, Any], camera: Camera | None) -> Place:
 
 
 def parse_motion(raw: dict[str, Any], camera: Camera | None) -> Motion:
-    """What the fields of a handle say of where it is to go.
+    """Return the motion that the fields of a handle give.
 
     Raises
     ------
-    InputError
-        Naming the field, when it is on the screen and there is no camera, or keyframes are not.
+    HandlesError
+        When it is on the screen and there is no camera, or keyframes are wrong.
     """
     if "pin" in raw:
         return Pin()
@@ -72,7 +72,7 @@ def parse_motion(raw: dict[str, Any], camera: Camera | None) -> Motion:
 
 def _require_camera(camera: Camera | None) -> Camera:
     if camera is None:
-        raise InputError("screen: there is no camera to see it by; add a camera to the file")
+        raise HandlesError("screen: there is no camera; add one to the file")
     return camera
 
 
@@ -83,12 +83,14 @@ def _parse_track(raw: dict[str, Any], field: str) -> Track:
     frames, values = value["frames"], value["values"]
     with error_context(field):
         if len(frames) != len(values):
-            raise InputError(
-                f"has {len(frames)} frames and {len(values)} values; give each frame a value"
+            raise HandlesError(
+                f"has {len(frames)} frames and {len(values)} values; give one value per frame"
             )
         for before, after in pairwise(frames):
             if after <= before:
-                raise InputError(f"has frame {after} after {before}, expected increasing frames")
+                raise HandlesError(
+                    f"has frame {after} after frame {before}, expected increasing frames"
+                )
     return Track(np.array(values, np.float64), np.array(frames, np.int64))
 
 
@@ -97,27 +99,29 @@ def read_handles(path: Path) -> Handles:
 
     Raises
     ------
-    InputError
-        Naming the file, the handle and the field that is not what it should be.
+    FileAccessError, FormatError
+        When the file cannot be read as JSON.
+    HandlesError
+        When its content is wrong; the message names the file, the handle and the field.
     """
     with error_context(path):
         document = read_document(path)
         check_schema(document)
-        ties, camera = _parse_constraints(document), _parse_camera(document, None)
+        constraints, camera = _parse_constraints(document), _parse_camera(document, None)
         if "sets" not in document:
-            return Handles((_parse_set(document, camera),), ties)
+            return Handles((_parse_set(document, camera),), constraints)
         sets = []
         for k, raw in enumerate(document["sets"]):
             with error_context(f"sets[{k}]"):
                 sets.append(_parse_set(raw, _parse_camera(raw, camera)))
-        return Handles(tuple(sets), ties)
+        return Handles(tuple(sets), constraints)
 
 
 def _parse_set(raw: dict[str, Any], camera: Camera | None) -> HandleSet:
     frames = raw.get("frames")
     if frames is not None and frames[1] < frames[0]:
-        raise InputError(
-            f"frames: the last, {frames[1]}, is before the first, {frames[0]}; swap them"
+        raise HandlesError(
+            f"frames: the last, {frames[1]}, is before the first, {frames[0]}; exchange them"
         )
     handles = tuple(_parse_handle(one, camera) for one in raw["handles"])
     _check_unique_names(handle.name for handle in handles)
@@ -135,7 +139,7 @@ def _check_unique_names(names: Iterable[str]) -> None:
     known: set[str] = set()
     for name in names:
         if name in known:
-            raise InputError(f"two handles are called {name!r}; give each a name of its own")
+            raise HandlesError(f"two handles are named {name!r}; give them different names")
         known.add(name)
 
 
@@ -143,7 +147,7 @@ def _parse_handle(raw: dict[str, Any], camera: Camera | None) -> Handle:
     name = raw["name"]
     with error_context(f"handle {name!r}"):
         if not name.isprintable():
-            raise InputError("name holds characters that cannot be shown; leave them out")
+            raise HandlesError("name has characters that cannot be displayed; remove them")
         place, motion = parse_place(raw, camera), parse_motion(raw, camera)
     return Handle(name, place, motion, float(raw.get("weight", 1)), raw.get("hard", False))
 
@@ -158,10 +162,12 @@ def _parse_camera(raw: dict[str, Any], default: Camera | None) -> Camera | None:
             view, projection = _to_array(values["view"]), _to_array(values["projection"])
             camera = Camera(view, projection, width, height)
         else:
-            stand = LookAt(*(_to_array(values[name]) for name in ("position", "look_at", "up")))
-            camera = Camera.from_look_at(stand, float(values["fov_degrees"]), width, height)
+            look_at = LookAt(*(_to_array(values[name]) for name in ("position", "look_at", "up")))
+            camera = Camera.from_look_at(look_at, float(values["fov_degrees"]), width, height)
         if not np.isfinite(np.linalg.cond(camera.projection @ camera.view)):
-            raise InputError("its numbers are too large or too small together; choose other units")
+            raise HandlesError(
+                "view times projection is singular or not finite; check the numbers or the units"
+            )
     return camera
 
 

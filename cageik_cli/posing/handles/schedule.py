@@ -1,4 +1,4 @@
-"""Anchors that move through a clip, and how the edit comes and goes."""
+"""The targets of anchors in each frame of a clip, and the strength of the edit."""
 
 from dataclasses import dataclass
 
@@ -8,20 +8,20 @@ from cageik_cli.geometry.mesh import MAX_COORDINATE
 from cageik_cli.posing.anchors import Anchor
 from cageik_cli.posing.handles.model import Motion
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import HandlesError, error_context
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlendedMotion:
-    """What one anchor follows: a handle's motion, or the mean of several.
+    """The motion of one anchor: that of a handle, or the mean of several.
 
     Attributes
     ----------
     names : tuple of str
-        Of the handles.
+        Names of the handles.
     motions : tuple of Motion
     shares : (s,) float64
-        Of each motion in the target; they sum to one.
+        Share of each motion in the target; the sum is one.
     """
 
     names: tuple[str, ...]
@@ -29,25 +29,25 @@ class BlendedMotion:
     shares: Floats
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Where the anchor is to be in frames (k,) that have it at positions (k, 3): (k, 3).
+        """Return the targets, (k, 3), in frames (k,) in which the anchor is at positions (k, 3).
 
         Raises
         ------
-        InputError
-            Naming the handle and the frame, when there is no such place.
+        HandlesError
+            When a target does not exist or is too far away; the message names handle and frame.
         """
-        found = np.zeros_like(positions)
+        mean = np.zeros_like(positions)
         for name, motion, share in zip(self.names, self.motions, self.shares, strict=True):
             with error_context(f"handle {name!r}: {motion.field_name}"):
                 targets = motion.targets(frames, positions)
                 _check_targets(frames, targets)
-            found += share * targets
-        return found
+            mean += share * targets
+        return mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandleSchedule:
-    """Anchors and where they are to go, frame by frame.
+    """Anchors and their targets, frame by frame.
 
     Attributes
     ----------
@@ -56,13 +56,13 @@ class HandleSchedule:
     motions : tuple of BlendedMotion
         One for each anchor.
     full_strength : range
-        Frames in which the edit is of full strength.
+        Frames of full strength.
     affected_frames : range
-        All that it may change, in the clip; `range(1)` for a single pose.
+        All frames of the clip that the edit may change; `range(1)` for a single pose.
     falloff : int
-        Frames over which it comes before `full_strength`, and goes after it.
+        Number of frames over which the edit fades in and out.
     notes : tuple of str
-        What a user should know of how the handles were placed.
+        Notes for the user on how the handles were placed.
     """
 
     anchors: tuple[Anchor, ...]
@@ -73,9 +73,10 @@ class HandleSchedule:
     notes: tuple[str, ...] = ()
 
     def blend(self, frames: Integers) -> Floats:
-        """Strength of the edit in frames (k,), (k,): from 0 to 1, with two smooth derivatives.
+        """Return the strength of the edit in frames (k,), as (k,): from 0 to 1.
 
-        It is 6x⁵ − 15x⁴ + 10x³ of the way x through the falloff; without one, a step.
+        It is 6x⁵ − 15x⁴ + 10x³, where x goes from 0 to 1 over the falloff, so that its first and
+        second derivatives are continuous. Without a falloff it is a step.
         """
         frames = np.asarray(frames)
         off = np.maximum(
@@ -85,37 +86,37 @@ class HandleSchedule:
         return np.asarray(x**3 * (x * (6 * x - 15) + 10))
 
     def targets(self, frames: Integers, positions: Floats) -> Floats:
-        """Where the anchors are to be at full strength, (k, l, 3).
+        """Return the targets of the anchors at full strength, (k, l, 3).
 
         Parameters
         ----------
         frames : (k,) int64
-            Of the span.
+            Frames among `affected_frames`.
         positions : (k, l, 3)
-            Where the anchors are in them.
+            Positions of the anchors in these frames.
 
         Raises
         ------
-        InputError
-            Naming the handle and the frame, when a camera cannot see where that is.
+        HandlesError
+            When a target does not exist; the message names handle and frame.
         """
         columns = np.moveaxis(positions, 1, 0)
         found = [m.targets(frames, column) for m, column in zip(self.motions, columns, strict=True)]
         return np.stack(found, axis=1)
 
     def displacements(self, frames: Integers, positions: Floats) -> Floats:
-        """By how much the anchors are to be moved in any frames, (k, l, 3); see `targets`."""
+        """Return the displacements of the anchors in any frames, (k, l, 3); see `targets`."""
         strength, displacements = self.blend(frames), np.zeros_like(positions)
-        is_moved = strength > 0  # elsewhere a target may be nowhere
-        away = self.targets(frames[is_moved], positions[is_moved]) - positions[is_moved]
-        displacements[is_moved] = strength[is_moved, None, None] * away
+        is_moved = strength > 0  # in other frames a target may not exist
+        full = self.targets(frames[is_moved], positions[is_moved]) - positions[is_moved]
+        displacements[is_moved] = strength[is_moved, None, None] * full
         return displacements
 
 
 def _check_targets(frames: Integers, targets: Floats) -> None:
-    is_somewhere = (np.abs(targets) <= MAX_COORDINATE).all(axis=1)
-    if not is_somewhere.all():
-        raise InputError(
-            f"frame {frames[is_somewhere.argmin()]}: it is no place, or one too far away; choose "
-            "another, or another view"
+    is_valid = (np.abs(targets) <= MAX_COORDINATE).all(axis=1)
+    if not is_valid.all():
+        raise HandlesError(
+            f"frame {frames[is_valid.argmin()]}: the target is not finite or too far away "
+            f"(at most {MAX_COORDINATE:g}); choose another target or camera"
         )

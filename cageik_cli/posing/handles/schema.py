@@ -1,4 +1,4 @@
-"""The JSON schema of the handles file, and its faults in our own words.
+"""The JSON schema of the handles file, and messages for its violations.
 
 The schema's titles are the words for what is expected.
 """
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
 
 
 MIN_SIMILARITY = 0.7
-"""How alike a field is, of 1, to be what was meant; `name` and `frames` are 0.6."""
+"""Similarity, up to 1, at which a field is suggested; `name` and `frames` have 0.6."""
 
 
 def read_schema() -> str:
-    """The schema, draft 2020-12, as JSON."""
+    """Return the JSON schema, draft 2020-12, as text."""
     return files("cageik_cli.posing.handles").joinpath("schema.json").read_text(encoding="utf-8")
 
 
 def check_schema(document: Any) -> None:
-    """Refuse what is not as the schema says.
+    """Check a document against the schema.
 
     Raises
     ------
-    InputError
-        Naming the first fault in the file's order: handle, field, what is found and expected.
+    HandlesError
+        For the first fault in the file: handle, field, what was found and what is expected.
     """
     from jsonschema import Draft202012Validator
 
@@ -46,7 +46,7 @@ def check_schema(document: Any) -> None:
 
 
 def _file_order(document: Any, fault: "ValidationError") -> tuple[int, ...]:
-    """Sorts faults by where in the file they are; what is missing, by its object's end."""
+    """Return a key that sorts faults by place in the file; missing fields are at the end."""
     numbers, value = [], document
     for step in fault.absolute_path:
         numbers.append(step if isinstance(step, int) else list(value).index(step))
@@ -68,7 +68,7 @@ def _describe_unknown_field(fault: "ValidationError") -> str:
     known, unknown = list(fault.schema["properties"]), next(_unknown_fields(fault))
     near = get_close_matches(unknown, known, n=1, cutoff=MIN_SIMILARITY)
     near = near or [name for name in known if unknown and name.startswith(unknown)]
-    hint = f"did you mean {near[0]}?" if near else f"expected some of {', '.join(known)}"
+    hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(known)}"
     return f"{format_value(unknown)} is not a field of {fault.schema['title']}; {hint}"
 
 
@@ -78,18 +78,18 @@ def _describe_missing_field(fault: "ValidationError") -> str:
 
 
 def _describe_lone_field(fault: "ValidationError") -> str:
-    """Of a field that another has to stand beside."""
+    """Describe a field that needs another one."""
     alone, missing = next(
         (name, other)
         for name, others in fault.validator_value.items()
         for other in others
         if name in fault.instance and other not in fault.instance
     )
-    return f"has {alone} without {missing}; add it, or leave {alone} out"
+    return f"has {alone} without {missing}; add it, or remove {alone}"
 
 
 def _describe_choice(fault: "ValidationError") -> str:
-    """Of an object that should have exactly one of some fields."""
+    """Describe an object that should have exactly one of several fields."""
     title, names = fault.schema["title"], [one["required"][0] for one in fault.validator_value]
     found = [name for name in names if name in fault.instance]
     if not found:
@@ -107,4 +107,4 @@ _OBJECT_FAULTS = {
     "dependentRequired": _describe_lone_field,
     "oneOf": _describe_choice,
 }
-"""Sentences about objects that have other fields than they should, by the schema's keyword."""
+"""Messages on the fields of objects, by the keyword of the schema."""

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from cageik_cli.geometry.camera import Camera, LookAt
 from cageik_cli.posing.handles.model import MoveBy, MoveTo, Pin, ScreenBy, ScreenTo, Track
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import HandlesError
 
 FRAMES = np.arange(12)
 KEYS = np.array([2, 5, 9])
@@ -26,16 +26,16 @@ CAMERAS = pytest.mark.parametrize(
 )
 
 
-def test_one_value_holds_in_all_frames():
+def test_one_value_is_constant():
     np.testing.assert_array_equal(Track(VALUES[:1]).evaluate(FRAMES), np.tile(VALUES[0], (12, 1)))
 
 
-def test_one_key_holds_in_all_frames():
+def test_one_key_is_constant():
     track = Track(VALUES[:1], KEYS[:1])
     np.testing.assert_array_equal(track.evaluate(FRAMES), np.tile(VALUES[0], (12, 1)))
 
 
-def test_keys_are_met_and_the_ends_stay():
+def test_keys_are_met_and_the_ends_are_constant():
     found = Track(VALUES, KEYS).evaluate(FRAMES)
     np.testing.assert_array_equal(found[KEYS], VALUES)
     np.testing.assert_array_equal(found[:2], np.tile(VALUES[0], (2, 1)))
@@ -55,7 +55,7 @@ def test_equal_keys_are_linear_between_steps_of_a_line():
     values=st.lists(st.floats(-1e50, 1e50), min_size=2, max_size=6),
     gaps=st.lists(st.integers(1, 9), min_size=6, max_size=6),
 )
-def test_no_key_is_passed(values, gaps):
+def test_tracks_do_not_overshoot(values, gaps):
     keys = np.cumsum(gaps)[: len(values)]
     found = Track(np.array(values)[:, None], keys).evaluate(np.arange(keys[0], keys[-1] + 1))[:, 0]
     place = np.searchsorted(keys, np.arange(keys[0], keys[-1] + 1), side="right") - 1
@@ -66,7 +66,7 @@ def test_no_key_is_passed(values, gaps):
     assert (found <= ends[1] + slack).all()
 
 
-def test_frames_may_come_in_blocks():
+def test_tracks_do_not_depend_on_blocks():
     track = Track(VALUES, KEYS)
     blocks = [track.evaluate(FRAMES[k : k + 5]) for k in range(0, 12, 5)]
     np.testing.assert_array_equal(np.concatenate(blocks), track.evaluate(FRAMES))
@@ -98,7 +98,7 @@ def unprojected(camera: Camera, position: np.ndarray, pixel: np.ndarray) -> np.n
 
 
 @CAMERAS
-def test_a_screen_target_is_in_its_pixel_as_deep_as_before(camera):
+def test_a_screen_target_keeps_the_depth(camera):
     pixels = np.linspace([100, 400], [500, 50], 12)
     found = ScreenTo(Track(pixels, FRAMES), camera).targets(FRAMES, POSITIONS)
     expected = [unprojected(camera, p, q) for p, q in zip(POSITIONS, pixels, strict=True)]
@@ -108,7 +108,7 @@ def test_a_screen_target_is_in_its_pixel_as_deep_as_before(camera):
 
 
 @CAMERAS
-def test_a_screen_offset_is_from_where_each_frame_shows_the_point(camera):
+def test_a_screen_offset_is_relative_to_each_frame(camera):
     offset = np.array([30.0, -12.5])
     found = ScreenBy(Track(offset[None]), camera).targets(FRAMES, POSITIONS)
     pixels = camera.project(POSITIONS)[:, :2] + offset
@@ -125,5 +125,5 @@ def test_pixels_downwards_are_down():
 def test_a_frame_behind_the_camera_is_named(motion):
     positions = POSITIONS.copy()
     positions[[4, 7]] += [2, 4, 18]
-    with pytest.raises(InputError, match=r"^frame 104: it is behind the camera; choose"):
+    with pytest.raises(HandlesError, match=r"^frame 104: it is behind the camera; choose"):
         motion(Track(np.array([[1.0, 2.0]])), STANDING).targets(FRAMES + 100, positions)

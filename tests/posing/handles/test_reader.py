@@ -29,7 +29,7 @@ MATRICES = {"view": EYE, "projection": EYE, "width": 640, "height": 480}
 SCREEN = {"name": "nose", "screen": {"source": [1, 2], "target": [3, 4]}}
 
 
-def test_handles_are_what_the_file_says(tmp_path):
+def test_handles_have_the_values_of_the_file(tmp_path):
     found = read_set(
         tmp_path,
         HAND | {"weight": 2, "hard": True},
@@ -65,14 +65,14 @@ def test_handles_are_what_the_file_says(tmp_path):
     assert nose.place.camera is ear.motion.camera is found.camera
 
 
-def test_what_is_not_said_has_its_default(tmp_path):
+def test_missing_fields_have_defaults(tmp_path):
     found = read(tmp_path, {"handles": [HAND]})
     (only,) = found.sets
     assert (only.camera, only.frames, only.falloff, only.pick_frame) == (None, None, 0, None)
     assert (found.constraints.locked, found.constraints.mirror) == ((), None)
 
 
-def test_ties(tmp_path):
+def test_constraints_are_read(tmp_path):
     mirror = {"normal": [0, 2, 0], "point": [1, 2, 3]}
     found = read(tmp_path, {"handles": [HAND], "locked": [4, 0], "mirror": mirror}).constraints
     assert found.locked == (4, 0)
@@ -80,7 +80,7 @@ def test_ties(tmp_path):
     np.testing.assert_array_equal(found.mirror.point, [1, 2, 3])
 
 
-def test_cameras(tmp_path):
+def test_cameras_are_read(tmp_path):
     place = LookAt(*(np.array(CAMERA[name], float) for name in ("position", "look_at", "up")))
     standing = Camera.from_look_at(place, 40, 640, 480)
     for said, camera in ((CAMERA, standing), (MATRICES, Camera(np.eye(4), np.eye(4), 640, 480))):
@@ -90,7 +90,7 @@ def test_cameras(tmp_path):
         assert (found.width, found.height) == (640, 480)
 
 
-def test_sets_are_layers_and_share_the_files_camera(tmp_path):
+def test_sets_share_the_camera_of_the_file(tmp_path):
     sets = [
         {"handles": [SCREEN], "frames": [0, 1]},
         {"handles": [SCREEN], "camera": MATRICES},
@@ -110,23 +110,23 @@ OF_ROWS = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 5, 1]]
 REFUSED = {
     "frames the wrong way": (
         {"handles": [HAND], "frames": [5, 4]},
-        "frames: the last, 4, is before the first, 5; swap them",
+        "frames: the last, 4, is before the first, 5",
     ),
     "a name twice": (
         {"handles": [HAND, HAND]},
-        "two handles are called 'hand'; give each a name of its own",
+        "two handles are named 'hand'",
     ),
     "a name twice in a set": (
         {"sets": [{"handles": [HAND]}, {"handles": [HAND, HAND]}]},
-        "sets[1]: two handles are called 'hand'",
+        "sets[1]: two handles are named 'hand'",
     ),
     "a name that cannot be shown": (
         {"handles": [HAND | {"name": "a\nb\ud800"}]},
-        "handle 'a\\nb\\ud800': name holds characters that cannot be shown",
+        "handle 'a\\nb\\ud800': name ",
     ),
     "no camera": (
         {"handles": [SCREEN]},
-        "handle 'nose': screen: there is no camera to see it by; add a camera to the file",
+        "handle 'nose': screen: there is no camera",
     ),
     "a camera of another set": (
         {"sets": [{"handles": [HAND], "camera": CAMERA}, {"handles": [SCREEN]}]},
@@ -142,7 +142,7 @@ REFUSED = {
     ),
     "numbers that vanish": (
         {"handles": [HAND], "camera": MATRICES | {"view": TINY, "projection": TINY}},
-        "camera: its numbers are too large or too small together",
+        "camera: view times projection",
     ),
     "a camera that looks nowhere": (
         {"handles": [HAND], "camera": CAMERA | {"look_at": CAMERA["position"]}},
@@ -150,15 +150,15 @@ REFUSED = {
     ),
     "a mirror without a direction": (
         {"handles": [HAND], "mirror": {"normal": [0, 0, 0], "point": [0, 0, 0]}},
-        "mirror: the mirror's normal is [0.0, 0.0, 0.0]",
+        "mirror: normal is [0.0, 0.0, 0.0]",
     ),
     "fewer values than keys": (
         {"handles": [HAND | {"target": {"frames": [1, 2], "values": [[1, 2, 3]]}}]},
-        "handle 'hand': target: has 2 frames and 1 values; give each frame a value",
+        "handle 'hand': target: has 2 frames and 1 values",
     ),
     "keys the wrong way": (
         {"handles": [HAND | {"target": KEYS | {"frames": [2, 9, 9]}}]},
-        "handle 'hand': target: has frame 9 after 9, expected increasing frames",
+        "handle 'hand': target: has frame 9 after frame 9",
     ),
     "keys of pixels the wrong way": (
         {
@@ -173,7 +173,7 @@ REFUSED = {
             ],
             "camera": CAMERA,
         },
-        "handle 'nose': screen: offset: has frame 1 after 2",
+        "handle 'nose': screen: offset: has frame 1 after frame 2",
     ),
     "what the schema refuses": ({"handles": []}, "handles: is an empty list"),
 }
@@ -186,7 +186,7 @@ def test_refused(tmp_path, document, said):
     assert str(error.value).startswith(f"{tmp_path / 'drag.json'}: {said}")
 
 
-def test_a_file_that_is_not_there(tmp_path):
+def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"none.json: cannot be read"):
         read_handles(tmp_path / "none.json")
 
@@ -299,7 +299,7 @@ def test_any_bytes_are_refused_in_a_sentence(path, content):
     assert is_sentence(fault)
 
 
-def test_what_is_no_sentence_is_found():
+def test_other_texts_are_no_sentences():
     for text in ("", "two\nlines of it", "ValidationError('x') is wrong", "Traceback (most recent"):
         assert not is_sentence(text)
 

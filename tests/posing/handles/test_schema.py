@@ -1,4 +1,4 @@
-"""What the schema refuses, in which words; and that it is a schema."""
+"""The schema, and the messages on what it refuses."""
 
 import json
 from importlib.resources import files
@@ -7,7 +7,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from cageik_cli.posing.handles.schema import check_schema, read_schema
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import HandlesError
 from tests.posing.handles.files import CAMERA, HAND, KEYS
 
 EYE = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
@@ -57,7 +57,7 @@ BAD = {
     ),
     "sets and handles": (
         {"sets": [with_one()], "handles": [HAND]},
-        '"handles" is not a field of a handles file with sets; expected some of $schema, sets',
+        '"handles" is not a field of a handles file with sets; expected one of $schema, sets',
     ),
     "frames beside sets": (
         {"sets": [with_one()], "frames": [1, 2]},
@@ -70,19 +70,19 @@ BAD = {
     ),
     "a name of a set": (
         {"sets": [with_one() | {"name": "wave"}]},
-        'sets[0]: "name" is not a field of a set of handles; expected some of handles, camera,',
+        'sets[0]: "name" is not a field of a set of handles; expected one of handles, camera,',
     ),
     "a handle that is none": ({"handles": [3]}, "handles[0]: is 3, expected a handle"),
     "no name": (with_one(["name"]), "handles[0]: has no name, which a handle needs; add it"),
-    "an empty name": (with_one(name=""), 'handles[0]: name: is "", expected a text of 1 to 100'),
-    "a long name": (with_one(name="n" * 101), "expected a text of 1 to 100 characters"),
+    "an empty name": (with_one(name=""), 'handles[0]: name: is "", expected a string of 1 to 100'),
+    "a long name": (with_one(name="n" * 101), "expected a string of 1 to 100 characters"),
     "a misspelt field": (
         {"handles": [{"name": "knee", "face": 4, "barycentic": [1, 0, 0], "pin": True}]},
         "handle 'knee': \"barycentic\" is not a field of a handle; did you mean barycentric?",
     ),
     "an unknown field": (
         with_one(colour="red"),
-        "handle 'hand': \"colour\" is not a field of a handle; expected some of name, vertex,",
+        "handle 'hand': \"colour\" is not a field of a handle; expected one of name, vertex,",
     ),
     "no place": (
         with_one(["vertex"]),
@@ -118,11 +118,11 @@ BAD = {
     ),
     "a face alone": (
         with_one(["vertex"], face=1),
-        "handle 'hand': has face without barycentric; add it, or leave face out",
+        "handle 'hand': has face without barycentric; add it, or remove face",
     ),
     "barycentric alone": (
         with_one(barycentric=[1, 0, 0]),
-        "handle 'hand': has barycentric without face; add it, or leave barycentric out",
+        "handle 'hand': has barycentric without face; add it, or remove barycentric",
     ),
     "a falloff alone": (with_one() | {"falloff": 2}, "has falloff without frames; add it"),
     "a negative vertex": (
@@ -134,7 +134,7 @@ BAD = {
     "a huge vertex": (with_one(vertex=10**400), "vertex: is 100000"),
     "two coordinates": (
         with_one(target=[1, 2]),
-        "handle 'hand': target: is a list of 2, expected 3 numbers, or keyframes of them",
+        "handle 'hand': target: is a list of 2, expected 3 numbers, or keyframes",
     ),
     "a word for a target": (with_one(target="up"), 'target: is "up", expected 3 numbers, or'),
     "a word in a target": (
@@ -167,7 +167,7 @@ BAD = {
         with_one(target={"frames": [1], "values": [[1, 2]]}),
         "handle 'hand': target.values[0]: is a list of 2, expected 3 numbers",
     ),
-    "no pin": (with_one(pin=False), "handle 'hand': pin: is false, expected true, or no pin"),
+    "no pin": (with_one(pin=False), "handle 'hand': pin: is false, expected true"),
     "no weight": (with_one(weight=0), "handle 'hand': weight: is 0, expected a number from 1e-12"),
     "a heavy handle": (with_one(weight=1e13), "weight: is 10000000000000.0, expected a number"),
     "a hard word": (
@@ -186,15 +186,15 @@ BAD = {
     "a camera that is none": (with_one() | {"camera": 3}, "camera: is 3, expected a camera"),
     "half a camera": (
         with_one() | {"camera": {"view": EYE, "width": 1, "height": 1}},
-        "camera: has no projection, which a camera of matrices needs; add it",
+        "camera: has no projection, which a camera with matrices needs; add it",
     ),
     "a camera without direction": (
         with_one() | {"camera": {k: v for k, v in CAMERA.items() if k != "up"}},
-        "camera: has no up, which a camera that stands somewhere needs; add it",
+        "camera: has no up, which a camera with a position needs; add it",
     ),
     "two cameras in one": (
         with_one() | {"camera": MATRICES | {"up": [0, 1, 0]}},
-        'camera: "up" is not a field of a camera of matrices',
+        'camera: "up" is not a field of a camera with matrices',
     ),
     "three rows": (
         with_one() | {"camera": MATRICES | {"view": EYE[:3]}},
@@ -217,11 +217,11 @@ BAD = {
         with_one() | {"mirror": {"normal": [1, 0, 0]}},
         "mirror: has no point, which a mirror needs; add it",
     ),
-    "a number for a schema": (with_one() | {"$schema": 1}, '"$schema": is 1, expected a text'),
+    "a number for a schema": (with_one() | {"$schema": 1}, '"$schema": is 1, expected a string'),
 }
 
 
-def test_it_is_a_schema_that_is_packaged():
+def test_the_packaged_schema_is_valid():
     schema = json.loads(read_schema())
     Draft202012Validator.check_schema(schema)
     assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
@@ -238,22 +238,22 @@ def test_every_field_is_described():
 
 
 @pytest.mark.parametrize("document", GOOD.values(), ids=GOOD)
-def test_passes(document):
+def test_valid_documents_pass(document):
     assert check_schema(document) is None
     assert Draft202012Validator(json.loads(read_schema())).is_valid(document)
 
 
 @pytest.mark.parametrize(("document", "said"), BAD.values(), ids=BAD)
-def test_refused(document, said):
-    with pytest.raises(InputError) as error:
+def test_invalid_documents_are_refused(document, said):
+    with pytest.raises(HandlesError) as error:
         check_schema(document)
     assert said in str(error.value)
 
 
-def test_the_first_fault_in_the_file_is_told():
+def test_the_first_fault_in_the_file_is_reported():
     document = {"handles": [HAND | {"vertex": "a", "weight": "b"}, HAND | {"vertex": "c"}]}
     for said in ("handle 'hand': vertex: is \"a\"", 'weight: is "b"', 'vertex: is "c"'):
-        with pytest.raises(InputError) as error:
+        with pytest.raises(HandlesError) as error:
             check_schema(document)
         assert said in str(error.value)
         first = next(one for one in document["handles"] if any(map(is_letter, one.values())))
@@ -264,6 +264,6 @@ def is_letter(value):
     return isinstance(value, str) and len(value) == 1
 
 
-def test_a_misspelt_field_is_told_before_what_it_leaves_missing():
-    with pytest.raises(InputError, match="did you mean target"):
+def test_a_misspelt_field_is_reported_before_the_missing_one():
+    with pytest.raises(HandlesError, match="did you mean target"):
         check_schema(with_one(["target"], targt=[1, 2, 3]))
