@@ -12,6 +12,7 @@ from threading import Lock
 
 import numpy as np
 
+from cageik_cli.util.arrays import fit_frames
 from cageik_cli.util.errors import InputError
 
 MAX_CHUNK_BYTES = 1 << 25
@@ -38,9 +39,8 @@ class ChunkedFrames(ABC):
         self, frame_count: int, vertex_count: int, chunk_frames: int, itemsize: int
     ) -> None:
         self.frame_count, self.vertex_count = frame_count, vertex_count
-        self._chunk_size = max(
-            1, min(chunk_frames, MAX_CHUNK_BYTES // (3 * vertex_count * itemsize))
-        )
+        fitting = fit_frames(MAX_CHUNK_BYTES, vertex_count, itemsize=itemsize)
+        self._chunk_size = max(1, min(chunk_frames, fitting))
         self._cached_chunks: deque[tuple[int, np.ndarray]] = deque()
         self._lock = Lock()
 
