@@ -18,7 +18,7 @@ from cageik_cli.formats.base.sequence import (
 )
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import FileAccessError, InputError, error_context
+from cageik_cli.util.errors import FileAccessError, InputError, SettingError, error_context
 
 _SKELETON_REASON = (
     "holds the motion of a skeleton, no mesh; export the mesh it moves, as OBJ frames"
@@ -104,17 +104,17 @@ def _resolve_request(
             raise FileAccessError(f"{path}: {_explain_unsupported(file_suffix(path))}")
     kinds = sorted({file_suffix(path) for path in paths})
     if len(kinds) > 1:
-        raise InputError(
+        raise SettingError(
             f"{arguments[0]}: files of kinds {', '.join(kinds)} are mixed; "
             "name one kind, for instance with a quoted glob"
         )
     reader = readers_by_suffix[kinds[0]]
     if member is not None and not reader.has_members:
-        raise InputError(
+        raise SettingError(
             f"{arguments[0]}::{member}: a `{kinds[0]}` file holds one clip; leave `::{member}` out"
         )
     if settings.layout is not None and not reader.has_layout:
-        raise InputError(
+        raise SettingError(
             f"{arguments[0]}: the axes of `{kinds[0]}` files have one order; leave "
             f"--layout {settings.layout} out"
         )
@@ -162,9 +162,9 @@ def _expand_argument(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
         matches = glob.glob(_escape_existing_folders(path), recursive=True)
         found = [path for match in matches for path in _expand_argument(match, suffixes)]
     else:
-        raise InputError(f"{argument}: no such file or folder; check the path")
+        raise FileAccessError(f"{argument}: no such file or folder; check the path")
     if not found:
-        raise InputError(
+        raise FileAccessError(
             f"{argument}: no frame found, expected files of kinds {', '.join(suffixes)}"
         )
     return found
@@ -195,7 +195,7 @@ def open_clip_and_rest(
         # Polygons are cut alike in all frames: as in the first.
         return sequence, replace(rest, mesh=TriMesh(rest.mesh.vertices, sequence.first.faces))
     if not 0 <= rest_index < len(sequence):
-        raise InputError(
+        raise SettingError(
             f"--rest-frame {rest_index}: the clip has {len(sequence)} frames, expected "
             f"0 to {len(sequence) - 1}"
         )

@@ -304,7 +304,7 @@ DAMAGES = {
     ),
     "result cut short": (
         lambda f: f.attrs.update(format="cageik.result", complete=False),
-        "is not complete: the run that wrote it was interrupted; extract it again",
+        "is not complete",
     ),
     "no tris": (lambda f: f.__delitem__("tris"), "has no dataset `tris`"),
     "components": (lambda f: _components(f, "verts"), "holds components of a model, not a clip"),

@@ -249,8 +249,8 @@ def test_fields_of_view_that_see_nothing_are_refused(degrees):
     ("position", "up", "says"),
     [
         ([1.0, 2, 3], [0.0, 0, 1], "position and look_at are the same point"),
-        ([1.0, 2, 5], [0.0, 0, -4], "up is along the direction in which the camera looks"),
-        ([1.0, 2, 5], [0.0, 0, 0], "up is along the direction in which the camera looks"),
+        ([1.0, 2, 5], [0.0, 0, -4], "up is parallel"),
+        ([1.0, 2, 5], [0.0, 0, 0], "up is parallel"),
         ([np.nan, 2, 5], [0.0, 0, 1], "position and look_at are the same point"),
     ],
 )

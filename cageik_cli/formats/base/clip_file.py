@@ -13,7 +13,13 @@ from cageik_cli.formats.base.file_data import hash_file
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import InputError, error_context, join_truncated
+from cageik_cli.util.errors import (
+    ConnectivityError,
+    FormatError,
+    SettingError,
+    error_context,
+    join_truncated,
+)
 from cageik_cli.util.text import to_unicode
 
 
@@ -54,11 +60,11 @@ class ClipFile(MeshSequence):
         rest = request.rest
         with error_context(self.path):
             if rest is None:
-                raise InputError(
+                raise SettingError(
                     "holds positions and no faces; give a mesh that has them with --rest"
                 )
             if vertex_count != len(rest.mesh.vertices):
-                raise InputError(
+                raise ConnectivityError(
                     f"{vertex_count} vertices, the rest pose has {len(rest.mesh.vertices)}; all "
                     f"must "
                     "share one connectivity"
@@ -98,7 +104,7 @@ def check_zero_based(faces: np.ndarray, vertex_count: int) -> None:
     InputError
     """
     if faces.size and faces.min() > 0 and faces.max() == vertex_count:
-        raise InputError(
+        raise FormatError(
             f"faces name vertices {faces.min()} to {vertex_count} of {vertex_count}, so they "
             f"are counted "
             "from 1; take 1 off them and write the file again"
@@ -108,7 +114,7 @@ def check_zero_based(faces: np.ndarray, vertex_count: int) -> None:
 def single_path(paths: tuple[Path, ...]) -> Path:
     """The one file of a clip that is not a file a frame."""
     if len(paths) > 1:
-        raise InputError(
+        raise SettingError(
             f"{paths[0]}: {len(paths)} files that each hold a clip were named, expected one: "
             f"{join_truncated(path.name for path in paths)}"
         )

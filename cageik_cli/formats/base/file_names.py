@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from cageik_cli.formats.base.file_data import GZIP_SUFFIX
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FileAccessError, SettingError
 
 
 def file_suffix(path: Path) -> str:
@@ -61,7 +61,7 @@ def check_no_gaps(paths: list[Path]) -> None:
         first = matches[gaps[0]]
         number = str(int(first[2]) + usual).zfill(len(first[2]))
         lost = f"{first[1]}{number}{first[3]}{paths[0].name[len(file_stem(paths[0])) :]}"
-        raise InputError(
+        raise FileAccessError(
             f"{paths[gaps[0]].parent / lost}: missing between {paths[gaps[0]].name} and "
             f"{paths[gaps[0] + 1].name}, where frames are numbered in steps of {usual} "
             f"({len(gaps)} such gaps); restore it, or take the clip as it is with --allow-gaps"
@@ -97,7 +97,7 @@ class FrameNames:
         """
         found = list(_FRAME_NUMBER.finditer(pattern))
         if len(found) > 1:
-            raise InputError(
+            raise SettingError(
                 f"the frame's number stands in {pattern} {len(found)} times, expected once"
             )
         if not found:

@@ -7,7 +7,7 @@ import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 
 FOLD_TOL = 1e-9
 """A fan is folded when it has a triangle turned against the polygon by more of its area."""
@@ -38,7 +38,7 @@ def fan_triangulate(corners: Integers, corner_counts: Integers) -> Integers:
     """
     small = np.flatnonzero(corner_counts < 3)
     if len(small):
-        raise InputError(
+        raise FormatError(
             f"face {small[0]} has {corner_counts[small[0]]} corners, expected 3 or more; export "
             f"it again"
         )
