@@ -109,7 +109,7 @@ def describe_error(error: BaseException) -> str:
         text = "out of memory; use a coarser cage, or a smaller --memory"
     else:
         text = (
-            f"a fault of cageik itself ({type(error).__name__}: {error}); "
+            f"internal error ({type(error).__name__}: {error}); "
             "please report it with the output of the same command with -vv"
         )
     return " ".join(text.split())
