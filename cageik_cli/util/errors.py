@@ -12,6 +12,15 @@ class CageikError(Exception):
     ----------
     kind : str
         What is at fault, in one word. Programs tell errors apart by it, not by their text.
+
+    Examples
+    --------
+    >>> from cageik_cli import CageikError, load_mesh
+    >>> try:
+    ...     load_mesh("nowhere.obj")
+    ... except CageikError as error:
+    ...     print(error)
+    nowhere.obj: cannot be read: No such file or directory
     """
 
     kind: ClassVar[str] = "error"
