@@ -13,10 +13,14 @@ from cageik_cli.cli.batch_config import (
     SharedOptions,
     plan_batch,
 )
-from cageik_cli.cli.options.common import PATH_TYPE, common_options, is_on_command_line
+from cageik_cli.cli.options.common import (
+    PATH_TYPE,
+    common_options,
+    count_processors,
+    is_on_command_line,
+)
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.limits import echo_exceeded_limits, exit_with_code
-from cageik_cli.util.threads import count_processors
 
 if TYPE_CHECKING:
     from cageik_cli.report.overview import Overview

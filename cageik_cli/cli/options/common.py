@@ -19,7 +19,6 @@ from cageik_cli.coordinates.settings import (
     BindSettings,
 )
 from cageik_cli.util.errors import CageikError
-from cageik_cli.util.threads import count_processors
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 PATH_TYPE = click.Path(path_type=Path)
@@ -38,6 +37,13 @@ class SizeType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable 
         if not match or float(match[1]) == 0:
             self.fail(f"{value!r} is not a size such as 512MiB or 1GiB", param, ctx)
         return int(float(match[1]) * _UNITS[match[2].upper()])
+
+
+def count_processors() -> int:
+    """Return how many processors this process may use; the module that knows is slow to import."""
+    from cageik_cli.util.threads import count_processors
+
+    return count_processors()
 
 
 def common_options(command: Command) -> Command:
@@ -100,8 +106,9 @@ def make_binding_options(defaults: BindSettings | None) -> tuple[Decorator, ...]
     tolerances = ", ".join(f"{known.tolerance} {name}" for name, known in ACCURACIES.items())
 
     def default(name: str) -> dict[str, Any]:
-        value = getattr(defaults, name) if defaults is not None else None
-        return {"default": value, "show_default": value or "those of the result"}
+        if defaults is None:
+            return {"show_default": "that of the result"}
+        return {"default": getattr(defaults, name), "show_default": True}
 
     return (
         click.option(
