@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cageik_cli.workflows.batch.discover import DiscoveredClip
     from cageik_cli.workflows.batch.jobs import ClipJob
     from cageik_cli.workflows.batch.run import BatchPlan
-    from cageik_cli.workflows.extract_inputs import ExtractSettings
+    from cageik_cli.workflows.plan import ExtractSettings
 
 CONFIG_NAME = "cageik.toml"
 EXTRACT_COMMAND = "extract"

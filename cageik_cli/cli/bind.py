@@ -74,7 +74,7 @@ def bind_command(settings: "BindRunSettings", timings: Path | None, quiet: bool)
     from cageik_cli.workflows.info import format_binding_rows
 
     output = settings.output
-    check_no_overlap([output, timings], [settings.cage, settings.rest])
+    check_no_overlap([*settings.outputs(), timings], settings.inputs())
     with show_progress(not quiet, timings, settings.overwrite) as progress:
         stored = bind_files(settings, progress)
     if not quiet:

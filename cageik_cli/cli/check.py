@@ -64,12 +64,10 @@ def check_command(
     The cage alone is checked, or the cage and the rest pose of FRAMES in it. Each finding has the
     numbers of its vertices or faces. A cage that is not fit for a model is exit code 1.
     """
-    from cageik_cli.formats.open import list_input_files
     from cageik_cli.util.outputs import check_no_overlap, check_writable
     from cageik_cli.workflows.check import check_cage, format_check_json, format_check_text
 
-    frames = list_input_files(list(settings.frames))
-    check_no_overlap([json_path], [settings.cage, settings.rest, *frames])
+    check_no_overlap([json_path], settings.inputs())
     is_on_stdout = str(json_path) == "-"
     if json_path is not None and not is_on_stdout:
         check_writable(json_path, overwrite)

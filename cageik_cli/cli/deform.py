@@ -113,13 +113,11 @@ def deform_command(settings: "DeformSettings", quiet: bool) -> None:
     in a folder. --frames, --layout and --allow-gaps apply to --cages.
     """
     from cageik_cli.cli.progress import show_progress
-    from cageik_cli.formats.open import list_input_files
     from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.util.text import format_block
     from cageik_cli.workflows.deform import deform
 
-    cages = list_input_files([settings.cages]) if settings.cages is not None else []
-    check_no_overlap([settings.output.target_path], [settings.result, settings.mesh, *cages])
+    check_no_overlap(settings.outputs(), settings.inputs())
     with show_progress(not quiet, None, False) as progress:
         summary = deform(settings, progress)
     if not quiet:

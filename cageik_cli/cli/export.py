@@ -72,7 +72,7 @@ def export_command(settings: "ExportSettings", quiet: bool) -> None:
     from cageik_cli.util.text import format_block
     from cageik_cli.workflows.export import export
 
-    check_no_overlap([settings.output.target_path], [settings.result])
+    check_no_overlap(settings.outputs(), settings.inputs())
     with show_progress(not quiet, None, False) as progress:
         summary = export(settings, progress)
     if not quiet:

@@ -41,7 +41,7 @@ from cageik_cli.solver.settings import SolveSettings
 if TYPE_CHECKING:
     from cageik_cli.store.result import Result
     from cageik_cli.workflows.export import ExportSettings
-    from cageik_cli.workflows.extract_inputs import ExtractSettings
+    from cageik_cli.workflows.plan import ExtractSettings
 
 
 def make_solve_settings(alpha: float, beta: float, align: bool) -> SolveSettings:
@@ -99,7 +99,7 @@ def make_extract_settings(
     jobs: int,
 ) -> "ExtractSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
-    from cageik_cli.workflows.extract_inputs import ExtractSettings
+    from cageik_cli.workflows.plan import ExtractSettings
 
     if cage is None and binding is None:
         raise click.UsageError("Missing option '--cage' (or '--binding', which contains a cage).")
@@ -258,7 +258,6 @@ def _plan_exports(
     other_inputs: list[Path | None],
 ) -> list["ExportSettings"]:
     """Make the settings of the exports, and check the outputs of the command before any work."""
-    from cageik_cli.formats.open import list_input_files
     from cageik_cli.formats.write import Output
     from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.workflows.export import ExportSettings, check_export
@@ -267,10 +266,9 @@ def _plan_exports(
         ExportSettings(settings.output, Output(path, overwrite=settings.overwrite))
         for path in exports
     ]
-    outputs = [settings.output, *other_outputs, *(one.output.target_path for one in planned)]
-    inputs = [settings.cage, settings.binding, settings.rest, settings.vertex_weights]
-    frames = list_input_files(list(settings.frames))
-    check_no_overlap(outputs, [*inputs, *other_inputs, *frames])
+    exported = [path for one in planned for path in one.outputs()]
+    outputs = [*settings.outputs(), *other_outputs, *exported]
+    check_no_overlap(outputs, [*settings.inputs(), *other_inputs])
     for one in planned:
         check_export(one)
     return planned

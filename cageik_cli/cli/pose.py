@@ -243,15 +243,9 @@ def _check_outputs(
 ) -> None:
     """Refuse, before any work, outputs that cannot be written or overlap."""
     from cageik_cli.util.outputs import check_no_overlap, check_writable
-    from cageik_cli.workflows.edit import EditSettings
 
-    if isinstance(settings, EditSettings):
-        inputs, cage_output = [settings.result, settings.handles], None
-    else:
-        inputs, cage_output = [settings.target, settings.handles], settings.cage_output
-    cage = None if isinstance(settings, EditSettings) else settings.cage
-    outputs = [settings.output, cage_output, views.plot, views.json_path, timings]
-    check_no_overlap(outputs, [*inputs, cage])
+    views_and_timings = [views.plot, views.json_path, timings]
+    check_no_overlap([*settings.outputs(), *views_and_timings], settings.inputs())
     for path in (views.plot, views.json_path):
         if path is not None and str(path) != "-":
             check_writable(path, settings.overwrite)
@@ -262,8 +256,7 @@ def _describe_written(settings: "PoseSettings | EditSettings", views: PoseViews)
     from cageik_cli.workflows.edit import EditSettings
 
     is_edit = isinstance(settings, EditSettings)
-    cage_output = None if isinstance(settings, EditSettings) else settings.cage_output
-    written = [settings.output, cage_output, views.plot, views.json_path]
+    written = [*settings.outputs(), views.plot, views.json_path]
     names = [str(path) for path in written if path is not None and str(path) != "-"]
     next_step = f"; next: cageik report {settings.output}" if is_edit else ""
     return f"wrote {', '.join(names)}{next_step}"

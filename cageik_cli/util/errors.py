@@ -86,6 +86,12 @@ class MissingLibraryError(InputError):
     kind = "library"
 
 
+class ClusterError(InputError):
+    """A cluster does not answer, or its workers cannot do the work."""
+
+    kind = "cluster"
+
+
 class NumericalError(CageikError):
     """The numbers cannot be trusted, although the files are sound."""
 

@@ -28,7 +28,7 @@ from cageik_cli.util.arrays import Floats, Workspace
 from cageik_cli.util.errors import ConnectivityError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.extract import extract as run_extraction
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 
 FilePath = str | PathLike[str]
 Progress = Callable[[int, int], None]
