@@ -19,7 +19,7 @@ from cageik_cli.solver.metrics import (
     check_finite,
     measure,
 )
-from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.util.arrays import Floats, Integers, Workspace, fit_frames
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import to_unicode
 from cageik_cli.util.threads import OrderedMap
@@ -109,12 +109,11 @@ class MemoryPlan:
     @staticmethod
     def fit(memory: int, binding: Binding, jobs: int) -> "MemoryPlan":
         """What the weights and frames have room for in `memory` bytes, with `jobs` threads."""
-        frame = ARRAYS_PER_FRAME * 24 * len(binding.rest.vertices)
-        left = memory - binding.weights.nbytes
-        block = int(np.clip(left // frame, 1, MAX_BLOCK_FRAMES))
-        solvers = int(np.clip(left // (block * frame), 1, jobs))
-        queue = min(memory // 8, MAX_QUEUE_BYTES) // binding.rest.vertices.nbytes
-        return MemoryPlan(block, solvers, max(1, queue))
+        count, left = len(binding.rest.vertices), memory - binding.weights.nbytes
+        block = min(fit_frames(left, count, ARRAYS_PER_FRAME), MAX_BLOCK_FRAMES)
+        solvers = min(fit_frames(left, block * count, ARRAYS_PER_FRAME), jobs)
+        queue = fit_frames(min(memory // 8, MAX_QUEUE_BYTES), count)
+        return MemoryPlan(block, solvers, queue)
 
 
 class BlockSolver:

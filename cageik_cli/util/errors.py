@@ -152,4 +152,6 @@ def require_optional(library: str, extra: str, purpose: str) -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise InputError(f"{purpose} needs {library}: pip install 'cageik[{extra}]'") from error
+        raise MissingLibraryError(
+            f"{purpose} needs {library}: pip install 'cageik[{extra}]'"
+        ) from error

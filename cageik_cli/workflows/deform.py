@@ -6,8 +6,6 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding, BindSettings, reconstruct
 from cageik_cli.formats.base.connectivity import check_vertex_order
 from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
@@ -17,7 +15,7 @@ from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, fit_frames
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
@@ -119,8 +117,8 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
 
 def choose_block_size(memory: int, vertices: int) -> int:
     """Return how many frames, in whole groups, fit into `memory` bytes; one group at least."""
-    groups = memory // (ARRAYS_PER_FRAME * 24 * vertices * FRAMES_PER_PRODUCT)
-    return FRAMES_PER_PRODUCT * int(np.clip(groups, 1, MAX_BLOCK_FRAMES // FRAMES_PER_PRODUCT))
+    groups = fit_frames(memory, vertices * FRAMES_PER_PRODUCT, ARRAYS_PER_FRAME)
+    return FRAMES_PER_PRODUCT * min(groups, MAX_BLOCK_FRAMES // FRAMES_PER_PRODUCT)
 
 
 def _open_cage_clip(

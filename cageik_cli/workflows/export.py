@@ -9,6 +9,7 @@ from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd.skeleton import SkeletonWriter
 from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
+from cageik_cli.util.arrays import fit_frames
 from cageik_cli.util.errors import SettingError, join_truncated
 from cageik_cli.util.progress import ProgressListener
 
@@ -65,7 +66,7 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
         name="cage",
     )
     report_skipped_frames(result, progress)
-    blocks = read_cages(result, max(1, MAX_BLOCK_BYTES // result.cage.vertices.nbytes))
+    blocks = read_cages(result, fit_frames(MAX_BLOCK_BYTES, len(result.cage.vertices)))
     if not settings.skeleton:
         return write_animation(settings.output, animation, blocks, progress)
     make_writer = _make_skeleton_factory(result, settings.max_influences)

@@ -9,7 +9,7 @@ from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
-from cageik_cli.formats.mesh_file import MESH_SUFFIXES, load_mesh
+from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
@@ -39,7 +39,7 @@ def describe_files(arguments: list[str], layout: str | None = None) -> str:
         pages = [_describe_hdf5(path) for path in paths]
         if all(pages):
             return "\n\n".join(pages)
-    if len(paths) == 1 and paths[0].is_file() and file_suffix(paths[0]) in MESH_SUFFIXES:
+    if len(paths) == 1 and paths[0].is_file() and file_suffix(paths[0]) in mesh_suffixes():
         loaded = load_mesh(paths[0])
         rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
         return format_block(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])

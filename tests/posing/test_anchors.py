@@ -165,7 +165,7 @@ def front_most(mesh, camera, pixels):
     caster = trimesh.ray.ray_triangle.RayMeshIntersector(
         trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     )
-    rays = camera.rays(pixels)
+    rays = camera.cast_rays(pixels)
     points, ray, _ = caster.intersects_location(rays.origins, rays.directions)
     depths = ((points - rays.origins[ray]) * rays.directions[ray]).sum(axis=1)
     found = np.full((len(pixels), 3), np.nan)

@@ -22,7 +22,6 @@ from cageik_cli.util.errors import CageikError
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 PATH_TYPE = click.Path(path_type=Path)
-FRAME_FORMATS = ("obj", "ply")
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
@@ -44,6 +43,21 @@ def count_processors() -> int:
     from cageik_cli.util.threads import count_processors
 
     return count_processors()
+
+
+class FrameFormatType(click.ParamType):  # type: ignore[type-arg]  # as above
+    """A format of folders of frames: the formats are looked up when one is given."""
+
+    name = "format"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Check the name."""
+        from cageik_cli.formats.write import frame_formats
+
+        known = frame_formats()
+        if value not in known:
+            self.fail(f"{value!r} is not one of {', '.join(map(repr, known))}.", param, ctx)
+        return str(value)
 
 
 def common_options(command: Command) -> Command:
@@ -96,7 +110,8 @@ overwrite_option = click.option("--overwrite", is_flag=True, help="Replace exist
 format_option = click.option(
     "--format",
     "file_format",
-    type=click.Choice(FRAME_FORMATS),
+    type=FrameFormatType(),
+    metavar="[obj|ply]",
     help="File format when OUT is a folder.  [default: obj]",
 )
 

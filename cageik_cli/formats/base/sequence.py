@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.settings import LAYOUTS as LAYOUTS
 from cageik_cli.formats.base.settings import ClipSettings as ClipSettings
-from cageik_cli.formats.mesh_file import LoadedMesh
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.geometry.mesh import TriMesh, validate_positions
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import ConnectivityError, InputError, SettingError, error_context
 from cageik_cli.util.threads import OrderedMap
 
 
@@ -53,7 +53,7 @@ class ClipRequest:
         if not numbers:
             bounds = (wanted.start, wanted.stop, *([wanted.step] if wanted.step else []))
             typed = ":".join("" if bound is None else str(bound) for bound in bounds)
-            raise InputError(f"--frames {typed} takes none of the {count} frames")
+            raise SettingError(f"--frames {typed} takes none of the {count} frames")
         return numbers
 
 
@@ -252,7 +252,7 @@ def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_
         ("triangles", len(faces), len(expected.faces)),
     ):
         if found != wanted:
-            raise InputError(
+            raise ConnectivityError(
                 f"{found} {noun}, {expected_name} has {wanted}; all must share one connectivity"
             )
     if faces is expected.faces:
@@ -260,7 +260,7 @@ def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_
     differs = np.flatnonzero((faces != expected.faces).any(axis=1))
     if len(differs):
         k = differs[0]
-        raise InputError(
+        raise ConnectivityError(
             f"triangle {k} joins vertices {_format_corners(faces[k])}, in {expected_name} "
             f"{_format_corners(expected.faces[k])} (counted from 0; {len(differs)} triangles "
             f"differ); "

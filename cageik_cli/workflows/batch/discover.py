@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 
 from cageik_cli.formats.base.file_names import file_suffix, group_numbered_files
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-from cageik_cli.formats.mesh_file import MESH_SUFFIXES
+from cageik_cli.formats.mesh_file import mesh_suffixes
 from cageik_cli.formats.open import clip_suffixes, list_members, sort_naturally
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import is_result
@@ -133,7 +133,7 @@ def discover_clips(
     if not found:
         raise FileAccessError(
             f"{', '.join(map(str, roots))}: no clip found, expected folders of numbered frames "
-            f"({', '.join(MESH_SUFFIXES)}) or clip files ({', '.join(_clip_file_suffixes())})"
+            f"({', '.join(mesh_suffixes())}) or clip files ({', '.join(_clip_file_suffixes())})"
         )
     clips_by_name: dict[str, DiscoveredClip] = {}
     for clip in found:
@@ -179,7 +179,7 @@ def _find_clips_in(
     files = sort_naturally(
         [path for path in files if path.resolve() not in discovery_filter.auxiliary_files]
     )
-    series = group_numbered_files([path for path in files if file_suffix(path) in MESH_SUFFIXES])
+    series = group_numbered_files([path for path in files if file_suffix(path) in mesh_suffixes()])
     clips = {stem: frames for stem, frames in series.items() if len(frames) >= MIN_CLIP_FRAMES}
     for stem, frames in clips.items():
         name, place = _make_clip_name(folder, root), folder
@@ -209,7 +209,7 @@ def _is_cageik_file(path: Path) -> bool:
 
 
 def _clip_file_suffixes() -> list[str]:
-    return [suffix for suffix in clip_suffixes() if suffix not in MESH_SUFFIXES]
+    return [suffix for suffix in clip_suffixes() if suffix not in mesh_suffixes()]
 
 
 def _make_clip_name(path: Path, root: Path) -> str:

@@ -127,7 +127,7 @@ def test_the_cache_of_the_batch_is_deleted(tmp_path, done, is_used):
 
 def test_folders_that_cannot_be_made_are_refused(tmp_path, done):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match=r"file: cannot be made \("):
+    with pytest.raises(InputError, match=r"file: cannot be created \("):
         run_batch(batch_of(tmp_path / "file", "a"), Scripted(done("a")), Heard())
 
 
