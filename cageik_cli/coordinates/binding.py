@@ -62,6 +62,17 @@ class Binding:
         As in `WeightQuality`.
     notes : tuple of str
         What was changed in the cage, or is poor about the weights, one sentence each.
+
+    Examples
+    --------
+    >>> from cageik_cli import bind, load_mesh
+    >>> cage = load_mesh("data_fixtures/walker/cage.obj")
+    >>> rest = load_mesh("data_fixtures/walker/frames/walker_1.obj")
+    >>> binding = bind(rest, cage, coordinates="mean-value")
+    >>> binding
+    <Binding: 1570 vertices in a cage of 80, mean-value>
+    >>> bool(binding.quality.linear_precision < 1e-9)
+    True
     """
 
     rest: TriMesh
@@ -72,6 +83,13 @@ class Binding:
     estimated_error: float = 0.0
     projected: int = 0
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        settings = [self.settings.coordinates]
+        if self.settings.coordinates == "harmonic":
+            settings.append(self.settings.accuracy)
+        count, cage_count = len(self.rest.vertices), len(self.cage.vertices)
+        return f"<Binding: {count} vertices in a cage of {cage_count}, {', '.join(settings)}>"
 
     @cached_property
     def quality(self) -> WeightQuality:

@@ -32,6 +32,16 @@ class TriMesh:
     InputError
         When an array has another shape, a position is not finite or too large, or a face names a
         vertex that does not exist.
+
+    Examples
+    --------
+    >>> from cageik_cli import TriMesh
+    >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> mesh = TriMesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    >>> mesh
+    <TriMesh: 4 vertices, 4 triangles>
+    >>> mesh.is_closed, round(mesh.volume, 6)
+    (True, 0.166667)
     """
 
     vertices: Floats
@@ -42,6 +52,9 @@ class TriMesh:
         faces = _make_read_only(_validate_faces(self.faces, len(vertices)))
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
+
+    def __repr__(self) -> str:
+        return f"<TriMesh: {len(self.vertices)} vertices, {len(self.faces)} triangles>"
 
     @cached_property
     def diagonal(self) -> float:

@@ -71,6 +71,16 @@ class Result:
     edited_from : str, optional
         The name of the result that was edited: metrics then compare the mesh before the edit, v,
         with the edited one, v̂. None for a result that was extracted.
+
+    Examples
+    --------
+    >>> from cageik_cli import extract_to_file
+    >>> walker = "data_fixtures/walker"
+    >>> result = extract_to_file(f"{walker}/frames", f"{walker}/cage.obj", "walker.h5")
+    >>> result.rest, result.cage
+    (<TriMesh: 1570 vertices, 3136 triangles>, <TriMesh: 80 vertices, 156 triangles>)
+    >>> result.frames[int(result.metrics.rms.argmax())]
+    'walker_26.obj'
     """
 
     path: Path
@@ -87,6 +97,12 @@ class Result:
     vertex_rms: Floats
     skipped: dict[int, str] = field(default_factory=dict)
     edited_from: str | None = None
+
+    def __repr__(self) -> str:
+        return (
+            f"<Result: {self.path.name}, {len(self.frames)} frames of {len(self.rest.vertices)} "
+            f"vertices in a cage of {len(self.cage.vertices)}>"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

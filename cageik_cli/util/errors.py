@@ -12,6 +12,15 @@ class CageikError(Exception):
     ----------
     kind : str
         What is at fault, in one word. Programs tell errors apart by it, not by their text.
+
+    Examples
+    --------
+    >>> from cageik_cli import CageikError, load_mesh
+    >>> try:
+    ...     load_mesh("nowhere.obj")
+    ... except CageikError as error:
+    ...     print(error)
+    nowhere.obj: cannot be read: No such file or directory
     """
 
     kind: ClassVar[str] = "error"
@@ -115,7 +124,7 @@ def describe_error(error: BaseException) -> str:
         text = "out of memory; use a coarser cage, or a smaller --memory"
     else:
         text = (
-            f"a fault of cageik itself ({type(error).__name__}: {error}); "
+            f"internal error ({type(error).__name__}: {error}); "
             "please report it with the output of the same command with -vv"
         )
     return " ".join(text.split())

@@ -7,7 +7,7 @@ import io
 import os
 import secrets
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -107,7 +107,7 @@ def make_folder(folder: Path) -> None:
         raise OutputError(f"{folder}: cannot be created ({error.strerror or error})") from error
 
 
-def check_no_overlap(outputs: list[Path | None], inputs: list[Path | None]) -> None:
+def check_no_overlap(outputs: Sequence[Path | None], inputs: Sequence[Path | None]) -> None:
     """Refuse an output that is an input or another output, or a folder that holds one.
 
     `-`, standard output, overlaps with nothing.

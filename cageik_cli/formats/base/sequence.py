@@ -109,6 +109,15 @@ class MeshSequence(ABC):
         What the files say of time and space.
     notes : tuple of str
         What was changed in the frames, one sentence each.
+
+    Examples
+    --------
+    >>> from cageik_cli import load_clip
+    >>> clip = load_clip("data_fixtures/walker/frames", selection=slice(0, 3))
+    >>> len(clip), clip.names[2]
+    (3, 'walker_3.obj')
+    >>> [frame.shape for frame in clip]
+    [(1570, 3), (1570, 3), (1570, 3)]
     """
 
     suffixes: tuple[str, ...]
@@ -163,6 +172,16 @@ class MeshSequence(ABC):
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def __iter__(self) -> Iterator[Floats]:
+        """Read the frames one by one, (m, 3) each."""
+        return map(self.read_frame, range(len(self)))
+
+    def __repr__(self) -> str:
+        return (
+            f"<MeshSequence: {len(self)} frames of {len(self.first.vertices)} vertices, "
+            f"{self.names[0]} to {self.names[-1]}>"
+        )
 
     def location(self, index: int) -> str:
         """Where a frame is, for messages."""

@@ -43,7 +43,7 @@ class ProcessScheduler:
     def __enter__(self) -> "ProcessScheduler":
         return self
 
-    def __exit__(self, kind: object, *error: object) -> None:
+    def __exit__(self, kind: object = None, *error: object) -> None:
         for worker in self._workers:
             worker.stop(is_immediate=kind is not None)
 

