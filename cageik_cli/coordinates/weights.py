@@ -1,4 +1,4 @@
-"""What every kind of coordinates gives: weights, and how far from exact they may be."""
+"""Weights, their estimated error, and the accuracies to choose from."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ class Weights:
     values : (m, n) float64
         Rows sum to one, and `values @ cage.vertices` are the points.
     panels : int
-        What the cage was divided into; 0 for coordinates in closed form.
+        Number of panels the cage was divided into; 0 for coordinates in closed form.
     error : float
         Estimate of the mean over points of a row's L1 distance from the exact coordinates; 0 in
         closed form.
@@ -27,18 +27,18 @@ class Weights:
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """What weights are computed to.
+    """The accuracy of harmonic weights, and the limits of their discretisation.
 
     Attributes
     ----------
     tolerance : float
-        Mean over points of a row's L1 distance from exact weights.
+        Largest mean over points of a row's L1 distance from exact weights.
     order : int
-        Degree of the densities on panels that points come near.
+        Degree of the densities on panels close to points.
     reach : float
-        Radii of a panel at which what is beyond linear has half faded out.
+        Distance, in panel radii, at which terms beyond linear have half their strength.
     max_unknowns : int
-        Unknowns not to be passed for accuracy's sake; the matrix takes 4 bytes times their square.
+        Largest number of unknowns; the matrix takes 4 bytes times its square.
     """
 
     tolerance: float
@@ -55,4 +55,4 @@ ACCURACIES = {
 
 
 def ignore_progress(done: int, total: int) -> None:
-    """Tell nobody."""
+    """Ignore the progress."""
