@@ -1,5 +1,5 @@
-"""Cages: is one fit for a model, what is wrong with it, and the weights of a model in it.
+"""Cages: tests whether a cage fits a model, and the weights of the model in it.
 
 Depends on `coordinates` and `geometry`. Start with `bind`; `soundness` tests the cage alone,
-`enclosure` the cage around a model, and `diagnosis` gathers every finding.
+`enclosure` the cage around a model, and `diagnosis` collects all findings.
 """

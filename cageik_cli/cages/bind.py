@@ -1,21 +1,21 @@
-"""Bind a model to its cage: check that it fits, compute the weights, judge them."""
+"""Binding of a model to its cage: check the cage, compute the weights, check the weights."""
 
 from collections.abc import Callable
 
 from cageik_cli.cages.enclosure import Enclosure, check_enclosure
-from cageik_cli.coordinates.binding import Binding, BindSettings, _reproduction_error
+from cageik_cli.coordinates.binding import Binding, BindSettings, reproduction_error
 from cageik_cli.coordinates.weights import ACCURACIES, Weights, ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import NumericalError
 
 MIN_HARMONIC_WEIGHT = -0.05
-"""Harmonic weights below it are poor: those of sound cages stay above −0.02."""
+"""Harmonic weights below it give a warning; those of sound cages stay above −0.02."""
 
 MAX_ESTIMATED_ERROR = 0.5
-"""Rows of harmonic weights that are off by more are no weights."""
+"""Weights with a larger estimated error are refused."""
 
 MAX_REPRODUCTION_ERROR = 1e-6
-"""Weights that miss the rest pose by more, in diagonals, are not weights of this cage."""
+"""Weights that reproduce the rest pose worse than this, in diagonals, are refused."""
 
 
 def bind(
@@ -25,14 +25,26 @@ def bind(
     jobs: int | None = None,
     progress: Callable[[int, int], None] = ignore_progress,
 ) -> Binding:
-    """Write the rest model in coordinates of the cage, harmonic by default.
+    """Compute the weights of a rest model in a cage, harmonic by default.
+
+    Parameters
+    ----------
+    rest : TriMesh
+        m vertices.
+    cage : TriMesh
+        n vertices.
+    settings : BindSettings, optional
+    jobs : int, optional
+        Threads; the number of processors by default. They do not change the result.
+    progress : callable
+        Called with (points done, points) after every block.
 
     Raises
     ------
-    InputError
-        When the cage is not fit to hold the model.
+    CageError
+        When the cage is not sound or does not enclose the model.
     NumericalError
-        When the weights do not reproduce the rest model.
+        When the weights are too inaccurate.
     """
     settings = settings or BindSettings()
     enclosure = check_enclosure(cage, rest, settings.outside)
@@ -49,16 +61,15 @@ def bind(
     )
     if not weights.error <= MAX_ESTIMATED_ERROR:
         raise NumericalError(
-            f"the weights' estimated error is {weights.error:.2g}, more than "
-            f"{MAX_ESTIMATED_ERROR:g}; the "
-            "cage has needle-like faces or sheets that nearly touch: cageik check names them"
+            f"estimated weight error {weights.error:.2g} exceeds {MAX_ESTIMATED_ERROR:g}; the cage "
+            "has needle-like faces or sheets that nearly touch: cageik check lists them"
         )
-    reproduction_error = _reproduction_error(enclosure.points, binding)
-    if not reproduction_error <= MAX_REPRODUCTION_ERROR:
+    reproduced_to = reproduction_error(enclosure.points, binding)
+    if not reproduced_to <= MAX_REPRODUCTION_ERROR:
         raise NumericalError(
-            f"the weights miss the rest pose by {reproduction_error:.1e} of the diagonal, "
-            f"more than {MAX_REPRODUCTION_ERROR:.0e}; the cage may cross itself or have "
-            f"needle-like faces"
+            f"the weights reproduce the rest pose only to {reproduced_to:.1e} of the diagonal, "
+            f"expected {MAX_REPRODUCTION_ERROR:.0e}; the cage may cross itself or have needle-like "
+            "faces: cageik check lists them"
         )
     return binding
 
@@ -70,7 +81,7 @@ def _compute_weights(
     progress: Callable[[int, int], None],
 ) -> Weights:
     cage, points = enclosure.cage, enclosure.points
-    # Imported here: weights that are kept need neither, and they take a sixth of a second.
+    # Imported here because they are slow to import, and cached weights need neither.
     if settings.coordinates == "mean-value":
         from cageik_cli.coordinates.mean_value import mean_value_weights
 
@@ -81,23 +92,21 @@ def _compute_weights(
 
 
 def _weight_warnings(weights: Weights, settings: BindSettings) -> tuple[str, ...]:
-    """What is poor about harmonic weights, a sentence each."""
+    """Return warnings about harmonic weights, one sentence each."""
     if settings.coordinates != "harmonic":
         return ()
     notes = []
     tolerance = ACCURACIES[settings.accuracy].tolerance
     if not weights.error <= tolerance:
         notes.append(
-            f"the estimated error of the weights, {weights.error:.2g}, misses the tolerance "
-            f"{tolerance:g} of --accuracy {settings.accuracy}; a coarser cage, or one further "
-            "from the model, is easier"
+            f"estimated weight error {weights.error:.2g} exceeds the tolerance {tolerance:g} of "
+            f"--accuracy {settings.accuracy}; use a coarser cage or leave more clearance"
         )
     lowest = float(weights.values.min(initial=0.0))
     if lowest < MIN_HARMONIC_WEIGHT:
         notes.append(
-            f"the smallest weight is {lowest:.2g}, below {MIN_HARMONIC_WEIGHT:g}, where exact "
-            f"harmonic "
-            "weights are not negative: the cage may be very thin for its faces; divide faces "
-            "there, or raise --accuracy"
+            f"smallest weight {lowest:.2g} is below {MIN_HARMONIC_WEIGHT:g} (exact harmonic "
+            "weights are never negative); the cage may be thin compared with its faces: divide "
+            "faces there, or raise --accuracy"
         )
     return tuple(notes)

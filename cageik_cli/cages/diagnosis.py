@@ -1,4 +1,4 @@
-"""Everything worth knowing of a cage, alone or with a rest pose in it, and a verdict."""
+"""The diagnosis of a cage, alone or with a rest pose in it: facts, findings and a verdict."""
 
 from dataclasses import dataclass, replace
 
@@ -27,24 +27,24 @@ from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_f
 from cageik_cli.util.arrays import Floats, Integers
 
 MAX_WEAKEST_LISTED = 3
-"""How many of the weakest cage vertices are facts."""
+"""How many of the least influential cage vertices are listed."""
 
 NO_NUMBERS: Integers = np.empty(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True)
 class CageFacts:
-    """A cage in figures; None what it has not got.
+    """Facts about a cage; None if not defined.
 
     Attributes
     ----------
     vertices, faces, components : int
     genus : int, optional
-        Handles, over all components; of closed manifolds.
+        Number of handles over all components, for closed manifolds.
     volume : float, optional
-        Cubed file units, negative if the faces turn inward; of closed cages.
+        Cubic file units, negative if the faces turn inward; for closed cages.
     smallest_angle : float, optional
-        Degrees, of all corners of faces that have a plane.
+        Degrees, over all corners of faces that are not degenerate.
     smallest_angle_face : int, optional
     """
 
@@ -59,7 +59,7 @@ class CageFacts:
 
 @dataclass(frozen=True, slots=True)
 class RestFacts:
-    """A rest pose in its cage, in figures; None what was not to be had.
+    """Facts about a rest pose in its cage; None if not known.
 
     Attributes
     ----------
@@ -67,15 +67,15 @@ class RestFacts:
     diagonal : float
         File units.
     outside : int, optional
-        How many vertices are outside by more than rounding.
+        Number of vertices that are outside by more than rounding.
     clearance : float, optional
-        Smallest distance from the cage of a vertex that is not, percent of the diagonal.
+        Smallest distance of the other vertices from the cage, percent of the diagonal.
     clearance_vertex, clearance_face : int, optional
-        Which vertex, from which cage face.
+        The vertex and the cage face of this distance.
     weakest_vertices : tuple of int
-        The cage vertices of least influence,
+        The least influential cage vertices, if the cage binds.
     weakest_weights : tuple of float
-        and the largest weight each has anywhere on the model; of cages that bind.
+        The largest weight that each of them has on the model.
     """
 
     vertices: int
@@ -91,7 +91,7 @@ class RestFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagnosis:
-    """What was looked at and found.
+    """Facts and findings about a cage.
 
     Attributes
     ----------
@@ -125,13 +125,13 @@ class Diagnosis:
 
     @property
     def verdict(self) -> str:
-        """`unfit`: does not bind; `usable`: binds, with something poor; `fit`."""
+        """`unfit` (does not bind), `usable` (binds, with warnings) or `fit`."""
         severities = {finding.severity for finding in self.findings}
         return next((known for known in ("unfit", "usable") if known in severities), "fit")
 
 
 def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None) -> Diagnosis:
-    """Look at everything of a cage, and of a rest pose in it if there is one."""
+    """Diagnose a cage, and a rest pose in it if there is one."""
     findings = [*find_cage_faults(cage), *_find_too_many_faces(cage), *find_needle_faces(cage)]
     sound = not _is_any_unfit(findings)
     if sound:
@@ -140,11 +140,11 @@ def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None
     facts, rest_facts = _measure_cage(cage, is_manifold="pinched-vertex" not in kinds), None
     if rest is not None:
         has_inside = bounds_volume(cage) and "no-volume" not in kinds
-        rest_facts, found = _diagnose_rest(cage, rest, has_inside)
-        findings += found
-        if sound and not _is_any_unfit(found):
-            rest_facts, found = _measure_influence(cage, rest, rest_facts, jobs)
-            findings += found
+        rest_facts, more = _diagnose_rest(cage, rest, has_inside)
+        findings += more
+        if sound and not _is_any_unfit(more):
+            rest_facts, more = _measure_influence(cage, rest, rest_facts, jobs)
+            findings += more
         elif len(cage.vertices) > len(rest.vertices):
             findings.append(_suspect_swap(cage, rest))
     return Diagnosis(
@@ -182,8 +182,8 @@ def _diagnose_rest(
     cage: TriMesh, rest: TriMesh, has_inside: bool
 ) -> tuple[RestFacts, list[Finding]]:
     facts = RestFacts(len(rest.vertices), len(rest.faces), rest.diagonal)
-    if point := find_missing_extent(rest):
-        return facts, [point]
+    if no_extent := find_missing_extent(rest):
+        return facts, [no_extent]
     if not has_inside:
         return facts, []
     placement = locate_vertices(_turn_outward(cage), rest)
@@ -196,15 +196,15 @@ def _diagnose_rest(
 
 
 def _add_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
-    far = placement.outside_indices
-    if len(far) == facts.vertices:
-        return replace(facts, outside=len(far))
+    outside = placement.outside_indices
+    if len(outside) == facts.vertices:
+        return replace(facts, outside=len(outside))
     distance = placement.closest.distance.copy()
-    distance[far] = np.inf
+    distance[outside] = np.inf
     vertex = int(distance.argmin())
     return replace(
         facts,
-        outside=len(far),
+        outside=len(outside),
         clearance=float(100 * distance[vertex] / facts.diagonal),
         clearance_vertex=vertex,
         clearance_face=int(placement.closest.face[vertex]),
@@ -214,7 +214,7 @@ def _add_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
 def _measure_influence(
     cage: TriMesh, rest: TriMesh, facts: RestFacts, jobs: int | None
 ) -> tuple[RestFacts, list[Finding]]:
-    """What the weights tell of each cage vertex: computed, at the accuracy of a preview."""
+    """Measure the influence of each cage vertex from weights of preview accuracy."""
     enclosure = check_enclosure(cage, rest)
     weights: Floats = harmonic_weights(enclosure.cage, enclosure.points, "preview", jobs).values
     strongest = weights.max(axis=0)

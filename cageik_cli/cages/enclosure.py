@@ -1,4 +1,4 @@
-"""Does this cage hold this model? Every vertex that is outside, with its number from 0."""
+"""Tests whether a cage encloses a model: which vertices are outside, and by how much."""
 
 from dataclasses import dataclass
 
@@ -15,29 +15,29 @@ from cageik_cli.geometry.surface import (
     winding_numbers,
 )
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError, join_truncated
+from cageik_cli.util.errors import CageError, join_truncated
 
 TOUCH_TOL = 1e-8
-"""A vertex outside by no more than this, in diagonals, is on the cage but for rounding."""
+"""A vertex outside by at most this, in diagonals, counts as on the cage."""
 
 MAX_OUTSIDE_SHARE = 0.5
-"""A cage with more than this share of the vertices outside is another's; they are not projected."""
+"""With a larger share of vertices outside, none are projected: it is another model's cage."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Enclosure:
-    """A cage that holds a model.
+    """A cage that encloses a model.
 
     Attributes
     ----------
     cage : TriMesh
         Closed, manifold, of one component, outward.
     points : (m, 3) float64
-        The model's vertices, those outside moved to the nearest point of the cage.
+        The model's vertices; those outside are moved to the closest point of the cage.
     projected_indices : (k,) int64
         Vertices that were moved by more than rounding.
     notes : tuple of str
-        What was changed, one sentence each.
+        Changes, one sentence each.
     """
 
     cage: TriMesh
@@ -48,16 +48,16 @@ class Enclosure:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """Where the m vertices of a rest pose lie against a cage.
+    """The m vertices of a rest pose relative to a cage.
 
     Attributes
     ----------
     closest : ClosestPoints
-        The cage's nearest points.
+        The closest points of the cage.
     outside : (m,) bool
-        Beyond the surface, be it by rounding.
+        Whether a vertex is outside, even by rounding.
     tolerance : float
-        How far outside is rounding, file units.
+        Distance up to which a vertex is outside by rounding, file units.
     """
 
     closest: ClosestPoints
@@ -66,32 +66,39 @@ class Placement:
 
     @property
     def outside_indices(self) -> Integers:
-        """The vertices that are outside by more than rounding."""
+        """Return the vertices that are outside by more than rounding, (k,)."""
         return np.flatnonzero(self.outside & (self.closest.distance > self.tolerance))
 
 
 def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Enclosure:
-    """Check the cage, turn it outward, and check that it holds every vertex of the rest pose.
+    """Check the cage, turn it outward, and check that it encloses the rest pose.
+
+    Parameters
+    ----------
+    cage, rest : TriMesh
+    outside : str
+        What to do with vertices outside: one of `OUTSIDE_POLICIES`.
 
     Raises
     ------
-    InputError
-        With what is wrong, where, and whether cage and model look swapped.
+    CageError
+        When the cage is not sound, or vertices are outside; asks whether cage and model are
+        swapped if their sizes suggest it.
     """
     try:
         outward, notes = validate_cage(cage)
         return _project_outside(outward, rest, notes, outside)
-    except InputError as error:
+    except CageError as error:
         if len(cage.vertices) <= len(rest.vertices):
             raise
-        raise InputError(
+        raise CageError(
             f"{error}; the cage has {len(cage.vertices)} vertices and the model "
             f"{len(rest.vertices)}: are they swapped?"
         ) from error
 
 
 def locate_vertices(cage: TriMesh, rest: TriMesh) -> Placement:
-    """Find where the vertices of the rest pose are, against a cage that is turned outward."""
+    """Locate the vertices of the rest pose relative to a cage that is turned outward."""
     largest = max(np.abs(mesh.vertices).max() for mesh in (cage, rest))
     return Placement(
         closest=closest_points(cage, rest.vertices),
@@ -101,50 +108,49 @@ def locate_vertices(cage: TriMesh, rest: TriMesh) -> Placement:
 
 
 def find_outside_vertices(placement: Placement, rest: TriMesh) -> Finding | None:
-    """Say which vertices of the rest pose are outside, if any are."""
-    far = placement.outside_indices
-    if len(far) == 0:
+    """Return a finding of the vertices of the rest pose that are outside; None if none are."""
+    outside = placement.outside_indices
+    if len(outside) == 0:
         return None
-    worst = far[placement.closest.distance[far].argmax()]
+    worst = outside[placement.closest.distance[outside].argmax()]
     percent = 100 * placement.closest.distance[worst] / rest.diagonal
     return Finding(
         kind="outside",
         severity="unfit",
         message=(
-            f"{len(far)} of {len(rest.vertices)} vertices of the rest pose are outside the cage, "
-            f"the worst, {worst}, by {percent:.3g} % of the diagonal: numbers "
-            f"{join_truncated(far)} "
-            "(from 0)"
+            f"{len(outside)} of {len(rest.vertices)} vertices of the rest pose are outside the "
+            f"cage, the worst, {worst}, by {percent:.3g} % of the diagonal: numbers "
+            f"{join_truncated(outside)} (from 0)"
         ),
         remedy=_likely_cause(placement.closest.mesh, rest)
         if _is_misplaced(placement)
         else "enlarge the cage there, give the rest pose it was made for, or take the "
         "nearest points of the cage with --outside project",
         elements="vertices",
-        numbers=far,
+        numbers=outside,
         value=float(percent),
     )
 
 
 def _is_misplaced(placement: Placement) -> bool:
-    """Whether so much is outside that the cage cannot have been made for this rest pose."""
+    """Whether so many vertices are outside that the cage must be for another rest pose."""
     return len(placement.outside_indices) > MAX_OUTSIDE_SHARE * len(placement.outside)
 
 
 def _likely_cause(cage: TriMesh, rest: TriMesh) -> str:
-    """What is likely wrong between a cage and a model most of which is outside it."""
+    """Return the likely cause when most of a model is outside the cage."""
     ratio = cage.diagonal / rest.diagonal
     if not 0.2 < ratio < 5:
         return (
-            f"the cage is {ratio:.3g} times as large as the model: export both in one unit, or "
-            "move a model that is to be so into the cage"
+            f"the cage is {ratio:.3g} times as large as the model: export both in the same unit, "
+            "or move the model into the cage"
         )
     low = np.maximum(cage.vertices.min(axis=0), rest.vertices.min(axis=0))
     high = np.minimum(cage.vertices.max(axis=0), rest.vertices.max(axis=0))
     if (low > high).any():
         return (
-            "their boxes do not meet: move the cage to the model, or give the rest pose that it "
-            "was made for"
+            "their bounding boxes do not overlap: move the cage to the model, or give the rest "
+            "pose that it was made for"
         )
     return (
         "most of the model is outside: give the rest pose the cage was made for, or "
@@ -153,7 +159,7 @@ def _likely_cause(cage: TriMesh, rest: TriMesh) -> str:
 
 
 def find_missing_extent(rest: TriMesh) -> Finding | None:
-    """Say so if the rest pose has no extent."""
+    """Return a finding if the rest pose has no extent, else None."""
     if rest.diagonal > 0:
         return None
     return Finding(
@@ -170,13 +176,13 @@ def find_missing_extent(rest: TriMesh) -> Finding | None:
 def _project_outside(
     cage: TriMesh, rest: TriMesh, notes: tuple[str, ...], policy: str
 ) -> Enclosure:
-    """Move vertices that are outside onto the cage: by rounding, or by more if `policy`."""
-    if point := find_missing_extent(rest):
-        raise InputError(point.sentence)
+    """Move vertices that are outside onto the cage; refuse large distances if `policy` says so."""
+    if no_extent := find_missing_extent(rest):
+        raise CageError(no_extent.sentence)
     placement = locate_vertices(cage, rest)
     if found := find_outside_vertices(placement, rest):
         if policy == "refuse" or _is_misplaced(placement):
-            raise InputError(found.sentence)
+            raise CageError(found.sentence)
         notes = (
             *notes,
             f"{found.message}; they have the weights of the nearest points of the cage",

@@ -1,4 +1,4 @@
-"""What a check finds, in words that every command uses, and in numbers for other programs."""
+"""Findings of a check, as sentences for users and as numbers for programs."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import join_truncated
 
 SEVERITIES = ("unfit", "usable", "note")
-"""It does not bind; it binds, but something will be poor; worth a thought."""
+"""From the worst: it does not bind; it binds, but something will be poor; a remark."""
 
 _PLURALS = {
     "vertex": "vertices",
@@ -19,25 +19,24 @@ _PLURALS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Finding:
-    """One thing that is wrong, or worth knowing.
+    """One fault or remark.
 
     Attributes
     ----------
     kind : str
-        A word for programs, such as `open`.
+        An identifier for programs, such as `open-edge`.
     severity : str
         One of `SEVERITIES`.
     message : str
-        What was found and where.
+        What was found, and where.
     remedy : str
         What to do.
     elements : str
-        What `read_array` count: `vertices`, `edges`, `faces`, `face pairs`; empty if there are
-        none.
+        What `numbers` are: `vertices`, `edges`, `faces`, `face pairs`; empty without numbers.
     numbers : (k,) or (k, 2) int64
-        All of them, from 0; an edge is its two vertices.
+        All elements, from 0; an edge is its two vertices.
     value : float
-        The measure of it: how many there are, unless the message says another figure.
+        The measured value: the number of elements, unless the message has another one.
     """
 
     kind: str
@@ -50,12 +49,12 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """The message and what to do."""
+        """Return the message and the remedy."""
         return f"{self.message}; {self.remedy}"
 
 
 def format_elements(noun: str, numbers: ArrayLike) -> str:
-    """Such as `face 12`, `edge 3-7` or `3 edges (1-3, 3-7, 1-7)`."""
+    """Return a text such as `face 12`, `edge 3-7` or `3 edges (1-3, 3-7, 1-7)`."""
     names = ["-".join(map(str, np.ravel(number))) for number in np.asarray(numbers).tolist()]
     if len(names) == 1:
         return f"{noun} {names[0]}"
@@ -63,5 +62,5 @@ def format_elements(noun: str, numbers: ArrayLike) -> str:
 
 
 def pluralize(noun: str) -> str:
-    """Of the nouns for parts of a mesh."""
+    """Return the plural of a noun for parts of a mesh."""
     return _PLURALS.get(noun, f"{noun}s")

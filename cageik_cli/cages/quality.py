@@ -1,4 +1,4 @@
-"""What makes a cage that binds a poor one: each with its limit, where it is, and what helps."""
+"""Weaknesses of a cage that binds: each has a limit, a place and a remedy."""
 
 from collections.abc import Iterator
 
@@ -15,20 +15,20 @@ MIN_ANGLE = 2.0
 """Cage faces with a smaller angle, degrees, are needles."""
 
 MIN_SHEET_RATIO = 0.02
-"""Sheets nearer to each other than this, over the width of the face, are one for the solve."""
+"""Sheets closer to each other than this, relative to the face width, cannot be told apart."""
 
 MIN_CLEARANCE = 1e-4
-"""Rest vertices nearer to the cage than this, in diagonals, follow single faces of it."""
+"""Rest vertices closer to the cage than this, in diagonals, follow single faces of it."""
 
 MIN_INFLUENCE = 0.05
-"""A cage vertex whose weights are all smaller hardly moves the model."""
+"""A cage vertex whose weights are all smaller has hardly any influence on the model."""
 
 MAX_SIZE_RATIO = 5.0
-"""A cage of a larger diagonal than this, over the model's, is likely in another unit."""
+"""A larger ratio of the diagonals of cage and model suggests different units."""
 
 
 def find_needle_faces(cage: TriMesh) -> Iterator[Finding]:
-    """Faces with a sharp angle; those that have no plane are another finding."""
+    """Find faces with a small angle; degenerate faces are another finding."""
     angles = corner_angles(cage).min(axis=1)
     sharp = np.flatnonzero((angles < MIN_ANGLE) & ~degenerate_face_mask(cage))
     if len(sharp):
@@ -37,9 +37,9 @@ def find_needle_faces(cage: TriMesh) -> Iterator[Finding]:
             kind="needle",
             severity="usable",
             message=f"the cage has angles below {MIN_ANGLE:g} degrees at "
-            f"{format_elements('face', sharp)}, "
-            f"the smallest {angles[worst]:.2g} degrees at face {worst}",
-            remedy="turn or collapse edges there; weights nearby are less exact",
+            f"{format_elements('face', sharp)}, the smallest {angles[worst]:.2g} degrees at face "
+            f"{worst}",
+            remedy="flip or collapse edges there; weights nearby are less accurate",
             elements="faces",
             numbers=sharp,
             value=float(angles[worst]),
@@ -47,7 +47,7 @@ def find_needle_faces(cage: TriMesh) -> Iterator[Finding]:
 
 
 def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
-    """Faces with another sheet close by, inside or outside, in a cage without faults."""
+    """Find faces with another sheet close by, inside or outside, in a sound cage."""
     sheets, nearness = thin_face_pairs(cage, MIN_SHEET_RATIO)
     if len(sheets):
         worst = int(nearness.argmin())
@@ -55,12 +55,10 @@ def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
         yield Finding(
             kind="thin",
             severity="usable",
-            message=f"the cage has sheets nearer to each other than {MIN_SHEET_RATIO:g} of a "
-            f"face's "
-            f"width at {format_elements('face pair', pairs)}, the nearest at "
-            f"{nearness[worst]:.2g} between "
-            f"faces {sheets[worst, 0]} and {sheets[worst, 1]}",
-            remedy="move them apart; the solve can hardly tell their vertices apart",
+            message=f"the cage has sheets closer to each other than {MIN_SHEET_RATIO:g} face "
+            f"widths at {format_elements('face pair', pairs)}, the closest at "
+            f"{nearness[worst]:.2g} between faces {sheets[worst, 0]} and {sheets[worst, 1]}",
+            remedy="move them apart; the solve can hardly distinguish their vertices",
             elements="face pairs",
             numbers=pairs,
             value=float(nearness[worst]),
@@ -68,7 +66,7 @@ def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
 
 
 def find_oversized_cage(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
-    """A cage that holds the model and is far too large for it."""
+    """Find a cage that encloses the model but is far too large for it."""
     ratio = cage.diagonal / rest.diagonal
     if ratio > MAX_SIZE_RATIO:
         yield Finding(
@@ -76,7 +74,7 @@ def find_oversized_cage(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
             severity="usable",
             message=f"the cage is {ratio:.3g} times as large as the model, expected at most "
             f"{MAX_SIZE_RATIO:g}",
-            remedy="export both in one unit, or move the cage nearer to the model",
+            remedy="export both in the same unit, or fit the cage to the model",
             elements="",
             numbers=np.empty(0, np.int64),
             value=float(ratio),
@@ -84,7 +82,7 @@ def find_oversized_cage(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
 
 
 def find_low_clearance(placement: Placement, rest: TriMesh) -> Iterator[Finding]:
-    """Rest vertices on the cage, or nearly."""
+    """Find rest vertices on the cage, or close to it."""
     clearance = placement.closest.distance / rest.diagonal
     near = np.flatnonzero(clearance < MIN_CLEARANCE)
     if len(near):
@@ -92,12 +90,11 @@ def find_low_clearance(placement: Placement, rest: TriMesh) -> Iterator[Finding]
         yield Finding(
             kind="clearance",
             severity="usable",
-            message=f"vertices of the rest pose are nearer to the cage than "
-            f"{100 * MIN_CLEARANCE:g} % of "
-            f"the diagonal: {format_elements('vertex', near)}, the nearest with "
-            f"{100 * clearance[worst]:.2g} % "
-            f"vertex {worst} at face {placement.closest.face[worst]}",
-            remedy="enlarge the cage there; they follow single faces and show the cage's edges",
+            message=f"vertices of the rest pose are closer to the cage than "
+            f"{100 * MIN_CLEARANCE:g} % of the diagonal: {format_elements('vertex', near)}, the "
+            f"closest, with {100 * clearance[worst]:.2g} %, is vertex {worst} at face "
+            f"{placement.closest.face[worst]}",
+            remedy="enlarge the cage there; these vertices follow single faces of the cage",
             elements="vertices",
             numbers=near,
             value=float(100 * clearance[worst]),
@@ -105,7 +102,7 @@ def find_low_clearance(placement: Placement, rest: TriMesh) -> Iterator[Finding]
 
 
 def find_surface_crossings(placement: Placement, rest: TriMesh) -> Iterator[Finding]:
-    """Rest faces that leave the cage although their vertices do not."""
+    """Find rest faces that cross the cage although their vertices are inside."""
     pairs = crossing_face_pairs(rest, placement.closest.mesh, placement.tolerance)
     leaving = np.isin(rest.faces[pairs[:, 0]], placement.outside_indices).any(axis=1)
     pairs = pairs[~leaving]
@@ -123,7 +120,7 @@ def find_surface_crossings(placement: Placement, rest: TriMesh) -> Iterator[Find
 
 
 def find_weak_vertices(largest_weights: Floats) -> Iterator[Finding]:
-    """Cage vertices whose largest weight on the model, (n,), is small."""
+    """Find cage vertices whose largest weight on the model, (n,), is small."""
     weak = np.flatnonzero(largest_weights < MIN_INFLUENCE)
     if len(weak):
         worst = weak[largest_weights[weak].argmin()]
@@ -131,9 +128,9 @@ def find_weak_vertices(largest_weights: Floats) -> Iterator[Finding]:
             kind="weak-vertex",
             severity="usable",
             message=f"the cage has vertices whose weights are all below {MIN_INFLUENCE:g}: "
-            f"{format_elements('vertex', weak)}, the weakest with {largest_weights[worst]:.2g} "
+            f"{format_elements('vertex', weak)}, the smallest, {largest_weights[worst]:.2g}, at "
             f"vertex {worst}",
-            remedy="delete them or move them nearer to the model; the frames hardly hold them",
+            remedy="delete them or move them closer to the model; frames hardly determine them",
             elements="vertices",
             numbers=weak,
             value=float(largest_weights[worst]),

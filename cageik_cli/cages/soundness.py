@@ -1,4 +1,4 @@
-"""Is this cage sound by itself? Every fault, with numbers that count from 0."""
+"""Tests whether a cage is sound by itself, with the numbers, from 0, of all faulty elements."""
 
 from collections.abc import Iterator
 
@@ -11,10 +11,10 @@ from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask, face_areas
 from cageik_cli.util.arrays import Integers
-from cageik_cli.util.errors import InputError, join_truncated
+from cageik_cli.util.errors import CageError, join_truncated
 
 MIN_VOLUME_RATIO = 1e-9
-"""Smallest volume of a cage over its area and diagonal; below it there is no inside."""
+"""Smallest volume of a cage, relative to its area times its diagonal."""
 
 _REMEDIES = {
     "repeated-vertex": "delete {it}",
@@ -23,46 +23,46 @@ _REMEDIES = {
     "unreferenced-vertex": "delete {it}",
     "non-manifold-edge": "remove the inner faces",
     "open-edge": "close the hole",
-    "unmerged-edge": "merge the vertices that lie at one place, then close what is left",
+    "unmerged-edge": "merge coincident vertices, then close the remaining holes",
     "orientation": "recalculate its normals",
     "pinched-vertex": "separate them there",
-    "self-intersection": "move vertices until its faces meet at common edges and corners alone",
+    "self-intersection": "move vertices until faces meet only at common edges and corners",
 }
 
 
 def validate_cage(cage: TriMesh) -> tuple[TriMesh, tuple[str, ...]]:
-    """The cage with its faces turned outward, and notes on what was changed.
+    """Return the cage with its faces turned outward, and notes on changes.
 
     Raises
     ------
-    InputError
-        Unless the cage is a closed, manifold, consistently oriented surface of one component that
-        does not cross itself, without degenerate or repeated faces and unreferenced vertices.
+    CageError
+        Unless the cage is a closed, manifold, consistently oriented surface of one component,
+        without self-intersections, degenerate or repeated faces, or unreferenced vertices.
     """
     findings = find_cage_faults(cage)
     for finding in findings:
         if finding.severity == "unfit":
-            raise InputError(finding.sentence)
+            raise CageError(finding.sentence)
     if findings:
         return cage.flip(), tuple(finding.message for finding in findings)
     return cage, ()
 
 
 def find_cage_faults(cage: TriMesh) -> tuple[Finding, ...]:
-    """Everything that is wrong with a cage itself, causes before what may follow from them.
+    """Find all faults of a cage itself, causes before their consequences.
 
-    Faces that are to be deleted (a vertex twice, a repetition) are left out of what is looked at
-    after them.
+    Faces that should be deleted (a repeated vertex, a repeated face) are left out of the later
+    tests.
     """
     corners = np.sort(cage.faces, axis=1)
     repeats_corner = (corners[:, 1:] == corners[:, :-1]).any(axis=1)
     _, first = np.unique(corners, axis=0, return_index=True)
     is_duplicate = ~repeats_corner & ~np.isin(np.arange(len(corners)), first)
-    flat = degenerate_face_mask(cage) & ~repeats_corner & ~is_duplicate
+    is_flat = degenerate_face_mask(cage) & ~repeats_corner & ~is_duplicate
     unreferenced = np.setdiff1d(np.arange(len(cage.vertices)), cage.faces)
     found = [
         _make_finding("repeated-vertex", "has a vertex twice in a face:", "face", repeats_corner),
-        _make_finding("degenerate-face", "is degenerate, corners on a line, at", "face", flat),
+        _make_finding("degenerate-face", "is degenerate, corners on a line, at", "face", is_flat),
         _make_finding("duplicate-face", "has faces that repeat others:", "face", is_duplicate),
         _make_finding(
             "unreferenced-vertex",
@@ -74,11 +74,11 @@ def find_cage_faults(cage: TriMesh) -> tuple[Finding, ...]:
     kept = np.flatnonzero(~(repeats_corner | is_duplicate))
     if len(kept):
         surface = TriMesh(cage.vertices, cage.faces[kept])
-        # An open cage may have yet to be merged: vertices at one place are then taken as one.
+        # Vertices of an open cage may not be merged yet: coincident vertices are then taken as one.
         joined = surface if surface.is_closed else _merge_coincident_vertices(surface)
-        found += [*_find_edge_faults(surface, joined), _nonmanifold_vertex(surface)]
+        found += [*_find_edge_faults(surface, joined), _find_nonmanifold_vertices(surface)]
         found += [*_find_loose_components(joined), *_find_volume_faults(surface)]
-        found += [_find_self_intersections(joined, kept, flat[kept])]
+        found += [_find_self_intersections(joined, kept, is_flat[kept])]
     return tuple(finding for finding in found if finding is not None)
 
 
@@ -87,15 +87,15 @@ def _make_finding(
     description: str,
     noun: str,
     mask_or_numbers: NDArray[np.bool_] | Integers,
-    remedy: str = "",
+    remedy_kind: str = "",
 ) -> Finding | None:
-    """Describe a fault of the cage at the elements that a mask or a list names; None if none."""
+    """Return a fault at the elements of a mask or a list; None if there are none."""
     numbers = (
         np.flatnonzero(mask_or_numbers) if mask_or_numbers.dtype == np.bool_ else mask_or_numbers
     )
     if len(numbers) == 0:
         return None
-    remedy = _REMEDIES[remedy or kind].format(it="it" if len(numbers) == 1 else "them")
+    remedy = _REMEDIES[remedy_kind or kind].format(it="it" if len(numbers) == 1 else "them")
     message = f"the cage {description} {format_elements(noun, numbers)}"
     return Finding(
         kind,
@@ -111,7 +111,7 @@ def _make_finding(
 def _find_edge_faults(surface: TriMesh, joined: TriMesh) -> Iterator[Finding | None]:
     edges = surface.edges
     unmerged = "" if np.array_equal(joined.faces, surface.faces) else "unmerged-edge"
-    for kind, what, bad, remedy in (
+    for kind, what, bad, remedy_kind in (
         (
             "non-manifold-edge",
             "is not manifold: more than two faces meet at",
@@ -126,10 +126,10 @@ def _find_edge_faults(surface: TriMesh, joined: TriMesh) -> Iterator[Finding | N
             "",
         ),
     ):
-        yield _make_finding(kind, what, "edge", edges.ends[bad], remedy)
+        yield _make_finding(kind, what, "edge", edges.ends[bad], remedy_kind)
 
 
-def _nonmanifold_vertex(surface: TriMesh) -> Finding | None:
+def _find_nonmanifold_vertices(surface: TriMesh) -> Finding | None:
     used = np.unique(surface.faces)
     pinched = used[~np.asarray(igl.is_vertex_manifold(surface.faces))[used]]
     return _make_finding(
@@ -159,7 +159,7 @@ def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
     if not bounds_volume(surface):
         return
     area = face_areas(surface).sum()
-    none = np.empty(0, np.int64)
+    no_numbers = np.empty(0, np.int64)
     if abs(surface.volume) <= MIN_VOLUME_RATIO * area * surface.diagonal:
         yield Finding(
             kind="no-volume",
@@ -167,7 +167,7 @@ def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
             message=f"the cage bounds no volume ({surface.volume:.3g} in an area of {area:.3g})",
             remedy="give it thickness",
             elements="",
-            numbers=none,
+            numbers=no_numbers,
             value=surface.volume,
         )
     elif surface.volume < 0:
@@ -175,9 +175,9 @@ def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
             kind="inward",
             severity="usable",
             message="the cage's faces turn inward; it is used turned outward",
-            remedy="recalculate its normals to be rid of this note",
+            remedy="recalculate its normals to avoid this warning",
             elements="",
-            numbers=none,
+            numbers=no_numbers,
             value=surface.volume,
         )
 
@@ -185,7 +185,7 @@ def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
 def _find_self_intersections(
     surface: TriMesh, face_numbers: Integers, is_degenerate: NDArray[np.bool_]
 ) -> Finding | None:
-    """Faces that cross or touch; none at the vertices of faces without a plane, which do that."""
+    """Find faces that cross or touch, except at the vertices of degenerate faces."""
     faces = surface.faces
     judged = np.flatnonzero(~np.isin(faces, faces[is_degenerate]).any(axis=1))
     if len(judged) == 0:
@@ -196,6 +196,6 @@ def _find_self_intersections(
 
 
 def _merge_coincident_vertices(surface: TriMesh) -> TriMesh:
-    """The same vertices, and faces that name the first of those at one place."""
+    """Return the same vertices, with faces that use the first of coincident vertices."""
     _, first, place_of = np.unique(surface.vertices, axis=0, return_index=True, return_inverse=True)
     return TriMesh(surface.vertices, first[place_of.ravel()][surface.faces])

@@ -1,5 +1,5 @@
-"""Generalised barycentric coordinates: the weights H that write a model in a cage's vertices.
+"""Generalised barycentric coordinates: the weights H of a model in the vertices of a cage.
 
-Depends on `geometry`. Start with `harmonic`; `bem` holds the boundary elements that it solves
-with, and `binding` the model, its cage and its weights together.
+Depends on `geometry`. Start with `harmonic`; `bem` holds its boundary elements, and `binding`
+the record of a model, its cage and its weights.
 """

@@ -1,4 +1,4 @@
-"""A rest model in its rest cage: the weights that tie them, with figures of their quality."""
+"""A rest model bound to its cage: the weights, and measures of their quality."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,13 +10,13 @@ from cageik_cli.coordinates.settings import BindSettings as BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 
-ALGORITHM_VERSIONS = {"harmonic": 3, "mean-value": 1}
-"""To be raised when weights, notes or refusals change, so that no cache gives the old ones."""
+ALGORITHM_VERSIONS = {"harmonic": 4, "mean-value": 1}
+"""Raise a number when weights, notes or refusals change, so that caches are not used."""
 
 
 @dataclass(frozen=True, slots=True)
 class WeightQuality:
-    """How far weights can be trusted.
+    """Measures of the quality of weights.
 
     Attributes
     ----------
@@ -25,14 +25,14 @@ class WeightQuality:
     linear_precision : float
         Largest distance of `weights @ cage` from the rest vertices, in diagonals.
     min_weight : float
-        Smallest weight. Exact harmonic weights are not negative, so this measures discretisation;
-        mean value weights may be negative in a concave cage by their nature.
+        Smallest weight. Exact harmonic weights are never negative, so this measures the
+        discretisation error; mean value weights may be negative in a concave cage.
     panels : int
-        What the cage was divided into; 0 for coordinates in closed form.
+        Number of panels the cage was divided into; 0 for coordinates in closed form.
     estimated_error : float
         Estimate of the mean row L1 distance from exact coordinates.
     projected : int
-        How many vertices lay outside and have the weights of the nearest point of the cage.
+        Number of vertices outside that have the weights of the closest point of the cage.
     """
 
     partition_of_unity: float
@@ -45,7 +45,7 @@ class WeightQuality:
 
 @dataclass(frozen=True, eq=False)
 class Binding:
-    """A model written in the vertices of a cage: `weights @ cage.vertices` are `rest.vertices`.
+    """A model bound to a cage: `weights @ cage.vertices` is `rest.vertices`.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Binding:
     projected : int
         As in `WeightQuality`.
     notes : tuple of str
-        What was changed in the cage, or is poor about the weights, one sentence each.
+        Changes of the cage, and warnings about the weights, one sentence each.
 
     Examples
     --------
@@ -93,10 +93,10 @@ class Binding:
 
     @cached_property
     def quality(self) -> WeightQuality:
-        """Measured of the weights as they are."""
+        """Measure the quality of the weights."""
         return WeightQuality(
             partition_of_unity=float(np.abs(self.weights.sum(axis=1) - 1).max()),
-            linear_precision=_reproduction_error(self.rest.vertices, self),
+            linear_precision=reproduction_error(self.rest.vertices, self),
             min_weight=float(self.weights.min()),
             panels=self.panels,
             estimated_error=self.estimated_error,
@@ -104,8 +104,8 @@ class Binding:
         )
 
 
-def _reproduction_error(points: Floats, binding: Binding) -> float:
-    """Largest distance of `weights @ cage` from `points`, in diagonals of the rest pose."""
+def reproduction_error(points: Floats, binding: Binding) -> float:
+    """Return the largest distance of `weights @ cage` from `points`, (m, 3), in rest diagonals."""
     origin = points.mean(axis=0)
     reconstruction = binding.weights @ (binding.cage.vertices - origin)
     distances = np.linalg.norm(reconstruction - (points - origin), axis=1)
@@ -113,11 +113,11 @@ def _reproduction_error(points: Floats, binding: Binding) -> float:
 
 
 FRAMES_PER_PRODUCT = 4
-"""Frames to a product, always: its last digits depend on how many there are."""
+"""Frames per matrix product; constant, because the last digits depend on it."""
 
 
 def reconstruct(weights: Floats, cages: Floats) -> Floats:
-    """The meshes (k, m, 3) that cages (k, n, 3) give by weights (m, n)."""
+    """Return the meshes (k, m, 3) of cages (k, n, 3) for weights (m, n)."""
     meshes = np.empty((len(cages), len(weights), 3))
     for start in range(0, len(cages), FRAMES_PER_PRODUCT):
         block = cages[start : start + FRAMES_PER_PRODUCT]

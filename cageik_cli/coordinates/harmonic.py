@@ -2,12 +2,12 @@
 
 The weight of a cage vertex is the harmonic function inside the cage that on the cage equals the
 vertex's piecewise linear hat. Its normal derivative on the cage, the density, is a polynomial on
-each panel (discontinuous between panels: at the cage's edges it is). Boundary values and integrals
-are exact, and constants are among the polynomials, so that the weights sum to one and reproduce
-affine maps to rounding, however coarse the panels are.
+each panel, discontinuous between panels, as the exact one is at the cage's edges. Boundary values
+and integrals are exact, and constants are among the polynomials, so that the weights sum to one and
+reproduce affine maps to rounding, however coarse the panels are.
 
-Only panels that the model's vertices come near have polynomials beyond linear, and those are
-divided on which the estimated error is too large.
+Only panels close to the model's vertices have polynomials beyond linear. Panels with too large an
+estimated error are divided.
 """
 
 from collections.abc import Callable
@@ -31,26 +31,26 @@ from cageik_cli.coordinates.weights import ACCURACIES, Accuracy, Weights, ignore
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 MIN_PANELS = 60
-"""Faces of cages that have fewer are divided in four: it costs nothing."""
+"""Faces of cages with fewer panels are divided into four, which costs little."""
 
 MAX_FACES = 5000
-"""Most faces of a cage: its matrix has nine float32 times their square, 0.9 GB."""
+"""Largest number of faces of a cage; its matrix then has (3 × 5000)² float32, 0.9 GB."""
 
 MAX_REFINEMENTS = 4
-"""How often the panels that are resolved worst are divided, at most."""
+"""Largest number of times that the panels with the largest error are divided."""
 
 SAMPLE_SIZE = 128
 """Points at which the error is estimated."""
 
 REFINED_SHARE = 0.6
-"""The panels that are divided have this share of the estimated error."""
+"""Share of the estimated error that the divided panels have."""
 
 MAX_ROUNDING_GROWTH = 1e10
-"""How much the rounding of higher terms may grow; they need few digits, constants keep theirs."""
+"""Largest growth of rounding errors in higher terms, which need few digits."""
 
 
 def harmonic_weights(
@@ -60,12 +60,12 @@ def harmonic_weights(
     jobs: int | None = None,
     progress: Callable[[int, int], None] = ignore_progress,
 ) -> Weights:
-    """Harmonic coordinates of points inside or on a cage.
+    """Compute harmonic coordinates of points inside or on a cage.
 
     Parameters
     ----------
     cage : TriMesh
-        Closed, manifold, outward, of one component (`enclosure.validate_cage`).
+        Closed, manifold, outward, of one component (`cages.soundness.validate_cage`).
     points : (m, 3)
         Inside or on the cage, file units. A point on it gets barycentric weights.
     accuracy : str
@@ -73,22 +73,24 @@ def harmonic_weights(
     jobs : int, optional
         Threads; the number of processors by default. They do not change the result.
     progress : callable
-        Told (points done, points) after every block.
+        Called with (points done, points) after every block.
 
     Returns
     -------
     Weights
-        Whose rows sum to 1 and give the points to rounding, whatever the accuracy.
+        Rows sum to 1 and reproduce the points to rounding, whatever the accuracy.
 
     Raises
     ------
-    InputError
-        When the cage has more faces than `MAX_FACES`, or the accuracy is none we know.
+    CageError
+        When the cage has more faces than `MAX_FACES`.
+    SettingError
+        When the accuracy is unknown.
     """
     if accuracy not in ACCURACIES:
-        raise InputError(f"accuracy is {accuracy!r}, expected one of {', '.join(ACCURACIES)}")
+        raise SettingError(f"accuracy is {accuracy!r}, expected one of {', '.join(ACCURACIES)}")
     if len(cage.faces) > MAX_FACES:
-        raise InputError(
+        raise CageError(
             f"the cage has {len(cage.faces)} faces, at most {MAX_FACES} fit in memory; "
             "use a coarser cage"
         )
@@ -114,7 +116,7 @@ def harmonic_weights(
 def _solve_to_tolerance(
     cage: TriMesh, points: cKDTree, accuracy: Accuracy, pool: ThreadPoolExecutor
 ) -> tuple[BoundarySolution, float]:
-    """Divide panels until the estimated error is what was asked, or they are too many."""
+    """Divide panels until the estimated error is below the tolerance, or there are too many."""
     sample = points.data[points.indices[:: -(-points.n // SAMPLE_SIZE)]]
     mesh = BoundaryMesh.from_cage(cage)
     while len(mesh.panels.corners) < MIN_PANELS:
@@ -140,7 +142,7 @@ def _solve_to_tolerance(
 
 
 def _worst_panel_mask(shares: Floats) -> NDArray[np.bool_]:
-    """The fewest panels that have `REFINED_SHARE` of the error."""
+    """Return a mask of the fewest panels that have `REFINED_SHARE` of the error, (p,)."""
     order = np.argsort(-shares, kind="stable")
     count = np.searchsorted(np.cumsum(shares[order]), REFINED_SHARE * shares.sum()) + 1
     chosen = np.zeros(len(shares), bool)
@@ -149,9 +151,9 @@ def _worst_panel_mask(shares: Floats) -> NDArray[np.bool_]:
 
 
 def _raise_order(mesh: BoundaryMesh, points: cKDTree, accuracy: Accuracy) -> BoundaryMesh:
-    """Higher order where one of `points` is within reach, as high as there is room for.
+    """Raise the order of panels within reach of `points`, as far as the unknowns allow.
 
-    Needles stay linear: the recurrences of higher terms do not reach as far as their length.
+    Needles stay linear: the recurrences of higher terms are unstable at distances of their length.
     """
     panels = mesh.panels
     distance = np.asarray(points.query(panels.centroids)[0])

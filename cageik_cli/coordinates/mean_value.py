@@ -1,14 +1,14 @@
 """Mean value coordinates of a closed triangle cage (Ju, Schaefer and Warren 2005).
 
-From a point x a ray leaves in every direction; the coordinates are the mean over directions of the
-hats φ_i where rays cross the cage, weighed by one over the distance r and signed by the way of
-crossing. With h the height of a face's plane over x,
+From a point x one ray leaves in every direction. The coordinates are the mean over directions of
+the hats φ_i where rays cross the cage, weighted by one over the distance r, and negative where a
+ray enters. With h the height of a face's plane over x,
 
     w_i(x) = ∫ φ_i / r dS = Σ_faces ∫ φ_i h/r⁴ dA,       divided by their sum over i.
 
 Let p be the foot of x in the face's plane; for its side k, opposite corner k, m_k the outward
-normal in the plane, t_k = m_k · (a − x) for a on the side, d² = t_k² + h² its line's squared
-distance, θ_k the angle under which it is seen. By the divergence theorem in the plane
+normal in the plane, t_k = m_k · (a − x) for a on the side, d² = t_k² + h² the squared distance of
+its line, θ_k the angle of the side seen from x. By the divergence theorem in the plane
 
     g_k               = ∫ 1/r² ds = θ_k / d
     V                 = ∫ h/r⁴ dA = Σ_k t_k g_k / 2h
@@ -21,12 +21,12 @@ it, and without it
     V = −h/2 Σ_k t_k J_k,       J_k = ∫ 1/(ρ² r²) ds
 
 keeps its digits, down to 0 in the plane. d is the same for both faces at an edge, so that g is
-computed once an edge: affine maps stay exact whatever g's rounding. The three weights of a face
-come from V, the first moment along the longest side, and the weight of the corner opposite to it:
-a needle's short altitude then divides only what it multiplies again in the affine map.
+computed once per edge: affine maps stay exact whatever the rounding of g. The three weights of a
+face come from V, the first moment along the longest side, and the weight of the corner opposite to
+it: the short altitude of a needle then divides only what it multiplies again in the affine map.
 
-Measured on 1 200 random cages, and against 60 digits: rows sum to one to 1e-15, affine maps are off
-by 1e-14 diagonals at most; weights by 1e-14, in needles by 1e-16 over the altitude, at any distance
+Measured on 1 200 random cages against 60 digits: rows sum to one to 1e-15, affine maps are exact to
+1e-14 diagonals, and weights to 1e-14, or in needles to 1e-16 over the altitude, at any distance
 from faces, edges, corners and planes.
 
 Arrays have faces or edges along the first axis and points along the last.
@@ -46,23 +46,23 @@ from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 MAX_BLOCK_ENTRIES = 2**15
-"""Faces times points evaluated together: few enough for the processor's cache."""
+"""Faces times points evaluated together; they fit in the processor's cache."""
 
 EDGE_ON_RATIO = 0.03
-"""|h| over p's distance beyond a side, below which V is taken without its quotient."""
+"""Ratio of |h| to p's distance beyond a side below which V is computed from J."""
 
 MAX_SERIES_SQUARE = 0.02
-"""Squared tangents z² below which the terms of `_SERIES` are arctan z / z to the last bit."""
+"""Squared tangent z² below which `_SERIES` gives arctan z / z to the last bit."""
 
 _SERIES = [(-1) ** k / (2 * k + 1) for k in range(9)]
 
 _MIN_DISTANCE = 1e-200
-"""Stands for a distance of 0 from an edge's line, where θ/d has its limit."""
+"""Replaces a distance of 0 from an edge's line, so that θ/d has its limit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Faces:
-    """The faces of a cage in frames of their own.
+    """The faces of a cage in local frames.
 
     Corner 0 of a face is opposite its longest side. Its frame starts at corner 1: the first axis
     along that side to corner 2, the second in the plane towards corner 0, the third the outward
@@ -97,7 +97,7 @@ class _Faces:
 
     @staticmethod
     def from_mesh(mesh: TriMesh) -> "_Faces":
-        """Measure the faces of `mesh`."""
+        """Build the local frames of the faces of `mesh`."""
         corners = _put_longest_side_first(mesh)
         edges = Edges.from_faces(corners)
         start, stop = mesh.vertices[edges.ends].swapaxes(0, 1)
@@ -139,25 +139,25 @@ def mean_value_weights(
     jobs: int | None = None,
     progress: Callable[[int, int], None] = ignore_progress,
 ) -> Weights:
-    """Mean value coordinates of points inside or on a cage.
+    """Compute mean value coordinates of points inside or on a cage.
 
-    Positive inside convex cages; in concave ones some may be negative, as the rays cross there.
+    They are positive inside convex cages; in concave cages some may be negative.
 
     Parameters
     ----------
     cage : TriMesh
-        Closed, manifold, outward, of one component (`enclosure.validate_cage`).
+        Closed, manifold, outward, of one component (`cages.soundness.validate_cage`).
     points : (m, 3)
         Inside or on the cage, file units. A point on it gets barycentric weights.
     jobs : int, optional
         Threads; the number of processors by default. They do not change the result.
     progress : callable
-        Told (points done, points) after every block.
+        Called with (points done, points) after every block.
 
     Returns
     -------
     Weights
-        In closed form.
+        In closed form: exact but for rounding.
     """
     weights, within = weights_on_surface(cage, points)
     origin = cage.vertices.mean(axis=0)
@@ -178,18 +178,18 @@ def mean_value_weights(
 
 
 def _ray_integrals(faces: _Faces, points: Floats) -> Floats:
-    """∫ φ_i / r dS of every vertex, (n, q), from points off the cage."""
+    """Return ∫ φ_i / r dS of every vertex, (n, q), for points off the cage, (q, 3)."""
     count, normals = len(faces.corners), faces.side_normals
     forms = faces.linear_forms @ np.vstack([points.T, np.ones(len(points))])
     height, along, start = forms[:count], forms[4 * count : 5 * count], forms[5 * count :]
     side = forms[count : 4 * count].reshape(3, count, -1)
-    spread = start * (start + faces.edge_lengths[:, None])
-    edges = _edge_integrals(faces, height, side, spread)
+    products = start * (start + faces.edge_lengths[:, None])
+    edges = _edge_integrals(faces, height, side, products)
     edge = [edges[faces.edges.side_edges[:, k]] for k in range(3)]
 
-    with np.errstate(invalid="ignore", divide="ignore"):  # what is in a plane is set next
+    with np.errstate(invalid="ignore", divide="ignore"):  # points in a plane are set next
         total = sum(side[k] * edge[k] for k in range(3)) / (2 * height)
-    _set_edge_on_totals(total, faces, height, side, spread)
+    _set_edge_on_totals(total, faces, height, side, products)
     half = height / 2
     moment = along * total - half * sum(normals[0, k] * edge[k] for k in (1, 2))
     apex = side[0] * total - half * sum(normals[1, k] * edge[k] for k in range(3))
@@ -199,21 +199,21 @@ def _ray_integrals(faces: _Faces, points: Floats) -> Floats:
     return np.asarray(faces.corner_sums @ integrals)
 
 
-def _edge_integrals(faces: _Faces, height: Floats, side: Floats, spread: Floats) -> Floats:
-    """∫ 1/r² ds of every edge, (e, q), given s_a s_b; d is taken from one of the faces at it."""
+def _edge_integrals(faces: _Faces, height: Floats, side: Floats, products: Floats) -> Floats:
+    """Return ∫ 1/r² ds of every edge, (e, q), given s_a s_b, (e, q)."""
     face, k = np.divmod(faces.edges.first_side, 3)
     squares = side[k, face] ** 2
     squares += height[face] ** 2
     distance = np.maximum(np.sqrt(squares), _MIN_DISTANCE)
     return np.asarray(
-        np.arctan2(distance * faces.edge_lengths[:, None], squares + spread) / distance
+        np.arctan2(distance * faces.edge_lengths[:, None], squares + products) / distance
     )
 
 
 def _set_edge_on_totals(
-    total: Floats, faces: _Faces, height: Floats, side: Floats, spread: Floats
+    total: Floats, faces: _Faces, height: Floats, side: Floats, products: Floats
 ) -> None:
-    """Set V of faces that are seen nearly edge-on; `spread` is s_a s_b of the edges."""
+    """Set V, (f, q), of faces seen nearly edge-on; `products` is s_a s_b of the edges, (e, q)."""
     points = height.shape[1]
     beyond = -np.minimum(np.minimum(side[0], side[1]), side[2])
     flat = np.flatnonzero(np.abs(height) < EDGE_ON_RATIO * beyond)
@@ -221,34 +221,35 @@ def _set_edge_on_totals(
     edge = faces.edges.side_edges[face].T
     height = height.reshape(-1)[flat]
     side = side.reshape(3, -1)[:, flat]
-    spread = spread.reshape(-1)[edge * points + point]
-    strengths = _side_strengths(side, height, spread, faces.edge_lengths[edge])
+    products = products.reshape(-1)[edge * points + point]
+    strengths = _side_strengths(side, height, products, faces.edge_lengths[edge])
     total.reshape(-1)[flat] = -height / 2 * strengths.sum(axis=0)
 
 
-def _side_strengths(side: Floats, height: Floats, spread: Floats, length: Floats) -> Floats:
-    """Of sides t J = (θ₀/|t| − θ/d) t / h² with θ₀ the angle seen from p, (3, q)."""
+def _side_strengths(side: Floats, height: Floats, products: Floats, length: Floats) -> Floats:
+    """Return t J = (θ₀/|t| − θ/d) t / h² of sides, (3, q), with θ₀ the angle seen from p."""
     width = np.abs(side)
     near, far = width**2, width**2 + height**2  # t² and d²
-    ahead = near + spread  # an angle's cosine, times the distances of the ends
+    ahead = near + products  # cosine of the angle at p, times the distances of the ends
     small = (ahead > 0) & (far * length**2 < MAX_SERIES_SQUARE * ahead**2)
     strength = np.empty_like(width)
-    arguments = near, far, spread, length
+    arguments = near, far, products, length
     strength[small] = _narrow_side_strengths(*(values[small] for values in arguments))
     strength[small] *= width[small]
     height = np.broadcast_to(height, width.shape)
     strength[~small] = _wide_side_strengths(
-        *(values[~small] for values in (width, height, spread, length))
+        *(values[~small] for values in (width, height, products, length))
     )
     return np.copysign(strength, side)
 
 
-def _narrow_side_strengths(near: Floats, far: Floats, spread: Floats, length: Floats) -> Floats:
-    """J of sides under small angles: with A(z²) = arctan z / z, θ/d is L A(z²) / (d² + s_a s_b).
+def _narrow_side_strengths(near: Floats, far: Floats, products: Floats, length: Floats) -> Floats:
+    """Return J of sides seen at small angles.
 
-    The difference of that at t² and d² is taken apart into differences without cancellation.
+    With A(z²) = arctan z / z, θ/d is L A(z²) / (d² + s_a s_b). The difference of its values at t²
+    and d² is written with divided differences, which do not cancel.
     """
-    near_cosine, far_cosine = near + spread, far + spread
+    near_cosine, far_cosine = near + products, far + products
     near_square, far_square = near * (length / near_cosine) ** 2, far * (length / far_cosine) ** 2
     value, slope = np.full_like(near, _SERIES[-1]), np.zeros_like(near)
     for term in reversed(_SERIES[:-1]):  # Horner's scheme for A and its divided difference
@@ -257,24 +258,24 @@ def _narrow_side_strengths(near: Floats, far: Floats, spread: Floats, length: Fl
         value *= far_square
         value += term
     ratio = length / near_cosine
-    change = ratio**2 * slope * (spread**2 - near * far) / far_cosine
+    change = ratio**2 * slope * (products**2 - near * far) / far_cosine
     return np.asarray(ratio / far_cosine * (value - change))
 
 
-def _wide_side_strengths(width: Floats, height: Floats, spread: Floats, length: Floats) -> Floats:
-    """|t| J of sides under larger angles, from the closed form of θ₀ − θ."""
+def _wide_side_strengths(width: Floats, height: Floats, products: Floats, length: Floats) -> Floats:
+    """Return |t| J of sides seen at larger angles, from the closed form of θ₀ − θ."""
     distance = np.sqrt(width**2 + height**2)
-    near, far = width**2 + spread, distance**2 + spread
+    near, far = width**2 + products, distance**2 + products
     angle = np.arctan2(width * length, near)
     product = distance * width
-    rate = length * (spread - product) / ((distance + width) * (near * far + length**2 * product))
+    rate = length * (products - product) / ((distance + width) * (near * far + length**2 * product))
     change = np.arctan(height**2 * rate)
     slope = np.divide(change, height**2, out=rate.copy(), where=change != 0)
     return np.asarray((angle / (distance + width) - width * slope) / distance)
 
 
 def _put_longest_side_first(mesh: TriMesh) -> Integers:
-    """The faces of `mesh`, turned so that side 0 is the longest."""
+    """Return the faces, (f, 3), rotated so that side 0 is the longest."""
     corner = mesh.vertices[mesh.faces]
     lengths = np.linalg.norm(np.roll(corner, -2, axis=1) - np.roll(corner, -1, axis=1), axis=2)
     turned = (lengths.argmax(axis=1)[:, None] + np.arange(3)) % 3
@@ -286,10 +287,10 @@ def _normalize(vectors: Floats) -> Floats:
 
 
 def _face_axes(a: Floats, b: Floats, c: Floats) -> Floats:
-    """First and second axes of the frames of faces abc, (2, f, 3)."""
+    """Return the first and second axes of the local frames of faces abc, (2, f, 3)."""
     along = _normalize(c - b)
     upward = a - b
-    # Twice, for of a needle the first difference is short and not yet square to the side.
+    # Twice: in a needle the first difference is short and not yet orthogonal to the side.
     for _ in range(2):
         upward = _normalize(upward - np.einsum("fx,fx->f", upward, along)[:, None] * along)
     return np.stack([along, upward])

@@ -1,4 +1,4 @@
-"""What every kind of coordinates gives: weights, and how far from exact they may be."""
+"""Weights, their estimated error, and the accuracies to choose from."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ class Weights:
     values : (m, n) float64
         Rows sum to one, and `values @ cage.vertices` are the points.
     panels : int
-        What the cage was divided into; 0 for coordinates in closed form.
+        Number of panels the cage was divided into; 0 for coordinates in closed form.
     error : float
         Estimate of the mean over points of a row's L1 distance from the exact coordinates; 0 in
         closed form.
@@ -28,4 +28,4 @@ class Weights:
 
 
 def ignore_progress(done: int, total: int) -> None:
-    """Tell nobody."""
+    """Ignore the progress."""

@@ -1,4 +1,4 @@
-"""The best rigid motion of every frame onto the rest pose: a centre, and a rotation about it."""
+"""The best rigid motion of each frame onto the rest pose: a centre, and a rotation about it."""
 
 import numpy as np
 
@@ -7,24 +7,24 @@ from cageik_cli.util.arrays import Floats
 
 
 def centroids(frames: Floats, weights: Floats) -> Floats:
-    """Weighted mean position of each frame, (k, 3).
+    """Return the weighted mean position of each frame, (k, 3).
 
     Parameters
     ----------
     frames : (k, m, 3)
     weights : (m,)
-        Not negative, of sum above zero.
+        Not negative, with a sum above zero.
     """
     return np.asarray(weights @ frames / weights.sum())
 
 
 def best_rotations(centred: Floats, rest: Floats, weights: Floats) -> Floats:
-    """Minimise Σ_j weights_j |R v_j − rest_j|² over rotations R, for every frame.
+    """Return the rotations R that minimise Σ_j weights_j |R v_j − rest_j|², for each frame.
 
     Parameters
     ----------
     centred : (k, m, 3)
-        Frames less their weighted centroids.
+        Frames relative to their weighted centroids.
     rest : (m, 3)
         With its weighted centroid at the origin.
     weights : (m,)
@@ -32,7 +32,7 @@ def best_rotations(centred: Floats, rest: Floats, weights: Floats) -> Floats:
 
     Returns
     -------
-    (k, 3, 3); `points @ R.T` turns a frame's points to the rest pose, `points @ R` back.
+    (k, 3, 3); `points @ R.T` rotates the points of a frame to the rest pose, `points @ R` back.
 
     References
     ----------

@@ -1,16 +1,15 @@
-"""The prefactored normal matrix: blocks of frames in, blocks of cages out.
+"""The solver for the cages of all frames: one factored normal matrix, many right-hand sides.
 
 The cage of a frame v minimises
 
     (α/n) Σ_i |(L c)_i − δ_i|²  +  (β/m) Σ_j w_j |v_j − Σ_k H_jk c_k|²,      δ = L c_rest
 
 (Savoye and Franco 2010, eq. 6, in means instead of sums, so that α and β mean the same on every
-mesh; w has mean one). In displacements d = c − c_rest this is, for every frame, one right-hand side
-of one system,
+mesh; w has mean one). In displacements d = c − c_rest each frame is a right-hand side of the system
 
     [(α/n) LᵀL + (β/m) HᵀW H] d = (β/m) HᵀW (v − H c_rest),
 
-in which nothing large cancels and the rest pose gives the rest cage exactly.
+in which nothing large cancels, and the rest pose gives the rest cage exactly.
 """
 
 from dataclasses import asdict, dataclass
@@ -23,26 +22,26 @@ from cageik_cli.geometry.mesh import uniform_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
 from cageik_cli.solver.settings import SolveSettings as SolveSettings
 from cageik_cli.util.arrays import Floats, Workspace
-from cageik_cli.util.errors import InputError, NumericalError
+from cageik_cli.util.errors import FormatError, NumericalError
 
 MAX_CONDITION = 1e12
-"""Normal matrices of a larger condition number are refused."""
+"""Normal matrices with a larger condition number are refused."""
 
 REFINE_ABOVE_CONDITION = 1e6
-"""Above it, forming the normal matrix has lost digits that a step of refinement gives back."""
+"""Above it, a step of refinement recovers digits that the normal matrix has lost."""
 
 MAX_WEIGHTED_ENTRIES = 1 << 22
-"""Entries of H that are weighted at once for the normal matrix."""
+"""Largest number of entries of H that are weighted at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class SolveQuality(WeightQuality):
-    """How far weights and system can be trusted.
+    """Measures of the quality of the weights and of the system.
 
     Attributes
     ----------
     condition_number : float
-        Of the normal matrix, in the 2-norm.
+        Condition number of the normal matrix, in the 2-norm.
     """
 
     condition_number: float
@@ -64,23 +63,23 @@ class Solution:
 
 
 class DualLaplacianSolver:
-    """Cages of any number of frames from one factorisation.
+    """Solver for the cages of any number of frames, with one factorisation.
 
     Parameters
     ----------
     binding : Binding
     settings : SolveSettings
     vertex_weights : (m,) float64, optional
-        As `normalize_weights` gives them; ones by default. A vertex of weight 0 is missing data.
+        From `normalize_weights`; ones by default. A vertex of weight 0 is missing data.
 
     Attributes
     ----------
     binding : Binding
     quality : SolveQuality
     data_vertices : (c,) int64 or a slice of all
-        The vertices that are data: all but those of weight 0.
+        Vertices that are data: all but those of weight 0.
     missing_count : int
-        How many are not.
+        Number of vertices of weight 0.
 
     Raises
     ------
@@ -104,7 +103,7 @@ class DualLaplacianSolver:
         self._rest = binding.rest.vertices - self._origin
         self._rest_cage = binding.cage.vertices - self._origin
         self._weights = binding.weights
-        # Only their ratio matters; the larger is taken as 1, so that nothing overflows.
+        # Only their ratio matters; the larger is scaled to 1, so that nothing overflows.
         alpha, beta = np.array([settings.alpha, settings.beta]) / max(settings.alpha, settings.beta)
         self._data_scale = beta / m
         laplacian = uniform_laplacian(binding.cage)
@@ -116,9 +115,9 @@ class DualLaplacianSolver:
         self._factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
 
     def solve(self, frames: Floats, workspace: Workspace | None = None) -> Solution:
-        """The cages of `frames`, (k, m, 3).
+        """Return the cages of `frames`, (k, m, 3).
 
-        With `workspace`, the reconstructions are good until the next call that is given it.
+        With `workspace`, the reconstructions are valid until it is used again.
         """
         workspace = workspace or Workspace()
         centres = np.tile(self._origin, (len(frames), 1))
@@ -141,9 +140,9 @@ class DualLaplacianSolver:
         return Solution(turned + centres[:, None], moved)
 
     def _solve_displacements(self, target: Floats) -> Floats:
-        """Cage displacements (n, 3k) that best give vertex displacements (m, 3k).
+        """Return the cage displacements (n, 3k) that fit vertex displacements (m, 3k) best.
 
-        Refinement takes its residual over the vertices, where no squares were formed (Björck 1987,
+        Refinement computes the residual over the vertices, without the normal matrix (Björck 1987,
         the corrected seminormal equations).
         """
         displaced = self._back_substitute(self._normal_rhs(target))
@@ -155,18 +154,18 @@ class DualLaplacianSolver:
         return displaced
 
     def _normal_rhs(self, columns: Floats) -> Floats:
-        """(β/m) HᵀW of columns (m, 3k), (n, 3k)."""
+        """Return (β/m) HᵀW times columns (m, 3k), as (n, 3k)."""
         weighted = self._vertex_weights[:, None] * columns if self._is_weighted else columns
         return np.asarray(self._data_scale * (self._weights.T @ weighted))
 
     def _back_substitute(self, columns: Floats) -> Floats:
-        """The normal matrix's inverse times columns (n, 3k)."""
+        """Return the inverse of the normal matrix times columns (n, 3k)."""
         return np.asarray(
             scipy.linalg.cho_solve(self._factor, columns, overwrite_b=True, check_finite=False)
         )
 
     def _build_data_matrix(self) -> Floats:
-        """(β/m) HᵀWH, summed over blocks of vertices: a weighted copy of H may not fit."""
+        """Return (β/m) HᵀWH, (n, n), summed over blocks: a weighted copy of H may not fit."""
         m, n = self._weights.shape
         rows = max(1, MAX_WEIGHTED_ENTRIES // n)
         data = np.zeros((n, n))
@@ -178,55 +177,55 @@ class DualLaplacianSolver:
 
 
 def _frames_to_columns(points: Floats) -> Floats:
-    """Points of k frames, (k, p, 3), as columns (p, 3k)."""
+    """Return the points of k frames, (k, p, 3), as columns (p, 3k)."""
     k, p, _ = points.shape
     return points.transpose(1, 0, 2).reshape(p, 3 * k)
 
 
 def _columns_to_frames(columns: Floats) -> Floats:
-    """Columns (p, 3k) as points of k frames, (k, p, 3); a view."""
+    """Return columns (p, 3k) as points of k frames, (k, p, 3); a view."""
     return columns.reshape(len(columns), -1, 3).transpose(1, 0, 2)
 
 
 def normalize_weights(weights: Floats, count: int) -> Floats:
-    """Weights of `count` vertices, scaled to a mean of one.
+    """Return the weights of `count` vertices scaled to a mean of one.
 
     Raises
     ------
-    InputError
-        Unless there is one a vertex, finite, zero or above, and not all zero.
+    FormatError
+        Unless there is one weight per vertex, all are finite and 0 or above, and not all are 0.
     """
     if weights.shape != (count,):
-        raise InputError(
-            f"vertex weights have shape {weights.shape}, the model has {count} vertices; "
-            "expected one number a vertex"
+        raise FormatError(
+            f"vertex weights have shape {weights.shape}, the model has {count} vertices; expected "
+            "one number per vertex"
         )
     wrong = np.flatnonzero(~(np.isfinite(weights) & (weights >= 0)))
     if len(wrong):
-        raise InputError(
-            f"the weight of vertex {wrong[0]} is {weights[wrong[0]]}, expected a finite number, "
-            "zero or above"
+        raise FormatError(
+            f"the weight of vertex {wrong[0]} is {weights[wrong[0]]}, expected a finite number of "
+            "0 or above"
         )
     if not weights.any():
-        raise InputError("all vertex weights are zero; expected at least one above")
-    shares = weights / weights.max()  # sums of the largest and the smallest numbers fail
+        raise FormatError("all vertex weights are zero; expected at least one above 0")
+    shares = weights / weights.max()  # the sum of very large or very small numbers would fail
     return np.asarray(shares * (count / shares.sum()))
 
 
 def _validate_condition(smoothness: Floats, data: Floats, binding: Binding) -> float:
-    """Condition number of the sum of both terms' matrices, unless it is too large."""
+    """Return the condition number of the sum of both matrices; refuse it if it is too large."""
     eigenvalues = scipy.linalg.eigvalsh(smoothness + data, check_finite=False)
     smallest, largest = float(eigenvalues[0]), float(eigenvalues[-1])
     condition = largest / smallest if smallest > 0 else float("inf")
     if condition > MAX_CONDITION:
         remedy = "raise --alpha, whose default is 1e-3, or remove cage vertices far from the model"
         if np.trace(smoothness) > np.trace(data):
-            remedy = "lower --alpha, whose default is 1e-3: the Laplacian dwarfs the vertices"
+            remedy = "lower --alpha, whose default is 1e-3: the Laplacian outweighs the vertices"
         if not data.any():
-            remedy = "raise --beta above 0, for without vertices the cage may be anywhere"
+            remedy = "raise --beta above 0: without vertices the position of the cage is undefined"
         weakest = int(np.argmin(np.abs(binding.weights).max(axis=0)))
         raise NumericalError(
-            f"the system is singular: its condition number is {condition:.1e}, more than "
-            f"{MAX_CONDITION:.0e} (cage vertex {weakest} moves the model least); {remedy}"
+            f"the system is singular (condition number {condition:.1e}, limit {MAX_CONDITION:.0e}; "
+            f"the least influential cage vertex is {weakest}); {remedy}"
         )
     return condition

@@ -1,4 +1,4 @@
-"""How near a reconstruction is to its frame: RMS, deviation and volume."""
+"""Errors of reconstructions relative to their frames: RMS, deviation and volume."""
 
 from dataclasses import dataclass, fields
 
@@ -9,14 +9,14 @@ from cageik_cli.util.arrays import Floats, Integers, Workspace
 from cageik_cli.util.errors import NumericalError
 
 MAX_LENGTH = 1e60
-"""Far above any figure of positions that are taken; its square does not overflow."""
+"""Far above any length in a scene; its square does not overflow."""
 
 INTEGER_METRICS = ("worst_vertex",)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameMetrics:
-    """Figures of k frames, each an array (k,); lengths in file units.
+    """Metrics of k frames, each an array (k,); lengths in file units.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class FrameMetrics:
     max_deviation : float64
         max_i |v̂_i − v_i|.
     worst_vertex : int64
-        Where it is.
+        The vertex of the largest deviation.
     volume, volume_reconstructed : float64
         Signed volumes of v and v̂; nan for an open model, or when vertices are missing data.
     spread : float64
@@ -42,7 +42,7 @@ class FrameMetrics:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameErrors:
-    """What is known of k frames when they are measured.
+    """Metrics and squared errors of k frames.
 
     Attributes
     ----------
@@ -62,27 +62,27 @@ def measure(
     data_vertices: slice | Integers,
     workspace: Workspace | None = None,
 ) -> FrameErrors:
-    """Compare reconstructions with their frames.
+    """Measure the errors of reconstructions relative to their frames.
 
     Parameters
     ----------
     rest : TriMesh
-        For the faces, and whether they enclose a volume.
+        Its faces define the volume.
     frames, reconstructions : (k, m, 3)
     data_vertices : slice or (c,) int64
-        The vertices that are data; all but those of vertex weight 0.
+        Vertices that are data: all but those of vertex weight 0.
     workspace : Workspace, optional
-        Memory to use.
+        Memory to reuse.
     """
-    misses = (workspace or Workspace()).array("misses", *frames.shape)
-    np.subtract(reconstructions, frames, out=misses)
-    all_squares = np.einsum("kjx,kjx->kj", misses, misses)
+    errors = (workspace or Workspace()).array("errors", *frames.shape)
+    np.subtract(reconstructions, frames, out=errors)
+    all_squares = np.einsum("kjx,kjx->kj", errors, errors)
     squares = all_squares[:, data_vertices]
     worst = squares.argmax(axis=1)
     numbers = np.arange(frames.shape[1])[data_vertices]
     data = frames[:, data_vertices]
     centroids = np.full(len(numbers), 1 / len(numbers)) @ data
-    centred = np.subtract(data, centroids[:, None], out=misses[:, : len(numbers)])
+    centred = np.subtract(data, centroids[:, None], out=errors[:, : len(numbers)])
     if rest.is_closed and len(numbers) == frames.shape[1]:
         volume, volume_rebuilt = (signed_volumes(v, rest.faces) for v in (frames, reconstructions))
     else:
@@ -105,24 +105,24 @@ METRIC_NAMES = tuple(field.name for field in fields(FrameMetrics))
 
 
 def are_lengths(values: Floats) -> np.ndarray:
-    """Which of them can be lengths; nan is none."""
+    """Return which values can be lengths; nan cannot."""
     return np.asarray((values >= 0) & (values <= MAX_LENGTH))
 
 
-def find_invalid_metric(figures: FrameMetrics) -> str | None:
-    """What cannot be a figure, in words; volumes may be nan."""
+def find_invalid_metric(metrics: FrameMetrics) -> str | None:
+    """Return a description of an invalid metric, or None; volumes may be nan."""
     for name in ("rms", "max_deviation", "spread"):
-        column = getattr(figures, name)
+        column = getattr(metrics, name)
         if not are_lengths(column).all():
-            return f"`metrics/{name}` that is no length"
+            return f"`metrics/{name}` that is not a length"
     for name in ("volume", "volume_reconstructed"):
-        if np.isinf(getattr(figures, name)).any():
+        if np.isinf(getattr(metrics, name)).any():
             return f"`metrics/{name}` that is not finite"
     return None
 
 
 def check_finite(start: int, cages: Floats, metrics: FrameMetrics) -> None:
-    """Refuse frames from `start` on that are not finite, or too large to be read again.
+    """Check that the cages and metrics of frames from `start` on are finite and not too large.
 
     Raises
     ------

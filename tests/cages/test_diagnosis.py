@@ -103,14 +103,14 @@ def test_a_cage_vertex_far_from_the_model_is_weak():
     assert found.verdict == "usable"
 
 
-def test_a_thin_cage_is_usable_and_not_said_to_cross_itself():
+def test_a_thin_cage_is_usable_and_does_not_cross_itself():
     slab = TriMesh(finer(box(), 1).vertices * [1, 1, 1e-6], finer(box(), 1).faces)
     found = diagnose(slab)
     assert found.verdict == "usable"
     assert {finding.kind for finding in found.findings} == {"thin", "needle"}
 
 
-def test_everything_is_found_the_worst_first():
+def test_findings_are_sorted_from_the_worst():
     """Vertices outside, a lone cage vertex, and faces inward; the weights are not asked for."""
     cage = TriMesh(np.vstack([box().vertices, [[9.0, 9, 9]]]), box().flip().faces)
     rest = shifted(ball(1, 0.5), 0.75)
@@ -149,7 +149,7 @@ def test_a_model_wholly_outside_has_no_clearance():
     ],
     ids=["open", "a vertex twice", "no volume"],
 )
-def test_without_an_inside_nothing_is_said_of_the_model(cage):
+def test_a_cage_without_an_inside_gives_no_facts_on_the_model(cage):
     found = diagnose(cage, ball(1, 0.5))
     assert found.verdict == "unfit"
     assert (found.rest.outside, found.rest.clearance) == (None, None)
@@ -162,13 +162,13 @@ def test_a_pinched_cage_has_no_genus():
     assert diagnose(pinched()).cage.genus is None
 
 
-def test_a_cage_without_any_plane_has_no_smallest_angle():
+def test_a_cage_of_degenerate_faces_has_no_smallest_angle():
     line = TriMesh(np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]), [[0, 1, 2]])
     facts = diagnose(line).cage
     assert (facts.smallest_angle, facts.smallest_angle_face) == (None, None)
 
 
-def test_swapped_cage_and_model_are_asked_for():
+def test_swapped_cage_and_model_are_suspected():
     found = diagnose(ball(2), box())
     assert kinds(found)[-1] == ("note", "swapped")
     assert found.findings[-1].sentence == (

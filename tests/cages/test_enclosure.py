@@ -7,17 +7,17 @@ from hypothesis import strategies as st
 
 from cageik_cli.cages.enclosure import TOUCH_TOL, check_enclosure
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import CageError
 from tests.shapes import ball, box, changed, finer, octahedron, rotation
 
 
-def test_vertices_outside_are_counted_measured_and_named():
+def test_vertices_outside_are_counted_and_named():
     rest = ball(2, 0.9)
     vertices = rest.vertices.copy()
     vertices[5] = [1.5, 0, 0]
     vertices[7] = [0, 1.1, 0]
     rest = changed(rest, vertices=vertices)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(CageError) as caught:
         check_enclosure(box(), rest)
     worst = f"{100 * 0.5 / rest.diagonal:.3g} %"
     assert re.match(
@@ -26,8 +26,8 @@ def test_vertices_outside_are_counted_measured_and_named():
     assert "swapped" not in str(caught.value)
 
 
-def test_a_cage_finer_than_the_model_is_asked_whether_they_are_swapped():
-    with pytest.raises(InputError, match="has 66 vertices and the model 8: are they swapped"):
+def test_the_message_asks_whether_cage_and_model_are_swapped():
+    with pytest.raises(CageError, match="has 66 vertices and the model 8: are they swapped"):
         check_enclosure(ball(2), box())
 
 
@@ -38,11 +38,11 @@ def test_a_vertex_outside_by_rounding_is_moved_onto_the_cage():
     np.testing.assert_allclose(fitted.points[3], rest.vertices[3], rtol=1e-15)
     np.testing.assert_array_equal(np.delete(fitted.points, 3, 0), np.delete(vertices, 3, 0))
     vertices[3] = rest.vertices[3] * (1 + 10 * TOUCH_TOL)
-    with pytest.raises(InputError, match="1 of 8 vertices"):
+    with pytest.raises(CageError, match="1 of 8 vertices"):
         check_enclosure(box(), changed(rest, vertices=vertices))
 
 
-def test_vertices_outside_get_the_nearest_points_when_that_is_asked_for():
+def test_vertices_outside_are_projected_on_request():
     rest = ball(1, 0.9)
     vertices = rest.vertices.copy()
     vertices[5], vertices[7] = [1.5, 0.25, 0], [0, 0.5, -2]
@@ -56,13 +56,13 @@ def test_vertices_outside_get_the_nearest_points_when_that_is_asked_for():
     assert "numbers 5, 7 (from 0); they have the weights of the nearest points" in note
 
 
-def test_projecting_when_nothing_is_outside_says_nothing():
+def test_projecting_gives_no_note_when_nothing_is_outside():
     held = check_enclosure(box(), ball(1, 0.9), outside="project")
     assert (held.notes, held.projected_indices.tolist()) == ((), [])
 
 
 @pytest.mark.parametrize("diagonals", [1e5, 1e9])
-def test_a_model_on_its_cage_is_held_however_far_from_the_origin(diagonals):
+def test_a_model_on_its_cage_is_enclosed_at_any_distance_from_the_origin(diagonals):
     """Rounding grows with the coordinates: a vertex is then outside by more than `TOUCH_TOL`."""
     rest, turn = finer(box(), 2), rotation(1)
 
@@ -71,41 +71,39 @@ def test_a_model_on_its_cage_is_held_however_far_from_the_origin(diagonals):
 
     assert check_enclosure(moved(box()), moved(rest)).notes == ()
     stretched = changed(rest, vertices=rest.vertices * 1.001)
-    with pytest.raises(InputError, match="98 of 98 vertices"):
+    with pytest.raises(CageError, match="98 of 98 vertices"):
         check_enclosure(moved(box()), moved(stretched))
 
 
 def test_a_rest_pose_of_one_point_is_refused():
-    with pytest.raises(InputError, match="the rest pose is one point, expected a surface"):
+    with pytest.raises(CageError, match="the rest pose is one point, expected a surface"):
         check_enclosure(box(), TriMesh(np.zeros((3, 3)), [[0, 1, 2]]))
 
 
 @settings(max_examples=25)
 @given(st.integers(0, 1000), st.floats(1e-3, 1e3), st.floats(-100, 100))
-def test_the_verdict_does_not_depend_on_place_turn_or_scale(seed, scale, shift):
+def test_the_verdict_does_not_depend_on_position_rotation_or_scale(seed, scale, shift):
     turn = rotation(seed)
 
     def moved(mesh):
         return changed(mesh, vertices=scale * (mesh.vertices @ turn.T + shift))
 
     assert len(check_enclosure(moved(box()), moved(octahedron(0.9))).points) == 6
-    with pytest.raises(InputError, match="6 of 6 vertices"):
+    with pytest.raises(CageError, match="6 of 6 vertices"):
         check_enclosure(moved(box()), moved(octahedron(1.1)))
 
 
 MISPLACED = {
-    "other units": (1000.0, np.zeros(3), r"the cage is 0\.001 times as large .* in one unit"),
-    "small, beside": (0.1, np.array([5.0, 0, 0]), r"the cage is .* move a model that is to be so"),
-    "moved": (1.0, np.array([5.0, 0, 0]), "their boxes do not meet: move the cage"),
+    "other units": (1000.0, np.zeros(3), r"the cage is 0\.001 times as large .* in the same unit"),
+    "small, beside": (0.1, np.array([5.0, 0, 0]), r"the cage is 10 times .* or move the model"),
+    "moved": (1.0, np.array([5.0, 0, 0]), "their bounding boxes do not overlap: move the cage"),
     "other scale": (3.0, np.zeros(3), "most of the model is outside: give the rest pose"),
 }
 
 
 @pytest.mark.parametrize(("scale", "shift", "says"), MISPLACED.values(), ids=MISPLACED)
 @pytest.mark.parametrize("outside", ["refuse", "project"])
-def test_a_model_most_of_which_is_outside_is_told_why_and_never_projected(
-    scale, shift, says, outside
-):
+def test_a_model_mostly_outside_is_refused_with_the_likely_cause(scale, shift, says, outside):
     rest = changed(octahedron(1.0), vertices=scale * octahedron(1.0).vertices + shift)
-    with pytest.raises(InputError, match=f"6 of 6 vertices .*; {says}"):
+    with pytest.raises(CageError, match=f"6 of 6 vertices .*; {says}"):
         check_enclosure(box(), rest, outside)

@@ -14,10 +14,10 @@ from cageik_cli.cages.findings import Finding, format_elements
         ("face", range(12), "12 faces (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, ...)"),
     ],
 )
-def test_places_are_listed(noun, numbers, text):
+def test_elements_are_formatted(noun, numbers, text):
     assert format_elements(noun, np.array(numbers)) == text
 
 
-def test_a_finding_is_a_sentence():
+def test_the_sentence_has_message_and_remedy():
     finding = Finding("open-edge", "unfit", "it is open", "close it", "", np.empty(0, int), 0.0)
     assert finding.sentence == "it is open; close it"

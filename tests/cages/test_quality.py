@@ -30,7 +30,7 @@ def only(findings):
 
 
 @pytest.mark.parametrize(("share", "found"), [(0.9, True), (1.1, False)])
-def test_angles_below_the_limit_are_needles(share, found):
+def test_faces_with_small_angles_are_found(share, found):
     """The walls of a long box have the angle whose tangent is its height over its length."""
     length = 1 / np.tan(np.radians(share * MIN_ANGLE))
     findings = list(find_needle_faces(scaled(box(), length, 1, 1)))
@@ -43,7 +43,7 @@ def test_angles_below_the_limit_are_needles(share, found):
         assert "the smallest 1.8 degrees at face" in needle.message
 
 
-def test_a_face_without_a_plane_is_no_needle():
+def test_a_degenerate_face_is_no_needle():
     mesh = finer(box(), 1)
     vertices = mesh.vertices.copy()
     a, b, c = mesh.faces[0]
@@ -53,7 +53,7 @@ def test_a_face_without_a_plane_is_no_needle():
 
 
 @pytest.mark.parametrize(("share", "found"), [(0.9, True), (1.1, False)])
-def test_sheets_nearer_than_the_limit_are_thin(share, found):
+def test_sheets_close_to_each_other_are_found(share, found):
     """A slab of 16 faces a side, each of area 1/2."""
     slab = scaled(finer(box(), 1), 1, 1, share * MIN_SHEET_RATIO * np.sqrt(0.5) / 2)
     findings = list(find_thin_parts(slab))
@@ -99,7 +99,7 @@ def across_the_corner(depth):
     return TriMesh(np.concatenate([start, stop]), np.array([[0, 2, 1], [3, 4, 5], *sides]))
 
 
-def test_a_surface_that_leaves_between_its_vertices_is_found():
+def test_a_surface_that_crosses_the_cage_is_found():
     rest = across_the_corner(0.5)
     placement = locate_vertices(concave(), rest)
     assert len(placement.outside_indices) == 0
@@ -116,7 +116,7 @@ def test_a_surface_inside_does_not_cross():
     assert list(find_surface_crossings(locate_vertices(concave(), rest), rest)) == []
 
 
-def test_faces_with_a_vertex_outside_are_no_crossing_of_their_own():
+def test_faces_with_a_vertex_outside_are_no_crossings():
     rest = TriMesh(ball(1, 0.9).vertices * 1.5, ball(1).faces)
     placement = locate_vertices(box(), rest)
     outside = set(placement.outside_indices.tolist())
@@ -133,7 +133,7 @@ def test_vertices_without_influence_are_found():
     )
     assert weak.numbers.tolist() == [1, 3]
     assert weak.value == pytest.approx(0.2 * MIN_INFLUENCE)
-    assert "2 vertices (1, 3), the weakest with 0.01 vertex 3" in weak.message
+    assert "2 vertices (1, 3), the smallest, 0.01, at vertex 3" in weak.message
     assert list(find_weak_vertices(np.array([0.5, 1.1 * MIN_INFLUENCE]))) == []
 
 
@@ -144,5 +144,5 @@ def test_a_cage_in_another_unit_is_found(share, found):
     if found:
         large = only(findings)
         assert large.value == pytest.approx(share * MAX_SIZE_RATIO)
-        assert large.message == "the cage is 5.5 times as large as the model, expected at most 5"
-        assert large.remedy.startswith("export both in one unit")
+        assert "5.5 times" in large.message
+        assert "at most 5" in large.message

@@ -3,7 +3,7 @@ import pytest
 
 from cageik_cli.cages.soundness import find_cage_faults, validate_cage
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import CageError
 from tests.exact import improper_pairs
 from tests.shapes import ball, box, changed, concave, finer, octahedron
 
@@ -86,13 +86,13 @@ FAULTS = {
         changed(octahedron(), vertices=octahedron().vertices * [1, 1, 0]),
         r"bounds no volume \(0 in an area of 1\); give it thickness",
     ),
-    "unmerged": (unmerged(), "36 edges .*; merge the vertices that lie at one place"),
+    "unmerged": (unmerged(), "36 edges .*; merge coincident vertices"),
 }
 
 
 @pytest.mark.parametrize(("cage", "says"), FAULTS.values(), ids=FAULTS.keys())
-def test_every_fault_has_its_sentence(cage, says):
-    with pytest.raises(InputError, match=says) as caught:
+def test_every_fault_is_refused(cage, says):
+    with pytest.raises(CageError, match=says) as caught:
         validate_cage(cage)
     assert "\n" not in str(caught.value)
 
@@ -119,7 +119,7 @@ NUMBERS = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_every_fault_is_found_with_its_numbers_and_no_other(name):
+def test_every_fault_is_found_alone_with_its_numbers(name):
     found = {finding.kind: finding for finding in find_cage_faults(FAULTS[name][0])}
     assert found.keys() == NUMBERS[name].keys()
     for kind, numbers in NUMBERS[name].items():
@@ -143,19 +143,19 @@ def test_all_faults_of_one_cage_are_found_at_once():
     assert found[0].numbers.tolist() == [23]
 
 
-def test_nothing_is_left_of_a_cage_of_points():
+def test_a_cage_of_repeated_vertices_is_refused():
     (found,) = find_cage_faults(TriMesh(box().vertices, [[0, 0, 1], [2, 2, 2]]))[:1]
     assert (found.kind, found.numbers.tolist()) == ("repeated-vertex", [0, 1])
 
 
-def test_a_face_without_a_plane_does_not_count_as_crossing_its_neighbours():
+def test_a_degenerate_face_does_not_cross_its_neighbours():
     """Its corner lies on a neighbour's edge; what crosses elsewhere is still found."""
     kinds = [finding.kind for finding in find_cage_faults(zero_area())]
     assert kinds == ["degenerate-face"]
 
 
 @pytest.mark.parametrize("shift", [1e-6, -1e-6])
-def test_parts_that_nearly_touch_are_told_from_those_that_cross(shift):
+def test_parts_that_nearly_touch_do_not_cross(shift):
     """A dent whose tip ends just before the wall opposite, or just behind it."""
     mesh = finer(box(), 1)
     vertices = mesh.vertices.copy()
@@ -171,16 +171,16 @@ def test_clean_cages_pass_unchanged(cage):
     assert notes == ()
 
 
-def test_an_inward_cage_is_turned_and_said_so():
+def test_an_inward_cage_is_flipped_with_a_note():
     checked, notes = validate_cage(concave().flip())
     assert checked.volume == pytest.approx(3)
     assert len(notes) == 1
     assert "turned outward" in notes[0]
 
 
-def test_many_numbers_are_cut_to_ten():
+def test_ten_numbers_are_listed_at_most():
     cage = changed(box(), vertices=np.vstack([box().vertices, np.zeros((12, 3))]))
     with pytest.raises(
-        InputError, match=r"nothing: 12 vertices \(8, 9, .*, 17, \.\.\.\); delete them$"
+        CageError, match=r"nothing: 12 vertices \(8, 9, .*, 17, \.\.\.\); delete them$"
     ):
         validate_cage(cage)

@@ -20,59 +20,59 @@ def clip():
     return frames, frames + 0.01 * generator.normal(size=frames.shape)
 
 
-def test_figures_are_those_of_their_definitions():
+def test_metrics_equal_their_definitions():
     frames, rebuilt = clip()
-    figures = measure(REST, frames, rebuilt, ALL)
+    metrics = measure(REST, frames, rebuilt, ALL)
     for k in range(3):
         misses = np.linalg.norm(rebuilt[k] - frames[k], axis=1)
-        assert figures.rms[k] == pytest.approx(np.sqrt((misses**2).mean()), rel=1e-12)
-        assert figures.max_deviation[k] == pytest.approx(misses.max(), rel=1e-12)
-        assert figures.worst_vertex[k] == misses.argmax()
-        assert figures.spread[k] == pytest.approx(
+        assert metrics.rms[k] == pytest.approx(np.sqrt((misses**2).mean()), rel=1e-12)
+        assert metrics.max_deviation[k] == pytest.approx(misses.max(), rel=1e-12)
+        assert metrics.worst_vertex[k] == misses.argmax()
+        assert metrics.spread[k] == pytest.approx(
             np.sqrt(((frames[k] - frames[k].mean(axis=0)) ** 2).sum(axis=1).mean()), rel=1e-12
         )
-        for found, vertices in ((figures.volume, frames), (figures.volume_reconstructed, rebuilt)):
+        for found, vertices in ((metrics.volume, frames), (metrics.volume_reconstructed, rebuilt)):
             other = trimesh.Trimesh(vertices[k], REST.faces, process=False).volume
             assert found[k] == pytest.approx(other, rel=1e-11)
 
 
 def test_an_exact_reconstruction_has_no_error():
     frames, _ = clip()
-    figures = measure(REST, frames, frames.copy(), ALL)
-    assert (figures.rms == 0).all()
-    assert (figures.max_deviation == 0).all()
-    np.testing.assert_array_equal(figures.volume, figures.volume_reconstructed)
+    metrics = measure(REST, frames, frames.copy(), ALL)
+    assert (metrics.rms == 0).all()
+    assert (metrics.max_deviation == 0).all()
+    np.testing.assert_array_equal(metrics.volume, metrics.volume_reconstructed)
 
 
 def test_volumes_of_an_open_model_are_not_numbers():
     frames, rebuilt = clip()
-    figures = measure(TriMesh(REST.vertices, REST.faces[1:]), frames, rebuilt, ALL)
-    assert np.isnan(figures.volume).all()
-    assert np.isnan(figures.volume_reconstructed).all()
-    np.testing.assert_allclose(figures.rms, measure(REST, frames, rebuilt, ALL).rms)
+    metrics = measure(TriMesh(REST.vertices, REST.faces[1:]), frames, rebuilt, ALL)
+    assert np.isnan(metrics.volume).all()
+    assert np.isnan(metrics.volume_reconstructed).all()
+    np.testing.assert_allclose(metrics.rms, measure(REST, frames, rebuilt, ALL).rms)
 
 
-def test_only_counted_vertices_count():
+def test_only_data_vertices_count():
     frames, rebuilt = clip()
     counted = np.array([0, 4, 9])
     rebuilt[:, 5] += 100
-    figures = measure(REST, frames, rebuilt, counted)
+    metrics = measure(REST, frames, rebuilt, counted)
     expected = np.sqrt(((rebuilt - frames)[:, counted] ** 2).sum(axis=2).mean(axis=1))
-    np.testing.assert_allclose(figures.rms, expected, rtol=1e-12)
-    assert set(figures.worst_vertex) <= {0, 4, 9}
+    np.testing.assert_allclose(metrics.rms, expected, rtol=1e-12)
+    assert set(metrics.worst_vertex) <= {0, 4, 9}
 
 
 def test_volumes_are_not_known_where_vertices_are_missing():
     frames, rebuilt = clip()
     for counted in (np.arange(1, len(REST.vertices)), np.array([0, 4, 9])):
-        figures = measure(REST, frames, rebuilt, counted)
-        assert np.isnan(figures.volume).all()
-        assert np.isnan(figures.volume_reconstructed).all()
+        metrics = measure(REST, frames, rebuilt, counted)
+        assert np.isnan(metrics.volume).all()
+        assert np.isnan(metrics.volume_reconstructed).all()
     everything = measure(REST, frames, rebuilt, np.arange(len(REST.vertices)))
     np.testing.assert_array_equal(everything.volume, measure(REST, frames, rebuilt, ALL).volume)
 
 
-def test_figures_do_not_change_with_a_rigid_motion():
+def test_metrics_do_not_change_with_a_rigid_motion():
     frames, rebuilt = clip()
     turn = rotation(1)
     moved = measure(REST, frames @ turn.T + 50, rebuilt @ turn.T + 50, ALL)
@@ -82,7 +82,7 @@ def test_figures_do_not_change_with_a_rigid_motion():
     np.testing.assert_array_equal(moved.worst_vertex, still.worst_vertex)
 
 
-def test_squares_are_those_of_each_vertex_and_missing_for_missing_data():
+def test_squared_errors_are_nan_for_missing_data():
     frames, rebuilt = clip()
     expected = np.linalg.norm(rebuilt - frames, axis=2) ** 2
     found = metrics.measure(REST, frames, rebuilt, ALL).squared_errors

@@ -1,12 +1,12 @@
-"""The boundary integral equation of a cage: assembled, solved for all its hats, and evaluated.
+"""The boundary integral equation of a cage: assembly, solution for all hats, evaluation.
 
 With q_k the outward normal derivative of the weight w_k on the cage, and φ_k its hat there,
 
     4π w_k(x) = Σ_panels ∫ q_k / r dA + D_k(x),     D_k = Σ_panels ∫ φ_k h/r³ dA,
 
-and, for x inside a face, 2π φ_k(x) in place of 4π w_k(x) makes an equation for q_k (Green's
-representation). It is tested with the polynomials of the densities themselves (Galerkin's method).
-What those beyond the linear ones emit falls off as the cube of the distance, and is faded out.
+(Green's representation). For x inside a face, 2π φ_k(x) replaces 4π w_k(x), which gives an equation
+for q_k. It is tested with the polynomials of the densities (Galerkin's method). The potentials of
+terms beyond linear decay with the cube of the distance, and are faded out.
 """
 
 import threading
@@ -38,19 +38,19 @@ from cageik_cli.util.arrays import Floats, Integers, Workspace
 from cageik_cli.util.threads import limit_blas_threads
 
 FADE_FACTOR = 1.25
-"""What is beyond linear is whole to `reach` over this, and nothing from `reach` times this."""
+"""Terms beyond linear are full up to `reach` over this, and zero from `reach` times this."""
 
 MAX_BLOCK_ENTRIES = 60_000
-"""Panels times points looked at together: they stay in a cache, and threads stay apart."""
+"""Panels times points evaluated together; they fit in the processor's cache."""
 
 LU_THREADS = 2
-"""A fixed number, so that weights do not depend on how many processors there are."""
+"""A fixed number of threads, so that weights do not depend on the machine."""
 
 Float32s = NDArray[np.float32]
 
 
 class _ThreadWorkspace(threading.local):
-    """Scratch of the running thread, dropped with it."""
+    """The workspace of the current thread."""
 
     def __init__(self) -> None:
         self.workspace = Workspace()
@@ -67,7 +67,7 @@ class BoundarySolution:
     ----------
     mesh : BoundaryMesh
     densities : (u, n) float64
-        q_k as coefficients of the mesh's unknowns.
+        q_k, as coefficients of the mesh's unknowns.
     """
 
     mesh: BoundaryMesh
@@ -76,14 +76,14 @@ class BoundarySolution:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Potentials:
-    """What panels emit, seen from q points.
+    """Potentials of panels at q points.
 
     Attributes
     ----------
     linear : (3p, q)
-        ∫ (1, x, y)/r of every panel; scratch.
+        ∫ (1, x, y)/r of every panel; in workspace memory.
     near_panels : (c,) int64
-        Places among `mesh.high` of the panels whose higher terms have not faded out.
+        Indices into `mesh.high_panels` of the panels whose higher terms have not faded out.
     higher : (d − 3, c, q)
         ∫ ψ/r of their higher terms.
     double : (n, q)
@@ -97,10 +97,10 @@ class Potentials:
 
 
 def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
-    """Solve the boundary integral equation for all the cage's hats, assembled by `pool`.
+    """Solve the boundary integral equation for all hats of the cage; `pool` assembles it.
 
-    In single precision, which halves memory and time: weights of sound cages feel it in the sixth
-    digit at most, and what affine functions need of the densities is known and set to rounding.
+    Single precision halves memory and time. It changes the weights of sound cages in the sixth
+    digit at most; the densities of affine functions are known, and are corrected exactly.
     """
     matrix = np.zeros((mesh.unknowns, mesh.unknowns), np.float32)
     rhs = np.empty((mesh.unknowns, mesh.hats.shape[1]), np.float32)
@@ -111,7 +111,7 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
     for _ in pool.map(fill, _split_test_panels(mesh)):
         pass
     with limit_blas_threads(LU_THREADS):
-        # LAPACK wants columns: the transpose is factored where it stands, and solved transposed.
+        # LAPACK needs columns: the transpose is factored in place, and solved transposed.
         factor = scipy.linalg.lu_factor(matrix.T, overwrite_a=True, check_finite=False)
         densities = scipy.linalg.lu_solve(
             factor, rhs, trans=1, overwrite_b=True, check_finite=False
@@ -121,10 +121,10 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
 
 
 def _enforce_affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
-    """Take from the densities what rounding added to those of affine functions.
+    """Correct the densities, (u, n), so that those of affine functions are exact.
 
-    Σ_k q_k = 0 and Σ_k q_k c_k = n, c_k the cage's vertices, as 1 and x have the normal derivatives
-    0 and n.
+    Σ_k q_k = 0 and Σ_k q_k c_k = n with the cage vertices c_k, because the normal derivatives of 1
+    and x are 0 and n.
     """
     count = densities.shape[1]
     affine = np.column_stack([np.ones(count), mesh.panels.vertices[:count]])
@@ -135,7 +135,7 @@ def _enforce_affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
 
 
 def interior_weights(boundary: BoundarySolution, points: Floats) -> Floats:
-    """Weights of points strictly inside, (q, n)."""
+    """Return the weights of points strictly inside, (q, 3), as (q, n)."""
     potentials = compute_potentials(boundary.mesh, points, is_inside=True)
     weights = single_layer(boundary.mesh, boundary.densities, potentials)
     weights += potentials.double
@@ -143,7 +143,7 @@ def interior_weights(boundary: BoundarySolution, points: Floats) -> Floats:
 
 
 def single_layer(mesh: BoundaryMesh, densities: Floats, potentials: Potentials) -> Floats:
-    """Σ_panels ∫ q_k / r of densities (u, n), (n, q)."""
+    """Return Σ_panels ∫ q_k / r, (n, q), of densities (u, n)."""
     split = mesh.linear_unknowns
     total = densities[:split].T @ potentials.linear
     if len(potentials.near_panels):
@@ -155,7 +155,7 @@ def single_layer(mesh: BoundaryMesh, densities: Floats, potentials: Potentials) 
 
 
 def _fill_rows(mesh: BoundaryMesh, chosen: Integers, matrix: Float32s, rhs: Float32s) -> None:
-    """The equations of the panels `chosen`, tested with the polynomials of their densities."""
+    """Fill the rows of the panels `chosen`, tested with the polynomials of their densities."""
     rows = mesh.panel_unknowns(chosen)
     order = 1 if rows.shape[1] == LINEAR_TERMS else mesh.order
     barycentric, shares = gauss_rule(order + 1)
@@ -181,7 +181,7 @@ def _fill_rows(mesh: BoundaryMesh, chosen: Integers, matrix: Float32s, rhs: Floa
 
 
 def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -> Potentials:
-    """What is seen from points strictly `is_inside`, or in the faces."""
+    """Compute the potentials at points, (q, 3), that are strictly inside, or else in faces."""
     workspace = _THREAD_LOCAL.workspace
     panels = mesh.panels
     view = panel_view(panels, points, workspace)
@@ -190,26 +190,27 @@ def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -
     else:
         set_principal_values(view)
     linear = linear_moments(panels, view, workspace)
-    near, faded = _find_near_panels(mesh, points)
+    near, strength = _find_near_panels(mesh, points)
     higher = np.empty((mesh.extra_terms, 0, len(points)))
     if len(near):
         higher = higher_moments(mesh.higher_terms, near, view, linear, workspace)
-        higher *= faded
+        higher *= strength
     integrals = double_layer(panels, view, workspace)
     double = mesh.double_layer_to_hats @ integrals.reshape(-1, len(points))
     return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
 
 
 def _find_near_panels(mesh: BoundaryMesh, points: Floats) -> tuple[Integers, Floats]:
-    """Places among `mesh.high` of panels within reach of any point, and what is left there, (c, q).
+    """Return indices into `mesh.high_panels` within reach of any point, and their strength, (c, q).
 
-    That is 1 to a distance of reach/FADE, 0 from reach · FADE, with a continuous slope between.
+    The strength is 1 up to a distance of reach / FADE_FACTOR, 0 from reach · FADE_FACTOR, with a
+    continuous slope.
     """
     centroids = mesh.panels.centroids[mesh.high_panels]
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    spread = np.linalg.norm(points - middle, axis=1).max()
+    radius = np.linalg.norm(points - middle, axis=1).max()
     distance = np.linalg.norm(centroids - middle, axis=1)
-    near = np.flatnonzero(distance < FADE_FACTOR * mesh.reach + spread)
+    near = np.flatnonzero(distance < FADE_FACTOR * mesh.reach + radius)
     share = distances(centroids[near], points, _THREAD_LOCAL.workspace, "centroid")
     share /= mesh.reach[near, None]
     np.subtract(FADE_FACTOR, share, out=share)
@@ -219,7 +220,7 @@ def _find_near_panels(mesh: BoundaryMesh, points: Floats) -> tuple[Integers, Flo
 
 
 def _split_test_panels(mesh: BoundaryMesh) -> list[Integers]:
-    """Panels of one kind, neighbours together, with a block of nodes."""
+    """Split the panels into blocks of neighbours of the same order."""
     panels = np.arange(len(mesh.panels.corners))
     is_high = mesh.panel_degrees > 1
     blocks: list[Integers] = []
@@ -232,11 +233,11 @@ def _split_test_panels(mesh: BoundaryMesh) -> list[Integers]:
 
 
 def split_points(mesh: BoundaryMesh, count: int) -> list[slice]:
-    """Runs of `count` points that are looked at together."""
+    """Split `count` points into blocks that are evaluated together."""
     size = _block_size(mesh)
     return [slice(start, min(start + size, count)) for start in range(0, count, size)]
 
 
 def _block_size(mesh: BoundaryMesh) -> int:
-    """Points to a block; not so few that a call costs more than its work."""
+    """Return the number of points per block; with too few, the overhead of calls dominates."""
     return int(np.clip(MAX_BLOCK_ENTRIES // len(mesh.panels.corners), 16, 512))

@@ -1,4 +1,4 @@
-"""A cage's faces divided into panels, and how well the density on each is resolved."""
+"""The panels of a cage, and the polynomial order of the density on each."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,21 +16,21 @@ from cageik_cli.util.arrays import Floats, Integers
 
 @dataclass(frozen=True, eq=False)
 class BoundaryMesh:
-    """Panels on which densities are polynomials: of degree `order` on some, linear on the others.
+    """Panels with polynomial densities: of degree `order` on some, linear on the others.
 
-    The unknowns are the coefficients of `polynomials.basis`: 1, x and y of every panel, ordered
-    [term, panel], then the others of the panels numbered `high_panels`, ordered likewise.
+    The unknowns are coefficients of `polynomials.orthogonal_basis`: first 1, x and y of every
+    panel, ordered [term, panel], then the other terms of `high_panels`, ordered likewise.
 
     Attributes
     ----------
     panels : Panels
     hats : (v, n) sparse
-        The hat of each of the cage's n vertices at each vertex of the panels.
+        Values of the hats of the cage's n vertices at the vertices of the panels.
     order : int
     high_panels : (k,) int64
-        In ascending order.
+        Numbers of the panels of degree `order`, ascending.
     reach : (k,) float64
-        Distance from each one's centroid at which what is beyond linear has half faded out.
+        Distance from their centroids at which terms beyond linear have half their strength.
     """
 
     panels: Panels
@@ -41,28 +41,28 @@ class BoundaryMesh:
 
     @staticmethod
     def from_cage(cage: TriMesh) -> "BoundaryMesh":
-        """A panel a face, with linear densities."""
+        """Build one panel per face, with linear densities."""
         hats = sparse.eye_array(len(cage.vertices), format="csr")
         return _make_linear_mesh(Panels(cage.vertices, cage.faces), hats)
 
     @property
     def extra_terms(self) -> int:
-        """Unknowns that a panel of higher order has beyond the linear ones."""
+        """Return the number of unknowns beyond linear of a panel of higher order."""
         return len(exponents(self.order)) - LINEAR_TERMS
 
     @property
     def linear_unknowns(self) -> int:
-        """Unknowns of the linear terms; the others come behind."""
+        """Return the number of unknowns of linear terms, which come first."""
         return LINEAR_TERMS * len(self.panels.corners)
 
     @property
     def unknowns(self) -> int:
-        """Coefficients of one density."""
+        """Return the number of unknowns, u."""
         return self.linear_unknowns + self.extra_terms * len(self.high_panels)
 
     @cached_property
     def double_layer_to_hats(self) -> sparse.csr_array:
-        """From ∫ (1, x, y) h/r³ of the panels, ordered [term, panel], to D of the hats, (n, 3p)."""
+        """Return the map from ∫ (1, x, y) h/r³, [term, panel], to D of the hats, (n, 3p)."""
         a, b, c = (self.hats[self.panels.corners[:, k]].T for k in range(3))
         # φ_0 = ⅓ + x, φ_1 = ⅓ + y, φ_2 = ⅓ − x − y
         terms = [(a + b + c) / 3, a - c, b - c]
@@ -70,19 +70,19 @@ class BoundaryMesh:
 
     @cached_property
     def higher_terms(self) -> HigherTerms:
-        """The terms beyond linear, for their integrals."""
+        """Return the terms beyond linear, for their integrals."""
         return HigherTerms(self.panels, self.high_panels, self.order)
 
     @cached_property
     def panel_degrees(self) -> Integers:
-        """Degree of the densities on each panel, (p,)."""
+        """Return the degree of the densities on each panel, (p,)."""
         highest = np.ones(len(self.panels.corners), np.int64)
         highest[self.high_panels] = self.order
         return highest
 
     @cached_property
     def unknown_degrees(self) -> tuple[Integers, Integers, Integers]:
-        """Of each unknown: its polynomial's degree, the highest on its panel, and its panel."""
+        """Return of each unknown, (u,): its degree, the highest degree on its panel, its panel."""
         panels = np.arange(len(self.panels.corners))
         degree = np.array([a + b for a, b in exponents(self.order)])
         panel = np.concatenate(
@@ -92,7 +92,7 @@ class BoundaryMesh:
         return np.repeat(degree, counts), self.panel_degrees[panel], panel
 
     def panel_unknowns(self, chosen: Integers) -> Integers:
-        """Unknowns of the panels numbered: (c, 3) or, if they are of higher order, (c, d)."""
+        """Return the unknowns of some panels, (c, 3), or (c, d) if they are of higher order."""
         linear = np.arange(LINEAR_TERMS) * len(self.panels.corners) + chosen[:, None]
         place = np.searchsorted(self.high_panels, chosen)
         if len(self.high_panels) == 0 or not np.array_equal(
@@ -103,14 +103,14 @@ class BoundaryMesh:
         return np.concatenate([linear, self.linear_unknowns + higher], axis=1)
 
     def raise_order(self, order: int, high_panels: Integers, reach: Floats) -> "BoundaryMesh":
-        """Give the panels numbered `high_panels`, ascending, densities of degree `order`."""
+        """Return the mesh with densities of degree `order` on `high_panels`, ascending."""
         return BoundaryMesh(self.panels, self.hats, order, high_panels, reach)
 
     def divide(self, chosen: NDArray[np.bool_]) -> "BoundaryMesh":
-        """The `chosen` panels, (p,), each divided in four; all densities linear.
+        """Divide each panel of the mask `chosen`, (p,), into four; all densities become linear.
 
-        Children come in the place of their parent. A side may then meet two shorter ones: every
-        integral is in closed form, so that nothing is lost there.
+        Children take the place of their parent. A long side may then meet two short ones, which
+        costs no accuracy because all integrals are in closed form.
         """
         corners, vertices = self.panels.corners, self.panels.vertices
         sides, place = np.unique(self.panels.edges.side_edges[chosen], return_inverse=True)
@@ -136,7 +136,7 @@ class BoundaryMesh:
         )
 
     def evaluate_hats(self, chosen: Integers, barycentric: Floats) -> Floats:
-        """The hats at the same `barycentric` coordinates, (j, 3), of some panels, (c, j, n)."""
+        """Return the hats, (c, j, n), at `barycentric` coordinates, (j, 3), of some panels."""
         corner = [self.hats[self.panels.corners[chosen, k]].toarray() for k in range(3)]
         return np.asarray(np.einsum("jk,kcn->cjn", barycentric, np.stack(corner)))
 

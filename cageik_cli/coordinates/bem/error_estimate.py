@@ -1,4 +1,4 @@
-"""How far computed harmonic weights are from exact ones, and which panels are to blame."""
+"""Estimate of the error of harmonic weights, and the share of each panel in it."""
 
 import numpy as np
 
@@ -14,85 +14,90 @@ from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats
 
 LINEAR_REMAINDER = 0.1
-"""Error of linear densities over what their linear terms emit: 0.08 to 0.16 on real cages."""
+"""Error of linear densities relative to their linear terms: 0.08 to 0.16 on real cages."""
 
 MIN_DECAY = 0.3
-"""Degrees are not trusted to fall faster: a density's logarithms at edges do not let them."""
+"""Smallest assumed ratio of successive degrees; densities have logarithms at edges."""
 
 MAX_DECAY = 0.8
-"""Nor slower, for the series' sum to mean something."""
+"""Largest assumed ratio of successive degrees, so that the series has a useful sum."""
 
 EDGE_OFFSET = 1e-3
-"""How far towards its centroid a point of a panel is moved, for edges have no tangent plane."""
+"""Share of the way to the centroid by which points are moved off edges."""
 
 
 def estimate_error(boundary: BoundarySolution, sample: Floats) -> tuple[float, Floats]:
     """Estimate the mean row L1 error over `sample`, (s, 3), and each panel's share in it, (p,).
 
-    Away from the cage, the terms of each panel's highest degree, against those one lower, tell how
-    fast the degrees fall; those that would follow are taken to fall alike, as a geometric series.
-    Near it, the error is what the equations leave at the nearest point. The larger of both counts.
+    Away from the cage, the terms of the highest degree relative to those one lower give a ratio;
+    the missing degrees are estimated by a geometric series with this ratio. Near the cage, the
+    error is the residual of the equations at the closest point. The larger estimate counts.
     """
     mesh = boundary.mesh
     degree, highest, panel = mesh.unknown_degrees
     terms = {
-        (order, of): np.flatnonzero((degree == of) & (highest == order))
+        (order, power): np.flatnonzero((degree == power) & (highest == order))
         for order in np.unique(highest)
-        for of in (order - 1, order)
+        for power in (order - 1, order)
     }
     sizes = dict.fromkeys(terms, 0.0)
     term_sums = np.zeros(mesh.unknowns)
     for block in split_points(mesh, len(sample)):
-        seen = _compute_all_potentials(mesh, sample[block])
-        term_sums += np.abs(seen).sum(axis=1)
-        for of, rows in terms.items():
-            of_terms = boundary.densities[rows].T @ seen[rows]
-            sizes[of] += np.abs(of_terms).sum() / (4 * np.pi * len(sample))
+        potentials = _compute_all_potentials(mesh, sample[block])
+        term_sums += np.abs(potentials).sum(axis=1)
+        for key, rows in terms.items():
+            contributions = boundary.densities[rows].T @ potentials[rows]
+            sizes[key] += np.abs(contributions).sum() / (4 * np.pi * len(sample))
     series = 0.0
     for order in np.unique(highest):
         last, before = sizes[order, order], sizes[order, order - 1]
         if before > 0:
-            fall = np.clip(last / before, MIN_DECAY, MAX_DECAY)
-            series += last * (LINEAR_REMAINDER if order == 1 else fall / (1 - fall))
+            ratio = np.clip(last / before, MIN_DECAY, MAX_DECAY)
+            series += last * (LINEAR_REMAINDER if order == 1 else ratio / (1 - ratio))
     error = max(series, float(_residual_near_cage(boundary, sample).mean()))
     term_sums *= np.abs(boundary.densities).sum(axis=1)
     return error, np.bincount(panel, term_sums * (degree == highest)).astype(np.float64)
 
 
 def _compute_all_potentials(mesh: BoundaryMesh, points: Floats) -> Floats:
-    """∫ of all terms over r, (u, q); 0 of those that have faded out."""
+    """Return ∫ ψ/r of all terms, (u, q); 0 for those that have faded out."""
     potentials = compute_potentials(mesh, points, is_inside=True)
-    everything = np.zeros((mesh.unknowns, len(points)))
-    everything[: mesh.linear_unknowns] = potentials.linear
-    higher = everything[mesh.linear_unknowns :].reshape(
+    all_terms = np.zeros((mesh.unknowns, len(points)))
+    all_terms[: mesh.linear_unknowns] = potentials.linear
+    higher = all_terms[mesh.linear_unknowns :].reshape(
         mesh.extra_terms, len(mesh.high_panels), len(points)
     )
     higher[:, potentials.near_panels] = potentials.higher
-    return everything
+    return all_terms
 
 
 def _residual_near_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
-    """Row L1 errors, (s,), that the equations leave on the cage, as felt at points in it.
+    """Return the row L1 errors, (s,), at points inside due to the residual on the cage.
 
-    The computed weights are harmonic, and on the cage are off by (2π φ − D − ∫ q/r) / 4π. That
-    changes its sign from node to node of a panel, and so dies away over the distance of nodes.
+    The computed weights are harmonic, and their error on the cage is (2π φ − D − ∫ q/r) / 4π. It
+    changes its sign from node to node of a panel, and so decays over the distance of nodes.
     """
     mesh = boundary.mesh
     panels = mesh.panels
     nearest = closest_points(TriMesh(panels.vertices, panels.corners), sample)
-    on = nearest.position + EDGE_OFFSET * (panels.centroids[nearest.face] - nearest.position)
-    hats = closest_points(nearest.mesh, on).barycentric_weights(np.ones(len(on), bool)) @ mesh.hats
-    left = np.concatenate(
+    on_cage = nearest.position + EDGE_OFFSET * (panels.centroids[nearest.face] - nearest.position)
+    hats = (
+        closest_points(nearest.mesh, on_cage).barycentric_weights(np.ones(len(on_cage), bool))
+        @ mesh.hats
+    )
+    residual = np.concatenate(
         [
-            np.abs(2 * np.pi * hats[block] - _surface_values(boundary, on[block]).T).sum(axis=1)
-            for block in split_points(mesh, len(on))
+            np.abs(2 * np.pi * hats[block] - _surface_values(boundary, on_cage[block]).T).sum(
+                axis=1
+            )
+            for block in split_points(mesh, len(on_cage))
         ]
     )
     waves = (mesh.panel_degrees[nearest.face] + 1) / panels.radii[nearest.face]
-    return np.asarray(left / (4 * np.pi) * np.exp(-np.pi * waves * nearest.distance))
+    return np.asarray(residual / (4 * np.pi) * np.exp(-np.pi * waves * nearest.distance))
 
 
 def _surface_values(boundary: BoundarySolution, points: Floats) -> Floats:
-    """D + ∫ q/r of every weight at points in faces, (n, q): 2π φ but for the error."""
+    """Return D + ∫ q/r of every weight at points in faces, (n, q): 2π φ plus the error."""
     potentials = compute_potentials(boundary.mesh, points, is_inside=False)
     return single_layer(boundary.mesh, boundary.densities, potentials) + potentials.double

@@ -6,11 +6,11 @@ For a polynomial P in x and y, let K_P = ∫ P/r dA and R_P = ∫ P r dA. From
     K_xP          = x(p) K_P + Σ_k (∇x · m_k) ∫_k P r dl − R of ∇x · ∇P
     (3 + deg) R_P = h² K_P + Σ_k t_k ∫_k P r dl + R of x(p) ∂P/∂x + y(p) ∂P/∂y
 
-and along an edge, with τ from −½ to ½, s and ρ the middle's s and distance over L, r over L too,
+and along an edge, with τ from −½ to ½, s and ρ those of its middle, and all lengths divided by L,
 
     J_j = ∫ τ^j r dτ = ([τ^(j−1) r³] − (2j + 1) s J_(j−1) − (j − 1) ρ² J_(j−2)) / (j + 2).
 
-Symbols and arrays are those of `panels`.
+Symbols and array layouts are those of `panels`.
 """
 
 from dataclasses import dataclass
@@ -32,13 +32,13 @@ from cageik_cli.util.arrays import Floats, Integers, Workspace
 
 @dataclass(frozen=True, eq=False)
 class HigherTerms:
-    """Panels whose densities have terms beyond linear: `basis(order)` from its fourth on.
+    """Panels with density terms beyond linear: those of `orthogonal_basis` from the fourth on.
 
     Attributes
     ----------
     panels : Panels
     high_panels : (k,) int64
-        Which of the panels.
+        Numbers of the panels.
     order : int
         Two or more.
     """
@@ -49,7 +49,7 @@ class HigherTerms:
 
     @cached_property
     def side_factors(self) -> Floats:
-        """From L-scaled J of the three sides, [side, power], to the sums of `_plan`, (k, s, 3o)."""
+        """Return the maps from J of the sides, [side, power], to all side sums, (k, s, 3 order)."""
         panels, chosen, order = self.panels, self.high_panels, self.order
         altitudes = panels.altitudes[:, chosen]
         scale = np.zeros((5, 3, len(chosen)))
@@ -71,7 +71,7 @@ _ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)
 
 @cache
 def _side_sum_places(order: int) -> dict[tuple[int, int], int]:
-    """Where each sum over sides that the recurrences use stands: (kind, monomial) -> place."""
+    """Return the index of each side sum that the recurrences use, by (kind, monomial)."""
     place = {e: i for i, e in enumerate(exponents(order - 1))}
     wanted = []
     for degree in range(2, order + 1):
@@ -85,15 +85,15 @@ def _side_sum_places(order: int) -> dict[tuple[int, int], int]:
 def higher_moments(
     terms: HigherTerms, near: Integers, view: PanelView, linear: Floats, workspace: Workspace
 ) -> Floats:
-    """∫ ψ / r dA of the panels `terms.chosen[near]`, (d − 3, k, q); scratch.
+    """Return ∫ ψ / r dA of the panels `terms.high_panels[near]`, (d − 3, k, q), in the workspace.
 
-    The recurrences lose digits as the distance over the panel's size to the power 2 `order`: they
-    are for points near the panel.
+    The recurrences lose digits like (distance / panel size) to the power 2 `order`: they are for
+    points near the panel.
 
     Parameters
     ----------
     linear : (3, p, q)
-        As `linear_moments` gives them.
+        From `linear_moments`.
     """
     order, panels, chosen = terms.order, terms.panels, terms.high_panels[near]
     k, q = len(near), linear.shape[2]
@@ -143,7 +143,7 @@ def higher_moments(
 def _compute_side_sums(
     terms: HigherTerms, near: Integers, view: PanelView, workspace: Workspace
 ) -> Floats:
-    """The sums over sides of `_plan`, (k, s, q)."""
+    """Return all side sums of `_side_sum_places`, (k, s, q)."""
     sides = terms.panels.edges.side_edges[terms.high_panels[near]]
     edges, place = np.unique(sides, return_inverse=True)
     powers = _edge_powers(terms.panels, edges, terms.order, view, workspace)
@@ -158,7 +158,7 @@ def _compute_side_sums(
 def _edge_powers(
     panels: Panels, edges: Integers, order: int, view: PanelView, workspace: Workspace
 ) -> Floats:
-    """J_0 to J_(order − 1) of the edges numbered, (k, order, q)."""
+    """Return J_0 to J_(order − 1) of some edges, (k, order, q)."""
     per_length = 1 / panels.edge_lengths[edges, None]
     ends = panels.edges.ends[edges]
     r_a, r_b = (workspace.take_rows(f"near_r_{k}", view.distance, ends[:, k]) for k in (0, 1))

@@ -1,4 +1,4 @@
-"""Closed-form Laplace integrals over flat triangles, many points and panels at once.
+"""Closed-form integrals of the Laplace kernels over flat triangles, for many points and panels.
 
 For a panel with unit outward normal n, corners a_k, altitudes A_k, and its side k (opposite corner
 k) with outward in-plane normal m_k, seen from a point x whose foot in the panel's plane is p, and
@@ -34,43 +34,43 @@ from cageik_cli.coordinates.bem.panel_geometry import Panels
 from cageik_cli.util.arrays import Floats, Workspace
 
 EDGE_ON_TOL = 1e-13
-"""A panel whose plane passes a point within this (in units of the cage) is seen edge-on: Ω = 0."""
+"""A point this close to a panel's plane, in cage units, lies in it: Ω = 0."""
 
 MIN_GAP_RATIO = 1e-30
-"""Smallest (r_a + r_b − L) / L; f is below 70, and multiplies a distance below its square root."""
+"""Smallest (r_a + r_b − L) / L, which keeps f below 70; f multiplies a tiny distance there."""
 
 NEAR_EDGE_RATIO = 1e-2
-"""Where (r_a + r_b − L) / L is smaller, it is computed from the distance to the edge's line."""
+"""Below this, (r_a + r_b − L) / L is computed from the distance to the edge's line."""
 
 CLOSED_ANGLE_TOL = 1e-14
-"""Solid angles that sum to 4π within this need no more."""
+"""Solid angles whose sum is 4π within this are not corrected."""
 
 INSIDE_ANGLE_TOL = 1e-3
-"""Solid angles that sum to 4π within this share are those of a point inside."""
+"""Solid angles whose sum is 4π within this share belong to a point inside."""
 
 MAX_SERIES_TANGENT = 0.03
-"""Tangents z below which z − z³/3 + z⁵/5 − z⁷/7 + z⁹/9 is arctan z to the last bit."""
+"""Tangent z below which z − z³/3 + z⁵/5 − z⁷/7 + z⁹/9 is arctan z to the last bit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PanelView:
-    """What the integrals need of p panels with e edges seen from q points (module formulas).
+    """Geometry of p panels with e edges relative to q points, for the formulas of the module.
 
-    The arrays are scratch: good until the next view with the same scratch.
+    The arrays are in workspace memory: valid until the next view with the same workspace.
 
     Attributes
     ----------
     height : (p, q)
-        h of each panel's plane over each point.
+        Height h of each panel's plane over each point.
     foot : (2, p, q)
         Coordinates x, y of the foot p.
     solid_angle : (p, q)
-        Ω, steradians in [−2π, 2π]: positive when the point lies behind the outward normal, so that
-        a closed surface's sum to 4π inside and to 0 outside.
+        Ω, steradians in [−2π, 2π]. It is positive when the point lies behind the outward normal, so
+        that the angles of a closed surface sum to 4π inside and to 0 outside.
     along, edge_log, edge_moment : (e, q)
-        s of each edge's first end, f and B.
+        s of the first end, f and B of each edge.
     distance : (v, q)
-        r of each vertex.
+        Distance r of each vertex.
     """
 
     height: Floats
@@ -83,7 +83,7 @@ class PanelView:
 
 
 def panel_view(panels: Panels, points: Floats, workspace: Workspace) -> PanelView:
-    """Look at `panels` from `points`, (q, 3)."""
+    """Compute the geometry of `panels` relative to `points`, (q, 3)."""
     p, q = len(panels.corners), len(points)
     forms = workspace.array("forms", len(panels.linear_forms), q)
     np.matmul(panels.linear_forms, np.vstack([points.T, np.ones(q)]), out=forms)
@@ -98,28 +98,28 @@ def panel_view(panels: Panels, points: Floats, workspace: Workspace) -> PanelVie
 
 
 def close_solid_angles(view: PanelView) -> None:
-    """Give the solid angles of a closed surface the sum 4π that they have from inside.
+    """Correct the solid angles of a closed surface so that they sum to 4π for points inside.
 
-    Within δ of an edge the angle of each panel there is ill-conditioned, with an error of rounding
-    over δ; their sum is not. What it lacks goes to the largest, whose panel is near and so has
-    the smallest h: constants and linear functions stay exact. Points whose angles do not sum to 4π
-    but for such errors are not inside, and are left alone.
+    At a distance δ from an edge the angles of its panels are ill-conditioned, with an error of
+    rounding over δ; their sum is not. The missing angle is added to the largest one, whose panel is
+    near and so has the smallest h: constants and linear functions stay exact. Points whose angles
+    do not sum to about 4π are not inside, and are not changed.
     """
     angle = view.solid_angle
-    lacking = 4 * np.pi - angle.sum(axis=0)
-    short = np.flatnonzero(
-        (np.abs(lacking) > CLOSED_ANGLE_TOL) & (np.abs(lacking) < 4 * np.pi * INSIDE_ANGLE_TOL)
+    missing = 4 * np.pi - angle.sum(axis=0)
+    wrong = np.flatnonzero(
+        (np.abs(missing) > CLOSED_ANGLE_TOL) & (np.abs(missing) < 4 * np.pi * INSIDE_ANGLE_TOL)
     )
-    angle[np.abs(angle[:, short]).argmax(axis=0), short] += lacking[short]
+    angle[np.abs(angle[:, wrong]).argmax(axis=0), wrong] += missing[wrong]
 
 
 def set_principal_values(view: PanelView) -> None:
-    """For points in the surface: a panel in whose plane a point lies has Ω = 0 there."""
+    """Set Ω = 0 for points in a panel's plane: the principal value for points in the surface."""
     view.solid_angle[np.abs(view.height) < EDGE_ON_TOL] = 0.0
 
 
 def distances(places: Floats, points: Floats, workspace: Workspace, name: str) -> Floats:
-    """From every one of `places`, (v, 3), to every point, (v, q), in the scratch of that name."""
+    """Return distances of `places`, (v, 3), from points, as (v, q), in workspace array `name`."""
     distance = workspace.array(name, len(places), len(points))
     offset = workspace.array("offset", *distance.shape)
     distance[:] = 0
@@ -133,7 +133,7 @@ def distances(places: Floats, points: Floats, workspace: Workspace, name: str) -
 def _edge_gaps(
     panels: Panels, distance: Floats, workspace: Workspace
 ) -> tuple[Floats, Floats, Floats]:
-    """r_a + r_b − L, r_a + r_b and 2 (a − x) · (b − x) of every edge ab, (e, q) each."""
+    """Return r_a + r_b − L, r_a + r_b and 2 (a − x) · (b − x) of every edge ab, (e, q) each."""
     length = panels.edge_lengths[:, None]
     r_a = workspace.take_rows("r_a", distance, panels.edges.ends[:, 0])
     r_b = workspace.take_rows("r_b", distance, panels.edges.ends[:, 1])
@@ -151,10 +151,10 @@ def _edge_gaps(
 def _recompute_small_gaps(
     panels: Panels, gap: Floats, products: Floats, height: Floats, foot: Floats
 ) -> None:
-    """Compute anew the gaps that rounding spoils, near edges, from the distance δ to their lines.
+    """Recompute gaps that lose digits near edges, from the distance δ to the edges' lines.
 
-    r_a r_b + a · b = L² δ² / (r_a r_b − a · b), both differences of nearly equal numbers there
-    replaced by δ² = t² + h².
+    r_a r_b + a · b = L² δ² / (r_a r_b − a · b) replaces differences of nearly equal numbers by
+    δ² = t² + h².
     """
     limits = NEAR_EDGE_RATIO * panels.edge_lengths
     rows = np.flatnonzero(gap.min(axis=1) < limits)
@@ -174,7 +174,7 @@ def _recompute_small_gaps(
 
 
 def _edge_logs(panels: Panels, gap: Floats, total: Floats) -> Floats:
-    """Logarithms f of every edge, (e, q), in place of `total`."""
+    """Return the logarithms f of every edge, (e, q), in the memory of `total`."""
     length = panels.edge_lengths[:, None]
     np.maximum(gap, MIN_GAP_RATIO * length, out=gap)
     total += length
@@ -183,9 +183,10 @@ def _edge_logs(panels: Panels, gap: Floats, total: Floats) -> Floats:
 
 
 def _edge_moments(panels: Panels, along: Floats, log: Floats, workspace: Workspace) -> Floats:
-    """B = (r_a² − s²) f + s (r_b − r_a) + L r_b of every edge, (e, q), for s of b is s + L.
+    """Return B = (r_a² − s²) f + s (r_b − r_a) + L r_b of every edge, (e, q).
 
-    With the r_a and r_b that `_edge_gaps` has left in the scratch, which it uses up.
+    s is that of the first end a; that of b is s + L. The r_a and r_b that `_edge_gaps` has left in
+    the workspace are overwritten.
     """
     r_a, r_b = (workspace.array(name, *along.shape) for name in ("r_a", "r_b"))
     moment = np.multiply(r_a, r_a, out=workspace.array("moment", *along.shape))
@@ -203,7 +204,7 @@ def _edge_moments(panels: Panels, along: Floats, log: Floats, workspace: Workspa
 def _solid_angle(
     panels: Panels, height: Floats, distance: Floats, products: Floats, workspace: Workspace
 ) -> Floats:
-    """Ω by Van Oosterom and Strackee, given 2 a · b of each edge's ends seen from the points."""
+    """Return Ω, (p, q), by Van Oosterom and Strackee, given 2 a · b of all edges, (e, q)."""
     corner = [workspace.take_rows(f"r_{k}", distance, panels.corners[:, k]) for k in range(3)]
     denominator = workspace.array("denominator", *height.shape)
     np.multiply(corner[0], corner[1], out=denominator)
@@ -220,10 +221,10 @@ def _solid_angle(
 
 
 def _arctan2(y: Floats, x: Floats, workspace: Workspace) -> Floats:
-    """arctan2 for angles of which nearly all are small, as those of far panels are.
+    """Return arctan2(y, x), fast when most angles are small, as those of distant panels are.
 
-    Those are summed as a series, several times faster than the library's function where that is
-    not vectorised.
+    Small angles are summed as a series, several times faster than the library's function where
+    that is not vectorised.
     """
     with np.errstate(all="ignore"):  # a quotient that is not finite is not small
         tangent = np.divide(y, x, out=workspace.array("tangent", *x.shape))
@@ -240,10 +241,10 @@ def _arctan2(y: Floats, x: Floats, workspace: Workspace) -> Floats:
 
 
 def linear_moments(panels: Panels, view: PanelView, workspace: Workspace) -> Floats:
-    """∫ (1, x, y) / r dA of every panel, (3, p, q) indexed [moment, panel, point]; scratch.
+    """Return ∫ (1, x, y) / r dA, (3, p, q) indexed [moment, panel, point], in the workspace.
 
-    x and y are measured from the panel's centroid, so that the moments of a far panel are as small
-    as its share of an integral, and sums over panels do not cancel.
+    x and y are relative to the panel's centroid, so that the moments of a distant panel are as
+    small as its share of an integral, and sums over panels do not cancel.
     """
     shape = view.height.shape
     moments = workspace.array("moments", 3, *shape)
@@ -260,7 +261,7 @@ def linear_moments(panels: Panels, view: PanelView, workspace: Workspace) -> Flo
 
 
 def double_layer(panels: Panels, view: PanelView, workspace: Workspace) -> Floats:
-    """∫ (1, x, y) h/r³ dA of every panel, (3, p, q) indexed [moment, panel, point]; scratch."""
+    """Return ∫ (1, x, y) h/r³ dA, (3, p, q) indexed [moment, panel, point], in the workspace."""
     shape = view.height.shape
     integrals = workspace.array("integrals", 3, *shape)
     logs = (panels.half_slope_sums @ view.edge_log).reshape(2, *shape)

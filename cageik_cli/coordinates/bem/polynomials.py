@@ -1,6 +1,6 @@
-"""Polynomials on a triangle and a rule to integrate them, in barycentric coordinates.
+"""Polynomials on a triangle and a quadrature rule for them, in barycentric coordinates.
 
-The coordinates are x = φ_0 − ⅓ and y = φ_1 − ⅓, from the centroid; the monomials x^a y^b stand in
+The coordinates are x = φ_0 − ⅓ and y = φ_1 − ⅓, from the centroid; the monomials x^a y^b have
 the order 1, x, y, x², xy, y², x³, ... Nothing here depends on the triangle's shape.
 """
 
@@ -12,32 +12,32 @@ from scipy.special import roots_jacobi
 from cageik_cli.util.arrays import Floats
 
 LINEAR_TERMS = 3
-"""How many monomials are constant or linear."""
+"""Number of monomials that are constant or linear."""
 
 
 @cache
 def exponents(order: int) -> tuple[tuple[int, int], ...]:
-    """(a, b) of the monomials x^a y^b up to degree `order`, (order + 1)(order + 2)/2 of them."""
+    """Return (a, b) of the (order + 1)(order + 2)/2 monomials x^a y^b up to degree `order`."""
     return tuple(e for degree in range(order + 1) for e in exponents_at_degree(degree))
 
 
 def exponents_at_degree(degree: int) -> tuple[tuple[int, int], ...]:
-    """(a, b) of the monomials of one degree."""
+    """Return (a, b) of the monomials of one degree."""
     return tuple((degree - b, b) for b in range(degree + 1))
 
 
 def monomials(order: int, barycentric: Floats) -> Floats:
-    """Values at `barycentric`, (k, 3), as (d, k)."""
+    """Return the values of the monomials at `barycentric`, (k, 3), as (d, k)."""
     x, y, _ = barycentric.T - 1 / 3
     return np.stack([x**a * y**b for a, b in exponents(order)])
 
 
 @cache
 def orthogonal_basis(order: int) -> Floats:
-    """1, x, y and then polynomials of mean square 1 orthogonal to all before, (d, d).
+    """Return 1, x, y, then polynomials of mean square 1 orthogonal to all before, (d, d).
 
-    Each row holds a polynomial's coefficients of the monomials. Those after the first three have
-    no mean and no first moments, so that what they emit fades as the cube of the distance.
+    Each row holds the coefficients of the monomials. Polynomials after the first three have zero
+    mean and first moments, so that their potentials decay with the cube of the distance.
     """
     barycentric, shares = gauss_rule(order + 1)
     values = monomials(order, barycentric)
@@ -48,14 +48,14 @@ def orthogonal_basis(order: int) -> Floats:
 
 @cache
 def gauss_rule(points: int) -> tuple[Floats, Floats]:
-    """Product of `points` times `points` nodes, exact to degree 2 points − 2 at least.
+    """Return a product rule of `points` times `points` nodes, exact to degree 2 points − 2.
 
     Returns
     -------
     (points², 3)
         Barycentric coordinates, all inside.
     (points²,)
-        Shares of the area; they sum to 1.
+        Shares of the area; the sum is 1.
     """
     along, along_shares = np.polynomial.legendre.leggauss(points)
     across, across_shares = roots_jacobi(points, 1, 0)
@@ -67,7 +67,7 @@ def gauss_rule(points: int) -> tuple[Floats, Floats]:
 
 @cache
 def edge_coefficients(order: int) -> Floats:
-    """The monomials of degree below `order` along the sides, (3, d, order).
+    """Return the monomials of degree below `order` along the sides, (3, d, order).
 
     On side k, from corner k + 1 at τ = −½ to corner k + 2 at τ = ½, monomial i is
     Σ_j coefficients[k, i, j] τ^j.
