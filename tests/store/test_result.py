@@ -315,7 +315,7 @@ DAMAGES = [
     ],
     *[(attribute("fps", bad), "attribute `fps` is") for bad in ("24", [24.0, 24.0], 1 + 1j, True)],
     *[
-        (attribute("fps", bad), f"{bad:g} frames a second, expected")
+        (attribute("fps", bad), f"{bad:g} frames per second, expected")
         for bad in (0.0, -1.0, np.nan, np.inf)
     ],
     *[(attribute("up_axis", bad), "the up axis is") for bad in ("X", "", 1.0)],

@@ -323,7 +323,7 @@ def test_a_fault_of_a_task_is_one_of_its_clip(threaded, job, monkeypatch):
     monkeypatch.setattr(module, "run_clip_task", faulty)
     found = outcomes(threaded(1), [job("a")])
     assert found["a"].state is ClipState.FAILED
-    assert "a fault of cageik itself (ZeroDivisionError" in found["a"].entry.fault
+    assert "internal error (ZeroDivisionError" in found["a"].entry.fault
 
 
 def faulty(*arguments):
