@@ -141,13 +141,13 @@ def test_no_format_here_replaces_a_result(run, result):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["nothing.h5", "c.npz"], "nothing.h5: no such result; make it with cageik extract"),
+        (["nothing.h5", "c.npz"], "nothing.h5: no such result"),
         (["cage.obj", "c.npz"], "cage.obj: is not an HDF5 file"),
         (["cages.h5", "c.gif"], "c.gif: `.gif`"),
         (["cages.h5", "c.obj"], "c.obj: a `.obj` file holds one frame; name a folder of them"),
         (["cages.h5", "no/c.npz"], "no/c.npz: the folder no does not exist"),
         (["cages.h5", "c/c_#.obj", "--start", "-1"], "c/c_#.obj: the first frame's number is -1"),
-        (["cages.h5", "c.glb", "--skeleton"], "c.glb: `.glb` holds no skeleton here, expected"),
+        (["cages.h5", "c.glb", "--skeleton"], "c.glb: --skeleton"),
         (["cages.h5", "c.npz", "--format", "ply"], "c.npz: has the suffix of another format"),
     ],
 )
@@ -195,7 +195,7 @@ def test_a_skeleton_needs_weights(run, folder):
     assert run(*EXTRACT, "--no-weights").code == 0
     outcome = run("export", "cages.h5", "c.usda", "--skeleton")
     assert outcome.code == 1
-    assert "cages.h5: holds no weights, which a skeleton needs; extract it again" in outcome.err
+    assert "--no-weights" in outcome.err
 
 
 def test_a_file_may_hold_every_option(run, result):
