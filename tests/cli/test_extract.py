@@ -121,7 +121,7 @@ def test_an_output_that_cannot_be_written_is_refused_at_once(run, folder, output
 def test_a_result_is_not_written_under_the_name_of_another_format(run, folder):
     outcome = run(*TYPED, "-o", "cages.npz")
     assert (outcome.code, outcome.out) == (1, "")
-    assert "cages.npz: is to be an HDF5 file" in outcome.err
+    assert "cages.npz: the output is an HDF5 file" in outcome.err
     assert not Path("cages.npz").exists()
 
 
