@@ -7,7 +7,7 @@ from cageik_cli.cli.options.clip import LAYOUTS, UP_AXES
 from cageik_cli.formats.base.sequence import LAYOUTS as KNOWN_LAYOUTS
 from cageik_cli.formats.scene import UP_AXES as KNOWN_AXES
 from cageik_cli.formats.scene import Scene, SceneHints, parse_scene_metadata
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import SettingError
 
 
 def test_what_is_said_stands_and_the_rest_is_usual():
@@ -29,7 +29,7 @@ def test_what_is_said_stands_and_the_rest_is_usual():
 )
 @pytest.mark.parametrize("kind", [Scene, SceneHints])
 def test_what_cannot_be_is_refused(kind, wrong, says):
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(SettingError, match=says):
         kind(**wrong)
 
 
