@@ -13,7 +13,13 @@ from alembic3d.AbcGeom import OPolyMesh, OPolyMeshSchemaSample, OXform, XformSam
 from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import (
+    ConnectivityError,
+    FileAccessError,
+    FormatError,
+    InputError,
+    SettingError,
+)
 from tests.clips import frames_of
 from tests.shapes import octahedron
 
@@ -189,7 +195,7 @@ def test_one_of_several_meshes_is_named(archive):
     sequence = open_sequence([f"{archive.path}::/move/hat"])
     np.testing.assert_array_equal(frames_of(sequence), FRAMES + np.float32(1))
     assert sequence.names[0] == "clip.abc::/move/hat[0]"
-    with pytest.raises(InputError, match=r"clip\.abc: .*`/shoe`.* /mesh, /move/hat"):
+    with pytest.raises(SettingError, match=r"clip\.abc: .*`/shoe`.* /mesh, /move/hat"):
         open_sequence([f"{archive.path}::/shoe"])
 
 
@@ -210,7 +216,7 @@ def test_faces_that_change_are_refused(archive):
 
 def test_vertices_that_change_in_number_are_refused(archive):
     archive.mesh(frames=[*FRAMES[:2], FRAMES[2][:5]])
-    with pytest.raises(InputError, match=r"clip\.abc\[2\]: 5 vertices, the rest pose has 6"):
+    with pytest.raises(ConnectivityError, match=r"clip\.abc\[2\]: 5 vertices, the rest pose has 6"):
         frames_of(archive.opened())
 
 
@@ -234,7 +240,7 @@ def test_a_file_cut_short_is_a_sentence(archive):
     data = archive.path.read_bytes()
     for size in range(16, len(data) - 1, 97):
         archive.path.write_bytes(data[:size])
-        with pytest.raises(InputError, match=r"clip\.abc: is cut short"):
+        with pytest.raises(FormatError, match=r"clip\.abc: is cut short"):
             open_sequence([str(archive.path)])
 
 
@@ -244,7 +250,7 @@ def test_a_file_that_was_never_closed_is_a_sentence(archive):
     data = bytearray(archive.path.read_bytes())
     data[5] = 0
     archive.path.write_bytes(data)
-    with pytest.raises(InputError, match=r"clip\.abc: is cut short"):
+    with pytest.raises(FormatError, match=r"clip\.abc: is cut short"):
         open_sequence([str(archive.path)])
 
 
@@ -257,7 +263,7 @@ def test_a_sample_that_is_missing_is_a_sentence(archive):
     there = (place | 1 << 63).to_bytes(8, "little")
     assert data.count(there) == 1
     archive.path.write_bytes(data.replace(there, bytes(8)))
-    with pytest.raises(InputError, match=r"clip\.abc\[1\]: sample 1 of `P` is missing"):
+    with pytest.raises(FormatError, match=r"clip\.abc\[1\]: sample 1 of `P` is missing"):
         frames_of(open_sequence([str(archive.path)]))
 
 
@@ -273,12 +279,12 @@ def test_a_sample_that_is_missing_is_a_sentence(archive):
 def test_what_is_no_alembic_is_a_sentence(tmp_path, data, sentence):
     path = tmp_path / "clip.abc"
     path.write_bytes(data)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(FormatError) as caught:
         open_sequence([str(path)])
     assert str(caught.value).startswith(f"{path}: {sentence}")
 
 
 def test_a_folder_is_a_sentence(tmp_path):
     (tmp_path / "clip.abc").mkdir()
-    with pytest.raises(InputError, match=r"clip\.abc: cannot be read"):
+    with pytest.raises(FileAccessError, match=r"clip\.abc: cannot be read"):
         open_sequence([str(tmp_path / "clip.abc")])

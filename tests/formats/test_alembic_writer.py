@@ -9,7 +9,7 @@ from alembic3d.AbcGeom import IPolyMesh
 
 from cageik_cli.formats.alembic import Writer
 from cageik_cli.formats.base.writer import Animation
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import OutputError
 from tests.formats.clips import FRAMES, REST, SCENE, fail_halfway, write_huge, written
 
 
@@ -48,7 +48,7 @@ def test_no_time_of_writing_and_the_same_bytes_for_all_blocks(tmp_path):
 
 
 def test_what_single_precision_cannot_hold_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"5e\+39 is too large"):
+    with pytest.raises(OutputError, match=r"5e\+39 is too large"):
         write_huge(tmp_path / "clip.abc")
     assert list(tmp_path.iterdir()) == []
 
@@ -56,7 +56,7 @@ def test_what_single_precision_cannot_hold_is_refused(tmp_path):
 def test_a_disk_without_room_is_refused_before_anything_is_written(tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)._replace(free=12 * 6 * 7)
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage)
-    with pytest.raises(InputError, match=r"a\.abc: cannot be written \(No space left on device\)"):
+    with pytest.raises(OutputError, match=r"a\.abc: cannot be written \(No space left on device\)"):
         written(tmp_path / "a.abc")
     assert list(tmp_path.iterdir()) == []
 

@@ -7,7 +7,7 @@ import pytest
 
 from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 from tests.clips import frames_of
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -65,7 +65,7 @@ DAMAGES = {
 
 @pytest.mark.parametrize(("data", "says"), DAMAGES.values(), ids=DAMAGES)
 def test_what_is_no_sound_clip_is_refused(tmp_path, opened, data, says):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(FormatError) as caught:
         opened(data)
     assert str(caught.value).startswith(f"{tmp_path / 'clip.anime'}: ")
     assert says in str(caught.value)

@@ -8,13 +8,13 @@ import trimesh
 
 from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import ConnectivityError, FileAccessError, InputError
 from tests.clips import frames_of
 
 
 def test_gaps_are_taken_when_allowed(folder, animation):
     (folder / "frames/frame_3.obj").unlink()
-    with pytest.raises(InputError, match=r"frame_3\.obj: missing"):
+    with pytest.raises(FileAccessError, match=r"frame_3\.obj: missing"):
         open_sequence(["frames"])
     found = frames_of(open_sequence(["frames"], ClipSettings(allow_gaps=True)))
     np.testing.assert_array_equal(found, animation.frames[[0, 1, 3, 4]])
@@ -87,14 +87,16 @@ def test_another_polygon_is_another_connectivity(tmp_path):
     points = "".join("v {} {} {}\n".format(*vertex) for vertex in DART.tolist())
     (tmp_path / "f0.obj").write_text(points + "f 2 3 4 1\n")
     (tmp_path / "f1.obj").write_text(points + "f 1 2 3 4\n")
-    with pytest.raises(InputError, match=r"f1\.obj: triangle 0 joins vertices 0-1-2, in the rest"):
+    with pytest.raises(
+        ConnectivityError, match=r"f1\.obj: triangle 0 joins vertices 0-1-2, in the rest"
+    ):
         frames_of(open_sequence([str(tmp_path)]))
 
 
 def test_a_frame_that_went_away_is_refused(folder):
     sequence = open_sequence(["frames"])
     (folder / "frames/frame_5.obj").unlink()
-    with pytest.raises(InputError, match=r"frame_5\.obj: cannot be read: No such file"):
+    with pytest.raises(FileAccessError, match=r"frame_5\.obj: cannot be read: No such file"):
         frames_of(sequence)
 
 

@@ -12,7 +12,7 @@ from cageik_cli.formats.base import binary_frames as runs
 from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError, SettingError
 from tests.clips import frames_of
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
@@ -110,7 +110,7 @@ def test_chunks_that_memory_cannot_hold_are_refused(path, monkeypatch):
     monkeypatch.setattr(hdf5_layouts, "MAX_HDF5_CHUNK_BYTES", 3 * 4 * 3 * 8)
     np.testing.assert_array_equal(frames_of(open_sequence([str(path)])), FRAMES)
     monkeypatch.setattr(hdf5_layouts, "MAX_HDF5_CHUNK_BYTES", 3 * 4 * 3 * 8 - 1)
-    with pytest.raises(InputError, match=r"clip\.h5: `verts` has chunks of 288 bytes"):
+    with pytest.raises(FormatError, match=r"clip\.h5: `verts` has chunks of 288 bytes"):
         open_sequence([str(path)])
 
 
@@ -121,7 +121,7 @@ def test_a_chunk_that_is_damaged_is_an_error_of_the_file(path):
     with path.open("r+b") as stream:
         stream.seek(place.byte_offset)
         stream.write(b"\xff" * place.size)
-    with pytest.raises(InputError, match=r"clip\.h5: is not a sound HDF5 file"):
+    with pytest.raises(FormatError, match=r"clip\.h5: is not a sound HDF5 file"):
         frames_of(open_sequence([str(path)]))
 
 
@@ -161,7 +161,7 @@ def test_a_clip_is_chosen_by_its_name(bodies, selection):
     ],
 )
 def test_no_name_or_a_wrong_one_is_refused_with_names(bodies, member, says):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(SettingError) as caught:
         open_sequence([f"{bodies[0]}{member}"])
     assert str(caught.value).startswith(f"{bodies[0]}: ")
     assert says in str(caught.value)
@@ -360,7 +360,7 @@ DAMAGES = {
 def test_what_is_no_sound_clip_is_refused(path, damage, says):
     with h5py.File(path, "r+") as file:
         damage(file)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(FormatError) as caught:
         open_sequence([str(path)])
     assert str(caught.value).startswith(f"{path}: ")
     assert says in str(caught.value)
@@ -369,5 +369,5 @@ def test_what_is_no_sound_clip_is_refused(path, damage, says):
 def test_a_later_frame_that_is_not_finite_is_named(path):
     with h5py.File(path, "r+") as file:
         file["verts"][2, 3, 1] = np.nan
-    with pytest.raises(InputError, match=r"clip\.h5\[2\]: vertex 3 is"):
+    with pytest.raises(FormatError, match=r"clip\.h5\[2\]: vertex 3 is"):
         frames_of(open_sequence([str(path)]))

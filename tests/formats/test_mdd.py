@@ -11,7 +11,7 @@ from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import ConnectivityError, FormatError, InputError, SettingError
 from tests.clips import frames_of
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -80,7 +80,7 @@ def test_chosen_frames_keep_their_numbers_and_their_speed(opened, selection, num
 
 
 def test_no_frame_chosen_is_refused(opened):
-    with pytest.raises(InputError, match=r"clip\.mdd: --frames 7: .* 5 frames"):
+    with pytest.raises(SettingError, match=r"clip\.mdd: --frames 7: .* 5 frames"):
         opened(mdd(), ClipSettings(slice(7, None)))
 
 
@@ -159,14 +159,14 @@ def test_what_is_no_sound_clip_is_refused(tmp_path, opened, data, says):
 def test_a_first_frame_that_is_not_finite_is_named(opened):
     frames = FRAMES.copy()
     frames[0, 2, 1] = np.nan
-    with pytest.raises(InputError, match=r"^clip\.mdd\[0\]: vertex 2 is \("):
+    with pytest.raises(FormatError, match=r"^clip\.mdd\[0\]: vertex 2 is \("):
         opened(mdd(frames))
 
 
 def test_without_a_rest_pose_it_is_refused_and_outlined(tmp_path):
     (tmp_path / "clip.mdd").write_bytes(mdd())
     typed = [str(tmp_path / "clip.mdd")]
-    with pytest.raises(InputError, match="--rest"):
+    with pytest.raises(SettingError, match="--rest"):
         open_sequence(typed)
     assert describe_contents(typed, ClipSettings()) == [
         ("holds", "positions without faces; give these by --rest"),
@@ -186,11 +186,11 @@ def test_a_huge_claim_is_refused_without_room_for_it(tmp_path, rest):
         stream.write(struct.pack(">ii", frames, vertices))
         stream.truncate(8 + 4 * frames + 12 * frames * vertices - 1)
     tracemalloc.start()
-    with pytest.raises(InputError, match="cut short"):
+    with pytest.raises(FormatError, match="cut short"):
         open_sequence([str(path)], None, rest)
     with path.open("ab") as stream:
         stream.write(b"\0")
-    with pytest.raises(InputError, match="10000000 vertices, the rest pose has 4"):
+    with pytest.raises(ConnectivityError, match="10000000 vertices, the rest pose has 4"):
         open_sequence([str(path)], None, rest)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

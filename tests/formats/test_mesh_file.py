@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError, InputError
 from tests.shapes import box
 
 QUADS = np.array(
@@ -125,7 +125,7 @@ def test_a_signalling_nan_is_refused_without_a_warning(tmp_path):
     points.view("<u4")[2, 0] = 0x7FA00000
     body = points.tobytes() + b"\5" + np.arange(5, dtype="<i4").tobytes()
     path.write_bytes(ply_header(1).replace("ascii", "binary_little_endian").encode() + body)
-    with pytest.raises(InputError, match="vertex 2 is \\(nan, 1, 0\\)"):
+    with pytest.raises(FormatError, match="vertex 2 is \\(nan, 1, 0\\)"):
         load_mesh(path)
 
 
@@ -224,5 +224,5 @@ def test_what_is_no_mesh_is_refused(tmp_path, name, content, says):
 def test_an_off_file_that_ends_inside_its_faces_is_refused(tmp_path):
     path = tmp_path / "short.off"
     path.write_text(OFF[:-8])
-    with pytest.raises(InputError, match="announces 4 vertices and 2 faces, holds 4 and 1"):
+    with pytest.raises(FormatError, match="announces 4 vertices and 2 faces, holds 4 and 1"):
         load_mesh(path)

@@ -6,7 +6,7 @@ import pytest
 
 from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.open import describe_contents, expand_arguments, open_sequence
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 
 WALKS = ["walk.bvh", "walk.C3D", "walk.fbx", "walk.blend", "walk.glb"]
 NUMBERS = ["frame_1.obj", "frame_2.obj", "frame_10.obj", "frame_11.obj"]
@@ -120,11 +120,11 @@ def test_what_cannot_be_a_clip_is_refused_with_the_argument(frames, arguments, s
 
 
 def test_a_layout_is_for_arrays_alone(frames):
-    with pytest.raises(InputError, match=r"frames: the axes of `\.obj` files .* --layout vxf"):
+    with pytest.raises(SettingError, match=r"frames: the axes of `\.obj` files .* --layout vxf"):
         open_sequence(["frames"], ClipSettings(layout="vxf", allow_gaps=True))
 
 
 def test_only_what_is_no_clip_by_itself_is_outlined(frames):
     assert describe_contents(["frames"], ClipSettings(allow_gaps=True)) == []
-    with pytest.raises(InputError, match="nowhere: no such file"):
+    with pytest.raises(FileAccessError, match="nowhere: no such file"):
         describe_contents(["nowhere"], ClipSettings())

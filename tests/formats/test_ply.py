@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cageik_cli.formats.ply import PlyFrameParser, is_binary_ply, parse_binary_ply
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError, InputError
 from tests.shapes import ball
 
 VERTICES = np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [0.5, 1, 0], [0, 2, 0.25]])
@@ -124,7 +124,7 @@ FAULTS = {
 
 @pytest.mark.parametrize(("data", "says"), FAULTS.values(), ids=FAULTS)
 def test_faults_have_a_sentence(data, says):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(FormatError) as caught:
         parse_binary_ply(data)
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)

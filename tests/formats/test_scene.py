@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.scene import Scene, SceneHints, parse_scene_metadata
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import SettingError
 
 
 def test_what_is_said_stands_and_the_rest_is_usual():
@@ -26,7 +26,7 @@ def test_what_is_said_stands_and_the_rest_is_usual():
 )
 @pytest.mark.parametrize("kind", [Scene, SceneHints])
 def test_what_cannot_be_is_refused(kind, wrong, says):
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(SettingError, match=says):
         kind(**wrong)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.vertex_weights import load_vertex_weights
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError, InputError
 
 WEIGHTS = [1.0, 0.0, 0.1, 1e-300, 2.5]
 
@@ -85,5 +85,5 @@ def test_numbers_that_are_too_large_become_infinite_without_a_warning(tmp_path):
 
 def test_complex_numbers_are_refused(tmp_path):
     np.save(tmp_path / "weights.npy", np.array([1 + 1j]))
-    with pytest.raises(InputError):
+    with pytest.raises(FormatError):
         load_vertex_weights(tmp_path / "weights.npy")

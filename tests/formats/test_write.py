@@ -8,7 +8,7 @@ import pytest
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.write import check_animation_output, open_writer, output_path
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import InputError, MissingLibraryError, SettingError
 from tests.formats.written import write
 
 
@@ -77,7 +77,7 @@ def test_what_cannot_be_is_refused_before_any_work(tmp_path, monkeypatch, name, 
 )
 def test_a_library_that_is_missing_is_named_before_any_work(monkeypatch, module, name, says):
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(MissingLibraryError) as caught:
         check_animation_output(Path(name), False)
     assert str(caught.value) == says
     check_animation_output(Path("a.pc2"), False)
@@ -91,7 +91,7 @@ def test_nothing_is_left_of_preparing(tmp_path):
 
 @pytest.mark.parametrize("start", [-1.0, 0.5])
 def test_files_are_numbered_by_whole_numbers(tmp_path, animation, start):
-    with pytest.raises(InputError, match=rf" {start:g}, .*--start"):
+    with pytest.raises(SettingError, match=rf" {start:g}, .*--start"):
         write(
             tmp_path / "a" / "a_#.obj", animation.rest, animation.frames, scene=Scene(start=start)
         )

@@ -17,7 +17,7 @@ from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.usd.errors import USD_SUFFIXES
 from cageik_cli.formats.write import open_writer
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import OutputError
 from tests.formats.written import bytes_under, single, write
 
 OUTPUTS = ("a.npz", "a.pc2", "a.mdd", "a.glb", "a/a_####.obj", "a/a_%04d.ply")
@@ -89,7 +89,7 @@ def test_a_full_disk_is_said_and_what_was_there_stays(tmp_path, animation, long,
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (WHOLE_LOT, hard))
     try:
-        with pytest.raises(InputError, match=r"a(\.\w+)?: cannot be written \(File too large\)"):
+        with pytest.raises(OutputError, match=r"a(\.\w+)?: cannot be written \(File too large\)"):
             write(path, mesh, np.stack([mesh.vertices] * 3), overwrite=True)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
@@ -99,7 +99,7 @@ def test_a_full_disk_is_said_and_what_was_there_stays(tmp_path, animation, long,
 
 @pytest.mark.parametrize("name", ["a.pc2", "a.mdd", "a.glb"])
 def test_what_float32_does_not_hold_is_refused(tmp_path, animation, name):
-    with pytest.raises(InputError, match=r"e\+39 is too large"):
+    with pytest.raises(OutputError, match=r"e\+39 is too large"):
         write(tmp_path / name, animation.rest, 1e39 * animation.frames)
     assert not list(tmp_path.iterdir())
 
@@ -294,6 +294,6 @@ def test_what_a_glb_has_no_room_for_is_refused_at_once(tmp_path, animation, coun
     if says is None:
         kind(tmp_path / "a.glb", described).abandon()
         return
-    with pytest.raises(InputError, match=rf"{count} frames of 18 vertices take {says} as morph"):
+    with pytest.raises(OutputError, match=rf"{count} frames of 18 vertices take {says} as morph"):
         kind(tmp_path / "a.glb", described)
     assert not list(tmp_path.iterdir())

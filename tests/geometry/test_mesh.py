@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes, uniform_laplacian
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 from tests.shapes import TETRAHEDRON, ball, box, concave, octahedron
 
 
@@ -82,7 +82,7 @@ def test_laplacian_kills_constants_and_is_the_mean_of_neighbours():
     ],
 )
 def test_what_is_not_a_mesh_is_refused(vertices, faces, says):
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(FormatError, match=says):
         TriMesh(np.array(vertices, float), np.array(faces))
 
 
@@ -94,7 +94,7 @@ def test_the_largest_coordinates_overflow_nowhere():
 
 def test_numbers_too_large_to_convert_are_refused_without_a_warning():
     vertices = np.full((3, 3), np.finfo(np.longdouble).max, np.longdouble)
-    with pytest.raises(InputError, match="vertex 0 is"):
+    with pytest.raises(FormatError, match="vertex 0 is"):
         TriMesh(vertices, np.array([[0, 1, 2]]))
 
 

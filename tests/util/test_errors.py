@@ -9,7 +9,7 @@ from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.write import open_writer
-from cageik_cli.util.errors import InputError, require_optional
+from cageik_cli.util.errors import MissingLibraryError, require_optional
 from tests.shapes import TETRAHEDRON
 
 
@@ -32,11 +32,11 @@ def test_reading_and_writing_say_what_to_install(tmp_path, monkeypatch, library,
     path.touch()
     for name in [library, *(name for name in sys.modules if name.startswith(f"{library}."))]:
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(MissingLibraryError) as caught:
         open_sequence([str(path)])
     assert str(caught.value) == f"{path}: reading {suffix} needs {remedy}"
     animation = Animation(TETRAHEDRON, 1, Scene(), "clip")
-    with pytest.raises(InputError) as caught, open_writer(path, animation, True):
+    with pytest.raises(MissingLibraryError) as caught, open_writer(path, animation, True):
         pass
     assert str(caught.value) == f"{path}: writing {suffix} needs {remedy}"
     assert [p.name for p in tmp_path.iterdir()] == [path.name]

@@ -11,7 +11,7 @@ from cageik_cli.formats.base.binary_frames import (
     StoredFrames,
     check_file_size,
 )
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FileAccessError, FormatError
 
 VALUES = np.arange(24, dtype=">f8")
 
@@ -41,26 +41,26 @@ def test_a_file_that_shrinks_is_refused(path):
     file = BinaryFile.open(path)
     with path.open("r+b") as stream:
         stream.truncate(100)
-    with pytest.raises(InputError, match="shorter"):
+    with pytest.raises(FileAccessError, match="shorter"):
         file.read_array(4, VALUES.dtype, VALUES.shape)
 
 
 def test_more_than_memory_holds_is_refused(path):
-    with pytest.raises(InputError, match="36028797018963968 bytes"):
+    with pytest.raises(FileAccessError, match="36028797018963968 bytes"):
         BinaryFile.open(path).read_array(4, VALUES.dtype, (1 << 52,))
 
 
 def test_what_cannot_be_opened_or_read_is_refused(tmp_path):
-    with pytest.raises(InputError, match="folder"):
+    with pytest.raises(FileAccessError, match="folder"):
         BinaryFile.open(tmp_path)
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(FileAccessError, match="No such file"):
         BinaryFile.open(tmp_path / "none")
 
     class Torn(io.BytesIO):
         def readinto(self, buffer):
             raise OSError(5, "Input/output error")
 
-    with pytest.raises(InputError, match="Input/output error"):
+    with pytest.raises(FileAccessError, match="Input/output error"):
         BinaryFile(Torn(bytes(100))).read_array(0, VALUES.dtype, (2,))
 
 
@@ -75,9 +75,9 @@ def test_the_file_is_closed_with_its_last_user(path):
 def test_counts_and_size_are_compared(path):
     file = BinaryFile.open(path)
     check_file_size(file, 196, {"frames": 1})
-    with pytest.raises(InputError, match="0 frames, 2 faces"):
+    with pytest.raises(FormatError, match="0 frames, 2 faces"):
         check_file_size(file, 196, {"frames": 0, "faces": 2})
-    with pytest.raises(InputError, match=r"195 bytes.* 196; it is damaged"):
+    with pytest.raises(FormatError, match=r"195 bytes.* 196; it is damaged"):
         check_file_size(file, 195, {"frames": 1})
-    with pytest.raises(InputError, match=r"197 bytes.* 196; it is cut short"):
+    with pytest.raises(FormatError, match=r"197 bytes.* 196; it is cut short"):
         check_file_size(file, 197, {"frames": 1})

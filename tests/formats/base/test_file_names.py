@@ -11,7 +11,7 @@ from cageik_cli.formats.base.file_names import (
     file_stem,
     file_suffix,
 )
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FileAccessError, SettingError
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_what_has_no_number_is_no_pattern(name):
 
 @pytest.mark.parametrize("name", ["a_##_##.obj", "a_%d_$F.obj", "$F_%04d"])
 def test_a_number_stands_there_once(name):
-    with pytest.raises(InputError, match=rf"{re.escape(name)} has 2 "):
+    with pytest.raises(SettingError, match=rf"{re.escape(name)} has 2 "):
         FrameNames.parse(name)
 
 
@@ -83,7 +83,7 @@ def test_other_names_are_not_ours(name):
     ],
 )
 def test_a_gap_names_the_first_file_that_is_missing(names, missing):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(FileAccessError) as caught:
         check_no_gaps([Path("clip") / f"{name}.obj" for name in names.split()])
     assert str(caught.value).startswith(f"{Path('clip') / missing}.obj: missing between")
     assert "--allow-gaps" in str(caught.value)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix, get_dataset, open_checked, read_array
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError, InputError
 
 VALUES = np.arange(12.0).reshape(4, 3)
 
@@ -67,7 +67,7 @@ def test_what_is_as_expected_is_given(path, name, kinds, shape):
     ],
 )
 def test_what_is_not_as_expected_is_refused(path, name, kinds, shape, says):
-    with pytest.raises(InputError) as caught, open_checked(path) as file:
+    with pytest.raises(FormatError) as caught, open_checked(path) as file:
         read_array(file, name, kinds, shape)
     assert str(caught.value).startswith(f"{path}: ")
     assert says in str(caught.value)
@@ -114,5 +114,5 @@ def test_a_name_says_the_kind(name, is_taken):
 
 @pytest.mark.parametrize("error", [OSError("x"), RuntimeError("x"), KeyError("x"), ValueError("x")])
 def test_what_the_library_raises_inside_is_refused_too(path, error):
-    with pytest.raises(InputError, match="is not a sound HDF5 file"), open_checked(path):
+    with pytest.raises(FormatError, match="is not a sound HDF5 file"), open_checked(path):
         raise error

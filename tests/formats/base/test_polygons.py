@@ -11,7 +11,7 @@ from cageik_cli.formats.base.polygons import (
     replace_folded_fans,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 from tests.shapes import rotation
 
 DART = [[0, 0], [2, 0], [0.5, 0.5], [0, 2]]
@@ -134,5 +134,5 @@ def test_triangles_stay_in_the_place_of_their_polygon():
 
 
 def test_a_polygon_of_two_corners_is_refused():
-    with pytest.raises(InputError, match="face 1 has 2 corners, expected 3 or more"):
+    with pytest.raises(FormatError, match="face 1 has 2 corners, expected 3 or more"):
         fan_triangulate_polygons([[0, 1, 2], [0, 1]])

@@ -9,7 +9,7 @@ from cageik_cli.formats.base.scene_graph import (
     is_mirroring,
     transform_points,
 )
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 
 POINTS = np.arange(15.0).reshape(5, 3)
 MIXED = Polygons(np.array([3, 4]), np.array([0, 1, 2, 1, 2, 3, 4]))
@@ -30,7 +30,7 @@ def test_polygons_become_fans_of_either_winding():
 
 @pytest.mark.parametrize("counts", [[], [3], [3, 5], [-3, 10], [2**62, 2**62]])
 def test_counts_that_do_not_fit_the_corners_are_refused(counts):
-    with pytest.raises(InputError, match="corners, found 7"):
+    with pytest.raises(FormatError, match="corners, found 7"):
         Polygons(np.array(counts, np.int64), MIXED.corners).make_mesh(POINTS, is_clockwise=False)
 
 

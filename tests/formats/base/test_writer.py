@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.writer import to_float32
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import OutputError
 
 
 def test_positions_are_rounded_and_laid_out_in_order():
@@ -17,7 +17,7 @@ def test_positions_are_rounded_and_laid_out_in_order():
 
 @pytest.mark.parametrize("largest", [3.5e38, -1e50])
 def test_too_large_is_refused(largest):
-    with pytest.raises(InputError, match="too large"):
+    with pytest.raises(OutputError, match="too large"):
         to_float32(np.array([[0, largest, 1.0]]))
 
 

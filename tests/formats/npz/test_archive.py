@@ -13,7 +13,7 @@ import pytest
 
 from cageik_cli.formats.npz import archive as numpy_files
 from cageik_cli.formats.npz.archive import NpzArchive, open_npy
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FileAccessError, FormatError
 
 VALUES = np.random.default_rng(0).normal(size=(6, 5, 3))
 
@@ -94,7 +94,7 @@ def _sparse(path):
 
 def test_a_huge_claim_is_refused_without_room_for_it(tmp_path):
     tracemalloc.start()
-    with pytest.raises(InputError, match=r"24000000000128 bytes.* 1099511627904"):
+    with pytest.raises(FormatError, match=r"24000000000128 bytes.* 1099511627904"):
         open_npy(_sparse(tmp_path / "a.npy"))
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
@@ -128,10 +128,10 @@ HEADERS = {
 def test_a_header_that_cannot_be_is_refused(tmp_path, data, says, method):
     path = tmp_path / "a"
     path.write_bytes(data)
-    with pytest.raises(InputError) as lone:
+    with pytest.raises(FormatError) as lone:
         open_npy(path)
     assert says in str(lone.value)
-    with pytest.raises(InputError) as member:
+    with pytest.raises(FormatError) as member:
         NpzArchive(zipped(path, data, method)).open_array("verts")
     assert says.replace(".npy of plain numbers", "member of a .npz") in str(member.value)
     assert str(member.value).startswith("`verts`: ")
@@ -140,7 +140,7 @@ def test_a_header_that_cannot_be_is_refused(tmp_path, data, says, method):
 
 def test_more_than_deflate_can_give_is_refused(tmp_path):
     path = claiming(zipped(tmp_path / "a.npz", npy(VALUES)), 2**32 - 2)
-    with pytest.raises(InputError, match="4294967294 bytes out of"):
+    with pytest.raises(FormatError, match="4294967294 bytes out of"):
         NpzArchive(path).open_array("verts")
 
 
@@ -153,7 +153,7 @@ def test_what_deflate_gives_at_most_is_taken(tmp_path):
     ("size", "says"), [(800, "is not a sound member"), (849, "ends after 848 of 849 bytes")]
 )
 def test_a_member_of_another_length_is_refused(tmp_path, size, says):
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(FormatError, match=says):
         NpzArchive(claiming(zipped(tmp_path / "a.npz", npy(VALUES)), size)).open_array("verts")
 
 
@@ -161,7 +161,7 @@ def test_no_room_on_the_disk_is_said_before_it_is_written(tmp_path, monkeypatch)
     usage = namedtuple("usage", "free")
     monkeypatch.setattr(numpy_files.shutil, "disk_usage", lambda folder: usage(847))
     path = zipped(tmp_path / "a.npz", npy(VALUES))
-    with pytest.raises(InputError, match=r"848 bytes unpacked.* 847 free"):
+    with pytest.raises(FileAccessError, match=r"848 bytes unpacked.* 847 free"):
         NpzArchive(path).open_array("verts")
     monkeypatch.setattr(numpy_files.shutil, "disk_usage", lambda folder: usage(848))
     np.testing.assert_array_equal(NpzArchive(path).open_array("verts").read(), VALUES)
@@ -174,14 +174,16 @@ def test_a_disk_that_fills_all_the_same_is_no_fault_of_the_file(tmp_path, monkey
 
     monkeypatch.setattr(numpy_files.tempfile, "TemporaryFile", Full)
     path = zipped(tmp_path / "a.npz", npy(VALUES))
-    with pytest.raises(InputError, match=r"`verts`: cannot be unpacked into .* \(\[Errno 28\] No"):
+    with pytest.raises(
+        FileAccessError, match=r"`verts`: cannot be unpacked into .* \(\[Errno 28\] No"
+    ):
         NpzArchive(path).open_array("verts")
 
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_another_compression_is_refused(tmp_path, method):
     path = zipped(tmp_path / "a.npz", npy(VALUES), method)
-    with pytest.raises(InputError, match=f"is compressed by method {method}, expected deflate"):
+    with pytest.raises(FormatError, match=f"is compressed by method {method}, expected deflate"):
         NpzArchive(path).open_array("verts")
 
 
@@ -190,7 +192,7 @@ def test_an_encrypted_member_is_refused(tmp_path):
     data = bytearray(path.read_bytes())
     data[data.index(b"PK\1\2") + 8] |= 1
     path.write_bytes(data)
-    with pytest.raises(InputError, match="`verts`: is encrypted"):
+    with pytest.raises(FormatError, match="`verts`: is encrypted"):
         NpzArchive(path).open_array("verts")
 
 
@@ -206,5 +208,5 @@ def test_an_encrypted_member_is_refused(tmp_path):
 def test_a_stored_member_that_is_not_where_the_archive_says_is_refused(tmp_path, damage):
     path = zipped(tmp_path / "a.npz", npy(VALUES), zipfile.ZIP_STORED)
     path.write_bytes(damage(path.read_bytes()))
-    with pytest.raises(InputError, match="is not at byte 0, as the archive says"):
+    with pytest.raises(FormatError, match="is not at byte 0, as the archive says"):
         NpzArchive(path).open_array("verts")

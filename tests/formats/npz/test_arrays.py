@@ -15,7 +15,7 @@ from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.npz.reader import FACE_NAMES, VERTEX_NAMES
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import ConnectivityError, FormatError, InputError, SettingError
 from tests.clips import frames_of
 
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -71,7 +71,7 @@ def test_both_layouts_give_the_same_frames_or_are_refused(tmp_path_factory, coun
             told = ClipSettings(layout=layout)
             np.testing.assert_array_equal(frames_of(open_sequence([str(path)], told)), frames)
             if count == vertices and layout != "fvx":
-                with pytest.raises(InputError, match=r"can be read as vxf .* or fxv"):
+                with pytest.raises(SettingError, match=r"can be read as vxf .* or fxv"):
                     open_sequence([str(path)])
             else:
                 np.testing.assert_array_equal(frames_of(open_sequence([str(path)])), frames)
@@ -92,7 +92,7 @@ def test_runs_of_frames_are_the_frames(tmp_path, monkeypatch, layout, order):
 
 
 def test_either_layout_possible_is_refused(opened):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(SettingError) as caught:
         opened(verts=np.zeros((4, 3, 3)), faces=np.array([[0, 1, 2]]))
     assert str(caught.value).endswith(
         "positions can be read as fvx (4 frames of 3 vertices) or fxv (4 frames of 3 vertices); "
@@ -101,7 +101,9 @@ def test_either_layout_possible_is_refused(opened):
 
 
 def test_a_layout_that_does_not_fit_is_refused(opened):
-    with pytest.raises(InputError, match=r"have shape \(2, 4, 3\), expected \(vertices, 3, frames"):
+    with pytest.raises(
+        FormatError, match=r"have shape \(2, 4, 3\), expected \(vertices, 3, frames"
+    ):
         opened(ClipSettings(layout="vxf"), verts=FRAMES, faces=FACES)
 
 
@@ -109,9 +111,9 @@ def test_faces_come_from_the_rest_pose_where_there_are_none(tmp_path, opened, re
     for sequence in (opened(rest=rest, verts=FRAMES), _lone(tmp_path / "clip.npy", FRAMES, rest)):
         np.testing.assert_array_equal(sequence.first.faces, FACES)
         np.testing.assert_array_equal(frames_of(sequence), FRAMES)
-    with pytest.raises(InputError, match=r"clip\.npy: 5 vertices, the rest pose has 4"):
+    with pytest.raises(ConnectivityError, match=r"clip\.npy: 5 vertices, the rest pose has 4"):
         _lone(tmp_path / "clip.npy", np.zeros((2, 5, 3)), rest)
-    with pytest.raises(InputError, match=r"clip\.npy: .*--rest"):
+    with pytest.raises(SettingError, match=r"clip\.npy: .*--rest"):
         _lone(tmp_path / "clip.npy", FRAMES, None)
 
 
@@ -219,7 +221,7 @@ def test_other_arrays_are_refused_with_what_was_found(opened, tmp_path, arrays, 
 def test_a_later_frame_that_is_not_finite_is_named(opened):
     frames = FRAMES.copy()
     frames[1, 2, 0] = np.inf
-    with pytest.raises(InputError, match=r"clip\.npz\[1\]: vertex 2 is"):
+    with pytest.raises(FormatError, match=r"clip\.npz\[1\]: vertex 2 is"):
         frames_of(opened(verts=frames, faces=FACES))
 
 
@@ -264,7 +266,7 @@ def test_a_damaged_or_foreign_file_is_refused_and_closed(tmp_path, monkeypatch, 
     path = tmp_path / "clip.npz"
     np.savez(path, verts=FRAMES, faces=FACES)
     path.write_bytes(damage(path.read_bytes(), path))
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(FormatError) as caught:
         open_sequence([str(path)])
     assert str(caught.value).startswith(f"{path}: ")
     del caught

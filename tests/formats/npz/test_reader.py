@@ -3,7 +3,7 @@
 import pytest
 
 from cageik_cli.formats.npz.reader import AxisOrder, candidate_orders, choose_order
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError, SettingError
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_an_axis_of_three_is_the_coordinates(shape, layout, found):
     ],
 )
 def test_other_shapes_are_refused(shape, layout, says):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(FormatError) as caught:
         candidate_orders(shape, layout)
     assert says in str(caught.value)
 
@@ -67,7 +67,7 @@ def test_the_vertices_that_are_named_decide(shape, named, layout):
     ],
 )
 def test_several_readings_are_asked_about(shape, named, says):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(SettingError) as caught:
         choose_order(candidate_orders(shape, None), named)
     assert says in str(caught.value)
     assert str(caught.value).endswith("--layout")

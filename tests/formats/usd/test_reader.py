@@ -10,7 +10,7 @@ from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd import reader as usd
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import ConnectivityError, FormatError, InputError
 from tests.clips import frames_of
 from tests.shapes import octahedron
 
@@ -228,7 +228,9 @@ def test_faces_that_change_are_refused(stage):
 
 def test_vertices_that_change_in_number_are_refused(stage):
     add_mesh(stage, frames=[FRAMES[0], FRAMES[1], FRAMES[2][:5], FRAMES[3]])
-    with pytest.raises(InputError, match=r"clip\.usda\[2\]: 5 vertices, the rest pose has 6"):
+    with pytest.raises(
+        ConnectivityError, match=r"clip\.usda\[2\]: 5 vertices, the rest pose has 6"
+    ):
         frames_of(opened(stage))
 
 
@@ -316,7 +318,7 @@ def test_a_mirror_as_thin_as_a_plane_is_no_error(stage):
 def test_what_is_no_usd_is_a_sentence(tmp_path, capfd, suffix, data):
     path = tmp_path / f"clip{suffix}"
     path.write_bytes(data)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(FormatError) as caught:
         open_sequence([str(path)])
     assert str(caught.value).startswith(f"{path}: is not a sound USD file (")
     assert "\n" not in str(caught.value)
@@ -331,14 +333,14 @@ def test_a_file_cut_short_is_a_sentence(tmp_path, capfd):
     for k, size in enumerate(range(0, len(data) - 1, 97)):
         path = tmp_path / f"cut_{k}.usdc"
         path.write_bytes(data[:size])
-        with pytest.raises(InputError, match=r"is not a sound USD file \("):
+        with pytest.raises(FormatError, match=r"is not a sound USD file \("):
             open_sequence([str(path)])
     assert capfd.readouterr().err == ""
 
 
 def test_a_folder_is_a_sentence(tmp_path):
     (tmp_path / "clip.usd").mkdir()
-    with pytest.raises(InputError, match=r"clip\.usd: is not a sound USD file"):
+    with pytest.raises(FormatError, match=r"clip\.usd: is not a sound USD file"):
         open_sequence([str(tmp_path / "clip.usd")])
 
 

@@ -11,7 +11,7 @@ from cageik_cli.formats.usd import skeleton
 from cageik_cli.formats.usd.errors import USD_SUFFIXES
 from cageik_cli.formats.usd.skeleton import SkeletonWriter, compute_skin_weights
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError, OutputError
 from tests.formats.clips import faults_of
 from tests.shapes import ball, box
 
@@ -129,12 +129,12 @@ def test_abandoned_it_lets_go_of_the_file(tmp_path):
 def test_a_mesh_too_large_for_single_precision_is_refused(tmp_path):
     huge = TriMesh(REST.vertices * 1e40, REST.faces)
     animation = Animation(CAGE, 5, SCENE, "hero")
-    with pytest.raises(InputError, match="too large"):
+    with pytest.raises(OutputError, match="too large"):
         SkeletonWriter(tmp_path / "rig.usdz", animation, huge, CONVEX)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_our_reader_says_that_it_does_not_skin(tmp_path):
     written(tmp_path / "rig.usdc", CONVEX)
-    with pytest.raises(InputError, match=r"/hero/mesh is moved by a skeleton.*bake it"):
+    with pytest.raises(FormatError, match=r"/hero/mesh is moved by a skeleton.*bake it"):
         open_sequence([str(tmp_path / "rig.usdc")])

@@ -5,7 +5,7 @@ import pytest
 
 from cageik_cli.formats.usd import skeleton as skinning
 from cageik_cli.formats.usd.skeleton import MIN_WEIGHT, compute_skin_weights, measure_skinning_error
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import CageError
 
 RANDOM = np.random.default_rng(7)
 CONVEX = RANDOM.dirichlet(np.ones(9), 40) * 0.99 + 0.01 / 9
@@ -59,7 +59,7 @@ def test_weights_that_single_precision_does_not_tell_are_dropped():
 
 
 def test_a_row_without_a_weight_above_zero_is_refused():
-    with pytest.raises(InputError, match="vertex 1 has no weight above zero"):
+    with pytest.raises(CageError, match="vertex 1 has no weight above zero"):
         compute_skin_weights(np.array([[1.0, 0], [0, 0]]))
 
 

@@ -8,7 +8,7 @@ from pxr import Usd, UsdGeom
 
 from cageik_cli.formats.usd import writer as usd_file
 from cageik_cli.formats.usd.errors import USD_SUFFIXES
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import OutputError
 from tests.formats.clips import FRAMES, REST, fail_halfway, faults_of, write_huge, written
 
 
@@ -89,14 +89,14 @@ def test_too_much_for_a_kind_is_refused_before_anything_is_written(
     tmp_path, monkeypatch, suffix, limit, holds
 ):
     monkeypatch.setattr(usd_file, limit, holds * 12 * 6 - 1)
-    with pytest.raises(InputError, match=r"MiB of positions.*write \.usdc instead"):
+    with pytest.raises(OutputError, match=r"MiB of positions.*write \.usdc instead"):
         written(tmp_path / f"clip{suffix}", FRAMES[:holds])
     assert list(tmp_path.iterdir()) == []
     written(tmp_path / f"clip{suffix}", FRAMES[: holds - 1])
 
 
 def test_what_single_precision_cannot_hold_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"5e\+39 is too large.*\.npz"):
+    with pytest.raises(OutputError, match=r"5e\+39 is too large.*\.npz"):
         write_huge(tmp_path / "clip.usdc")
     assert list(tmp_path.iterdir()) == []
 
