@@ -1,8 +1,90 @@
 """Turn a mesh animation into a cage animation.
 
-The method is that of Savoye and Franco, *CageIK: Dual-Laplacian Cage-Based
-Inverse Kinematics*, AMDO 2010. The command-line tool is `cageik`; the modules
-of this package are what it calls.
+The method is that of Savoye and Franco, *CageIK: Dual-Laplacian Cage-Based Inverse Kinematics*,
+AMDO 2010. The command-line tool is `cageik`; the names below are the Python API:
+
+- load: `load_clip`, `load_mesh`, `TriMesh`, `MeshSequence`
+- check and bind: `check_cage`, `Diagnosis`, `bind`, `Binding`
+- extract: `extract` to arrays, `CageAnimation`; `extract_to_file`, `read_result`, `read_cages`,
+  `Result`
+- pose: `Poser`, `Anchor`, `point_at_vertex`, `closest_point`
+- errors: `CageikError`, whose `kind` says what is at fault
+
+Modules below this one may change without notice.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cageik_cli.cages.diagnosis import Diagnosis
+    from cageik_cli.coordinates.binding import Binding
+    from cageik_cli.formats.base.sequence import MeshSequence
+    from cageik_cli.geometry.mesh import TriMesh
+    from cageik_cli.posing.anchors import Anchor, closest_point, point_at_vertex
+    from cageik_cli.posing.poser import Poser
+    from cageik_cli.store.result import Result
+    from cageik_cli.util.errors import CageikError
+    from cageik_cli.workflows.api import (
+        CageAnimation,
+        bind,
+        check_cage,
+        extract,
+        extract_to_file,
+        load_clip,
+        load_mesh,
+        read_cages,
+        read_result,
+    )
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "Anchor",
+    "Binding",
+    "CageAnimation",
+    "CageikError",
+    "Diagnosis",
+    "MeshSequence",
+    "Poser",
+    "Result",
+    "TriMesh",
+    "bind",
+    "check_cage",
+    "closest_point",
+    "extract",
+    "extract_to_file",
+    "load_clip",
+    "load_mesh",
+    "point_at_vertex",
+    "read_cages",
+    "read_result",
+]
+
+_HOMES = {
+    "Anchor": "posing.anchors",
+    "Binding": "coordinates.binding",
+    "CageikError": "util.errors",
+    "Diagnosis": "cages.diagnosis",
+    "MeshSequence": "formats.base.sequence",
+    "Poser": "posing.poser",
+    "Result": "store.result",
+    "TriMesh": "geometry.mesh",
+    "closest_point": "posing.anchors",
+    "point_at_vertex": "posing.anchors",
+}
+"""Modules of the names that are not defined in `workflows.api`."""
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used, so that `import cageik_cli` is quick."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = import_module(f"{__name__}.{_HOMES.get(name, 'workflows.api')}")
+    value = globals()[name] = getattr(module, name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names, also those that are not imported yet."""
+    return sorted({*globals(), *__all__})

@@ -9,7 +9,7 @@ def positions_of(blocks):
     """Positions (k, m, 3) of all blocks; the first frame that could not be read raises."""
     found = []
     for block in blocks:
-        block.refuse_faults()
+        block.raise_read_errors()
         found.append(block.positions)
     return np.concatenate(found)
 

@@ -99,11 +99,29 @@ class Diagnosis:
     rest : RestFacts, optional
     findings : tuple of Finding
         The worst first.
+
+    Examples
+    --------
+    >>> from cageik_cli import check_cage, load_mesh
+    >>> diagnosis = check_cage(load_mesh("data_fixtures/walker/cage.obj"))
+    >>> diagnosis
+    <Diagnosis: fit, 0 findings>
+    >>> diagnosis.cage.genus
+    0
     """
 
     cage: CageFacts
     rest: RestFacts | None
     findings: tuple[Finding, ...]
+
+    def __repr__(self) -> str:
+        count = len(self.findings)
+        return f"<Diagnosis: {self.verdict}, {count} finding{'s' * (count != 1)}>"
+
+    @property
+    def is_fit(self) -> bool:
+        """Whether the cage can hold the model: no finding is `unfit`."""
+        return self.verdict != "unfit"
 
     @property
     def verdict(self) -> str:

@@ -1,4 +1,9 @@
-"""The `cageik` command: parse, one call, show. Heavy modules are imported when a command runs."""
+"""The `cageik` command: parse, call one workflow, show what it did.
+
+Only this folder uses click and tqdm. It depends on `workflows` and, for what it shows, on
+`report`; both are imported when a command runs, so that `--help` is quick. Start with `extract.py`.
+Options that commands share are in `options/`; `errors.py` decides the exit code of an error.
+"""
 
 import click
 
@@ -35,6 +40,6 @@ def main() -> None:
     """Turn a mesh animation into a cage animation.
 
     \b
-    cageik extract frames/*.obj --cage rest.obj
+    cageik extract frames/*.obj --cage cage.obj
     cageik report
     """  # noqa: D301

@@ -1,63 +1,106 @@
 """`cageik batch`: every clip under some folders, and one report over all."""
 
 import os
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable
+from functools import update_wrapper
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.batch_config import PER_CLIP_OPTIONS, plan_batch
-from cageik_cli.cli.options.common import PATH_TYPE, common_options, is_on_command_line
+from cageik_cli.cli.batch_config import (
+    PER_CLIP_OPTIONS,
+    BatchOptions,
+    SharedOptions,
+    plan_batch,
+)
+from cageik_cli.cli.options.common import (
+    PATH_TYPE,
+    common_options,
+    count_processors,
+    is_on_command_line,
+)
+from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.limits import echo_exceeded_limits, exit_with_code
-from cageik_cli.util.threads import count_processors
+
+if TYPE_CHECKING:
+    from cageik_cli.report.overview import Overview
+    from cageik_cli.workflows.batch.jobs import Scheduler
+
+
+def per_clip_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of one clip to a command, which gets them as `shared`."""
+    names = {str(option.name) for option in PER_CLIP_OPTIONS}
+
+    def invoke(**values: Any) -> Any:
+        others = {name: value for name, value in values.items() if name not in names}
+        return command(**others, shared=SharedOptions.from_context(click.get_current_context()))
+
+    update_wrapper(invoke, command)
+    params = getattr(command, "__click_params__", [])
+    invoke.__dict__["__click_params__"] = [*reversed(PER_CLIP_OPTIONS), *params]
+    return invoke
 
 
 @click.command("batch")
-@click.argument("folders", nargs=-1, required=True, type=PATH_TYPE)
-@click.option(
-    "-o", "--output", type=PATH_TYPE, required=True, help="The folder of all results and reports."
-)
-@click.option(
-    "--exclude",
-    metavar="PATTERN",
-    multiple=True,
-    help="Leave out clips whose names, as they are listed, match this, such as 'tests/*'; may be "
-    "repeated.",
-)
-@click.option(
-    "--resume",
-    is_flag=True,
-    help="Go on: leave clips that are done and unchanged, do the rest and those whose files or "
-    "settings changed.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace what is there: do all clips again.")
-@click.option(
-    "--pages/--no-pages",
-    default=True,
-    show_default=True,
-    help="Write an HTML page a clip, which index.html links to.",
+@OptionGroup(
+    "options",
+    BatchOptions,
+    click.argument("folders", nargs=-1, required=True, type=PATH_TYPE),
+    click.option(
+        "-o", "--output", type=PATH_TYPE, required=True, help="Folder for all results and reports."
+    ),
+    click.option(
+        "--exclude",
+        metavar="PATTERN",
+        multiple=True,
+        help="Leave out clips whose listed names match this pattern, such as 'tests/*'; may be "
+        "repeated.",
+    ),
+    click.option(
+        "--resume",
+        is_flag=True,
+        help="Continue: skip clips that are up to date, extract new, changed and failed ones.",
+    ),
+    click.option(
+        "--overwrite", is_flag=True, help="Extract all clips again, and replace the outputs."
+    ),
+    click.option(
+        "--pages/--no-pages",
+        default=True,
+        show_default=True,
+        help="Write one HTML page per clip, linked from index.html.",
+    ),
 )
 @click.option(
     "--scheduler",
-    help="The Dask scheduler that does the work, tcp://HOST:PORT.  "
+    help="Dask scheduler that runs the jobs, tcp://HOST:PORT.  "
     "[default: DASK_SCHEDULER_ADDRESS, or processes of this machine]",
 )
-@click.option("--dry-run", is_flag=True, help="List what would be done, and do nothing.")
+@click.option("--dry-run", is_flag=True, help="List what would be done, and change nothing.")
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
     default=count_processors,
     show_default="processors",
-    help="Clips that are extracted at a time, each in a process of its own.",
+    help="Number of processes; each extracts one clip at a time.",
 )
 @common_options
-def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
-    """Extract every clip under FOLDERS, in parallel, with one report over all.
+@per_clip_options
+def batch_command(
+    options: BatchOptions,
+    shared: SharedOptions,
+    scheduler: str | None,
+    dry_run: bool,
+    jobs: int,
+    quiet: bool,
+) -> None:
+    """Extract every clip under some folders.
 
-    A clip is a series of numbered meshes in a folder, or a file that holds one or more. Options
-    of extract given here are for all clips; a cageik.toml beside or above clips sets them for
-    those. A clip that fails leaves the others alone. The output holds index.html, report.json,
-    clips.csv, junit.xml and report.md, and under clips/ the result of each.
+    A clip is a series of numbered meshes in a folder, or a file that contains one or more clips.
+    The clips are extracted in parallel, with one report over all. Options of extract on the
+    command line apply to all clips; a cageik.toml beside or above clips sets options for those. If
+    a clip fails, the others are still extracted. The output folder has index.html, report.json,
+    clips.csv, junit.xml and report.md, and one result per clip in clips/.
 
     \b
     cageik batch animations --cage rest_cage.obj -o out
@@ -66,51 +109,46 @@ def batch_command(folders: tuple[Path, ...], **options: Any) -> None:
     from cageik_cli.cli.github_summary import append_step_summary
     from cageik_cli.cli.progress import LineLogger, show_progress
     from cageik_cli.report.views.markdown import format_markdown
-    from cageik_cli.workflows.batch.run import check_batch_folder, check_folder_empty, run_batch
+    from cageik_cli.workflows.batch.dry_run import dry_run_lines
+    from cageik_cli.workflows.batch.run import run_batch
 
-    output: Path = options["output"].absolute()
-    if not options["overwrite"]:
-        (check_batch_folder if options["resume"] else check_folder_empty)(output)
-    batch = plan_batch(folders, output, options)
-    if options["dry_run"]:
-        from cageik_cli.workflows.batch.dry_run import dry_run_lines
-
+    batch = plan_batch(options, shared)
+    if dry_run:
         click.echo("\n".join(dry_run_lines(batch)))
         return
-    scheduler = _choose_scheduler(options)
-    with show_progress(not options["quiet"], None, False, LineLogger) as progress:
-        overview = run_batch(batch, scheduler, progress)
+    chosen = _choose_scheduler(scheduler, jobs)
+    with show_progress(not quiet, None, False, LineLogger) as progress:
+        overview = run_batch(batch, chosen, progress)
     append_step_summary(format_markdown(overview))
-    _show_overview(overview, options["quiet"])
-    if not options["quiet"]:
-        click.echo(f"wrote {options['output'] / 'index.html'}", err=True)
+    _show_overview(overview, quiet)
+    if not quiet:
+        click.echo(f"wrote {options.output / 'index.html'}", err=True)
     exit_with_code(overview)
 
 
-batch_command.params += PER_CLIP_OPTIONS
-
-
-def _choose_scheduler(options: dict[str, Any]) -> Any:
-    """Who does the jobs."""
-    address = options["scheduler"] or os.environ.get("DASK_SCHEDULER_ADDRESS")
+def _choose_scheduler(address: str | None, jobs: int) -> "Scheduler":
+    """Return what runs the jobs: a Dask scheduler if there is an address, else processes."""
+    address = address or os.environ.get("DASK_SCHEDULER_ADDRESS")
     if address:
         if is_on_command_line("jobs"):
-            raise click.UsageError("--jobs is of this machine; the cluster's workers are its own")
+            raise click.UsageError(
+                "--jobs applies to local runs only; leave it out with --scheduler"
+            )
         from cageik_cli.workflows.batch.dask_cluster import DaskScheduler
 
         return DaskScheduler(address)
     from cageik_cli.workflows.batch.processes import ProcessScheduler
 
-    return ProcessScheduler(options["jobs"])
+    return ProcessScheduler(jobs)
 
 
-def _show_overview(overview: Any, quiet: bool) -> None:
-    """How the batch ended: in numbers, and why each clip failed or is over a limit."""
+def _show_overview(overview: "Overview", quiet: bool) -> None:
+    """Print the counts, and why each clip failed or is above a limit."""
     failed = [entry for entry in overview.clips if entry.has_failed]
-    over = [entry for entry in overview.clips if entry.exceeds]
+    over = [entry for entry in overview.clips if entry.exceeds_limit]
     if not quiet:
-        done = len(overview.clips) - len(failed)
-        text = f"{len(overview.clips)} clips: {done} done, {len(failed)} failed"
+        done, count = len(overview.clips) - len(failed), len(overview.clips)
+        text = f"{count} clip{'s' * (count != 1)}: {done} done, {len(failed)} failed"
         click.echo(f"{text}, {len(over)} over a limit", err=True)
     for entry in failed:  # again, as they are far above in a long log
         click.echo(f"{entry.name}: {entry.fault}", err=True)

@@ -1,16 +1,16 @@
-"""What each clip of a batch is given: options from `cageik.toml`, layer over layer.
+"""The options of each clip of a batch, from `cageik.toml` files and the command line.
 
 A file in the clip's folder, or in one above it, may have a table `[extract]` for all clips there,
-and tables `[clips."walks/*"]` for those whose path from that file's folder matches. The nearer file
-wins, in a file the later table, and the command line over all. Paths are from the file's folder.
+and tables `[clips."walks/*"]` for clips whose path from that folder matches. The nearer file wins,
+in one file the later table, and the command line over all. Paths are from the folder of the file.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -22,9 +22,17 @@ from cageik_cli.cli.config import (
     parse_options,
     read_tables,
 )
-from cageik_cli.cli.extract import extract_command, make_extract_settings
-from cageik_cli.cli.options.limits import pop_limits
-from cageik_cli.util.errors import CageikError, InputError
+from cageik_cli.cli.extract import EXTRACT_OPTIONS, extract_command
+from cageik_cli.cli.options.limits import LIMIT_OPTIONS
+from cageik_cli.util.errors import CageikError, SettingError
+
+if TYPE_CHECKING:
+    from cageik_cli.cli.options.limits import LoadBaseline
+    from cageik_cli.report.limits import Limits
+    from cageik_cli.workflows.batch.discover import DiscoveredClip
+    from cageik_cli.workflows.batch.jobs import ClipJob
+    from cageik_cli.workflows.batch.run import BatchPlan
+    from cageik_cli.workflows.plan import ExtractSettings
 
 CONFIG_NAME = "cageik.toml"
 EXTRACT_COMMAND = "extract"
@@ -36,11 +44,11 @@ class ClipTables:
     Parameters
     ----------
     command : click.Command
-        With the options that a clip may be given.
+        The command whose options a clip may set.
     commands : sequence of str
-        Whose tables a file may hold; only that of `command` is read.
-    of_batch : sequence of str
-        Options of `command` that are for the whole batch, by parameters' names.
+        Commands that may have tables in a file; only that of `command` is read.
+    batch_options : sequence of str
+        Options of `command` that apply to the whole batch, by the names of parameters.
     """
 
     def __init__(
@@ -52,12 +60,12 @@ class ClipTables:
         self._tables_by_file: dict[Path, dict[str, Any]] = {}
 
     def collect_options(self, folder: Path, path: Path) -> dict[str, Any]:
-        """What the clip at `path`, in the folder `folder`, is given, by parameters' names.
+        """Collect the options of the clip at `path`, in `folder`, by the names of parameters.
 
         Raises
         ------
         click.BadParameter
-            Naming the file that is at fault.
+            Naming the wrong file.
         """
         options: dict[str, Any] = {}
         for file in reversed(list(self._config_files(folder))):
@@ -69,9 +77,9 @@ class ClipTables:
         return options
 
     def find_auxiliary_files(self, folder: Path) -> set[Path]:
-        """Every file that tables of this folder, or of those above it, name.
+        """Return every file that a table of this folder, or of one above it, names.
 
-        A file that cannot be read names none; its clips are told.
+        A file of options that cannot be read is skipped here; its clips report the error.
         """
         files: set[Path] = set()
         for file in self._config_files(folder):
@@ -90,7 +98,7 @@ class ClipTables:
         return files
 
     def _config_files(self, folder: Path) -> Iterator[Path]:
-        """Those that count in a folder, its own first."""
+        """List the files that apply to a folder, its own first."""
         place = folder.absolute()
         return (
             above / CONFIG_NAME
@@ -112,13 +120,13 @@ class ClipTables:
         )
 
     def _resolve_options(self, file: Path, title: str, table: Any) -> dict[str, Any]:
-        """A table's options, paths made absolute."""
+        """Return the options of a table, with absolute paths."""
         options = parse_options(file, title, table, self._command)
         for name in options:
             if name in self._batch_options:
                 raise click.BadParameter(
-                    f"{file}: [{title}] sets {name}, which is not of one clip; give it to "
-                    "cageik batch, if it has it"
+                    f"{file}: [{title}] sets {name}, which applies to the whole batch; remove it, "
+                    "or use the option of cageik batch"
                 )
         return {
             name: str(file.parent / value) if is_path_option(self._command, name) else value
@@ -127,12 +135,12 @@ class ClipTables:
 
 
 def is_auxiliary_path(command: click.Command, name: str) -> bool:
-    """Whether what a parameter names is a file beside a clip: a rest pose may be a frame of it."""
+    """Tell whether a parameter names a file that is no frame; a rest pose may be a frame."""
     return name != "rest" and is_path_option(command, name)
 
 
 def is_path_option(command: click.Command, name: str) -> bool:
-    """Whether the values of a parameter are paths."""
+    """Tell whether the values of a parameter are paths."""
     return any(
         param.name == name and isinstance(param.type, click.Path) for param in command.params
     )
@@ -149,7 +157,7 @@ BATCH_OPTIONS = (
     "config",
     "verbose",
 )
-"""Options of `extract` that a batch has of its own, or that are not for one clip of many."""
+"""Options of `extract` that apply to the whole batch, or to no batch."""
 
 PER_CLIP_OPTIONS = [
     option
@@ -158,129 +166,188 @@ PER_CLIP_OPTIONS = [
 ]
 
 
-def plan_batch(folders: tuple[Path, ...], output: Path, options: dict[str, Any]) -> Any:
-    """What is to be done: a job a clip that is found.
+@dataclass(frozen=True, slots=True)
+class BatchOptions:
+    """The options of the batch itself, as they were typed."""
+
+    folders: tuple[Path, ...]
+    output: Path
+    exclude: tuple[str, ...]
+    resume: bool
+    overwrite: bool
+    pages: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SharedOptions:
+    """The options for all clips, by the names of parameters.
+
+    Attributes
+    ----------
+    command_line : dict
+        They win over the files of options beside clips.
+    config_file : dict
+        From the file of `--config`; files beside clips win over them.
+    """
+
+    command_line: dict[str, Any]
+    config_file: dict[str, Any]
+
+    @staticmethod
+    def from_context(context: click.Context) -> "SharedOptions":
+        """Collect them from what click has parsed; paths become absolute."""
+        names = [str(option.name) for option in PER_CLIP_OPTIONS]
+
+        def collect(source: ParameterSource) -> dict[str, Any]:
+            chosen = [name for name in names if context.get_parameter_source(name) is source]
+            values = {name: context.params[name] for name in chosen}
+            return {
+                name: str(value.absolute()) if isinstance(value, Path) else value
+                for name, value in values.items()
+            }
+
+        return SharedOptions(
+            collect(ParameterSource.COMMANDLINE), collect(ParameterSource.DEFAULT_MAP)
+        )
+
+    def find_auxiliary_files(self) -> set[Path]:
+        """Return the files that the options name and that are no frames."""
+        return {
+            Path(file).resolve()
+            for name, file in (self.config_file | self.command_line).items()
+            if is_auxiliary_path(extract_command, name) and file is not None
+        }
+
+
+def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
+    """Find the clips, and make one job for each.
 
     Raises
     ------
     click.UsageError
-        When clips would be looked for among the results.
+        When one of the folders is where the results would be.
     InputError
-        When there are none, or none can be begun for the same reason.
+        When there is no clip, no clip can be started for one and the same reason, or the output
+        folder is in use.
     """
     from cageik_cli.report.baseline import read_baseline
     from cageik_cli.report.overview import ClipEntry
-    from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.util.text import to_unicode
-    from cageik_cli.workflows.batch.discover import DiscoveryFilter, discover_clips, walk_folders
-    from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob
     from cageik_cli.workflows.batch.run import (
-        REPORT_FILES,
-        WEIGHT_CACHE_FOLDER,
         BatchPlan,
-        check_is_result,
+        check_batch_folder,
+        check_folder_empty,
     )
 
-    load_baseline = cache(read_baseline)
+    options = replace(options, output=options.output.absolute())
+    if not options.overwrite:
+        (check_batch_folder if options.resume else check_folder_empty)(options.output)
     tables = ClipTables(extract_command, list_commands(click.get_current_context()), BATCH_OPTIONS)
-    command_line, config_file = _split_options()
-    files = [
-        value
-        for name, value in (config_file | command_line).items()
-        if is_auxiliary_path(extract_command, name)
-    ]
-    auxiliary_files = {Path(file).resolve() for file in files if file is not None}
-    roots = [_make_absolute(folder) for folder in folders]
-    for root in roots:
-        _check_not_results(root, output)
-        auxiliary_files.update(
-            *(tables.find_auxiliary_files(folder) for folder in walk_folders(root, output))
-        )
-    check_no_overlap([output / name for name in REPORT_FILES], list(auxiliary_files))
-    found = discover_clips(
-        roots, DiscoveryFilter(frozenset(auxiliary_files), output, options["exclude"])
-    )
+    found = _find_clips(options, shared, tables)
+    load_baseline = cache(read_baseline)
     jobs, rejected = [], []
     for clip in found:
         try:
-            given = config_file | tables.collect_options(clip.folder, clip.path)
-            settings, limits = _make_clip_settings(clip, given, command_line, load_baseline)
-            place = output / CLIPS_FOLDER / f"{clip.name}.h5"
-            if not options["overwrite"]:
-                check_is_result(place)
+            collected = tables.collect_options(clip.folder, clip.path)
+            given = replace(shared, config_file=shared.config_file | collected)
+            settings, limits = _make_clip_settings(clip, given, load_baseline)
+            jobs.append(_make_job(clip.name, settings, limits, options))
         except (click.UsageError, CageikError) as error:
             rejected.append(ClipEntry(clip.name, fault=to_unicode(_describe_fault(error))))
-            continue
-        settings = replace(
-            settings,
-            output=place,
-            cache=settings.cache or output / WEIGHT_CACHE_FOLDER,
-            resume=options["resume"] or not options["overwrite"],
-            overwrite=options["resume"] or options["overwrite"],
-        )
-        jobs.append(ClipJob(clip.name, settings, limits, options["pages"]))
     faults = {entry.fault for entry in rejected}
     if not jobs and len(faults) == 1:
-        raise InputError(f"none of {len(found)} clips can be begun: {faults.pop()}")
+        raise SettingError(f"none of {len(found)} clips can be started: {faults.pop()}")
     order = tuple(clip.name for clip in found)
-    return BatchPlan(output, tuple(jobs), tuple(rejected), order)
+    return BatchPlan(options.output, tuple(jobs), tuple(rejected), order)
+
+
+def _find_clips(
+    options: BatchOptions, shared: SharedOptions, tables: ClipTables
+) -> list["DiscoveredClip"]:
+    """Find the clips under the folders; files that options name are none."""
+    from cageik_cli.util.outputs import check_no_overlap
+    from cageik_cli.workflows.batch.discover import DiscoveryFilter, discover_clips, walk_folders
+    from cageik_cli.workflows.batch.run import REPORT_FILES
+
+    auxiliary_files = shared.find_auxiliary_files()
+    roots = [_make_absolute(folder) for folder in options.folders]
+    for root in roots:
+        _check_not_results(root, options.output)
+        for folder in walk_folders(root, options.output):
+            auxiliary_files |= tables.find_auxiliary_files(folder)
+    check_no_overlap([options.output / name for name in REPORT_FILES], list(auxiliary_files))
+    return discover_clips(
+        roots, DiscoveryFilter(frozenset(auxiliary_files), options.output, options.exclude)
+    )
+
+
+def _make_job(
+    name: str, settings: "ExtractSettings", limits: "Limits", options: BatchOptions
+) -> "ClipJob":
+    """Make the job of a clip, whose result goes to the folder of the batch.
+
+    Raises
+    ------
+    InputError
+        When another file has the name of the result, and may not be replaced.
+    """
+    from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob
+    from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER, check_is_result
+
+    place = options.output / CLIPS_FOLDER / f"{name}.h5"
+    if not options.overwrite:
+        check_is_result(place)
+    settings = replace(
+        settings,
+        output=place,
+        cache=settings.cache or options.output / WEIGHT_CACHE_FOLDER,
+        resume=options.resume or not options.overwrite,
+        overwrite=options.resume or options.overwrite,
+        jobs=1,
+    )
+    return ClipJob(name, settings, limits, options.pages)
 
 
 def _check_not_results(folder: Path, output: Path) -> None:
-    """Refuse to look for clips where the results are to be."""
+    """Refuse to search for clips where the results go."""
     from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER
 
     place, results = folder.resolve(), output.resolve() / CLIPS_FOLDER
     if place == output.resolve() or results in (place, *place.parents):
-        raise click.UsageError(f"{folder}: is where the results would be; name another with -o")
-
-
-def _split_options() -> tuple[dict[str, Any], dict[str, Any]]:
-    """The options for all clips: those of the command line, and those of its file of options."""
-    context = click.get_current_context()
-    values = {
-        name: str(value.absolute()) if isinstance(value, Path) else value
-        for name, value in context.params.items()
-        if name in {option.name for option in PER_CLIP_OPTIONS}
-    }
-    sources = {name: context.get_parameter_source(name) for name in values}
-    command_line, config_file = (
-        {name: value for name, value in values.items() if sources[name] is source}
-        for source in (ParameterSource.COMMANDLINE, ParameterSource.DEFAULT_MAP)
-    )
-    return command_line, config_file
+        raise click.UsageError(
+            f"{folder}: is the folder of the results; choose another one with -o"
+        )
 
 
 def _make_absolute(folder: Path) -> Path:
-    """A folder's absolute path, whose parents are the folders above it."""
+    """Make a path absolute, so that its parents are the folders above it."""
     return folder.resolve() if ".." in folder.parts else folder.absolute()
 
 
 def _make_clip_settings(
-    clip: Any, given: dict[str, Any], command_line: dict[str, Any], load_baseline: Any
-) -> Any:
-    """What `cageik extract` would make of the clip, options of files, and those that are typed."""
-    given = given | command_line
+    clip: "DiscoveredClip",
+    options: SharedOptions,
+    load_baseline: "LoadBaseline",
+) -> tuple["ExtractSettings", "Limits"]:
+    """Make the settings and limits that `cageik extract` would make of the same options."""
+    given = options.config_file | options.command_line
     if given.get("cage") is None and given.get("binding") is None:
         raise click.UsageError(
-            f"no cage is named for it; give --cage, or name one in a {CONFIG_NAME} in its "
-            f"folder or above"
+            f"no cage is given for it; add --cage, or name one in a {CONFIG_NAME} in its folder "
+            "or above"
         )
     parent = click.get_current_context().parent
     with extract_command.make_context(
         "extract", list(clip.frames), parent=parent, default_map=given
     ) as context:
-        for name in command_line:
+        for name in options.command_line:
             context.set_parameter_source(name, ParameterSource.COMMANDLINE)
-        options = dict(context.params)
-        for name in BATCH_OPTIONS:
-            options.pop(name, None)
-        limits = pop_limits(options, load_baseline).by_name()
-        return make_extract_settings(options | {"output": Path()}), limits
+        limits = LIMIT_OPTIONS.make_record(context.params).load(load_baseline)
+        return EXTRACT_OPTIONS.make_record(context.params), limits.match_by_name()
 
 
 def _describe_fault(error: click.UsageError | CageikError) -> str:
-    """Why a clip cannot be begun; values of the command line have been checked by then."""
+    """Say why a clip cannot be started; values of the command line were checked before."""
     if isinstance(error, click.BadParameter) and error.param is not None:
         option = max(error.param.opts, key=len)
         return f"{option} of a {CONFIG_NAME} in its folder or above: {error.message.rstrip('.')}"

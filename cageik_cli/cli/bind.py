@@ -1,41 +1,72 @@
 """`cageik bind`: the weights of a rest pose in a cage."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from cageik_cli.cli.options.common import (
+    BIND_OPTIONS,
+    CACHE_OPTIONS,
     PATH_TYPE,
-    binding_options,
-    choose_cache_folder,
     common_options,
     get_verbosity,
     jobs_option,
+    overwrite_option,
     timings_option,
 )
+from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.coordinates.settings import BindSettings
+
+if TYPE_CHECKING:
+    from cageik_cli.workflows.bind import BindRunSettings, WeightSettings
+
+
+def make_weight_settings(bind: BindSettings, cache: Path | None, jobs: int) -> "WeightSettings":
+    """Make the settings of the weights of a run."""
+    from cageik_cli.workflows.bind import WeightSettings
+
+    return WeightSettings(bind, cache, jobs)
+
+
+WEIGHT_OPTIONS = OptionGroup(
+    "weights", make_weight_settings, BIND_OPTIONS, CACHE_OPTIONS, jobs_option
+)
+
+
+def make_bind_run_settings(
+    cage: Path, rest: Path, output: Path, weights: "WeightSettings", overwrite: bool
+) -> "BindRunSettings":
+    """Make the settings of a run."""
+    from cageik_cli.workflows.bind import BindRunSettings
+
+    return BindRunSettings(cage, rest, output, weights, overwrite)
 
 
 @click.command("bind")
-@click.option("--cage", type=PATH_TYPE, required=True, help="The cage around the rest pose.")
-@click.option("--rest", type=PATH_TYPE, required=True, help="The rest pose.")
-@click.option(
-    "-o",
-    "--output",
-    type=PATH_TYPE,
-    default="binding.h5",
-    show_default=True,
-    help="The binding file.",
+@OptionGroup(
+    "settings",
+    make_bind_run_settings,
+    click.option("--cage", type=PATH_TYPE, required=True, help="The cage around the rest pose."),
+    click.option("--rest", type=PATH_TYPE, required=True, help="Mesh of the rest pose."),
+    click.option(
+        "-o",
+        "--output",
+        type=PATH_TYPE,
+        default="binding.h5",
+        show_default=True,
+        help="The binding file.",
+    ),
+    WEIGHT_OPTIONS,
+    overwrite_option,
 )
-@binding_options
-@click.option("--overwrite", is_flag=True, help="Replace an existing binding.")
 @timings_option
-@jobs_option
 @common_options
-def bind_command(timings: Path | None, quiet: bool, **options: Any) -> None:
-    """Compute the weights that tie a rest pose to its cage, for `cageik extract --binding`."""
-    settings = _make_settings(options)
+def bind_command(settings: "BindRunSettings", timings: Path | None, quiet: bool) -> None:
+    """Compute and save the weights of a model.
 
+    `cageik extract --binding` and `cageik pose` take the binding file.
+    """
     from cageik_cli.cli.progress import show_progress
     from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.util.text import format_block
@@ -43,24 +74,12 @@ def bind_command(timings: Path | None, quiet: bool, **options: Any) -> None:
     from cageik_cli.workflows.info import format_binding_rows
 
     output = settings.output
-    check_no_overlap([output, timings], [settings.cage, settings.rest])
+    check_no_overlap([*settings.outputs(), timings], settings.inputs())
     with show_progress(not quiet, timings, settings.overwrite) as progress:
         stored = bind_files(settings, progress)
     if not quiet:
-        click.echo(
-            format_block(str(output), [*format_binding_rows(stored), *progress.make_rows()]),
-            err=True,
-        )
+        rows = [*format_binding_rows(stored), *progress.make_rows()]
+        click.echo(format_block(str(output), rows), err=True)
         click.echo(f"wrote {output}; next: cageik extract FRAMES --binding {output}", err=True)
     if get_verbosity():
         click.echo(f"cache: {settings.weights.cache}", err=True)
-
-
-def _make_settings(options: dict[str, Any]) -> Any:
-    """The settings that the options mean."""
-    from cageik_cli.coordinates.binding import BindSettings
-    from cageik_cli.workflows.bind import BindRunSettings, WeightSettings
-
-    bind = BindSettings(*(options.pop(name) for name in ("coordinates", "accuracy", "outside")))
-    cache = choose_cache_folder(options.pop("cache"), options.pop("no_cache"))
-    return BindRunSettings(weights=WeightSettings(bind, cache, options.pop("jobs")), **options)

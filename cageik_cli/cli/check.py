@@ -1,58 +1,80 @@
-"""`cageik check`: is this cage fit to hold this model."""
+"""`cageik check`: whether a cage is fit to hold a model."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from cageik_cli.cli.options.clip import clip_options, pop_clip_settings
-from cageik_cli.cli.options.common import PATH_TYPE, common_options, jobs_option, write_or_print
+from cageik_cli.cli.options.clip import (
+    CLIP_OPTIONS,
+    choose_rest_frame,
+    rest_frame_option,
+    rest_option,
+)
+from cageik_cli.cli.options.common import (
+    PATH_TYPE,
+    common_options,
+    jobs_option,
+    overwrite_option,
+    write_or_print,
+)
+from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.formats.base.settings import ClipSettings
+
+if TYPE_CHECKING:
+    from cageik_cli.workflows.check import CheckSettings
+
+
+def make_check_settings(
+    cage: Path,
+    frames: tuple[str, ...],
+    rest: Path | None,
+    rest_frame: int | None,
+    clip: ClipSettings,
+    jobs: int,
+) -> "CheckSettings":
+    """Make the settings of a check; values that contradict each other are wrong usage."""
+    from cageik_cli.workflows.check import CheckSettings
+
+    index = choose_rest_frame(rest, rest_frame)
+    if rest_frame is not None and not frames:
+        raise click.UsageError("--rest-frame needs FRAMES; name them, or leave it out")
+    return CheckSettings(cage, frames, rest, index, jobs, clip)
 
 
 @click.command("check")
-@click.argument("frames", nargs=-1)
-@click.option("--cage", type=PATH_TYPE, required=True, help="The cage to look at.")
-@click.option("--rest", type=PATH_TYPE, help="The rest pose.  [default: the first frame taken]")
-@click.option("--rest-frame", type=int, help="Which of the frames taken is the rest pose, from 0.")
-@click.option("--json", type=PATH_TYPE, help="Write the record as JSON; - is stdout.")
-@click.option("--overwrite", is_flag=True, help="Replace an existing file.")
-@clip_options
-@jobs_option
+@OptionGroup(
+    "settings",
+    make_check_settings,
+    click.argument("frames", nargs=-1),
+    click.option("--cage", type=PATH_TYPE, required=True, help="The cage to diagnose."),
+    rest_option,
+    rest_frame_option,
+    CLIP_OPTIONS,
+    jobs_option,
+)
+@click.option("--json", "json_path", type=PATH_TYPE, help="Write the record as JSON; - is stdout.")
+@overwrite_option
 @common_options
-def check_command(json: Path | None, overwrite: bool, quiet: bool, **options: Any) -> None:
-    """Look at everything of a cage, and of the rest pose of FRAMES in it, and say what is wrong.
+def check_command(
+    settings: "CheckSettings", json_path: Path | None, overwrite: bool, quiet: bool
+) -> None:
+    """Diagnose a cage.
 
-    The verdict is fit, usable (it binds, but something will be poor) or unfit (exit code 1).
-    Without FRAMES and --rest only the cage is looked at.
+    The cage alone is checked, or the cage and the rest pose of FRAMES in it. Each finding has the
+    numbers of its vertices or faces. A cage that is not fit for a model is exit code 1.
     """
-    settings = _make_settings(options)
-
-    from cageik_cli.formats.open import list_input_files
     from cageik_cli.util.outputs import check_no_overlap, check_writable
     from cageik_cli.workflows.check import check_cage, format_check_json, format_check_text
 
-    check_no_overlap(
-        [json], [settings.cage, settings.rest, *list_input_files(list(settings.frames))]
-    )
-    on_stdout = str(json) == "-"
-    if json is not None and not on_stdout:
-        check_writable(json, overwrite)
+    check_no_overlap([json_path], settings.inputs())
+    is_on_stdout = str(json_path) == "-"
+    if json_path is not None and not is_on_stdout:
+        check_writable(json_path, overwrite)
     result = check_cage(settings)
-    if json is not None:
-        write_or_print(format_check_json(result), json, overwrite)
+    if json_path is not None:
+        write_or_print(format_check_json(result), json_path, overwrite)
     if not quiet:
-        click.echo(format_check_text(result), err=on_stdout)
+        click.echo(format_check_text(result), err=is_on_stdout)
     if result.diagnosis.verdict == "unfit":
         raise click.exceptions.Exit(1)
-
-
-def _make_settings(options: dict[str, Any]) -> Any:
-    """The settings that the options mean; values that contradict are wrong usage."""
-    from cageik_cli.workflows.check import CheckSettings
-
-    if options["rest"] is not None and options["rest_frame"] is not None:
-        raise click.UsageError("--rest and --rest-frame both name the rest pose; give one")
-    if options["rest_frame"] is not None and not options["frames"]:
-        raise click.UsageError("--rest-frame picks one of FRAMES; name them")
-    options["rest_frame"] = options["rest_frame"] or 0
-    return CheckSettings(clip=pop_clip_settings(options), **options)

@@ -1,4 +1,4 @@
-"""Options from a TOML file: a table a command, an entry an option; the command line wins."""
+"""Options from a TOML file, one table per command; the command line wins."""
 
 import tomllib
 from collections.abc import Iterable, Sequence
@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 CLIPS_TABLE = "clips"
-"""The table of tables by clips' names, for `cageik batch`."""
+"""The table of the tables for some clips of `cageik batch`."""
 
 
 def apply_config(ctx: click.Context, param: click.Parameter, path: Path | None) -> None:
@@ -29,7 +29,7 @@ def apply_config(ctx: click.Context, param: click.Parameter, path: Path | None) 
 
 
 def read_tables(path: Path) -> dict[str, Any]:
-    """What a TOML file holds.
+    """Read a TOML file.
 
     Raises
     ------
@@ -43,12 +43,12 @@ def read_tables(path: Path) -> dict[str, Any]:
 
 
 def parse_options(path: Path, title: str, table: Any, command: click.Command) -> dict[str, Any]:
-    """The values that a file's table called `title` gives to options, by their parameters' names.
+    """Return the options that the table `title` of a file sets, by the names of parameters.
 
     Raises
     ------
     click.BadParameter
-        Naming the file, when it is no table, or an entry is not an option or not a value of it.
+        Naming the file, when it is not a table, or an entry is not an option or not a value of it.
     """
     if not isinstance(table, dict):
         raise click.BadParameter(f"{path}: `{title}` is not a table of options")
@@ -72,31 +72,31 @@ def parse_options(path: Path, title: str, table: Any, command: click.Command) ->
 
 
 def _suggest_option(key: str, options: Iterable[str]) -> str:
-    """The option that was meant, or all."""
+    """Name the option that was probably meant, or all options."""
     known = sorted(name.replace("_", "-") for name in options)
     near = get_close_matches(key.replace("_", "-"), known, n=1)
     return f"did you mean {near[0]}?" if near else f"expected some of {', '.join(known)}"
 
 
 def _option_key(param: click.Parameter) -> str:
-    """What is typed for it, without dashes; an argument's name."""
+    """Return the name of an option as it is typed, without dashes."""
     longest = max(param.opts, key=len)
     return longest.removeprefix("--").replace("-", "_")
 
 
 def list_commands(ctx: click.Context) -> tuple[str, ...]:
-    """The names of all commands beside this one, and its own."""
+    """Return the names of all commands of the group."""
     group = ctx.parent.command if ctx.parent else None
     return tuple(group.commands) if isinstance(group, click.Group) else (str(ctx.info_name),)
 
 
 def check_tables(path: Path, tables: dict[str, Any], commands: Sequence[str]) -> None:
-    """Refuse a file with anything but tables of commands, and of clips.
+    """Refuse a file with anything but tables of commands and of clips.
 
     Raises
     ------
     click.BadParameter
-        Naming the file and what it is that stands there.
+        Naming the file and the entry.
     """
     for name, table in tables.items():
         if name not in [*commands, CLIPS_TABLE]:
@@ -109,9 +109,9 @@ def check_tables(path: Path, tables: dict[str, Any], commands: Sequence[str]) ->
 
 
 def _is_value_for(option: click.Option, value: object) -> bool:
-    """Whether a TOML value can be what would be typed for the option; click parses it then."""
+    """Tell whether a TOML value may stand for what is typed; click parses it afterwards."""
     if isinstance(value, str):
-        return "\0" not in value  # which nobody can type
+        return "\0" not in value  # cannot be typed
     if isinstance(option.type, click.Path):
         return False
     if isinstance(value, bool) or isinstance(option.type, click.types.BoolParamType):

@@ -1,82 +1,124 @@
 """`cageik deform`: the cage animation of a result applied to a mesh."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from cageik_cli.cli.options.clip import (
-    clip_options,
-    pop_clip_settings,
-    pop_scene_hints,
-    scene_options,
-)
+from cageik_cli.cli.options.clip import CLIP_OPTIONS, SCENE_OPTIONS
 from cageik_cli.cli.options.common import (
+    CACHE_OPTIONS,
     PATH_TYPE,
-    animation_options,
-    choose_cache_folder,
     common_options,
+    format_option,
     jobs_option,
+    make_binding_options,
     memory_option,
-    rebinding_options,
+    overwrite_option,
 )
+from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.scene import SceneHints
+
+if TYPE_CHECKING:
+    from cageik_cli.formats.write import Output
+    from cageik_cli.workflows.deform import DeformSettings
+
+
+def make_output(out: Path, file_format: str | None, overwrite: bool) -> "Output":
+    """Make the record of an animation's output."""
+    from cageik_cli.formats.write import Output
+
+    return Output(out, file_format, overwrite)
+
+
+def make_deform_settings(
+    result: Path,
+    mesh: Path | None,
+    cages: str | None,
+    output: "Output",
+    clip: ClipSettings,
+    scene: SceneHints,
+    coordinates: str | None,
+    accuracy: str | None,
+    outside: str | None,
+    cache: Path | None,
+    memory: int,
+    jobs: int,
+) -> "DeformSettings":
+    """Make the settings of a run; values that contradict each other are wrong usage."""
+    from cageik_cli.workflows.deform import DeformSettings
+
+    if cages is None and clip != ClipSettings():
+        raise click.UsageError(
+            "--frames, --layout and --allow-gaps apply to --cages; leave them out, or give it"
+        )
+    return DeformSettings(
+        result=result,
+        output=output,
+        mesh=mesh,
+        coordinates=coordinates,
+        accuracy=accuracy,
+        outside=outside,
+        cages=cages,
+        clip=clip,
+        scene=scene,
+        cache=cache,
+        memory=memory,
+        jobs=jobs,
+    )
 
 
 @click.command("deform")
-@click.argument("result", type=PATH_TYPE)
-@click.option(
-    "--mesh", type=PATH_TYPE, help="Another mesh in the rest cage.  [default: the rest model]"
+@OptionGroup(
+    "settings",
+    make_deform_settings,
+    click.argument("result", type=PATH_TYPE),
+    click.option(
+        "--mesh", type=PATH_TYPE, help="Another mesh in the rest cage.  [default: the rest model]"
+    ),
+    click.option(
+        "--cages",
+        help="Cages from elsewhere, such as edited ones: a folder, a quoted glob, or one file.  "
+        "[default: those of the result]",
+    ),
+    OptionGroup(
+        "output",
+        make_output,
+        click.option(
+            "-o",
+            "--output",
+            "out",
+            type=PATH_TYPE,
+            required=True,
+            metavar="OUT",
+            help="A file, a folder, or files in a folder, such as mesh/mesh_####.obj.",
+        ),
+        format_option,
+        overwrite_option,
+    ),
+    CLIP_OPTIONS,
+    SCENE_OPTIONS,
+    *make_binding_options(None),
+    CACHE_OPTIONS,
+    memory_option,
+    jobs_option,
 )
-@click.option(
-    "--cages",
-    help="Cages edited elsewhere: a folder, a quoted glob, or one file.  [default: the result's]",
-)
-@click.option(
-    "-o",
-    "--output",
-    "out",
-    type=PATH_TYPE,
-    required=True,
-    help="A file, a folder, or files in a folder by a pattern, such as mesh/mesh_####.obj.",
-)
-@clip_options
-@scene_options
-@rebinding_options
-@animation_options
-@memory_option
-@jobs_option
 @common_options
-def deform_command(result: Path, quiet: bool, **options: Any) -> None:
-    """Write the animation of a mesh that the cages of RESULT move, in the format of its suffix.
+def deform_command(settings: "DeformSettings", quiet: bool) -> None:
+    """Move a mesh by a cage animation.
 
-    It is a file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a folder of frames (.obj, .ply), or such
-    files by a pattern. --frames, --layout and --allow-gaps say how --cages are taken.
+    The cages of RESULT move its rest model, or another mesh. The suffix of OUT is the format: a
+    file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a folder of frames (.obj, .ply), or numbered files
+    in a folder. --frames, --layout and --allow-gaps apply to --cages.
     """
-    settings = _make_settings(result, options)
-
     from cageik_cli.cli.progress import show_progress
-    from cageik_cli.formats.open import list_input_files
     from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.util.text import format_block
     from cageik_cli.workflows.deform import deform
 
-    cages = list_input_files([settings.cages]) if settings.cages is not None else []
-    check_no_overlap([settings.output.place], [result, settings.mesh, *cages])
+    check_no_overlap(settings.outputs(), settings.inputs())
     with show_progress(not quiet, None, False) as progress:
         summary = deform(settings, progress)
     if not quiet:
         click.echo(format_block(summary.message, progress.notes), err=True)
-
-
-def _make_settings(result: Path, options: dict[str, Any]) -> Any:
-    """The settings that the options mean; values that contradict are wrong usage."""
-    from cageik_cli.formats.base.sequence import ClipSettings
-    from cageik_cli.formats.write import Output
-    from cageik_cli.workflows.deform import DeformSettings
-
-    clip, scene = pop_clip_settings(options), pop_scene_hints(options)
-    if options["cages"] is None and clip != ClipSettings():
-        raise click.UsageError("--frames, --layout and --allow-gaps are for --cages; give a clip")
-    output = Output(*(options.pop(name) for name in ("out", "kind", "overwrite")))
-    options["cache"] = choose_cache_folder(options["cache"], options.pop("no_cache"))
-    return DeformSettings(result, output, clip=clip, scene=scene, **options)

@@ -1,4 +1,4 @@
-"""The one place where errors become sentences and exit codes."""
+"""The one place where errors become messages and exit codes."""
 
 import io
 import sys
@@ -12,17 +12,17 @@ from cageik_cli.util.errors import format_error
 
 
 class CageikGroup(click.Group):
-    """A command group that shows what went wrong in a sentence; a traceback only with -vv."""
+    """A command group that shows an error as one sentence; with -vv also its traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; 1 on failure, 2 on wrong usage."""
+        """Run the command; the exit code is 1 for an error, 2 for wrong usage."""
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(errors="backslashreplace")  # names of files may be any bytes
+                stream.reconfigure(errors="backslashreplace")  # file names may have any bytes
         try:
             return super().invoke(ctx)
         except BrokenPipeError:
-            raise  # the reader of our output has gone; click ends without a word
+            raise  # nobody reads our output any more; click ends without a message
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except (Exception, KeyboardInterrupt) as error:

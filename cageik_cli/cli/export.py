@@ -1,49 +1,79 @@
 """`cageik export`: the cage animation of a result in another format."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from cageik_cli.cli.options.clip import pop_scene_hints, scene_options
-from cageik_cli.cli.options.common import PATH_TYPE, animation_options, common_options
+from cageik_cli.cli.options.clip import SCENE_OPTIONS
+from cageik_cli.cli.options.common import (
+    PATH_TYPE,
+    common_options,
+    format_option,
+    overwrite_option,
+)
+from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.formats.scene import SceneHints
+
+if TYPE_CHECKING:
+    from cageik_cli.workflows.export import ExportSettings
+
+
+def make_export_settings(
+    result: Path,
+    out: Path,
+    scene: SceneHints,
+    skeleton: bool,
+    max_influences: int | None,
+    file_format: str | None,
+    overwrite: bool,
+) -> "ExportSettings":
+    """Make the settings of an export; values that contradict each other are wrong usage."""
+    from cageik_cli.formats.write import Output
+    from cageik_cli.workflows.export import ExportSettings
+
+    if max_influences is not None and not skeleton:
+        raise click.UsageError("--max-influences needs --skeleton; give both, or neither")
+    output = Output(out, file_format, overwrite)
+    return ExportSettings(result, output, scene, skeleton, max_influences)
 
 
 @click.command("export")
-@click.argument("result", type=PATH_TYPE)
-@click.argument("out", type=PATH_TYPE)
-@scene_options
-@click.option(
-    "--skeleton",
-    is_flag=True,
-    help="Write the rest pose skinned to a joint a cage vertex (.usd*).",
+@OptionGroup(
+    "settings",
+    make_export_settings,
+    click.argument("result", type=PATH_TYPE),
+    click.argument("out", type=PATH_TYPE),
+    SCENE_OPTIONS,
+    click.option(
+        "--skeleton",
+        is_flag=True,
+        help="Write the rest pose with one joint per cage vertex and our weights as skin weights "
+        "(.usd*).",
+    ),
+    click.option(
+        "--max-influences",
+        type=click.IntRange(min=1),
+        help="Largest number of joints per vertex, with --skeleton.  [default: all]",
+    ),
+    format_option,
+    overwrite_option,
 )
-@click.option(
-    "--max-influences",
-    type=click.IntRange(min=1),
-    help="Joints that may move a vertex at most, with --skeleton.  [default: all]",
-)
-@animation_options
 @common_options
-def export_command(result: Path, out: Path, quiet: bool, **options: Any) -> None:
-    """Write the cage animation of RESULT in the format of OUT's suffix.
+def export_command(settings: "ExportSettings", quiet: bool) -> None:
+    """Convert a cage animation to other formats.
 
-    OUT is a file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a folder of frames (.obj, .ply), or such
-    files by a pattern, cage/cage_####.obj.
+    The cages of RESULT are written to OUT, whose suffix is the format: a file (.npz, .pc2, .mdd,
+    .glb, .usd*, .abc), a folder of frames (.obj, .ply), or numbered files in a folder, such as
+    cage/cage_####.obj.
     """
-    if options["max_influences"] is not None and not options["skeleton"]:
-        raise click.UsageError("--max-influences is for --skeleton; give both, or neither")
-    scene = pop_scene_hints(options)
-
     from cageik_cli.cli.progress import show_progress
-    from cageik_cli.formats.write import Output
     from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.util.text import format_block
-    from cageik_cli.workflows.export import ExportSettings, export
+    from cageik_cli.workflows.export import export
 
-    output = Output(out, options.pop("kind"), options.pop("overwrite"))
-    check_no_overlap([output.target_path], [result])
+    check_no_overlap(settings.outputs(), settings.inputs())
     with show_progress(not quiet, None, False) as progress:
-        summary = export(ExportSettings(result, output, scene, **options), progress)
+        summary = export(settings, progress)
     if not quiet:
         click.echo(format_block(summary.message, progress.notes), err=True)

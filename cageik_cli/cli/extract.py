@@ -2,189 +2,133 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from cageik_cli.cli.options.clip import (
-    clip_options,
-    pop_clip_settings,
-    pop_scene_hints,
-    scene_options,
+    CLIP_OPTIONS,
+    SCENE_OPTIONS,
+    choose_rest_frame,
+    rest_frame_option,
+    rest_option,
 )
 from cageik_cli.cli.options.common import (
+    BIND_OPTIONS,
+    CACHE_OPTIONS,
     PATH_TYPE,
-    binding_options,
-    choose_cache_folder,
     common_options,
     get_verbosity,
     is_on_command_line,
     jobs_option,
     memory_option,
+    overwrite_option,
     timings_option,
+    usage_errors,
 )
+from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.limits import (
+    LIMIT_OPTIONS,
+    LimitOptions,
     echo_exceeded_limits,
     exit_with_code,
-    limit_options,
-    pop_limits,
 )
-from cageik_cli.util.errors import CageikError
+from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.scene import SceneHints
+from cageik_cli.solver.settings import SolveSettings
+
+if TYPE_CHECKING:
+    from cageik_cli.store.result import Result
+    from cageik_cli.workflows.export import ExportSettings
+    from cageik_cli.workflows.plan import ExtractSettings
 
 
-@click.command("extract")
-@click.argument("frames", nargs=-1, required=True)
-@click.option("--cage", type=PATH_TYPE, help="The cage around the rest pose.")
-@click.option(
-    "--binding",
-    type=PATH_TYPE,
-    help="Take the weights, and the cage, from this file of cageik bind.",
+def make_solve_settings(alpha: float, beta: float, align: bool) -> SolveSettings:
+    """Make the settings of the solver; impossible values are wrong usage."""
+    with usage_errors():
+        return SolveSettings(alpha, beta, align)
+
+
+SOLVE_DEFAULTS = SolveSettings()
+
+SOLVE_OPTIONS = OptionGroup(
+    "solve",
+    make_solve_settings,
+    click.option(
+        "--alpha",
+        type=float,
+        default=SOLVE_DEFAULTS.alpha,
+        show_default=True,
+        help="Weight of the cage's Laplacian: higher is smoother and less exact.",
+    ),
+    click.option(
+        "--beta",
+        type=float,
+        default=SOLVE_DEFAULTS.beta,
+        show_default=True,
+        help="Weight of the vertices.",
+    ),
+    click.option(
+        "--align/--no-align",
+        default=SOLVE_DEFAULTS.align,
+        show_default=True,
+        help="Align each frame rigidly with the rest pose before the solve.",
+    ),
 )
-@click.option(
-    "-o", "--output", type=PATH_TYPE, default="cages.h5", show_default=True, help="The result file."
-)
-@click.option("--rest", type=PATH_TYPE, help="The rest pose.  [default: the first frame taken]")
-@click.option("--rest-frame", type=int, help="Which of the frames taken is the rest pose, from 0.")
-@binding_options
-@click.option(
-    "--alpha",
-    type=float,
-    default=1e-3,
-    show_default=True,
-    help="Weight of the cage's Laplacian: more is smoother and less exact.",
-)
-@click.option("--beta", type=float, default=1.0, show_default=True, help="Weight of the vertices.")
-@click.option(
-    "--align/--no-align",
-    default=True,
-    show_default=True,
-    help="Move each frame rigidly onto the rest pose, solve there, move the cage back.",
-)
-@click.option(
-    "--vertex-weights",
-    type=PATH_TYPE,
-    help="One number a vertex (text or .npy); 0 is missing data.",
-)
-@scene_options
-@click.option(
-    "--no-weights", is_flag=True, help="Leave the weights out of the result (a smaller file)."
-)
-@clip_options
-@click.option(
-    "--resume",
-    is_flag=True,
-    help="Go on where an interrupted run ended; begin if there was none.",
-)
-@click.option(
-    "--on-bad-frame",
-    type=click.Choice(["stop", "skip"]),
-    default="stop",
-    show_default=True,
-    help="A frame that cannot be read: stop, or leave a gap and say so.",
-)
-@click.option(
-    "--export",
-    "exports",
-    type=PATH_TYPE,
-    multiple=True,
-    help="Write the cages there too, as cageik export does; may be repeated.",
-)
-@limit_options
-@click.option("--overwrite", is_flag=True, help="Replace existing outputs.")
-@memory_option
-@timings_option
-@jobs_option
-@common_options
-def extract_command(**options: Any) -> None:
-    """Extract the cage of every frame of an animation.
-
-    FRAMES are meshes of one connectivity: files, folders and globs (.obj, .ply, .off, each also
-    .gz), in natural order of their names, or one file that holds a clip (.h5, .npz, .npy, .mdd,
-    .pc2, .anime, .usd*, .abc), of several FILE::CLIP.
-
-    \b
-    cageik extract frames --cage cage.obj --on-bad-frame skip
-    cageik extract body.pc2 --rest body.obj --cage cage.obj --resume
-    cageik extract shot.usdc::/hero/body --cage cage.obj --frames 0:48
-    """  # noqa: D301
-    timings: Path | None = options.pop("timings")
-    quiet: bool = options.pop("quiet")
-    exports: tuple[Path, ...] = options.pop("exports")
-    baseline: Path | None = options["baseline"]
-    limits = pop_limits(options)
-    settings = make_extract_settings(options)
-
-    from cageik_cli.cli.progress import show_progress
-    from cageik_cli.formats.open import list_input_files
-    from cageik_cli.formats.write import Output
-    from cageik_cli.report.overview import build_clip_entry, build_overview
-    from cageik_cli.report.record import build_report
-    from cageik_cli.report.views.text import format_text
-    from cageik_cli.util.outputs import check_no_overlap
-    from cageik_cli.util.text import format_row
-    from cageik_cli.workflows.export import ExportSettings, check_export, export
-    from cageik_cli.workflows.extract import extract
-
-    inputs = [settings.cage, settings.binding, settings.rest, settings.vertex_weights, baseline]
-    export_settings = [
-        ExportSettings(settings.output, Output(path, overwrite=settings.overwrite))
-        for path in exports
-    ]
-    outputs = [settings.output, timings, *(one.output.target_path for one in export_settings)]
-    check_no_overlap(outputs, inputs + list_input_files(list(settings.frames)))
-    for one in export_settings:
-        check_export(one)
-    with show_progress(not quiet, timings, settings.overwrite) as progress:
-        result = extract(settings, progress)
-        summaries = [export(one, progress) for one in export_settings]
-    report = build_report(result, limits)
-    overview = build_overview([build_clip_entry(report)])
-    if quiet:
-        echo_exceeded_limits(overview)
-    else:
-        lines = [format_text(report), *map(format_row, progress.make_rows())]
-        lines += [one.message for one in summaries]
-        click.echo("\n".join(lines), err=True)
-        click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
-    if get_verbosity():
-        click.echo(f"cache: {settings.cache}", err=True)
-        click.echo(f"settings: {json.dumps(result.settings)}", err=True)
-        click.echo(f"sources: {json.dumps(result.sources)}", err=True)
-    exit_with_code(overview)
 
 
-def make_extract_settings(options: dict[str, Any]) -> Any:
-    """The settings that the options mean.
+def make_extract_settings(
+    frames: tuple[str, ...],
+    cage: Path | None,
+    binding: Path | None,
+    output: Path,
+    rest: Path | None,
+    rest_frame: int | None,
+    bind: BindSettings,
+    cache: Path | None,
+    solve: SolveSettings,
+    vertex_weights: Path | None,
+    scene: SceneHints,
+    no_weights: bool,
+    clip: ClipSettings,
+    resume: bool,
+    on_bad_frame: str,
+    overwrite: bool,
+    memory: int,
+    jobs: int,
+) -> "ExtractSettings":
+    """Make the settings of a run; values that contradict each other are wrong usage."""
+    from cageik_cli.workflows.plan import ExtractSettings
 
-    Raises
-    ------
-    click.UsageError
-        When values contradict each other.
-    """
-    from cageik_cli.coordinates.binding import BindSettings
-    from cageik_cli.solver.dual_laplacian import SolveSettings
-    from cageik_cli.workflows.extract_inputs import ExtractSettings
+    if cage is None and binding is None:
+        raise click.UsageError("Missing option '--cage' (or '--binding', which contains a cage).")
+    if binding is not None:
+        _check_binding_settings(binding, bind)
+    return ExtractSettings(
+        frames=frames,
+        cage=cage,
+        output=output,
+        binding=binding,
+        cache=cache,
+        rest=rest,
+        rest_frame=choose_rest_frame(rest, rest_frame),
+        vertex_weights=vertex_weights,
+        bind=bind,
+        solve=solve,
+        clip=clip,
+        overwrite=overwrite,
+        resume=resume,
+        on_bad_frame=on_bad_frame,
+        keep_weights=not no_weights,
+        scene=scene,
+        memory=memory,
+        jobs=jobs,
+    )
 
-    if options["cage"] is None and options["binding"] is None:
-        raise click.UsageError("Missing option '--cage', or '--binding', which holds one.")
-    if options["rest"] is not None and options["rest_frame"] is not None:
-        raise click.UsageError("--rest and --rest-frame both name the rest pose; give one")
-    try:
-        solve = SolveSettings(options.pop("alpha"), options.pop("beta"), options.pop("align"))
-    except CageikError as error:
-        raise click.UsageError(str(error)) from error
-    bind = BindSettings(*(options.pop(name) for name in ("coordinates", "accuracy", "outside")))
-    if options["binding"] is not None:
-        _check_binding_settings(options["binding"], bind)
-    options["cache"] = choose_cache_folder(options["cache"], options.pop("no_cache"))
-    options["rest_frame"] = options["rest_frame"] or 0
-    options["clip"], options["scene"] = pop_clip_settings(options), pop_scene_hints(options)
-    options["keep_weights"] = not options.pop("no_weights")
-    return ExtractSettings(solve=solve, bind=bind, **options)
 
-
-def _check_binding_settings(binding: Path, requested: Any) -> None:
-    """Refuse options that were typed and are not those the binding was made with."""
+def _check_binding_settings(binding: Path, requested: BindSettings) -> None:
+    """Refuse options on the command line that differ from those of the binding."""
     from cageik_cli.store.binding_file import read_bind_settings
 
     names = [name for name in ("coordinates", "accuracy", "outside") if is_on_command_line(name)]
@@ -197,3 +141,140 @@ def _check_binding_settings(binding: Path, requested: Any) -> None:
                 f"--{name} {getattr(requested, name)}: {binding} was made with "
                 f"{getattr(stored, name)}; leave the option out, or bind again"
             )
+
+
+EXTRACT_OPTIONS = OptionGroup(
+    "settings",
+    make_extract_settings,
+    click.argument("frames", nargs=-1, required=True),
+    click.option("--cage", type=PATH_TYPE, help="The cage around the rest pose."),
+    click.option(
+        "--binding",
+        type=PATH_TYPE,
+        help="Take the weights and the cage from this file of cageik bind.",
+    ),
+    click.option(
+        "-o",
+        "--output",
+        type=PATH_TYPE,
+        default="cages.h5",
+        show_default=True,
+        help="The result file.",
+    ),
+    rest_option,
+    rest_frame_option,
+    BIND_OPTIONS,
+    CACHE_OPTIONS,
+    SOLVE_OPTIONS,
+    click.option(
+        "--vertex-weights",
+        type=PATH_TYPE,
+        help="Per-vertex weights (text or .npy); 0 marks missing data.",
+    ),
+    SCENE_OPTIONS,
+    click.option(
+        "--no-weights", is_flag=True, help="Do not store the weights in the result (smaller file)."
+    ),
+    CLIP_OPTIONS,
+    click.option(
+        "--resume",
+        is_flag=True,
+        help="Continue an interrupted run from its checkpoint; start if there is none.",
+    ),
+    click.option(
+        "--on-bad-frame",
+        type=click.Choice(["stop", "skip"]),
+        default="stop",
+        show_default=True,
+        help="If a frame cannot be read: stop, or leave a gap and report it.",
+    ),
+    overwrite_option,
+    memory_option,
+    jobs_option,
+)
+
+
+@click.command("extract")
+@EXTRACT_OPTIONS
+@click.option(
+    "--export",
+    "exports",
+    type=PATH_TYPE,
+    multiple=True,
+    help="Also write the cages to this file, as cageik export does; may be repeated.",
+)
+@LIMIT_OPTIONS
+@timings_option
+@common_options
+def extract_command(
+    settings: "ExtractSettings",
+    exports: tuple[Path, ...],
+    limits: LimitOptions,
+    timings: Path | None,
+    quiet: bool,
+) -> None:
+    """Extract the cage of every frame.
+
+    FRAMES are meshes of one connectivity: files, folders and globs (.obj, .ply, .off, each also
+    .gz), in natural order of their names, or one file that contains a clip (.h5, .npz, .npy, .mdd,
+    .pc2, .anime, .usd*, .abc). FILE::CLIP names one of several clips in a file.
+
+    \b
+    cageik extract frames --cage cage.obj --on-bad-frame skip
+    cageik extract body.pc2 --rest body.obj --cage cage.obj --resume
+    cageik extract shot.usdc::/hero/body --cage cage.obj --frames 0:48
+    """  # noqa: D301
+    from cageik_cli.cli.progress import show_progress
+    from cageik_cli.report.overview import build_clip_entry, build_overview
+    from cageik_cli.report.record import build_report
+    from cageik_cli.report.views.text import format_text
+    from cageik_cli.util.text import format_row
+    from cageik_cli.workflows.export import export
+    from cageik_cli.workflows.extract import extract
+
+    loaded_limits = limits.load()
+    export_settings = _plan_exports(settings, exports, [timings], [limits.baseline])
+    with show_progress(not quiet, timings, settings.overwrite) as progress:
+        result = extract(settings, progress)
+        summaries = [export(one, progress) for one in export_settings]
+    report = build_report(result, loaded_limits)
+    overview = build_overview([build_clip_entry(report)])
+    if quiet:
+        echo_exceeded_limits(overview)
+    else:
+        lines = [format_text(report), *map(format_row, progress.make_rows())]
+        lines += [one.message for one in summaries]
+        click.echo("\n".join(lines), err=True)
+        click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
+    if get_verbosity():
+        _show_details(settings, result)
+    exit_with_code(overview)
+
+
+def _plan_exports(
+    settings: "ExtractSettings",
+    exports: tuple[Path, ...],
+    other_outputs: list[Path | None],
+    other_inputs: list[Path | None],
+) -> list["ExportSettings"]:
+    """Make the settings of the exports, and check the outputs of the command before any work."""
+    from cageik_cli.formats.write import Output
+    from cageik_cli.util.outputs import check_no_overlap
+    from cageik_cli.workflows.export import ExportSettings, check_export
+
+    planned = [
+        ExportSettings(settings.output, Output(path, overwrite=settings.overwrite))
+        for path in exports
+    ]
+    exported = [path for one in planned for path in one.outputs()]
+    outputs = [*settings.outputs(), *other_outputs, *exported]
+    check_no_overlap(outputs, [*settings.inputs(), *other_inputs])
+    for one in planned:
+        check_export(one)
+    return planned
+
+
+def _show_details(settings: "ExtractSettings", result: "Result") -> None:
+    click.echo(f"cache: {settings.cache}", err=True)
+    click.echo(f"settings: {json.dumps(result.settings)}", err=True)
+    click.echo(f"sources: {json.dumps(result.sources)}", err=True)

@@ -1,4 +1,4 @@
-"""The page that GitHub Actions shows of a step."""
+"""The summary page that GitHub Actions shows for a step."""
 
 import os
 from pathlib import Path
@@ -6,13 +6,13 @@ from pathlib import Path
 import click
 
 MAX_BYTES = 1 << 20
-"""Of the page; GitHub shows none that is larger."""
+"""Largest size of the page; GitHub shows no larger one."""
 
 
 def append_step_summary(text: str) -> None:
     """Append Markdown to the file that GITHUB_STEP_SUMMARY names, if it is set.
 
-    What prevents it is a warning: the work is done by then, and its exit code stands.
+    A failure is only a warning: the work is done by then, and its exit code stays.
     """
     named = os.environ.get("GITHUB_STEP_SUMMARY")
     if not named:
@@ -23,11 +23,11 @@ def append_step_summary(text: str) -> None:
         _warn(named, f"cannot be written ({error.strerror or error})")
         return
     if size > MAX_BYTES:
-        _warn(named, f"has {size} bytes of the {MAX_BYTES} that GitHub shows, nothing was added")
+        _warn(named, f"would have {size} bytes, more than {MAX_BYTES}; nothing was added")
 
 
 def _append(path: Path, data: bytes) -> int:
-    """Append what fits, all or nothing; return the bytes that the file has or would have."""
+    """Append all of it if it fits, else nothing; return the size it has or would have."""
     size = (path.stat().st_size if path.exists() else 0) + len(data)
     if size <= MAX_BYTES:
         with path.open("ab") as stream:

@@ -1,4 +1,4 @@
-"""`cageik info`: what a file holds."""
+"""`cageik info`: what a file contains."""
 
 import click
 
@@ -11,7 +11,10 @@ from cageik_cli.cli.options.common import common_options
 @layout_option
 @common_options
 def info_command(files: tuple[str, ...], layout: str | None, quiet: bool) -> None:
-    """Say what FILES hold: a result, a clip (files, folder, glob) or one mesh, such as a cage."""
+    """Describe files.
+
+    FILES are a result, a binding, a clip (files, a folder, a glob) or one mesh, such as a cage.
+    """
     from cageik_cli.workflows.info import describe_files
 
     text = describe_files(list(files), layout)

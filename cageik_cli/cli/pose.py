@@ -1,27 +1,165 @@
 """`cageik pose`: a model, or the animation of a result, moved by a few handles."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from cageik_cli.cli.options.clip import UP_AXES
+from cageik_cli.cli.bind import WEIGHT_OPTIONS
 from cageik_cli.cli.options.common import (
     PATH_TYPE,
-    binding_options,
-    choose_cache_folder,
     common_options,
     is_on_command_line,
-    jobs_option,
     memory_option,
+    overwrite_option,
     timings_option,
+    usage_errors,
     write_or_print,
 )
-from cageik_cli.util.errors import CageikError
+from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.formats.scene import UP_AXES
+
+if TYPE_CHECKING:
+    from cageik_cli.posing.edits import PosingSettings
+    from cageik_cli.posing.summary import PoseSnapshot
+    from cageik_cli.workflows.bind import WeightSettings
+    from cageik_cli.workflows.edit import EditSettings
+    from cageik_cli.workflows.pose import PoseSettings
 
 CAGE_OPTIONS = ("cage", "cage_out")
-WEIGHT_OPTIONS = ("coordinates", "accuracy", "outside", "cache", "no_cache", "jobs")
+WEIGHT_OPTION_NAMES = ("coordinates", "accuracy", "outside", "cache", "no_cache", "jobs")
 RESULT_OPTIONS = ("memory",)
+
+
+def make_posing_settings(
+    alpha: float, beta: float, rigidity: int, snap: bool, allow_conflicts: bool, hard: bool
+) -> "PosingSettings":
+    """Make the settings of the solve; impossible values are wrong usage."""
+    from cageik_cli.posing.edits import PosingSettings
+    from cageik_cli.posing.handles.model import PlacementSettings
+
+    with usage_errors():
+        return PosingSettings(alpha, beta, rigidity, PlacementSettings(snap, allow_conflicts, hard))
+
+
+POSING_OPTIONS = OptionGroup(
+    "posing",
+    make_posing_settings,
+    click.option(
+        "--alpha",
+        type=float,
+        default=1e-6,
+        show_default=True,
+        help="Weight of the cage's Laplacian: higher is smoother, and meets handles less exactly.",
+    ),
+    click.option(
+        "--beta", type=float, default=1.0, show_default=True, help="Weight of the handles."
+    ),
+    click.option("--hard", is_flag=True, help="Meet all handles exactly."),
+    click.option(
+        "--rigidity",
+        type=click.IntRange(min=0),
+        default=0,
+        show_default=True,
+        help="Rounds in which parts of the cage rotate with the motion; 0 shears them.",
+    ),
+    click.option(
+        "--snap",
+        is_flag=True,
+        help="Move handles with a position to the nearest point of the surface.",
+    ),
+    click.option(
+        "--allow-conflicts",
+        is_flag=True,
+        help="Take the mean if one point has different targets.",
+    ),
+)
+
+
+def make_pose_settings(
+    target: Path,
+    handles: Path,
+    output: Path,
+    cage: Path | None,
+    cage_out: Path | None,
+    posing: "PosingSettings",
+    weights: "WeightSettings",
+    memory: int,
+    overwrite: bool,
+) -> "PoseSettings | EditSettings":
+    """Make the settings of an edit of a result, or of a pose of a model.
+
+    Raises
+    ------
+    click.UsageError
+        When options contradict each other or TARGET.
+    """
+    from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
+    from cageik_cli.store.binding_file import is_binding
+    from cageik_cli.workflows.edit import EditSettings
+    from cageik_cli.workflows.pose import PoseSettings
+
+    if target.suffix.lower() == ".json" and handles.suffix.lower() != ".json":
+        raise click.UsageError(f"TARGET comes before HANDLES; swap {target} and {handles}")
+    is_hdf5 = target.suffix.lower() in HDF5_SUFFIXES
+    if is_hdf5 and not is_binding(target):
+        _reject_options(
+            (*CAGE_OPTIONS, *WEIGHT_OPTION_NAMES), "a model; a result has its cage and weights"
+        )
+        return EditSettings(target, handles, output, posing, memory, overwrite)
+    _reject_options(RESULT_OPTIONS, "a result, whose frames are edited in blocks")
+    if is_hdf5:
+        _reject_options(
+            ("cage", *WEIGHT_OPTION_NAMES), "a model; a binding has its cage and weights"
+        )
+    elif cage is None:
+        raise click.UsageError(f"Missing option '--cage', which {target} needs.")
+    return PoseSettings(target, handles, output, cage, cage_out, posing, weights, overwrite)
+
+
+def _reject_options(names: tuple[str, ...], purpose: str) -> None:
+    """Refuse options that do not apply to this kind of TARGET."""
+    for name in names:
+        if is_on_command_line(name):
+            raise click.UsageError(f"--{name.replace('_', '-')} is for {purpose}; leave it out")
+
+
+@dataclass(frozen=True, slots=True)
+class PoseViews:
+    """What to show of a pose, and where to write it.
+
+    Raises
+    ------
+    click.UsageError
+        When the picture has another suffix than .png.
+    """
+
+    plot: Path | None
+    up_axis: str | None
+    json_path: Path | None
+
+    def __post_init__(self) -> None:
+        plot = self.plot
+        if plot is not None and str(plot) != "-" and plot.suffix.lower() != ".png":
+            raise click.UsageError(f"--plot {plot}: expected a name that ends in .png")
+
+
+VIEW_OPTIONS = OptionGroup(
+    "views",
+    PoseViews,
+    click.option(
+        "--plot", type=PATH_TYPE, help="Draw the model before and after, with the handles (.png)."
+    ),
+    click.option(
+        "--up-axis",
+        type=click.Choice(UP_AXES),
+        help="Axis that points up in the picture.  [default: that of the result, or Y]",
+    ),
+    click.option(
+        "--json", "json_path", type=PATH_TYPE, help="Write the figures as JSON; - is stdout."
+    ),
+)
 
 
 def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> None:
@@ -33,167 +171,99 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
 
 
 @click.command("pose")
-@click.argument("target", type=PATH_TYPE)
-@click.argument("handles", type=PATH_TYPE)
-@click.option(
-    "-o",
-    "--output",
-    type=PATH_TYPE,
-    required=True,
-    help="The posed model (.obj, .ply); of a result, the edited result (.h5).",
+@OptionGroup(
+    "settings",
+    make_pose_settings,
+    click.argument("target", type=PATH_TYPE),
+    click.argument("handles", type=PATH_TYPE),
+    click.option(
+        "-o",
+        "--output",
+        type=PATH_TYPE,
+        required=True,
+        help="The posed model (.obj, .ply), or the edited result (.h5).",
+    ),
+    click.option("--cage", type=PATH_TYPE, help="The cage around TARGET, if that is a model."),
+    click.option("--cage-out", type=PATH_TYPE, help="Also write the posed cage (.obj, .ply)."),
+    POSING_OPTIONS,
+    WEIGHT_OPTIONS,
+    memory_option,
+    overwrite_option,
 )
-@click.option("--cage", type=PATH_TYPE, help="The cage around TARGET, when that is a model.")
-@click.option("--cage-out", type=PATH_TYPE, help="Write the posed cage there, too (.obj, .ply).")
-@click.option(
-    "--alpha",
-    type=float,
-    default=1e-6,
-    show_default=True,
-    help="Weight of the cage's Laplacian: more is smoother, and meets handles less.",
-)
-@click.option("--beta", type=float, default=1.0, show_default=True, help="Weight of the handles.")
-@click.option("--hard", is_flag=True, help="Meet all handles exactly.")
-@click.option(
-    "--rigidity",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Rounds in which parts of the cage turn with the motion, where 0 shears them.",
-)
-@click.option("--snap", is_flag=True, help="Put handles with a position on the surface near it.")
-@click.option(
-    "--allow-conflicts",
-    is_flag=True,
-    help="Take the mean of different targets of one point.",
-)
-@click.option("--plot", type=PATH_TYPE, help="Draw it before and after, with the handles (.png).")
-@click.option(
-    "--up-axis",
-    type=click.Choice(UP_AXES),
-    help="Which axis is up in the picture.  [default: the result's, or Y]",
-)
-@click.option(
-    "--json", "json_out", type=PATH_TYPE, help="Write the figures as JSON (- for stdout)."
-)
+@VIEW_OPTIONS
 @click.option(
     "--schema",
     is_flag=True,
     is_eager=True,
     expose_value=False,
     callback=_print_schema,
-    help="Print the JSON schema of the handles file, and end.",
+    help="Print the JSON schema of the handles file and exit.",
 )
-@binding_options
-@click.option("--overwrite", is_flag=True, help="Replace existing outputs.")
-@memory_option
 @timings_option
-@jobs_option
 @common_options
 def pose_command(
-    plot: Path | None,
-    up_axis: str | None,
-    json_out: Path | None,
-    timings: Path | None,
-    quiet: bool,
-    **options: Any,
+    settings: "PoseSettings | EditSettings", views: PoseViews, timings: Path | None, quiet: bool
 ) -> None:
-    """Move a model, or the animation of a result, by a few points of its surface.
+    """Move a model or animation by a few points.
 
-    TARGET is a model with --cage, a binding of cageik bind, or a result, whose every frame keeps
-    its own motion and gets the edit added. HANDLES is a JSON file that says which points go where.
+    TARGET is a model with --cage, a binding of cageik bind, or a result. Each frame of a result
+    keeps its own motion and the edit is added. HANDLES is a JSON file that says which points move
+    where.
 
     \b
     cageik pose rest.obj --cage cage.obj handles.json -o posed.obj
     cageik pose cages.h5 handles.json -o edited.h5 --plot edited.png
     """  # noqa: D301
-    if plot is not None and str(plot) != "-" and plot.suffix.lower() != ".png":
-        raise click.UsageError(f"--plot {plot}: expected a name that ends in .png")
-    settings = _make_settings(options)
-
     from cageik_cli.cli.progress import show_progress
     from cageik_cli.report.views.pose_text import format_pose_json, format_pose_rows
-    from cageik_cli.util.outputs import check_no_overlap, check_writable
     from cageik_cli.util.text import format_block
     from cageik_cli.workflows.edit import EditSettings, edit
     from cageik_cli.workflows.pose import pose
 
-    inputs = [options["target"], options["handles"], options["cage"]]
-    check_no_overlap([settings.output, options["cage_out"], plot, json_out, timings], inputs)
-    for path in (plot, json_out):
-        if path is not None and str(path) != "-":
-            check_writable(path, settings.overwrite)
-    is_edit = isinstance(settings, EditSettings)
+    _check_outputs(settings, views, timings)
     with show_progress(not quiet, timings, settings.overwrite) as progress:
-        result = edit(settings, progress) if is_edit else pose(settings, progress)
-        if plot is not None:
+        if isinstance(settings, EditSettings):
+            result = edit(settings, progress)
+        else:
+            result = pose(settings, progress)
+        if views.plot is not None:
             with progress.stage("plot"):
-                write_or_print(_render_plot(result.snapshot, up_axis), plot, settings.overwrite)
-    if json_out is not None:
-        write_or_print(format_pose_json(result.summary), json_out, settings.overwrite)
+                picture = _render_plot(result.snapshot, views.up_axis)
+                write_or_print(picture, views.plot, settings.overwrite)
+    if views.json_path is not None:
+        write_or_print(format_pose_json(result.summary), views.json_path, settings.overwrite)
     if not quiet:
         rows = [*format_pose_rows(result.summary), *progress.make_rows()]
         click.echo(format_block(str(settings.output), rows), err=True)
-        next_step = f"; next: cageik report {settings.output}" if is_edit else ""
-        written = [settings.output, options["cage_out"], plot, json_out]
-        names = [str(path) for path in written if path is not None and str(path) != "-"]
-        click.echo(f"wrote {', '.join(names)}{next_step}", err=True)
+        click.echo(_describe_written(settings, views), err=True)
 
 
-def _render_plot(snapshot: Any, up_axis: str | None) -> bytes:
-    """Before and after, as a PNG file; matplotlib takes long to import."""
-    from dataclasses import replace
+def _check_outputs(
+    settings: "PoseSettings | EditSettings", views: PoseViews, timings: Path | None
+) -> None:
+    """Refuse, before any work, outputs that cannot be written or overlap."""
+    from cageik_cli.util.outputs import check_no_overlap, check_writable
 
+    views_and_timings = [views.plot, views.json_path, timings]
+    check_no_overlap([*settings.outputs(), *views_and_timings], settings.inputs())
+    for path in (views.plot, views.json_path):
+        if path is not None and str(path) != "-":
+            check_writable(path, settings.overwrite)
+
+
+def _describe_written(settings: "PoseSettings | EditSettings", views: PoseViews) -> str:
+    """Name the files that were written, and the next command for a result."""
+    from cageik_cli.workflows.edit import EditSettings
+
+    is_edit = isinstance(settings, EditSettings)
+    written = [*settings.outputs(), views.plot, views.json_path]
+    names = [str(path) for path in written if path is not None and str(path) != "-"]
+    next_step = f"; next: cageik report {settings.output}" if is_edit else ""
+    return f"wrote {', '.join(names)}{next_step}"
+
+
+def _render_plot(snapshot: "PoseSnapshot", up_axis: str | None) -> bytes:
+    """Draw before and after, as a PNG file; matplotlib is slow to import."""
     from cageik_cli.report.plots.pose_plot import render_pose_png
 
     return render_pose_png(replace(snapshot, up_axis=up_axis or snapshot.up_axis))
-
-
-def _make_settings(options: dict[str, Any]) -> Any:
-    """What is to be done, as an edit of a result or a pose of a model.
-
-    Raises
-    ------
-    click.UsageError
-        When options contradict each other or TARGET.
-    """
-    from cageik_cli.coordinates.binding import BindSettings
-    from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-    from cageik_cli.posing.edits import PosingSettings
-    from cageik_cli.posing.handles.model import PlacementSettings
-    from cageik_cli.store.binding_file import is_binding
-    from cageik_cli.workflows.bind import WeightSettings
-    from cageik_cli.workflows.edit import EditSettings
-    from cageik_cli.workflows.pose import PoseSettings
-
-    place = PlacementSettings(options["snap"], options["allow_conflicts"], options["hard"])
-    try:
-        posing = PosingSettings(options["alpha"], options["beta"], options["rigidity"], place)
-    except CageikError as error:
-        raise click.UsageError(str(error)) from error
-    target, handles = options["target"], options["handles"]
-    if target.suffix.lower() == ".json" and handles.suffix.lower() != ".json":
-        raise click.UsageError(f"TARGET comes before HANDLES; swap {target} and {handles}")
-    files = (target, handles, options["output"])
-    overwrite = options["overwrite"]
-    is_hdf5 = target.suffix.lower() in HDF5_SUFFIXES
-    if is_hdf5 and not is_binding(target):
-        _reject_options(
-            (*CAGE_OPTIONS, *WEIGHT_OPTIONS), "a model; a result has its cage and weights"
-        )
-        return EditSettings(*files, posing, options["memory"], overwrite)
-    _reject_options(RESULT_OPTIONS, "a result, whose frames are gone through in blocks")
-    if is_hdf5:
-        _reject_options(("cage", *WEIGHT_OPTIONS), "a model; a binding has its cage and weights")
-    elif options["cage"] is None:
-        raise click.UsageError(f"Missing option '--cage', which {target} needs.")
-    bind = BindSettings(*(options[name] for name in ("coordinates", "accuracy", "outside")))
-    cache = choose_cache_folder(options["cache"], options["no_cache"])
-    weights = WeightSettings(bind, cache, options["jobs"])
-    return PoseSettings(*files, options["cage"], options["cage_out"], posing, weights, overwrite)
-
-
-def _reject_options(names: tuple[str, ...], purpose: str) -> None:
-    """Refuse options that say nothing of this kind of TARGET."""
-    for name in names:
-        if is_on_command_line(name):
-            raise click.UsageError(f"--{name.replace('_', '-')} is for {purpose}; leave it out")

@@ -1,4 +1,4 @@
-"""What a run shows while it goes on: a progress bar on a terminal, and seconds a stage."""
+"""What a run shows while it works: a progress bar on a terminal, and the seconds of each stage."""
 
 import json
 import sys
@@ -26,15 +26,15 @@ _BARS = {
 
 
 class ProgressBar(ProgressListener):
-    """Times the stages, and draws bars when asked.
+    """Measures the time of the stages, and draws bars when asked.
 
     Attributes
     ----------
     seconds : dict
-        Time in each stage so far, of all threads; `read` is time spent waiting for frames that
-        threads read ahead.
+        Time in each stage so far, of all threads; `read` is the time spent waiting for frames
+        that threads read ahead.
     notes : list of (topic, text)
-        What was remarked so far.
+        The notes so far.
     """
 
     def __init__(self, is_drawn: bool) -> None:
@@ -48,14 +48,14 @@ class ProgressBar(ProgressListener):
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time a stage; a stage with a bar of its own opens it."""
+        """Measure the time of a stage; open its bar, if it has one."""
         if self._is_drawn and name in _BARS and _BARS[name][0] != self._label:
             self._open_bar(*_BARS[name])
         start = time.perf_counter()
         try:
             yield
         finally:
-            with self._lock:  # stages of several blocks run beside each other
+            with self._lock:  # stages of several blocks run in parallel
                 self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
     def update(self, done: int, total: int) -> None:
@@ -65,18 +65,18 @@ class ProgressBar(ProgressListener):
             self._bar.update(done - self._bar.n)
 
     def note(self, topic: str, text: str) -> None:
-        """Keep it for the end, as a line would break the bar; once, if several exports say it."""
+        """Keep a note for the end, as a line would break the bar; a repeated note is kept once."""
         if (topic, text) not in self.notes:
             self.notes.append((topic, text))
 
     def close(self) -> None:
-        """End the bar, and take the seconds in all as `total`."""
+        """Close the bar, and record the time in all as `total`."""
         if self._bar is not None:
             self._bar.close()
         self.seconds["total"] = time.perf_counter() - self._start
 
     def make_rows(self) -> list[tuple[str, str]]:
-        """What was remarked, and the seconds, as labelled lines."""
+        """Return the notes and the seconds as labelled lines."""
         stages = ", ".join(f"{name} {value:.2f}" for name, value in self.seconds.items())
         return [*self.notes, ("seconds", stages)]
 
@@ -88,14 +88,14 @@ class ProgressBar(ProgressListener):
 
 
 class LineLogger(ProgressBar):
-    """Shows what is remarked at once, a line each, if it draws at all."""
+    """Prints each note at once on a line of its own."""
 
     def __init__(self, is_drawn: bool) -> None:
         super().__init__(is_drawn)
         self._is_shown = is_drawn
 
     def note(self, topic: str, text: str) -> None:
-        """Show it."""
+        """Print the note."""
         if self._is_shown:
             tqdm.write(format_row((topic, text)), file=sys.stderr)
 
@@ -107,7 +107,7 @@ def show_progress(
     overwrite: bool,
     listener_type: type[ProgressBar] = ProgressBar,
 ) -> Iterator[ProgressBar]:
-    """A watch over the block, closed at its end; its seconds are written if the block succeeds."""
+    """Show the progress of the block inside; write its seconds if the block succeeds."""
     if timings is not None:
         check_writable(timings, overwrite)
     progress = listener_type(is_drawn)

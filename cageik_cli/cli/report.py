@@ -1,131 +1,199 @@
-"""`cageik report`: what a result says about itself."""
+"""`cageik report`: the figures of results, and limits on them."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from cageik_cli.cli.github_summary import append_step_summary
-from cageik_cli.cli.options.common import PATH_TYPE, common_options, write_or_print
+from cageik_cli.cli.options.common import (
+    PATH_TYPE,
+    common_options,
+    overwrite_option,
+    write_or_print,
+)
+from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.limits import (
+    LIMIT_OPTIONS,
+    LimitOptions,
     echo_exceeded_limits,
     exit_with_code,
-    limit_options,
-    pop_limits,
 )
 
-MULTI_RESULT_VIEWS = ("json", "csv", "junit", "markdown")
-"""Views of any number of results."""
+if TYPE_CHECKING:
+    from cageik_cli.report.overview import Overview
+    from cageik_cli.report.record import Report
+    from cageik_cli.store.result import Result
 
-SINGLE_RESULT_VIEWS = ("html", "plot")
+DEFAULT_RESULT = Path("cages.h5")
 PLOT_SUFFIXES = (".png", ".svg")
+
+
+@dataclass(frozen=True, slots=True)
+class ReportTargets:
+    """The file that each view is written to; `-` is stdout.
+
+    Raises
+    ------
+    click.UsageError
+        When two views go to stdout, or the picture has an unknown suffix.
+    """
+
+    html: Path | None
+    plot: Path | None
+    json: Path | None
+    csv: Path | None
+    junit: Path | None
+    markdown: Path | None
+
+    def __post_init__(self) -> None:
+        on_stdout = [f"--{name}" for name, path in self.named.items() if str(path) == "-"]
+        if len(on_stdout) > 1:
+            raise click.UsageError(
+                f"{on_stdout[0]} and {on_stdout[1]} both go to stdout; write one to a file"
+            )
+        if self.plot is not None and self.plot.suffix.lower() not in PLOT_SUFFIXES:
+            raise click.UsageError(
+                f"--plot {self.plot}: expected a name that ends in {' or '.join(PLOT_SUFFIXES)}"
+            )
+
+    @property
+    def named(self) -> dict[str, Path]:
+        """The targets that are given, by the names of the views."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: path for name, path in values.items() if path is not None}
+
+    @property
+    def uses_stdout(self) -> bool:
+        """Whether a view goes to stdout."""
+        return any(str(path) == "-" for path in self.named.values())
+
+    def check_single(self, count: int) -> None:
+        """Refuse views of one result when there are several."""
+        for name in ("html", "plot"):
+            if name in self.named and count > 1:
+                raise click.UsageError(
+                    f"--{name} shows one result, {count} were named; name one, or use cageik batch"
+                )
 
 
 @click.command("report")
 @click.argument("results", nargs=-1, type=PATH_TYPE)
-@click.option("--html", type=PATH_TYPE, help="Write one result's page, which needs no other file.")
-@click.option(
-    "--plot", type=PATH_TYPE, help="Draw rms and volume over the frames, as .png or .svg."
+@OptionGroup(
+    "targets",
+    ReportTargets,
+    click.option(
+        "--html", type=PATH_TYPE, help="Write the page of one result, complete in one file."
+    ),
+    click.option(
+        "--plot", type=PATH_TYPE, help="Draw RMS error and volume over the frames (.png, .svg)."
+    ),
+    click.option("--json", type=PATH_TYPE, help="Write the record as JSON; - is stdout."),
+    click.option("--csv", type=PATH_TYPE, help="Write CSV with one line per frame; - is stdout."),
+    click.option(
+        "--junit",
+        type=PATH_TYPE,
+        help="Write JUnit XML with one test case per limit; - is stdout.",
+    ),
+    click.option(
+        "--markdown", type=PATH_TYPE, help="Write a Markdown table of the results; - is stdout."
+    ),
 )
-@click.option("--json", type=PATH_TYPE, help="Write the record as JSON; - is stdout.")
-@click.option("--csv", type=PATH_TYPE, help="Write a line a frame as CSV; - is stdout.")
-@click.option(
-    "--junit", type=PATH_TYPE, help="Write a test case a limit as JUnit XML; - is stdout."
-)
-@click.option("--markdown", type=PATH_TYPE, help="Write a table of the results; - is stdout.")
-@limit_options
-@click.option("--overwrite", is_flag=True, help="Replace existing files.")
+@LIMIT_OPTIONS
+@overwrite_option
 @common_options
-def report_command(results: tuple[Path, ...], overwrite: bool, quiet: bool, **options: Any) -> None:
-    """Report on RESULTS of cageik extract or pose; on cages.h5 in this folder if none is named.
+def report_command(
+    results: tuple[Path, ...],
+    targets: ReportTargets,
+    limits: LimitOptions,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Show how well results fit; check limits.
 
-    The text goes to stdout, or to stderr when another view goes there. Markdown is appended to
+    RESULTS are files of cageik extract or cageik pose; cages.h5 in this folder if none is named.
+    The text goes to stdout, or to stderr when a view goes to stdout. Markdown is also appended to
     the file that GITHUB_STEP_SUMMARY names, when it is set.
     """
-    results = results or (Path("cages.h5"),)
-    targets: dict[str, Path | None] = {
-        name: options.pop(name) for name in SINGLE_RESULT_VIEWS + MULTI_RESULT_VIEWS
-    }
-    is_stdout_taken = _check_stdout_taken(targets)
-    _check_single_result_views(targets, len(results))
+    results = results or (DEFAULT_RESULT,)
+    targets.check_single(len(results))
 
     from cageik_cli.report.overview import build_clip_entry, build_overview
     from cageik_cli.report.record import build_report
+    from cageik_cli.report.views.markdown import format_markdown
+    from cageik_cli.report.views.text import format_text
+    from cageik_cli.store.result import read_result
+    from cageik_cli.util.outputs import check_no_overlap
+
+    check_no_overlap(list(targets.named.values()), [*results, limits.baseline])
+    loaded_limits = limits.load()
+    _check_targets_writable(targets, overwrite)
+    if len(results) > 1:
+        loaded_limits = loaded_limits.match_by_name()
+    loaded = [read_result(path) for path in results]
+    names = _choose_names(results)
+    reports = [
+        build_report(result, loaded_limits, name)
+        for result, name in zip(loaded, names, strict=True)
+    ]
+    overview = build_overview([build_clip_entry(report) for report in reports])
+    _write_views(targets, overwrite, loaded[0], reports, overview)
+    append_step_summary(format_markdown(overview))
+    if quiet:
+        echo_exceeded_limits(overview)
+    else:
+        click.echo("\n\n".join(map(format_text, reports)), err=targets.uses_stdout)
+    exit_with_code(overview)
+
+
+def _check_targets_writable(targets: ReportTargets, overwrite: bool) -> None:
+    from cageik_cli.util.outputs import check_writable
+
+    for path in targets.named.values():
+        if str(path) != "-":
+            check_writable(path, overwrite)
+
+
+def _write_views(
+    targets: ReportTargets,
+    overwrite: bool,
+    result: "Result",
+    reports: list["Report"],
+    overview: "Overview",
+) -> None:
+    """Write every view that is asked for; `result` is that of the first report."""
     from cageik_cli.report.views.junit import format_junit
     from cageik_cli.report.views.markdown import format_markdown
     from cageik_cli.report.views.tables import format_csv, format_json
-    from cageik_cli.report.views.text import format_text
-    from cageik_cli.store.result import read_result
-    from cageik_cli.util.outputs import check_no_overlap, check_writable
 
-    check_no_overlap(list(targets.values()), [*results, options["baseline"]])
-    limits = pop_limits(options)
-    for path in targets.values():
-        if path is not None and str(path) != "-":
-            check_writable(path, overwrite)
-    names = _choose_names(results)
-    limits = limits.by_name() if len(results) > 1 else limits
-    loaded = list(map(read_result, results))
-    reports = [
-        build_report(*given) for given in zip(loaded, [limits] * len(loaded), names, strict=True)
-    ]
-    overview = build_overview([build_clip_entry(report) for report in reports])
     views: dict[str, Callable[[], str | bytes]] = {
-        "html": partial(_render_page, loaded[0], reports[0]),
-        "plot": partial(_render_plot, reports[0], targets["plot"]),
+        "html": partial(_render_page, result, reports[0]),
+        "plot": partial(_render_plot, reports[0], targets.plot),
         "json": partial(format_json, reports),
         "csv": partial(format_csv, reports),
         "junit": partial(format_junit, overview),
         "markdown": partial(format_markdown, overview),
     }
-    for name, path in targets.items():
-        if path is not None:
-            write_or_print(views[name](), path, overwrite)
-    append_step_summary(format_markdown(overview))
-    if quiet:
-        echo_exceeded_limits(overview)
-    else:
-        click.echo("\n\n".join(map(format_text, reports)), err=is_stdout_taken)
-    exit_with_code(overview)
-
-
-def _check_stdout_taken(targets: dict[str, Path | None]) -> bool:
-    """Whether a view goes to stdout; two are wrong usage."""
-    there = [f"--{name}" for name, path in targets.items() if str(path) == "-"]
-    if len(there) > 1:
-        raise click.UsageError(f"{there[0]} and {there[1]} both go to stdout; name a file for one")
-    return bool(there)
-
-
-def _check_single_result_views(targets: dict[str, Path | None], results: int) -> None:
-    """Refuse what shows one result, of several; and a picture of no kind that is drawn."""
-    for name in SINGLE_RESULT_VIEWS:
-        if targets[name] is not None and results > 1:
-            raise click.UsageError(
-                f"--{name} shows one result, {results} were named; name one, or use cageik batch"
-            )
-    plot = targets["plot"]
-    if plot is not None and plot.suffix.lower() not in PLOT_SUFFIXES:
-        raise click.UsageError(
-            f"--plot {plot}: expected a name that ends in {' or '.join(PLOT_SUFFIXES)}"
-        )
+    for name, path in targets.named.items():
+        write_or_print(views[name](), path, overwrite)
 
 
 def _choose_names(results: tuple[Path, ...]) -> list[str]:
-    """What results are called: their files' names, or all their paths where two share a name."""
+    """Return the names of the files; all the paths if two files share a name."""
     names = [path.name for path in results]
     return names if len(set(names)) == len(names) else [path.as_posix() for path in results]
 
 
-def _render_page(result: Any, report: Any) -> str:
+def _render_page(result: "Result", report: "Report") -> str:
     from cageik_cli.report.html.page import render_result_page
 
     return render_result_page(result, report)
 
 
-def _render_plot(report: Any, path: Path | None) -> str | bytes:
+def _render_plot(report: "Report", path: Path | None) -> str | bytes:
     from cageik_cli.report.plots.error_plot import render_plot_png, render_plot_svg
 
     is_png = path is not None and path.suffix.lower() == ".png"

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from cageik_cli.coordinates.settings import ACCURACIES as ACCURACIES
+from cageik_cli.coordinates.settings import Accuracy as Accuracy
 from cageik_cli.util.arrays import Floats
 
 
@@ -23,35 +25,6 @@ class Weights:
     values: Floats
     panels: int = 0
     error: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Accuracy:
-    """The accuracy of harmonic weights, and the limits of their discretisation.
-
-    Attributes
-    ----------
-    tolerance : float
-        Largest mean over points of a row's L1 distance from exact weights.
-    order : int
-        Degree of the densities on panels close to points.
-    reach : float
-        Distance, in panel radii, at which terms beyond linear have half their strength.
-    max_unknowns : int
-        Largest number of unknowns; the matrix takes 4 bytes times its square.
-    """
-
-    tolerance: float
-    order: int
-    reach: float
-    max_unknowns: int
-
-
-ACCURACIES = {
-    "preview": Accuracy(0.03, 1, 0.0, 9000),
-    "standard": Accuracy(0.005, 3, 1.5, 15000),
-    "fine": Accuracy(0.001, 5, 4.0, 15000),
-}
 
 
 def ignore_progress(done: int, total: int) -> None:

@@ -28,7 +28,7 @@ from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, error_context, require_optional
+from cageik_cli.util.errors import FileAccessError, FormatError, error_context, require_optional
 
 
 class Reader(ClipFile):
@@ -113,16 +113,16 @@ def _check_header(path: Path) -> None:
         with path.open("rb") as stream:
             header = stream.read(16)
     except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}") from error
+        raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
     if header.startswith(b"\x89HDF"):
-        raise InputError(
+        raise FormatError(
             "is Alembic of the older kind in HDF5; convert it with abcconvert -toOgawa"
         )
     if not header.startswith(b"Ogawa"):
-        raise InputError("is not an Alembic file; export it again")
+        raise FormatError("is not an Alembic file; export it again")
     # A byte that is set when the file is closed, and where its root is: at the end.
     if header[5:6] != b"\xff" or int.from_bytes(header[8:], "little") >= path.stat().st_size:
-        raise InputError("is cut short, or was not closed by what wrote it; export it again")
+        raise FormatError("is cut short, or was not closed by what wrote it; export it again")
 
 
 @contextmanager
@@ -133,7 +133,7 @@ def _wrap_alembic_errors() -> Iterator[None]:
     except (RuntimeError, IndexError, UnicodeDecodeError) as error:
         # Exceptions are wrapped in one another there: the innermost says what it is about.
         cause = " ".join(str(error).rpartition("EXCEPTION:")[2].split())
-        raise InputError(f"is not a sound Alembic file ({cause}); export it again") from error
+        raise FormatError(f"is not a sound Alembic file ({cause}); export it again") from error
 
 
 def _iterate_descendants(thing: Any) -> Iterator[Any]:
@@ -192,7 +192,7 @@ def _read_polygons_at(properties: tuple[Any, Any], sample: int) -> Polygons:
 def _read_sample(sampled: Any, index: int) -> Any:
     """One array; the library would not survive one that is not there, which has no digest."""
     if not sampled.getKey(index):
-        raise InputError(f"sample {index} of `{sampled.getName()}` is missing; export it again")
+        raise FormatError(f"sample {index} of `{sampled.getName()}` is missing; export it again")
     return sampled.getValue(index)
 
 

@@ -10,7 +10,7 @@ from cageik_cli.formats.base.binary_frames import (
 )
 from cageik_cli.formats.base.clip_file import ArrayClip, ArrayClipFile, single_path
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 
 _INT32, _FLOAT32 = np.dtype("<i4"), np.dtype("<f4")
 
@@ -25,7 +25,7 @@ class Reader(ArrayClipFile):
         """Read faces and frame 0, and find the offsets of the others."""
         file = BinaryFile.open(single_path(request.paths))
         if file.size < 12:
-            raise InputError(f"{file.size} bytes, an .anime file has 12 at least; copy it again")
+            raise FormatError(f"{file.size} bytes, an .anime file has 12 at least; copy it again")
         frames, vertices, triangles = map(int, file.read_array(0, _INT32, (3,)))
         check_file_size(
             file,

@@ -13,7 +13,7 @@ from cageik_cli import __version__
 from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.scene import Scene
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, require_optional
+from cageik_cli.util.errors import OutputError, require_optional
 
 MAX_FILE_BYTES = 2**32 - 1
 """Bytes whose count a GLB file has room to state."""
@@ -44,7 +44,7 @@ class Writer(AnimationWriter):
         frames = animation.frame_count
         self._sizes = [12 * faces, 12 * vertices * (1 + frames), 4 * frames, 4 * frames**2]
         if sum(self._sizes) > MAX_FILE_BYTES - MAX_JSON_BYTES:
-            raise InputError(
+            raise OutputError(
                 f"{frames} frames of {vertices} vertices take {sum(self._sizes) / 2**30:.1f} GiB "
                 "as morph targets, and a .glb holds less than 4; write .usdc, .abc or .pc2"
             )

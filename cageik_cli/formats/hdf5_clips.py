@@ -24,7 +24,7 @@ from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.scene import SceneHints, parse_scene_metadata
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, join_truncated
+from cageik_cli.util.errors import FormatError, SettingError, join_truncated
 from cageik_cli.util.text import to_unicode
 
 
@@ -64,17 +64,17 @@ def find_clips(file: Any) -> tuple[Hdf5Layout, list[str]]:
     """
     kind, complete = file.attrs.get("format"), file.attrs.get("complete")
     if isinstance(kind, str) and kind == "cageik.binding":
-        raise InputError("is a binding of cageik bind, not a clip; name the frames")
+        raise FormatError("is a binding of cageik bind, not a clip; name the frames")
     if isinstance(kind, str) and kind == "cageik.result" and not np.all(complete):
-        raise InputError("is not complete: the run that wrote it was interrupted; extract it again")
+        raise FormatError("is not complete: its run was interrupted; run cageik extract again")
     if "verts" in file:
         return SPLOCS, ["verts"]
     if "default" in file:
-        raise InputError("holds components of a model, not a clip; name the clip they are of")
+        raise FormatError("holds components of a model, not a clip; name the clip they are of")
     shapes = list_numeric_shapes(file, "f")
     found = [name for name, shape in shapes.items() if len(shape) == 3 and shape[1] == 3]
     if not found or "faces" not in file:
-        raise InputError(
+        raise FormatError(
             "holds no clip; expected datasets `verts` and `tris`, or clips of (vertices, 3, "
             "frames) and `faces`"
         )
@@ -93,12 +93,12 @@ def choose_clip(names: list[str], member: str | None) -> str:
         return member
     if member is not None:
         near = get_close_matches(member, names, cutoff=0.0)
-        raise InputError(
+        raise SettingError(
             f"holds no clip `{to_unicode(member)}`; the nearest names are "
             f"{_join_names(near)}, and cageik info lists all"
         )
     if len(names) > 1:
-        raise InputError(
+        raise SettingError(
             f"holds {len(names)} clips: {_join_names(names)}; name one of them as "
             f"FILE::{to_unicode(names[0])}"
         )
@@ -126,7 +126,7 @@ class Hdf5Frames(ChunkedFrames):
         unchunked = count if self._is_frame_axis_last else 1
         chunk = prod(stored.chunks or (1,)) * stored.dtype.itemsize
         if chunk > MAX_HDF5_CHUNK_BYTES:
-            raise InputError(
+            raise FormatError(
                 f"`{to_unicode(name)}` is in chunks of {chunk} bytes, expected "
                 f"{MAX_HDF5_CHUNK_BYTES} at "
                 "most; write it in smaller ones, such as a frame each (h5repack -l)"
@@ -154,7 +154,7 @@ def _read_attribute(file: Any, clip: str, name: str, default: float) -> Floats:
     value = file.attrs.get(name, file[clip].attrs.get(name, default))
     array = np.asarray(value)
     if array.dtype.kind not in "fiu" or array.shape not in ((), (1,), (3,), (1, 3)):
-        raise InputError(f"attribute `{name}` is {value!r}, expected a number or three")
+        raise FormatError(f"attribute `{name}` is {value!r}, expected a number or three")
     return np.asarray(array, np.float64).reshape(-1)
 
 

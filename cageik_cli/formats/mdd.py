@@ -15,7 +15,7 @@ from cageik_cli.formats.base.clip_file import ArrayClip, ArrayClipFile, single_p
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.base.writer import Animation, PointCacheWriter, make_blender_notes
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 
 _INT32, _FLOAT32 = np.dtype(">i4"), np.dtype(">f4")
 
@@ -30,7 +30,7 @@ class Reader(ArrayClipFile):
         """Find frames and times."""
         file = BinaryFile.open(single_path(request.paths))
         if file.size < 8:
-            raise InputError(f"{file.size} bytes, an MDD file has 8 at least; export it again")
+            raise FormatError(f"{file.size} bytes, an MDD file has 8 at least; export it again")
         frames, vertices = map(int, file.read_array(0, _INT32, (2,)))
         check_file_size(
             file,
@@ -50,7 +50,7 @@ def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
     """
     if not np.isfinite(times).all():
         frame = int(np.argmin(np.isfinite(times)))
-        raise InputError(
+        raise FormatError(
             f"the time of frame {frame} is {times[frame]}, expected seconds; export it again"
         )
     if len(times) == 1:

@@ -1,14 +1,30 @@
-"""Object File Format (OFF): positions and polygons, in the file's order."""
+"""Object File Format (OFF): positions and polygons, in the file's order; read only."""
 
 import re
 from itertools import islice
 
 import numpy as np
 
+from cageik_cli.formats.base.file_data import with_gzip
+from cageik_cli.formats.base.frame_files import FrameFileReader
+from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.polygons import fan_triangulate_polygons
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 
 _KEYWORD = re.compile(r"\A(?:ST)?C?N?OFF\b")  # with texture coordinates, colours or normals
+
+
+class Reader(FrameFileReader):
+    """Frames from OFF files."""
+
+    suffixes = with_gzip(".off")
+
+    @classmethod
+    def parse(cls, data: bytes) -> FileMesh:
+        """Parse the content of an OFF file."""
+        vertices, polygons = parse_off(data)
+        return FileMesh(vertices, *fan_triangulate_polygons(polygons))
 
 
 def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
@@ -16,8 +32,8 @@ def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
 
     Raises
     ------
-    InputError
-        When it is none.
+    FormatError
+        When it is not one.
     """
     try:
         text = re.sub("#.*", "", data.decode()).strip()
@@ -30,11 +46,11 @@ def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
         polygons = [_parse_polygon(words) for words in islice(lines, faces)]
         if (len(vertices), len(polygons)) != (count, faces):
             raise ValueError(
-                f"it announces {count} vertices and {faces} faces, holds {len(vertices)} and "
+                f"announces {count} vertices and {faces} faces, holds {len(vertices)} and "
                 f"{len(polygons)}, so it is cut short"
             )
     except (ValueError, OverflowError) as error:
-        raise InputError(f"no OFF mesh can be read from it: {error}") from error
+        raise FormatError(f"not a readable OFF mesh: {error}") from error
     return vertices, polygons
 
 

@@ -18,7 +18,7 @@ from cageik_cli.formats.base.sequence import (
 )
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import FileAccessError, InputError, SettingError, error_context
 
 _SKELETON_REASON = (
     "holds the motion of a skeleton, no mesh; export the mesh it moves, as OBJ frames"
@@ -100,32 +100,34 @@ def _resolve_request(
     arguments, member = _split_member(arguments)
     paths = expand_arguments(arguments, tuple(readers_by_suffix))
     for path in paths:
-        if file_suffix(path) in _UNSUPPORTED_REASONS:
-            raise InputError(f"{path}: {_UNSUPPORTED_REASONS[file_suffix(path)]}")
         if file_suffix(path) not in readers_by_suffix:
-            raise InputError(
-                f"{path}: `{file_suffix(path)}` is not a kind of clip read here, expected "
-                f"{', '.join(readers_by_suffix)}"
-            )
+            raise FileAccessError(f"{path}: {_explain_unsupported(file_suffix(path))}")
     kinds = sorted({file_suffix(path) for path in paths})
     if len(kinds) > 1:
-        raise InputError(
+        raise SettingError(
             f"{arguments[0]}: files of kinds {', '.join(kinds)} are mixed; "
             "name one kind, for instance with a quoted glob"
         )
     reader = readers_by_suffix[kinds[0]]
     if member is not None and not reader.has_members:
-        raise InputError(
+        raise SettingError(
             f"{arguments[0]}::{member}: a `{kinds[0]}` file holds one clip; leave `::{member}` out"
         )
     if settings.layout is not None and not reader.has_layout:
-        raise InputError(
+        raise SettingError(
             f"{arguments[0]}: the axes of `{kinds[0]}` files have one order; leave "
             f"--layout {settings.layout} out"
         )
     if not settings.allow_gaps:
         check_no_gaps(paths)
     return reader, ClipRequest(tuple(paths), member, rest, settings)
+
+
+def _explain_unsupported(suffix: str) -> str:
+    expected = ", ".join(_find_readers())
+    return _UNSUPPORTED_REASONS.get(
+        suffix, f"`{suffix}` is not a clip format that can be read, expected {expected}"
+    )
 
 
 def list_input_files(arguments: list[str]) -> list[Path]:
@@ -160,9 +162,9 @@ def _expand_argument(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
         matches = glob.glob(_escape_existing_folders(path), recursive=True)
         found = [path for match in matches for path in _expand_argument(match, suffixes)]
     else:
-        raise InputError(f"{argument}: no such file or folder; check the path")
+        raise FileAccessError(f"{argument}: no such file or folder; check the path")
     if not found:
-        raise InputError(
+        raise FileAccessError(
             f"{argument}: no frame found, expected files of kinds {', '.join(suffixes)}"
         )
     return found
@@ -193,7 +195,7 @@ def open_clip_and_rest(
         # Polygons are cut alike in all frames: as in the first.
         return sequence, replace(rest, mesh=TriMesh(rest.mesh.vertices, sequence.first.faces))
     if not 0 <= rest_index < len(sequence):
-        raise InputError(
+        raise SettingError(
             f"--rest-frame {rest_index}: the clip has {len(sequence)} frames, expected "
             f"0 to {len(sequence) - 1}"
         )

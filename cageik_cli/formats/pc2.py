@@ -16,7 +16,7 @@ from cageik_cli.formats.base.clip_file import ArrayClip, ArrayClipFile, single_p
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.base.writer import Animation, PointCacheWriter, make_blender_notes
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 
 _HEADER = struct.Struct("<12siiffi")
 _MAGIC = b"POINTCACHE2\0"
@@ -32,17 +32,17 @@ class Reader(ArrayClipFile):
         """Find frames, and the first one's number."""
         file = BinaryFile.open(single_path(request.paths))
         if file.size < _HEADER.size:
-            raise InputError(f"{file.size} bytes, a PC2 file has 32 at least; export it again")
+            raise FormatError(f"{file.size} bytes, a PC2 file has 32 at least; export it again")
         header = file.read_array(0, np.dtype(np.uint8), (_HEADER.size,)).tobytes()
         magic, version, vertices, start, rate, frames = _HEADER.unpack(header)
         if magic != _MAGIC or version != 1:
-            raise InputError(
+            raise FormatError(
                 f"begins with {magic!r} and version {version}, expected {_MAGIC!r} and version 1; "
                 "it is no PC2 file of a kind read here"
             )
         check_file_size(file, 32 + 12 * frames * vertices, {"frames": frames, "vertices": vertices})
         if not isfinite(start) or not 0 < rate < float("inf"):
-            raise InputError(
+            raise FormatError(
                 f"starts at frame {start} with a sample every {rate} frames, expected a finite "
                 "start and a rate above zero; export it again"
             )

@@ -1,5 +1,11 @@
-"""Binary PLY: positions and polygons, in the file's order; polygons may be of several sizes."""
+"""PLY: positions and polygons, in the file's order; polygons may be of several sizes.
 
+Binary files are parsed here, text files by trimesh.
+"""
+
+import io
+import logging
+import re
 import struct
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -8,9 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.formats.base.file_data import with_gzip
+from cageik_cli.formats.base.frame_files import FrameFileReader
+from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.polygons import fan_triangulate, fan_triangulate_polygons
 from cageik_cli.formats.base.writer import Animation, FrameFileWriter
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 
 _BYTE_ORDERS = {b"binary_little_endian": "<", b"binary_big_endian": ">"}
 
@@ -28,6 +38,30 @@ _TYPE_CODES = {
     **dict.fromkeys((b"double", b"float64"), "d"),
 }
 """Types by the letters that `struct` and numpy share; of a list's count and items two follow."""
+
+
+# Where a header announces how many vertices and faces follow.
+_COUNTS = re.compile(rb"(?ms)^element vertex (\d+)\s.*?^element face (\d+)\s")
+
+
+class Reader(FrameFileReader):
+    """Frames from PLY files."""
+
+    suffixes = with_gzip(".ply")
+
+    @classmethod
+    def parse(cls, data: bytes) -> FileMesh:
+        """Parse the content of a PLY file."""
+        if is_binary_ply(data):
+            vertices, corners, sizes = parse_binary_ply(data)
+            return FileMesh(vertices, fan_triangulate(corners, sizes), sizes)
+        vertices, polygons = parse_ascii_ply(data)
+        return FileMesh(vertices, *fan_triangulate_polygons(polygons))
+
+    @classmethod
+    def make_frame_parser(cls, data: bytes, mesh: FileMesh) -> "PlyFrameParser":
+        """Return a parser of frames that differ from the first in their vertices alone."""
+        return PlyFrameParser(data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +115,8 @@ def parse_binary_ply(data: bytes) -> tuple[Floats, Integers, Integers]:
 
     Raises
     ------
-    InputError
-        When it is none.
+    FormatError
+        When it is not one.
     """
     try:
         order, elements, offset = _parse_header(data)
@@ -100,10 +134,41 @@ def parse_binary_ply(data: bytes) -> tuple[Floats, Integers, Integers]:
         if vertices is None:
             raise ValueError("it has no vertices")
     except KeyError as error:
-        raise InputError(f"no PLY mesh can be read from it: its header says {error}") from error
+        raise FormatError(f"not a readable PLY mesh: its header says {error}") from error
     except (ValueError, IndexError, OverflowError, struct.error) as error:
-        raise InputError(f"no PLY mesh can be read from it: {error}") from error
+        raise FormatError(f"not a readable PLY mesh: {error}") from error
     return vertices, corners, sizes
+
+
+def parse_ascii_ply(data: bytes) -> tuple[Floats, list[Integers]]:
+    """Read the vertices (n, 3) and the corners of each face of a PLY text, by trimesh.
+
+    Raises
+    ------
+    FormatError
+        When it is not one, or is cut short.
+    """
+    from trimesh.exchange.ply import load_ply
+
+    # Its loader may log a traceback of its own before it raises.
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)
+    try:
+        loaded = load_ply(io.BytesIO(data), fix_texture=False, skip_materials=True)
+        # Its own triangles tell neither polygons nor their order.
+        faces = loaded["metadata"]["_ply_raw"].get("face", {"length": 0})
+        lists = faces["data"] if faces["length"] else {"none": []}
+        name = next(name for name in ("vertex_indices", "vertex_index", *lists) if name in lists)
+        vertices, polygons = np.asarray(loaded["vertices"]), list(lists[name])
+    except Exception as error:  # whatever a damaged file makes trimesh raise
+        raise FormatError(f"not a readable PLY mesh: {error}") from error
+    announced = _COUNTS.search(data)
+    counts = (len(vertices), len(polygons))
+    if announced is not None and counts != tuple(map(int, announced.groups())):
+        raise FormatError(
+            f"announces {int(announced[1])} vertices and {int(announced[2])} faces, holds "
+            f"{counts[0]} and {counts[1]}; it is cut short, export it again"
+        )
+    return vertices, polygons
 
 
 def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:

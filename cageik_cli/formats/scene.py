@@ -5,9 +5,7 @@ from dataclasses import dataclass, fields, replace
 from math import isfinite
 from typing import Any
 
-import numpy as np
-
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import InputError, SettingError
 
 UP_AXES = ("Y", "Z")
 
@@ -44,11 +42,11 @@ class Scene:
             ("metres a unit", self.metres_per_unit),
         ):
             if not 0 < value < float("inf"):
-                raise InputError(f"{value:g} {name}, expected a number above zero")
+                raise SettingError(f"{value:g} {name}, expected a number above zero")
         if not isfinite(self.start):
-            raise InputError(f"the first frame's number is {self.start}, expected a finite one")
+            raise SettingError(f"the first frame's number is {self.start}, expected a finite one")
         if self.up_axis not in UP_AXES:
-            raise InputError(f"the up axis is {self.up_axis}, expected {' or '.join(UP_AXES)}")
+            raise SettingError(f"the up axis is {self.up_axis}, expected {' or '.join(UP_AXES)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +92,8 @@ def parse_scene_metadata(metadata: Mapping[str, Any]) -> tuple[SceneHints, tuple
 
     What is no single number (text for the axis) is somebody else's and passed by.
     """
+    import numpy as np  # here, as the command line imports the settings and no numerics
+
     hints, notes = SceneHints(), []
     for field in fields(SceneHints):
         value = np.asarray(metadata.get(field.name))

@@ -6,9 +6,9 @@ from tokenize import TokenError
 
 import numpy as np
 
-from cageik_cli.formats.mesh_file import describe_source, read_bytes
+from cageik_cli.formats.base.file_data import describe_source, read_bytes
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import FormatError, error_context
 
 
 def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
@@ -30,7 +30,7 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
             if weights.dtype.kind not in "fiub":
                 raise ValueError(f"it holds {weights.dtype} values")
         except (ValueError, TypeError, EOFError, MemoryError, SyntaxError, TokenError) as error:
-            raise InputError(
+            raise FormatError(
                 f"is not a list of numbers ({error}); expected one a line, or a .npy array"
             ) from error
         with np.errstate(over="ignore", invalid="ignore"):  # infinite weights are refused later

@@ -9,7 +9,7 @@ from cageik_cli.formats.base.file_names import FrameNames
 from cageik_cli.formats.base.registry import discover_plugins
 from cageik_cli.formats.base.writer import Animation, AnimationWriter
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import OutputError, error_context
 from cageik_cli.util.outputs import (
     atomic_folder,
     atomic_path,
@@ -58,6 +58,12 @@ def check_animation_output(path: Path, overwrite: bool, file_format: str | None 
 def output_path(path: Path, file_format: str | None = None) -> Path:
     """The file or the folder that is written for the output `path`."""
     return _resolve_target(path, file_format).path
+
+
+def frame_formats() -> tuple[str, ...]:
+    """Return the names of the formats of folders of frames: their suffixes without the dot."""
+    writers = _find_writers().items()
+    return tuple(suffix[1:] for suffix, writer in writers if writer.writes_folder)
 
 
 @contextmanager
@@ -133,22 +139,22 @@ def _resolve_target(path: Path, file_format: str | None) -> _Target:
             suffix = f".{file_format or DEFAULT_FORMAT}"
             names, folder = FrameNames(f"{path.name}_", DEFAULT_DIGITS, suffix), path
         if suffix not in kinds:
-            raise InputError(
-                f"`{path.suffix}` is not a kind of animation written here, expected "
+            raise OutputError(
+                f"`{path.suffix}` is not an animation format that can be written, expected "
                 f"{', '.join(kinds)}"
             )
         writer = kinds[suffix]
         if file_format and suffix != f".{file_format}":
-            raise InputError(
+            raise OutputError(
                 f"has the suffix of another format than {file_format}; leave --format out"
             )
         if writer.writes_folder and names is None:
-            raise InputError(
+            raise OutputError(
                 f"a `{suffix}` file holds one frame; name a folder of them, "
                 f"such as {path.stem}/{path.stem}_####{suffix}"
             )
         if names is not None and not writer.writes_folder:
-            raise InputError(f"a `{suffix}` file holds all frames; leave the frame's number out")
+            raise OutputError(f"a `{suffix}` file holds all frames; leave the frame's number out")
     return _Target(path if names is None else folder, writer, names)
 
 

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import SettingError
 
 MAX_CONDITION = 1e14
 """Matrices of a larger condition number are singular, as far as the numbers tell."""
@@ -82,19 +82,19 @@ class Camera:
         for name in ("view", "projection"):
             object.__setattr__(self, name, _validate_matrix(name, getattr(self, name)))
         if not np.allclose(self.view[3], AFFINE_ROW, rtol=0, atol=ROW_TOL):
-            raise InputError(
+            raise SettingError(
                 f"the last row of view is {_format_row(self.view[3])}, expected 0, 0, 0, 1; "
                 f"matrices "
                 f"{_TRANSPOSE_HINT}"
             )
         for name, matrix in (("view", self.view[:3, :3]), ("projection", self.projection)):
             if not np.linalg.cond(_normalize_rows(matrix)) < MAX_CONDITION:
-                raise InputError(f"{name} is singular; expected a matrix that can be inverted")
+                raise SettingError(f"{name} is singular; expected a matrix that can be inverted")
         last = self.projection[3]
         if not any(
             np.allclose(last, row, rtol=0, atol=ROW_TOL) for row in (PERSPECTIVE_ROW, AFFINE_ROW)
         ):
-            raise InputError(
+            raise SettingError(
                 f"the last row of projection is {_format_row(last)}, expected "
                 "0, 0, -1, 0 of a perspective, or 0, 0, 0, 1 of a parallel view; matrices are "
                 f"OpenGL's, and {_TRANSPOSE_HINT}"
@@ -102,7 +102,7 @@ class Camera:
         for name in ("width", "height"):
             size = getattr(self, name)
             if not (np.isfinite(size) and size > 0):
-                raise InputError(f"{name} is {size:g}, expected a number of pixels above 0")
+                raise SettingError(f"{name} is {size:g}, expected a number of pixels above 0")
 
     @classmethod
     def from_look_at(
@@ -119,7 +119,9 @@ class Camera:
             Pixels.
         """
         if not 0 < fov_degrees < 180:
-            raise InputError(f"fov_degrees is {fov_degrees:g}, expected more than 0, less than 180")
+            raise SettingError(
+                f"fov_degrees is {fov_degrees:g}, expected more than 0 and less than 180"
+            )
         near = NEAR_PLANE_RATIO * float(np.linalg.norm(viewpoint.target - viewpoint.position))
         scale = 1 / np.tan(np.radians(fov_degrees) / 2)
         projection = np.zeros((4, 4))
@@ -137,7 +139,7 @@ class Camera:
         """
         clip = _to_homogeneous(points) @ (self.projection @ self.view).T
         if not (clip[..., 3] > 0).all():
-            raise InputError("it is behind the camera; choose another view, or frame")
+            raise SettingError("it is behind the camera; choose another view, or frame")
         x, y, depth = np.moveaxis(clip[..., :3] / clip[..., 3:], -1, 0)
         return np.stack([(1 + x) / 2 * self.width, (1 - y) / 2 * self.height, depth], axis=-1)
 
@@ -198,9 +200,9 @@ class LookAt:
         away, sizes = self.position - self.target, np.linalg.norm(self.up)
         distance = np.linalg.norm(away)
         if not distance > 0:
-            raise InputError("position and look_at are the same point; the camera looks nowhere")
+            raise SettingError("position and look_at are the same point; move one of them")
         if not np.linalg.norm(np.cross(away, self.up)) > MIN_UP_SINE * distance * sizes:
-            raise InputError("up is along the direction in which the camera looks; choose another")
+            raise SettingError("up is parallel to the viewing direction; choose another up")
 
     @property
     def view(self) -> Floats:
@@ -216,9 +218,9 @@ class LookAt:
 def _validate_matrix(name: str, values: Floats) -> Floats:
     matrix = np.array(values, np.float64)
     if matrix.shape != (4, 4):
-        raise InputError(f"{name} has shape {matrix.shape}, expected (4, 4)")
+        raise SettingError(f"{name} has shape {matrix.shape}, expected (4, 4)")
     if not np.isfinite(matrix).all():
-        raise InputError(f"{name} holds numbers that are not finite")
+        raise SettingError(f"{name} holds numbers that are not finite")
     matrix.flags.writeable = False
     return matrix
 

@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from cageik_cli.util.arrays import Floats, Integers, Number
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 
 MAX_COORDINATE = 1e50
 """Positions beyond it are refused: areas and volumes, and their squares, would overflow."""
@@ -32,6 +32,16 @@ class TriMesh:
     InputError
         When an array has another shape, a position is not finite or too large, or a face names a
         vertex that does not exist.
+
+    Examples
+    --------
+    >>> from cageik_cli import TriMesh
+    >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> mesh = TriMesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    >>> mesh
+    <TriMesh: 4 vertices, 4 triangles>
+    >>> mesh.is_closed, round(mesh.volume, 6)
+    (True, 0.166667)
     """
 
     vertices: Floats
@@ -42,6 +52,9 @@ class TriMesh:
         faces = _make_read_only(_validate_faces(self.faces, len(vertices)))
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
+
+    def __repr__(self) -> str:
+        return f"<TriMesh: {len(self.vertices)} vertices, {len(self.faces)} triangles>"
 
     @cached_property
     def diagonal(self) -> float:
@@ -126,19 +139,19 @@ def validate_positions(positions: ArrayLike) -> Floats:
     with np.errstate(over="ignore", invalid="ignore"):  # a conversion's overflow is found below
         array = np.asarray(positions, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
-        raise InputError(f"vertices have shape {array.shape}, expected (count, 3)")
+        raise FormatError(f"vertices have shape {array.shape}, expected (count, 3)")
     if not np.isfinite(array).all():
         finite = np.isfinite(array).all(axis=1)
         vertex = int(np.argmin(finite))
         x, y, z = array[vertex]
-        raise InputError(
+        raise FormatError(
             f"vertex {vertex} is ({x:g}, {y:g}, {z:g}) and {np.count_nonzero(~finite)} of "
             f"{len(array)} vertices are not finite; expected finite numbers, export the file again"
         )
     if max(array.max(), -array.min()) > MAX_COORDINATE:
         vertex = int(np.argmax(np.abs(array).max(axis=1) > MAX_COORDINATE))
         x, y, z = array[vertex]
-        raise InputError(
+        raise FormatError(
             f"vertex {vertex} is ({x:g}, {y:g}, {z:g}), expected coordinates of "
             f"{MAX_COORDINATE:g} at most; export the file again, or scale it"
         )
@@ -197,14 +210,14 @@ def uniform_laplacian(mesh: TriMesh) -> Floats:
 def _validate_faces(faces: ArrayLike, vertex_count: int) -> Integers:
     array = np.asarray(faces)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
-        raise InputError(f"faces have shape {array.shape}, expected (count, 3) triangles")
+        raise FormatError(f"faces have shape {array.shape}, expected (count, 3) triangles")
     if not np.issubdtype(array.dtype, np.integer):
-        raise InputError(f"faces are {array.dtype} numbers, expected integers")
+        raise FormatError(f"faces are {array.dtype} numbers, expected integers")
     array = array.astype(np.int64)
     wrong = (array < 0) | (array >= vertex_count)
     if wrong.any():
         face = int(np.argmax(wrong.any(axis=1)))
-        raise InputError(
+        raise FormatError(
             f"face {face} names vertices {', '.join(map(str, array[face]))} (counted from 0), "
             f"but there are {vertex_count}; export the mesh again"
         )

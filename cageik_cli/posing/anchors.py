@@ -64,12 +64,22 @@ class Anchor:
     ------
     HandlesError
         When the weight is not a finite number above 0.
+
+    Examples
+    --------
+    >>> from cageik_cli import Anchor, load_mesh, point_at_vertex
+    >>> rest = load_mesh("data_fixtures/walker/frames/walker_1.obj")
+    >>> Anchor("hand", point_at_vertex(rest, 1040), hard=True)
+    <Anchor: 'hand', hard>
     """
 
     name: str
     point: SurfacePoint
     weight: float = 1.0
     hard: bool = False
+
+    def __repr__(self) -> str:
+        return f"<Anchor: {self.name!r}, {'hard' if self.hard else f'weight {self.weight:g}'}>"
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.weight) and self.weight > 0):
@@ -97,6 +107,13 @@ def point_at_vertex(mesh: TriMesh, vertex: int) -> SurfacePoint:
     ------
     HandlesError
         When the mesh has no vertex of this number.
+
+    Examples
+    --------
+    >>> from cageik_cli import load_mesh, point_at_vertex
+    >>> rest = load_mesh("data_fixtures/walker/frames/walker_1.obj")
+    >>> bool((point_at_vertex(rest, 1040).position(rest.vertices) == rest.vertices[1040]).all())
+    True
     """
     count = len(mesh.vertices)
     if not 0 <= vertex < count:
@@ -135,7 +152,16 @@ def point_on_face(mesh: TriMesh, face: int, barycentric: Floats) -> SurfacePoint
 
 
 def closest_point(mesh: TriMesh, position: Floats) -> SurfacePoint:
-    """Return the point of the surface closest to a position in space, (3,)."""
+    """Return the point of the surface closest to a position in space, (3,).
+
+    Examples
+    --------
+    >>> from cageik_cli import closest_point, load_mesh
+    >>> rest = load_mesh("data_fixtures/walker/frames/walker_1.obj")
+    >>> point = closest_point(rest, rest.vertices[1040])
+    >>> bool(abs(point.position(rest.vertices) - rest.vertices[1040]).max() < 1e-9)
+    True
+    """
     from scipy.optimize import nnls  # slow to import, and few handles files need it
 
     nearest = closest_points(mesh, np.asarray(position, np.float64)[None])

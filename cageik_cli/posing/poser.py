@@ -90,6 +90,24 @@ class Poser:
         When anchors share a name, or the constraints do not fit the cage.
     NumericalError
         When anchors conflict: they cannot be met independently of each other.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from cageik_cli import Anchor, Poser, bind, load_mesh, point_at_vertex
+    >>> rest = load_mesh("data_fixtures/walker/frames/walker_1.obj")
+    >>> cage = load_mesh("data_fixtures/walker/cage.obj")
+    >>> hand = Anchor("hand", point_at_vertex(rest, 1040))
+    >>> foot = Anchor("foot", point_at_vertex(rest, 994))
+    >>> poser = Poser(bind(rest, cage, accuracy="preview"), [hand, foot])
+    >>> poser
+    <Poser: 2 anchors on 1570 vertices in a cage of 80>
+    >>> moves = np.array([[0.1, 0.4, 0.2], [0.0, 0.0, 0.0]])
+    >>> mesh, posed_cage = poser.solve_mesh(moves), poser.solve_cage(moves)
+    >>> bool(np.abs(mesh[1040] - rest.vertices[1040] - moves[0]).max() < 1e-4)
+    True
+    >>> mesh.shape, posed_cage.shape
+    ((1570, 3), (80, 3))
     """
 
     def __init__(
@@ -114,6 +132,11 @@ class Poser:
         bases = [free_basis(cage, self.constraints, sign) for sign in signs]
         self._response_solvers = [CageResponseSolver(cage, laplacian, basis) for basis in bases]
         self._solve_responses(tuple(anchors))
+
+    def __repr__(self) -> str:
+        count, (vertices, cage_vertices) = len(self.anchors), self.binding.weights.shape
+        anchors = f"{count} anchor{'s' * (count != 1)}"
+        return f"<Poser: {anchors} on {vertices} vertices in a cage of {cage_vertices}>"
 
     def with_anchor(self, anchor: Anchor) -> "Poser":
         """Return a poser with one more anchor; the cage is not factored again."""

@@ -1,4 +1,4 @@
-"""Figures of an earlier run, out of the JSON of a report, of several, or of a batch."""
+"""Metrics of an earlier run, read from the JSON of a report, of several, or of a batch."""
 
 import math
 from collections.abc import Iterator
@@ -8,7 +8,7 @@ from typing import Any
 
 from cageik_cli.report.limits import Baseline
 from cageik_cli.report.record import SCHEMA_VERSION
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import FormatError, error_context
 from cageik_cli.util.json_files import JsonFormat, format_value, read_json
 
 MAX_BYTES = 256 << 20
@@ -20,39 +20,44 @@ SUMMARY_FIELDS = {
     "max_deviation": "max_deviation_percent",
     "volume_change": "volume_change_percent_max",
 }
-"""The metrics that are compared, and the summary's names of them in percent."""
+"""The metrics that are compared, and the summary's fields that hold them in percent."""
 
-_TYPE_NAMES: dict[type, str] = {dict: "an object", list: "a list", str: "a text"}
+_TYPE_NAMES: dict[type, str] = {dict: "an object", list: "a list", str: "a string"}
 
 
 def read_baseline(path: Path, max_regression: Decimal) -> Baseline:
-    """Read what results are to be compared with.
+    """Read the metrics that results are compared with.
 
     Parameters
     ----------
     path : Path
-        What `cageik report --json` wrote, of one result or several, or the report.json of a batch,
-        whose failed clips have no figures.
+        Output of `cageik report --json`, for one result or several, or the report.json of a batch;
+        failed clips in it have no metrics.
     max_regression : Decimal
-        By how many percent its figures may be passed.
+        By how many percent the metrics may be exceeded.
 
     Raises
     ------
-    InputError
-        Naming the file, and the place in it that is not what it should be.
+    FileAccessError
+        When the file cannot be read.
+    FormatError
+        When the content is not that of a report; the message says where.
     """
     with error_context(path):
-        figures: dict[str, dict[str, float | None]] = {}
+        metrics: dict[str, dict[str, float | None]] = {}
         for name, found in _iterate_results(_read_report(path)):
-            if name in figures:
-                raise InputError(
-                    f"holds two results of the name {name}, expected one of each; "
-                    "report on results of different names, or batch them"
+            if name in metrics:
+                raise FormatError(
+                    f"holds two results named {name}, expected one; give the results different "
+                    "names, or use the report of a batch"
                 )
-            figures[name] = found
-        if not figures:
-            raise InputError("holds no result with figures; expected at least one")
-    return Baseline(path, figures, max_regression)
+            metrics[name] = found
+        if not metrics:
+            raise FormatError(
+                "holds no result with metrics, expected at least one; name the JSON of "
+                "cageik report or cageik batch"
+            )
+    return Baseline(path, metrics, max_regression)
 
 
 def _read_report(path: Path) -> Any:
@@ -60,7 +65,7 @@ def _read_report(path: Path) -> Any:
 
 
 def _iterate_results(document: Any) -> Iterator[tuple[str, dict[str, float | None]]]:
-    """Name and figures of each result that has figures."""
+    """Yield the name and the metrics of each result that has metrics."""
     if isinstance(document, list):
         for k, record in enumerate(document):
             with error_context(f"[{k}]"):
@@ -83,10 +88,9 @@ def _parse_record(record: dict[str, Any]) -> tuple[str, dict[str, float | None]]
 def _check_schema(record: dict[str, Any]) -> None:
     schema = record.get("schema")
     if schema != SCHEMA_VERSION or isinstance(schema, bool):
-        raise InputError(
+        raise FormatError(
             f"schema is {format_value(schema)}, expected {SCHEMA_VERSION}; name the JSON of "
-            f"cageik report or "
-            "cageik batch, of this version"
+            "cageik report or cageik batch, written by this version"
         )
 
 
@@ -104,14 +108,14 @@ def _parse_metric(summary: dict[str, Any], metric: str, name: str) -> float | No
         size = abs(size)
     if size is None or size < 0:
         expected = " or null" if metric == "volume_change" else ", zero or above"
-        raise InputError(
+        raise FormatError(
             f"summary.{name} is {format_value(value)}, expected a finite number{expected}"
         )
     return size
 
 
 def _parse_finite(value: Any) -> float | None:
-    """A number of JSON; None if it is none, or too large for one here."""
+    """Return a JSON number as a float; None if it is no number, or too large for a float."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
@@ -128,9 +132,8 @@ def _get_member(record: dict[str, Any], name: str, kind: type) -> Any:
 
 def _check_type(value: Any, kind: type) -> Any:
     if not isinstance(value, kind):
-        raise InputError(
+        raise FormatError(
             f"is {format_value(value)}, expected {_TYPE_NAMES[kind]}; name the JSON of cageik "
-            f"report or "
-            "cageik batch"
+            "report or cageik batch"
         )
     return value

@@ -1,4 +1,4 @@
-"""The figures of a report, and how they are printed.
+"""The numbers of a report, and how they are printed.
 
 Error definitions, for F frames of m vertices, D the rest bounding box's diagonal:
 
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ClipRecord:
-    """What was extracted: counts, the diagonal in file units, and whether the model is closed."""
+    """The clip: counts, the diagonal in file units, and whether the model is closed."""
 
     frames: int
     vertices: int
@@ -26,10 +26,10 @@ class ClipRecord:
 
 @dataclass(frozen=True, slots=True)
 class FrameRecord:
-    """Figures of one frame: lengths in file units and percent of the diagonal, changes in percent.
+    """Metrics of a frame: lengths in file units and percent of the diagonal, changes in percent.
 
-    What depends on a volume is None for an open model, or when vertices are missing data. Of a
-    frame that was skipped all figures are None, and `skipped` says why it was.
+    Metrics of volumes are None for an open model, or when vertices are missing data. All metrics
+    of a skipped frame are None, and `skipped` is the reason.
     """
 
     index: int
@@ -48,9 +48,9 @@ class FrameRecord:
 
 @dataclass(frozen=True, slots=True)
 class ReportSummary:
-    """Figures of the clip, over the frames that were not skipped.
+    """Metrics of the clip, over the frames that were not skipped.
 
-    `volume_change_percent_max` is the change of largest size, with its sign.
+    `volume_change_percent_max` is the largest change in absolute value, with its sign.
     `fixed_floats` counts the weights, `floats_per_frame` the coordinates of a cage.
     """
 
@@ -76,7 +76,7 @@ class ReportSummary:
 
 @dataclass(frozen=True, slots=True)
 class WorstVertex:
-    """A vertex of the model, its rms over the frames, and where it is in the rest pose."""
+    """A vertex of the model, its rms over the frames, and its position in the rest pose."""
 
     vertex: int
     rms: float
@@ -86,14 +86,14 @@ class WorstVertex:
 
 @dataclass(frozen=True, slots=True)
 class VertexMetrics:
-    """How the error is spread over the model.
+    """The distribution of the error over the model.
 
     Attributes
     ----------
     edges_percent : tuple of float
-        Of the histogram's k bins, k + 1 of them, in percent of the diagonal.
+        The k + 1 edges of the histogram's k bins, in percent of the diagonal.
     counts : tuple of int
-        How many vertices have their rms in each bin; missing data is in none.
+        Number of vertices whose rms is in each bin; missing data is in none.
     worst : tuple of WorstVertex
         The worst first.
     """
@@ -104,20 +104,35 @@ class VertexMetrics:
 
 
 def format_percent(value: float) -> str:
-    """A figure in percent as it is printed everywhere."""
+    """Format a value in percent as in all views."""
     return f"{value:.4f}"
 
 
 def format_length(value: float) -> str:
-    """A length in file units as it is printed everywhere."""
+    """Format a length in file units as in all views."""
     return f"{value:.6g}"
 
 
 def format_change(value: float) -> str:
-    """A change in percent, with its sign, as it is printed everywhere."""
+    """Format a change in percent, with its sign, as in all views."""
     return f"{round(value, 4) + 0.0:+.4f}"  # −0 + 0 is 0
 
 
 def format_metric(value: float) -> str:
-    """A figure of the literature as it is printed everywhere."""
+    """Format a published metric as in all views."""
     return f"{value:.4g}"
+
+
+def format_count(count: int, noun: str) -> str:
+    """Format a number of things: "1 frame", "2 frames", "2 vertices"."""
+    plural = "vertices" if noun == "vertex" else f"{noun}s"
+    return f"{count} {noun if count == 1 else plural}"
+
+
+def describe_size(clip: ClipRecord, group: str = " ") -> str:
+    """Describe what the floats per frame of the cages replace, and what is stored once.
+
+    Digits are grouped in threes by `group`.
+    """
+    mesh, rows = (f"{count:,}".replace(",", group) for count in (3 * clip.vertices, clip.vertices))
+    return f"instead of {mesh}, plus one {rows} x {clip.cage_vertices} weight matrix"

@@ -1,6 +1,6 @@
-"""Limits that a result is to keep, and whether it does.
+"""Limits on the metrics of a result, and whether they are exceeded.
 
-A figure is compared as it is printed, so that what one reads is what was judged.
+A metric is compared as it is printed, so that readers see the numbers that were compared.
 """
 
 import sys
@@ -12,24 +12,24 @@ from pathlib import Path
 from cageik_cli.report.figures import ReportSummary, format_length, format_percent
 
 METRICS = ("rms", "frame_rms", "max_deviation", "volume_change")
-"""The clip's rms, that of its worst frame, the largest deviation, the largest volume change."""
+"""The rms of the clip and of its worst frame, the largest deviation and volume change."""
 
 PERCENT, UNITS = "%", "units"
 
 DECIMAL_DIGITS = 1000
-"""Enough for the product of any two floats to be exact before it is rounded."""
+"""Enough digits for the exact product of any two floats, before it is rounded."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """The most that a figure may be.
+    """The largest value that a metric may have.
 
     Attributes
     ----------
     metric : str
         One of `METRICS`.
     value : Decimal
-        As it was typed.
+        As the user typed it.
     unit : str
         `PERCENT`, of the diagonal or of the volume, or `UNITS` of the file.
     """
@@ -41,43 +41,43 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """Figures of an earlier run, and by how much they may be passed.
+    """Metrics of an earlier run, and by how much they may be exceeded.
 
     Attributes
     ----------
     path : Path
-        The file that they came from.
-    figures : mapping of str to mapping of str to float or None
+        The file that the metrics were read from.
+    metrics : mapping of str to mapping of str to float or None
         In percent, by the result's name and the metric; a change without its sign, None where
-        the figure was not defined.
+        the metric was not defined.
     max_regression : Decimal
-        Percent of a figure.
+        Percent of the earlier value.
     is_matched_by_name : bool
-        Whether a result is compared with that of its name alone; else the only one of the file is
-        compared with whatever result there is.
+        Whether results are compared only with earlier ones of the same name; otherwise a file that
+        holds one result is compared with a result of any name.
     """
 
     path: Path
-    figures: Mapping[str, Mapping[str, float | None]]
+    metrics: Mapping[str, Mapping[str, float | None]]
     max_regression: Decimal
     is_matched_by_name: bool = False
 
     def find_counterpart(self, name: str) -> Mapping[str, float | None] | None:
-        """The earlier figures of a result; None if there are none."""
-        if len(self.figures) == 1 and not self.is_matched_by_name:
-            return next(iter(self.figures.values()))
-        return self.figures.get(name)
+        """Return the earlier metrics of a result; None if there are none."""
+        if len(self.metrics) == 1 and not self.is_matched_by_name:
+            return next(iter(self.metrics.values()))
+        return self.metrics.get(name)
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """All that a result is to keep."""
+    """All limits of a result, typed ones and a baseline."""
 
     limits: tuple[Limit, ...] = ()
     baseline: Baseline | None = None
 
     def match_by_name(self) -> "Limits":
-        """The same for each of several results: a baseline then holds for those of its names."""
+        """Return the same limits for several results, each compared with its own name only."""
         if self.baseline is None:
             return self
         return replace(self, baseline=replace(self.baseline, is_matched_by_name=True))
@@ -85,7 +85,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class LimitCheck:
-    """A limit, and what was found.
+    """A limit and the value that was compared with it.
 
     Attributes
     ----------
@@ -93,13 +93,13 @@ class LimitCheck:
         As in `Limit`.
     limit : float
     found : float, optional
-        As it is printed, a change without its sign; None when the figure is not defined.
+        The value as it is printed, a change without its sign; None when it is not defined.
     frame : str, optional
-        Where the figure is worst.
+        The frame with the worst value.
     passed : bool, optional
-        Whether what was found is no more than the limit; None when there is nothing to judge.
+        Whether the value is at or below the limit; None when it is not defined.
     baseline : float, optional
-        The earlier figure, as it is printed, that the limit was made of; None if it was typed.
+        The earlier value, as it is printed, that the limit was computed from; None if it was typed.
     """
 
     metric: str
@@ -112,11 +112,11 @@ class LimitCheck:
 
 
 def check_limits(name: str, summary: ReportSummary, limits: Limits) -> tuple[LimitCheck, ...]:
-    """What a result of this name and summary makes of the limits.
+    """Compare a result of this name and summary with the limits.
 
-    A limit made of an earlier figure is that figure as printed, times 1 + regression/100, rounded
-    down to the digits in which figures are printed. Rounding changes no verdict, since what is
-    compared has no more digits; and a figure that has not changed always passes.
+    A limit computed from a baseline is the earlier value as printed, times 1 + regression/100,
+    rounded down to the digits in which metrics are printed. Rounding changes no verdict, since the
+    compared values have no more digits; and a metric that has not changed always passes.
     """
     checks = [_check_limit(limit, summary) for limit in limits.limits]
     baseline = limits.baseline
@@ -131,23 +131,26 @@ def check_limits(name: str, summary: ReportSummary, limits: Limits) -> tuple[Lim
 
 
 def missing_in_baseline(name: str, summary: ReportSummary, limits: Limits) -> tuple[str, ...]:
-    """Sentences on what a baseline has no figure for."""
+    """Write a sentence on each metric that the baseline lacks."""
     baseline = limits.baseline
     if baseline is None:
         return ()
     baseline_metrics = baseline.find_counterpart(name)
     if baseline_metrics is None:
-        return (f"not compared with {baseline.path}, which has no result of this name",)
+        return (f"not compared with the baseline: {baseline.path} has no result named {name}",)
     missing = [
         metric.replace("_", " ")
         for metric, value in baseline_metrics.items()
         if value is None and _round_as_printed(summary, metric, PERCENT) is not None
     ]
-    return tuple(f"{metric} not compared: not defined in {baseline.path}" for metric in missing)
+    return tuple(
+        f"{metric} not compared with the baseline: not defined in {baseline.path}"
+        for metric in missing
+    )
 
 
 def _allow_regression(baseline_value: Decimal, max_regression: Decimal) -> Decimal:
-    """The most that may become of a printed figure; a float, as records hold it."""
+    """Return the limit for an earlier value, no larger than the largest float."""
     with localcontext(prec=DECIMAL_DIGITS):
         max_value = (baseline_value + baseline_value * max_regression / 100).quantize(
             Decimal(format_percent(0)), ROUND_FLOOR
@@ -171,7 +174,7 @@ def _check_limit(limit: Limit, summary: ReportSummary) -> LimitCheck:
 
 
 def _round_as_printed(summary: ReportSummary, metric: str, unit: str) -> Decimal | None:
-    """The figure as it is printed."""
+    """Return a metric as it is printed, a change without its sign; None if not defined."""
     change = summary.volume_change_percent_max
     value = {
         ("rms", PERCENT): summary.rms_percent,
@@ -196,12 +199,12 @@ def _worst_frame_name(summary: ReportSummary, metric: str) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What is said of limits.
+    """The outcome of one limit or of several, for readers.
 
     Attributes
     ----------
     state : str
-        "good", "bad" or "none": how it is coloured.
+        "good", "bad" or "none"; decides the colour.
     text : str
     """
 
@@ -210,38 +213,38 @@ class Verdict:
 
 
 def make_verdict(check: LimitCheck) -> Verdict:
-    """What is said of one limit."""
+    """Return the verdict on one limit."""
     return {
         True: Verdict("good", "within limit"),
         False: Verdict("bad", "over limit"),
-        None: Verdict("none", "not judged"),
+        None: Verdict("none", "not checked"),
     }[check.passed]
 
 
 def make_overall_verdict(checks: Sequence[LimitCheck]) -> Verdict:
-    """What is said of all limits of a result."""
+    """Return the verdict on all limits of a result."""
     if not checks:
-        return Verdict("none", "No limits were stated")
+        return Verdict("none", "No limits set")
     over = sum(check.passed is False for check in checks)
-    kept = sum(gate.passed is True for gate in checks)
-    rest = len(checks) - over - kept
-    unjudged = f"; {rest} could not be judged" if rest else ""
+    within = sum(check.passed is True for check in checks)
+    rest = len(checks) - over - within
+    unchecked = f"; {rest} could not be checked" if rest else ""
     if over:
         share = f"{over} of {len(checks)} limits" if len(checks) > 1 else "the limit"
-        return Verdict("bad", f"Over {share}{unjudged}")
-    if kept:
-        share = "the limit" if len(checks) == 1 else f"{kept} of {len(checks)} limits"
-        return Verdict("good", f"Within {share}{unjudged}")
-    return Verdict("none", "No limit could be judged")
+        return Verdict("bad", f"Over {share}{unchecked}")
+    if within:
+        share = "the limit" if len(checks) == 1 else f"{within} of {len(checks)} limits"
+        return Verdict("good", f"Within {share}{unchecked}")
+    return Verdict("none", "No limit could be checked")
 
 
 def format_limit(check: LimitCheck) -> str:
-    """The limit as it was typed, or as figures are printed when it was made of one."""
+    """Format a limit as it was typed, or as metrics are printed if it comes from a baseline."""
     return f"{check.limit:.10g}" if check.baseline is None else format_percent(check.limit)
 
 
 def format_limit_with_baseline(check: LimitCheck, unit: str = "") -> str:
-    """The limit, and what it was made of if it was not typed; `unit` is put behind numbers."""
+    """Format a limit and its baseline, if it has one; `unit` is put behind numbers."""
     limit = f"{format_limit(check)}{unit}"
     if check.baseline is None:
         return limit
@@ -249,7 +252,7 @@ def format_limit_with_baseline(check: LimitCheck, unit: str = "") -> str:
 
 
 def format_measured(check: LimitCheck) -> str:
-    """What was found, as it is printed everywhere."""
+    """Format the value of a check as in all views."""
     if check.found is None:
         return "not defined"
     return format_percent(check.found) if check.unit == PERCENT else format_length(check.found)

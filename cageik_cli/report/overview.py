@@ -1,4 +1,4 @@
-"""One report over many clips: what an index page, JUnit and Markdown show."""
+"""The record of many clips, shown by the index page, JUnit and Markdown."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.solver.dual_laplacian import SolveQuality
 
 MAX_CURVE_POINTS = 120
-"""Of a curve at most."""
+"""Longer clips are summarized in this many spans."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,21 +37,21 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class ClipEntry:
-    """A clip: its figures, or why it has none.
+    """A clip: its metrics, or the reason why it has none.
 
     Attributes
     ----------
     name : str
     fault : str, optional
-        The sentence it failed with; what follows but `gates` is then None.
+        The message of its failure; it then has no result, page, clip, binding, summary and curve.
     result, page : str, optional
-        Its files, relative to the overview's; slashes are forward.
+        Its files, relative to the overview's, with forward slashes.
     clip, binding, summary, curve
-        As in its report.
+        As in the clip's report.
     gates : tuple of LimitCheck
     notes : tuple of str
     edited_from : str, optional
-        As in its report.
+        As in the clip's report.
     """
 
     name: str
@@ -68,12 +68,12 @@ class ClipEntry:
 
     @property
     def has_failed(self) -> bool:
-        """Whether it has no result."""
+        """Whether the clip has no result."""
         return self.fault is not None
 
     @property
     def exceeds_limit(self) -> bool:
-        """Whether a limit was passed."""
+        """Whether a metric is above its limit."""
         return any(check.passed is False for check in self.gates)
 
 
@@ -87,17 +87,17 @@ class Overview:
 
     @property
     def worst_first(self) -> list[ClipEntry]:
-        """Those that failed, those over a limit, and the others by error."""
+        """Failed clips, then those over a limit, then the others, largest error first."""
         return sorted(self.clips, key=_severity_key)
 
     @property
     def vocabulary(self) -> Vocabulary:
-        """The words for all clips that have figures."""
+        """The words for all clips that have metrics."""
         return choose_vocabulary(*(clip.edited_from for clip in self.clips if not clip.has_failed))
 
     @property
     def exit_code(self) -> int:
-        """0 all is well, 1 all clips failed, 4 some did, 3 none did and a limit was passed."""
+        """0 success, 1 all clips failed, 4 some failed, 3 none failed but a limit is exceeded."""
         failed = sum(entry.has_failed for entry in self.clips)
         if failed:
             return 1 if failed == len(self.clips) else 4
@@ -105,20 +105,20 @@ class Overview:
 
 
 def _severity_key(entry: ClipEntry) -> tuple[bool, bool, float]:
-    """What sorts the worst clips first: those that failed, those over a limit, then by error."""
+    """Sort key: failed clips, then those over a limit, then by error."""
     error = entry.summary.rms_percent if entry.summary else 0.0
     return not entry.has_failed, not entry.exceeds_limit, -error
 
 
 def build_overview(entries: Sequence[ClipEntry]) -> Overview:
-    """The overview of clips, in the order given."""
+    """Build the record of these clips, in this order."""
     return Overview(SCHEMA_VERSION, {"name": "cageik", "version": __version__}, tuple(entries))
 
 
 def build_clip_entry(
     report: Report, result: str | None = None, page: str | None = None
 ) -> ClipEntry:
-    """What an overview shows of a report."""
+    """Build the entry of a report in an overview."""
     return ClipEntry(
         name=report.result,
         result=result,
@@ -147,6 +147,6 @@ def _build_curve(report: Report) -> Curve:
 
 
 def _largest_value(frames: Sequence[FrameRecord], span: np.ndarray, name: str) -> float | None:
-    """The value of largest size, with its sign, of the frames that have one."""
+    """Return the value of largest magnitude, with its sign, of the frames that have one."""
     values = [getattr(frames[k], name) for k in span]
     return max((value for value in values if value is not None), key=abs, default=None)

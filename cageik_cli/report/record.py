@@ -1,4 +1,4 @@
-"""The record that every view of a result shows; views compute nothing."""
+"""The record of a result that all views show; views compute nothing."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -22,18 +22,18 @@ SCHEMA_VERSION = 1
 E_RMS_FACTOR = 2000 / np.sqrt(3)
 
 HISTOGRAM_BINS = 40
-"""Of the histogram over vertices."""
+"""Bins of the histogram over vertices."""
 
 MAX_WORST_VERTICES = 10
-"""Vertices that are named."""
+"""Vertices in the list of the worst ones."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
     """One result's report; `report.json` is this record.
 
-    `edited_from` names the result that it is an edit of, None for one that was extracted. Figures
-    of an edit tell how far it moved the mesh.
+    `edited_from` names the result that was edited; None for an extracted one. The metrics of an
+    edit measure how far it moved the mesh.
     """
 
     schema: int
@@ -58,9 +58,9 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
     ----------
     result : Result
     limits : Limits, optional
-        What it is to keep; nothing by default.
+        Limits on its metrics; none by default.
     name : str, optional
-        What it is called; its file's name by default.
+        Name of the result; by default that of its file.
     """
     rest, result_name = result.rest, to_unicode(name or result.path.name)
     limits = limits or Limits()
@@ -91,22 +91,22 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
 
 
 def _build_frames(result: Result) -> tuple[FrameRecord, ...]:
-    rest, figures = result.rest, result.metrics
+    rest, metrics = result.rest, result.metrics
     percent = 100 / rest.diagonal
-    change = _percent_change(figures.volume_reconstructed, figures.volume)
+    change = _percent_change(metrics.volume_reconstructed, metrics.volume)
     rest_volume = rest.volume if rest.is_closed else np.nan
-    drift = _percent_change(figures.volume, np.full(len(figures.volume), rest_volume))
+    drift = _percent_change(metrics.volume, np.full(len(metrics.volume), rest_volume))
     return tuple(
         FrameRecord(
             index=k,
             name=name,
-            rms=_finite_or_none(figures.rms[k]),
-            rms_percent=_finite_or_none(percent * figures.rms[k]),
-            max_deviation=_finite_or_none(figures.max_deviation[k]),
-            max_deviation_percent=_finite_or_none(percent * figures.max_deviation[k]),
-            worst_vertex=None if k in result.skipped else int(figures.worst_vertex[k]),
-            volume=_finite_or_none(figures.volume[k]),
-            volume_reconstructed=_finite_or_none(figures.volume_reconstructed[k]),
+            rms=_finite_or_none(metrics.rms[k]),
+            rms_percent=_finite_or_none(percent * metrics.rms[k]),
+            max_deviation=_finite_or_none(metrics.max_deviation[k]),
+            max_deviation_percent=_finite_or_none(percent * metrics.max_deviation[k]),
+            worst_vertex=None if k in result.skipped else int(metrics.worst_vertex[k]),
+            volume=_finite_or_none(metrics.volume[k]),
+            volume_reconstructed=_finite_or_none(metrics.volume_reconstructed[k]),
             volume_change=_finite_or_none(change[k]),
             volume_drift=_finite_or_none(drift[k]),
             skipped=result.skipped.get(k),
@@ -116,16 +116,11 @@ def _build_frames(result: Result) -> tuple[FrameRecord, ...]:
 
 
 def _build_summary(result: Result, frames: tuple[FrameRecord, ...]) -> ReportSummary:
-    figures, diagonal = result.metrics, result.rest.diagonal
-    rms = float(np.sqrt(np.nanmean(figures.rms**2)))
-    spread = float(np.sqrt(np.nanmean(figures.spread**2)))
-    worst, furthest = int(np.nanargmax(figures.rms)), int(np.nanargmax(figures.max_deviation))
-    worst_rms, deviation = float(figures.rms[worst]), float(figures.max_deviation[furthest])
-    changed = max(
-        (frame for frame in frames if frame.volume_change is not None),
-        key=lambda frame: abs(frame.volume_change or 0.0),
-        default=None,
-    )
+    metrics, diagonal = result.metrics, result.rest.diagonal
+    rms = float(np.sqrt(np.nanmean(metrics.rms**2)))
+    worst, furthest = int(np.nanargmax(metrics.rms)), int(np.nanargmax(metrics.max_deviation))
+    worst_rms, deviation = float(metrics.rms[worst]), float(metrics.max_deviation[furthest])
+    changed = _find_largest_change(frames)
     drifts = [frame.volume_drift for frame in frames if frame.volume_drift is not None]
     return ReportSummary(
         rms=rms,
@@ -137,16 +132,33 @@ def _build_summary(result: Result, frames: tuple[FrameRecord, ...]) -> ReportSum
         max_deviation=deviation,
         max_deviation_percent=100 * deviation / diagonal,
         max_deviation_frame=frames[furthest].name,
-        max_deviation_vertex=int(figures.worst_vertex[furthest]),
+        max_deviation_vertex=int(metrics.worst_vertex[furthest]),
         volume_change_percent_max=changed.volume_change if changed else None,
         volume_change_frame=changed.name if changed else None,
         volume_drift_percent_max=max(drifts, key=abs, default=None),
         e_rms=float(E_RMS_FACTOR * rms / diagonal),
-        kg_error=100 * rms / spread if spread > 0 else None,
+        kg_error=_compute_kg_error(result),
         frames_skipped=len(result.skipped),
         floats_per_frame=3 * len(result.cage.vertices),
         fixed_floats=len(result.rest.vertices) * len(result.cage.vertices),
     )
+
+
+def _find_largest_change(frames: tuple[FrameRecord, ...]) -> FrameRecord | None:
+    """Return the frame with the largest volume change; None if no frame has one."""
+    return max(
+        (frame for frame in frames if frame.volume_change is not None),
+        key=lambda frame: abs(frame.volume_change or 0.0),
+        default=None,
+    )
+
+
+def _compute_kg_error(result: Result) -> float | None:
+    rms, spread = (
+        float(np.sqrt(np.nanmean(values**2)))
+        for values in (result.metrics.rms, result.metrics.spread)
+    )
+    return 100 * rms / spread if spread > 0 else None
 
 
 def _build_vertex_metrics(result: Result) -> VertexMetrics:
@@ -169,12 +181,12 @@ def _build_vertex_metrics(result: Result) -> VertexMetrics:
 
 
 def _positive_max(values: Floats) -> float:
-    """The largest of them, or one if that is zero."""
+    """Return the largest value, or one if that is zero."""
     return float(np.nanmax(values)) or 1.0
 
 
 def _percent_change(new: Floats, old: Floats) -> Floats:
-    """100 (new − old)/old; nan where old is zero or nan, and infinite where it is next to zero."""
+    """Return 100 (new − old)/old; nan where old is zero or nan, infinite where it is tiny."""
     usable = np.where(old == 0, np.nan, old)
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(100 * (new - old) / usable)

@@ -1,143 +1,145 @@
-"""What views call things: of an extracted result an error, of an edited one how far it moved."""
+"""What views call things: a result of `extract` has errors, one of `pose` was moved by an edit."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 SETTING_MEANINGS = {
-    "accuracy": "how near harmonic weights are to exact ones",
-    "align": "each frame is moved rigidly onto the rest pose before it is solved",
-    "allow_conflicts": "whether the mean was taken of different targets of one point",
+    "accuracy": "accuracy of the harmonic weights",
+    "align": "move each frame rigidly onto the rest pose before it is solved",
+    "allow_conflicts": "use the mean when handles at one point have different targets",
     "alpha": "weight of the cage's Laplacian",
-    "beta": "weight of the vertices",
-    "coordinates": "what the weights are",
-    "hard": "whether all handles were met exactly",
-    "outside": "what is done with vertices outside the cage",
+    "beta": "weight of the mesh vertices",
+    "coordinates": "type of coordinates",
+    "hard": "meet all handles exactly",
+    "outside": "treatment of vertices outside the cage",
     "pose_alpha": "weight of the cage's Laplacian in the edit",
     "pose_beta": "weight of the handles",
-    "rest_frame": "the frame that is the rest pose; none if it is a file of its own",
-    "rigidity": "rounds in which parts of the cage turned with the edit",
-    "snap": "whether handles with a position were put on the surface near it",
-    "vertex_weights": "whether vertices were weighed one by one",
+    "rest_frame": "frame used as the rest pose; none if the rest pose is a file",
+    "rigidity": "rounds that rotate parts of the cage with the edit",
+    "snap": "move handles given by position to the nearest point of the surface",
+    "vertex_weights": "whether vertices have weights of their own",
 }
 
 _SIZE_MEANING = (
     "Size",
     "",
-    "A cage has three numbers a vertex in each frame; the weights, one for each vertex of the "
-    "model and of the cage, are kept once.",
+    "A cage has three floats per vertex and frame. The weights are stored once: one float for each "
+    "pair of a model vertex and a cage vertex.",
 )
 
 _VERDICT_MEANING = (
     "Verdict",
     "",
-    "A figure is compared with its limit as it is printed here. Over a limit, the command ends "
-    "with exit code 3.",
+    "Values are compared with their limits as printed here. If a limit is exceeded, the command "
+    "ends with exit code 3.",
 )
 
 MEANINGS = (
     (
-        "Error of a frame, RMS",
+        "RMS error of a frame",
         "rms = √( mean |v̂ − v|² )",
-        "The mean is over the vertices, less those of weight 0. In units of the file, or as "
-        "percent of the diagonal: 100 rms / D.",
+        "The mean is over the vertices, without those of weight 0. In file units, or in percent of "
+        "the diagonal: 100 rms / D.",
     ),
     (
-        "Error of the clip",
+        "RMS error of the clip",
         "√( mean rms² )",
-        "The mean is over the frames that were not skipped. The headline. From 0.3 to 1 % is usual "
-        "for a body in a cage of about 100 vertices; a finer cage lowers it.",
+        "The mean is over the frames that were not skipped. This is the main number of the report. "
+        "A body in a cage of about 100 vertices usually has 0.3 to 1 %; a finer cage has less.",
     ),
     (
-        "RMS of a vertex",
+        "RMS error of a vertex",
         "√( mean |v̂ − v|² )",
-        "The mean is over the frames. The histogram counts vertices by it, and the model is "
-        "coloured by it: where it is high, the cage is too coarse, or the model moves in ways a "
-        "cage cannot follow.",
+        "The mean is over the frames. The histogram counts vertices by this error, and the model "
+        "is coloured by it. Where it is high, the cage is too coarse, or the model moves in a way "
+        "that a cage cannot follow.",
     ),
     (
         "Max deviation",
         "max |v̂ − v|",
-        "Over the vertices of a frame, or over all frames; with the vertex where it is.",
+        "The largest distance over the vertices of a frame, or over all frames, with its vertex.",
     ),
     (
         "Volume change",
         "100 (V̂ − V) / V",
-        "What the reconstruction gains or loses against its own frame, in percent; signed. Of the "
-        "clip, the change of largest size. Not defined for open models, or where vertices are "
-        "missing data.",
+        "Volume that the reconstruction gains (+) or loses (−) against its own input frame, in "
+        "percent. For the clip, the largest change. Not defined for open models, and when vertices "
+        "are missing data.",
     ),
     (
         "Drift from rest",
         "100 (V − V_rest) / V_rest",
-        "What the input itself gains or loses against the rest pose, in percent; no fault of the "
-        "cage.",
+        "Volume that the input itself gains or loses against the rest pose, in percent. The cage "
+        "has no influence on it.",
     ),
     (
         "E_RMS",
         "2000/√3 · rms / D = 1154.70 rms / D",
-        "The error of the clip as Kavan, Sloan and O'Sullivan (2010) state it.",
+        "The error of the clip as Kavan, Sloan and O'Sullivan (2010) define it.",
     ),
     (
         "KG error",
         "100 |V − V̂| / |V − E(V)|",
-        "The error against the spread of each frame about its centroid E(V), V being all "
-        "coordinates of the clip (Karni and Gotsman 2004), in percent.",
+        "The error in percent of the spread of each frame about its centroid E(V), as Karni and "
+        "Gotsman (2004) define it. V holds all coordinates of the clip.",
     ),
     _SIZE_MEANING,
     _VERDICT_MEANING,
     (
         "Worst, median and best frame",
         "",
-        "By the rms of the frame. Vertices are coloured by |v̂ − v|, all poses on one scale.",
+        "By the RMS error of the frame. Vertices are coloured by |v̂ − v|; all poses share one "
+        "colour scale.",
     ),
 )
-"""Term, formula, and what it says."""
+"""Term, formula and explanation, for results of `extract`."""
 
 EDIT_MEANINGS = (
     (
-        "Distance moved of a frame, RMS",
+        "RMS distance moved of a frame",
         "rms = √( mean |v̂ − v|² )",
-        "How far the edit moved the frame; no measure of how well the cage follows the animation. "
-        "The mean is over the vertices. In units of the file, or as percent of the diagonal: "
-        "100 rms / D.",
+        "Distance by which the edit moved the frame. It does not measure how well the cage follows "
+        "the animation. The mean is over the vertices. In file units, or in percent of the "
+        "diagonal: 100 rms / D.",
     ),
     (
-        "Distance moved of the clip",
+        "RMS distance moved of the clip",
         "√( mean rms² )",
-        "The mean is over the frames that were not skipped, also those that the edit leaves as "
-        "they were. The headline.",
+        "The mean is over the frames that were not skipped, including those that the edit leaves "
+        "unchanged. This is the main number of the report.",
     ),
     (
-        "RMS of a vertex",
+        "RMS distance moved of a vertex",
         "√( mean |v̂ − v|² )",
-        "The mean is over the frames. The histogram counts vertices by it, and the model is "
-        "coloured by it: where it is high, the edit moved the model most.",
+        "The mean is over the frames. The histogram counts vertices by this distance, and the "
+        "model is coloured by it. Where it is high, the edit moved the model most.",
     ),
     (
         "Max distance",
         "max |v̂ − v|",
-        "Over the vertices of a frame, or over all frames; with the vertex where it is.",
+        "The largest distance over the vertices of a frame, or over all frames, with its vertex.",
     ),
     (
         "Volume change",
         "100 (V̂ − V) / V",
-        "What the edit adds to the volume of its frame, in percent; signed. Of the clip, the "
-        "change of largest size. Not defined for open models.",
+        "Volume that the edit adds to its frame (+) or takes away (−), in percent. For the clip, "
+        "the largest change. Not defined for open models.",
     ),
     (
         "Drift before the edit",
         "100 (V − V_rest) / V_rest",
-        "How far the volume of the mesh before the edit is from that of the rest pose, in percent.",
+        "Difference in volume between the mesh before the edit and the rest pose, in percent.",
     ),
     _SIZE_MEANING,
     _VERDICT_MEANING,
     (
         "Most moved, median and least moved frame",
         "",
-        "By the rms of the frame. Vertices are coloured by |v̂ − v|, all poses on one scale.",
+        "By the RMS distance moved of the frame. Vertices are coloured by |v̂ − v|; all poses share "
+        "one colour scale.",
     ),
 )
-"""The same of an edited result."""
+"""Term, formula and explanation, for results of `pose`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,33 +149,33 @@ class Vocabulary:
     Attributes
     ----------
     command : str
-        What wrote the result.
+        The command that wrote the result.
     done : str
-        What was done to the clip.
+        What was done to the clip, as a participle.
     measure, distance, largest : str
-        What an rms is of, what |v̂ − v| is of one vertex, and what the largest one is.
+        Names of the rms, of |v̂ − v| of one vertex, and of the largest |v̂ − v|.
     worst, best : str
-        What frames and vertices of the largest and of the smallest rms are.
+        Adjectives for frames and vertices with the largest and with the smallest rms.
     worst_frame : str
-        What the worst frame is called for short.
-    given, rebuilt : str
-        What v and v̂ are vertices of.
+        Short name of the worst frame.
+    original, reconstruction : str
+        Names of the meshes of v and of v̂.
     drift : str
-        The change of volume of the given frames.
+        Name of the change of volume of the original frames.
     system, condition : str
-        The system whose condition number is known, and what that tells.
+        Name of the system whose condition number is known, and what the number means.
     limits : mapping of str to str
-        What limits are on, by metric, in a word or two.
+        Short names of the metrics that have limits.
     meanings : tuple
-        Terms, formulas, and what they say.
+        Terms, formulas and explanations.
     columns : mapping of str to str
-        Titles of columns over frames that are not the usual ones, by the field of `FrameRecord`.
+        Titles of the table of frames that replace the default ones, by field of `FrameRecord`.
     title : str
-        What stands before the figure in a page's title.
+        Text in front of the number in a page's title.
     remark : str
-        A sentence after the headline.
+        A sentence after the main number.
     has_published_metrics : bool
-        Whether the rms is an error as the literature states them.
+        Whether the rms is an error, and can be given in the metrics of publications.
     """
 
     command: str
@@ -184,8 +186,8 @@ class Vocabulary:
     worst: str
     best: str
     worst_frame: str
-    given: str
-    rebuilt: str
+    original: str
+    reconstruction: str
     drift: str
     system: str
     condition: str
@@ -197,10 +199,10 @@ class Vocabulary:
     has_published_metrics: bool = True
 
     def describe_metric(self, name: str) -> str:
-        """What a limit is on, in full."""
+        """Return the full name of a metric that has a limit."""
         return {
-            "rms": f"{self.measure} of the clip",
-            "frame_rms": f"{self.measure} of the {self.worst} frame",
+            "rms": f"RMS {self.measure} of the clip",
+            "frame_rms": f"RMS {self.measure} of the {self.worst} frame",
             "max_deviation": self.largest,
             "volume_change": "volume change",
         }[name]
@@ -215,11 +217,11 @@ EXTRACTION_VOCABULARY = Vocabulary(
     worst="worst",
     best="best",
     worst_frame="worst frame",
-    given="input",
-    rebuilt="reconstruction",
-    drift="the input's own drift from rest",
+    original="input",
+    reconstruction="reconstruction",
+    drift="drift of the input from rest",
     system="system",
-    condition="How much the system that gives the cages magnifies errors of its input.",
+    condition="How much the solve can magnify errors of its input.",
     limits={
         "rms": "rms",
         "frame_rms": "frame rms",
@@ -238,12 +240,12 @@ EDIT_VOCABULARY = Vocabulary(
     worst="most moved",
     best="least moved",
     worst_frame="most moved",
-    given="mesh before the edit",
-    rebuilt="mesh after the edit",
+    original="mesh before the edit",
+    reconstruction="mesh after the edit",
     drift="drift from rest before the edit",
     system="extraction",
-    condition="Of the extraction, before the edit: how much the system that gave the cages "
-    "magnifies changes of its input.",
+    condition="Of the extraction, before the edit: how much its solve can magnify changes of its "
+    "input.",
     limits={
         "rms": "rms moved",
         "frame_rms": "frame rms moved",
@@ -253,13 +255,13 @@ EDIT_VOCABULARY = Vocabulary(
     meanings=EDIT_MEANINGS,
     columns={
         "max_deviation_percent": "Max distance, %",
-        "max_deviation": "Max distance, units",
+        "max_deviation": "Max distance, file units",
         "volume": "Volume before",
         "volume_reconstructed": "Volume after",
         "volume_drift": "Drift before, %",
     },
     title="moved ",
-    remark=" It tells how far the edit moved the mesh, not how well frames were met.",
+    remark=" It does not measure how well the cage follows the animation.",
     has_published_metrics=False,
 )
 
@@ -270,5 +272,5 @@ def choose_vocabulary(*edited_from: str | None) -> Vocabulary:
 
 
 def display_name(name: str, edited_from: str | None) -> str:
-    """A result's name among others', which tells of an edited one what its figures are."""
-    return name if edited_from is None else f"{name} (edited: how far it moved from {edited_from})"
+    """Return a result's name in a list; that of an edited result says what its numbers mean."""
+    return name if edited_from is None else f"{name} (edited: distance moved from {edited_from})"

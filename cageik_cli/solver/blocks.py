@@ -19,7 +19,7 @@ from cageik_cli.solver.metrics import (
     check_finite,
     measure,
 )
-from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.util.arrays import Floats, Integers, Workspace, fit_frames
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import to_unicode
 from cageik_cli.util.threads import OrderedMap
@@ -109,12 +109,11 @@ class MemoryPlan:
     @staticmethod
     def fit(memory: int, binding: Binding, jobs: int) -> "MemoryPlan":
         """What the weights and frames have room for in `memory` bytes, with `jobs` threads."""
-        frame = ARRAYS_PER_FRAME * 24 * len(binding.rest.vertices)
-        left = memory - binding.weights.nbytes
-        block = int(np.clip(left // frame, 1, MAX_BLOCK_FRAMES))
-        solvers = int(np.clip(left // (block * frame), 1, jobs))
-        queue = min(memory // 8, MAX_QUEUE_BYTES) // binding.rest.vertices.nbytes
-        return MemoryPlan(block, solvers, max(1, queue))
+        count, left = len(binding.rest.vertices), memory - binding.weights.nbytes
+        block = min(fit_frames(left, count, ARRAYS_PER_FRAME), MAX_BLOCK_FRAMES)
+        solvers = min(fit_frames(left, block * count, ARRAYS_PER_FRAME), jobs)
+        queue = fit_frames(min(memory // 8, MAX_QUEUE_BYTES), count)
+        return MemoryPlan(block, solvers, queue)
 
 
 class BlockSolver:
@@ -211,38 +210,51 @@ def _timed_reads(blocks: Iterator[Block], progress: ProgressListener) -> Iterato
         yield block
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class ClipSummary:
-    """What a log of F frames tells of them together.
+    """What the blocks of a clip tell together; it is updated block by block, in order.
 
     Attributes
     ----------
     skipped : dict
-        By number in the clip, why a frame was.
+        By number in the clip, why a frame was skipped.
     digests : list of bytes
         SHA-256 of the file of each frame.
-    vertex_rms : (m,) float64
-        sqrt(mean |v̂ − v|²) over the frames that were not skipped; nan for missing data.
-    key_frames : (3,) int64
-        Numbers of the worst, the median and the best frame, by rms.
     """
 
-    skipped: dict[int, str]
-    digests: list[bytes]
-    vertex_rms: Floats
-    key_frames: Integers
+    def __init__(self) -> None:
+        self.skipped: dict[int, str] = {}
+        self.digests: list[bytes] = []
+        self._squared_errors = np.zeros(())
+        self._rms: list[Floats] = []
+
+    def update(self, block: SolvedBlock) -> None:
+        """Add the next block."""
+        self.skipped |= block.skipped
+        self.digests += block.digests
+        self._squared_errors = self._squared_errors + block.squared_errors
+        self._rms.append(block.metrics.rms)
+
+    @property
+    def frames_done(self) -> int:
+        """Return the number of frames so far."""
+        return len(self.digests)
+
+    @property
+    def vertex_rms(self) -> Floats:
+        """Return sqrt(mean |v̂ − v|²), (m,), over solved frames; nan for missing data."""
+        return np.sqrt(self._squared_errors / max(1, self.frames_done - len(self.skipped)))
+
+    @property
+    def key_frames(self) -> Integers:
+        """Return the numbers of the worst, the median and the best frame by rms, (3,) int64."""
+        ranked = np.argsort(np.concatenate(self._rms), kind="stable")
+        ranked = ranked[: self.frames_done - len(self.skipped)]
+        return ranked[[-1, (len(ranked) - 1) // 2, 0]] if len(ranked) else ranked
 
 
 def summarize_blocks(blocks: Iterable[SolvedBlock]) -> ClipSummary:
     """Gather what all blocks of a clip tell."""
-    skipped: dict[int, str] = {}
-    digests: list[bytes] = []
-    squares, rms = np.zeros(()), []
+    summary = ClipSummary()
     for block in blocks:
-        skipped |= block.skipped
-        digests += block.digests
-        squares = squares + block.squared_errors
-        rms.append(block.metrics.rms)
-    ranked = np.argsort(np.concatenate(rms), kind="stable")[: len(digests) - len(skipped)]
-    posed = ranked[[-1, (len(ranked) - 1) // 2, 0]] if len(ranked) else ranked
-    return ClipSummary(skipped, digests, np.sqrt(squares / max(1, len(ranked))), posed)
+        summary.update(block)
+    return summary

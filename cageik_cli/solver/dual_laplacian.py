@@ -20,8 +20,9 @@ import scipy.linalg
 from cageik_cli.coordinates.binding import Binding, WeightQuality
 from cageik_cli.geometry.mesh import uniform_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
+from cageik_cli.solver.settings import SolveSettings as SolveSettings
 from cageik_cli.util.arrays import Floats, Workspace
-from cageik_cli.util.errors import FormatError, NumericalError, SettingError
+from cageik_cli.util.errors import FormatError, NumericalError
 
 MAX_CONDITION = 1e12
 """Normal matrices with a larger condition number are refused."""
@@ -31,30 +32,6 @@ REFINE_ABOVE_CONDITION = 1e6
 
 MAX_WEIGHTED_ENTRIES = 1 << 22
 """Largest number of entries of H that are weighted at once."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SolveSettings:
-    """Settings of the minimisation.
-
-    Attributes
-    ----------
-    alpha, beta : float
-        Weights of the Laplacian and of the vertices; finite, not negative, not both zero.
-    align : bool
-        Align every frame rigidly with the rest pose, solve there, and move the cage back.
-    """
-
-    alpha: float = 1e-3
-    beta: float = 1.0
-    align: bool = True
-
-    def __post_init__(self) -> None:
-        for name, value in (("alpha", self.alpha), ("beta", self.beta)):
-            if not (np.isfinite(value) and value >= 0):
-                raise SettingError(f"{name} is {value}, expected a finite number of 0 or above")
-        if self.alpha == self.beta == 0:
-            raise SettingError("alpha and beta are both 0, expected at least one above 0")
 
 
 @dataclass(frozen=True, slots=True)

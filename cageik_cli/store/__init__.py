@@ -1,5 +1,5 @@
-"""What is kept on disk: results, bindings, checkpoints of runs, the cache of weights.
+"""Files of cageik's own: results, bindings, checkpoints of runs, the weight cache.
 
-Depends on `solver` and `coordinates`. Start with `result`, what a finished run leaves, and
-`checkpoint`, what an interrupted one does.
+Depends on `solver` and `coordinates`. Start with `result`, which a finished run writes, and
+`checkpoint`, which an interrupted run leaves.
 """

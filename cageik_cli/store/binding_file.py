@@ -1,4 +1,4 @@
-"""Binding files: the weights of a model in a cage, with both meshes, read with every check."""
+"""Binding files: the weights of a model in a cage, with both meshes, fully checked when read."""
 
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -26,19 +26,19 @@ from cageik_cli.store.hdf5_fields import (
     write_deflated,
     write_meshes,
 )
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 from cageik_cli.util.outputs import atomic_file
 
 FORMAT = "cageik.binding"
 SCHEMA = 1
 
 ROUNDING_TOL = 1e-12
-"""By how much figures of the same weights may differ between machines."""
+"""How far metrics of the same weights may differ between machines."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredBinding:
-    """What a binding file says.
+    """A binding with what a binding file records beside it.
 
     Attributes
     ----------
@@ -55,12 +55,12 @@ class StoredBinding:
 
 
 def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:
-    """Write a binding, whole or not at all; the same one always as the same bytes.
+    """Write a binding file, completely or not at all; the same binding gives the same bytes.
 
     Raises
     ------
     InputError
-        When it cannot be written, or another file has come to have the name meanwhile.
+        When it cannot be written, or another process has written the file meanwhile.
     """
     binding = stored.binding
     with atomic_file(path, overwrite) as sink, create_hdf5(sink) as file:
@@ -74,7 +74,7 @@ def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:
 
 
 def is_binding(path: Path) -> bool:
-    """Whether an HDF5 file calls itself one of our bindings."""
+    """Return whether an HDF5 file says that it is a binding of cageik."""
     with open_checked(path) as file:
         return has_format(file, FORMAT)
 
@@ -85,14 +85,14 @@ def read_binding(path: Path) -> StoredBinding:
     Raises
     ------
     InputError
-        When it is not HDF5, not a binding, of another schema, damaged, or its weights are not
-        those that its figures were taken of.
+        When it is not HDF5, not a binding, of another schema or damaged, or its weights do not have
+        the recorded quality.
     """
     with open_checked(path) as file:
         check_format(file, FORMAT, SCHEMA, "a binding of cageik bind")
         rest, cage = read_meshes(file)
         if validate_cage(cage)[0] is not cage:
-            raise InputError("the cage's faces turn inward, expected outward; make it again")
+            raise FormatError("the faces of the cage point inward, expected outward; bind again")
         shape = (len(rest.vertices), len(cage.vertices))
         quality = read_quality(file, WeightQuality)
         binding = Binding(
@@ -110,7 +110,7 @@ def read_binding(path: Path) -> StoredBinding:
 
 
 def read_bind_settings(path: Path) -> BindSettings:
-    """How the weights of a binding file were asked for, without reading them.
+    """Read how the weights of a binding file were computed, without reading them.
 
     Raises
     ------
@@ -126,44 +126,48 @@ def _read_settings(file: h5py.File) -> BindSettings:
     held = read_json_attr(file, "settings", dict)
     expected = {field.name for field in fields(BindSettings)}
     if set(held) != expected or not all(isinstance(value, str) for value in held.values()):
-        raise InputError(f"attribute `settings` does not say {', '.join(sorted(expected))}")
+        raise FormatError(
+            f"attribute `settings` does not hold {', '.join(sorted(expected))}; bind again"
+        )
     return BindSettings(**held)
 
 
 def _read_binding_sources(file: h5py.File) -> dict[str, Any]:
     sources = read_sources(file)
     if not all("name" in sources.get(key, ()) for key in ("cage", "rest")):
-        raise InputError("attribute `sources` does not name cage and rest; make it again")
+        raise FormatError("attribute `sources` does not name cage and rest; bind again")
     return sources
 
 
 def _read_count(quality: WeightQuality, name: str) -> int:
     value = getattr(quality, name)
     if not isinstance(value, int) or value < 0:
-        raise InputError(f"attribute `quality` says that {name} is {value!r}, expected a count")
+        raise FormatError(
+            f"`{name}` in attribute `quality` is {value!r}, expected a count; bind again"
+        )
     return value
 
 
 def _check_weights(binding: Binding, stated: WeightQuality) -> None:
-    """Refuse weights that cannot be trusted, or are not those of the `stated` figures."""
+    """Refuse weights that cannot be trusted, or do not have the `stated` quality."""
     if not np.isfinite(binding.weights).all():
         row = int(np.argmin(np.isfinite(binding.weights).all(axis=1)))
-        raise InputError(f"`weights` are not finite at vertex {row}; make it again")
+        raise FormatError(f"`weights` are not finite at vertex {row}; bind again")
     found = binding.quality
     for name in ("partition_of_unity", "linear_precision", "min_weight"):
         value, expected = getattr(found, name), getattr(stated, name)
         if not np.isclose(value, expected, rtol=1e-9, atol=ROUNDING_TOL):
-            raise InputError(
-                f"`weights` have {name} {value:.3g} where attribute `quality` says "
-                f"{expected:.3g}; it is damaged, make it again"
+            raise FormatError(
+                f"`weights` are damaged ({name} is {value:.3g}, attribute `quality` says "
+                f"{expected:.3g}); bind again"
             )
-    # Vertices that were outside have the weights of other points than themselves.
+    # Vertices outside the cage have the weights of other points than themselves.
     trusted = ("partition_of_unity",) if found.projected else (
         "partition_of_unity", "linear_precision"
     )  # fmt: skip
     for name in trusted:
         if not getattr(found, name) <= MAX_REPRODUCTION_ERROR:
-            raise InputError(
-                f"`weights` have {name} {getattr(found, name):.3g}, expected at most "
-                f"{MAX_REPRODUCTION_ERROR:.0e}; make it again"
+            raise FormatError(
+                f"{name} of `weights` is {getattr(found, name):.3g}, expected at most "
+                f"{MAX_REPRODUCTION_ERROR:.0e}; bind again"
             )

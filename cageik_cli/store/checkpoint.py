@@ -1,10 +1,9 @@
-"""What a run has done so far: a log of solved blocks beside the result, only ever appended to.
+"""The checkpoint of a run: a file of solved blocks beside the result, to which blocks are appended.
 
-The first line says what it is, the second the digest and the length of a JSON plan; then the plan
-and the blocks, each behind its length and its checksum. Whatever moment a run is killed at, what
-the log holds up to the first block that is not whole is sound, and the run can go on from there.
-The result is composed of the log in one pass, so that it does not tell how often it was
-interrupted.
+The first line names the format, the second holds the digest and the length of a JSON spec; then
+follow the spec and the blocks, each behind its length and its checksum. Whenever a run is killed,
+the blocks before the first damaged one are valid, and a run can continue after them. The result is
+composed of the checkpoint in one pass, so it does not depend on how often the run was interrupted.
 """
 
 import hashlib
@@ -13,7 +12,7 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -21,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.solver.blocks import SolvedBlock
+from cageik_cli.solver.blocks import ClipSummary, SolvedBlock
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import CheckpointError, FormatError, OutputError
 from cageik_cli.util.outputs import open_locked, remove_locked
 
 DIGEST_BYTES = hashlib.sha256().digest_size
@@ -31,26 +30,26 @@ _BLOCK_HEADER = struct.Struct("<QQQ")  # first frame, frames, bytes of the fault
 MAGIC = b"cageik.partial 1\n"
 
 MAX_HEAD_BYTES = 128
-"""More than the line with the digest and the length of a plan takes."""
+"""The line with the digest and the length of the spec is shorter."""
 
 _RECORD_HEADER = struct.Struct("<QI")  # length and checksum of what follows
 
 
 @dataclass(frozen=True, slots=True)
 class RunSpec:
-    """What a run is to do, and what its numbers depend on.
+    """What a run has to do, and what its numbers depend on.
 
     Attributes
     ----------
     frames : list of str
-        Where each frame comes from.
+        The source of each frame.
     settings, sources : dict
-        What is asked; name and digest of what was read beside the frames.
+        The recorded settings; name and digest of each file that was read, all but the frames.
     key : str
         Digest of weights, meshes and vertex weights.
     vertices, cage_vertices : int
     block : int
-        Frames solved together; it changes the last digits, so a run that goes on keeps it.
+        Frames solved together; it changes the last digits, so a continued run keeps it.
     version : str
         Of the program.
     """
@@ -65,7 +64,7 @@ class RunSpec:
     version: str = __version__
 
     def describe_difference(self, other: "RunSpec") -> str:
-        """What differs from the plan of a run that can go on where `other` ended; may be empty."""
+        """Say what differs from the run `other` that is to be continued; nothing if it can be."""
         if self.frames != other.frames:
             return f"it was of {len(other.frames)} other frames"
         for name in self.settings | other.settings:
@@ -83,126 +82,139 @@ class RunSpec:
 
 
 class Checkpoint:
-    """The log of one run, which no other run has while it is open.
+    """The checkpoint of one run; no other run can open it meanwhile.
+
+    The blocks of an interrupted run count from `recover` on.
 
     Attributes
     ----------
     path : Path
     spec : RunSpec
-    frames_done : int
-        How many frames it holds.
+        That of the interrupted run, if it is continued.
+    summary : ClipSummary
+        Of the blocks that were recovered and appended so far.
     """
 
-    def __init__(
-        self, path: Path, file: io.FileIO, spec: RunSpec, block_offsets: list[int]
-    ) -> None:
-        self.path, self.spec = path, spec
+    def __init__(self, path: Path, file: io.FileIO, spec: RunSpec) -> None:
+        self.path, self.spec, self.summary = path, spec, ClipSummary()
         self._file = file
-        self._block_offsets = block_offsets  # where each block begins, and where the next will
-        self.frames_done = min((len(block_offsets) - 1) * spec.block, len(spec.frames))
+        self._start = self._end = file.tell()  # of the first block, and behind the last
+
+    @property
+    def frames_done(self) -> int:
+        """Return the number of frames that were recovered and appended so far."""
+        return self.summary.frames_done
 
     @staticmethod
     def open(path: Path, spec: RunSpec, resume: bool, overwrite: bool = False) -> "Checkpoint":
-        """Begin a log, or go on with the one of an interrupted run of the same plan.
+        """Start a checkpoint, or open that of an interrupted run of the same spec.
 
-        One that is there and cannot be gone on with is begun anew only to `overwrite` it.
-
-        What is not whole at the end of one is cut off. One whose run was killed before it had
-        written its plan is begun again.
+        One of another spec is replaced only with `overwrite`. One whose run was killed before its
+        spec was written is started again.
 
         Raises
         ------
         InputError
-            When it cannot be written, another run has it, or it is of another plan.
+            When it cannot be written, another run is writing it, or it is of another spec.
         """
         try:
             file = open_locked(path)
         except OSError as error:
             raise _make_write_error(path, error) from error
         if file is None:
-            raise InputError(f"{path}: another run is writing it; wait for it, or stop it")
+            raise CheckpointError(f"{path}: another run is writing it; wait for it, or stop it")
         try:
             if not (resume or overwrite or os.fstat(file.fileno()).st_size == 0):
-                raise InputError(
-                    f"{path}: another run has left it meanwhile; go on with --resume, or begin "
-                    "again with --overwrite"
+                raise CheckpointError(
+                    f"{path}: another run has written it meanwhile; continue with --resume or "
+                    "start over with --overwrite"
                 )
             held = _read_spec(path, file) if resume else None
-            if held is None:
-                return _start_checkpoint(path, file, spec)
-            difference = spec.describe_difference(held)
-            if difference and overwrite:
-                return _start_checkpoint(path, file, spec)
-            if difference:
-                raise InputError(
+            difference = spec.describe_difference(held) if held is not None else ""
+            if difference and not overwrite:
+                raise CheckpointError(
                     f"{path}: is of another run: {difference}; give the same files and options, "
-                    "or begin again with --overwrite"
+                    "or start over with --overwrite"
                 )
-            block_offsets = [file.tell()]
-            block_offsets += [file.tell() for _ in _read_blocks(file, held)]
-            file.truncate(block_offsets[-1])
+            if held is None or difference:
+                _write_spec(path, file, spec)
+                held = spec
         except BaseException:
             file.close()
             raise
-        return Checkpoint(path, file, held, block_offsets)
+        return Checkpoint(path, file, held)
+
+    def recover(self, is_current: Callable[[SolvedBlock], bool]) -> None:
+        """Take over the blocks of an interrupted run up to the first damaged or outdated one.
+
+        That one and all behind it are cut off. Nothing is if `is_current` raises an error.
+        """
+        self._file.seek(self._end)
+        for block in _read_blocks(self._file, self.spec, self.frames_done):
+            if not is_current(block):
+                break
+            self.summary.update(block)
+            self._end = self._file.tell()
+        self._file.truncate(self._end)
 
     def append(self, block: SolvedBlock) -> None:
-        """Add the next block, of as many frames as the plan says but for the last.
+        """Add the next block, which has as many frames as the spec says, or is the last.
 
         Raises
         ------
         InputError
-            When it cannot be written; the log then ends with the block before.
+            When it cannot be written; the checkpoint then ends with the block before.
         """
         data = to_bytes(block)
         try:
-            self._file.seek(self._block_offsets[-1])
+            self._file.truncate(self._end)
+            self._file.seek(self._end)
             _write_all(self._file, _RECORD_HEADER.pack(len(data), zlib.crc32(data)) + data)
         except OSError as error:
-            self._file.truncate(self._block_offsets[-1])
+            self._file.truncate(self._end)
             raise _make_write_error(self.path, error) from error
-        self._block_offsets.append(self._file.tell())
-        self.frames_done = block.stop
+        self._end = self._file.tell()
+        self.summary.update(block)
 
     def blocks(self) -> Iterator[SolvedBlock]:
-        """All blocks, in order."""
-        self._file.seek(self._block_offsets[0])
+        """Yield all blocks, in order."""
+        self._file.seek(self._start)
         yield from _read_blocks(self._file, self.spec)
 
-    def truncate(self, frame: int) -> None:
-        """Forget the block that holds `frame`, and those after it."""
-        kept = frame // self.spec.block
-        del self._block_offsets[kept + 1 :]
-        self._file.truncate(self._block_offsets[-1])
-        self.frames_done = kept * self.spec.block
+    def count_frames(self) -> int:
+        """Return how many frames the file holds, those included that were not recovered."""
+        self._file.seek(self._end)
+        rest = _read_blocks(self._file, self.spec, self.frames_done)
+        return max((block.stop for block in rest), default=self.frames_done)
 
     def close(self) -> None:
-        """Let other runs have it."""
+        """Close the file, so that other runs can open it."""
         self._file.close()
 
     def discard(self) -> None:
-        """Delete the log; other runs may have its name from then on."""
+        """Delete the file; other runs can use its name from then on."""
         remove_locked(self.path, self._file)
 
 
 def delete_checkpoint(path: Path) -> None:
-    """Delete the log of a run that has ended, if there is one and no other run has it.
+    """Delete the checkpoint of a run that has ended, if there is one and no run is writing it.
 
     Raises
     ------
     InputError
-        When what is there is no log.
+        When the file is not a checkpoint.
     """
     if not path.exists():
         return
-    checkpoint_progress(path)
-    file = open_locked(path)
-    if file is not None:
-        remove_locked(path, file)
+    with io.FileIO(path) as file:
+        _read_spec(path, file)
+    locked = open_locked(path)
+    if locked is not None:
+        remove_locked(path, locked)
 
 
 def is_checkpoint(path: Path) -> bool:
-    """Whether a file begins as a log does."""
+    """Return whether a file starts as a checkpoint does."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -210,12 +222,12 @@ def is_checkpoint(path: Path) -> bool:
 
 
 def checkpoint_progress(path: Path) -> tuple[int, int]:
-    """How many frames a log holds, and how many its run was to solve; zeros if it holds no plan.
+    """Return how many frames a checkpoint holds, and of how many; zeros if it holds no spec.
 
     Raises
     ------
     InputError
-        When it is no log.
+        When it is not a checkpoint.
     """
     with io.FileIO(path) as file:
         spec = _read_spec(path, file)
@@ -224,7 +236,8 @@ def checkpoint_progress(path: Path) -> tuple[int, int]:
         return max((block.stop for block in _read_blocks(file, spec)), default=0), len(spec.frames)
 
 
-def _start_checkpoint(path: Path, file: io.FileIO, spec: RunSpec) -> Checkpoint:
+def _write_spec(path: Path, file: io.FileIO, spec: RunSpec) -> None:
+    """Empty the file and write the spec; delete the file when that fails."""
     text = json.dumps(asdict(spec), sort_keys=True, allow_nan=False).encode()
     head = MAGIC + f"{hashlib.sha256(text).hexdigest()} {len(text)}\n".encode() + text
     try:
@@ -234,14 +247,13 @@ def _start_checkpoint(path: Path, file: io.FileIO, spec: RunSpec) -> Checkpoint:
     except OSError as error:
         remove_locked(path, file)
         raise _make_write_error(path, error) from error
-    return Checkpoint(path, file, spec, [len(head)])
 
 
 def _read_spec(path: Path, file: io.FileIO) -> RunSpec | None:
-    """The plan of a log, which is then at its first block; None if the plan is not whole."""
+    """Read the spec, which leaves the file at its first block; None if the spec is cut short."""
     begin = file.read(len(MAGIC))
     if not MAGIC.startswith(begin):
-        raise InputError(f"{path}: is not what an interrupted run leaves; move it away")
+        raise FormatError(f"{path}: is not a checkpoint; move it away")
     digest, _, size = file.read(MAX_HEAD_BYTES).partition(b"\n")[0].partition(b" ")
     length = int(size) if size.isdigit() else 0
     file.seek(len(begin) + len(digest) + len(size) + 2)
@@ -250,13 +262,14 @@ def _read_spec(path: Path, file: io.FileIO) -> RunSpec | None:
         return None
     held = json.loads(text)
     if set(held) != {field.name for field in fields(RunSpec)}:
-        raise InputError(f"{path}: is of another version of cageik; begin again with --overwrite")
+        raise CheckpointError(
+            f"{path}: is of another version of cageik; start over with --overwrite"
+        )
     return RunSpec(**held)
 
 
-def _read_blocks(file: io.FileIO, spec: RunSpec) -> Iterator[SolvedBlock]:
-    """The blocks from here on, as far as they are whole and follow each other."""
-    done = 0
+def _read_blocks(file: io.FileIO, spec: RunSpec, done: int = 0) -> Iterator[SolvedBlock]:
+    """Yield the blocks from here, and from frame `done`, on; stop at a damaged or misplaced one."""
     while True:
         head = file.read(_RECORD_HEADER.size)
         if len(head) < _RECORD_HEADER.size:
@@ -279,12 +292,12 @@ def _write_all(file: io.FileIO, data: bytes) -> None:
         view = view[file.write(view) or 0 :]
 
 
-def _make_write_error(path: Path, error: OSError) -> InputError:
-    return InputError(f"{path}: cannot be written ({error.strerror or error})")
+def _make_write_error(path: Path, error: OSError) -> OutputError:
+    return OutputError(f"{path}: cannot be written ({error.strerror or error})")
 
 
 def to_bytes(block: SolvedBlock) -> bytes:
-    """The bytes of a block."""
+    """Return the bytes of a block."""
     faults = json.dumps({str(k): text for k, text in block.skipped.items()}).encode()
     columns = [_cast_column(name, getattr(block.metrics, name)) for name in METRIC_NAMES]
     return b"".join(
@@ -300,7 +313,7 @@ def to_bytes(block: SolvedBlock) -> bytes:
 
 
 def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
-    """The block whose bytes `data` are."""
+    """Return the block of these bytes."""
     stream = io.BytesIO(data)
     start, count, length = _BLOCK_HEADER.unpack(stream.read(_BLOCK_HEADER.size))
     digests = tuple(stream.read(DIGEST_BYTES) for _ in range(count))

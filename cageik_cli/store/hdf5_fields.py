@@ -1,4 +1,4 @@
-"""What our HDF5 files have in common: how they are opened, their attributes, deflated weights."""
+"""Parts that the HDF5 files of cageik share: attributes, meshes, compressed weights."""
 
 import json
 import zlib
@@ -11,7 +11,7 @@ import numpy as np
 from cageik_cli.formats.base.hdf5 import read_array
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 from cageik_cli.util.outputs import DeferredErrorFile
 from cageik_cli.util.text import single_line, to_unicode
 from cageik_cli.util.threads import OrderedMap, count_processors
@@ -21,12 +21,12 @@ Record = TypeVar("Record")
 
 
 def create_hdf5(sink: DeferredErrorFile) -> h5py.File:
-    """An HDF5 file that holds neither times nor addresses: same input, same bytes."""
+    """Create an HDF5 file without times and addresses: the same input gives the same bytes."""
     return h5py.File(sink, "w", libver=("earliest", "v110"))
 
 
 def has_format(file: h5py.File, format_name: str) -> bool:
-    """Whether its attribute `format` is `format_name`, whatever else strangers may write there."""
+    """Return whether the attribute `format` is `format_name`; it may hold anything."""
     name = file.attrs.get("format")
     return isinstance(name, str) and name == format_name
 
@@ -39,27 +39,27 @@ def check_format(file: h5py.File, format_name: str, schema: int, description: st
     InputError
     """
     if not has_format(file, format_name):
-        raise InputError(f"is not {description}; name one")
+        raise FormatError(f"is not {description}; give one")
     found = file.attrs.get("schema")
     if not (isinstance(found, np.integer) and found == schema):
-        raise InputError(f"is of schema {found}, this program reads schema {schema}; make it again")
+        raise FormatError(f"has schema {found}, expected {schema}; write it again")
 
 
 def write_meshes(file: h5py.File, rest: TriMesh, cage: TriMesh) -> None:
-    """Write the rest pose and its cage where both kinds of file have them."""
+    """Write the rest pose and its cage, as results and bindings have them."""
     file["tris"] = cage.faces.astype(np.int32)
     file["cage/verts"], file["rest/verts"] = cage.vertices, rest.vertices
     file["rest/tris"] = rest.faces.astype(np.int32)
 
 
 def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
-    """The rest pose and its cage.
+    """Read the rest pose and its cage.
 
     Raises
     ------
     InputError
-        When they are missing or no meshes, the rest pose has no extent, or a vertex of the cage is
-        in no face.
+        When they are missing or not meshes, the rest pose has no extent, or a vertex of the cage
+        is in no face.
     """
     rest, cage = (
         TriMesh(
@@ -68,35 +68,35 @@ def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
         for vertices, faces in (("rest/verts", "rest/tris"), ("cage/verts", "tris"))
     )
     if rest.diagonal == 0:
-        raise InputError("`rest/verts` are all one point; make it again")
+        raise FormatError("`rest/verts` are all one point; write it again")
     lone = np.setdiff1d(np.arange(len(cage.vertices)), cage.faces)
     if len(lone):
-        raise InputError(f"`tris` have no face at vertex {lone[0]} of the cage; make it again")
+        raise FormatError(f"cage vertex {lone[0]} is in no face of `tris`; write it again")
     return rest, cage
 
 
 def read_version(file: h5py.File) -> str:
-    """Of the program that wrote the file, as it says."""
+    """Read the version of the program that wrote the file."""
     return to_unicode(str(file.attrs.get("version", "unknown")))
 
 
 def read_notes(file: h5py.File) -> tuple[str, ...]:
-    """What was changed or left out, one sentence each, on one line each."""
+    """Read what was changed or left out, one sentence each, on one line each."""
     return tuple(single_line(str(note)) for note in read_json_attr(file, "notes", list))
 
 
 def to_json(value: Any) -> str:
-    """The text of an attribute."""
+    """Return a value as the text of an attribute."""
     return json.dumps(value, sort_keys=True, allow_nan=False)
 
 
 def read_json_attr(file: h5py.File, name: str, expected_type: type) -> Any:
-    """The value of an attribute of JSON, all numbers finite.
+    """Read an attribute of JSON, whose numbers are all finite.
 
     Raises
     ------
     InputError
-        When it is missing, no JSON, or not of this kind.
+        When it is missing, not JSON, or not of this type.
     """
     text = file.attrs.get(name)
     try:
@@ -106,53 +106,56 @@ def read_json_attr(file: h5py.File, name: str, expected_type: type) -> Any:
             parse_int=_parse_finite_integer,
             parse_constant=_parse_finite,
         )
-        json.dumps(value, ensure_ascii=False).encode()  # what is no Unicode text fails here
+        json.dumps(value, ensure_ascii=False).encode()  # fails for invalid Unicode
     except ValueError:
         value = None
     if not isinstance(value, expected_type):
-        raise InputError(
-            f"attribute `{name}` is not a JSON {expected_type.__name__}; make it again"
+        raise FormatError(
+            f"attribute `{name}` is not a JSON {expected_type.__name__}; write it again"
         )
     return value
 
 
 def read_sources(file: h5py.File) -> dict[str, Any]:
-    """Name and digest of each file that went in."""
+    """Read name and digest of each file that was read."""
     sources: dict[str, Any] = read_json_attr(file, "sources", dict)
     if not all(isinstance(source, dict) for source in sources.values()):
-        raise InputError("attribute `sources` does not name files; make it again")
+        raise FormatError("attribute `sources` does not name files; write it again")
     return sources
 
 
 def read_text_attr(file: h5py.File, name: str) -> str | None:
-    """An attribute of plain text, None if it is not there.
+    """Read an attribute of plain text; None if it is missing.
 
     Raises
     ------
     InputError
-        When it is no text.
+        When it is not text.
     """
     text = file.attrs.get(name)
     if text is not None and not isinstance(text, str):
-        raise InputError(f"attribute `{name}` holds no text; make it again")
+        raise FormatError(f"attribute `{name}` is not text; write it again")
     return None if text is None else to_unicode(text)
 
 
 def read_quality(file: h5py.File, record_type: type[Record]) -> Record:
-    """The attribute `quality` as a record of numbers."""
+    """Read the attribute `quality` as a record of numbers."""
     figures = read_json_attr(file, "quality", dict)
     expected = {field.name for field in fields(record_type)}  # type: ignore[arg-type]
     numbers_only = all(isinstance(value, int | float) for value in figures.values())
     if set(figures) != expected or not numbers_only:
-        raise InputError(f"attribute `quality` is not {', '.join(sorted(expected))}")
+        raise FormatError(
+            f"attribute `quality` does not hold {', '.join(sorted(expected))}; write it again"
+        )
     return record_type(**figures)
 
 
 def write_deflated(file: h5py.File, name: str, matrix: Floats) -> None:
-    """Write a float64 matrix through HDF5's own filters, shuffle and deflate, by chunks of rows.
+    """Write a float64 matrix with HDF5's own filters, shuffle and deflate, by chunks of rows.
 
     The digits of weights do not repeat: Huffman codes alone make the file as small as deflate's
-    search for repetitions does, which HDF5 cannot be told to leave out, in under half the time.
+    search for repetitions does, in under half the time. HDF5 has no option to omit that search, so
+    chunks are compressed here.
     """
     rows = max(1, min(len(matrix), CHUNK_BYTES // matrix[0].nbytes))
     chunks = (rows, matrix.shape[1])

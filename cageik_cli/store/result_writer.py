@@ -1,4 +1,4 @@
-"""Result files, written beside their name and renamed when whole."""
+"""Write result files: beside their name, renamed when complete."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,7 +24,7 @@ MAX_STORED_ERROR = float(np.finfo(np.float32).max)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ResultHeader:
-    """What is known of a result before its first frame is solved.
+    """The part of a result that is known before its first frame is solved.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class ResultHeader:
     notes : tuple of str
     keep_weights : bool
     edited_from : str, optional
-        The name of the result that this is an edit of.
+        The name of the result that was edited.
     """
 
     binding: Binding
@@ -51,20 +51,20 @@ class ResultHeader:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunSummary:
-    """What is known of a result when its last frame is solved.
+    """The part of a result that is known after its last frame is solved.
 
     Attributes
     ----------
     sources : dict
     skipped : dict
-        By number in the clip, why a frame was.
+        By number in the clip, why a frame was skipped.
     vertex_rms : (m,) float64
         sqrt(mean |v̂ − v|²) of each vertex over the frames that were not skipped; nan for missing
         data.
     key_frames : (3,) int64
         Numbers of the worst, the median and the best frame, by rms.
     key_frame_errors : (3, m, 3) float64
-        Their v − v̂. A report draws them, and reads no frames.
+        Their v − v̂, which a report draws without reading frames.
     """
 
     sources: dict[str, Any]
@@ -75,7 +75,7 @@ class RunSummary:
 
 
 class ResultWriter:
-    """Appends blocks of cages and figures to an open file, in order."""
+    """Append blocks of cages and metrics to an open file, in order."""
 
     def __init__(self, file: h5py.File, sink: DeferredErrorFile, header: ResultHeader) -> None:
         self._file, self._sink = file, sink
@@ -101,7 +101,7 @@ class ResultWriter:
         file.attrs["complete"] = False
 
     def append(self, cages: Floats, metrics: FrameMetrics) -> None:
-        """Write the next k frames: cages (k, n, 3) and their figures, which are sound."""
+        """Write the next k frames: cages (k, n, 3) and their metrics, which are finite."""
         done = slice(self._frames_done, self._frames_done + len(cages))
         self._file["verts"][done] = cages
         for name in METRIC_NAMES:
@@ -110,13 +110,13 @@ class ResultWriter:
         self._frames_done = done.stop
 
     def complete(self, summary: RunSummary) -> None:
-        """Write the weights and what they rebuild, what was read and skipped; say it is all."""
+        """Write the weights, the key frames and the summary, and mark the file as complete."""
         if self._frames_done != self._frame_count:
             raise ValueError(f"{self._frames_done} of {self._frame_count} frames were appended")
         if self._weights is not None:
             write_deflated(self._file, "weights", self._weights)
             self._file.create_dataset("poses/frame", data=summary.key_frames, dtype="i8")
-            # Of the diagonal, they fit whatever the scene's units are.
+            # In diagonals, so that they fit single precision in any units.
             misses = np.clip(
                 summary.key_frame_errors / self._diagonal, -MAX_STORED_ERROR, MAX_STORED_ERROR
             )
@@ -132,9 +132,9 @@ class ResultWriter:
 def open_result_writer(
     path: Path, header: ResultHeader, overwrite: bool, temporary_path: Path | None = None
 ) -> Iterator[ResultWriter]:
-    """Write a result beside its name; it takes the name when the block ends without an error.
+    """Write a result beside its name, and rename it when the block ends without an error.
 
-    `temporary_path` is where it is until then, if no other run can have that name.
+    `temporary_path` names the file until then, if no other run can use that name.
     """
     with atomic_file(path, overwrite, temporary_path) as sink, create_hdf5(sink) as file:
         yield ResultWriter(file, sink, header)

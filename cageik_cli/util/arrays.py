@@ -1,4 +1,4 @@
-"""Memory that is used again, block after block."""
+"""Types of arrays, how many frames memory holds, and memory that is used again."""
 
 import math
 from typing import TypeVar
@@ -11,17 +11,26 @@ Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 
-class Workspace:
-    """Arrays that are used again block after block, so that memory is asked for once.
+def fit_frames(memory: int, vertex_count: int, arrays: int = 1, itemsize: int = 8) -> int:
+    """Return how many frames fit in `memory` bytes, at least one.
 
-    Fresh arrays of a block's size cost more in page faults than in arithmetic. One thread's own.
+    A frame takes `arrays` arrays (vertex_count, 3) of items of `itemsize` bytes.
+    """
+    return max(1, memory // (arrays * 3 * vertex_count * itemsize))
+
+
+class Workspace:
+    """Arrays that are used again for each block, so that memory is allocated once.
+
+    New arrays of a block's size cost more in page faults than in arithmetic. Each thread has its
+    own workspace.
     """
 
     def __init__(self) -> None:
         self._arrays: dict[str, Floats] = {}
 
     def array(self, name: str, *shape: int) -> Floats:
-        """The array of that name, of that shape, with anything in it."""
+        """Return the array of that name and shape; its content is arbitrary."""
         size = math.prod(shape)
         held = self._arrays.get(name)
         if held is None or held.size < size:
@@ -29,6 +38,6 @@ class Workspace:
         return held[:size].reshape(shape)
 
     def take_rows(self, name: str, source: Floats, indices: Integers) -> Floats:
-        """`source[chosen]` in the array of that name."""
+        """Return `source[indices]`, copied into the array of that name."""
         out = self.array(name, len(indices), source.shape[1])
         return np.take(source, indices, axis=0, out=out, mode="clip")

@@ -12,6 +12,15 @@ class CageikError(Exception):
     ----------
     kind : str
         What is at fault, in one word. Programs tell errors apart by it, not by their text.
+
+    Examples
+    --------
+    >>> from cageik_cli import CageikError, load_mesh
+    >>> try:
+    ...     load_mesh("nowhere.obj")
+    ... except CageikError as error:
+    ...     print(error)
+    nowhere.obj: cannot be read: No such file or directory
     """
 
     kind: ClassVar[str] = "error"
@@ -77,6 +86,12 @@ class MissingLibraryError(InputError):
     kind = "library"
 
 
+class ClusterError(InputError):
+    """A cluster does not answer, or its workers cannot do the work."""
+
+    kind = "cluster"
+
+
 class NumericalError(CageikError):
     """The numbers cannot be trusted, although the files are sound."""
 
@@ -109,7 +124,7 @@ def describe_error(error: BaseException) -> str:
         text = "out of memory; use a coarser cage, or a smaller --memory"
     else:
         text = (
-            f"a fault of cageik itself ({type(error).__name__}: {error}); "
+            f"internal error ({type(error).__name__}: {error}); "
             "please report it with the output of the same command with -vv"
         )
     return " ".join(text.split())
@@ -137,4 +152,6 @@ def require_optional(library: str, extra: str, purpose: str) -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise InputError(f"{purpose} needs {library}: pip install 'cageik[{extra}]'") from error
+        raise MissingLibraryError(
+            f"{purpose} needs {library}: pip install 'cageik[{extra}]'"
+        ) from error

@@ -1,16 +1,20 @@
-"""Outputs are written beside their names and take them when whole; nothing else is touched."""
+"""Outputs: written under a temporary name, and renamed when they are complete.
+
+A run that fails or is killed leaves what was there before.
+"""
 
 import io
 import os
 import secrets
 import shutil
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import OutputError
+from cageik_cli.util.locks import open_locked as open_locked
+from cageik_cli.util.locks import remove_locked as remove_locked
 
 
 def check_writable(path: Path, overwrite: bool) -> None:
@@ -18,27 +22,20 @@ def check_writable(path: Path, overwrite: bool) -> None:
 
     Raises
     ------
-    InputError
+    OutputError
         Naming the output and what to do.
     """
     if path.is_dir():
-        raise InputError(f"{path}: is a folder, expected the name of a file to write")
+        raise OutputError(f"{path}: is a folder, expected the name of a file to write")
     if path.exists() and not path.is_file():
-        raise InputError(f"{path}: is not a plain file, expected the name of a file to write")
+        raise OutputError(f"{path}: is not a plain file, expected the name of a file to write")
     if path.exists() and not overwrite:
-        raise InputError(
-            f"{path}: exists already; choose another name, or replace it with --overwrite"
-        )
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
+        raise _make_exists_error(path)
+    _check_parent_exists(path)
     partial = _unique_path(path)
-    try:
+    with _convert_os_errors(path):
         partial.touch(exist_ok=False)
         partial.unlink()
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be written ({error.strerror}); choose another folder"
-        ) from error
 
 
 def check_folder_writable(
@@ -49,65 +46,75 @@ def check_folder_writable(
     Parameters
     ----------
     path : Path
-        It is to hold what is written and nothing else.
+        It will hold the files that are written and no others.
     overwrite : bool
         Whether it may be replaced.
     is_output_name : callable
-        Whether a file of this name is one of those to be written; a folder that holds another is
-        not replaced in any case.
+        Whether a file of this name is one of those to write; a folder that holds any other file
+        is never replaced.
 
     Raises
     ------
-    InputError
+    OutputError
         Naming the folder and what to do.
     """
     place, here = path.resolve(), Path.cwd()
     if place == here or place in here.parents:
-        raise InputError(
-            f"{path}: is the folder of this command; name one for these files alone, such as frames"
+        raise OutputError(
+            f"{path}: is the current folder or one above it; name a new folder, such as frames"
         )
     if place.exists() and not place.is_dir():
-        raise InputError(f"{path}: is a file, expected the name of a folder to write")
+        raise OutputError(f"{path}: is a file, expected the name of a folder to write")
     with _convert_os_errors(path):
         entries = sorted(place.iterdir()) if place.exists() else []
     for entry in entries:
         if entry.is_symlink() or not entry.is_file() or not is_output_name(entry.name):
-            raise InputError(
+            raise OutputError(
                 f"{path}: holds {entry.name}, which is none of the files to be written; "
-                "choose a folder for these alone"
+                "choose a new or an empty folder"
             )
     if entries and not overwrite:
-        raise InputError(
-            f"{path}: exists already; choose another name, or replace it with --overwrite"
-        )
-    if not place.parent.is_dir():
-        raise InputError(f"{path}: the folder {path.parent} does not exist; create it first")
+        raise _make_exists_error(path)
+    _check_parent_exists(path)
     partial = _unique_path(place)
     with _convert_os_errors(path):
         partial.mkdir()
         partial.rmdir()
 
 
+def _make_exists_error(path: Path) -> OutputError:
+    return OutputError(
+        f"{path}: exists already; choose another name, or replace it with --overwrite"
+    )
+
+
+def _check_parent_exists(path: Path) -> None:
+    if not path.resolve().parent.is_dir():
+        raise OutputError(f"{path}: the folder {path.parent} does not exist; create it first")
+
+
 def make_folder(folder: Path) -> None:
-    """Make a folder, and those above it, if it is not there.
+    """Create a folder, and those above it, unless it exists.
 
     Raises
     ------
-    InputError
-        When it cannot be made.
+    OutputError
+        When it cannot be created.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror or error})") from error
+        raise OutputError(f"{folder}: cannot be created ({error.strerror or error})") from error
 
 
-def check_no_overlap(outputs: list[Path | None], inputs: list[Path | None]) -> None:
-    """Refuse an output that is an input, or another output, or a folder with one; `-` is neither.
+def check_no_overlap(outputs: Sequence[Path | None], inputs: Sequence[Path | None]) -> None:
+    """Refuse an output that is an input or another output, or a folder that holds one.
+
+    `-`, standard output, overlaps with nothing.
 
     Raises
     ------
-    InputError
+    OutputError
         Naming the file that would be lost.
     """
     taken = {path.resolve() for path in inputs if path is not None}
@@ -116,19 +123,21 @@ def check_no_overlap(outputs: list[Path | None], inputs: list[Path | None]) -> N
             continue
         place = path.resolve()
         if not taken.isdisjoint([place, *place.parents]):
-            raise InputError(f"{path}: is read or written by this command already; choose another")
+            raise OutputError(
+                f"{path}: is read or written by this command already; choose another name"
+            )
         if any(place in other.parents for other in taken):
-            raise InputError(
+            raise OutputError(
                 f"{path}: is a folder with files that this command reads or writes; choose another"
             )
         taken.add(place)
 
 
 class DeferredErrorFile(io.FileIO):
-    """A new binary file that keeps the first failure to itself until it is asked for.
+    """A new binary file whose write errors are raised later, by `raise_deferred_error`.
 
-    HDF5 does not survive a write that fails: it fails again while it cleans up, aloud, and may
-    crash. Here every write seems to succeed; `raise_deferred_error` raises what did not.
+    HDF5 does not survive a failed write: it fails again while it cleans up, prints messages, and
+    may crash. Here every write seems to succeed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -155,7 +164,7 @@ class DeferredErrorFile(io.FileIO):
             return size or 0
 
     def raise_deferred_error(self) -> None:
-        """Raise the OSError that a write met, if one did."""
+        """Raise the first OSError of a write, if there was one."""
         if self._failure is not None:
             raise self._failure
 
@@ -164,15 +173,15 @@ class DeferredErrorFile(io.FileIO):
 def atomic_file(
     path: Path, overwrite: bool, temporary_path: Path | None = None
 ) -> Iterator[DeferredErrorFile]:
-    """A file beside `path` that takes its name if the block ends without an error.
+    """Open a new file that is renamed to `path` if the block ends without an error.
 
-    It has a name of its own, or `temporary_path` when no other run can have that; what a killed
-    run left there is deleted.
+    Until then it has a unique name, or `temporary_path` when no other run can use that; what a
+    killed run left there is deleted.
 
     Raises
     ------
-    InputError
-        When it cannot be written, or another file has come to have the name meanwhile.
+    OutputError
+        When it cannot be written, or another run has written `path` meanwhile.
     """
     partial = temporary_path or _unique_path(path)
     with _convert_os_errors(path):
@@ -189,7 +198,7 @@ def atomic_file(
 
 @contextmanager
 def _flush_to_disk(file: DeferredErrorFile) -> Iterator[None]:
-    """Close the file when the block ends; its own first failure is raised before the block's."""
+    """Close the file when the block ends; its own first error is raised instead of the block's."""
     with file:
         try:
             yield
@@ -202,14 +211,14 @@ def _flush_to_disk(file: DeferredErrorFile) -> Iterator[None]:
 
 @contextmanager
 def atomic_path(path: Path, overwrite: bool) -> Iterator[Path]:
-    """A name beside `path`, of its suffix; what the block writes there takes the name of `path`.
+    """Yield a temporary name with the suffix of `path`; the file there is renamed to `path`.
 
-    For libraries that write files by name. What is there is removed if the block fails.
+    For libraries that write files by name. The file is deleted if the block fails.
 
     Raises
     ------
-    InputError
-        When it cannot be written, or another file has come to have the name meanwhile.
+    OutputError
+        When it cannot be written, or another run has written `path` meanwhile.
     """
     partial = path.with_name(f"{path.stem}.{secrets.token_hex(8)}.partial{path.suffix}")
     with _convert_os_errors(path):
@@ -225,12 +234,12 @@ def atomic_path(path: Path, overwrite: bool) -> Iterator[Path]:
 def atomic_folder(
     path: Path, overwrite: bool, is_output_name: Callable[[str], bool]
 ) -> Iterator[Path]:
-    """A folder beside `path` that takes its name if the block ends without an error.
+    """Create a folder that is renamed to `path` if the block ends without an error.
 
     Raises
     ------
-    InputError
-        When it cannot be written, or the folder of that name may not be replaced (any more).
+    OutputError
+        When it cannot be written, or the folder `path` may not be replaced (any more).
     """
     place = path.resolve()
     partial = _unique_path(place)
@@ -247,14 +256,14 @@ def atomic_folder(
 
 
 def _rename_into_place(path: Path, new: Path, overwrite: bool) -> None:
-    """Let the file `new` be called `path`."""
+    """Rename the file `new` to `path`."""
     if path.exists() and not overwrite:
-        raise InputError(f"{path}: another run has written it meanwhile; choose another")
+        raise OutputError(f"{path}: another run has written it meanwhile; choose another name")
     new.replace(path)
 
 
 def _replace_folder(place: Path, new: Path) -> None:
-    """Let `new` take the name of the folder `place`, if there is one, of nothing but files."""
+    """Rename the folder `new` to `place`; a folder of that name, which holds only files, goes."""
     if not place.exists():
         new.rename(place)
         return
@@ -277,30 +286,30 @@ def _fsync(path: Path) -> None:
 
 @contextmanager
 def _convert_os_errors(path: Path) -> Iterator[None]:
-    """Make of whatever the system refuses inside a sentence about the output `path`."""
+    """Turn errors of the system inside into one that names the output `path`."""
     try:
         yield
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
 def write_text(path: Path, text: str, overwrite: bool) -> None:
-    """Write a text file, whole or not at all.
+    """Write a text file, completely or not at all.
 
     Raises
     ------
-    InputError
+    OutputError
         When it exists and may not be replaced, or cannot be written.
     """
     write_bytes(path, text.encode(), overwrite)
 
 
 def write_bytes(path: Path, data: bytes, overwrite: bool) -> None:
-    """Write a file, whole or not at all.
+    """Write a file, completely or not at all.
 
     Raises
     ------
-    InputError
+    OutputError
         As `write_text` does.
     """
     check_writable(path, overwrite)
@@ -309,60 +318,5 @@ def write_bytes(path: Path, data: bytes, overwrite: bool) -> None:
 
 
 def _unique_path(path: Path) -> Path:
-    """A name beside `path` that no other run has, on whatever machine that shares the folder."""
+    """Return a name beside `path` that no other run has, on any machine that shares the folder."""
     return path.with_name(f"{path.name}.{secrets.token_hex(8)}.partial")
-
-
-if sys.platform == "win32":
-    import msvcrt
-
-    def _try_lock(file: io.FileIO) -> bool:
-        try:
-            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-        except PermissionError:
-            return False
-        return True
-
-else:
-    import fcntl
-
-    def _try_lock(file: io.FileIO) -> bool:
-        try:
-            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        return True
-
-
-def open_locked(path: Path) -> io.FileIO | None:
-    """Open a file to read and write, made if it is not there; None if another process has it.
-
-    It is this process's alone until it is closed. Raises OSError when it cannot be opened.
-    """
-    while True:
-        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0)
-        file = io.FileIO(os.open(path, flags, 0o666), "r+")
-        if not _try_lock(file):
-            file.close()
-            return None
-        # Who had it may have ended, and taken the name away, while it was opened here.
-        if _is_still_at(file, path):
-            return file
-        file.close()
-
-
-def remove_locked(path: Path, file: io.FileIO) -> None:
-    """Close the file of `open_locked`, and delete it if it still has its name."""
-    is_there = _is_still_at(file, path)
-    if sys.platform == "win32":
-        file.close()  # an open file cannot be deleted there
-    if is_there:
-        path.unlink()
-    file.close()
-
-
-def _is_still_at(file: io.FileIO, path: Path) -> bool:
-    try:
-        return os.path.samestat(os.fstat(file.fileno()), path.stat())
-    except FileNotFoundError:
-        return False

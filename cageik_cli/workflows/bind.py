@@ -1,4 +1,4 @@
-"""The weights of a run: computed, out of the cache, or out of a binding file."""
+"""The weights of a run: computed, from the cache, or from a binding file."""
 
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -9,25 +9,26 @@ import numpy as np
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.coordinates.binding import BindSettings
+from cageik_cli.formats.base.file_data import describe_source, read_bytes
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
-from cageik_cli.formats.mesh_file import LoadedMesh, describe_source, load_mesh, read_bytes
+from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.weight_cache import WeightCache
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
 
 
 @dataclass(frozen=True, slots=True)
 class WeightSettings:
-    """How the weights of a run come about.
+    """How the weights of a run are obtained.
 
     Attributes
     ----------
     bind : BindSettings
     cache : Path, optional
-        The folder of the cache; none is used if absent.
+        The folder of the weight cache; none is used if absent.
     jobs : int
         Threads.
     """
@@ -53,6 +54,14 @@ class BindRunSettings:
     output: Path
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
+
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        return [self.cage, self.rest]
+
+    def outputs(self) -> list[Path]:
+        """Return the file that is written."""
+        return [self.output]
 
 
 def bind_files(
@@ -84,9 +93,9 @@ def bind_files(
 def bind_cached(
     rest: LoadedMesh, cage: LoadedMesh, settings: WeightSettings, progress: ProgressListener
 ) -> StoredBinding:
-    """Bind a rest pose to a cage, or take the weights that the cache has of them.
+    """Bind a rest pose to a cage, or take their weights from the cache of weights.
 
-    What was changed when the cage was read is among the binding's notes.
+    The notes of the binding include what was changed when the cage mesh was read.
     """
     compute = partial(bind, rest.mesh, cage.mesh, settings.bind, settings.jobs, progress.update)
     if settings.cache is None:
@@ -100,12 +109,12 @@ def bind_cached(
 
 
 def load_matching_binding(path: Path, rest: LoadedMesh, cage: LoadedMesh | None) -> StoredBinding:
-    """The binding of a file that was made for this rest pose and, if one is given, this cage.
+    """Read a binding file, and check that it is of this rest pose and, if given, this cage.
 
     Raises
     ------
     InputError
-        When it was made for others, with what differs.
+        When it is of others, with what differs.
     """
     with error_context(path):
         source = describe_source(path, read_bytes(path))
@@ -126,32 +135,32 @@ def _check_same_mesh(path: Path, what: str, expected: TriMesh, given: TriMesh) -
     if difference:
         option = "--" + what.split()[0]
         leave = "leave --cage out, " if what == "cage" else ""
-        raise InputError(
-            f"{path}: was made for another {what}: {difference}; "
-            f"give that one with {option}, {leave}or bind this one"
+        raise SettingError(
+            f"{path}: is the binding of another {what} ({difference}); give that {what} with "
+            f"{option}, {leave}or bind this one"
         )
 
 
 def _describe_difference(expected: TriMesh, given: TriMesh) -> str:
-    """What first differs between two meshes, if anything does."""
+    """Say what differs first between two meshes; nothing if they are the same."""
     for noun, there, here in (
         ("vertices", len(expected.vertices), len(given.vertices)),
         ("triangles", len(expected.faces), len(given.faces)),
     ):
         if there != here:
-            return f"it has {there} {noun}, the one given {here}"
+            return f"found {here} {noun}, expected {there}"
     apart = np.linalg.norm(given.vertices - expected.vertices, axis=1)
     moved = np.flatnonzero(apart)
     if len(moved):
         return (
-            f"its vertex {moved[0]} is {apart[moved[0]]:.3g} from the one given "
-            f"({len(moved)} vertices differ, by {apart.max():.3g} at most)"
+            f"vertex {moved[0]} is {apart[moved[0]]:.3g} away from its place; vertices that "
+            f"differ: {len(moved)}, by {apart.max():.3g} at most"
         )
     turned = np.flatnonzero((given.faces != expected.faces).any(axis=1))
     if len(turned):
         joined = ["-".join(map(str, mesh.faces[turned[0]])) for mesh in (expected, given)]
         return (
-            f"its triangle {turned[0]} joins vertices {joined[0]}, the one given {joined[1]} "
-            f"({len(turned)} triangles differ)"
+            f"triangle {turned[0]} has vertices {joined[1]}, expected {joined[0]}; triangles that "
+            f"differ: {len(turned)}"
         )
     return ""

@@ -1,4 +1,4 @@
-"""The check of a cage: files in, a diagnosis, and its views as text and JSON."""
+"""The diagnosis of a cage and of the rest pose in it, as text and as JSON."""
 
 import json
 from dataclasses import asdict, dataclass, field
@@ -10,15 +10,18 @@ from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts, diagnose
 from cageik_cli.cages.findings import Finding
 from cageik_cli.formats.base.sequence import ClipSettings
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
-from cageik_cli.formats.open import open_clip_and_rest
+from cageik_cli.formats.open import list_input_files, open_clip_and_rest
 from cageik_cli.util.text import format_block
 
 SCHEMA_VERSION = 1
 
+SEVERITY_LABELS = {"usable": "warning"}
+"""Labels of findings whose severity reads badly as one."""
+
 
 @dataclass(frozen=True, slots=True)
 class CheckSettings:
-    """What to look at.
+    """What to check.
 
     Attributes
     ----------
@@ -26,13 +29,13 @@ class CheckSettings:
     frames : tuple of str
         Files, folders and globs, or one file that holds a clip; may be none.
     rest : Path, optional
-        The rest pose; a frame of the clip if absent, or none at all.
+        The rest pose; a frame of the clip if absent, or none without a clip.
     rest_frame : int
         Which frame then, from 0.
     jobs : int
         Threads.
     clip : ClipSettings
-        Which of the frames, and how they are to be taken.
+        Which of the frames to take, and how to read them.
     """
 
     cage: Path
@@ -42,10 +45,19 @@ class CheckSettings:
     jobs: int = 1
     clip: ClipSettings = field(default_factory=lambda: ClipSettings(allow_gaps=True))
 
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        rest = [] if self.rest is None else [self.rest]
+        return [self.cage, *rest, *list_input_files(list(self.frames))]
+
+    def outputs(self) -> list[Path]:
+        """Return the files that are written: none, a report is the command's own."""
+        return []
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckResult:
-    """What was looked at, and what was found."""
+    """The meshes that were checked, and their diagnosis."""
 
     cage: LoadedMesh
     rest: LoadedMesh | None
@@ -53,7 +65,7 @@ class CheckResult:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was changed in reading, one sentence each."""
+        """Return what was changed in reading, one sentence each."""
         loaded = [mesh for mesh in (self.cage, self.rest) if mesh is not None]
         return tuple(f"{mesh.source['name']}: {note}" for mesh in loaded for note in mesh.notes)
 
@@ -79,18 +91,21 @@ def check_cage(settings: CheckSettings) -> CheckResult:
 
 
 def format_check_text(result: CheckResult) -> str:
-    """The verdict, the facts, and what was found, the worst first."""
+    """Return the verdict, the facts and the findings, the worst first."""
     diagnosis = result.diagnosis
     rows = _cage_rows(diagnosis.cage)
     if result.rest is not None and diagnosis.rest is not None:
         rows += _rest_rows(result.rest.source["name"], diagnosis.rest)
-    rows += [(finding.severity, finding.sentence) for finding in diagnosis.findings]
+    rows += [
+        (SEVERITY_LABELS.get(finding.severity, finding.severity), finding.sentence)
+        for finding in diagnosis.findings
+    ]
     rows += [("note", note) for note in result.notes]
     return format_block(f"{result.cage.source['name']}: {diagnosis.verdict}", rows)
 
 
 def format_check_json(result: CheckResult) -> str:
-    """The whole record; a finding has all its numbers."""
+    """Return the whole record; a finding has all its numbers."""
     diagnosis = result.diagnosis
     record = {
         "schema": SCHEMA_VERSION,
@@ -135,9 +150,9 @@ def _rest_rows(name: str, facts: RestFacts) -> list[tuple[str, str]]:
     counts = f"{facts.vertices} vertices, {facts.faces} triangles, diagonal {facts.diagonal:.6g}"
     rows = [("rest pose", f"{name}: {counts}")]
     if facts.outside is None:
-        rows.append(("clearance", "not defined, the cage has no inside"))
+        rows.append(("clearance", "not defined (the cage does not enclose a volume)"))
     elif facts.outside:
-        rows.append(("clearance", f"none, {facts.outside} vertices are outside"))
+        rows.append(("clearance", f"none ({facts.outside} vertices are outside)"))
     else:
         rows.append(
             (
@@ -148,6 +163,6 @@ def _rest_rows(name: str, facts: RestFacts) -> list[tuple[str, str]]:
         )
     if facts.weakest_vertices:
         pairs = zip(facts.weakest_vertices, facts.weakest_weights, strict=True)
-        weakest = ", ".join(f"{vertex} ({weight:.3g})" for vertex, weight in pairs)
-        rows.append(("weakest", f"cage vertices {weakest} by their largest weights"))
+        weakest = ", ".join(f"{vertex} (largest weight {weight:.3g})" for vertex, weight in pairs)
+        rows.append(("influence", f"least influential cage vertices: {weakest}"))
     return rows

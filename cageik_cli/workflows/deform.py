@@ -6,18 +6,16 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding, BindSettings, reconstruct
 from cageik_cli.formats.base.connectivity import check_vertex_order
 from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, fit_frames
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
@@ -25,15 +23,15 @@ from cageik_cli.workflows.bind import WeightSettings, bind_cached
 from cageik_cli.workflows.export import report_skipped_frames
 
 MAX_BLOCK_FRAMES = 16
-"""Frames to a block at most, a few groups; nothing is gained from more."""
+"""Frames per block at most; more is not faster."""
 
 ARRAYS_PER_FRAME = 4
-"""Arrays (m, 3) that a frame has at once: of its group, of its block, as the writer has it."""
+"""Arrays (m, 3) per frame at once: in its group, in its block, in the writer."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeformSettings:
-    """What to deform by which cages, and where to write it.
+    """Which mesh to deform by which cages, and where to write it.
 
     Attributes
     ----------
@@ -44,15 +42,15 @@ class DeformSettings:
     coordinates, accuracy, outside : str, optional
         As in `BindSettings`; those of the result if absent.
     cages : str, optional
-        A clip of cages to take instead of the result's own.
+        A clip of cages to use instead of those of the result.
     clip : ClipSettings
-        How that clip is taken.
+        How that clip is read.
     scene : SceneHints
-        Time and space, where they are not to be the clip's or the result's.
+        Time and space, where they differ from those of the clip or the result.
     cache : Path, optional
-        The folder of the cache of weights; none is used if absent.
+        The folder of the weight cache; none is used if absent.
     memory : int
-        Bytes that the weights and blocks of frames may take.
+        Bytes for the weights and blocks of frames.
     jobs : int
         Threads.
     """
@@ -69,6 +67,16 @@ class DeformSettings:
     cache: Path | None = None
     memory: int = 1 << 30
     jobs: int = 1
+
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        mesh = [] if self.mesh is None else [self.mesh]
+        cages = [] if self.cages is None else list_input_files([self.cages])
+        return [self.result, *mesh, *cages]
+
+    def outputs(self) -> list[Path]:
+        """Return the file or folder that is written."""
+        return [self.output.target_path]
 
 
 def deform(settings: DeformSettings, progress: ProgressListener | None = None) -> ExportSummary:
@@ -108,18 +116,15 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
 
 
 def choose_block_size(memory: int, vertices: int) -> int:
-    """Frames to a block of whole groups, such that it takes no more than `memory` bytes.
-
-    One group at least.
-    """
-    groups = memory // (ARRAYS_PER_FRAME * 24 * vertices * FRAMES_PER_PRODUCT)
-    return FRAMES_PER_PRODUCT * int(np.clip(groups, 1, MAX_BLOCK_FRAMES // FRAMES_PER_PRODUCT))
+    """Return how many frames, in whole groups, fit into `memory` bytes; one group at least."""
+    groups = fit_frames(memory, vertices * FRAMES_PER_PRODUCT, ARRAYS_PER_FRAME)
+    return FRAMES_PER_PRODUCT * min(groups, MAX_BLOCK_FRAMES // FRAMES_PER_PRODUCT)
 
 
 def _open_cage_clip(
     settings: DeformSettings, result: Result, progress: ProgressListener
 ) -> MeshSequence | None:
-    """The cages that are not the result's own, of its connectivity."""
+    """Open the clip of cages, if one is given, which has the connectivity of the result's."""
     if settings.cages is None:
         return None
     clip = open_sequence([settings.cages], settings.clip, _make_rest_cage(result))
@@ -140,7 +145,7 @@ def _read_cage_blocks(clip: MeshSequence, size: int, jobs: int) -> Iterator[Floa
 def _load_or_compute_binding(
     settings: DeformSettings, mesh: LoadedMesh, result: Result, progress: ProgressListener
 ) -> Binding:
-    """What ties the mesh to the rest cage: the result's own weights where these are asked for."""
+    """Return the weights of the result if they fit the settings; else bind the mesh to the cage."""
     result_settings = _read_bind_settings(result)
     bind_settings = BindSettings(
         settings.coordinates or result_settings.coordinates,
@@ -175,6 +180,6 @@ def _make_rest_model(result: Result) -> LoadedMesh:
 
 
 def _make_object_name(mesh: Path | None) -> str:
-    """What formats may call the object: the mesh's name, as far as they all take it."""
+    """Return the name of the mesh in letters that all formats accept."""
     name = re.sub(r"[^A-Za-z0-9_]", "_", mesh.stem) if mesh is not None else "mesh"
     return f"_{name}" if name[0].isdigit() else name

@@ -1,4 +1,4 @@
-"""Handles on the cage animation of a result: a result again, with the edit added."""
+"""Edit the cage animation of a result by handles, and write the edited result."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.formats.base.clip_file import hash_file
+from cageik_cli.formats.base.file_data import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.posing.edits import (
     CageSkin,
@@ -31,7 +31,7 @@ from cageik_cli.store.result_writer import (
     open_result_writer,
 )
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap, check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import single_line, to_unicode
@@ -48,7 +48,7 @@ class EditSettings:
     result, handles, output : Path
     posing : PosingSettings
     memory : int
-        Bytes that the weights and blocks of frames may take.
+        Bytes for the weights and blocks of frames.
     overwrite : bool
     """
 
@@ -59,12 +59,20 @@ class EditSettings:
     memory: int = 1 << 30
     overwrite: bool = False
 
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        return [self.result, self.handles]
+
+    def outputs(self) -> list[Path]:
+        """Return the file that is written."""
+        return [self.output]
+
 
 def edit(settings: EditSettings, progress: ProgressListener | None = None) -> PoseResult:
-    """Lay the sets of a file of handles over the cage animation of a result, and write a result.
+    """Apply the layers of a handles file to the cage animation of a result, and write a result.
 
-    Frames that no set touches keep their cages bit for bit. The figures of the new result compare
-    it with the old one: they tell how far the mesh was moved.
+    Frames that no layer acts on keep their cages bit for bit. The metrics of the new result
+    compare it with the old one: they tell how far the mesh was moved.
 
     Raises
     ------
@@ -74,7 +82,7 @@ def edit(settings: EditSettings, progress: ProgressListener | None = None) -> Po
         When hard handles cannot all be met.
     """
     progress = progress or ProgressListener()
-    check_no_overlap([settings.output], [settings.result, settings.handles])
+    check_no_overlap([*settings.outputs()], [*settings.inputs()])
     check_writable(settings.output, settings.overwrite)
     check_hdf5_suffix(settings.output)
     with progress.stage("open"):
@@ -110,15 +118,15 @@ def edit(settings: EditSettings, progress: ProgressListener | None = None) -> Po
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _EditRun:
-    """An edit that goes on.
+    """An edit that is running.
 
     Attributes
     ----------
     result : Result
-        That is edited.
+        The one that is edited.
     handles : Path
-        The file whose handles are at fault when a frame cannot be edited.
-    target : Clip
+        The handles file, which messages name when a frame cannot be edited.
+    target : EditTarget
     layers : list of Layer
     statistics : PoseStatistics
     """
@@ -132,7 +140,7 @@ class _EditRun:
     def write_blocks(
         self, file: ResultWriter, size: int, progress: ProgressListener
     ) -> Iterator[SolvedBlock]:
-        """All frames in blocks of a size, each when it is written and its figures are taken."""
+        """Edit, measure and write all frames, and yield the blocks."""
         start = 0
         for cages in read_cages(self.result, size):
             with progress.stage("edit"):
@@ -144,7 +152,7 @@ class _EditRun:
             progress.update(start, len(self.result.frames))
 
     def edit_frame(self, frame: int) -> EditedFrames:
-        """One frame before and after."""
+        """Return one frame before and after."""
         return self._edit_frames(np.array([frame]), self.target.cage_at(frame)[None])
 
     def _edit_frames(self, frames: Integers, cages: Floats) -> EditedFrames:
@@ -152,7 +160,7 @@ class _EditRun:
             return edit_frames(self.layers, self.target, frames, cages)
 
     def _edit_block(self, cages: Floats, start: int) -> SolvedBlock:
-        """Frames from `start` on with all layers; those that were skipped stay gaps."""
+        """Apply all layers to the frames from `start` on; skipped frames stay gaps."""
         frames = start + np.arange(len(cages))
         known = ~np.isin(frames, list(self.result.skipped))
         block = self._edit_frames(frames[known], cages[known])
@@ -176,12 +184,12 @@ class _EditRun:
 
 
 def _build_target(result: Result) -> EditTarget:
-    """What a result's cages rebuild."""
+    """Make the edit target of a result, which needs its weights."""
     weights = read_weights(result)
     if weights is None:
-        raise InputError(
-            f"{result.path}: holds no weights, which handles on the mesh need; extract it again "
-            "without --no-weights"
+        raise SettingError(
+            f"{result.path}: has no weights, which handles need; extract it again without "
+            "--no-weights"
         )
     binding = Binding(result.rest, result.cage, weights)
 
@@ -222,7 +230,7 @@ def _build_header(settings: EditSettings, result: Result, binding: Binding) -> R
 
 
 def _collect_sources(settings: EditSettings, result: Result) -> dict[str, Any]:
-    """Those of the result, and what edited it."""
+    """Return the sources of the result, and the files of the edit."""
     files = {"result": settings.result, "handles": settings.handles}
     return result.sources | {
         role: {"name": to_unicode(path.name), "sha256": hash_file(path).hex()}

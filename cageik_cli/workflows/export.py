@@ -1,4 +1,4 @@
-"""From a result file to its cages in another format."""
+"""Export the cages of a result in another format."""
 
 from dataclasses import dataclass, field
 from functools import partial
@@ -9,11 +9,12 @@ from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd.skeleton import SkeletonWriter
 from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
-from cageik_cli.util.errors import InputError, join_truncated
+from cageik_cli.util.arrays import fit_frames
+from cageik_cli.util.errors import SettingError, join_truncated
 from cageik_cli.util.progress import ProgressListener
 
 MAX_BLOCK_BYTES = 1 << 26
-"""Most that a block of cages takes."""
+"""Bytes of a block of cages, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +26,11 @@ class ExportSettings:
     result : Path
     output : Output
     scene : SceneHints
-        Time and space, where they are not to be the result's.
+        Time and space, where they differ from those of the result.
     skeleton : bool
-        Write the rest pose with our weights as skin weights, moved by a joint a cage vertex.
+        Write the rest pose with the weights as skin weights, and one joint per cage vertex.
     max_influences : int, optional
-        How many joints may move a vertex at most.
+        Joints per vertex, at most.
     """
 
     result: Path
@@ -37,6 +38,14 @@ class ExportSettings:
     scene: SceneHints = field(default_factory=SceneHints)
     skeleton: bool = False
     max_influences: int | None = None
+
+    def inputs(self) -> list[Path]:
+        """Return the file that is read."""
+        return [self.result]
+
+    def outputs(self) -> list[Path]:
+        """Return the file or folder that is written."""
+        return [self.output.target_path]
 
 
 def export(settings: ExportSettings, progress: ProgressListener | None = None) -> ExportSummary:
@@ -57,7 +66,7 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
         name="cage",
     )
     report_skipped_frames(result, progress)
-    blocks = read_cages(result, max(1, MAX_BLOCK_BYTES // result.cage.vertices.nbytes))
+    blocks = read_cages(result, fit_frames(MAX_BLOCK_BYTES, len(result.cage.vertices)))
     if not settings.skeleton:
         return write_animation(settings.output, animation, blocks, progress)
     make_writer = _make_skeleton_factory(result, settings.max_influences)
@@ -65,18 +74,18 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
 
 
 def report_skipped_frames(result: Result, progress: ProgressListener) -> None:
-    """Say which frames were skipped, and what is written in their stead."""
+    """Note which frames were skipped, and what is written instead."""
     if result.skipped:
         names = join_truncated((result.frames[k] for k in result.skipped), 5)
         progress.note(
             "note",
             f"{len(result.skipped)} of {len(result.frames)} frames skipped ({names}); their "
-            "cages are put between those before and after, or are the nearest at either end",
+            "cages are interpolated, or the nearest at either end of the clip",
         )
 
 
 def check_export(settings: ExportSettings) -> None:
-    """Refuse, before any work, an export that cannot be.
+    """Refuse, before any work, an export that is impossible.
 
     Raises
     ------
@@ -85,19 +94,18 @@ def check_export(settings: ExportSettings) -> None:
     """
     path = settings.output.path
     if settings.skeleton and path.suffix.lower() not in SkeletonWriter.suffixes:
-        raise InputError(
-            f"{path}: `{path.suffix}` holds no skeleton here, expected "
-            f"{', '.join(SkeletonWriter.suffixes)}"
+        raise SettingError(
+            f"{path}: --skeleton works with USD only, expected {', '.join(SkeletonWriter.suffixes)}"
         )
     settings.output.check_writable()
 
 
 def _make_skeleton_factory(result: Result, max_influences: int | None) -> WriterFactory:
-    """What makes the writer of the result's skeleton."""
+    """Make the factory of the writer of the skeleton, which needs the weights."""
     weights = read_weights(result)
     if weights is None:
-        raise InputError(
-            f"{result.path}: holds no weights, which a skeleton needs; extract it again without "
+        raise SettingError(
+            f"{result.path}: has no weights, which a skeleton needs; extract it again without "
             "--no-weights"
         )
     return partial(SkeletonWriter, rest=result.rest, weights=weights, max_influences=max_influences)

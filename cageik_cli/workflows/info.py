@@ -1,4 +1,4 @@
-"""What a file holds, in a few lines: a result, a binding, a clip, or a mesh, maybe a sound cage."""
+"""Describe a file in a few lines: a result, a binding, a checkpoint, a clip or a mesh."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -7,9 +7,9 @@ import numpy as np
 
 from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.formats.base.file_names import file_suffix
-from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES as HDF5_SUFFIXES
+from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
-from cageik_cli.formats.mesh_file import MESH_SUFFIXES, load_mesh
+from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
@@ -23,7 +23,7 @@ from cageik_cli.util.text import format_block
 
 
 def describe_files(arguments: list[str], layout: str | None = None) -> str:
-    """Describe results, bindings, one mesh, or the clip that files, a folder or a glob name.
+    """Describe results, bindings, checkpoints, a mesh, or the clip that arguments name.
 
     `layout` is the order of an array's axes, as in `ClipSettings`.
 
@@ -39,7 +39,7 @@ def describe_files(arguments: list[str], layout: str | None = None) -> str:
         pages = [_describe_hdf5(path) for path in paths]
         if all(pages):
             return "\n\n".join(pages)
-    if len(paths) == 1 and paths[0].is_file() and file_suffix(paths[0]) in MESH_SUFFIXES:
+    if len(paths) == 1 and paths[0].is_file() and file_suffix(paths[0]) in mesh_suffixes():
         loaded = load_mesh(paths[0])
         rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
         return format_block(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
@@ -49,7 +49,7 @@ def describe_files(arguments: list[str], layout: str | None = None) -> str:
 
 
 def format_binding_rows(stored: StoredBinding) -> list[tuple[str, str]]:
-    """What a binding ties to what, and how well."""
+    """Return the rows on the meshes of a binding, its settings and its quality."""
     binding, quality = stored.binding, stored.binding.quality
     settings = asdict(binding.settings)
     return [
@@ -65,7 +65,7 @@ def format_binding_rows(stored: StoredBinding) -> list[tuple[str, str]]:
 
 
 def _describe_hdf5(path: Path) -> str:
-    """The page of a result or a binding, empty for other files."""
+    """Describe a result or a binding; empty for other files."""
     if is_result(path):
         return format_block(str(path), _result_rows(read_result(path)))
     if is_binding(path):
@@ -78,8 +78,8 @@ def _describe_hdf5(path: Path) -> str:
 def _checkpoint_rows(path: Path) -> list[tuple[str, str]]:
     done, count = checkpoint_progress(path)
     return [
-        ("holds", "what an interrupted run of cageik extract has left, or one that is running"),
-        ("frames", f"{done} of {count}; the same command with --resume goes on from there"),
+        ("holds", "the checkpoint of an interrupted or a running cageik extract"),
+        ("frames", f"{done} of {count}; rerun the command with --resume to continue"),
     ]
 
 
@@ -111,8 +111,8 @@ def _skipped_rows(result: Result) -> list[tuple[str, str]]:
 
 def _format_scene(scene: Scene) -> str:
     return (
-        f"{scene.fps:g} frames a second from frame {scene.start:g}, {scene.up_axis} up, "
-        f"{scene.metres_per_unit:g} m a unit"
+        f"{scene.fps:g} frames per second from frame {scene.start:g}, {scene.up_axis} up, "
+        f"{scene.metres_per_unit:g} m per unit"
     )
 
 

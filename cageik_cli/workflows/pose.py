@@ -1,4 +1,4 @@
-"""From a model in its cage and a file of handles to the pose that they mean."""
+"""Pose a model in its cage by the handles of a file."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -8,8 +8,8 @@ import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.file_names import file_suffix
-from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES as HDF5_SUFFIXES
-from cageik_cli.formats.mesh_file import MESH_SUFFIXES, check_mesh_output, load_mesh, write_mesh
+from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
+from cageik_cli.formats.mesh_file import check_mesh_output, load_mesh, mesh_suffixes, write_mesh
 from cageik_cli.formats.open import clip_suffixes
 from cageik_cli.formats.scene import Scene
 from cageik_cli.posing.edits import (
@@ -24,7 +24,7 @@ from cageik_cli.posing.edits import (
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.store.binding_file import read_binding
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
@@ -33,7 +33,7 @@ from cageik_cli.workflows.bind import WeightSettings, bind_cached
 
 @dataclass(frozen=True, slots=True)
 class PoseSettings:
-    """What to pose, and where to write it.
+    """Which model to pose, and where to write it.
 
     Attributes
     ----------
@@ -60,16 +60,24 @@ class PoseSettings:
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
 
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        return [self.target, self.handles, *([] if self.cage is None else [self.cage])]
+
+    def outputs(self) -> list[Path]:
+        """Return the files that are written."""
+        return [self.output, *([] if self.cage_output is None else [self.cage_output])]
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BoundModel:
-    """A model in its cage, and what their files say beside.
+    """A model in its cage.
 
     Attributes
     ----------
     binding : Binding
     text, cage_text : bytes
-        The OBJ files of the model and of the cage, as `Animation` has them.
+        The text of the OBJ files of the model and of the cage, as in `Animation`.
     """
 
     binding: Binding
@@ -112,7 +120,7 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
 
 
 def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: ProgressListener) -> None:
-    """Say what there is to know of how handles were taken."""
+    """Note how handles were understood."""
     for layer in layers:
         for note in layer.schedule.notes:
             progress.note("note", f"{handles.name}: {note}")
@@ -120,30 +128,28 @@ def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: Progres
 
 def _check_outputs(settings: PoseSettings) -> None:
     _check_target_kind(settings.target)
-    outputs = [settings.output, settings.cage_output]
-    check_no_overlap(outputs, [settings.target, settings.cage, settings.handles])
-    for path in outputs:
-        if path is not None:
-            check_mesh_output(path, settings.overwrite)
+    check_no_overlap([*settings.outputs()], [*settings.inputs()])
+    for path in settings.outputs():
+        check_mesh_output(path, settings.overwrite)
 
 
 def _check_target_kind(target: Path) -> None:
-    """Refuse frames whose cages are not known yet."""
-    of_models = {*MESH_SUFFIXES, *HDF5_SUFFIXES}
+    """Refuse an animation that was not extracted yet."""
+    of_models = {*mesh_suffixes(), *HDF5_SUFFIXES}
     if target.is_dir() or file_suffix(target) in {*clip_suffixes()} - of_models:
         what = "a folder" if target.is_dir() else f"a clip (`{file_suffix(target)}`)"
-        raise InputError(
+        raise FileAccessError(
             f"{target}: is {what}, expected a model, a binding or a result; to edit an animation, "
-            "extract its cages first (cageik extract) and pose that result"
+            "run cageik extract first and pose its result"
         )
 
 
 def _load_bound_model(settings: PoseSettings, progress: ProgressListener) -> _BoundModel:
-    """The weights of the binding file that was named, or of the model in the cage."""
+    """Read the binding file that is named, or bind the model to the cage."""
     if settings.target.suffix.lower() in HDF5_SUFFIXES:
         return _BoundModel(read_binding(settings.target).binding)
     if settings.cage is None:
-        raise InputError(f"{settings.target}: is a model without a cage; name one with --cage")
+        raise SettingError(f"{settings.target}: is a model without a cage; give one with --cage")
     rest, cage = load_mesh(settings.target), load_mesh(settings.cage)
     with error_context(settings.cage):
         binding = bind_cached(rest, cage, settings.weights, progress).binding
@@ -154,7 +160,7 @@ def _load_bound_model(settings: PoseSettings, progress: ProgressListener) -> _Bo
 
 
 def _write_outputs(settings: PoseSettings, model: _BoundModel, block: EditedFrames) -> None:
-    """Write the posed model, and the cage if it is asked for."""
+    """Write the posed model, and the posed cage if its path is set."""
     rest, cage, overwrite = model.binding.rest, model.binding.cage, settings.overwrite
     write_mesh(settings.output, rest, block.meshes_after[0], overwrite, model.text)
     if settings.cage_output is not None:

@@ -1,4 +1,4 @@
-"""A browser, and pages that are opened in it from disk."""
+"""A browser, and pages that it opens from disk."""
 
 import os
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ ARGUMENTS = [
 
 @dataclass
 class Opened:
-    """A page in the browser, what went wrong in it, and what it asked for beside itself."""
+    """A page in the browser, its errors, and its requests."""
 
     page: Any
     errors: list[str] = field(default_factory=list)
@@ -42,7 +42,7 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def opened(browser, tmp_path) -> Iterator[Callable[..., Opened]]:
-    """Open a page of this HTML; whatever test does so fails if it meets an error or fetches."""
+    """A function that opens a page; the test fails if the page has an error or fetches."""
     contexts, pages = [], []
 
     def start(html: str, **options: Any) -> Opened:

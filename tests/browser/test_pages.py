@@ -1,4 +1,4 @@
-"""The pages in Chromium, by mouse and by keyboard; every page that is opened must meet no error."""
+"""The pages in Chromium, by mouse and keyboard; no page may have an error."""
 
 from dataclasses import replace
 from decimal import Decimal
@@ -15,14 +15,14 @@ from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overvi
 from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import load_poses, render_pictures
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_inputs import ExtractSettings
-from tests.report.clips import five_hundred
+from cageik_cli.workflows.plan import ExtractSettings
+from tests.report.clips import make_500_clips
 from tests.report.hostile import NAMES, with_hostile_names
 
 pytestmark = pytest.mark.browser
 
 OPEN_IN = 2000
-"""Milliseconds in which an index of 500 clips is to be there."""
+"""Milliseconds in which an index of 500 clips must load."""
 
 WIDTHS = (360, 760, 1280, 1920)
 
@@ -40,7 +40,7 @@ def result(tmp_path_factory, animation, write_obj):
 
 @pytest.fixture(scope="session")
 def report(result):
-    """With a frame that was skipped, the last."""
+    """A report whose last frame was skipped."""
     report = build_report(result, Limits((Limit("rms", Decimal("0.001")),)))
     last = replace(with_hostile_names(report).frames[-1], name=report.frames[-1].name)
     return replace(report, frames=(*report.frames[:-1], replace(last, skipped="it was cut short")))
@@ -77,7 +77,7 @@ def _column(page, table, number, body="tbody:not(.fixed)"):
     return page.eval_on_selector_all(cells, "cells => cells.map(cell => cell.textContent.trim())")
 
 
-def _told(page):
+def _cursor_values(page):
     """The frame's name and the values beside the cursor."""
     lines = page.eval_on_selector_all(
         "#plot .tip span", "all => all.map(one => [...one.children].map(part => part.textContent))"
@@ -93,8 +93,8 @@ def _expected(frame):
     ]
 
 
-def _place_of(page, frame):
-    """Where a frame is in the figure, in pixels from the corner of the window."""
+def _frame_position(page, frame):
+    """Return the position of a frame in the plot, in pixels of the window."""
     page.locator("#plot").scroll_into_view_if_needed()
     box = page.locator("#plot").bounding_box()
     left, right, first, last = (
@@ -105,7 +105,7 @@ def _place_of(page, frame):
     return box["x"] + share * box["width"], box["y"] + box["height"] / 2
 
 
-def test_a_click_sorts_the_frames_and_another_turns_them_round(opened, html, report):
+def test_a_click_sorts_the_frames_and_another_reverses_them(opened, html, report):
     page = opened(html).page
     button = page.get_by_role("button", name="RMS, %", exact=True)
     button.click()
@@ -136,44 +136,44 @@ def test_the_keyboard_sorts_the_frames_by_name_as_numbers(opened, html, report):
 
 
 @pytest.mark.parametrize("frame", [0, 3, 17, 33])
-def test_the_cursor_tells_the_frame_that_the_mouse_is_over(opened, html, report, frame):
+def test_the_cursor_shows_the_frame_under_the_mouse(opened, html, report, frame):
     page = opened(html).page
-    page.mouse.move(*_place_of(page, frame))
-    assert _told(page) == _expected(report.frames[frame])
+    page.mouse.move(*_frame_position(page, frame))
+    assert _cursor_values(page) == _expected(report.frames[frame])
     assert format_percent(report.frames[frame].rms_percent) in page.text_content("#status")
     page.mouse.move(0, 0)
     assert page.locator("#plot .tip").is_hidden()
 
 
-def test_the_cursor_still_tells_the_right_frame_when_the_table_is_sorted(opened, html, report):
+def test_the_cursor_shows_the_right_frame_in_a_sorted_table(opened, html, report):
     page = opened(html).page
     page.get_by_role("button", name="Max deviation, %", exact=True).click()
-    page.mouse.move(*_place_of(page, 7))
-    assert _told(page) == _expected(report.frames[7])
+    page.mouse.move(*_frame_position(page, 7))
+    assert _cursor_values(page) == _expected(report.frames[7])
 
 
-def test_the_cursor_stands_where_the_figure_has_the_frame(opened, html):
+def test_the_cursor_is_at_the_frame_of_the_plot(opened, html):
     page = opened(html).page
-    page.mouse.move(*_place_of(page, 11))
+    page.mouse.move(*_frame_position(page, 11))
     box = page.locator("#plot .cursor").bounding_box()
-    assert abs(box["x"] + box["width"] / 2 - _place_of(page, 11)[0]) < 2
+    assert abs(box["x"] + box["width"] / 2 - _frame_position(page, 11)[0]) < 2
 
 
 def test_the_keyboard_moves_the_cursor(opened, html, report):
     page = opened(html).page
     page.locator("#plot").focus()
     worst, last = report.summary.worst_frame_index, len(report.frames) - 1
-    assert _told(page) == _expected(report.frames[worst])
+    assert _cursor_values(page) == _expected(report.frames[worst])
     steps = [("Home", 0), ("ArrowLeft", 0), ("ArrowRight", 1), ("PageUp", 11), ("PageDown", 1)]
     for key, frame in steps:
         page.keyboard.press(key)
-        assert _told(page) == _expected(report.frames[frame])
+        assert _cursor_values(page) == _expected(report.frames[frame])
         name = report.frames[frame].name
         assert page.text_content("#status").startswith(f"frame {frame}, {name}: rms, % ")
         assert page.get_attribute("#plot", "aria-valuenow") == str(frame)
         assert page.get_attribute("#plot", "aria-valuetext") == name
     page.keyboard.press("End")
-    assert _told(page) == (report.frames[last].name, [["skipped: it was cut short"]])
+    assert _cursor_values(page) == (report.frames[last].name, [["skipped: it was cut short"]])
 
 
 def test_an_open_model_and_one_without_pictures_work_too(opened, report):
@@ -188,8 +188,8 @@ def test_an_open_model_and_one_without_pictures_work_too(opened, report):
     page = opened(
         render_page(replace(report, frames=frames, summary=summary, clip=clip), None)
     ).page
-    page.mouse.move(*_place_of(page, 4))
-    assert _told(page)[1] == _expected(report.frames[4])[1][:2]
+    page.mouse.move(*_frame_position(page, 4))
+    assert _cursor_values(page)[1] == _expected(report.frames[4])[1][:2]
 
 
 def test_a_clip_of_one_frame_works(opened, report):
@@ -197,7 +197,7 @@ def test_a_clip_of_one_frame_works(opened, report):
     page = opened(render_page(replace(report, frames=frames, summary=summary), None)).page
     page.locator("#plot").focus()
     page.keyboard.press("ArrowRight")
-    assert _told(page) == _expected(report.frames[0])
+    assert _cursor_values(page) == _expected(report.frames[0])
 
 
 @pytest.mark.parametrize("kind", ["page", "index"])
@@ -218,7 +218,7 @@ def test_all_columns_of_an_index_are_in_the_window(opened, index):
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_why_a_clip_failed_is_in_the_window_wherever_the_table_is(opened, report, width):
+def test_the_reason_of_a_failure_stays_in_the_window(opened, report, width):
     fault = "/srv/walks/broken/mesh_0020.obj: line 5180: 1 coordinates; " + 20 * "export it again "
     entries = [build_clip_entry(report, page="clip.html"), ClipEntry("walks/broken", fault=fault)]
     page = opened(
@@ -231,7 +231,7 @@ def test_why_a_clip_failed_is_in_the_window_wherever_the_table_is(opened, report
     assert sentence["x"] + sentence["width"] <= window["x"] + window["width"]
 
 
-def test_headings_are_below_the_contents_when_jumped_to(opened, html):
+def test_links_to_sections_show_their_headings(opened, html):
     page = opened(html, reduced_motion="reduce").page
     for link in page.locator(".contents a").all():
         link.click()
@@ -241,7 +241,7 @@ def test_headings_are_below_the_contents_when_jumped_to(opened, html):
 
 
 @pytest.mark.parametrize("kind", ["page", "index"])
-def test_long_names_are_broken(opened, report, pictures, kind):
+def test_long_names_are_wrapped(opened, report, pictures, kind):
     long = 300 * "x"
     summary = replace(
         report.summary, worst_frame=long, max_deviation_frame=long, volume_change_frame=long
@@ -272,7 +272,7 @@ LUMINANCE = """element => {
 
 
 @pytest.mark.parametrize("kind", ["page", "index"])
-def test_dark_is_dark_and_paper_is_white(opened, html, index, kind):
+def test_dark_mode_is_dark_and_print_is_white(opened, html, index, kind):
     page = opened(html if kind == "page" else index, color_scheme="dark").page
     assert page.eval_on_selector("body", LUMINANCE) < 0.1
     page.emulate_media(media="print")
@@ -282,7 +282,7 @@ def test_dark_is_dark_and_paper_is_white(opened, html, index, kind):
     assert page.eval_on_selector("body", LUMINANCE) > 0.9
 
 
-def test_paper_has_every_frame_and_no_tools(opened, html):
+def test_print_has_every_frame_and_no_controls(opened, html):
     page = opened(html).page
     page.emulate_media(media="print")
     assert page.locator("nav").is_hidden()
@@ -300,7 +300,7 @@ def test_pictures_are_drawn(opened, html):
         page.wait_for_function("image => image.naturalWidth > 0", arg=image.element_handle())
 
 
-def test_a_pose_can_be_made_larger(opened, html):
+def test_a_pose_can_be_enlarged(opened, html):
     page = opened(html).page
     picture = page.locator(".pose img").nth(4)
     small = picture.bounding_box()["width"]
@@ -315,7 +315,7 @@ def test_a_pose_can_be_made_larger(opened, html):
 
 def test_hostile_names_do_nothing(opened, report, pictures):
     page = opened(render_page(with_hostile_names(report), pictures)).page
-    page.mouse.move(*_place_of(page, 1))
+    page.mouse.move(*_frame_position(page, 1))
     page.locator("#plot").focus()
     for _ in NAMES:
         page.keyboard.press("ArrowRight")
@@ -331,14 +331,14 @@ def test_hostile_names_do_nothing_among_clips(opened, report):
         render_index(build_overview([*entries, *(ClipEntry(n, fault=n) for n in NAMES)]))
     ).page
     page.get_by_role("button", name="Clip", exact=True).click()
-    page.get_by_label("Show names with").fill("<script>")
+    page.get_by_label("Filter by name").fill("<script>")
     hrefs = page.eval_on_selector_all("th a", "links => links.map(link => link.protocol)")
     assert set(hrefs) == {"file:"}
     assert page.evaluate("window.struck") is None
 
 
-def test_a_script_that_got_in_would_not_run(browser, tmp_path, html):
-    """The policy itself: the page is spoilt on purpose."""
+def test_an_injected_script_does_not_run(browser, tmp_path, html):
+    """Test of the policy: the page gets a script on purpose."""
     path = tmp_path / "spoilt.html"
     spoilt = "<script>window.struck = 1</script><img src='x' onerror='window.struck = 1'>"
     path.write_text(html.replace('<main id="main">', '<main id="main">' + spoilt))
@@ -364,13 +364,13 @@ def test_clips_are_sorted_and_failed_ones_stay_on_top(opened, index):
     assert page.text_content("#clips tbody tr th") == "walks/broken"
 
 
-def test_clips_are_found_by_parts_of_their_names(opened, index):
+def test_clips_are_filtered_by_parts_of_their_names(opened, index):
     page = opened(index).page
-    page.get_by_label("Show names with").fill("Shot_1 walks")
+    page.get_by_label("Filter by name").fill("Shot_1 walks")
     shown = page.locator("#clips tbody tr:visible th").all_text_contents()
     assert sorted(shown) == ["walks/shot_1", "walks/shot_10", "walks/shot_11"]
     assert page.text_content("#status") == "3 of 13 shown"
-    page.get_by_label("Show names with").fill("")
+    page.get_by_label("Filter by name").fill("")
     assert page.locator("#clips tbody tr:visible").count() == 13
 
 
@@ -384,11 +384,11 @@ def test_two_thousand_frames_can_be_sorted(opened, report, pictures):
     assert all(a >= b for a, b in pairwise(figures))
     page.locator("#plot").focus()
     page.keyboard.press("End")
-    assert _told(page)[0] == "take_1999.obj"
+    assert _cursor_values(page)[0] == "take_1999.obj"
 
 
-def test_five_hundred_clips_are_there_in_time(opened, report):
-    page = opened(render_index(build_overview(five_hundred(report)))).page
+def test_five_hundred_clips_load_in_time(opened, report):
+    page = opened(render_index(build_overview(make_500_clips(report)))).page
     taken = page.evaluate(
         "() => new Promise(done => requestAnimationFrame(() => setTimeout("
         "() => done(performance.getEntriesByType('navigation')[0].loadEventEnd))))"

@@ -62,7 +62,7 @@ def test_paths_are_from_the_files_folder():
             r"cageik\.toml: \[extract\] has no option alfa; did you mean alpha",
         ),
         ("[extract]\ngamma = 1\n", r"\[extract\] has no option gamma; expected some of accuracy"),
-        ('[extract]\noutput = "x.h5"\n', r"cageik\.toml: \[extract\] sets output, which is not of"),
+        ('[extract]\noutput = "x.h5"\n', r"cageik\.toml: \[extract\] sets output"),
         ('cage = "cage.obj"\n', r"cageik\.toml: cage is not a command; expected tables"),
         ('[clip."w*"]\nfps = 25\n', r'clip is not a command; .* or \[clips\."PATTERN"\]'),
         ('[extract]\nalpha = "a\\u0000"\n', "alpha = .* is not a value of --alpha"),

@@ -27,8 +27,8 @@ def test_the_figures_go_to_stderr_and_end_with_what_to_do_next(run, folder):
     assert rows["model"] == "18 vertices, 32 triangles"
     assert rows["cage"] == "8 vertices, 12 triangles"
     assert rows["settings"] == "coordinates harmonic, accuracy standard, outside refuse"
-    assert rows["weights"].startswith("rows sum to 1 within ")
-    assert rows["accuracy"].startswith("standard: 12 panels, mean row L1 error ")
+    assert rows["weights"].startswith("partition of unity error ")
+    assert rows["accuracy"].startswith("standard: estimated weight error ")
     assert "projected" not in rows
     assert "cache" not in rows
     assert rows["seconds"].startswith("open ")
@@ -59,7 +59,7 @@ def test_coordinates_in_closed_form_have_no_panels():
     from cageik_cli.workflows.info import format_binding_rows
 
     bound = StoredBinding(Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4)), {})
-    assert ("accuracy", "exact, in closed form") in format_binding_rows(bound)
+    assert ("accuracy", "exact (closed form)") in format_binding_rows(bound)
 
 
 def test_info_takes_a_binding_beside_a_result(run, folder):

@@ -43,7 +43,7 @@ def test_bad_inputs(run, fixtures_folder, tmp_path, monkeypatch, coarse_panels, 
     else:
         assert (outcome.out, len(outcome.err.splitlines())) == ("", 1)
         assert outcome.err.startswith("Error: ")
-        assert "a fault of cageik" not in outcome.err
+        assert "internal error" not in outcome.err
         assert "Traceback" not in outcome.err
         assert str(tmp_path) not in outcome.err
     assert after == before
@@ -83,7 +83,7 @@ FAILURES = {
     "memory": (MemoryError(), "out of memory; use a coarser cage, or a smaller --memory"),
     "unexpected": (
         ZeroDivisionError("by\nzero"),
-        "a fault of cageik itself (ZeroDivisionError: by zero); please report it with the output "
+        "internal error (ZeroDivisionError: by zero); please report it with the output "
         "of the same command with -vv",
     ),
 }
@@ -108,7 +108,7 @@ def test_a_traceback_is_shown_with_vv_alone(run, folder, failing, option, traced
     failing(ZeroDivisionError("by zero"))
     outcome = run(*TYPED, option)
     assert outcome.code == 1
-    assert outcome.err.splitlines()[-1].startswith("Error: a fault of cageik itself")
+    assert outcome.err.splitlines()[-1].startswith("Error: internal error")
     assert ("Traceback (most recent call last)" in outcome.err) is traced
     assert ("raise error" in outcome.err) is traced
 
@@ -183,7 +183,7 @@ def test_a_fault_in_a_file_whose_name_is_no_text_is_a_sentence(run_process, odd_
         outcome = run_process("-m", "cageik_cli", *words, cwd=odd_names)
         assert (outcome.code, outcome.out) == (1, "")
         assert outcome.err.startswith("Error: ")
-        assert "a fault of cageik" not in outcome.err
+        assert "internal error" not in outcome.err
         assert len(outcome.err.splitlines()) == 1
 
 

@@ -141,7 +141,7 @@ def test_polygons_are_noted(run, fixtures_folder):
     ("words", "says"),
     [
         (["nowhere"], "nowhere: no such file or folder"),
-        (["notes.txt"], "`.txt` is not a kind of clip"),
+        (["notes.txt"], "notes.txt: `.txt`"),
         (["empty.obj"], "empty.obj: the file is empty"),
         (["bad.h5"], "bad.h5: is not an HDF5 file"),
     ],

@@ -74,16 +74,16 @@ def test_the_same_input_gives_the_same_bytes(run, handles, clip):
         assert Path(first).read_bytes() == Path(f"again_{first}").read_bytes()
 
 
-@pytest.mark.parametrize(("module", "words"), [("posing_run", REST), ("editing", EDIT)])
+@pytest.mark.parametrize(("module", "words"), [("pose", REST), ("edit", EDIT)])
 def test_one_thread_multiplies(run, handles, clip, monkeypatch, module, words):
     """The last digits of a product depend on how many do."""
-    edited_block, counts = importlib.import_module(f"cageik_cli.{module}").edited_block, []
+    edit_frames, counts = importlib.import_module(f"cageik_cli.workflows.{module}").edit_frames, []
 
     def counted(*arguments):
         counts.extend(p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas")
-        return edited_block(*arguments)
+        return edit_frames(*arguments)
 
-    monkeypatch.setattr(f"cageik_cli.{module}.edited_block", counted)
+    monkeypatch.setattr(f"cageik_cli.workflows.{module}.edit_frames", counted)
     assert run(*words).code == 0
     assert counts
     assert set(counts) == {1}
@@ -301,8 +301,8 @@ def test_wrong_usage(run, handles, clip, words, told):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ((*REST[:-1], "posed.stl"), "posed.stl: `.stl` is not a kind of mesh written here"),
-        ((*REST, "--cage-out", "c.fbx"), "c.fbx: `.fbx` is not a kind of mesh written here"),
+        ((*REST[:-1], "posed.stl"), "posed.stl: `.stl`"),
+        ((*REST, "--cage-out", "c.fbx"), "c.fbx: `.fbx`"),
         ((*REST[:-1], "cage.obj"), "cage.obj: is read or written by this command already"),
         ((*REST, "--cage-out", "posed.obj"), "posed.obj: is read or written by this command"),
         ((*REST, "--json", "handles.json"), "handles.json: is read or written by this command"),

@@ -87,7 +87,7 @@ def test_frames_faces_and_digest(archive):
     np.testing.assert_array_equal(sequence.first.faces, MESH.faces)
     np.testing.assert_array_equal(frames_of(sequence, 3, 4), FRAMES)
     digest = hashlib.sha256(archive.path.read_bytes()).hexdigest()
-    assert sequence.source() == {"name": "clip.abc", "sha256": digest}
+    assert sequence.describe_source() == {"name": "clip.abc", "sha256": digest}
 
 
 def test_the_scene_is_what_the_times_say(archive):

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from cageik_cli.formats.mesh_file import check_mesh_output, write_mesh
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import OutputError
 from tests.shapes import ball
 
 MESH = ball(levels=1)
@@ -36,7 +36,7 @@ def test_the_text_of_an_obj_file_is_kept_in_one(tmp_path):
 
 @pytest.mark.parametrize("name", ["posed.npz", "posed.abc", "posed", "posed.fbx"])
 def test_files_that_hold_no_single_mesh_are_refused(tmp_path, name):
-    with pytest.raises(InputError, match=r"not a kind of mesh written here, expected .obj, .ply"):
+    with pytest.raises(OutputError, match=rf"{name}: .*expected \.obj, \.ply"):
         check_mesh_output(tmp_path / name, overwrite=False)
 
 
@@ -46,6 +46,6 @@ def test_what_is_there_is_kept(tmp_path):
         check_mesh_output,
         lambda path, overwrite: write_mesh(path, MESH, MOVED, overwrite),
     ):
-        with pytest.raises(InputError, match="exists already"):
+        with pytest.raises(OutputError, match="exists already"):
             refused(tmp_path / "posed.obj", overwrite=False)
     assert (tmp_path / "posed.obj").read_text() == "mine"

@@ -46,7 +46,7 @@ def test_frames_are_the_files_and_faces_the_rest_poses(opened):
     sequence = opened(mdd())
     assert sequence.names == tuple(f"clip.mdd[{k}]" for k in range(5))
     np.testing.assert_array_equal(sequence.first.faces, FACES)
-    np.testing.assert_array_equal(sequence.fanned.faces, FACES)
+    np.testing.assert_array_equal(sequence.fan_triangulated.faces, FACES)
     np.testing.assert_array_equal(frames_of(sequence), FRAMES)
     assert sequence.scene == SceneHints(fps=24.0, start=0.0)
     assert sequence.notes == ()

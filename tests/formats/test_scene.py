@@ -3,9 +3,6 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cli.options.clip import LAYOUTS, UP_AXES
-from cageik_cli.formats.base.sequence import LAYOUTS as KNOWN_LAYOUTS
-from cageik_cli.formats.scene import UP_AXES as KNOWN_AXES
 from cageik_cli.formats.scene import Scene, SceneHints, parse_scene_metadata
 from cageik_cli.util.errors import InputError
 
@@ -62,7 +59,3 @@ def test_hints_in_words():
     assert SceneHints(start=0).describe == "from frame 0"
     words = "23.976 frames a second, from frame 1, Z up, 0.01 m a unit"
     assert SceneHints(23.976, 1.0, "Z", 0.01).describe == words
-
-
-def test_the_commands_words_are_the_packages():
-    assert (LAYOUTS, UP_AXES) == (KNOWN_LAYOUTS, KNOWN_AXES)

@@ -118,7 +118,7 @@ def test_there_is_no_far_plane_and_a_near_one_that_is_very_near():
 @given(cameras, points)
 def test_a_point_is_on_the_ray_of_the_pixel_in_which_it_is_seen(camera, point):
     seen = camera.project(point)
-    ray = camera.rays(seen[None, :2])
+    ray = camera.cast_rays(seen[None, :2])
     away = point - ray.origins[0]
     along = away @ ray.directions[0]
     np.testing.assert_allclose(away, along * ray.directions[0], atol=1e-9)
@@ -129,7 +129,7 @@ def test_a_point_is_on_the_ray_of_the_pixel_in_which_it_is_seen(camera, point):
 
 @given(cameras, pixels)
 def test_rays_go_from_the_near_to_the_far_plane(camera, pixel):
-    ray = camera.rays(pixel[None])
+    ray = camera.cast_rays(pixel[None])
     assert np.linalg.norm(ray.directions[0]) == pytest.approx(1)
     start = camera.project(ray.origins[0])
     np.testing.assert_allclose(start, [*pixel, -1], atol=1e-6)  # rounded, and very near the eye
@@ -141,7 +141,7 @@ def test_rays_go_from_the_near_to_the_far_plane(camera, pixel):
 @given(cameras, points, pixels)
 def test_a_point_is_dragged_to_where_its_depth_is_unprojected(camera, point, pixel):
     """Project the point, move it in pixels, take it back at its own depth."""
-    dragged = camera.dragged(point[None], pixel[None])[0]
+    dragged = camera.move_to_pixels(point[None], pixel[None])[0]
     depth = camera.project(point)[2]
     clip = [2 * pixel[0] / WIDTH - 1, 1 - 2 * pixel[1] / HEIGHT, depth, 1.0]
     back = np.linalg.solve(camera.projection @ camera.view, clip)
@@ -153,7 +153,7 @@ def test_a_point_is_dragged_to_where_its_depth_is_unprojected(camera, point, pix
 @given(cameras, points, pixels)
 def test_a_point_is_dragged_across_and_not_in_depth(camera, point, pixel):
     """By its distance from the eye's plane and the size of a pixel there: no inverse."""
-    dragged = camera.dragged(point[None], pixel[None])[0]
+    dragged = camera.move_to_pixels(point[None], pixel[None])[0]
     np.testing.assert_allclose(camera.project(dragged)[:2], pixel, atol=1e-8)
     axes = camera.view[:3, :3]
     moved = axes @ (dragged - point)
@@ -168,7 +168,7 @@ def test_a_point_is_dragged_across_and_not_in_depth(camera, point, pixel):
 
 def test_what_is_dragged_nowhere_stays(camera):
     pixels = camera.project(POINTS)[:, :2]
-    np.testing.assert_allclose(camera.dragged(POINTS, pixels), POINTS, atol=1e-12)
+    np.testing.assert_allclose(camera.move_to_pixels(POINTS, pixels), POINTS, atol=1e-12)
 
 
 def test_points_of_any_shape_are_projected(camera):
@@ -249,8 +249,8 @@ def test_fields_of_view_that_see_nothing_are_refused(degrees):
     ("position", "up", "says"),
     [
         ([1.0, 2, 3], [0.0, 0, 1], "position and look_at are the same point"),
-        ([1.0, 2, 5], [0.0, 0, -4], "up is along the direction in which the camera looks"),
-        ([1.0, 2, 5], [0.0, 0, 0], "up is along the direction in which the camera looks"),
+        ([1.0, 2, 5], [0.0, 0, -4], "up is parallel"),
+        ([1.0, 2, 5], [0.0, 0, 0], "up is parallel"),
         ([np.nan, 2, 5], [0.0, 0, 1], "position and look_at are the same point"),
     ],
 )

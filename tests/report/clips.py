@@ -1,4 +1,4 @@
-"""Entries of an overview, made up."""
+"""Made-up entries of an overview."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from cageik_cli.report.record import Report
 
 
 def summary(rms_percent: float = 0.25, **others) -> ReportSummary:
-    """Figures of a clip whose diagonal is 2."""
+    """Metrics of a clip whose diagonal is 2."""
     figures = {
         "rms": rms_percent / 50, "rms_percent": rms_percent, "worst_frame": "f_7.obj",
         "worst_frame_index": 7, "worst_frame_rms": 0.006, "worst_frame_rms_percent": 0.3,
@@ -22,14 +22,14 @@ def summary(rms_percent: float = 0.25, **others) -> ReportSummary:
 
 
 def gate(passed: bool | None, **others) -> LimitCheck:
-    """One on the clip's rms, of 0.5 %."""
+    """A check of the clip's rms against 0.5 %."""
     found = {True: 0.25, False: 0.75, None: None}[passed]
     fields = {"metric": "rms", "unit": "%", "limit": 0.5, "found": found, "frame": "f_7.obj"}
     return LimitCheck(**fields | {"passed": passed} | others)
 
 
 def clip(name: str, *gates: LimitCheck, rms_percent: float = 0.25, notes=()) -> ClipEntry:
-    """One that was extracted."""
+    """An extracted clip."""
     figures = summary(rms_percent)
     counts = ClipRecord(frames=5, vertices=18, cage_vertices=8, diagonal=2.0, closed=True, fps=24.0)
     return ClipEntry(name, clip=counts, summary=figures, gates=gates, notes=tuple(notes))
@@ -56,8 +56,8 @@ HOSTILE = {
 }
 
 
-def five_hundred(report: Report) -> list[ClipEntry]:
-    """As many clips as one report, each with a curve of 120 frames."""
+def make_500_clips(report: Report) -> list[ClipEntry]:
+    """500 clips from one report, each with a curve of 120 points."""
     entry = build_clip_entry(report, page="clip.html")
     curve = replace(
         entry.curve,

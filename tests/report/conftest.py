@@ -1,4 +1,4 @@
-"""A result on disk, and the same numbers taken from it by plain h5py."""
+"""Results on disk, and the same numbers read from them by plain h5py."""
 
 import json
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from cageik_cli.report.record import build_report
 from cageik_cli.store.result import Result, read_result
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,13 +22,13 @@ class Case:
 
     result: Result
     frames: np.ndarray
-    rebuilt: np.ndarray
+    reconstruction: np.ndarray
     faces: np.ndarray
 
 
 @pytest.fixture(scope="session")
-def case_of(tmp_path_factory, animation, write_obj):
-    """Extract frames of the little model, all or some of its faces."""
+def make_case(tmp_path_factory, animation, write_obj):
+    """A function that extracts frames of the small model, with all or some of its faces."""
 
     def extracted(frames, faces):
         folder = tmp_path_factory.mktemp("case")
@@ -36,20 +36,20 @@ def case_of(tmp_path_factory, animation, write_obj):
         cage = write_obj(folder / "cage.obj", animation.cage.vertices, animation.cage.faces)
         result = extract(ExtractSettings((str(folder / "clip.npz"),), cage, folder / "cages.h5"))
         with h5py.File(result.path) as file:
-            rebuilt = file["weights"][:] @ file["verts"][:]
-        return Case(result, frames, rebuilt, faces)
+            reconstruction = file["weights"][:] @ file["verts"][:]
+        return Case(result, frames, reconstruction, faces)
 
     return extracted
 
 
 @pytest.fixture(scope="session")
-def closed(case_of, animation) -> Case:
-    return case_of(animation.frames, animation.rest.faces)
+def closed(make_case, animation) -> Case:
+    return make_case(animation.frames, animation.rest.faces)
 
 
 @pytest.fixture(scope="session")
-def opened(case_of, animation) -> Case:
-    return case_of(animation.frames, animation.rest.faces[2:])
+def opened(make_case, animation) -> Case:
+    return make_case(animation.frames, animation.rest.faces[2:])
 
 
 HANDLES = [
@@ -78,8 +78,8 @@ def _edited(result: Result) -> Result:
 
 
 @pytest.fixture(scope="session")
-def made(closed):
-    """A report of these errors, changes of volume and deviations; None is a skipped frame."""
+def make_report(closed):
+    """A function that makes a report of errors and volume changes; None is a skipped frame."""
     report = build_report(closed.result)
 
     def make(errors, changes=None, names="frame_{}", limits=()):

@@ -1,4 +1,4 @@
-"""What is drawn in a figure over the frames."""
+"""Lines and texts in the plot over the frames."""
 
 from xml.etree import ElementTree
 
@@ -6,7 +6,7 @@ from cageik_cli.report.plots.error_plot import draw_plot, render_plot_svg
 
 
 def lines(report, gid):
-    """The lines of this name, of the left axes first."""
+    """The lines with this gid, those of the left axes first."""
     axes = draw_plot(report).axes
     return [line for axis in axes for line in axis.lines if line.get_gid() == gid]
 

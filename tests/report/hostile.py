@@ -1,4 +1,4 @@
-"""Names that would be code if a page let them."""
+"""Names that contain code."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ NAMES = (
 
 
 def with_hostile_names(report):
-    """A report whose every text is one of these names."""
+    """Replace all texts of a report by these names."""
     names = [NAMES[k % len(NAMES)] for k in range(len(report.frames))]
     frames = [replace(frame, name=name) for frame, name in zip(report.frames, names, strict=True)]
     frames[-1] = replace(

@@ -1,4 +1,4 @@
-"""Pages as trees, and what is wrong with one."""
+"""Pages as trees, and checks of them."""
 
 import re
 from collections import Counter
@@ -79,8 +79,8 @@ class _Builder(HTMLParser):
         children.append(data)
 
 
-def parsed(html: str) -> Element:
-    """The tree of a page; every element in it is closed where it should be."""
+def parse_page(html: str) -> Element:
+    """Parse a page into a tree; every element must be closed correctly."""
     builder = _Builder()
     builder.feed(html)
     builder.close()
@@ -88,9 +88,9 @@ def parsed(html: str) -> Element:
     return builder.open[0]
 
 
-def faults_of(html: str) -> list[str]:
-    """What in a page keeps it from standing alone, or some reader from reading it."""
-    page = parsed(html)
+def find_faults(html: str) -> list[str]:
+    """List everything in a page that fetches, runs code, or is not accessible."""
+    page = parse_page(html)
     return [
         *_heading_faults(page),
         *_alternative_faults(page),

@@ -1,4 +1,4 @@
-"""What models and cages are multiplied by, to be as odd as any that are drawn."""
+"""Factors that make models and cages degenerate."""
 
 import numpy as np
 

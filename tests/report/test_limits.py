@@ -1,4 +1,4 @@
-"""What is judged is what is printed; and what an earlier run allows."""
+"""Metrics are compared as printed, with typed limits and with a baseline."""
 
 import json
 from dataclasses import asdict
@@ -37,7 +37,7 @@ FRAMES = {"rms": "f_7.obj", "frame_rms": "f_7.obj", "max_deviation": "f_8.obj",
           "volume_change": "f_9.obj"}  # fmt: skip
 
 
-def gate_on(figures: ReportSummary, metric: str, most: str, unit: str = PERCENT):
+def check_one(figures: ReportSummary, metric: str, most: str, unit: str = PERCENT):
     (found,) = check_limits("a", figures, Limits((Limit(metric, Decimal(most), unit),)))
     return found
 
@@ -48,8 +48,8 @@ def test_the_command_knows_the_metrics():
 
 @pytest.mark.parametrize(("metric", "unit"), FIELDS)
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_figure_is_judged_as_printed(metric, unit, sign):
-    """0.123456 and 0.1234449 are printed as they are not; a change has its size judged."""
+def test_a_metric_is_compared_as_printed(metric, unit, sign):
+    """Values are compared after rounding as printed, changes without their sign."""
     name = FIELDS[metric, unit]
     sign = sign if metric == "volume_change" else 1
     printed = "0.1235" if unit == PERCENT else "0.123457"
@@ -63,43 +63,43 @@ def test_a_figure_is_judged_as_printed(metric, unit, sign):
             (printed + "0000001", True),
             (str(Decimal(printed) - Decimal("1e-12")), False),
         ):
-            gate = gate_on(figures, metric, most, unit)
+            gate = check_one(figures, metric, most, unit)
             assert gate.passed is passes
             assert (gate.found, gate.limit) == (float(printed), float(most))
             assert (gate.metric, gate.unit, gate.frame) == (metric, unit, FRAMES[metric])
             assert gate.baseline is None
 
 
-def test_a_limit_of_zero_is_kept_by_what_is_printed_as_zero():
-    assert gate_on(summary(0.00004), "rms", "0").passed is True
-    assert gate_on(summary(0.00006), "rms", "0").passed is False
+def test_a_limit_of_zero_accepts_values_printed_as_zero():
+    assert check_one(summary(0.00004), "rms", "0").passed is True
+    assert check_one(summary(0.00006), "rms", "0").passed is False
 
 
-def test_a_figure_that_is_not_defined_is_not_judged():
+def test_a_metric_that_is_not_defined_is_not_checked():
     opened = summary(volume_change_percent_max=None, volume_change_frame=None)
-    gate = gate_on(opened, "volume_change", "2")
+    gate = check_one(opened, "volume_change", "2")
     assert (gate.found, gate.frame, gate.passed) == (None, None, None)
     assert format_check_row(gate, EXTRACTION_VOCABULARY) == (
-        "not judged",
+        "not checked",
         "volume change not defined, limit 2 %",
     )
 
 
-def test_lines_name_metric_found_limit_and_frame():
-    assert format_check_row(gate_on(summary(0.25), "rms", "0.5"), EXTRACTION_VOCABULARY) == (
+def test_lines_name_metric_value_limit_and_frame():
+    assert format_check_row(check_one(summary(0.25), "rms", "0.5"), EXTRACTION_VOCABULARY) == (
         "within limit", "rms 0.2500 %, limit 0.5 %, worst frame f_7.obj",
     )  # fmt: skip
-    over = gate_on(summary(), "max_deviation", "0.0199", UNITS)
+    over = check_one(summary(), "max_deviation", "0.0199", UNITS)
     assert format_check_row(over, EXTRACTION_VOCABULARY) == (
         "over limit", "max deviation 0.02 units, limit 0.0199 units, at f_8.obj",
     )  # fmt: skip
-    limits = Limits((), baseline({"a": figures_of(summary(0.2))}, "10"))
+    limits = Limits((), baseline({"a": percent_metrics(summary(0.2))}, "10"))
     assert format_check_row(check_limits("a", summary(0.25), limits)[0], EXTRACTION_VOCABULARY) == (
         "over limit", "rms 0.2500 %, limit 0.2200 % (baseline 0.2000 %), worst frame f_7.obj",
     )  # fmt: skip
 
 
-def figures_of(figures: ReportSummary) -> dict[str, float | None]:
+def percent_metrics(figures: ReportSummary) -> dict[str, float | None]:
     change = figures.volume_change_percent_max
     return {
         "rms": figures.rms_percent,
@@ -115,10 +115,10 @@ def baseline(figures, regression) -> Baseline:
 
 @pytest.mark.parametrize("regression", ["0", "0.01", "10", "1e300"])
 @pytest.mark.parametrize("value", [0.0, 0.00004, 0.12345, 0.12355, 2 / 3, 99.99995, 1e9, 1e300])
-def test_what_has_not_changed_passes(value, regression):
-    """Also the other way a float of the same print lies."""
+def test_unchanged_metrics_pass(value, regression):
+    """Also when the float is above the printed value."""
     figures = summary(value)
-    limits = Limits((), baseline({"a": figures_of(figures)}, regression))
+    limits = Limits((), baseline({"a": percent_metrics(figures)}, regression))
     found = check_limits("a", figures, limits)
     assert [gate.metric for gate in found] == list(gates.METRICS)
     assert all(gate.passed for gate in found)
@@ -139,7 +139,7 @@ def test_what_has_not_changed_passes(value, regression):
     ],
 )
 def test_the_limit_of_a_baseline_is_rounded_down(old, regression, most):
-    limits = Limits((), baseline({"a": figures_of(summary(old))}, regression))
+    limits = Limits((), baseline({"a": percent_metrics(summary(old))}, regression))
     for value, passes in ((Decimal(most), True), (Decimal(most) + Decimal("0.0001"), False)):
         gate = check_limits("a", summary(float(value)), limits)[0]
         assert (gate.limit, gate.passed) == (float(most), passes)
@@ -147,16 +147,18 @@ def test_the_limit_of_a_baseline_is_rounded_down(old, regression, most):
 
 @pytest.mark.parametrize("metric", gates.METRICS)
 def test_every_metric_is_compared(metric):
-    old = figures_of(summary())
+    old = percent_metrics(summary())
     limits = Limits((), baseline({"a": {**old, metric: old[metric] / 2}}, "10"))
     over = [gate.metric for gate in check_limits("a", summary(), limits) if not gate.passed]
     assert over == [metric]
 
 
-def test_one_result_is_compared_with_one_whatever_it_is_called():
-    one = Limits((), baseline({"a": figures_of(summary())}, "0"))
-    two = Limits((), baseline({"a": figures_of(summary()), "b": figures_of(summary())}, "0"))
-    says = ("not compared with old.json, which has no result of this name",)
+def test_a_baseline_of_one_result_matches_any_name():
+    one = Limits((), baseline({"a": percent_metrics(summary())}, "0"))
+    two = Limits(
+        (), baseline({"a": percent_metrics(summary()), "b": percent_metrics(summary())}, "0")
+    )
+    says = ("not compared with the baseline: old.json has no result named c",)
     for limits, name, count in (
         (one, "a", 4), (one, "c", 4), (one.match_by_name(), "a", 4), (one.match_by_name(), "c", 0),
         (two, "b", 4), (two, "c", 0),
@@ -167,17 +169,17 @@ def test_one_result_is_compared_with_one_whatever_it_is_called():
     assert missing_in_baseline("a", summary(), Limits()) == ()
 
 
-def test_a_volume_that_only_one_run_has_is_not_judged():
+def test_a_volume_that_only_one_run_has_is_not_checked():
     opened = summary(volume_change_percent_max=None, volume_change_frame=None)
-    now_open = Limits((), baseline({"a": figures_of(summary())}, "10"))
+    now_open = Limits((), baseline({"a": percent_metrics(summary())}, "10"))
     gate = check_limits("a", opened, now_open)[-1]
     assert (gate.metric, gate.found, gate.passed) == ("volume_change", None, None)
-    now_closed = Limits((), baseline({"a": figures_of(opened)}, "10"))
+    now_closed = Limits((), baseline({"a": percent_metrics(opened)}, "10"))
     assert [gate.metric for gate in check_limits("a", summary(), now_closed)] == list(
         gates.METRICS[:3]
     )
     assert missing_in_baseline("a", summary(), now_closed) == (
-        "volume change not compared: not defined in old.json",
+        "volume change not compared with the baseline: not defined in old.json",
     )
     assert missing_in_baseline("a", opened, now_closed) == ()
 
@@ -186,7 +188,7 @@ def test_typed_limits_come_first(closed):
     figures = build_report(closed.result).summary
     limits = Limits(
         (Limit("rms", Decimal(format_length(figures.rms)), UNITS),),
-        baseline({"other": figures_of(figures)}, "0"),
+        baseline({"other": percent_metrics(figures)}, "0"),
     )
     report = build_report(closed.result, limits)
     assert [gate.baseline is None for gate in report.gates] == [True, False, False, False, False]

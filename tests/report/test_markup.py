@@ -1,8 +1,8 @@
-"""The checks of pages find what they are for."""
+"""The checks of pages find the faults that they are for."""
 
 import pytest
 
-from tests.report.markup import faults_of
+from tests.report.markup import find_faults
 
 BROKEN = {
     "<h1>a</h1><h3>b</h3>": "h3 after h1",
@@ -27,10 +27,10 @@ BROKEN = {
 
 
 @pytest.mark.parametrize(("html", "fault"), BROKEN.items(), ids=BROKEN.values())
-def test_the_checker_finds(html, fault):
-    assert faults_of(html) == [fault]
+def test_the_page_check_finds_faults(html, fault):
+    assert find_faults(html) == [fault]
 
 
 def test_an_element_left_open_is_found():
     with pytest.raises(AssertionError):
-        faults_of("<h1>a</h1><p>b")
+        find_faults("<h1>a</h1><p>b")

@@ -39,8 +39,8 @@ def test_the_exit_code(entries, code):
     assert build_overview(entries[::-1]).exit_code == code
 
 
-def curve_of(report, rms, other, worst):
-    """The curve of a report whose frames have these figures; None is a frame that was skipped."""
+def build_curve(report, rms, other, worst):
+    """Build the curve of a report whose frames have these metrics; None is a skipped frame."""
     frame = report.frames[0]
     frames = tuple(
         replace(frame, rms_percent=a, volume_change=b, max_deviation_percent=b)
@@ -56,12 +56,12 @@ def report(request):
 
 
 def test_a_curve_of_one_frame(report):
-    curve = curve_of(report, [0.5], [-1.0], 0)
+    curve = build_curve(report, [0.5], [-1.0], 0)
     assert (curve.rms_percent, curve.other, curve.worst) == ((0.5,), (-1.0,), 0)
 
 
-def test_a_few_frames_are_all_there_and_gaps_stay(report):
-    curve = curve_of(report, [0.5, None, 0.25, 1.0], [-1.0, None, 2.0, None], 3)
+def test_short_clips_keep_all_frames_and_gaps(report):
+    curve = build_curve(report, [0.5, None, 0.25, 1.0], [-1.0, None, 2.0, None], 3)
     assert curve.rms_percent == (0.5, None, 0.25, 1.0)
     assert curve.other == (-1.0, None, 2.0, None)
     assert curve.worst == 3
@@ -69,11 +69,11 @@ def test_a_few_frames_are_all_there_and_gaps_stay(report):
 
 @pytest.mark.parametrize("count", [120, 121, 239, 240, 1000])
 def test_a_span_has_the_largest_of_its_frames(report, count):
-    """Each frame is in one span, in order, and sizes differ by one at most."""
+    """Each frame is in one span, in order, and sizes of spans differ by at most one."""
     rms = [float((37 * k) % count) for k in range(count)]
     other = [value if k % 2 else -value for k, value in enumerate(rms)]
     worst = rms.index(max(rms))
-    curve = curve_of(report, rms, other, worst)
+    curve = build_curve(report, rms, other, worst)
     assert len(curve.rms_percent) == len(curve.other) == 120
     long, size = count % 120, count // 120
     start = 0
@@ -87,15 +87,15 @@ def test_a_span_has_the_largest_of_its_frames(report, count):
 
 
 def test_a_span_of_gaps_is_a_gap(report):
-    """Of 240 frames in spans of two: all of the second span, half of the third."""
+    """240 frames in spans of two: all of the second span is skipped, and half of the third."""
     rms = [1.0] * 240
     rms[2] = rms[3] = rms[4] = None
-    curve = curve_of(report, rms, rms, 0)
+    curve = build_curve(report, rms, rms, 0)
     assert curve.rms_percent[:4] == (1.0, None, 1.0, 1.0)
     assert curve.other[:4] == (1.0, None, 1.0, 1.0)
 
 
-def test_the_other_curve_is_the_volumes_of_a_closed_model(closed, opened):
+def test_the_other_curve_of_a_closed_model_is_its_volume_change(closed, opened):
     frames = build_report(closed.result).frames
     assert build_clip_entry(build_report(closed.result)).curve.other == tuple(
         f.volume_change for f in frames
@@ -106,7 +106,7 @@ def test_the_other_curve_is_the_volumes_of_a_closed_model(closed, opened):
     )
 
 
-def test_an_entry_is_what_its_report_says(closed):
+def test_an_entry_has_the_values_of_its_report(closed):
     report = build_report(closed.result, name="walk/run")
     entry = build_clip_entry(report, "walk/run.h5", "walk/run.html")
     assert (entry.name, entry.result, entry.page) == ("walk/run", "walk/run.h5", "walk/run.html")
@@ -127,7 +127,7 @@ def test_json_is_the_whole_record(closed):
     assert record["clips"][1]["gates"][0]["passed"] is False
 
 
-def test_csv_is_a_line_a_clip():
+def test_csv_has_one_line_per_clip():
     both = clip("x,y\n", gate(False), gate(False, metric="frame_rms"), gate(False))
     rows = list(
         csv.DictReader(io.StringIO(format_overview_csv(build_overview([WELL, both, FAILED]))))

@@ -1,4 +1,4 @@
-"""Every figure of a report, computed again from the frames and the result by hand."""
+"""Every metric of a report, computed again from the frames and the result."""
 
 import dataclasses
 
@@ -24,19 +24,19 @@ def column(report, name):
     return np.array([getattr(frame, name) for frame in report.frames])
 
 
-def test_figures_of_each_frame(closed, report):
-    misses = np.linalg.norm(closed.rebuilt - closed.frames, axis=2)
+def test_metrics_of_each_frame(closed, report):
+    misses = np.linalg.norm(closed.reconstruction - closed.frames, axis=2)
     diagonal = np.linalg.norm(np.ptp(closed.frames[0], axis=0))
     volume = volumes(closed.frames, closed.faces)
-    rebuilt = volumes(closed.rebuilt, closed.faces)
+    reconstruction = volumes(closed.reconstruction, closed.faces)
     expected = {
         "rms": np.sqrt((misses**2).sum(axis=1) / 18),
         "rms_percent": 100 * np.sqrt((misses**2).mean(axis=1)) / diagonal,
         "max_deviation": misses.max(axis=1),
         "max_deviation_percent": 100 * misses.max(axis=1) / diagonal,
         "volume": volume,
-        "volume_reconstructed": rebuilt,
-        "volume_change": 100 * (rebuilt - volume) / volume,
+        "volume_reconstructed": reconstruction,
+        "volume_change": 100 * (reconstruction - volume) / volume,
         "volume_drift": 100 * (volume - volume[0]) / volume[0],
     }
     for name, values in expected.items():
@@ -48,7 +48,7 @@ def test_figures_of_each_frame(closed, report):
 
 
 def test_the_summary(closed, report):
-    squares = ((closed.rebuilt - closed.frames) ** 2).sum(axis=2)
+    squares = ((closed.reconstruction - closed.frames) ** 2).sum(axis=2)
     diagonal = np.linalg.norm(np.ptp(closed.frames[0], axis=0))
     rms = np.sqrt(squares.mean())
     means = closed.frames.mean(axis=1, keepdims=True)
@@ -120,9 +120,9 @@ def test_an_open_model_has_no_volumes_and_a_note(opened, closed):
     assert summary.rms == pytest.approx(build_report(closed.result).summary.rms, rel=RTOL)
 
 
-def test_a_model_that_is_one_point_in_a_frame_has_figures_all_the_same(case_of, animation):
+def test_a_frame_of_one_point_has_metrics(make_case, animation):
     frames = np.array([animation.frames[0], np.zeros((18, 3))])
-    report = build_report(case_of(frames, animation.rest.faces).result)
+    report = build_report(make_case(frames, animation.rest.faces).result)
     assert report.frames[1].volume == 0
     assert report.frames[1].volume_change is None
     assert report.frames[1].volume_drift == pytest.approx(-100)

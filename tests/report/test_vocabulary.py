@@ -1,4 +1,4 @@
-"""The views of an edited result: how far it was moved, and nothing of errors."""
+"""The views of an edited result: distances moved, and no errors."""
 
 import json
 import re
@@ -26,24 +26,24 @@ from cageik_cli.report.vocabulary import (
 )
 from tests.report.drawings import texts
 from tests.report.html.test_page import pictures_of_one_point
-from tests.report.markup import faults_of, parsed
+from tests.report.markup import find_faults, parse_page
 
 OF_ERRORS = re.compile(
-    r"error|deviation|reconstruct|rebuilt|worst|best|extracted|input's|E_RMS|KG", re.IGNORECASE
+    r"error|deviation|reconstruct|rebuilt|worst|best|extracted|of the input|E_RMS|KG", re.IGNORECASE
 )
 LIMITS = Limits(tuple(Limit(metric, Decimal("0.0001")) for metric in gates.METRICS))
 
 
 def _text(report):
-    """Without what is said of the weights, which have an error of their own."""
+    """The text without its rows on weights, which have an error of their own."""
     return re.sub(r"\n  (weights|accuracy) .*", "", format_text(report))
 
 
 def _page(report):
-    """What is read in a page, and told of its pictures; not of the weights, as above."""
-    page = parsed(render_page(report, pictures_of_one_point()))
+    """All texts of a page, with those of its pictures, without the section on weights."""
+    page = parse_page(render_page(report, pictures_of_one_point()))
     page.by_id("weights").children.clear()
-    names = ("alt", "aria-label", "data-told")
+    names = ("alt", "aria-label", "data-cursor")
     told = [element.attributes.get(name, "") for element in page.all() for name in names]
     return "\n".join([page.text, *told])
 
@@ -62,10 +62,10 @@ def _junit(report):
 
 
 def _index(report):
-    """Clips over a limit, or of large figures, are the worst whatever the figures are of."""
-    page = parsed(render_index(build_overview([build_clip_entry(report)])))
+    """The heading "worst first" is for errors and edits."""
+    page = parse_page(render_index(build_overview([build_clip_entry(report)])))
     told = [element.attributes.get("aria-label", "") for element in page.all("svg")]
-    return "\n".join([page.text, *told]).replace("the worst first", "")
+    return "\n".join([page.text, *told]).replace("worst first", "")
 
 
 VIEWS = (_text, _page, _figure, _markdown, _junit, _index)
@@ -77,12 +77,12 @@ def report(request):
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_no_view_of_an_edit_speaks_of_errors(view, report):
+def test_no_view_of_an_edit_mentions_errors(view, report):
     assert OF_ERRORS.findall(view(report)) == []
 
 
 @pytest.mark.parametrize("view", VIEWS)
-def test_every_view_of_an_extraction_does(view, closed):
+def test_every_view_of_an_extraction_mentions_errors(view, closed):
     assert OF_ERRORS.search(view(build_report(closed.result, LIMITS)))
 
 
@@ -92,7 +92,7 @@ def test_every_view_of_an_edit_says_that_it_moved(view, limits, edited):
     assert "moved" in view(build_report(edited, limits))
 
 
-def test_the_text_says_what_was_edited_and_how_far(edited):
+def test_the_text_names_the_edited_result_and_the_distance(edited):
     report = build_report(edited, LIMITS)
     lines = format_text(report).splitlines()
     rows = [(line[2:16].strip(), line[17:]) for line in lines[1:]]
@@ -101,35 +101,35 @@ def test_the_text_says_what_was_edited_and_how_far(edited):
     assert found["distance moved"].startswith(f"{report.summary.rms_percent:.4f} % of the diagonal")
     assert found["most moved"].endswith(f" at {report.summary.worst_frame}")
     assert f"vertex {report.summary.max_deviation_vertex} of" in found["max distance"]
-    assert "(drift from rest before the edit: " in found["volume change"]
+    assert "; drift from rest before the edit " in found["volume change"]
     assert "condition number" in found["extraction"]
-    assert "literature" not in found
+    assert "metrics" not in found
     percent, worst = f"{report.summary.rms_percent:.4f} %", report.summary.worst_frame
     assert ("over limit", f"rms moved {percent}, limit 0.0001 %, most moved {worst}") in rows
 
 
-def test_the_page_says_it_in_its_title_and_first(edited):
+def test_the_page_of_an_edit_says_so_in_its_title(edited):
     report = build_report(edited)
-    page = parsed(render_page(report, pictures_of_one_point()))
+    page = parse_page(render_page(report, pictures_of_one_point()))
     title = next(page.all("title"))
     assert title.text.startswith(f"edited.h5: moved {report.summary.rms_percent:.4f} %")
     assert "edited from cages.h5" in page.text
-    assert "how far the edit moved the mesh, not how well frames were met" in page.text
+    assert "does not measure how well the cage follows the animation" in page.text
     assert "Edited by cageik" in page.text
     titles = [heading.text for heading in page.all("h3")]
     assert titles[1] == "Most moved frame frame_5"
     assert [column.text for column in page.by_id("frames-table").all("th")][2:11] == [
-        "RMS, %", "RMS, units", "Max distance, %", "Max distance, units", "At vertex",
+        "RMS, %", "RMS, file units", "Max distance, %", "Max distance, file units", "At vertex",
         "Volume change, %", "Volume before", "Volume after", "Drift before, %",
     ]  # fmt: skip
     assert "Of the extraction" in page.by_id("weights").text
 
 
-def test_the_page_is_sound(report):
-    assert faults_of(render_page(report, pictures_of_one_point())) == []
+def test_the_page_of_an_edit_is_sound(report):
+    assert find_faults(render_page(report, pictures_of_one_point())) == []
 
 
-def test_records_name_what_was_edited(edited, closed):
+def test_records_name_the_edited_result(edited, closed):
     reports = [build_report(edited), build_report(closed.result)]
     clips = json.loads(format_overview_json(build_overview(map(build_clip_entry, reports))))[
         "clips"
@@ -138,12 +138,12 @@ def test_records_name_what_was_edited(edited, closed):
         assert [record["edited_from"] for record in records] == ["cages.h5", None]
 
 
-def test_an_edit_is_told_from_an_extraction_beside_it(edited, closed):
+def test_edits_are_marked_among_extractions(edited, closed):
     both = build_overview(
         [build_clip_entry(build_report(edited)), build_clip_entry(build_report(closed.result))]
     )
-    name = "edited.h5 (edited: how far it moved from cages.h5)"
-    assert name in parsed(render_index(both)).text
+    name = "edited.h5 (edited: distance moved from cages.h5)"
+    assert name in parse_page(render_index(both)).text
     assert name in format_markdown(both).replace("\\", "")
     assert "| edited |" in format_markdown(both)
     assert "| extracted |" in format_markdown(both)
@@ -153,7 +153,7 @@ def test_an_edit_is_told_from_an_extraction_beside_it(edited, closed):
     assert cases == ["edited", "extracted"]
 
 
-def test_words_for_several_are_those_of_an_edit_when_all_are_edited(edited):
+def test_several_results_use_the_words_of_edits_if_all_are_edited(edited):
     clip = build_clip_entry(build_report(edited))
     failed = ClipEntry("broken", fault="it is empty")
     assert build_overview([clip, failed]).vocabulary is EDIT_VOCABULARY
@@ -164,6 +164,6 @@ def test_words_for_several_are_those_of_an_edit_when_all_are_edited(edited):
     assert choose_vocabulary() is EXTRACTION_VOCABULARY
 
 
-def test_every_setting_of_an_edit_is_explained(edited):
+def test_every_setting_of_an_edit_has_a_meaning(edited):
     assert {"pose_alpha", "pose_beta", "rigidity", "hard", "snap"} < set(edited.settings)
     assert set(edited.settings) <= set(SETTING_MEANINGS)

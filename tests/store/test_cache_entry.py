@@ -22,13 +22,13 @@ def test_what_is_packed_is_read(path):
     assert same(read_entry(path, KEY), entry())
 
 
-def test_arrays_are_packed_row_by_row_however_they_lie():
+def test_arrays_are_packed_in_row_order():
     columns = replace(entry(), weights=np.asfortranarray(entry().weights))
     assert not columns.weights.flags.c_contiguous
     assert b"".join(pack_entry(KEY, columns)) == b"".join(pack_entry(KEY, entry()))
 
 
-def test_every_byte_counts(path):
+def test_any_flipped_bit_is_detected(path):
     """Those of the start each, of header and arrays every seventh."""
     data = b"".join(pack_entry(KEY, entry()))
     for place in [*range(57), *range(57, len(data), 7), len(data) - 1]:
@@ -39,18 +39,18 @@ def test_every_byte_counts(path):
             read_entry(path, KEY)
 
 
-def test_the_entry_of_another_key_is_not_taken(path):
+def test_the_entry_of_another_key_is_refused(path):
     path.write_bytes(b"".join(pack_entry(OTHER, entry())))
     with pytest.raises(CorruptEntry, match="is the entry of another key"):
         read_entry(path, KEY)
 
 
-def test_a_folder_is_no_entry(tmp_path):
+def test_a_folder_is_not_an_entry(tmp_path):
     with pytest.raises(CorruptEntry, match="is not a plain file"):
         read_entry(tmp_path, KEY)
 
 
-def test_what_is_not_there_cannot_be_read(path):
+def test_a_missing_entry_cannot_be_read(path):
     with pytest.raises(FileNotFoundError):
         read_entry(path, KEY)
 

@@ -1,4 +1,4 @@
-"""The log of a run: whatever moment it is cut at, what is whole of it is there again."""
+"""The checkpoint of a run: whenever it is cut off, the blocks before are recovered."""
 
 from dataclasses import fields, replace
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.sequence import Block
-from cageik_cli.solver.blocks import SolvedBlock, make_solved_block
+from cageik_cli.solver.blocks import SolvedBlock, make_solved_block, summarize_blocks
 from cageik_cli.solver.metrics import FrameErrors, FrameMetrics
 from cageik_cli.store.checkpoint import (
     MAGIC,
@@ -19,10 +19,10 @@ from cageik_cli.store.checkpoint import (
     is_checkpoint,
     to_bytes,
 )
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import CheckpointError, FormatError, InputError, OutputError
 from cageik_cli.util.outputs import open_locked
 
-PLAN = RunSpec(
+SPEC = RunSpec(
     frames=[f"frame_{k}_é.obj" for k in range(5)],
     settings={"alpha": 0.5, "vertex_weights": False},
     sources={"cage": {"name": "cage.obj", "sha256": "ab"}},
@@ -48,11 +48,11 @@ BLOCKS = [block_of(0, 2), block_of(2, 2, {3: "frame_3: not a mesh ü"}), block_o
 
 def assert_same(found, expected):
     assert (found.start, found.stop) == (expected.start, expected.stop)
-    assert (found.digests, found.faults) == (expected.digests, expected.faults)
+    assert (found.digests, found.skipped) == (expected.digests, expected.skipped)
     np.testing.assert_array_equal(found.cages, expected.cages)
-    np.testing.assert_array_equal(found.squares, expected.squares)
+    np.testing.assert_array_equal(found.squared_errors, expected.squared_errors)
     for field in fields(FrameMetrics):
-        one, other = (getattr(block.figures, field.name) for block in (found, expected))
+        one, other = (getattr(block.metrics, field.name) for block in (found, expected))
         np.testing.assert_array_equal(one, other)
 
 
@@ -60,28 +60,36 @@ def assert_same(found, expected):
 def log(tmp_path):
     """The path of a log that holds all blocks."""
     path = tmp_path / "cages.h5.partial"
-    partial = Checkpoint.open(path, PLAN, resume=False)
+    checkpoint = Checkpoint.open(path, SPEC, resume=False)
     for block in BLOCKS:
-        partial.append(block)
-    partial.close()
+        checkpoint.append(block)
+    checkpoint.close()
     return path
 
 
+def resume(path, is_current=lambda block: True):
+    """Open the checkpoint as a run does that continues."""
+    checkpoint = Checkpoint.open(path, SPEC, resume=True)
+    checkpoint.recover(is_current)
+    return checkpoint
+
+
 def held(path):
-    """What a run that goes on finds."""
-    partial = Checkpoint.open(path, PLAN, resume=True)
-    blocks = list(partial.blocks())
-    done = partial.frames_done
-    partial.close()
+    """What a run that continues finds."""
+    checkpoint = resume(path)
+    blocks = list(checkpoint.blocks())
+    done = checkpoint.frames_done
+    assert checkpoint.count_frames() == done
+    checkpoint.close()
     return done, blocks
 
 
 @pytest.mark.parametrize("block", BLOCKS)
-def test_a_block_is_its_bytes(block):
+def test_a_block_is_read_from_its_bytes(block):
     assert_same(from_bytes(to_bytes(block), 6, 4), block)
 
 
-def test_all_blocks_are_found_again(log):
+def test_all_blocks_are_recovered(log):
     done, blocks = held(log)
     assert done == 5
     for found, expected in zip(blocks, BLOCKS, strict=True):
@@ -90,15 +98,15 @@ def test_all_blocks_are_found_again(log):
     assert is_checkpoint(log)
 
 
-def test_a_log_cut_anywhere_holds_the_blocks_that_are_whole(log):
+def test_a_checkpoint_cut_anywhere_keeps_the_complete_blocks(log):
     data = log.read_bytes()
     ends = []
     for count in range(len(BLOCKS) + 1):
         log.unlink()
-        partial = Checkpoint.open(log, PLAN, resume=False)
+        checkpoint = Checkpoint.open(log, SPEC, resume=False)
         for block in BLOCKS[:count]:
-            partial.append(block)
-        partial.close()
+            checkpoint.append(block)
+        checkpoint.close()
         ends.append(log.stat().st_size)
     frames = (0, 2, 4, 5)
     for size in range(0, len(data) + 1, 7):
@@ -109,18 +117,18 @@ def test_a_log_cut_anywhere_holds_the_blocks_that_are_whole(log):
         assert log.stat().st_size == ends[whole]
 
 
-def test_what_follows_a_cut_is_as_if_it_had_never_been_cut(log):
+def test_a_block_appended_after_a_cut_restores_the_bytes(log):
     data = log.read_bytes()
     log.write_bytes(data[:-20])
-    partial = Checkpoint.open(log, PLAN, resume=True)
-    assert partial.frames_done == 4
-    partial.append(BLOCKS[2])
-    partial.close()
+    checkpoint = resume(log)
+    assert checkpoint.frames_done == 4
+    checkpoint.append(BLOCKS[2])
+    checkpoint.close()
     assert log.read_bytes() == data
 
 
 @pytest.mark.parametrize("place", [-1, -300, -600])
-def test_a_flipped_byte_ends_the_log_before_its_block(log, place):
+def test_a_flipped_bit_ends_the_checkpoint_before_its_block(log, place):
     data = bytearray(log.read_bytes())
     data[place] ^= 1
     log.write_bytes(data)
@@ -128,86 +136,146 @@ def test_a_flipped_byte_ends_the_log_before_its_block(log, place):
     assert done < 5
 
 
-def test_blocks_are_forgotten_from_a_frame_on(log):
-    partial = Checkpoint.open(log, PLAN, resume=True)
-    partial.truncate(3)
-    assert partial.frames_done == 2
-    partial.append(BLOCKS[1])
-    assert [block.start for block in partial.blocks()] == [0, 2]
-    partial.close()
+def test_outdated_blocks_are_cut_off(log):
+    seen = []
+
+    def is_current(block):
+        seen.append(block.start)
+        return block.start != 2
+
+    checkpoint = resume(log, is_current)
+    assert seen == [0, 2]
+    assert checkpoint.frames_done == checkpoint.count_frames() == 2
+    checkpoint.append(BLOCKS[1])
+    assert [block.start for block in checkpoint.blocks()] == [0, 2]
+    checkpoint.close()
+    assert checkpoint_progress(log) == (4, 5)
 
 
-def test_a_log_that_was_left_meanwhile_is_not_begun_anew_unasked(log):
+def test_an_error_while_blocks_are_compared_cuts_nothing_off(log):
     data = log.read_bytes()
-    with pytest.raises(InputError, match="another run has left it meanwhile; go on with --resume"):
-        Checkpoint.open(log, PLAN, resume=False)
+
+    def is_current(block):
+        if block.start == 2:
+            raise ValueError("unreadable")
+        return True
+
+    checkpoint = Checkpoint.open(log, SPEC, resume=True)
+    with pytest.raises(ValueError, match="unreadable"):
+        checkpoint.recover(is_current)
+    assert (checkpoint.frames_done, checkpoint.count_frames()) == (2, 5)
+    checkpoint.close()
     assert log.read_bytes() == data
 
 
-def test_a_new_run_begins_anew_where_it_may(log):
-    partial = Checkpoint.open(log, PLAN, resume=False, overwrite=True)
-    assert (partial.frames_done, list(partial.blocks())) == (0, [])
-    partial.close()
+def test_blocks_that_were_not_recovered_do_not_follow_new_ones(log):
+    checkpoint = Checkpoint.open(log, SPEC, resume=True)
+    assert (checkpoint.frames_done, checkpoint.count_frames()) == (0, 5)
+    checkpoint.append(BLOCKS[0])
+    assert checkpoint.count_frames() == 2
+    checkpoint.close()
+    assert checkpoint_progress(log) == (2, 5)
+
+
+@pytest.mark.parametrize("kept", range(len(BLOCKS) + 1))
+def test_the_summary_does_not_depend_on_interruptions(log, kept):
+    expected = summarize_blocks(BLOCKS)
+    checkpoint = resume(log, lambda block: block.start < 2 * kept)
+    for block in BLOCKS[kept:]:
+        checkpoint.append(block)
+    found = checkpoint.summary
+    checkpoint.close()
+    assert (found.skipped, found.digests) == (expected.skipped, expected.digests)
+    np.testing.assert_array_equal(found.vertex_rms, expected.vertex_rms)
+    np.testing.assert_array_equal(found.key_frames, expected.key_frames)
+
+
+def test_blocks_are_read_once_to_be_recovered_and_once_to_be_composed(log, monkeypatch):
+    reads = []
+
+    def count(data, *shape):
+        reads.append(len(data))
+        return from_bytes(data, *shape)
+
+    monkeypatch.setattr("cageik_cli.store.checkpoint.from_bytes", count)
+    checkpoint = resume(log)
+    assert len(reads) == 3
+    list(checkpoint.blocks())
+    assert len(reads) == 6
+    checkpoint.close()
+
+
+def test_a_checkpoint_written_by_another_run_is_not_replaced(log):
+    data = log.read_bytes()
+    with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*--resume"):
+        Checkpoint.open(log, SPEC, resume=False)
+    assert log.read_bytes() == data
+
+
+def test_overwrite_starts_a_new_checkpoint(log):
+    checkpoint = Checkpoint.open(log, SPEC, resume=False, overwrite=True)
+    assert (checkpoint.frames_done, list(checkpoint.blocks())) == (0, [])
+    checkpoint.close()
     assert checkpoint_progress(log) == (0, 5)
 
 
 @pytest.mark.parametrize(
     ("other", "says"),
     [
-        (replace(PLAN, frames=["a", "b"]), "it was of 5 other frames"),
-        (replace(PLAN, settings=PLAN.settings | {"alpha": 0.25}), "its alpha was 0.5, not 0.25"),
-        (replace(PLAN, sources={}), "its cage was another"),
+        (replace(SPEC, frames=["a", "b"]), "it was of 5 other frames"),
+        (replace(SPEC, settings=SPEC.settings | {"alpha": 0.25}), "its alpha was 0.5, not 0.25"),
+        (replace(SPEC, sources={}), "its cage was another"),
         (
-            replace(PLAN, sources=PLAN.sources | {"vertex_weights": {}}),
+            replace(SPEC, sources=SPEC.sources | {"vertex_weights": {}}),
             "its vertex weights was another",
         ),
-        (replace(PLAN, version="0.0"), "it was of cageik"),
-        (replace(PLAN, key="01"), "its weights were others"),
-        (replace(PLAN, cage_vertices=5), "its weights were others"),
+        (replace(SPEC, version="0.0"), "it was of cageik"),
+        (replace(SPEC, key="01"), "its weights were others"),
+        (replace(SPEC, cage_vertices=5), "its weights were others"),
     ],
 )
-def test_another_plan_is_refused_and_left(log, other, says):
+def test_a_checkpoint_of_another_spec_is_refused_and_kept(log, other, says):
     data = log.read_bytes()
-    with pytest.raises(InputError, match=rf"cages\.h5\.partial: is of another run: {says}"):
+    with pytest.raises(CheckpointError, match=rf"cages\.h5\.partial: .*{says}"):
         Checkpoint.open(log, other, resume=True)
     assert log.read_bytes() == data
 
 
-def test_a_run_that_goes_on_keeps_the_size_of_its_blocks(log):
-    partial = Checkpoint.open(log, replace(PLAN, block=3), resume=True)
-    assert partial.spec.block == 2
-    partial.close()
+def test_a_resumed_run_keeps_the_size_of_its_blocks(log):
+    checkpoint = Checkpoint.open(log, replace(SPEC, block=3), resume=True)
+    assert checkpoint.spec.block == 2
+    checkpoint.close()
 
 
-def test_another_file_is_refused_and_left(tmp_path):
+def test_a_file_that_is_not_a_checkpoint_is_refused_and_kept(tmp_path):
     path = tmp_path / "cages.h5.partial"
     path.write_text("my diary")
     assert not is_checkpoint(path)
-    with pytest.raises(InputError, match="is not what an interrupted run leaves; move it away"):
-        Checkpoint.open(path, PLAN, resume=True)
-    with pytest.raises(InputError, match="is not what an interrupted run leaves"):
+    with pytest.raises(FormatError, match=r"cages\.h5\.partial"):
+        Checkpoint.open(path, SPEC, resume=True)
+    with pytest.raises(FormatError, match=r"cages\.h5\.partial"):
         checkpoint_progress(path)
     assert path.read_text() == "my diary"
 
 
 @pytest.mark.parametrize("head", [b"", b"ab 12\n", b"ab 99999999999999\n{}", b"ab x\n", b"\n"])
-def test_a_plan_that_is_not_whole_is_no_progress(tmp_path, head):
+def test_a_spec_that_is_cut_short_is_no_progress(tmp_path, head):
     path = tmp_path / "a.partial"
     path.write_bytes(MAGIC + head)
     assert checkpoint_progress(path) == (0, 0)
     assert held(path)[0] == 0
 
 
-def test_a_log_is_one_runs_at_a_time(log):
-    partial = Checkpoint.open(log, PLAN, resume=True)
-    with pytest.raises(InputError, match="another run is writing it"):
-        Checkpoint.open(log, PLAN, resume=True)
-    partial.discard()
+def test_two_runs_cannot_open_one_checkpoint(log):
+    checkpoint = Checkpoint.open(log, SPEC, resume=True)
+    with pytest.raises(CheckpointError, match=r"cages\.h5\.partial"):
+        Checkpoint.open(log, SPEC, resume=True)
+    checkpoint.discard()
     assert not log.exists()
-    Checkpoint.open(log, PLAN, resume=True).close()
+    Checkpoint.open(log, SPEC, resume=True).close()
 
 
-def test_a_name_taken_away_while_it_was_opened_is_made_again(tmp_path, monkeypatch):
+def test_a_file_deleted_while_it_is_opened_is_created_again(tmp_path, monkeypatch):
     path = tmp_path / "a.partial"
     path.write_text("of a run that ends just now")
     seen = []
@@ -225,29 +293,28 @@ def test_a_name_taken_away_while_it_was_opened_is_made_again(tmp_path, monkeypat
     assert len(seen) == 2
 
 
-def test_a_log_that_cannot_be_written_is_a_sentence(tmp_path):
-    with pytest.raises(InputError, match=r"cages\.h5\.partial: cannot be written \(No such file"):
-        Checkpoint.open(tmp_path / "nowhere" / "cages.h5.partial", PLAN, resume=True)
+def test_a_checkpoint_that_cannot_be_written_is_an_output_error(tmp_path):
+    with pytest.raises(OutputError, match=r"cages\.h5\.partial: .*No such file"):
+        Checkpoint.open(tmp_path / "nowhere" / "cages.h5.partial", SPEC, resume=True)
 
 
-def test_a_block_that_cannot_be_written_leaves_those_before(log, monkeypatch):
-    partial = Checkpoint.open(log, PLAN, resume=True)
-    partial.truncate(4)
+def test_a_block_that_cannot_be_written_keeps_those_before(log, monkeypatch):
+    checkpoint = resume(log, lambda block: block.start < 4)
 
     def full(file, data):
         file.write(data[: len(data) // 2])
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("cageik_cli.store.checkpoint._write_all", full)
-    with pytest.raises(InputError, match=r"cannot be written \(No space left on device\)"):
-        partial.append(BLOCKS[2])
+    with pytest.raises(OutputError, match="No space left on device"):
+        checkpoint.append(BLOCKS[2])
     monkeypatch.undo()
-    partial.append(BLOCKS[2])
-    partial.close()
+    checkpoint.append(BLOCKS[2])
+    checkpoint.close()
     assert held(log)[0] == 5
 
 
-def test_a_frame_that_could_not_be_read_becomes_a_gap():
+def test_an_unreadable_frame_becomes_a_gap():
     block = block_of(2, 3)
     read = Block(2, np.zeros((3, 1, 3)), {3: InputError("frame_3: missing")})
     squares = np.array([[1.0, 2.0], [10.0, 10.0], [3.0, 5.0]])
@@ -261,22 +328,22 @@ def test_a_frame_that_could_not_be_read_becomes_a_gap():
     assert np.isfinite(block.cages).all()
 
 
-def test_a_log_that_was_deleted_meanwhile_is_as_good_as_discarded(log):
-    partial = Checkpoint.open(log, PLAN, resume=True)
+def test_a_deleted_checkpoint_can_be_discarded(log):
+    checkpoint = Checkpoint.open(log, SPEC, resume=True)
     log.unlink()
-    partial.discard()
+    checkpoint.discard()
     assert not log.exists()
 
 
-def test_a_log_that_another_run_has_begun_meanwhile_stays(log):
-    partial = Checkpoint.open(log, PLAN, resume=True)
+def test_the_checkpoint_of_another_run_is_not_discarded(log):
+    checkpoint = Checkpoint.open(log, SPEC, resume=True)
     log.unlink()
     log.write_bytes(b"of another run")
-    partial.discard()
+    checkpoint.discard()
     assert log.read_bytes() == b"of another run"
 
 
-def test_a_log_is_forgotten_unless_another_run_has_it(log):
+def test_a_checkpoint_is_deleted_unless_another_run_writes_it(log):
     mine = open_locked(log)
     delete_checkpoint(log)
     assert log.exists()
@@ -285,6 +352,6 @@ def test_a_log_is_forgotten_unless_another_run_has_it(log):
     assert not log.exists()
     delete_checkpoint(log)
     log.write_text("a novel")
-    with pytest.raises(InputError, match="is not what an interrupted run leaves"):
+    with pytest.raises(FormatError, match=r"cages\.h5\.partial"):
         delete_checkpoint(log)
     assert log.read_text() == "a novel"

@@ -58,7 +58,7 @@ def test_what_is_written_is_read(kept, said):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions are others there")
-def test_only_the_owner_may_look(kept):
+def test_only_the_owner_may_read_entries(kept):
     kept.write(KEY, entry())
     assert kept.folder.stat().st_mode & 0o777 == 0o700
     assert path_of(kept).stat().st_mode & 0o777 == 0o600
@@ -74,12 +74,12 @@ def test_a_hit_gives_the_binding_that_was_computed(kept, said, coarse_panels, na
     def never():
         raise AssertionError("it is in the cache")
 
-    computed = kept.bound(rest, cage, settings, lambda: bind(rest, cage, settings))
+    computed = kept.get_or_compute(rest, cage, settings, lambda: bind(rest, cage, settings))
     assert said == []
-    found = kept.bound(rest, cage, settings, never)
+    found = kept.get_or_compute(rest, cage, settings, never)
     (remark,) = said
-    assert remark.startswith("weights taken from it, ")
-    assert remark.endswith(" s saved")
+    assert remark.startswith("cache hit, saved ")
+    assert remark.endswith(" s")
     np.testing.assert_array_equal(found.weights, computed.weights)
     assert found.weights.flags.c_contiguous == computed.weights.flags.c_contiguous
     np.testing.assert_array_equal(found.cage.faces, computed.cage.faces)
@@ -96,16 +96,16 @@ def test_the_seconds_saved_are_those_of_the_computation(kept, said, monkeypatch)
     monkeypatch.setattr(module.time, "perf_counter", lambda: next(clock))
     bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
     for _ in range(2):
-        kept.bound(TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound)
-    assert said == ["weights taken from it, 2.0 s saved"]
+        kept.get_or_compute(TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound)
+    assert said == ["cache hit, saved 2.0 s"]
 
 
-def test_what_is_refused_is_not_kept(kept):
+def test_nothing_is_kept_when_binding_fails(kept):
     def refuse():
         raise ValueError("no")
 
     with pytest.raises(ValueError, match="no"):
-        kept.bound(ball(1), box(), SETTINGS, refuse)
+        kept.get_or_compute(ball(1), box(), SETTINGS, refuse)
     assert list(kept.folder.iterdir()) == []
 
 
@@ -128,19 +128,19 @@ def test_one_process_at_a_time_computes_an_entry(kept, monkeypatch):
     def compute():
         raise AssertionError("computed")
 
-    found = kept.bound(*given, compute)
+    found = kept.get_or_compute(*given, compute)
     np.testing.assert_array_equal(found.weights, bound.weights)
     assert waited == [module.POLL_SECONDS] * 2
     assert [path.suffix for path in kept.folder.iterdir()] == [".weights"]
 
 
-def test_in_a_folder_that_cannot_be_written_nobody_waits(kept, monkeypatch):
+def test_no_process_waits_in_a_folder_that_cannot_be_written(kept, monkeypatch):
     def full(path):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(module, "open_locked", full)
     bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
-    assert kept.bound(TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound) is bound
+    assert kept.get_or_compute(TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound) is bound
 
 
 def moved(mesh, vertex, by):
@@ -173,7 +173,7 @@ INGREDIENTS = {
 }  # fmt: skip
 
 
-def test_the_key_is_of_everything_that_weights_depend_on(monkeypatch):
+def test_the_key_covers_all_that_weights_depend_on(monkeypatch):
     keys = {name: compute_key(*things) for name, things in INGREDIENTS.items()}
     keys |= {name: compute_key(ball(1), box(), BindSettings(name)) for name in COORDINATES}
     monkeypatch.setitem(ALGORITHM_VERSIONS, "harmonic", ALGORITHM_VERSIONS["harmonic"] + 1)
@@ -184,7 +184,7 @@ def test_the_key_is_of_everything_that_weights_depend_on(monkeypatch):
     assert len(set(keys.values())) == len(keys)
 
 
-def test_the_key_is_of_nothing_else():
+def test_the_key_covers_nothing_else():
     """Neither of the model's faces, nor of how arrays lie in memory."""
     key = compute_key(ball(1), box(), SETTINGS)
     assert compute_key(TriMesh(ball(1).vertices, [[2, 1, 0]]), box(), SETTINGS) == key
@@ -227,16 +227,16 @@ def whole(kept, key=KEY):
         pytest.param(lambda data: data[:49] + b"\xff" * 8 + data[57:], id="claims a long header"),
     ],
 )
-def test_what_is_not_a_whole_entry_is_not_taken(kept, said, change):
+def test_a_damaged_entry_is_not_used(kept, said, change):
     assert damaged(kept, said, change(whole(kept)))
 
 
-def test_an_entry_under_another_name_is_not_taken(kept, said):
+def test_an_entry_under_another_name_is_not_used(kept, said):
     assert damaged(kept, said, whole(kept, OTHER))
 
 
 @pytest.mark.parametrize("kind", ["folder", "link", "loose link", "pipe"])
-def test_what_is_not_a_file_is_not_taken(kept, said, kind):
+def test_only_plain_files_are_used(kept, said, kind):
     data = whole(kept)
     path = path_of(kept)
     path.unlink()
@@ -268,7 +268,7 @@ def test_what_is_not_a_file_is_not_taken(kept, said, kind):
     assert not list(kept.folder.glob("*.partial"))
 
 
-def test_what_was_used_longest_ago_makes_room(cache, said):
+def test_the_least_recently_used_entry_is_deleted(cache, said):
     keys = [f"{k:064x}" for k in range(5)]
     size = len(whole(WeightCache(cache, said.append)))
     path_of(WeightCache(cache, said.append)).unlink()
@@ -284,19 +284,19 @@ def test_what_was_used_longest_ago_makes_room(cache, said):
     assert said == []
 
 
-def test_what_is_larger_than_the_cache_is_not_kept(cache, said):
+def test_an_entry_larger_than_the_cache_is_not_kept(cache, said):
     WeightCache(cache, said.append).write(OTHER, entry())
     size = path_of(WeightCache(cache, said.append), OTHER).stat().st_size
     kept = WeightCache(cache, said.append, max_bytes=size)
     kept.write(KEY, entry(rows=6))
     assert names_in(kept) == [f"{OTHER}.weights"]
     (remark,) = said
-    assert f"holds {size} bytes at most" in remark
+    assert f"at most {size})" in remark
     kept.write(KEY, entry(rows=5))
     assert names_in(kept) == [f"{KEY}.weights"]
 
 
-def test_what_others_put_there_stays(cache, said):
+def test_other_files_in_the_folder_stay(cache, said):
     kept = WeightCache(cache, said.append, max_bytes=10_000)
     cache.mkdir()
     others = ["thesis.tex", "x.weights", f"{KEY}.weights.bak", f"{KEY}.partial", "cages.h5"]
@@ -308,7 +308,7 @@ def test_what_others_put_there_stays(cache, said):
     assert names_in(kept) == sorted([*others, f"{KEY}.weights", f"{OTHER}.weights"])
 
 
-def test_what_a_killed_process_left_is_cleared_after_an_hour(kept):
+def test_files_of_killed_processes_are_deleted_after_an_hour(kept):
     kept.folder.mkdir()
     old, new = (kept.folder / f"{OTHER}.{name}.partial" for name in ("ab_1", "cd_2"))
     for path, age in ((old, module.STALE_SECONDS + 60), (new, module.STALE_SECONDS - 60)):
@@ -319,7 +319,7 @@ def test_what_a_killed_process_left_is_cleared_after_an_hour(kept):
 
 
 @pytest.mark.parametrize("place", ["a file", "in a file", "/proc/cageik"])
-def test_a_folder_that_cannot_be_made_is_remarked_once(tmp_path, said, place):
+def test_a_folder_that_cannot_be_created_is_noted_once(tmp_path, said, place):
     (tmp_path / "file").touch()
     folder = {"a file": tmp_path / "file", "in a file": tmp_path / "file" / "in"}.get(place)
     if folder is None and not Path("/proc/self").exists():
@@ -333,7 +333,7 @@ def test_a_folder_that_cannot_be_made_is_remarked_once(tmp_path, said, place):
 
 
 @pytest.mark.skipif(ROOT or os.name != "posix", reason="root may write anywhere")
-def test_a_folder_that_may_only_be_read_still_serves(kept, said):
+def test_a_read_only_folder_can_be_used(kept, said):
     kept.write(KEY, entry())
     kept.folder.chmod(0o500)
     try:
@@ -347,7 +347,7 @@ def test_a_folder_that_may_only_be_read_still_serves(kept, said):
     assert names_in(kept) == [f"{KEY}.weights"]
 
 
-def test_a_hit_that_cannot_be_marked_is_one_all_the_same(kept, said, monkeypatch):
+def test_a_hit_whose_time_cannot_be_set_is_a_hit(kept, said, monkeypatch):
     def read_only(*_):
         raise OSError(errno.EROFS, "Read-only file system")
 
@@ -358,7 +358,7 @@ def test_a_hit_that_cannot_be_marked_is_one_all_the_same(kept, said, monkeypatch
 
 
 @pytest.mark.parametrize("call", ["replace", "open", "mkstemp"])
-def test_a_full_disk_is_remarked_and_leaves_nothing(kept, said, monkeypatch, call):
+def test_a_full_disk_is_noted_and_leaves_nothing(kept, said, monkeypatch, call):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
@@ -390,7 +390,7 @@ def test_an_interrupt_while_writing_leaves_nothing(kept, monkeypatch):
     assert names_in(kept) == []
 
 
-def test_entries_that_vanish_are_no_fault(kept, said, monkeypatch):
+def test_entries_may_vanish(kept, said, monkeypatch):
     """Between the look into the folder and the look at the file, and before the reading."""
     kept.write(KEY, entry())
     listed = list(kept.folder.iterdir())
@@ -408,8 +408,7 @@ WORKER = """
 import sys
 from pathlib import Path
 import numpy as np
-from cageik_cli.store.cache import WeightCache
-from cageik_cli.store.cache_entry import Entry
+from cageik_cli.store.weight_cache import CacheEntry, WeightCache
 
 folder, (seed, turns, largest) = Path(sys.argv[1]), map(int, sys.argv[2:])
 remarks, hits = [], 0
@@ -421,7 +420,7 @@ for _ in range(turns):
     k = int(generator.integers(3))
     if generator.random() < 0.5:
         weights = np.full((500, 8 * (k + 1)), float(k))
-        cache.write(f"{k:064x}", Entry(faces, weights, k, 0.0, 0, (), 1.0))
+        cache.write(f"{k:064x}", CacheEntry(faces, weights, k, 0.0, 0, (), 1.0))
     else:
         found = cache.read(f"{k:064x}")
         if found is not None:
@@ -456,7 +455,7 @@ def test_processes_do_not_harm_each_other(kept, said):
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="nothing kills so there")
-def test_a_process_that_is_killed_leaves_no_damage(kept, said):
+def test_a_killed_process_leaves_no_damage(kept, said):
     for round_ in range(4):
         (process,) = workers(kept.folder, 1, 10**9, 1 << 30)
         assert process.stdout.readline() == "started\n"
@@ -469,7 +468,7 @@ def test_a_process_that_is_killed_leaves_no_damage(kept, said):
     assert said == []
 
 
-def test_the_entry_of_a_write_that_stopped_is_not_there(kept, said, monkeypatch):
+def test_an_unfinished_write_leaves_no_entry(kept, said, monkeypatch):
     """What a process leaves that is killed just before the renaming."""
     monkeypatch.setattr(module.os, "replace", lambda *_: None)
     kept.write(KEY, entry())
@@ -483,5 +482,7 @@ def test_the_entry_of_a_write_that_stopped_is_not_there(kept, said, monkeypatch)
 def test_settings_of_a_hit_are_those_asked_for(kept, coarse_panels):
     settings = replace(SETTINGS, accuracy="preview")
     for _ in range(2):
-        found = kept.bound(ball(1), box(), settings, lambda: bind(ball(1), box(), settings))
+        found = kept.get_or_compute(
+            ball(1), box(), settings, lambda: bind(ball(1), box(), settings)
+        )
         assert found.settings == settings

@@ -11,7 +11,7 @@ from cageik_cli.coordinates.binding import BindSettings
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.binding_file import read_binding
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import InputError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import (
     BindRunSettings,
@@ -25,17 +25,17 @@ class Listener(ProgressListener):
     """Remembers what it was told."""
 
     def __init__(self):
-        self.stages, self.counts, self.remarks = [], [], []
+        self.stages, self.counts, self.notes = [], [], []
 
     def stage(self, name):
         self.stages.append(name)
         return super().stage(name)
 
-    def advance(self, done, total):
+    def update(self, done, total):
         self.counts.append((done, total))
 
-    def remark(self, topic, text):
-        self.remarks.append((topic, text))
+    def note(self, topic, text):
+        self.notes.append((topic, text))
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_the_file_holds_what_bind_gives(made):
 
 
 @pytest.mark.parametrize("kept", [False, True])
-def test_an_observer_is_told_stages_progress_and_the_cache(plain, cache, kept):
+def test_a_listener_gets_stages_progress_and_cache_notes(plain, cache, kept):
     how = WeightSettings(cache=cache if kept else None)
     settings = BindRunSettings(plain.cage, plain.rest, plain.output, how, overwrite=True)
     for turn in range(2):
@@ -68,11 +68,11 @@ def test_an_observer_is_told_stages_progress_and_the_cache(plain, cache, kept):
         bind_files(settings, listener)
         assert listener.stages == ["open", "bind", "write"]
         assert listener.counts[-1] == (18, 18)
-        assert [topic for topic, _ in listener.remarks] == ["cache"] * (kept and turn)
+        assert [topic for topic, _ in listener.notes] == ["cache"] * (kept and turn)
     assert cache.exists() == kept
 
 
-def test_what_was_cut_or_turned_is_noted(plain, folder):
+def test_changes_of_a_mesh_are_noted(plain, folder):
     corners = [(x, y, z) for x in (-2, 2) for y in (-2, 2) for z in (-2, 2)]
     sides = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
     turned = (" ".join(reversed(side.split())) for side in sides)
@@ -85,14 +85,14 @@ def test_what_was_cut_or_turned_is_noted(plain, folder):
         "6 polygons cut into triangles to compute with",
         "the cage's faces turn inward; it is used turned outward",
     )
-    assert listener.remarks == [
+    assert listener.notes == [
         ("note", "frame_1.obj: 6 polygons cut into triangles to compute with")
     ]
     found = load_matching_binding(plain.output, load_mesh(plain.rest), load_mesh(plain.cage))
     assert found.binding.notes == stored.binding.notes
 
 
-def test_a_binding_serves_its_own_meshes(made):
+def test_a_binding_matches_its_own_meshes(made):
     path, rest, cage = made
     for given in (cage, None):
         found = load_matching_binding(path, rest, given)
@@ -118,48 +118,45 @@ def other(mesh, what):
 @pytest.mark.parametrize(
     ("what", "says"),
     [
-        ("vertices", "it has 18 vertices, the one given 19"),
-        ("triangles", "it has 32 triangles, the one given 31"),
+        ("vertices", "found 19 vertices, expected 18"),
+        ("triangles", "found 31 triangles, expected 32"),
         (
             "positions",
-            "its vertex 4 is 0.005 from the one given (2 vertices differ, by 0.25 at most)",
+            "vertex 4 is 0.005 away from its place; vertices that differ: 2, by 0.25 at most",
         ),
-        ("corners", "its triangle 3 joins vertices "),
+        ("corners", "triangle 3 has vertices "),
     ],
 )
 def test_a_binding_of_another_rest_pose_is_refused(made, what, says):
     path, rest, cage = made
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(SettingError, match=r"^binding\.h5: .*another rest pose") as caught:
         load_matching_binding(path, replace(rest, mesh=other(rest.mesh, what)), cage)
-    start = "binding.h5: was made for another rest pose: "
-    assert str(caught.value).startswith(start + says)
-    assert str(caught.value).endswith("; give that one with --rest, or bind this one")
+    assert says in str(caught.value)
+    assert "--rest" in str(caught.value)
 
 
 @pytest.mark.parametrize(
     ("what", "says"),
     [
-        ("positions", "its vertex 4 is 0.005 from the one given"),
-        ("corners", "its triangle 3 joins vertices "),
+        ("positions", "vertex 4 is 0.005 away"),
+        ("corners", "triangle 3 has vertices "),
     ],
 )
 def test_a_binding_of_another_cage_is_refused(made, what, says):
     path, rest, cage = made
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(SettingError, match=r"^binding\.h5: .*another cage") as caught:
         load_matching_binding(path, rest, replace(cage, mesh=other(cage.mesh, what)))
-    assert str(caught.value).startswith(f"binding.h5: was made for another cage: {says}")
-    assert str(caught.value).endswith(
-        "; give that one with --cage, leave --cage out, or bind this one"
-    )
+    assert says in str(caught.value)
+    assert "--cage" in str(caught.value)
 
 
-def test_a_cage_that_is_none_is_refused_by_its_own_name(made):
+def test_an_open_cage_is_refused_by_its_own_name(made):
     path, rest, cage = made
-    with pytest.raises(InputError, match=r"^cage\.obj: the cage is open"):
+    with pytest.raises(InputError, match=r"^cage\.obj: .*open"):
         load_matching_binding(path, rest, replace(cage, mesh=other(cage.mesh, "triangles")))
 
 
 def test_a_missing_binding_is_refused(made):
     _, rest, cage = made
-    with pytest.raises(InputError, match=r"^nowhere\.h5: cannot be read: No such file"):
+    with pytest.raises(InputError, match=r"^nowhere\.h5: .*No such file"):
         load_matching_binding(Path("nowhere.h5"), rest, cage)

@@ -12,10 +12,10 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.blocks import ARRAYS_PER_FRAME, MemoryPlan
 from cageik_cli.solver.dual_laplacian import SolveSettings
-from cageik_cli.util.errors import InputError, NumericalError
+from cageik_cli.util.errors import InputError, NumericalError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 from tests.shapes import ball, box, rotation
 
 TRUTH = SolveSettings(alpha=0.0)
@@ -85,19 +85,19 @@ def test_known_cages_come_back(posed, case, atol, align):
     assert misses.max() <= atol * diagonal
 
 
-def test_the_figures_of_the_walker_are_those_of_weights_times_cages(walker, fixtures_folder):
+def test_the_metrics_of_the_walker_match_weights_times_cages(walker, fixtures_folder):
     settings, result = walker
     frames = positions_of(fixtures_folder / "walker" / "frames", result.frames)
     with h5py.File(settings.output) as file:
         rebuilt = file["weights"][:] @ file["verts"][:]
     misses = np.linalg.norm(rebuilt - frames, axis=2)
     rms = np.sqrt((misses**2).mean(axis=1))
-    np.testing.assert_allclose(result.figures.rms, rms, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(result.metrics.rms, rms, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(
-        result.figures.max_deviation, misses.max(axis=1), rtol=1e-9, atol=1e-12
+        result.metrics.max_deviation, misses.max(axis=1), rtol=1e-9, atol=1e-12
     )
     # The first frame is the rest pose, whose misses are rounding.
-    np.testing.assert_array_equal(result.figures.worst_vertex[1:], misses.argmax(axis=1)[1:])
+    np.testing.assert_array_equal(result.metrics.worst_vertex[1:], misses.argmax(axis=1)[1:])
     assert 0 < rms.max() < 0.005 * result.rest.diagonal
     assert result.frames == tuple(f"walker_{k}.obj" for k in (1, 9, 17, 25, 33, 41))
 
@@ -162,23 +162,23 @@ def test_the_rest_pose_is_the_first_frame_another_or_a_mesh(plain, folder, anima
 
 
 def test_a_cage_or_a_binding_must_be_given(plain):
-    with pytest.raises(InputError, match="neither a cage nor a binding is given"):
+    with pytest.raises(SettingError, match="neither a cage nor a binding"):
         extract(replace(plain, cage=None))
 
 
 @pytest.mark.parametrize("index", [-1, 5])
-def test_a_rest_frame_that_is_not_there_is_refused(plain, index):
-    with pytest.raises(InputError, match=f"--rest-frame {index}: the clip has 5 frames.* 0 to 4"):
+def test_a_missing_rest_frame_is_refused(plain, index):
+    with pytest.raises(InputError, match=f"--rest-frame {index}: .*5 frames"):
         extract(replace(plain, rest_frame=index))
 
 
 def test_a_rest_pose_of_another_connectivity_is_refused(plain, folder, animation, write_obj):
     rest = animation.rest
     path = write_obj(folder / "rest.obj", rest.vertices[:-1], rest.faces[(rest.faces < 17).all(1)])
-    with pytest.raises(InputError, match=r"rest\.obj: 17 vertices, the first frame has 18"):
+    with pytest.raises(InputError, match=r"rest\.obj: .*17.* 18"):
         extract(replace(plain, rest=path))
     write_obj(path, rest.vertices, rest.faces[:, [1, 2, 0]])
-    with pytest.raises(InputError, match=r"rest\.obj: triangle 0 joins .* in the first frame"):
+    with pytest.raises(InputError, match=r"rest\.obj: .*triangle 0"):
         extract(replace(plain, rest=path))
 
 
@@ -211,17 +211,18 @@ def test_vertices_of_weight_zero_are_missing_data(plain, folder, animation, writ
 @pytest.mark.parametrize(
     ("weights", "says"),
     [
-        (np.ones(17), "vertex weights have shape (17,), the model has 18 vertices"),
-        (np.eye(18)[3] - 1, "the weight of vertex 0 is -1"),
-        (np.full(18, np.nan), "the weight of vertex 0 is nan"),
-        (np.zeros(18), "all vertex weights are zero"),
+        (np.ones(17), "(17,)"),
+        (np.eye(18)[3] - 1, "vertex 0 is -1"),
+        (np.full(18, np.nan), "vertex 0 is nan"),
+        (np.zeros(18), "zero"),
     ],
 )
-def test_weights_of_no_use_are_refused_with_their_file(plain, weights, says):
+def test_unusable_vertex_weights_are_refused_with_their_file(plain, weights, says):
     np.save("weights.npy", weights)
     with pytest.raises(InputError) as caught:
         extract(replace(plain, vertex_weights=Path("weights.npy")))
-    assert str(caught.value).startswith(f"weights.npy: {says}")
+    assert str(caught.value).startswith("weights.npy: ")
+    assert says in str(caught.value)
 
 
 def test_cages_move_with_rigidly_moved_frames(plain, animation):
@@ -244,7 +245,7 @@ def test_cages_scale_with_the_scene(plain, folder, animation, write_obj):
     assert np.abs(big / 1000 - still).max() <= 1e-9 * animation.rest.diagonal
 
 
-def test_a_result_is_a_clip_of_cages_and_a_new_run_takes_it(plain, folder, animation, write_obj):
+def test_a_result_can_be_extracted_as_a_clip_of_cages(plain, folder, animation, write_obj):
     first = extract(plain)
     around = write_obj(folder / "around.obj", 3 * animation.cage.vertices, animation.cage.faces)
     again = extract(
@@ -269,7 +270,7 @@ def test_an_open_model_gets_a_note_and_no_volumes(plain, animation):
     assert note.startswith("the model is open (3 edges without a counterpart)")
 
 
-def test_what_was_read_is_recorded(plain, folder):
+def test_sources_and_settings_are_recorded(plain, folder):
     result = extract(plain)
     assert result.frames == tuple(f"frame_{k}.obj" for k in range(1, 6))
     assert result.sources["cage"]["name"] == "cage.obj"
@@ -292,11 +293,11 @@ class Listener(ProgressListener):
         self.stages.append(name)
         return super().stage(name)
 
-    def advance(self, done, total):
+    def update(self, done, total):
         self.counts.append((self.stages[-1] == "bind", done, total))
 
 
-def test_an_observer_is_told_stages_and_progress(plain):
+def test_a_listener_gets_stages_and_progress(plain):
     listener = Listener()
     extract(replace(plain, memory=1), listener)
     in_order = list(dict.fromkeys(listener.stages))
@@ -312,7 +313,7 @@ def test_a_run_that_stops_leaves_the_old_result(plain, folder, animation, write_
     Path("cages.h5").write_text("old")
 
     class Impatient(ProgressListener):
-        def advance(self, done, total):
+        def update(self, done, total):
             if fault == "interrupt" and total == 5:
                 raise KeyboardInterrupt
 
@@ -324,7 +325,7 @@ def test_a_run_that_stops_leaves_the_old_result(plain, folder, animation, write_
     assert [path.name for path in folder.glob("*.partial")] == ["cages.h5.partial"]
 
 
-def test_a_rest_pose_has_its_polygons_cut_as_the_first_frame_has(plain, folder, animation):
+def test_a_rest_pose_is_triangulated_as_the_first_frame(plain, folder, animation):
     """One quad of the model is a dart in both, with its inner corner at another place."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0.3, 0.3, 0], [0, 1, 0], [0.2, 0.2, -1]])
 
@@ -340,7 +341,7 @@ def test_a_rest_pose_has_its_polygons_cut_as_the_first_frame_has(plain, folder, 
     np.testing.assert_array_equal(faces, extract(replace(settings, rest=None)).rest.faces)
 
 
-def test_polygons_that_were_cut_are_noted_of_cage_rest_and_frames(plain, folder, animation):
+def test_triangulation_is_noted_for_cage_rest_and_frames(plain, folder, animation):
     """A model and a cage of one box in another, both of quads."""
     sides = ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
     quads = "".join(f"f {side}\n" for side in sides)
@@ -372,14 +373,12 @@ def test_coordinates_that_would_overflow_are_refused_before_the_old_result_goes(
     wild = animation.frames[3].copy()
     wild[7, 1] = value
     write_obj(folder / "frames/frame_4.obj", wild, animation.rest.faces)
-    with pytest.raises(InputError, match=r"frame_4\.obj: vertex 7 is"):
+    with pytest.raises(InputError, match=r"frame_4\.obj: .*vertex 7"):
         extract(plain)
     assert Path("cages.h5").read_text() == "old"
 
 
-def test_the_largest_and_smallest_scenes_that_are_taken_are_reported(
-    plain, folder, animation, write_obj
-):
+def test_the_largest_and_smallest_accepted_scenes_are_reported(plain, folder, animation, write_obj):
     for k, scale in enumerate((3e49, 1e-50)):
         cage = write_obj(folder / "scaled.obj", scale * animation.cage.vertices / 2.5,
                          animation.cage.faces)  # fmt: skip

@@ -11,7 +11,7 @@ import pytest
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.model import PlacementSettings
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.pose import PoseSettings, pose
 from tests.shapes import box, quad_text
@@ -26,7 +26,7 @@ class Notes(ProgressListener):
     def __init__(self):
         self.texts = []
 
-    def remark(self, topic, text):
+    def note(self, topic, text):
         self.texts.append((topic, text))
 
 
@@ -43,7 +43,7 @@ def settings(folder):
     return make
 
 
-def test_how_handles_were_taken_is_remarked(settings):
+def test_how_handles_were_understood_is_noted(settings):
     other = TIP | {"name": "other", "offset": [0.3, 0.2, -0.3]}
     near = {"name": "near", "position": [0, 0, 3], "pin": True}
     notes = Notes()
@@ -53,8 +53,8 @@ def test_how_handles_were_taken_is_remarked(settings):
     assert [text for text in told if "'tip' and 'other' conflict" in text]
 
 
-def test_what_was_changed_in_the_cage_is_remarked(settings, write_obj, animation):
-    turned = animation.cage.flipped()
+def test_changes_of_the_cage_are_noted(settings, write_obj, animation):
+    turned = animation.cage.flip()
     write_obj(Path("inward.obj"), turned.vertices, turned.faces)
     notes = Notes()
     posed = pose(settings(TIP, PIN, cage="inward.obj"), notes)
@@ -63,7 +63,7 @@ def test_what_was_changed_in_the_cage_is_remarked(settings, write_obj, animation
     np.testing.assert_allclose(cage.volume, animation.cage.volume, rtol=1e-12)
 
 
-def test_polygons_are_cut_and_said_so(settings):
+def test_triangulation_is_noted(settings):
     Path("model.obj").write_text(quad_text(1.0))
     Path("quads.obj").write_text(quad_text(2.0, inward=True))
     made = settings(TIP, PIN, cage="quads.obj")
@@ -76,12 +76,12 @@ def test_polygons_are_cut_and_said_so(settings):
 
 
 def test_a_model_needs_a_cage(settings):
-    with pytest.raises(InputError, match=r"frame_1.obj: is a model without a cage; name one with"):
+    with pytest.raises(SettingError, match=r"frame_1\.obj: .*--cage"):
         pose(settings(TIP, PIN, cage=None))
     assert not Path("posed.obj").exists()
 
 
-def test_what_is_wrong_with_the_cage_names_the_cage(settings, write_obj):
+def test_an_unfit_cage_is_refused_by_its_name(settings, write_obj):
     small = box(0.1)
     write_obj(Path("small.obj"), small.vertices, small.faces)
     with pytest.raises(InputError, match=r"^small\.obj: "):
@@ -91,9 +91,9 @@ def test_what_is_wrong_with_the_cage_names_the_cage(settings, write_obj):
 @pytest.mark.parametrize(
     ("name", "found"), [("frames", "a folder"), ("walk.abc", "a clip (`.abc`)")]
 )
-def test_an_animation_is_to_be_extracted_first(settings, name, found):
+def test_an_animation_must_be_extracted_first(settings, name, found):
     """Before the output is looked at, whose suffix would be that of a result."""
     Path("walk.abc").touch()
     edit = replace(settings(TIP, PIN), target=Path(name), output=Path("edited.h5"))
-    with pytest.raises(InputError, match=rf"^{name}: is {re.escape(found)}, .* extract its cages"):
+    with pytest.raises(FileAccessError, match=rf"^{name}: is {re.escape(found)}, .*cageik extract"):
         pose(edit)

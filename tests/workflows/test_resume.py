@@ -16,10 +16,10 @@ from cageik_cli.report.views.tables import format_csv, format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.dual_laplacian import SolveSettings
 from cageik_cli.store.checkpoint import checkpoint_progress
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import CheckpointError, FileAccessError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 
 LOG = Path("cages.h5.partial")
 
@@ -28,14 +28,14 @@ class Stopped(ProgressListener):
     """Ends the run when so many frames are done, as Ctrl-C does; remembers what was remarked."""
 
     def __init__(self, after=None):
-        self.after, self.remarks = after, []
+        self.after, self.notes = after, []
 
-    def advance(self, done, total):
+    def update(self, done, total):
         if total == 5 and done == self.after:
             raise KeyboardInterrupt
 
-    def remark(self, topic, text):
-        self.remarks.append((topic, text))
+    def note(self, topic, text):
+        self.notes.append((topic, text))
 
 
 @pytest.fixture
@@ -59,39 +59,39 @@ def interrupted(settings, after):
 
 
 @pytest.mark.parametrize("after", [1, 2, 4, 5])
-def test_an_interrupted_run_goes_on_to_the_same_bytes(plain, whole, after):
+def test_a_resumed_run_gives_the_same_bytes(plain, whole, after):
     error = interrupted(plain, after)
-    kept = f"{after} of 5 frames are kept in cages.h5.partial; go on with --resume"
+    kept = f"{after} of 5 frames are kept in cages.h5.partial; continue with --resume"
     assert error.__notes__ == [kept]
     assert checkpoint_progress(LOG) == (after, 5)
     watch = Stopped()
     result = extract(replace(plain, resume=True), watch)
     assert result.path.read_bytes() == whole
-    assert watch.remarks == [("resumed", f"from frame {after} of 5")]
+    assert watch.notes == [("resumed", f"from frame {after} of 5")]
     assert not LOG.exists()
 
 
-def test_a_run_may_be_interrupted_again_and_again(plain, whole):
+def test_a_run_may_be_interrupted_several_times(plain, whole):
     for after in (1, 2, 3, 4):
         interrupted(replace(plain, resume=True), after)
     assert extract(replace(plain, resume=True)).path.read_bytes() == whole
 
 
-def test_memory_and_jobs_may_change_meanwhile(plain, whole):
+def test_memory_and_jobs_may_change_before_a_run_is_resumed(plain, whole):
     interrupted(plain, 2)
     settings = replace(plain, resume=True, memory=1 << 30, jobs=3)
     assert extract(settings).path.read_bytes() == whole
 
 
-def test_without_a_run_before_it_begins(plain, whole):
+def test_resume_without_a_checkpoint_starts_a_run(plain, whole):
     watch = Stopped()
     assert extract(replace(plain, resume=True), watch).path.read_bytes() == whole
-    assert watch.remarks == []
+    assert watch.notes == []
 
 
-def test_what_an_interrupted_run_left_is_not_lost_unasked(plain, whole):
+def test_a_checkpoint_is_replaced_only_on_request(plain, whole):
     interrupted(plain, 2)
-    with pytest.raises(InputError, match=r"has left 2 of 5 frames there; go on with --resume, or"):
+    with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*2 of 5 frames"):
         extract(plain)
     assert checkpoint_progress(LOG) == (2, 5)
     assert extract(replace(plain, overwrite=True)).path.read_bytes() == whole
@@ -100,7 +100,7 @@ def test_what_an_interrupted_run_left_is_not_lost_unasked(plain, whole):
 def test_a_run_with_other_settings_is_refused(plain):
     interrupted(plain, 2)
     other = replace(plain, resume=True, solve=SolveSettings(alpha=0.5))
-    with pytest.raises(InputError, match=r"is of another run: its alpha was 0\.001, not 0\.5"):
+    with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*alpha was 0\.001, not 0\.5"):
         extract(other)
     assert checkpoint_progress(LOG) == (2, 5)
 
@@ -110,12 +110,12 @@ def test_frames_that_changed_are_solved_again(plain, animation, write_obj):
     write_obj(Path("frames/frame_3.obj"), animation.frames[2] + 0.25, animation.rest.faces)
     watch = Stopped()
     resumed = extract(replace(plain, resume=True), watch).path.read_bytes()
-    text = "from frame 2 of 5, for frame_3.obj is not what it was"
-    assert watch.remarks == [("resumed", text)]
+    text = "from frame 2 of 5 (frame_3.obj has changed)"
+    assert watch.notes == [("resumed", text)]
     assert resumed == extract(replace(plain, output=Path("whole.h5"))).path.read_bytes()
 
 
-def test_a_bad_frame_is_mended_and_gone_on_from(plain, whole):
+def test_a_run_resumes_after_a_bad_frame_is_repaired(plain, whole):
     frame = Path("frames/frame_4.obj")
     text = frame.read_text()
     frame.write_text("no mesh")
@@ -126,26 +126,26 @@ def test_a_bad_frame_is_mended_and_gone_on_from(plain, whole):
     assert extract(replace(plain, resume=True)).path.read_bytes() == whole
 
 
-def test_a_whole_result_is_left_as_it_is(plain, whole):
+def test_an_existing_result_is_kept(plain, whole):
     extract(plain)
     watch = Stopped()
     assert extract(replace(plain, resume=True), watch).path.read_bytes() == whole
-    assert watch.remarks == [("unchanged", "the result is whole already")]
+    assert watch.notes == [("unchanged", "up to date, nothing to do")]
 
 
-def test_a_whole_result_is_told_before_anything_is_bound(plain, whole, monkeypatch):
+def test_an_existing_result_is_found_before_weights_are_computed(plain, whole, monkeypatch):
     extract(plain)
 
     def bind(*given):
         raise AssertionError("bound")
 
-    monkeypatch.setattr("cageik_cli.workflows.extract.bound_of", bind)
+    monkeypatch.setattr("cageik_cli.workflows.extract.load_or_compute_binding", bind)
     assert extract(replace(plain, resume=True)).path.read_bytes() == whole
     with pytest.raises(AssertionError, match="bound"):
         extract(replace(plain, resume=True, overwrite=True, keep_weights=False))
 
 
-def test_going_on_may_replace_what_is_another_runs(plain, whole):
+def test_resume_with_overwrite_replaces_other_results_and_checkpoints(plain, whole):
     """--resume with --overwrite takes what is this run's, and replaces what is not."""
     other = replace(plain, solve=SolveSettings(alpha=0.5))
     both = replace(plain, resume=True, overwrite=True)
@@ -155,26 +155,26 @@ def test_going_on_may_replace_what_is_another_runs(plain, whole):
     assert extract(both).path.read_bytes() == whole
     watch = Stopped()
     extract(both, watch)
-    assert watch.remarks == [("unchanged", "the result is whole already")]
+    assert watch.notes == [("unchanged", "up to date, nothing to do")]
     Path("cages.h5").unlink()
     interrupted(plain, 3)
     extract(both, watch)
-    assert watch.remarks[1:] == [("resumed", "from frame 3 of 5")]
+    assert watch.notes[1:] == [("resumed", "from frame 3 of 5")]
 
 
-def test_a_frame_that_changes_before_it_is_drawn_is_refused(plain, animation, write_obj):
+def test_a_key_frame_that_changes_during_the_run_is_refused(plain, animation, write_obj):
     class Changing(Stopped):
-        def advance(self, done, total):
+        def update(self, done, total):
             for k in range(1, 6) if total == done == 5 else ():
                 path, vertices = Path(f"frames/frame_{k}.obj"), k * animation.frames[0]
                 write_obj(path, vertices, animation.rest.faces)
 
-    with pytest.raises(InputError, match=r"frame_\d\.obj: changed while the run went on"):
+    with pytest.raises(FileAccessError, match=r"frame_\d\.obj: changed"):
         extract(plain, Changing())
     assert not Path("cages.h5").exists()
 
 
-def test_a_run_killed_between_its_last_two_steps_is_done(plain, whole):
+def test_a_run_killed_before_its_checkpoint_is_deleted_is_complete(plain, whole):
     interrupted(plain, 5)
     Path("cages.h5").write_bytes(whole)
     Path("cages.h5.whole.partial").write_text("half")
@@ -191,18 +191,18 @@ def test_a_run_killed_between_its_last_two_steps_is_done(plain, whole):
         ({"cage": Path("other.obj")}, "other files"),
     ],
 )
-def test_another_result_is_not_replaced_by_going_on(plain, whole, change, says):
+def test_resume_does_not_replace_another_result(plain, whole, change, says):
     extract(plain)
     Path("other.obj").write_text(Path("cage.obj").read_text() + "# other\n")
-    with pytest.raises(InputError, match=f"is the result of {says}; choose another name"):
+    with pytest.raises(CheckpointError, match=rf"cages\.h5: .*{says}"):
         extract(replace(plain, resume=True, **change))
     assert Path("cages.h5").read_bytes() == whole
 
 
-def test_a_result_of_another_version_is_not_taken_for_this_ones(plain, whole, monkeypatch):
+def test_a_result_of_another_version_is_another_result(plain, whole, monkeypatch):
     extract(plain)
-    monkeypatch.setattr("cageik_cli.workflows.resume.__version__", "9.9")
-    with pytest.raises(InputError, match="is the result of another version of cageik; choose"):
+    monkeypatch.setattr("cageik_cli.workflows.plan.__version__", "9.9")
+    with pytest.raises(CheckpointError, match=r"cages\.h5: .*another version"):
         extract(replace(plain, resume=True))
     assert Path("cages.h5").read_bytes() == whole
 
@@ -219,7 +219,7 @@ SKIPPED = {"frames/frame_2.obj": "0 vertices and 0 faces", "frames/frame_4.obj":
 
 
 @pytest.mark.parametrize("memory", [1, 1 << 30])
-def test_a_frame_that_is_skipped_leaves_a_gap(gapped, memory):
+def test_a_skipped_frame_leaves_a_gap(gapped, memory):
     result = extract(replace(gapped, on_bad_frame="skip", memory=memory))
     assert result.frames == tuple(f"frame_{k}.obj" for k in range(1, 6))
     assert list(result.skipped) == [1, 3]
@@ -246,28 +246,28 @@ def test_other_frames_do_not_depend_on_the_gaps(gapped):
         assert file["verts"][::2].tobytes() == other["verts"][::2].tobytes()
 
 
-def test_a_run_with_gaps_goes_on_to_the_same_bytes(gapped):
+def test_a_resumed_run_with_gaps_gives_the_same_bytes(gapped):
     expected = extract(replace(gapped, output=Path("gaps.h5"), on_bad_frame="skip"))
     interrupted(replace(gapped, on_bad_frame="skip"), 3)
     result = extract(replace(gapped, on_bad_frame="skip", resume=True))
     assert result.path.read_bytes() == expected.path.read_bytes()
 
 
-def test_a_gap_is_read_again_when_its_file_was_mended_meanwhile(gapped):
+def test_a_gap_is_solved_when_its_file_was_repaired(gapped):
     interrupted(replace(gapped, on_bad_frame="skip"), 4)
     Path("frames/frame_2.obj").write_text(Path("frames/frame_1.obj").read_text())
     result = extract(replace(gapped, on_bad_frame="skip", resume=True))
     assert list(result.skipped) == [3]
 
 
-def test_a_run_that_stops_does_not_go_on_over_a_gap(gapped):
+def test_a_run_without_skipping_does_not_resume_over_a_gap(gapped):
     interrupted(replace(gapped, on_bad_frame="skip"), 3)
     with pytest.raises(InputError, match=r"frame_2\.obj: 0 vertices") as caught:
         extract(replace(gapped, resume=True))
     assert "3 of 5 frames are kept" in caught.value.__notes__[-1]
 
 
-def test_a_gap_that_stops_a_run_costs_nothing_of_what_was_solved_behind_it(gapped):
+def test_a_gap_that_stops_a_run_leaves_the_checkpoint_as_it_is(gapped):
     interrupted(replace(gapped, on_bad_frame="skip"), 5)
     log = LOG.read_bytes()
     with pytest.raises(InputError, match=r"frame_2\.obj: 0 vertices"):
@@ -275,7 +275,7 @@ def test_a_gap_that_stops_a_run_costs_nothing_of_what_was_solved_behind_it(gappe
     assert LOG.read_bytes() == log
 
 
-def test_a_frame_that_is_damaged_meanwhile_costs_nothing_either(plain, whole):
+def test_a_frame_that_was_damaged_leaves_the_checkpoint_as_it_is(plain, whole):
     interrupted(plain, 4)
     log, frame = LOG.read_bytes(), Path("frames/frame_3.obj")
     sound = frame.read_bytes()
@@ -287,19 +287,17 @@ def test_a_frame_that_is_damaged_meanwhile_costs_nothing_either(plain, whole):
     assert extract(replace(plain, resume=True)).path.read_bytes() == whole
 
 
-def test_a_whole_result_with_gaps_is_none_for_a_run_that_stops(gapped):
+def test_a_result_with_gaps_is_refused_by_a_run_without_skipping(gapped):
     result = extract(replace(gapped, on_bad_frame="skip"))
     data = result.path.read_bytes()
-    with pytest.raises(
-        InputError, match=r"2 frames were skipped in it, .*frame_2\.obj: 0 vertices"
-    ):
+    with pytest.raises(CheckpointError, match=r"cages\.h5: 2 frames .*frame_2\.obj: 0 vertices"):
         extract(replace(gapped, resume=True))
     assert result.path.read_bytes() == data
     again = extract(replace(gapped, resume=True, on_bad_frame="skip"))
     assert list(again.skipped) == [1, 3]
 
 
-def test_nothing_but_gaps_is_refused(plain):
+def test_a_clip_of_gaps_only_is_refused(plain):
     """The first frame, which tells the connectivity, is damaged after it was opened."""
 
     class Damaging(Stopped):
@@ -310,7 +308,7 @@ def test_nothing_but_gaps_is_refused(plain):
                 for path in Path("frames").iterdir():
                     path.write_text("no mesh")
 
-    with pytest.raises(InputError, match=r"no frame can be read, the first: .*frame_1\.obj: 0 ver"):
+    with pytest.raises(FileAccessError, match=r"frame_1\.obj: 0 ver"):
         extract(replace(plain, on_bad_frame="skip"), Damaging())
     assert not Path("cages.h5").exists()
 
@@ -337,17 +335,17 @@ def test_the_report_names_the_gaps(gapped):
 TYPED = ("extract", "frames/*.obj", "--cage", "cage.obj")
 
 
-def test_the_command_says_what_is_kept_and_goes_on(run, gapped):
+def test_the_command_says_what_is_kept_and_resumes(run, gapped):
     outcome = run(*TYPED, "--memory", "1")
     assert outcome.code == 1
     assert outcome.err.splitlines()[-1].endswith(
-        "1 of 5 frames are kept in cages.h5.partial; go on with --resume"
+        "1 of 5 frames are kept in cages.h5.partial; continue with --resume"
     )
     for name in ("cages.h5", "cages.h5.partial"):
         said = run("report", name)
         assert said.code == 1
-        assert "interrupted run has left" in said.err
-    assert "1 of 5; the same command with --resume goes on" in run("info", LOG).out
+        assert "rerun the command with --resume" in said.err
+    assert "1 of 5; rerun the command with --resume" in run("info", LOG).out
     outcome = run(*TYPED, "--memory", "1", "--resume", "--on-bad-frame", "skip")
     assert outcome.code == 0
     assert "resumed        from frame 1 of 5" in outcome.err
@@ -355,7 +353,7 @@ def test_the_command_says_what_is_kept_and_goes_on(run, gapped):
     assert "skipped        frame_2.obj, frame_4.obj; cageik report" in run("info", "cages.h5").out
 
 
-def test_a_gap_is_remarked_once_however_many_exports_there_are(run, gapped):
+def test_a_gap_is_noted_once_for_several_exports(run, gapped):
     exports = ("--export", "cages.npz", "--export", "cages.mdd")
     outcome = run(*TYPED, "--on-bad-frame", "skip", *exports)
     assert outcome.code == 0

@@ -1,1 +1,1 @@
-"""Options that commands share, and the checks of what was typed."""
+"""Options that commands share, and the records that they make."""

@@ -1,23 +1,19 @@
-"""Options of every command that reads or writes an animation: which frames, in what scene."""
+"""Options on an animation that is read or written: which frames, and in what scene."""
 
 import re
-from collections.abc import Callable
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any
 
 import click
 
-from cageik_cli.util.errors import CageikError
-
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-# The reader's own words, which would take a second to import; a test compares them.
-LAYOUTS = ("fvx", "vxf", "fxv")
-
-UP_AXES = ("Y", "Z")
+from cageik_cli.cli.options.common import PATH_TYPE, usage_errors
+from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.formats.base.settings import LAYOUTS, ClipSettings
+from cageik_cli.formats.scene import UP_AXES, SceneHints
 
 
 class FrameRangeType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
-    """Frames A to B, B left out, every STEP-th: A:B:STEP, each of which may be left out."""
+    """Frames A to B, without B, every STEP-th: A:B:STEP, each of which may be left out."""
 
     name = "a:b:step"
 
@@ -30,8 +26,8 @@ class FrameRangeType(click.ParamType):  # type: ignore[type-arg]  # not subscrip
         match = re.fullmatch(r"(-?\d{1,9})?:(-?\d{1,9})?(?::(\d{1,9})?)?", str(value).strip())
         if not match or (match[3] and int(match[3]) == 0):
             self.fail(
-                f"{value!r} does not choose frames; expected A:B or A:B:STEP, such as 10:20, "
-                "counted from 0, B left out",
+                f"{value!r} is not a range of frames; expected A:B or A:B:STEP, such as 10:20 "
+                "for frames 10 to 19, counted from 0",
                 param,
                 ctx,
             )
@@ -42,69 +38,67 @@ layout_option = click.option(
     "--layout",
     type=click.Choice(LAYOUTS),
     help="Order of an array's axes: f frames, v vertices, x coordinates.  "
-    "[default: by their lengths]",
+    "[default: found from their lengths]",
+)
+
+CLIP_OPTIONS = OptionGroup(
+    "clip",
+    ClipSettings,
+    click.option(
+        "--frames",
+        "selection",
+        type=FrameRangeType(),
+        default=":",
+        help="Take frames A:B:STEP only, counted from 0, without B.  [default: all]",
+    ),
+    layout_option,
+    click.option("--allow-gaps", is_flag=True, help="Accept missing numbers in a series of files."),
 )
 
 
-def clip_options(command: Command) -> Command:
-    """--frames, --layout and --allow-gaps: how a clip is taken."""
-    for option in (
-        click.option(
-            "--allow-gaps", is_flag=True, help="Take frames although a number is missing."
-        ),
-        layout_option,
-        click.option(
-            "--frames",
-            "selection",
-            type=FrameRangeType(),
-            default=":",
-            help="Only frames A:B:STEP of the clip, from 0, B left out.  [default: all]",
-        ),
-    ):
-        command = option(command)
-    return command
+def make_scene_hints(
+    fps: float | None, start: float | None, up_axis: str | None, metres_per_unit: float | None
+) -> SceneHints:
+    """Make the scene of what was typed; impossible values are wrong usage."""
+    with usage_errors():
+        return SceneHints(fps, start, up_axis, metres_per_unit)
 
 
-def scene_options(command: Command) -> Command:
-    """--fps, --start, --up-axis and --metres-per-unit: time and space, if not as the source's."""
-    for option in (
-        click.option(
-            "--metres-per-unit", type=float, help="Length of a unit.  [default: the source's, or 1]"
-        ),
-        click.option(
-            "--up-axis",
-            type=click.Choice(UP_AXES),
-            help="Which axis is up.  [default: the source's, or Y]",
-        ),
-        click.option(
-            "--start", type=float, help="Number of the first frame.  [default: the source's, or 1]"
-        ),
-        click.option("--fps", type=float, help="Frames a second.  [default: the source's, or 24]"),
-    ):
-        command = option(command)
-    return command
+SCENE_OPTIONS = OptionGroup(
+    "scene",
+    make_scene_hints,
+    click.option("--fps", type=float, help="Frames per second.  [default: from the source, or 24]"),
+    click.option(
+        "--start", type=float, help="Number of the first frame.  [default: from the source, or 1]"
+    ),
+    click.option(
+        "--up-axis",
+        type=click.Choice(UP_AXES),
+        help="Axis that points up.  [default: from the source, or Y]",
+    ),
+    click.option(
+        "--metres-per-unit",
+        type=float,
+        help="Metres per unit of length.  [default: from the source, or 1]",
+    ),
+)
+
+rest_option = click.option(
+    "--rest", type=PATH_TYPE, help="Mesh of the rest pose.  [default: the first frame]"
+)
+rest_frame_option = click.option(
+    "--rest-frame", type=int, help="Number of the frame that is the rest pose, from 0."
+)
 
 
-def pop_clip_settings(options: dict[str, Any]) -> Any:
-    """Take the clip's options out of `options`, as settings."""
-    from cageik_cli.formats.base.sequence import ClipSettings
-
-    return ClipSettings(*(options.pop(name) for name in ("selection", "layout", "allow_gaps")))
-
-
-def pop_scene_hints(options: dict[str, Any]) -> Any:
-    """Take the scene's options out of `options`, as hints.
+def choose_rest_frame(rest: Path | None, rest_frame: int | None) -> int:
+    """Return the frame that is the rest pose, if no file is.
 
     Raises
     ------
     click.UsageError
-        When a value cannot be.
+        When both are given.
     """
-    from cageik_cli.formats.scene import SceneHints
-
-    names = ("fps", "start", "up_axis", "metres_per_unit")
-    values = [options.pop(name) for name in names]
-    try:
-        return SceneHints(*values)
-    except CageikError as error:
-        raise click.UsageError(str(error)) from error
+    if rest is not None and rest_frame is not None:
+        raise click.UsageError("--rest and --rest-frame both give the rest pose; leave one out")
+    return rest_frame or 0

@@ -2,7 +2,8 @@
 
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -10,17 +11,17 @@ import click
 from click.core import ParameterSource
 
 from cageik_cli.cli.config import apply_config
-from cageik_cli.util.threads import count_processors
+from cageik_cli.cli.options.group import Decorator, OptionGroup
+from cageik_cli.coordinates.settings import (
+    ACCURACIES,
+    COORDINATES,
+    OUTSIDE_POLICIES,
+    BindSettings,
+)
+from cageik_cli.util.errors import CageikError
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 PATH_TYPE = click.Path(path_type=Path)
-
-# The numerics' own words, which would take a second to import; a test compares them.
-COORDINATES = ("harmonic", "mean-value")
-
-ACCURACIES = {"preview": 0.03, "standard": 0.005, "fine": 0.001}
-OUTSIDE_POLICIES = ("refuse", "project")
-FRAME_KINDS = ("obj", "ply")
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
 
 
@@ -37,8 +38,30 @@ class SizeType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable 
         return int(float(match[1]) * _UNITS[match[2].upper()])
 
 
+def count_processors() -> int:
+    """Return how many processors this process may use; the module that knows is slow to import."""
+    from cageik_cli.util.threads import count_processors
+
+    return count_processors()
+
+
+class FrameFormatType(click.ParamType):  # type: ignore[type-arg]  # as above
+    """A format of folders of frames: the formats are looked up when one is given."""
+
+    name = "format"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Check the name."""
+        from cageik_cli.formats.write import frame_formats
+
+        known = frame_formats()
+        if value not in known:
+            self.fail(f"{value!r} is not one of {', '.join(map(repr, known))}.", param, ctx)
+        return str(value)
+
+
 def common_options(command: Command) -> Command:
-    """-v, -q and --config."""
+    """Add -v, -q and --config."""
     for option in (
         click.option(
             "--config",
@@ -46,124 +69,99 @@ def common_options(command: Command) -> Command:
             is_eager=True,
             expose_value=False,
             callback=apply_config,
-            help="A TOML file with options under [COMMAND]; the command line wins.",
+            help="TOML file with options under [COMMAND]; the command line wins.",
         ),
-        click.option(
-            "-q", "--quiet", is_flag=True, help="Say nothing but errors, and what is over a limit."
-        ),
+        click.option("-q", "--quiet", is_flag=True, help="Print only errors and exceeded limits."),
         click.option(
             "-v",
             "--verbose",
             count=True,
             expose_value=False,
             callback=_remember_verbosity,
-            help="Say more; -vv shows where an error arose.",
+            help="Print more; -vv prints the traceback of an error.",
         ),
     ):
         command = option(command)
     return command
 
 
-def jobs_option(command: Command) -> Command:
-    """--jobs."""
-    return click.option(
-        "--jobs",
-        type=click.IntRange(min=1),
-        default=count_processors,
-        show_default="processors",
-        help="Threads.",
-    )(command)
+jobs_option = click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=count_processors,
+    show_default="processors",
+    help="Number of threads.",
+)
+
+memory_option = click.option(
+    "--memory",
+    type=SizeType(),
+    default="1GiB",
+    show_default=True,
+    help="Memory limit for weights and frame buffers.",
+)
+
+timings_option = click.option(
+    "--timings", type=PATH_TYPE, help="Write the seconds of each stage to this JSON file."
+)
+
+overwrite_option = click.option("--overwrite", is_flag=True, help="Replace existing outputs.")
+
+format_option = click.option(
+    "--format",
+    "file_format",
+    type=FrameFormatType(),
+    metavar="[obj|ply]",
+    help="File format when OUT is a folder.  [default: obj]",
+)
 
 
-def timings_option(command: Command) -> Command:
-    """--timings."""
-    return click.option(
-        "--timings", type=PATH_TYPE, help="Write the seconds of each stage to this JSON file."
-    )(command)
+def make_binding_options(defaults: BindSettings | None) -> tuple[Decorator, ...]:
+    """Make --coordinates, --accuracy and --outside; without defaults, those of a result hold."""
+    tolerances = ", ".join(f"{known.tolerance} {name}" for name, known in ACCURACIES.items())
 
+    def default(name: str) -> dict[str, Any]:
+        if defaults is None:
+            return {"show_default": "that of the result"}
+        return {"default": getattr(defaults, name), "show_default": True}
 
-def binding_options(command: Command) -> Command:
-    """--coordinates, --accuracy, --outside, --cache and --no-cache: how weights come about."""
-    return _add_binding_options(command, (COORDINATES[0], "standard", OUTSIDE_POLICIES[0]))
-
-
-def rebinding_options(command: Command) -> Command:
-    """The same options, where there is a result whose own settings hold unless others are given."""
-    return _add_binding_options(command, (None, None, None))
-
-
-def _add_binding_options(command: Command, defaults: tuple[str | None, ...]) -> Command:
-    coordinates, accuracy, outside = map(_make_default, defaults)
-    tolerances = ", ".join(f"{error} {name}" for name, error in ACCURACIES.items())
-    for option in (
-        click.option("--no-cache", is_flag=True, help="Compute the weights, and do not keep them."),
+    return (
         click.option(
-            "--cache",
-            type=PATH_TYPE,
-            help="The folder that keeps weights.  [default: CAGEIK_CACHE, or the user's caches]",
-        ),
-        click.option(
-            "--outside",
-            type=click.Choice(OUTSIDE_POLICIES),
-            help="What to do with vertices outside the cage; projected ones take the weights of "
-            "the nearest point of the cage.",
-            **outside,
+            "--coordinates",
+            type=click.Choice(COORDINATES),
+            help="Type of coordinates.",
+            **default("coordinates"),
         ),
         click.option(
             "--accuracy",
             type=click.Choice(list(ACCURACIES)),
-            help=f"Mean over vertices of the error of a row of weights, summed: {tolerances}.",
-            **accuracy,
+            help="Tolerance of the weights, the mean L1 error of a row: " + tolerances + ".",
+            **default("accuracy"),
         ),
         click.option(
-            "--coordinates",
-            type=click.Choice(COORDINATES),
-            help="What the weights are.",
-            **coordinates,
+            "--outside",
+            type=click.Choice(OUTSIDE_POLICIES),
+            help="Vertices outside the cage: refuse them, or project them to the nearest point "
+            "of the cage.",
+            **default("outside"),
         ),
-    ):
-        command = option(command)
-    return command
+    )
 
 
-def _make_default(value: str | None) -> dict[str, Any]:
-    return {"default": value, "show_default": value or "the result's"}
-
-
-def memory_option(command: Command) -> Command:
-    """--memory."""
-    return click.option(
-        "--memory",
-        type=SizeType(),
-        default="1GiB",
-        show_default=True,
-        help="Most for the weights and blocks of frames.",
-    )(command)
-
-
-def animation_options(command: Command) -> Command:
-    """--format and --overwrite: how an animation is written."""
-    for option in (
-        click.option("--overwrite", is_flag=True, help="Replace what is there."),
-        click.option(
-            "--format",
-            "kind",
-            type=click.Choice(FRAME_KINDS),
-            help="Of the files in a folder that is but named.  [default: obj]",
-        ),
-    ):
-        command = option(command)
-    return command
+BIND_OPTIONS = OptionGroup("bind", BindSettings, *make_binding_options(BindSettings()))
 
 
 def is_on_command_line(name: str) -> bool:
-    """Whether an option was given on the command line."""
+    """Tell whether an option was given on the command line."""
     source = click.get_current_context().get_parameter_source(name)
     return source is ParameterSource.COMMANDLINE
 
 
 def choose_cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
-    """The folder of the cache: of the command line, the file of options, the environment, the user.
+    """Return the folder of the weight cache; None for none.
+
+    The command line comes before the file of options, then the environment, then the folder of
+    the user.
 
     Raises
     ------
@@ -171,7 +169,7 @@ def choose_cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
         When the command line both names and refuses one.
     """
     if is_on_command_line("cache") and is_on_command_line("no_cache"):
-        raise click.UsageError("--cache and --no-cache exclude each other; give one")
+        raise click.UsageError("--cache and --no-cache exclude each other; leave one out")
     if no_cache and not is_on_command_line("cache"):
         return None
     named = cache or os.environ.get("CAGEIK_CACHE")
@@ -183,8 +181,30 @@ def choose_cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
     return user_cache_path("cageik", appauthor=False)
 
 
+CACHE_OPTIONS = OptionGroup(
+    "cache",
+    choose_cache_folder,
+    click.option(
+        "--cache",
+        type=PATH_TYPE,
+        help="Folder of the weight cache.  [default: CAGEIK_CACHE, or the cache folder of the "
+        "user]",
+    ),
+    click.option("--no-cache", is_flag=True, help="Do not use the weight cache."),
+)
+
+
+@contextmanager
+def usage_errors() -> Iterator[None]:
+    """Make wrong usage (exit code 2) of errors of settings that are raised inside."""
+    try:
+        yield
+    except CageikError as error:
+        raise click.UsageError(str(error)) from error
+
+
 def get_verbosity() -> int:
-    """How many -v were given."""
+    """Return how many -v were given."""
     return int(click.get_current_context().find_root().meta.get("verbosity", 0))
 
 

@@ -1,4 +1,4 @@
-"""Options of every command that judges results: what they are to keep."""
+"""Options of every command that checks limits on its results."""
 
 import math
 import re
@@ -6,27 +6,78 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from cageik_cli.cli.options.common import PATH_TYPE
+from cageik_cli.cli.options.group import OptionGroup
 
-Command = TypeVar("Command", bound=Callable[..., Any])
+if TYPE_CHECKING:
+    from cageik_cli.report.limits import Baseline, Limits
+    from cageik_cli.report.overview import Overview
 
-# The report's own words, which would take a second to import; a test compares them.
-METRICS = ("rms", "frame_rms", "max_deviation", "volume_change")
+    LoadBaseline = Callable[[Path, Decimal], Baseline]
 
-LIMIT_OPTION_NAMES = ("max_rms", "max_frame_rms", "max_deviation", "max_volume_change")
 DEFAULT_REGRESSION = Decimal(10)
+"""Percent by which a figure may be above that of the baseline."""
 
 
 @dataclass(frozen=True, slots=True)
 class LimitValue:
-    """The most that a figure may be, in percent or in file units."""
+    """A limit of a figure, in percent or in file units."""
 
     value: Decimal
     is_percent: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LimitOptions:
+    """The limits as they were typed; the baseline is not read yet.
+
+    Raises
+    ------
+    click.UsageError
+        When there is a regression and no baseline.
+    """
+
+    max_rms: LimitValue | None
+    max_frame_rms: LimitValue | None
+    max_deviation: LimitValue | None
+    max_volume_change: LimitValue | None
+    baseline: Path | None
+    max_regression: LimitValue | None
+
+    def __post_init__(self) -> None:
+        if self.baseline is None and self.max_regression is not None:
+            raise click.UsageError("--max-regression needs a --baseline; give both, or neither")
+
+    def load(self, load_baseline: "LoadBaseline | None" = None) -> "Limits":
+        """Return the limits, with those of the baseline.
+
+        Parameters
+        ----------
+        load_baseline : callable, optional
+            In place of `read_baseline`, for callers that ask for one baseline many times.
+
+        Raises
+        ------
+        InputError
+            When the baseline cannot be read, or is not one.
+        """
+        from cageik_cli.report.baseline import read_baseline
+        from cageik_cli.report.limits import METRICS, PERCENT, UNITS, Limit, Limits
+
+        values = (self.max_rms, self.max_frame_rms, self.max_deviation, self.max_volume_change)
+        limits = tuple(
+            Limit(metric, most.value, PERCENT if most.is_percent else UNITS)
+            for metric, most in zip(METRICS, values, strict=True)
+            if most is not None
+        )
+        if self.baseline is None:
+            return Limits(limits)
+        regression = self.max_regression.value if self.max_regression else DEFAULT_REGRESSION
+        return Limits(limits, (load_baseline or read_baseline)(self.baseline, regression))
 
 
 class LimitValueType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
@@ -51,101 +102,59 @@ class LimitValueType(click.ParamType):  # type: ignore[type-arg]  # not subscrip
         return self.make_value(Decimal(match[1]), bool(match[4]))
 
     def make_value(self, value: Decimal, has_sign: bool) -> Any:
-        """What the option's value is."""
+        """Make the value of the option."""
         return LimitValue(value, has_sign)
 
 
 class PercentType(LimitValueType):
-    """A number of percent, zero or above, with the sign or without."""
+    """A number of percent, zero or above, with or without the sign."""
 
     expected = "2%"
 
     def make_value(self, value: Decimal, has_sign: bool) -> Any:
-        """Percent in any case."""
+        """Make a percentage in any case."""
         return LimitValue(value, True)
 
 
-def limit_options(command: Command) -> Command:
-    """--max-rms and the other limits, --baseline and --max-regression."""
-    length = "percent of the diagonal, or file units without the sign."
-    for option in (
-        click.option(
-            "--max-regression",
-            type=PercentType(),
-            help="By how much a figure may pass that of --baseline.  [default: 10%]",
-        ),
-        click.option(
-            "--baseline",
-            type=PATH_TYPE,
-            help="Compare with this JSON of an earlier report or batch: rms, the worst frame's "
-            "rms, max deviation and volume change, as printed.",
-        ),
-        click.option(
-            "--max-volume-change",
-            type=PercentType(),
-            help="Most that a frame's volume may change, percent; closed models only.",
-        ),
-        click.option(
-            "--max-deviation",
-            type=LimitValueType(),
-            help=f"Most for any vertex of any frame, {length}",
-        ),
-        click.option(
-            "--max-frame-rms",
-            type=LimitValueType(),
-            help=f"Most for the rms of the worst frame, {length}",
-        ),
-        click.option(
-            "--max-rms",
-            type=LimitValueType(),
-            help=f"Most for the rms over the clip, the headline, {length}  A figure over its "
-            "limit is exit code 3.",
-        ),
-    ):
-        command = option(command)
-    return command
+LIMIT_OPTIONS = OptionGroup(
+    "limits",
+    LimitOptions,
+    click.option(
+        "--max-rms",
+        type=LimitValueType(),
+        help="Fail with exit code 3 if the RMS error of the clip is above this: 0.5% of the "
+        "diagonal, or 0.02 in file units.",
+    ),
+    click.option(
+        "--max-frame-rms",
+        type=LimitValueType(),
+        help="Fail if the RMS error of any frame is above this.",
+    ),
+    click.option(
+        "--max-deviation",
+        type=LimitValueType(),
+        help="Fail if any vertex of any frame deviates by more than this.",
+    ),
+    click.option(
+        "--max-volume-change",
+        type=PercentType(),
+        help="Fail if the volume of any frame changes by more percent; closed models only.",
+    ),
+    click.option(
+        "--baseline",
+        type=PATH_TYPE,
+        help="Fail if a figure is worse than in this JSON of an earlier report or batch.",
+    ),
+    click.option(
+        "--max-regression",
+        type=PercentType(),
+        help="How much worse than --baseline a figure may be.  [default: 10%]",
+    ),
+)
 
 
-def pop_limits(options: dict[str, Any], load_baseline: Callable[..., Any] | None = None) -> Any:
-    """Take the limits' options out of `options`, as `Limits`; a baseline is read.
-
-    Parameters
-    ----------
-    options : dict
-        By parameters' names.
-    load_baseline : callable, optional
-        In place of `read_baseline`, for who asks for one baseline many times.
-
-    Raises
-    ------
-    click.UsageError
-        When there is a regression and no baseline.
-    InputError
-        When the baseline is not one.
-    """
-    from cageik_cli.report.baseline import read_baseline
-    from cageik_cli.report.limits import Limit, Limits
-
-    values = {
-        metric: options.pop(name) for metric, name in zip(METRICS, LIMIT_OPTION_NAMES, strict=True)
-    }
-    path: Path | None = options.pop("baseline")
-    regression: LimitValue | None = options.pop("max_regression")
-    if path is None and regression is not None:
-        raise click.UsageError("--max-regression is of a --baseline; name one")
-    limits = tuple(
-        Limit(metric, most.value, "%" if most.is_percent else "units")
-        for metric, most in values.items()
-        if most is not None
-    )
-    if path is None:
-        return Limits(limits)
-    value = regression.value if regression else DEFAULT_REGRESSION
-    return Limits(limits, (load_baseline or read_baseline)(path, value))
-
-
-def echo_exceeded_limits(overview: Any) -> None:
-    """Say on stderr which figures are over their limits, a line each."""
+def echo_exceeded_limits(overview: "Overview") -> None:
+    """Print on stderr which figures are above their limits, one line each."""
     from cageik_cli.report.views.text import format_check_row
     from cageik_cli.report.vocabulary import choose_vocabulary
 
@@ -156,7 +165,7 @@ def echo_exceeded_limits(overview: Any) -> None:
                 click.echo(f"{entry.name}: {': '.join(format_check_row(check, words))}", err=True)
 
 
-def exit_with_code(overview: Any) -> None:
+def exit_with_code(overview: "Overview") -> None:
     """End with the exit code of a run, if that is not 0."""
     if overview.exit_code:
         raise click.exceptions.Exit(overview.exit_code)

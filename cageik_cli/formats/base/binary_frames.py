@@ -12,7 +12,8 @@ from threading import Lock
 
 import numpy as np
 
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.arrays import fit_frames
+from cageik_cli.util.errors import FileAccessError, FormatError
 
 MAX_CHUNK_BYTES = 1 << 25
 """Bytes of a run, unless a frame alone has more."""
@@ -38,9 +39,8 @@ class ChunkedFrames(ABC):
         self, frame_count: int, vertex_count: int, chunk_frames: int, itemsize: int
     ) -> None:
         self.frame_count, self.vertex_count = frame_count, vertex_count
-        self._chunk_size = max(
-            1, min(chunk_frames, MAX_CHUNK_BYTES // (3 * vertex_count * itemsize))
-        )
+        fitting = fit_frames(MAX_CHUNK_BYTES, vertex_count, itemsize=itemsize)
+        self._chunk_size = max(1, min(chunk_frames, fitting))
         self._cached_chunks: deque[tuple[int, np.ndarray]] = deque()
         self._lock = Lock()
 
@@ -91,11 +91,11 @@ class BinaryFile:
             When it cannot be.
         """
         if path.is_dir():
-            raise InputError("is a folder, expected a file")
+            raise FileAccessError("is a folder, expected a file")
         try:
             return BinaryFile(path.open("rb", buffering=0))
         except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror or error}") from error
+            raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
 
     def read_array(self, offset: int, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
         """An array that lies at `offset`, its last axis fastest.
@@ -109,7 +109,7 @@ class BinaryFile:
             array = np.empty(shape, dtype)
         except MemoryError as error:
             size = prod(shape) * dtype.itemsize
-            raise InputError(f"{size} bytes of it do not fit in memory at once") from error
+            raise FileAccessError(f"{size} bytes of it do not fit in memory at once") from error
         self.read_into(array, offset)
         return array
 
@@ -128,10 +128,10 @@ class BinaryFile:
                 while left:
                     count = self._stream.readinto(left)
                     if not count:
-                        raise InputError("became shorter since it was opened; run again")
+                        raise FileAccessError("became shorter since it was opened; run again")
                     left = left[count:]
             except OSError as error:
-                raise InputError(f"cannot be read: {error.strerror or error}") from error
+                raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,10 +205,10 @@ def check_file_size(file: BinaryFile, expected: int, counts: dict[str, int]) -> 
     """
     announced = ", ".join(f"{count} {noun}" for noun, count in counts.items())
     if min(counts.values()) < 1:
-        raise InputError(f"announces {announced}, expected one of each at least; export it again")
+        raise FormatError(f"announces {announced}, expected one of each at least; export it again")
     if file.size != expected:
         fault = "cut short or damaged" if file.size < expected else "damaged"
-        raise InputError(
+        raise FormatError(
             f"announces {announced}, which take {expected} bytes, and has {file.size}; it is "
             f"{fault}, export it again"
         )

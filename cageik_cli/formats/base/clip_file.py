@@ -1,6 +1,5 @@
 """A clip that one file holds."""
 
-import hashlib
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,10 +9,17 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from cageik_cli.formats.base.file_data import hash_file
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import InputError, error_context, join_truncated
+from cageik_cli.util.errors import (
+    ConnectivityError,
+    FormatError,
+    SettingError,
+    error_context,
+    join_truncated,
+)
 from cageik_cli.util.text import to_unicode
 
 
@@ -54,11 +60,11 @@ class ClipFile(MeshSequence):
         rest = request.rest
         with error_context(self.path):
             if rest is None:
-                raise InputError(
+                raise SettingError(
                     "holds positions and no faces; give a mesh that has them with --rest"
                 )
             if vertex_count != len(rest.mesh.vertices):
-                raise InputError(
+                raise ConnectivityError(
                     f"{vertex_count} vertices, the rest pose has {len(rest.mesh.vertices)}; all "
                     f"must "
                     "share one connectivity"
@@ -90,16 +96,6 @@ class ClipFile(MeshSequence):
         return hash_file(self.path)
 
 
-def hash_file(path: Path) -> bytes:
-    """SHA-256 of a file."""
-    with error_context(path):
-        try:
-            with path.open("rb") as stream:
-                return hashlib.file_digest(stream, "sha256").digest()
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror or error}") from error
-
-
 def check_zero_based(faces: np.ndarray, vertex_count: int) -> None:
     """Refuse faces that name one vertex more than there are `vertex_count`, and never vertex 0.
 
@@ -108,7 +104,7 @@ def check_zero_based(faces: np.ndarray, vertex_count: int) -> None:
     InputError
     """
     if faces.size and faces.min() > 0 and faces.max() == vertex_count:
-        raise InputError(
+        raise FormatError(
             f"faces name vertices {faces.min()} to {vertex_count} of {vertex_count}, so they "
             f"are counted "
             "from 1; take 1 off them and write the file again"
@@ -118,7 +114,7 @@ def check_zero_based(faces: np.ndarray, vertex_count: int) -> None:
 def single_path(paths: tuple[Path, ...]) -> Path:
     """The one file of a clip that is not a file a frame."""
     if len(paths) > 1:
-        raise InputError(
+        raise SettingError(
             f"{paths[0]}: {len(paths)} files that each hold a clip were named, expected one: "
             f"{join_truncated(path.name for path in paths)}"
         )

@@ -5,7 +5,7 @@ import numpy as np
 from cageik_cli.formats.base.sequence import MeshSequence, check_connectivity
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Integers
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import ConnectivityError
 
 
 def check_vertex_order(sequence: MeshSequence, expected: TriMesh, expected_name: str) -> None:
@@ -25,7 +25,7 @@ def check_vertex_order(sequence: MeshSequence, expected: TriMesh, expected_name:
         if any(_has_same_edges(mesh, expected) for mesh in (found, sequence.first)):
             return
         if np.array_equal(_sorted_valences(found), _sorted_valences(expected)):
-            raise InputError(
+            raise ConnectivityError(
                 f"the same number of vertices and triangles as {expected_name} has, in another "
                 f"order; "
                 "export it again from the mesh that cageik export wrote, with its vertex order kept"

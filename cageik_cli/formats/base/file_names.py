@@ -1,23 +1,13 @@
-"""Files as they lie on disk: of what kind, and what is in them when they are packed by gzip."""
+"""Names of files: their suffix, and the number of a frame in them."""
 
-import gzip
-import io
 import re
-import zlib
 from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from cageik_cli.util.errors import InputError
-
-GZIP_SUFFIX = ".gz"
-
-MAX_COMPRESSION_RATIO = 100
-"""A packed file may unpack to so many times its size; text of a mesh packs to a fifth or so."""
-
-MIN_UNPACKED_LIMIT = 64 * 2**20
-"""Bytes that a packed file may unpack to in any case."""
+from cageik_cli.formats.base.file_data import GZIP_SUFFIX
+from cageik_cli.util.errors import FileAccessError, SettingError
 
 
 def file_suffix(path: Path) -> str:
@@ -29,30 +19,6 @@ def file_suffix(path: Path) -> str:
 def file_stem(path: Path) -> str:
     """The name without its kind."""
     return path.name[: len(path.name) - len(file_suffix(path))]
-
-
-def decompress(data: bytes, suffix: str) -> bytes:
-    """What a file of some kind holds, unpacked if it is packed.
-
-    Raises
-    ------
-    InputError
-        When it is damaged, or holds more than `LARGEST_RATIO` times its size and `SMALL`.
-    """
-    if not suffix.endswith(GZIP_SUFFIX):
-        return data
-    limit = max(MIN_UNPACKED_LIMIT, MAX_COMPRESSION_RATIO * len(data))
-    try:
-        content = gzip.GzipFile(fileobj=io.BytesIO(data)).read(limit + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"cannot be unpacked ({error}); pack or copy it again") from error
-    if len(content) > limit:
-        raise InputError(
-            f"holds more than {limit} bytes in {len(data)}, expected {MAX_COMPRESSION_RATIO} "
-            f"times as many "
-            "at most; unpack it if that is what it should be"
-        )
-    return content
 
 
 _NUMBERED = re.compile(r"(.*?)(\d+)(\D*)")
@@ -95,7 +61,7 @@ def check_no_gaps(paths: list[Path]) -> None:
         first = matches[gaps[0]]
         number = str(int(first[2]) + usual).zfill(len(first[2]))
         lost = f"{first[1]}{number}{first[3]}{paths[0].name[len(file_stem(paths[0])) :]}"
-        raise InputError(
+        raise FileAccessError(
             f"{paths[gaps[0]].parent / lost}: missing between {paths[gaps[0]].name} and "
             f"{paths[gaps[0] + 1].name}, where frames are numbered in steps of {usual} "
             f"({len(gaps)} such gaps); restore it, or take the clip as it is with --allow-gaps"
@@ -131,7 +97,7 @@ class FrameNames:
         """
         found = list(_FRAME_NUMBER.finditer(pattern))
         if len(found) > 1:
-            raise InputError(
+            raise SettingError(
                 f"the frame's number stands in {pattern} {len(found)} times, expected once"
             )
         if not found:

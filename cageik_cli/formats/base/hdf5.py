@@ -8,7 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import FileAccessError, FormatError, OutputError, error_context
 
 MAX_COMPRESSION_RATIO = 1100
 """Most that HDF5's filters compress; a dataset that claims more than it can hold is damaged."""
@@ -26,7 +26,7 @@ def check_hdf5_suffix(path: Path) -> None:
         Naming the output and what to do.
     """
     if path.suffix.lower() not in HDF5_SUFFIXES:
-        raise InputError(
+        raise OutputError(
             f"{path}: is to be an HDF5 file, expected a name that ends in "
             f"{' or '.join(HDF5_SUFFIXES)} "
             "(cageik export writes cages in other formats)"
@@ -36,9 +36,9 @@ def check_hdf5_suffix(path: Path) -> None:
 def open_file(path: Path) -> h5py.File:
     """Open a file for reading, to be closed by the caller."""
     if not path.is_file():
-        raise InputError("is a folder, expected a file" if path.is_dir() else "no such file")
+        raise FileAccessError("is a folder, expected a file" if path.is_dir() else "no such file")
     if not h5py.is_hdf5(path):
-        raise InputError("is not an HDF5 file; name one, or write it again")
+        raise FormatError("is not an HDF5 file; name one, or write it again")
     return h5py.File(path, "r")
 
 
@@ -56,7 +56,7 @@ def wrap_hdf5_errors(path: Path) -> Iterator[None]:
         try:
             yield
         except (OSError, RuntimeError, KeyError, TypeError, ValueError, MemoryError) as error:
-            raise InputError(
+            raise FormatError(
                 f"is not a sound HDF5 file ({error}); it may be cut short, write it again"
             ) from error
 
@@ -85,20 +85,20 @@ def get_dataset(
     for part in name.split("/"):
         parent = f"{parent}/{part}"
         if not isinstance(file.get(parent, getlink=True), h5py.HardLink):
-            raise InputError(f"has no dataset `{name}`")
+            raise FormatError(f"has no dataset `{name}`")
     found = file[name]
     if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
-        raise InputError(f"`{name}` is not a dataset held in this file")
+        raise FormatError(f"`{name}` is not a dataset held in this file")
     if found.dtype.kind not in kinds:
-        raise InputError(f"`{name}` holds {found.dtype} values, expected {_KIND_NAMES[kinds]}")
+        raise FormatError(f"`{name}` holds {found.dtype} values, expected {_KIND_NAMES[kinds]}")
     fits = found.shape is not None and len(found.shape) == len(shape)
     if not fits or any(
         n == 0 or e not in (None, n) for n, e in zip(found.shape, shape, strict=True)
     ):
         wanted = " x ".join("any" if length is None else str(length) for length in shape)
-        raise InputError(f"`{name}` has shape {found.shape}, expected {wanted}")
+        raise FormatError(f"`{name}` has shape {found.shape}, expected {wanted}")
     if found.nbytes > MAX_COMPRESSION_RATIO * max(found.id.get_storage_size(), 1):
-        raise InputError(f"`{name}` claims {found.nbytes} bytes and holds next to none of them")
+        raise FormatError(f"`{name}` claims {found.nbytes} bytes and holds next to none of them")
     return found
 
 

@@ -1,14 +1,13 @@
 """Polygons cut into triangles: fans where these do not fold over, else ears."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 
 FOLD_TOL = 1e-9
 """A fan is folded when it has a triangle turned against the polygon by more of its area."""
@@ -39,7 +38,7 @@ def fan_triangulate(corners: Integers, corner_counts: Integers) -> Integers:
     """
     small = np.flatnonzero(corner_counts < 3)
     if len(small):
-        raise InputError(
+        raise FormatError(
             f"face {small[0]} has {corner_counts[small[0]]} corners, expected 3 or more; export "
             f"it again"
         )
@@ -104,40 +103,3 @@ def _is_ear(triangle: Floats, ring: Floats) -> bool:
     own = (ring[:, None] == triangle).all(axis=2).any(axis=1)
     turn = sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0]
     return bool(turn > 0 and not ((lefts >= 0).all(axis=1) & ~own).any())
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FileMesh:
-    """What a mesh file holds, not yet checked.
-
-    Attributes
-    ----------
-    vertices : (n, 3) float64
-        Each value is `float(text)` to the bit; may not be finite.
-    faces : (f, 3) int64
-        From 0; polygons are cut into fans at their first corner.
-    corner_counts : (p,) int64
-        How many corners each face of the file has.
-    """
-
-    vertices: Floats
-    faces: Integers
-    corner_counts: Integers
-
-    @property
-    def polygon_count(self) -> int:
-        """How many faces have more than three corners."""
-        return int(np.count_nonzero(self.corner_counts > 3))
-
-    @property
-    def fan_triangulated(self) -> TriMesh:
-        """The mesh, checked, with its polygons as fans: what connectivity is compared by."""
-        return TriMesh(self.vertices, self.faces)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What was changed, one sentence each."""
-        if not self.polygon_count:
-            return ()
-        plural = "s" * (self.polygon_count > 1)
-        return (f"{self.polygon_count} polygon{plural} cut into triangles to compute with",)

@@ -1,20 +1,36 @@
-"""Formats, each a module of its own in `formats`, found by the suffixes that they take."""
+"""Formats by the suffixes of their files.
+
+Each module of `cageik_cli.formats` that has a class `Reader` or `Writer` is a format; nothing else
+lists them.
+"""
 
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
 from typing import Any
 
-PACKAGE = "cageik_cli.formats"
+import cageik_cli.formats
 
 
 @cache
 def discover_plugins(class_name: str) -> dict[str, Any]:
-    """The classes called `class_name` of all modules in `formats`, by the suffixes that they take.
+    """Return the classes called `class_name` of all formats, by the suffixes that they take.
 
-    Modules without one are skipped.
+    Modules without such a class are skipped.
+
+    Raises
+    ------
+    ValueError
+        When two formats take one suffix.
     """
-    package = import_module(PACKAGE)
-    modules = sorted(module.name for module in iter_modules(package.__path__))
-    found = [getattr(import_module(f"{PACKAGE}.{module}"), class_name, None) for module in modules]
-    return {suffix: kind for kind in found if kind is not None for suffix in kind.suffixes}
+    package = cageik_cli.formats
+    found: dict[str, Any] = {}
+    for name in sorted(module.name for module in iter_modules(package.__path__)):
+        kind = getattr(import_module(f"{package.__name__}.{name}"), class_name, None)
+        for suffix in kind.suffixes if kind is not None else ():
+            if found.setdefault(suffix, kind) is not kind:
+                raise ValueError(
+                    f"{suffix}: both {found[suffix].__module__} and {kind.__module__} are a "
+                    f"{class_name} of it"
+                )
+    return found

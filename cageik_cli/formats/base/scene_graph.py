@@ -7,9 +7,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.polygons import FileMesh, fan_triangulate_polygons
+from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.polygons import fan_triangulate_polygons
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, join_truncated
+from cageik_cli.util.errors import ConnectivityError, FormatError, SettingError, join_truncated
 
 Time = TypeVar("Time", int, float)
 
@@ -50,7 +51,7 @@ class Polygons:
             or self.corner_counts.min() < 0
             or total != len(self.corners)
         ):
-            raise InputError(
+            raise FormatError(
                 f"{len(self.corner_counts)} faces of {total} corners in all come with "
                 f"{len(self.corners)} corners; export the mesh again"
             )
@@ -72,7 +73,7 @@ def read_constant_polygons(read_at: Callable[[Time], Polygons], times: Iterable[
     found = read_at(first)
     for time in others:
         if read_at(time).differs_from(found):
-            raise InputError(
+            raise ConnectivityError(
                 f"the faces change at time {time:g}; all frames must share one connectivity"
             )
     return found
@@ -151,13 +152,13 @@ def choose_mesh(meshes: list[str], member: str | None) -> str:
         Listing what there is to choose from.
     """
     if not meshes:
-        raise InputError("holds no mesh; export one that is animated")
+        raise FormatError("holds no mesh; export one that is animated")
     if member is not None and member not in meshes:
-        raise InputError(
+        raise SettingError(
             f"holds no mesh `{member}`, but {join_truncated(meshes)}; name one of them"
         )
     if member is None and len(meshes) > 1:
-        raise InputError(
+        raise SettingError(
             f"holds {len(meshes)} meshes, expected one: {join_truncated(meshes)}; "
             f"name the one behind the file, as in FILE::{meshes[0]}"
         )

@@ -10,34 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.mesh_file import LoadedMesh
+from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.base.settings import LAYOUTS as LAYOUTS
+from cageik_cli.formats.base.settings import ClipSettings as ClipSettings
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.geometry.mesh import TriMesh, validate_positions
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import ConnectivityError, InputError, SettingError, error_context
 from cageik_cli.util.threads import OrderedMap
-
-LAYOUTS = ("fvx", "vxf", "fxv")
-"""Orders of an array's axes: f frames, v vertices, x coordinates."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClipSettings:
-    """How a clip is taken.
-
-    Attributes
-    ----------
-    selection : slice
-        Which of its frames, as Python slices; the step is above zero.
-    layout : str, optional
-        The order of an array's axes, one of `LAYOUTS`; found out if absent.
-    allow_gaps : bool
-        Take numbered files although a number is missing.
-    """
-
-    selection: slice = field(default_factory=lambda: slice(None))
-    layout: str | None = None
-    allow_gaps: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +53,7 @@ class ClipRequest:
         if not numbers:
             bounds = (wanted.start, wanted.stop, *([wanted.step] if wanted.step else []))
             typed = ":".join("" if bound is None else str(bound) for bound in bounds)
-            raise InputError(f"--frames {typed} takes none of the {count} frames")
+            raise SettingError(f"--frames {typed} takes none of the {count} frames")
         return numbers
 
 
@@ -129,6 +109,15 @@ class MeshSequence(ABC):
         What the files say of time and space.
     notes : tuple of str
         What was changed in the frames, one sentence each.
+
+    Examples
+    --------
+    >>> from cageik_cli import load_clip
+    >>> clip = load_clip("data_fixtures/walker/frames", selection=slice(0, 3))
+    >>> len(clip), clip.names[2]
+    (3, 'walker_3.obj')
+    >>> [frame.shape for frame in clip]
+    [(1570, 3), (1570, 3), (1570, 3)]
     """
 
     suffixes: tuple[str, ...]
@@ -183,6 +172,16 @@ class MeshSequence(ABC):
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def __iter__(self) -> Iterator[Floats]:
+        """Read the frames one by one, (m, 3) each."""
+        return map(self.read_frame, range(len(self)))
+
+    def __repr__(self) -> str:
+        return (
+            f"<MeshSequence: {len(self)} frames of {len(self.first.vertices)} vertices, "
+            f"{self.names[0]} to {self.names[-1]}>"
+        )
 
     def location(self, index: int) -> str:
         """Where a frame is, for messages."""
@@ -253,7 +252,7 @@ def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_
         ("triangles", len(faces), len(expected.faces)),
     ):
         if found != wanted:
-            raise InputError(
+            raise ConnectivityError(
                 f"{found} {noun}, {expected_name} has {wanted}; all must share one connectivity"
             )
     if faces is expected.faces:
@@ -261,7 +260,7 @@ def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_
     differs = np.flatnonzero((faces != expected.faces).any(axis=1))
     if len(differs):
         k = differs[0]
-        raise InputError(
+        raise ConnectivityError(
             f"triangle {k} joins vertices {_format_corners(faces[k])}, in {expected_name} "
             f"{_format_corners(expected.faces[k])} (counted from 0; {len(differs)} triangles "
             f"differ); "

@@ -12,7 +12,7 @@ from cageik_cli.formats.base.file_names import FrameNames
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import OutputError, SettingError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +99,7 @@ class FrameFileWriter(AnimationWriter):
             raise ValueError(f"{target.name} has no place for the frame's number")
         start = animation.scene.start
         if start < 0 or start != int(start):
-            raise InputError(
+            raise SettingError(
                 f"the first frame's number is {start:g}, expected a whole one, 0 or above, for "
                 "files are named by it; choose it with --start"
             )
@@ -132,7 +132,7 @@ def to_float32(positions: Floats) -> NDArray[np.float32]:
     with np.errstate(over="ignore"):
         singles = np.ascontiguousarray(positions, np.float32)
     if not np.isfinite(singles).all():
-        raise InputError(
+        raise OutputError(
             f"a coordinate of {np.abs(positions).max():g} is too large for this format, which "
             "holds numbers of single precision; scale the animation, or write .npz"
         )

@@ -16,7 +16,7 @@ from tokenize import TokenError
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import BinaryFile
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 
 MAX_HEADER_BYTES = 1 << 14
 """Bytes that are looked at for a header; numpy itself takes 10 000 characters."""
@@ -107,13 +107,13 @@ class NpzArchive:
         info = self._members[name]
         with error_context(f"`{name}`"), _wrap_read_errors("a sound member of a .npz"):
             if info.flag_bits & 1:
-                raise InputError("is encrypted; write the file with numpy.savez")
+                raise FormatError("is encrypted; write the file with numpy.savez")
             if info.compress_type == zipfile.ZIP_STORED:
                 return _open_array(self._file, self._find_offset(info), info.file_size)
             if info.compress_type == zipfile.ZIP_DEFLATED:
                 self._check_claimed_size(info)
                 return _open_array(self._decompress(info), 0, info.file_size)
-            raise InputError(
+            raise FormatError(
                 f"is compressed by method {info.compress_type}, expected deflate or none; write "
                 "the file with numpy.savez"
             )
@@ -133,7 +133,7 @@ class NpzArchive:
         place = info.header_offset + 30 + int(lengths.sum())
         size = info.file_size
         if head[:4] != b"PK\3\4" or size != info.compress_size or place + size > self._file.size:
-            raise InputError(
+            raise FormatError(
                 f"is not at byte {info.header_offset}, as the archive says; write it again"
             )
         return place
@@ -145,12 +145,12 @@ class NpzArchive:
             size
             > MAX_COMPRESSION_RATIO * min(info.compress_size, self._file.size) + MAX_HEADER_BYTES
         ):
-            raise InputError(
+            raise FormatError(
                 f"claims {size} bytes out of {info.compress_size}, more than deflate can give; "
                 "the file is damaged, write it again"
             )
         if size > (free := shutil.disk_usage(folder).free):
-            raise InputError(
+            raise FileAccessError(
                 f"takes {size} bytes unpacked, and {folder} has {free} left; name a larger folder "
                 "in TMPDIR, or write the file with numpy.savez"
             )
@@ -164,12 +164,12 @@ class NpzArchive:
                     shutil.copyfileobj(member, target, _COPY_BYTES)
                     size = target.tell()
             except OSError as error:
-                raise InputError(
+                raise FileAccessError(
                     f"cannot be unpacked into {tempfile.gettempdir()} ({error}); name another "
                     "folder in TMPDIR, or write the file with numpy.savez"
                 ) from error
             if size != info.file_size:
-                raise InputError(f"ends after {size} of {info.file_size} bytes; write it again")
+                raise FormatError(f"ends after {size} of {info.file_size} bytes; write it again")
             stack.pop_all()  # BinaryFile closes it
             return BinaryFile(target)
 
@@ -182,11 +182,11 @@ def _open_array(file: BinaryFile, offset: int, size: int) -> FileArray:
         warnings.simplefilter("ignore")  # of Python 2's long numbers, and odd ones
         version = np.lib.format.read_magic(stream)
         if version not in _HEADER_READERS:
-            raise InputError(f"is a .npy of version {version}, expected (1, 0) or (2, 0)")
+            raise FormatError(f"is a .npy of version {version}, expected (1, 0) or (2, 0)")
         shape, is_reversed, kind = _HEADER_READERS[version](stream)
     claimed = stream.tell() + prod(shape) * kind.itemsize
     if not kind.hasobject and (min(shape, default=0) < 0 or claimed != size):
-        raise InputError(
+        raise FormatError(
             f"announces an array of shape {shape} of {kind}, which takes {claimed} bytes, and has "
             f"{size}; it is cut short or damaged, write it again"
         )
@@ -200,4 +200,4 @@ def _wrap_read_errors(expected: str) -> Iterator[None]:
         yield
     except _READ_ERRORS as error:
         said = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"is not {expected} ({said}); write it again") from error
+        raise FormatError(f"is not {expected} ({said}); write it again") from error

@@ -15,7 +15,7 @@ from cageik_cli.formats.base.clip_file import (
 from cageik_cli.formats.base.sequence import LAYOUTS, ClipRequest
 from cageik_cli.formats.npz.archive import FileArray, NpzArchive, open_npy
 from cageik_cli.formats.scene import SceneHints, parse_scene_metadata
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError, SettingError
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ def candidate_orders(shape: tuple[int, ...], layout: str | None) -> list[AxisOrd
     ]
     if not found or min(shape) < 1:
         expected = " or ".join(map(_format_layout, LAYOUTS if layout is None else (layout,)))
-        raise InputError(f"positions have shape {shape}, expected {expected}")
+        raise FormatError(f"positions have shape {shape}, expected {expected}")
     return found
 
 
@@ -81,7 +81,7 @@ def choose_order(candidates: list[AxisOrder], expected_vertices: int | None) -> 
     ]
     best = exact or larger or candidates
     if len(best) > 1:
-        raise InputError(
+        raise SettingError(
             f"positions can be read as {' or '.join(map(str, best))}; say which with --layout"
         )
     return best[0]
@@ -122,7 +122,7 @@ class Reader(ArrayClipFile):
 def _open_clip_archive(path: Path) -> NpzArchive:
     archive = NpzArchive(path)
     if not archive.names.intersection(VERTEX_NAMES) and "poses" in archive.names:
-        raise InputError(
+        raise FormatError(
             "holds body parameters (AMASS or SMPL: poses, betas, trans), not vertices; evaluate "
             "the body model, and write its vertices"
         )
@@ -133,25 +133,25 @@ def _find_array(archive: NpzArchive, names: tuple[str, ...]) -> FileArray:
     found = [name for name in names if name in archive.names]
     if len(found) != 1:
         held = ", ".join(found) or "none"
-        raise InputError(f"holds {held} of the arrays {', '.join(names)}; expected just one")
+        raise FormatError(f"holds {held} of the arrays {', '.join(names)}; expected just one")
     return archive.open_array(found[0])
 
 
 def _read_faces(array: FileArray) -> np.ndarray:
     if array.dtype.kind not in "iu" or len(array.shape) != 2 or array.shape[1] != 3:
-        raise InputError(
+        raise FormatError(
             f"faces are {array.dtype} of shape {array.shape}, expected integers of shape (count, 3)"
         )
     faces = array.read()
     if not faces.size:
-        raise InputError("faces are none, expected one at least")
+        raise FormatError("faces are none, expected one at least")
     return faces
 
 
 def _open_frames(array: FileArray, faces: np.ndarray | None, request: ClipRequest) -> StoredFrames:
     """The frames of an array of positions, of the vertices that faces or the rest pose name."""
     if array.dtype.kind != "f":
-        raise InputError(
+        raise FormatError(
             f"positions are {array.dtype} of shape {array.shape}, expected floating-point numbers"
         )
     candidates, expected_vertices = candidate_orders(array.shape, request.settings.layout), None

@@ -1,21 +1,52 @@
-"""OBJ frames of which only the vertices need parsing, for their faces are those of a first."""
+"""OBJ files as frames of a clip; only the vertices of most frames need parsing."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.obj.tokens import FACE, VERTEX, Tokens, parse_vertices, tokenize
+from cageik_cli.formats.base.file_data import with_gzip
+from cageik_cli.formats.base.frame_files import FrameFileReader
+from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.obj.parse import parse_obj
+from cageik_cli.formats.obj.tokens import (
+    FACE,
+    VERTEX,
+    Tokens,
+    blank_out,
+    parse_vertices,
+    tokenize,
+)
 from cageik_cli.util.arrays import Floats
 
 
-class ObjFrameParser:
-    """Reads OBJ frames that from a face on are, byte for byte, a first frame.
+class Reader(FrameFileReader):
+    """Frames from OBJ files."""
 
-    From which: the first face behind all vertices. What stands before it are vertices (with any
-    spacing, colours or w, in lines that end in LF or CRLF), other faces, which are compared byte
-    for byte too, and what is not compared: normals, texture coordinates, names, comments. Any
-    other frame is left to `parse_obj`, as are those whose faces are spelt differently from frame
-    to frame (because normals are numbered anew in each, say), have comments that touch numbers,
-    or have all faces in front.
+    suffixes = with_gzip(".obj")
+
+    @classmethod
+    def parse(cls, data: bytes) -> FileMesh:
+        """Parse the content of an OBJ file."""
+        return parse_obj(data)
+
+    @classmethod
+    def make_frame_parser(cls, data: bytes, mesh: FileMesh) -> "ObjFrameParser":
+        """Return a parser of frames whose faces are spelt as in the first."""
+        return ObjFrameParser(data, mesh.vertices)
+
+    @classmethod
+    def keep_obj_text(cls, data: bytes) -> bytes:
+        """Return the text itself, for the writer keeps all but positions and normals."""
+        return data
+
+
+class ObjFrameParser:
+    """Reads OBJ frames that end, byte for byte, as a first frame does.
+
+    The end begins with the first face behind all vertices. What stands before it are vertices (in
+    any spelling, with colours or w), other faces, which are compared byte for byte too, and what
+    is not compared: normals, texture coordinates, names, comments. Any other frame is left to
+    `parse_obj`: those whose faces are spelt differently from frame to frame (because normals are
+    numbered anew in each, say), or have all faces in front.
 
     Parameters
     ----------
@@ -27,43 +58,46 @@ class ObjFrameParser:
 
     def __init__(self, first: bytes, vertices: Floats) -> None:
         self._tail = b""
-        words = tokenize(first)
-        cut = _find_trailing_faces(words) if words else 0
-        head = tokenize(first[:cut]) if cut else None
-        found = parse_vertices(head) if head else None
-        if head and found is not None and np.array_equal(found, vertices):
+        cut = _find_trailing_faces(tokenize(blank_out(first)))
+        if not cut:
+            return
+        head = tokenize(blank_out(first[:cut]))
+        found = parse_vertices(head)
+        if found is not None and np.array_equal(found, vertices):
             self._tail = first[cut - 1 :]
             self._line_kinds, self._face_runs = _relevant_line_kinds(head), _find_face_runs(head)
 
     def parse_positions(self, data: bytes) -> Floats | None:
-        """Vertices (m, 3) if the file is regular and its faces are the first frame's, else None."""
+        """Return the vertices (m, 3) if all faces are the first frame's, else None."""
         if not self._tail or not data.endswith(self._tail):
             return None
-        words = tokenize(data[: len(data) - len(self._tail) + 1])
-        if words is None or not np.array_equal(_relevant_line_kinds(words), self._line_kinds):
+        head = data[: len(data) - len(self._tail) + 1]
+        # A last line that continues would take the first of the faces with it.
+        if b"\0" in head or head.rstrip(b"\r\n").endswith(b"\\"):
+            return None
+        words = tokenize(blank_out(head))
+        if not np.array_equal(_relevant_line_kinds(words), self._line_kinds):
             return None
         return parse_vertices(words) if _find_face_runs(words) == self._face_runs else None
 
 
 def _find_trailing_faces(words: Tokens) -> int:
-    """Where the line of the first face behind all vertices begins; 0 if there is none."""
+    """Return where the line of the first face behind all vertices begins; 0 if there is none."""
     vertices = np.flatnonzero(words.line_kinds == VERTEX)
     faces = np.flatnonzero(words.line_kinds == FACE)
     behind = faces[faces > vertices.max(initial=-1)]
-    if not len(behind):
-        return 0
-    return words.data.rfind(b"\n", 0, words.bounds[words.first_tokens[behind[0]], 0]) + 1
+    return int(words.line_bounds(behind[:1])[0, 0]) if len(behind) else 0
 
 
 def _relevant_line_kinds(words: Tokens) -> NDArray[np.uint8]:
-    """The kinds of lines that matter, in order: how many vertices each face has before it."""
+    """Return the kinds of vertex and face lines: how many vertices each face has before it."""
     return np.asarray(words.line_kinds[words.line_kinds != 0])
 
 
 def _find_face_runs(words: Tokens) -> list[bytes]:
-    """The runs of lines that are faces, as they are spelt."""
+    """Return the runs of lines that are faces, as they are spelt."""
     is_face = np.concatenate([[False], words.line_kinds == FACE, [False]])
     changes = np.flatnonzero(is_face[1:] != is_face[:-1])
-    lines = np.append(words.bounds[words.first_tokens, 0], len(words.data))
+    lines = np.append(words.bounds[words.first_tokens, 0], len(words.text))
     runs = lines[changes].reshape(-1, 2).tolist()
-    return [words.data[begin:end] for begin, end in runs]
+    return [words.text[begin:end] for begin, end in runs]

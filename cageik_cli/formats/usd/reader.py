@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.clip_file import ClipFile, hash_file, single_path
+from cageik_cli.formats.base.clip_file import ClipFile, single_path
+from cageik_cli.formats.base.file_data import hash_file
 from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
@@ -24,7 +25,7 @@ from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics, require_usd
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError, error_context
+from cageik_cli.util.errors import FormatError, error_context
 
 MAX_TIME_CODES = 100_000
 """Most whole time codes that are taken, a frame each, between samples that are not even."""
@@ -82,7 +83,7 @@ class Reader(ClipFile):
     def _read_points(self, time: float) -> Floats:
         points = _read_array(self._mesh.GetPointsAttr(), time, "f", (3,))
         if len(points) == 0:
-            raise InputError(f"the mesh has no points at time {time:g}; export it again")
+            raise FormatError(f"the mesh has no points at time {time:g}; export it again")
         return transform_points(points, self._world_matrix(time))
 
     def _world_matrix(self, time: float) -> Floats:
@@ -124,15 +125,15 @@ def _read_array(attribute: Any, time: float, dtype_kind: str, shape: tuple[int, 
     value = attribute.Get(time)
     array = np.zeros((0, *shape), dtype_kind) if value is None else np.asarray(value)
     if array.dtype.kind != dtype_kind or array.ndim != 1 + len(shape) or array.shape[1:] != shape:
-        raise InputError(
+        raise FormatError(
             f"`{attribute.GetName()}` is not of type {attribute.GetTypeName()} at time {time:g}; "
             "export it again"
         )
     return array
 
 
-def _make_unsound_error(cause: str) -> InputError:
-    return InputError(f"is not a sound USD file ({cause}); export it again")
+def _make_unsound_error(cause: str) -> FormatError:
+    return FormatError(f"is not a sound USD file ({cause}); export it again")
 
 
 def _check_not_skinned(prim: Any) -> None:
@@ -141,7 +142,7 @@ def _check_not_skinned(prim: Any) -> None:
     binding = UsdSkel.BindingAPI(prim)
     is_bound = binding.GetInheritedSkeleton() or binding.GetBlendShapesAttr().HasAuthoredValue()
     if is_bound and UsdSkel.Root.Find(prim):
-        raise InputError(
+        raise FormatError(
             f"the mesh {prim.GetPath()} is moved by a skeleton or blend shapes, which are not "
             "evaluated here; bake it to points first"
         )
@@ -170,7 +171,7 @@ def _choose_sampling(samples: set[float]) -> tuple[Sampling, list[str]]:
     first, last = (float(sampling.times[k]) for k in (0, -1))
     count = floor(last) - ceil(first) + 1
     if not 1 <= count <= MAX_TIME_CODES:
-        raise InputError(
+        raise FormatError(
             f"its {len(samples)} time samples from {first:g} to {last:g} are not evenly spaced and "
             f"span {max(count, 0)} whole time codes, expected 1 to {MAX_TIME_CODES}; bake it to "
             f"one "

@@ -11,7 +11,7 @@ from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics
 from cageik_cli.formats.usd.writer import UsdFile, compute_extent, define_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import CageError
 
 MIN_WEIGHT = 1e-7
 """Smaller weights are dropped: single precision beside a weight of one tells no smaller."""
@@ -67,7 +67,7 @@ def compute_skin_weights(weights: Floats, max_influences: int | None = None) -> 
         values[rows] = np.where(largest >= MIN_WEIGHT, largest, 0.0)
     sums = values.sum(axis=1, keepdims=True)
     if not sums.all():
-        raise InputError(
+        raise CageError(
             f"vertex {int(np.argmin(sums))} has no weight above zero; bind the mesh again"
         )
     return SkinWeights(joints, values / sums)

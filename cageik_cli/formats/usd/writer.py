@@ -13,7 +13,7 @@ from cageik_cli.formats.npz.writer import fixed_date_zipinfo
 from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics, require_usd
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import OutputError
 
 MAX_UNSAVED_BYTES = 1 << 26
 """Bytes of time samples that are held before they are brought to the file; of `.usda`, which USD
@@ -118,7 +118,7 @@ def _write_scene_metadata(stage: Any, animation: Animation) -> None:
 def _check_size_limit(suffix: str, size: int) -> None:
     limit = {".usda": MAX_UNSAVED_BYTES, ".usdz": MAX_USDZ_BYTES}.get(suffix)
     if limit is not None and size > limit:
-        raise InputError(
+        raise OutputError(
             f"{size >> 20} MiB of positions, and a {suffix} takes {limit >> 20} here; write .usdc "
             "instead"
         )

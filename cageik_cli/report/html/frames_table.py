@@ -1,4 +1,4 @@
-"""The frames of a report as a page's table."""
+"""The tables of a page: the frames, and the quality of the weights."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -20,14 +20,14 @@ class Column:
     Attributes
     ----------
     name : str
-        Of the field of `FrameRecord`.
+        Field of `FrameRecord`.
     label : str
     format_value : callable
-        A value as text.
+        Formats a value as text.
     kind : str
-        "number" or "name": how it is sorted and set.
+        "number" or "name"; decides sorting and alignment.
     cursor_label : str
-        What it is called beside the figure's cursor; "" if it is not shown there.
+        Label at the plot's cursor; "" if the column is not shown there.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class FrameRow:
-    """A frame, why it was skipped if it was, and its figures; "" where there is none."""
+    """A frame, the reason if it was skipped, and its metrics; "" where not defined."""
 
     index: int
     name: str
@@ -48,28 +48,28 @@ class FrameRow:
 
 
 INDEX_COLUMN, NAME_COLUMN = Column("index", "#"), Column("name", "Frame", kind="name")
-"""What every frame has."""
+"""Columns of every frame."""
 
 LENGTH_COLUMNS = (
     Column("rms_percent", "RMS, %", format_percent, cursor_label="rms, %"),
-    Column("rms", "RMS, units", format_length),
+    Column("rms", "RMS, file units", format_length),
     Column(
         "max_deviation_percent", "Max deviation, %", format_percent, cursor_label="max deviation, %"
     ),
-    Column("max_deviation", "Max deviation, units", format_length),
+    Column("max_deviation", "Max deviation, file units", format_length),
     Column("worst_vertex", "At vertex"),
 )
 
 VOLUME_COLUMNS = (
     Column("volume_change", "Volume change, %", format_change, cursor_label="volume change, %"),
     Column("volume", "Volume", format_length),
-    Column("volume_reconstructed", "Volume rebuilt", format_length),
+    Column("volume_reconstructed", "Volume reconstructed", format_length),
     Column("volume_drift", "Drift from rest, %", format_change),
 )
 
 
 def choose_columns(report: Report) -> tuple[Column, ...]:
-    """The columns of figures that some frame has, without `INDEX_COLUMN` and `NAME`."""
+    """Choose the columns in which some frame has a value, besides index and name."""
     titles = choose_vocabulary(report.edited_from).columns
     return tuple(
         _set_column_label(column, titles.get(column.name, column.label))
@@ -83,7 +83,7 @@ def _set_column_label(column: Column, label: str) -> Column:
 
 
 def build_frame_row(frame: FrameRecord, columns: Sequence[Column]) -> FrameRow:
-    """A frame's row, with a cell for each of the columns."""
+    """Build a frame's row, with a cell for each of the columns."""
     cells = tuple(_format_cell(frame, column) for column in columns)
     return FrameRow(frame.index, frame.name, frame.skipped, cells)
 
@@ -95,16 +95,16 @@ def _format_cell(frame: FrameRecord, column: Column) -> str:
 
 @dataclass(frozen=True, slots=True)
 class QualityRow:
-    """A figure as it is printed, what it means, and what is good; "" if nothing is better."""
+    """A metric as it is printed, its meaning, and the expected value; "" if there is none."""
 
     label: str
-    found: str
+    value: str
     meaning: str
-    good: str
+    expected: str
 
 
 def build_quality_rows(report: Report) -> list[QualityRow]:
-    """The figures of a report's weights, then that of its system."""
+    """Build the rows on a report's weights, then the one on its system."""
     quality, settings = report.binding, report.settings
     return [
         *_exactness_rows(quality),
@@ -113,34 +113,34 @@ def build_quality_rows(report: Report) -> list[QualityRow]:
         QualityRow(
             "Projected vertices",
             str(quality.projected),
-            "They lay outside the cage, and have the weights of its nearest point.",
+            "Vertices outside the cage. They have the weights of the nearest point on it.",
             "0",
         ),
         QualityRow(
             "Condition number",
             f"{quality.condition_number:.4g}",
             choose_vocabulary(report.edited_from).condition,
-            f"far below {MAX_CONDITION:.0e}, where a run is refused",
+            f"far below {MAX_CONDITION:.0e}; a run above it is refused",
         ),
     ]
 
 
 def _exactness_rows(quality: WeightQuality) -> list[QualityRow]:
-    """What holds of weights of any kind, but for rounding."""
+    """Build the rows on properties that weights of any type have, up to rounding."""
     return [
         QualityRow(
-            "Rows sum to 1 within",
+            "Partition of unity error",
             f"{quality.partition_of_unity:.1e}",
-            "How far the sum of a vertex's weights is from one; where it is not one, moving "
-            "the cage does not move the model as far.",
-            "rounding: 1e-10 or less",
+            "Largest difference between the sum of a vertex's weights and 1. Where the sum is not "
+            "1, the model does not move as far as the cage.",
+            "1e-10 or less (rounding)",
         ),
         QualityRow(
-            "Rest pose rebuilt within",
+            "Rest pose error",
             f"{quality.linear_precision:.1e}",
-            "Largest distance of the weights times the rest cage from the rest pose, in "
-            "diagonals; affine motions come out as exactly.",
-            "rounding: 1e-10 or less",
+            "Largest distance between the rest pose and the weights times the rest cage, in "
+            "diagonals. Affine motions are reproduced with the same error.",
+            "1e-10 or less (rounding)",
         ),
     ]
 
@@ -148,32 +148,33 @@ def _exactness_rows(quality: WeightQuality) -> list[QualityRow]:
 def _smallest_weight_row(quality: WeightQuality, is_harmonic: bool) -> QualityRow:
     label, smallest = "Smallest weight", f"{quality.min_weight:.1e}"
     if is_harmonic:
-        meaning = "Exact harmonic weights are never negative, so this is a measure of their error."
+        meaning = (
+            "Exact harmonic weights are never negative; a negative one shows the size of the error."
+        )
         return QualityRow(label, smallest, meaning, f"{MIN_HARMONIC_WEIGHT} or more")
     meaning = (
-        "Mean value weights are negative across concave parts of a cage; the model moves "
-        "against the cage there."
+        "Mean value weights can be negative near concave parts of a cage. There the model moves "
+        "against the cage."
     )
     return QualityRow(label, smallest, meaning, "close to zero")
 
 
 def _accuracy_rows(quality: WeightQuality, accuracy_name: str) -> list[QualityRow]:
-    """How far weights are from exact ones, and what was divided for that."""
+    """Build the rows on the error of the weights and on the panels used to compute them."""
     if not quality.panels:
-        return [QualityRow("Accuracy", "exact", "These weights are in closed form.", "")]
+        return [QualityRow("Accuracy", "exact", "These weights have a closed form.", "")]
     accuracy = ACCURACIES.get(accuracy_name)
     return [
         QualityRow(
-            "Mean row L1 error, estimated",
+            "Estimated weight error",
             f"{quality.estimated_error:.1e}",
-            "How far a vertex's weights are from exact ones, summed over the cage and "
-            "averaged over the vertices.",
-            f"{accuracy.tolerance:g} or less, as asked for" if accuracy else "",
+            "Mean over the vertices of the L1 distance between a vertex's weights and exact ones.",
+            f"{accuracy.tolerance:g} or less (--accuracy {accuracy_name})" if accuracy else "",
         ),
         QualityRow(
             "Panels",
             str(quality.panels),
-            "Triangles that the cage's faces were divided into to compute the weights.",
-            "as many as the accuracy needs",
+            "Triangles into which the cage was divided to compute the weights.",
+            "",
         ),
     ]

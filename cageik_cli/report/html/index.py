@@ -1,11 +1,17 @@
-"""The page over all clips of a batch, with links to theirs."""
+"""The index page of a batch: one row per clip, with links to the pages of the clips."""
 
 from collections.abc import Sequence
 from itertools import groupby
 from typing import Any
 from urllib.parse import quote
 
-from cageik_cli.report.figures import ClipRecord, ReportSummary, format_change, format_percent
+from cageik_cli.report.figures import (
+    ClipRecord,
+    ReportSummary,
+    format_change,
+    format_count,
+    format_percent,
+)
 from cageik_cli.report.html.templating import render_template
 from cageik_cli.report.limits import (
     Verdict,
@@ -17,11 +23,11 @@ from cageik_cli.report.overview import ClipEntry, Curve, Overview
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary, display_name
 
 THUMBNAIL_HEIGHT, THUMBNAIL_MARGIN, THUMBNAIL_STEP = 48, 4, 2
-"""Of a thumbnail: units down, units kept free above and below, and units across a point."""
+"""Height of a thumbnail, margin above and below its curves, and width per point."""
 
 
 def render_index(overview: Overview) -> str:
-    """The page of an overview: those that failed, those over a limit, and the others by error.
+    """Render the index: failed clips, then those over a limit, then the others by error.
 
     Links are relative to the page. The same overview gives the same page.
     """
@@ -31,7 +37,7 @@ def render_index(overview: Overview) -> str:
     counts = [
         ("Failed", len(failed), "bad"),
         ("Over a limit", over, "bad"),
-        ("Fine", len(done) - over, "good"),
+        ("OK", len(done) - over, "good"),
     ]
     return render_template(
         "index.html.j2",
@@ -49,22 +55,22 @@ def render_index(overview: Overview) -> str:
 
 
 def _make_batch_verdict(failed: int, over: int, total: int) -> Verdict:
-    """What a batch comes to."""
+    """Return the verdict on a batch."""
     parts = [
-        f"{count} of {total} {'clip' if total == 1 else 'clips'} {what}"
+        f"{count} of {format_count(total, 'clip')} {what}"
         for count, what in ((failed, "failed"), (over, "over a limit"))
         if count
     ]
     if parts:
         return Verdict("bad", ", ".join(parts))
-    return Verdict("good", "All clips are done, and none is over a limit")
+    return Verdict("good", "All clips done, none over a limit")
 
 
 def _build_clip_row(
     entry: ClipEntry, clip: ClipRecord, summary: ReportSummary, curve: Curve
 ) -> dict[str, Any]:
     change, words = summary.volume_change_percent_max, choose_vocabulary(entry.edited_from)
-    verdict = make_overall_verdict(entry.gates) if entry.gates else Verdict("none", "none")
+    verdict = make_overall_verdict(entry.gates) if entry.gates else Verdict("none", "no limits")
     return {
         "name": display_name(entry.name, entry.edited_from),
         "href": entry.page and "./" + quote(entry.page, errors="surrogateescape"),
@@ -79,7 +85,7 @@ def _build_clip_row(
         "cage_vertices": clip.cage_vertices,
         "verdict": verdict,
         "rank": {"bad": 0, "none": 1, "good": 2}[verdict.state],
-        "passed": [
+        "exceeded": [
             f"{words.describe_metric(check.metric)} {format_measured(check)} > "
             f"{format_limit_with_baseline(check, f' {check.unit}')}"
             for check in entry.gates
@@ -91,17 +97,17 @@ def _build_clip_row(
 
 
 def _explain_undefined_volume(clip: ClipRecord) -> str:
-    """Why there is no change of volume, in a word."""
+    """Say in a word why there is no change of volume."""
     return "unknown" if clip.closed else "open"
 
 
 def _describe_thumbnail(summary: ReportSummary, words: Vocabulary) -> str:
-    """What a thumbnail shows."""
+    """Describe a thumbnail for readers who do not see it."""
     change = summary.volume_change_percent_max
     other = (
         f"{words.largest} up to {format_percent(summary.max_deviation_percent)} %"
         if change is None
-        else f"volume change up to {format_change(change)} %"
+        else f"largest volume change {format_change(change)} %"
     )
     return (
         f"RMS up to {format_percent(summary.worst_frame_rms_percent)} % at {summary.worst_frame}; "
@@ -110,7 +116,7 @@ def _describe_thumbnail(summary: ReportSummary, words: Vocabulary) -> str:
 
 
 def _build_thumbnail(curve: Curve) -> dict[str, Any]:
-    """The lines of a curve as paths, each as high as its largest value."""
+    """Build the lines of a curve as paths, each scaled to its own largest value."""
     rms, other = _scale_heights(curve.rms_percent), _scale_heights(curve.other)
     return {
         "width": max(THUMBNAIL_STEP * (len(rms) - 1), 1),
@@ -121,7 +127,7 @@ def _build_thumbnail(curve: Curve) -> dict[str, Any]:
 
 
 def _scale_heights(values: Sequence[float | None]) -> list[int | None]:
-    """Units from the top; the line's own extremes and zero just fit."""
+    """Return distances from the top, scaled so that the line's extremes and zero just fit."""
     known = [value for value in values if value is not None]
     lowest, highest = min([*known, 0.0]), max([*known, 0.0])
     size = (highest - lowest) or 1.0
@@ -136,7 +142,7 @@ def _scale_heights(values: Sequence[float | None]) -> list[int | None]:
 
 
 def _make_svg_path(heights: Sequence[int | None]) -> str:
-    """A line through the points, with gaps where there are none; a lone point is a dot."""
+    """Draw a line through the points, with gaps at None; a single point is a dot."""
     parts = []
     runs = groupby(enumerate(heights), key=lambda point: point[1] is None)
     for is_gap, run in runs:

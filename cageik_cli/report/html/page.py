@@ -1,4 +1,4 @@
-"""The report as a page: one HTML file that needs no other, for a browser or a printer."""
+"""The report as a page: one HTML file without other files, for a browser or a printer."""
 
 import hashlib
 from pathlib import Path
@@ -6,7 +6,9 @@ from typing import Any
 
 from cageik_cli.report.figures import (
     VertexMetrics,
+    describe_size,
     format_change,
+    format_count,
     format_length,
     format_metric,
     format_percent,
@@ -29,47 +31,52 @@ from cageik_cli.report.limits import (
 )
 from cageik_cli.report.plots.error_plot import build_page_plot
 from cageik_cli.report.record import Report
-from cageik_cli.report.render.model_views import Pictures, load_poses, render_pictures
+from cageik_cli.report.render.model_views import (
+    Pictures,
+    PosePictures,
+    load_poses,
+    render_pictures,
+)
 from cageik_cli.report.views.tables import format_json
 from cageik_cli.report.vocabulary import SETTING_MEANINGS, Vocabulary, choose_vocabulary
 from cageik_cli.store.result import Result
 
 SECTIONS = (
     ("verdict", "Verdict"),
-    ("course", "{measure} over the frames"),
+    ("per-frame", "{measure} per frame"),
     ("poses", "Poses"),
-    ("spread", "Spread"),
-    ("where", "Where"),
+    ("histogram", "Histogram"),
+    ("worst-vertices", "{worst} vertices"),
     ("weights", "Weights"),
     ("settings", "Settings and sources"),
     ("notes", "Notes"),
     ("frames", "Frames"),
-    ("reading", "How to read"),
+    ("definitions", "Definitions"),
 )
 
 TICK_COUNT = 5
-"""Of a scale."""
+"""Numbers under a colour scale or the histogram."""
 
 MIN_FIXED_POINT_PERCENT = 0.01
-"""Percent: a histogram that ends lower has more digits than percent are printed with elsewhere."""
+"""Percent: a histogram that ends lower is printed with more digits than other percentages."""
 
 HEAD_BYTES = 512
-"""Bytes of a page that hold its mark."""
+"""The first bytes of a page, which hold the tag that names its record."""
 
 
 def render_page(report: Report, pictures: Pictures | None) -> str:
-    """The page of a report.
+    """Render the page of a report.
 
     Parameters
     ----------
     report : Report
     pictures : Pictures, optional
-        None for a result without weights; the page then says why it has none.
+        None for a result without weights; the page then says so.
 
     Returns
     -------
     str
-        The same for the same arguments.
+        The same text for the same arguments.
     """
     columns, words = choose_columns(report), choose_vocabulary(report.edited_from)
     return render_template(
@@ -77,36 +84,49 @@ def render_page(report: Report, pictures: Pictures | None) -> str:
         report=report,
         digest=compute_record_digest(report),
         words=words,
-        sections=[
-            (place, text.format(measure=words.measure.capitalize())) for place, text in SECTIONS
-        ],
+        sections=_list_sections(words),
         verdict=make_overall_verdict(report.gates),
-        gates=[_build_limit_row(check, words) for check in report.gates],
+        limit_rows=[_build_limit_row(check, words) for check in report.gates],
         plot=_build_plot_values(report),
         pictures=pictures,
         **(_build_picture_values(pictures, words) if pictures else {}),
         histogram=_build_histogram_values(report.vertices),
         quality=build_quality_rows(report),
-        settings=[
-            (name, _format_value(value), SETTING_MEANINGS.get(name, ""))
-            for name, value in report.settings.items()
-        ],
-        sources=[
-            (role.replace("_", " "), _list_source_facts(source))
-            for role, source in _sort_sources(report)
-        ],
+        **_build_provenance(report),
         columns=(INDEX_COLUMN, NAME_COLUMN, *columns),
         rows=[build_frame_row(frame, columns) for frame in report.frames],
         meanings=words.meanings,
         percent=format_percent,
         units=format_length,
         change=format_change,
-        figure=format_metric,
+        metric=format_metric,
+        count=format_count,
+        size=describe_size(report.clip, group="\u00a0"),
     )
 
 
+def _list_sections(words: Vocabulary) -> list[tuple[str, str]]:
+    """List the anchors and the titles of the sections."""
+    names = {"measure": words.measure.capitalize(), "worst": words.worst.capitalize()}
+    return [(anchor, title.format(**names)) for anchor, title in SECTIONS]
+
+
+def _build_provenance(report: Report) -> dict[str, Any]:
+    """List the settings with their meanings, and the facts about the source files."""
+    return {
+        "settings": [
+            (name, _format_value(value), SETTING_MEANINGS.get(name, ""))
+            for name, value in report.settings.items()
+        ],
+        "sources": [
+            (role.replace("_", " "), _list_source_facts(source))
+            for role, source in sorted(report.sources.items())
+        ],
+    }
+
+
 def render_result_page(result: Result, report: Report) -> str:
-    """The page of a result and its report, pictures and all.
+    """Render the page of a result and its report, with pictures.
 
     Raises
     ------
@@ -118,14 +138,14 @@ def render_result_page(result: Result, report: Report) -> str:
 
 
 def compute_record_digest(report: Report) -> str:
-    """SHA-256 of a report as `as_json` writes it, in hexadecimal digits."""
+    """Compute the SHA-256 of a report as `format_json` writes it, in hexadecimal digits."""
     return hashlib.sha256(format_json([report]).encode()).hexdigest()
 
 
 def is_page_current(path: Path, report: Report, has_pictures: bool) -> bool:
-    """Whether there is a page at `path`, and it shows this report, with pictures or without.
+    """Whether the page at `path` exists and shows this report, with or without pictures.
 
-    Only the head of the file is read.
+    Only the first bytes of the file are read.
     """
     if not path.is_file():
         return False
@@ -134,7 +154,7 @@ def is_page_current(path: Path, report: Report, has_pictures: bool) -> bool:
 
 
 def _make_record_tag(report: Report, has_pictures: bool) -> str:
-    """What the head of a report's page holds."""
+    """Return the tag in the head of a report's page."""
     suffix = " pictures" if has_pictures else ""
     return f'<meta name="cageik-record" content="{compute_record_digest(report)}{suffix}">'
 
@@ -143,19 +163,17 @@ def _build_limit_row(check: LimitCheck, words: Vocabulary) -> dict[str, Any]:
     whole = "volume" if check.metric == "volume_change" else "diagonal"
     return {
         "metric": words.describe_metric(check.metric),
-        "baseline": ""
-        if check.baseline is None
-        else f"against {format_percent(check.baseline)} of the baseline",
+        "baseline": "" if check.baseline is None else f"baseline {format_percent(check.baseline)}",
         "limit": format_limit_with_baseline(check),
-        "found": format_measured(check),
-        "unit": f"% of the {whole}" if check.unit == PERCENT else "units of the file",
+        "value": format_measured(check),
+        "unit": f"% of the {whole}" if check.unit == PERCENT else "file units",
         "frame": check.frame or "",
         "verdict": make_verdict(check),
     }
 
 
 def _build_plot_values(report: Report) -> dict[str, Any]:
-    """The figure, where its axes are, and what it shows in words."""
+    """Collect the plot, the position of its axes, and a description in words."""
     plot, summary, words = (
         build_page_plot(report),
         report.summary,
@@ -163,17 +181,17 @@ def _build_plot_values(report: Report) -> dict[str, Any]:
     )
     changes = summary.volume_change_percent_max
     other = (
-        f"the largest {words.distance} of each frame, at most "
+        f"the largest {words.distance} of each frame, up to "
         f"{format_percent(summary.max_deviation_percent)} % at {summary.max_deviation_frame}"
         if changes is None
-        else f"the change of its volume, at most {format_change(changes)} % at "
+        else f"the volume change of each frame, largest {format_change(changes)} % at "
         f"{summary.volume_change_frame}"
     )
     return {
         "source": make_data_url(plot.svg.encode(), "svg+xml"),
-        "text": f"RMS {words.measure} of {len(report.frames)} frames, at most "
+        "text": f"RMS {words.measure} of {format_count(len(report.frames), 'frame')}, up to "
         f"{format_percent(summary.worst_frame_rms_percent)} % of the diagonal at "
-        f"{summary.worst_frame}, and {other}. The table of frames has all values.",
+        f"{summary.worst_frame}, and {other}. The table of frames lists all values.",
         "left": plot.left,
         "right": plot.right,
         "top": plot.top,
@@ -185,40 +203,40 @@ def _build_plot_values(report: Report) -> dict[str, Any]:
 
 def _build_picture_values(pictures: Pictures, words: Vocabulary) -> dict[str, Any]:
     titles = _pose_titles(words)
-    poses = [
-        {
-            "title": titles[pose.label],
-            "name": "" if pose.label == "rest" else pose.name,
-            "views": [
-                (
-                    words.given.capitalize(),
-                    _make_png_url(pose.given),
-                    f"{titles[pose.label]}: the {words.given}",
-                ),
-                (
-                    words.rebuilt.capitalize(),
-                    _make_png_url(pose.rebuilt),
-                    f"{titles[pose.label]}: the {words.rebuilt}, coloured by {words.distance}",
-                ),
-                ("Cage", _make_png_url(pose.cage), f"{titles[pose.label]}: the cage"),
-            ],
-        }
-        for pose in pictures.poses
-    ]
-    spread = [
-        (
-            side,
-            _make_png_url(picture),
-            f"The rest pose {side.lower()}, coloured by each vertex's rms",
-        )
-        for side, picture in zip(("From the front", "From behind"), pictures.spread, strict=True)
-    ]
+    sides = zip(("From the front", "From behind"), pictures.rest_views, strict=True)
     return {
-        "poses": poses,
-        "spread": spread,
-        "pose_ticks": _format_ticks(pictures.top_percent),
-        "spread_ticks": _format_ticks(pictures.spread_top_percent),
+        "poses": [
+            {
+                "title": titles[pose.label],
+                "name": "" if pose.label == "rest" else pose.name,
+                "views": _list_pose_views(pose, titles[pose.label], words),
+            }
+            for pose in pictures.poses
+        ],
+        "rest_views": [
+            (
+                side,
+                _make_png_url(picture),
+                f"The rest pose {side.lower()}, coloured by the RMS of each vertex",
+            )
+            for side, picture in sides
+        ],
+        "pose_ticks": _format_ticks(pictures.max_deviation_percent),
+        "rms_ticks": _format_ticks(pictures.max_rms_percent),
     }
+
+
+def _list_pose_views(
+    pose: PosePictures, title: str, words: Vocabulary
+) -> list[tuple[str, str, str]]:
+    """List the caption, the picture and the description of each view of a pose."""
+    original, reconstruction = words.original, words.reconstruction
+    coloured = f"{title}: the {reconstruction}, coloured by {words.distance}"
+    return [
+        (original.capitalize(), _make_png_url(pose.original), f"{title}: the {original}"),
+        (reconstruction.capitalize(), _make_png_url(pose.reconstruction), coloured),
+        ("Cage", _make_png_url(pose.cage), f"{title}: the cage"),
+    ]
 
 
 def _pose_titles(words: Vocabulary) -> dict[str, str]:
@@ -231,7 +249,7 @@ def _make_png_url(picture: bytes) -> str:
 
 
 def _format_ticks(top: float) -> list[str]:
-    """The numbers under a scale that ends at `top`."""
+    """Format the numbers under a scale that ends at `top`."""
     return [f"{top * k / (TICK_COUNT - 1):.4g}" for k in range(TICK_COUNT)]
 
 
@@ -246,7 +264,7 @@ def _build_histogram_values(vertices: VertexMetrics) -> dict[str, Any]:
             "low": low,
             "high": high,
             "count": count,
-            "text": f"{low} to {high} %: {count} vertices",
+            "text": f"{low} to {high} %: {format_count(count, 'vertex')}",
             "height": f"{100 * count / (max_count or 1):.2f}",
             "top": f"{100 - 100 * count / (max_count or 1):.2f}",
         }
@@ -257,18 +275,14 @@ def _build_histogram_values(vertices: VertexMetrics) -> dict[str, Any]:
         "bars": bars,
         "most": max_count,
         "ticks": edges[:: len(bars) // (TICK_COUNT - 1)],
-        "text": f"Histogram of the rms of vertices, from {edges[0]} to {edges[-1]} % of the "
-        f"diagonal; most of them, {max_count}, are between {peak['low']} and {peak['high']} %. "
-        "The table below has all bins.",
+        "text": f"Histogram of the RMS of vertices, from {edges[0]} to {edges[-1]} % of the "
+        f"diagonal; the largest bin, {peak['low']} to {peak['high']} %, has "
+        f"{format_count(max_count, 'vertex')}. The table below lists all bins.",
     }
 
 
-def _sort_sources(report: Report) -> list[tuple[str, Any]]:
-    return sorted(report.sources.items())
-
-
 def _list_source_facts(source: Any) -> list[tuple[str, str]]:
-    """What is known of a file; its name first."""
+    """List the recorded facts about a source file, its name first."""
     facts = sorted(source.items(), key=lambda fact: fact[0] != "name")
     return [(str(name), _format_value(value)) for name, value in facts]
 

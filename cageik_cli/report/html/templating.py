@@ -1,4 +1,4 @@
-"""Pages of one file each: everything is inside, nothing is fetched, and only our script runs."""
+"""Templates of pages of one file each: nothing is fetched, and only our own script runs."""
 
 import base64
 import hashlib
@@ -21,9 +21,9 @@ _environment = Environment(
 
 
 def render_template(template: str, **values: Any) -> str:
-    """A page from a template and what it shows.
+    """Render a page from a template and its values.
 
-    All values are escaped. The page's own policy lets no script run but the one of its digest.
+    All values are escaped. The page's security policy allows only the script of this digest.
     """
     script = _read_template("script.js")
     return _environment.get_template(template).render(
@@ -36,16 +36,16 @@ def render_template(template: str, **values: Any) -> str:
 
 
 def make_data_url(content: bytes, kind: str) -> str:
-    """A picture as the address of itself; `kind` is what comes after `image/`."""
+    """Encode a picture as a data URL; `kind` is the part of its MIME type after `image/`."""
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def _read_template(name: str) -> str:
-    """The text of a file of the templates' folder, which holds no user's text."""
+    """Read a file of the templates' folder; it holds no text of users."""
     assert _environment.loader is not None
     return _environment.loader.get_source(_environment, name)[0]
 
 
 def _compute_policy_digest(script: str) -> str:
-    """A script's digest as a content security policy writes it."""
+    """Compute a script's digest in the notation of a content security policy."""
     return "sha256-" + base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()

@@ -1,1 +1,1 @@
-"""Pictures with axes, drawn by matplotlib: errors over frames, and a pose before and after."""
+"""Plots drawn by matplotlib: errors per frame, and a pose before and after."""

@@ -1,7 +1,6 @@
-"""The figure that the method is known by: the error and the volume over the frames.
+"""The plot over the frames: the error, and the volume change or the largest deviation.
 
-It is drawn without pyplot and without the reader's matplotlibrc; the same report gives the same
-bytes.
+It does not depend on pyplot or the user's matplotlibrc; the same report gives the same bytes.
 """
 
 import io
@@ -18,13 +17,13 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.plots.limit_lines import (
-    Box,
     LimitLine,
     build_limit_lines,
     draw_limit_labels,
     draw_limit_lines,
     format_limit_label,
 )
+from cageik_cli.report.plots.placement import Box
 from cageik_cli.report.plots.series import MIN_AXIS_PERCENT, Series, build_series
 from cageik_cli.report.plots.style import INK, MUTED, make_drawable, use_fixed_style
 from cageik_cli.report.record import Report
@@ -32,40 +31,40 @@ from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.util.arrays import Floats, Integers
 
 FIGURE_SIZE, DPI = (7.2, 3.6), 200
-"""Inches across and down, and pixels to the inch."""
+"""Width and height in inches, and pixels per inch."""
 
 LEFT, RIGHT, BOTTOM, TOP = 0.1, 0.9, 0.14, 0.87
-"""Where the axes are, as shares of the picture from its lower left corner."""
+"""Sides of the axes, as shares of the picture from its lower left corner."""
 
 GAP_COLOUR = "#eceef0"
 
 HEADROOM = 1.25
-"""The axes end so far above the highest figure, for the label of the worst frame."""
+"""Height of the axes, in heights of the highest value; leaves room for the worst frame's label."""
 
 MAX_MARKED_FRAMES = 60
-"""Up to so many frames each has a marker."""
+"""Clips with more frames have markers only at frames between gaps."""
 
 LETTER_WIDTH = 0.0115
-"""How wide letters of the worst frame's name are, about, as a share of the axes."""
+"""Approximate width of a letter of the worst frame's label, as a share of the axes."""
 
 MAX_UNDRAWN_LETTERS = 100
-"""Letters of limits that fit across the picture."""
+"""Letters of the line that names limits without a line in the plot."""
 
 
 @dataclass(frozen=True, slots=True)
 class PagePlot:
-    """The figure for a page.
+    """The plot for a page.
 
     Attributes
     ----------
     svg : str
-        One element, as wide as the page lets it be; text is text.
+        One element without a fixed size; text stays text.
     left, right, top, bottom : float
-        Where its axes are, as shares of the picture's width from the left and of its height from
+        Sides of its axes, as shares of the picture's width from the left and of its height from
         the top.
     first, last : float
-        The frames, from 0, at the left and at the right end of the axes; fractions, for there is
-        room beside the first and the last.
+        Frame numbers, from 0, at the left and right end of the axes; fractions, because of the
+        margins beside the first and the last frame.
     """
 
     svg: str
@@ -78,7 +77,7 @@ class PagePlot:
 
 
 def build_page_plot(report: Report) -> PagePlot:
-    """The figure of a report for a page."""
+    """Render the plot of a report for a page."""
     first, last = _x_limits(len(report.frames))
     svg = render_plot_svg(report)
     svg = re.sub(r' width="[^"]*"| height="[^"]*"', "", svg[svg.index("<svg") :], count=2)
@@ -86,21 +85,21 @@ def build_page_plot(report: Report) -> PagePlot:
 
 
 def render_plot_svg(report: Report) -> str:
-    """The figure of a report as an SVG file."""
+    """Render the plot of a report as an SVG file."""
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     return _save_plot(report, "svg", nothing).decode()
 
 
 def render_plot_png(report: Report) -> bytes:
-    """The figure of a report as a PNG file, 1440 pixels wide."""
+    """Render the plot of a report as a PNG file, 1440 pixels wide."""
     return _save_plot(report, "png", {"Software": None})
 
 
 def draw_plot(report: Report) -> Figure:
-    """The error of each frame, and the change of its volume or its largest deviation.
+    """Draw the error of each frame, and its volume change or its largest deviation.
 
-    The latter is drawn where the model is open, or no frame has a volume. Frames that were skipped
-    are gaps, and shaded.
+    The deviation is drawn if the model is open, or no frame has a volume. Skipped frames are shaded
+    gaps.
     """
     with use_fixed_style():
         return _draw_plot(report)
@@ -137,19 +136,19 @@ def _draw_plot(report: Report) -> Figure:
         check for check in report.gates if check.metric not in error.metrics + other.metrics
     ]
     words = choose_vocabulary(report.edited_from)
-    _draw_legend(figure, (left, right), [format_limit_label(gate, words) for gate in undrawn])
+    _draw_legend(figure, (left, right), [format_limit_label(check, words) for check in undrawn])
     draw_limit_labels(((left, error), (right, other)), drawn_limits, worst)
     return figure
 
 
 def _x_limits(count: int) -> tuple[float, float]:
-    """Where the axes of a clip of so many frames start and end."""
+    """Return the ends of the axes of a clip with `count` frames."""
     room = max(0.5, 0.01 * count)
     return -room, count - 1 + room
 
 
 def _draw_gaps(axes: Axes, values: Floats) -> None:
-    """Shade the frames that were skipped."""
+    """Shade the skipped frames."""
     runs = [
         list(frames)
         for is_gap, frames in groupby(range(len(values)), lambda k: bool(np.isnan(values[k])))
@@ -185,7 +184,7 @@ def _draw_series(axes: Axes, series: Series) -> None:
 
 
 def _marked_frames(values: Floats) -> Integers:
-    """The frames with a marker: all of a short clip, else those that stand between gaps."""
+    """Return the frames with a marker: all of a short clip, otherwise those between gaps."""
     known = np.isfinite(values)
     if len(values) <= MAX_MARKED_FRAMES:
         return np.flatnonzero(known)
@@ -194,7 +193,7 @@ def _marked_frames(values: Floats) -> Integers:
 
 
 def _set_y_limits(axes: Axes, series: Series, limits: Sequence[LimitLine]) -> None:
-    """Let the axes hold zero, all figures and the limits."""
+    """Set the axes so that zero, all values and the limits are inside."""
     heights = [height for limit in limits for height in limit.heights]
     lowest = float(np.nanmin(series.values, initial=min([0.0, *heights])))
     highest = float(np.nanmax(series.values, initial=max([0.0, *heights])))
@@ -213,7 +212,7 @@ def _draw_clip_rms(axes: Axes, series: Series, report: Report) -> None:
 
 
 def _draw_worst_frame(axes: Axes, series: Series, report: Report) -> Box:
-    """Ring the worst frame, and name it to that side where there is room; where its name is."""
+    """Ring and label the worst frame on the side with room; return the box of the label."""
     summary, count = report.summary, len(report.frames)
     place = (summary.worst_frame_index, series.values[summary.worst_frame_index])
     column = int(np.digitize(place[0] / count, (0.3, 0.7)))
@@ -245,9 +244,9 @@ def _draw_worst_frame(axes: Axes, series: Series, report: Report) -> Box:
 
 
 def _label_axes(axes: Axes, series: Series, report: Report) -> None:
-    """Name and number the axes."""
+    """Label the axes and set their ticks."""
     axes.set_xlim(*_x_limits(len(report.frames)))
-    axes.set_xlabel(f"frame of {make_drawable(report.result)}, numbered from 0")
+    axes.set_xlabel(f"frame of {make_drawable(report.result)} (the first is 0)")
     axes.set_ylabel(series.name, color=series.style.colour)
     axes.tick_params(axis="y", labelcolor=series.style.colour, color=series.style.colour)
     axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, min_n_ticks=1, steps=[1, 2, 5, 10]))
@@ -261,7 +260,7 @@ def _format_tick(value: float, _: int | None) -> str:
 
 
 def _draw_legend(figure: Figure, axes_pair: tuple[Axes, Axes], undrawn_limits: list[str]) -> None:
-    """Above the axes: what the lines are, and the limits that no line shows."""
+    """Explain the lines above the axes, and name the limits that have no line."""
     drawn = [axes.get_legend_handles_labels() for axes in axes_pair]
     figure.legend(
         [handle for handles, _ in drawn for handle in handles],
@@ -277,6 +276,6 @@ def _draw_legend(figure: Figure, axes_pair: tuple[Axes, Axes], undrawn_limits: l
         borderaxespad=0,
     )
     if undrawn_limits:
-        text = "not drawn: " + "; ".join(undrawn_limits)
+        text = "limits without a line: " + "; ".join(undrawn_limits)
         text = textwrap.shorten(text, MAX_UNDRAWN_LETTERS, placeholder=" …")
         figure.text(LEFT, TOP + 0.015, text, fontsize=7.5, color=MUTED, gid="not-drawn")

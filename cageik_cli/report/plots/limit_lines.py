@@ -1,4 +1,4 @@
-"""Limits in the figure over the frames: their lines, and labels that hide little."""
+"""Limits in the plot over the frames: their lines, and labels that cover little."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -7,118 +7,48 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from cageik_cli.report.limits import PERCENT, LimitCheck, format_limit, make_verdict
+from cageik_cli.report.plots.placement import Box, place_boxes
 from cageik_cli.report.plots.series import MIN_AXIS_PERCENT, Series
 from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.util.arrays import Floats
 
 LABEL_HEIGHT = 0.052
-"""Of a label."""
+"""Height of a label; like all sizes of labels a share of the axes."""
 
 LABEL_GAP = 0.008
-"""Between a label and its line."""
+"""Distance between a label and its line."""
 
 EDGE_MARGIN = 0.012
-"""Between a label and the sides of the axes."""
+"""Distance between a label and the sides of the axes."""
 
 POSITION_COUNT = 9
-"""Places along a line that are tried."""
+"""Positions along a line that are tried."""
 
 OVERLAP_COST, CROSSING_COST = 1000.0, 15.0
-"""What it costs to meet another label or leave the axes, and to lie on another line; to hide a
+"""Cost of overlapping another label or leaving the axes, and of lying on another line; to cover a
 point costs one."""
 
-Box = tuple[float, float, float, float]
-"""Left, bottom, right, top."""
-
-
-@dataclass(frozen=True, slots=True)
-class Label:
-    """What is to be placed.
-
-    Attributes
-    ----------
-    width : float
-    levels : tuple of float
-        Heights of the lines that it may stand at, one of them.
-    prefers_right : bool
-        Whether it is to be to the right rather than to the left, where both are as good.
-    """
-
-    width: float
-    levels: tuple[float, ...]
-    prefers_right: bool
-
-
-def place_labels(
-    labels: Sequence[Label], points: Floats, levels: Sequence[float], occupied: Sequence[Box]
-) -> list[Box]:
-    """A place for each label, above or below one of its lines.
-
-    Parameters
-    ----------
-    labels : sequence of Label
-        The first have the first choice.
-    points : (k, 2) float64
-        Of the curves; nan is left out.
-    levels : sequence of float
-        Heights of all lines.
-    occupied : sequence of Box
-        Where no label can be.
-    """
-    boxes = list(occupied)
-    for label in labels:
-        boxes.append(
-            min(
-                _candidate_boxes(label), key=lambda box: _placement_cost(box, points, levels, boxes)
-            )
-        )
-    return boxes[len(occupied) :]
-
-
-def _candidate_boxes(label: Label) -> Iterator[Box]:
-    """The best first."""
-    lefts = np.linspace(
-        EDGE_MARGIN, max(1 - EDGE_MARGIN - label.width, EDGE_MARGIN), POSITION_COUNT
-    ).tolist()
-    for left in reversed(lefts) if label.prefers_right else lefts:
-        for level in label.levels:
-            for bottom in (level + LABEL_GAP, level - LABEL_GAP - LABEL_HEIGHT):
-                yield left, bottom, left + label.width, bottom + LABEL_HEIGHT
-
-
-def _placement_cost(
-    box: Box, points: Floats, levels: Sequence[float], boxes: Sequence[Box]
-) -> float:
-    left, bottom, right, top = box
-    x, y = points.T
-    hidden = np.count_nonzero((left < x) & (x < right) & (bottom < y) & (y < top))
-    crossed = sum(bottom < level < top for level in levels)
-    met = sum(a < right and left < c and b < top and bottom < d for a, b, c, d in boxes)
-    met += bottom < 0 or top > 1
-    return OVERLAP_COST * met + CROSSING_COST * crossed + float(hidden)
-
-
 MAX_REACH = 2.5
-"""A limit is drawn up to so many times as high as the highest figure; beyond it is named alone."""
+"""Limits above this multiple of the highest value have no line; they are named above the plot."""
 
 LETTER_WIDTH = 0.0101
-"""How wide letters of labels are, about, as a share of the axes."""
+"""Approximate width of a letter of a label, as a share of the axes."""
 
 CURVE_SAMPLES = 600
-"""Points of a line that labels keep clear of."""
+"""Points of a curve that labels should not cover."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimitLine:
-    """A limit that is drawn with a series.
+    """A limit that is drawn with a curve.
 
     Attributes
     ----------
     series : Series
     check : LimitCheck
     heights : tuple of float
-        Of its lines, one or, on both sides of zero, two, in percent.
+        Percent; two of opposite sign if the limit applies on both sides of zero.
     label : str
     """
 
@@ -129,7 +59,7 @@ class LimitLine:
 
 
 def build_limit_lines(report: Report, series: Series) -> tuple[list[LimitLine], list[LimitCheck]]:
-    """The limits on a series that are drawn, and those far above it."""
+    """Split the limits on a curve into those that are drawn and those far above it."""
     words = choose_vocabulary(report.edited_from)
     reach = MAX_REACH * np.nanmax(np.abs(series.values), initial=MIN_AXIS_PERCENT)
     to_percent = 100 / report.clip.diagonal
@@ -146,7 +76,7 @@ def build_limit_lines(report: Report, series: Series) -> tuple[list[LimitLine], 
 
 
 def draw_limit_lines(axes: Axes, limits: Sequence[LimitLine]) -> None:
-    """Draw limits on the axes of their series, dashed, without their labels."""
+    """Draw limits as dashed lines on the axes of their curve, without labels."""
     for limit in limits:
         for height in limit.heights:
             axes.axhline(
@@ -159,16 +89,16 @@ def draw_limit_labels(
     limits: Sequence[LimitLine],
     occupied: Box,
 ) -> None:
-    """Name the limits, above the lines of both axes and where they hide little.
+    """Label the limits, above or below their lines, where the labels cover little.
 
     Parameters
     ----------
     drawn : tuple
-        The left axes, which are in front, and the right ones, each with its series.
+        The left axes, which are in front, and the right ones, each with its curve.
     limits : sequence of LimitLine
-        Those that are drawn.
+        The limits that have lines.
     occupied : Box
-        Where no label can be.
+        A box that labels must not touch.
     """
     points = np.concatenate([_sample_curve(axes, series) for axes, series in drawn])
     labels = [
@@ -197,13 +127,13 @@ def draw_limit_labels(
 
 
 def format_limit_label(check: LimitCheck, words: Vocabulary) -> str:
-    """A limit and its verdict, as short as a label is to be."""
+    """Format a limit and its verdict for a label."""
     verdict = make_verdict(check).text
     return f"{words.limits[check.metric]} ≤ {format_limit(check)} {check.unit}, {verdict}"
 
 
 def _sample_curve(axes: Axes, series: Series) -> Floats:
-    """Places along a line, (k, 2), as shares of the axes."""
+    """Sample points along a curve, (k, 2), as shares of the axes."""
     first, last = axes.get_xlim()
     frames = np.linspace(0, len(series.values) - 1, CURVE_SAMPLES)
     heights = np.interp(frames, np.arange(len(series.values)), series.values)
@@ -211,6 +141,59 @@ def _sample_curve(axes: Axes, series: Series) -> Floats:
 
 
 def _axes_fractions(axes: Axes, heights: Sequence[float] | Floats) -> list[float]:
-    """Where heights are between the lower and the upper end of the axes."""
+    """Return heights as shares of the axes, from the lower end."""
     low, high = axes.get_ylim()
     return [float(height / (high - low) - low / (high - low)) for height in heights]
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A label to be placed.
+
+    Attributes
+    ----------
+    width : float
+    levels : tuple of float
+        Heights of its lines; it stands above or below one of them.
+    prefers_right : bool
+        Whether it stands on the right rather than on the left if both cost the same.
+    """
+
+    width: float
+    levels: tuple[float, ...]
+    prefers_right: bool
+
+
+def place_labels(
+    labels: Sequence[Label], points: Floats, levels: Sequence[float], occupied: Sequence[Box]
+) -> list[Box]:
+    """Place each label above or below one of its lines.
+
+    Parameters
+    ----------
+    labels : sequence of Label
+        The first labels choose first.
+    points : (k, 2) float64
+        Points of the curves; nan is left out.
+    levels : sequence of float
+        Heights of all lines.
+    occupied : sequence of Box
+        Boxes that labels must not touch.
+    """
+    candidates = (_candidate_boxes(label, levels) for label in labels)
+    placed = place_boxes(candidates, points, occupied, OVERLAP_COST)
+    return [box for box in placed if box is not None]
+
+
+def _candidate_boxes(label: Label, levels: Sequence[float]) -> Iterator[tuple[float, Box]]:
+    """Yield boxes at the label's lines with their costs, in order of preference."""
+    last = max(1 - EDGE_MARGIN - label.width, EDGE_MARGIN)
+    lefts = np.linspace(EDGE_MARGIN, last, POSITION_COUNT).tolist()
+    for left in reversed(lefts) if label.prefers_right else lefts:
+        for line in label.levels:
+            for bottom in (line + LABEL_GAP, line - LABEL_GAP - LABEL_HEIGHT):
+                top = bottom + LABEL_HEIGHT
+                crossed = sum(bottom < level < top for level in levels)
+                outside = bottom < 0 or top > 1
+                cost = OVERLAP_COST * outside + CROSSING_COST * crossed
+                yield cost, (left, bottom, left + label.width, top)

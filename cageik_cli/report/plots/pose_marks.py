@@ -1,6 +1,6 @@
-"""The marks of a picture of a pose: anchors, arrows to their targets, and rings around these.
+"""The marks of a plot of a pose: anchors, arrows to their targets, and rings around targets.
 
-Places are points of the figure, 72 to the inch, x to the right and y downwards.
+Positions are in points of the figure, 72 per inch, x to the right and y downwards.
 """
 
 from collections.abc import Iterator
@@ -13,38 +13,38 @@ from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from cageik_cli.report.plots.limit_lines import Box
+from cageik_cli.report.plots.placement import Box, place_boxes
 from cageik_cli.report.plots.style import INK, MUTED
 from cageik_cli.util.arrays import Floats
 
 Flags = NDArray[np.bool_]
 
 LEGEND_FONT_SIZE = 8.0
-"""Size of letters."""
+"""Points."""
 
 HANDLE_COLOUR = "#c8321f"
 
 ANCHOR_STYLES = ((False, HANDLE_COLOUR, "o"), (True, INK, "s"))
-"""Whether it is pinned, and the colour and mark of such an anchor."""
+"""Whether an anchor is pinned, its colour and its marker."""
 
 DOT_SIZE, RING_SIZE = 6.0, 11.0
-"""Across marks: anchors, and the targets around them."""
+"""Diameters of the marks of anchors, and of the rings of targets."""
 
 MARK_OFFSETS = RING_SIZE / 2 * np.array([(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1)])
-"""What a mark covers: points from its middle."""
+"""Points that a mark covers, relative to its centre."""
 
 COVERED_OPACITY = 0.5
 """Opacity of marks behind the model."""
 
 SHAFT_WIDTH, HEAD_LENGTH, HEAD_WIDTH = 1.9, 9.0, 7.0
-"""Of an arrow."""
+"""Sizes of an arrow."""
 
 MIN_DRAWN_LENGTH = 1.0
-"""Shorter arrows (those towards the viewer, say) and smaller misses of pins are not drawn."""
+"""Shorter arrows (for example towards the viewer) and smaller misses of pins are not drawn."""
 
 
 def draw_arrows(axes: Axes, starts: Floats, ends: Floats) -> None:
-    """Draw an arrow from each place to another, (k, 2)."""
+    """Draw an arrow from each start to its end, (k, 2)."""
     for start, end in zip(starts, ends, strict=True):
         along = end - start
         length = float(np.hypot(*along))
@@ -64,9 +64,9 @@ def draw_arrows(axes: Axes, starts: Floats, ends: Floats) -> None:
 
 
 def draw_targets(axes: Axes, dots: Floats, targets: Floats, pinned: Flags) -> None:
-    """Ring the targets, with a line to where what was to go there is, if that can be seen.
+    """Ring the targets, with a dashed line to their anchors if those are outside the ring.
 
-    Those of pins are ringed only if they are missed.
+    Targets of pins are ringed only if they are missed.
     """
     misses = np.linalg.norm(dots - targets, axis=1)
     for is_pin, colour, marker in ANCHOR_STYLES:
@@ -87,7 +87,7 @@ def draw_targets(axes: Axes, dots: Floats, targets: Floats, pinned: Flags) -> No
 
 
 def draw_anchors(axes: Axes, dots: Floats, pinned: Flags, covered: Flags) -> None:
-    """Mark the anchors, (l, 2), those behind the model paler."""
+    """Mark the anchors, (l, 2); those behind the model are paler."""
     for is_pin, colour, marker in ANCHOR_STYLES:
         for is_covered in (True, False):
             axes.plot(
@@ -104,15 +104,15 @@ def draw_anchors(axes: Axes, dots: Floats, pinned: Flags, covered: Flags) -> Non
 
 
 def draw_legend(figure: Figure, pinned: Flags) -> None:
-    """Say below all panels what the marks are."""
+    """Explain the marks below all panels."""
     marks = []
     if not pinned.all():
         marks += [
             (HANDLE_COLOUR, "o", DOT_SIZE, HANDLE_COLOUR, "handle"),
-            (HANDLE_COLOUR, "o", RING_SIZE, "none", "its target"),
+            (HANDLE_COLOUR, "o", RING_SIZE, "none", "target"),
         ]
     if pinned.any():
-        marks += [(INK, "s", DOT_SIZE, INK, "pinned")]
+        marks += [(INK, "s", DOT_SIZE, INK, "pin")]
     figure.legend(
         [
             Line2D([], [], linestyle="", color=colour, marker=marker, ms=size, mfc=inside)
@@ -132,66 +132,45 @@ def draw_legend(figure: Figure, pinned: Flags) -> None:
 
 
 NAME_GAPS = (8.0, 14.0, 21.0)
-"""Between a dot and its name; the nearest is the best."""
+"""Distances between a dot and its name; the smallest is the best."""
 
 NAME_SIDES = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))
-"""Of a dot where its name may stand: to the right or left, above or below."""
+"""Sides of a dot for its name, the best first: right, left, above, below, then the corners."""
 
 EDGE_MARGIN = 3.0
-"""Between a name and the sides of the picture."""
+"""Distance between a name and the sides of the picture."""
 
 GAP_STEP_COST = 2.0
-"""Points that a name may hide rather than stand one gap further away."""
+"""Cost of the next larger gap; to cover a point costs one."""
 
 
-def place_names(dots: Floats, sizes: Floats, hidden: Floats, side: float) -> list[Box | None]:
-    """A place beside its dot for each name, in a square picture; None where there is no room.
+def place_names(dots: Floats, sizes: Floats, points: Floats, side: float) -> list[Box | None]:
+    """Place each name beside its dot in a square picture; None where there is no room.
 
     Parameters
     ----------
     dots : (k, 2) float64
-        The first have the first choice.
+        The first names choose first.
     sizes : (k, 2) float64
-        Of the names, across and down.
-    hidden : (p, 2) float64
-        What is better not covered.
+        Widths and heights of the names.
+    points : (p, 2) float64
+        Points that should stay visible.
     side : float
-        Of the picture.
-
-    Returns
-    -------
-    list of (left, top, right, bottom)
+        Size of the picture.
     """
-    boxes: list[Box | None] = []
-    for dot, size in zip(dots, sizes, strict=True):
-        occupied = [box for box in boxes if box is not None]
-        free = [
-            box for box in _candidate_boxes(dot, size, side) if not _overlaps_any(box[1], occupied)
-        ]
-        best = min(free, key=lambda one: one[0] + _count_covered(one[1], hidden), default=None)
-        boxes.append(None if best is None else best[1])
-    return boxes
+    return place_boxes(
+        (_candidate_boxes(dot, size, side) for dot, size in zip(dots, sizes, strict=True)), points
+    )
 
 
 def _candidate_boxes(dot: Floats, size: Floats, side: float) -> Iterator[tuple[float, Box]]:
-    """Boxes beside a dot with what each costs, the best first; none leaves the picture."""
+    """Yield boxes beside a dot with their costs, the best first; all are inside the picture."""
     if (size > side - 2 * EDGE_MARGIN).any():
         return
     for step, gap in enumerate(NAME_GAPS):
-        for place, (right, down) in enumerate(NAME_SIDES):
+        for number, (right, down) in enumerate(NAME_SIDES):
             towards = np.array([right, down]) * (1.0 if 0 in (right, down) else np.sqrt(0.5))
             middle = dot + towards * gap + np.array([right, down]) * size / 2
             low = np.clip(middle - size / 2, EDGE_MARGIN, side - EDGE_MARGIN - size)
             left, top, end, bottom = (float(value) for value in (*low, *(low + size)))
-            yield GAP_STEP_COST * step + 0.01 * place, (left, top, end, bottom)
-
-
-def _count_covered(box: Box, points: Floats) -> int:
-    left, top, right, bottom = box
-    x, y = points.T
-    return int(np.count_nonzero((left < x) & (x < right) & (top < y) & (y < bottom)))
-
-
-def _overlaps_any(box: Box, others: list[Box]) -> bool:
-    left, top, right, bottom = box
-    return any(a < right and left < c and b < bottom and top < d for a, b, c, d in others)
+            yield GAP_STEP_COST * step + 0.01 * number, (left, top, end, bottom)

@@ -1,6 +1,6 @@
-"""A pose before and after it was edited by anchors, side by side from one place, as a PNG file.
+"""A pose before and after an edit, side by side from one viewpoint, as a PNG file.
 
-Lengths in the figure are points, 72 to the inch, x to the right and y downwards from its upper left
+Lengths are in points of the figure, 72 per inch, x to the right and y downwards from the upper left
 corner. It is drawn without pyplot; the same view gives the same bytes.
 """
 
@@ -38,41 +38,41 @@ from cageik_cli.report.views.pose_text import format_miss
 from cageik_cli.util.arrays import Floats
 
 PANEL_SIDE, LEGEND_HEIGHT = 345.6, 43.2
-"""Of a panel, and of what stands below all of them."""
+"""Size of a panel, and height of the strip below the panels."""
 
 CAPTION_SIZE, NAME_SIZE = 10.0, 8.5
-"""Sizes of letters: of captions, and of names."""
+"""Font sizes of captions and of names."""
 
 MAX_CAPTION_LENGTH, MAX_NAME_LENGTH = 76, 28
 """Characters of a caption and of a name that are shown."""
 
 MAX_NAMED_ANCHORS = 12
-"""Up to so many anchors have their names beside them, those first that go farthest."""
+"""Anchors that are labelled with their names; those that move farthest come first."""
 
 VIEW_TURNS = (VIEW_TURN, -VIEW_TURN, 75.0, -75.0)
-"""Degrees to the right of the front that a viewer may stand; the first is what pages show."""
+"""Possible viewpoints, degrees to the right of the front; the first is that of pages."""
 
 MIN_ARROW_SHARE = 0.8
-"""Share of the longest arrows of all places that suffices for one named before."""
+"""The first viewpoint is taken whose arrows have this share of the longest total length."""
 
 COLOUR_BIT_MASK = np.uint8(0xFC)
-"""Bits of colours that are kept, which makes the file a sixth smaller."""
+"""Bits of colours that are kept; the file is a sixth smaller."""
 
 ARROW_SAMPLE_SPACING = 4.0
-"""Between points of an arrow that names keep clear of."""
+"""Distance between the points of an arrow that names should not cover."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Panel:
-    """One of the pictures side by side.
+    """One of the two pictures.
 
     Attributes
     ----------
     vertices, cage : (m, 3) and (n, 3) float64
     anchors : (l, 3) float64
-        Where they are.
+        Positions of the anchors.
     has_arrows : bool
-        Whether arrows lead to the targets; otherwise they are ringed.
+        Whether arrows lead to the targets; otherwise the targets are ringed.
     title : str
     """
 
@@ -84,7 +84,7 @@ class Panel:
 
 
 def render_pose_png(view: PoseSnapshot, pixels: int = 720) -> bytes:
-    """Draw a pose before and after, each so many pixels across, as a PNG file."""
+    """Render a pose before and after as a PNG file; each panel is `pixels` wide."""
     stream = io.BytesIO()
     with use_fixed_style():
         draw_pose(view, build_panels(view), pixels).savefig(
@@ -98,7 +98,7 @@ def build_panels(view: PoseSnapshot) -> tuple[Panel, Panel]:
     title_before = f"{view.frame}, before" if view.frame else "before"
     title_after = (
         f"after: mesh moved {format_percent(view.rms_percent)} %, "
-        f"handles met within {format_miss(view.max_residual_percent)} %"
+        f"largest miss of a target {format_miss(view.max_residual_percent)} %"
     )
     return (
         Panel(view.before, view.cage_before, view.starts, True, title_before),
@@ -107,14 +107,14 @@ def build_panels(view: PoseSnapshot) -> tuple[Panel, Panel]:
 
 
 def draw_pose(view: PoseSnapshot, panels: Sequence[Panel], pixels: int) -> Figure:
-    """Panels of one model, seen from one place, with the anchors and targets of a view."""
+    """Draw panels of one model from one viewpoint, with the anchors and targets of a view."""
     points = [points for panel in panels for points in (panel.vertices, panel.cage, panel.anchors)]
     camera = _choose_camera(
         view, np.concatenate([*points, view.starts, view.targets]), SAMPLES_PER_PIXEL * pixels
     )
     per_point = pixels / PANEL_SIDE
     size = np.array([len(panels) * pixels, pixels + round(LEGEND_HEIGHT * per_point)])
-    # A little more, since matplotlib rounds the number of pixels down.
+    # Slightly larger, because matplotlib rounds the number of pixels down.
     width, height = (float(value) for value in (size + 1e-3) / per_point)
     figure = Figure((width / 72, height / 72), dpi=72 * per_point)
     axes = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(height, 0), zorder=1)
@@ -127,16 +127,16 @@ def draw_pose(view: PoseSnapshot, panels: Sequence[Panel], pixels: int) -> Figur
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PanelPlace:
-    """Where a panel is drawn.
+    """The place of a panel in the figure.
 
     Attributes
     ----------
     figure : Figure
     axes : Axes
-        Over all of it.
+        Cover the whole figure.
     camera : ParallelCamera
     number : int
-        Of the panel, from the left.
+        Index of the panel, from the left.
     """
 
     figure: Figure
@@ -145,7 +145,7 @@ class _PanelPlace:
     number: int
 
     def __call__(self, points: Floats) -> Floats:
-        """Where points, (k, 3), are seen in the figure, (k, 2)."""
+        """Project points, (k, 3), into the figure, (k, 2)."""
         seen = self.camera.project(points)[:, :2] * (PANEL_SIDE / self.camera.size)
         return np.asarray(seen + np.array([self.left, 0]))
 
@@ -155,7 +155,7 @@ class _PanelPlace:
 
 
 def _choose_camera(view: PoseSnapshot, points: Floats, size: int) -> ParallelCamera:
-    """One that shows all points, from where the arrows are long."""
+    """Choose a camera that shows all points, from a viewpoint where the arrows are long."""
     arrows = _arrow_vectors(view)
     views = [view_axes(view.up_axis, turn) for turn in VIEW_TURNS]
     lengths = [float(np.linalg.norm(arrows @ axes[:2].T, axis=1).sum()) for axes in views]
@@ -164,7 +164,7 @@ def _choose_camera(view: PoseSnapshot, points: Floats, size: int) -> ParallelCam
 
 
 def _arrow_vectors(view: PoseSnapshot) -> Floats:
-    """How far the anchors were to go, (l, 3)."""
+    """Return the vectors from the anchors to their targets, (l, 3); zero for pins."""
     return np.where(view.pinned[:, None], 0.0, view.targets - view.starts)
 
 
@@ -187,7 +187,7 @@ def _draw_panel(place: _PanelPlace, view: PoseSnapshot, panel: Panel) -> None:
 
 
 def _draw_title(place: _PanelPlace, title: str) -> None:
-    """Write a line below a panel, smaller if it does not fit."""
+    """Write a caption below a panel, smaller if it does not fit."""
     size = CAPTION_SIZE * min(
         1.0, (PANEL_SIDE - 2 * CAPTION_SIZE) / max(measure_text_width(title, CAPTION_SIZE), 1.0)
     )
@@ -198,14 +198,14 @@ def _draw_title(place: _PanelPlace, title: str) -> None:
 
 
 def _are_covered(camera: ParallelCamera, points: Floats, depth: Floats) -> Flags:
-    """Which points, (k, 3), are behind a surface of these depths, (s, s)."""
+    """Whether points, (k, 3), are behind a surface of these depths, (s, s)."""
     seen = camera.project(points)
     columns, rows = np.clip(seen[:, :2], 0, camera.size - 1).astype(np.int64).T
     return np.asarray(seen[:, 2] > depth[rows, columns] + DEPTH_TOL * camera.size)
 
 
 def _draw_names(place: _PanelPlace, view: PoseSnapshot, dots: Floats, targets: Floats) -> None:
-    """Name up to `MAX_NAMED_ANCHORS` anchors where there is room, first those that go farthest."""
+    """Label up to `MAX_NAMED_ANCHORS` anchors where there is room, the farthest moving first."""
     far = np.linalg.norm(_arrow_vectors(view), axis=1)
     order = np.argsort(-far, kind="stable")[:MAX_NAMED_ANCHORS]
     names = [make_drawable(view.names[k], MAX_NAME_LENGTH) for k in order]
@@ -232,6 +232,6 @@ def _draw_names(place: _PanelPlace, view: PoseSnapshot, dots: Floats, targets: F
 
 
 def _sample_segment(start: Floats, end: Floats) -> Floats:
-    """Points from one to the other, (k, 2), no further apart than `STEP`."""
+    """Sample a segment, (k, 2), at most `ARROW_SAMPLE_SPACING` apart."""
     count = int(np.ceil(np.hypot(*(end - start)) / ARROW_SAMPLE_SPACING)) + 1
     return np.linspace(start, end, count)

@@ -1,4 +1,4 @@
-"""What the figure over the frames shows: the error, and what is drawn beside it."""
+"""The two curves of the plot over the frames: the error, and volume change or deviation."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,15 +10,15 @@ from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.util.arrays import Floats
 
 MIN_AXIS_PERCENT = 0.001
-"""Percent: no axis ends lower, so that rounding is not made to look like error."""
+"""Percent; no axis ends lower, so that rounding does not look like an error."""
 
 MAX_PLOTTED_PERCENT = 1e150
-"""A line leaves the picture here; no axis could be drawn."""
+"""Larger values are clamped; matplotlib cannot draw their axes."""
 
 
 @dataclass(frozen=True, slots=True)
 class LineStyle:
-    """How a line looks, in matplotlib's words."""
+    """Style of a line, in matplotlib's terms."""
 
     colour: str
     linestyle: str | tuple[int, tuple[float, ...]]
@@ -27,18 +27,18 @@ class LineStyle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """A line over the frames: its figures, and how it looks.
+    """A curve over the frames: its values and its style.
 
     Attributes
     ----------
     values : (F,) float64
-        In percent; nan in gaps.
+        Percent; nan in gaps.
     name : str
-        With the unit, behind a comma.
+        Name and unit, with a comma between them.
     metrics : tuple of str
-        Limits on these are drawn with it.
+        Metrics whose limits are drawn with the curve.
     side : int
-        Of its axis: 0 for left, 1 for right.
+        Its axis: 0 for left, 1 for right.
     style : LineStyle
     """
 
@@ -50,14 +50,14 @@ class Series:
 
     @property
     def is_signed(self) -> bool:
-        """Whether limits hold on both sides of zero."""
+        """Whether limits apply on both sides of zero."""
         return self.metrics == ("volume_change",)
 
 
 def build_series(report: Report) -> tuple[Series, Series]:
-    """The error, and the change of volume or the largest deviation.
+    """Build the curves of the error and of the volume change.
 
-    The latter is taken where the model is open, or no frame has a volume.
+    The largest deviation replaces the volume change if the model is open, or no frame has one.
     """
     frames, words = report.frames, choose_vocabulary(report.edited_from)
     error = Series(
@@ -79,6 +79,6 @@ def build_series(report: Report) -> tuple[Series, Series]:
     return error, Series(deviations, name, ("max_deviation",), 1, style)
 
 
-def _plottable_values(figures: Sequence[float | None]) -> Floats:
-    values = np.array([np.nan if figure is None else figure for figure in figures])
+def _plottable_values(metrics: Sequence[float | None]) -> Floats:
+    values = np.array([np.nan if value is None else value for value in metrics])
     return np.asarray(np.clip(values, -MAX_PLOTTED_PERCENT, MAX_PLOTTED_PERCENT))

@@ -1,4 +1,4 @@
-"""How figures look: without pyplot and the reader's matplotlibrc, and so always the same."""
+"""The style of plots: independent of pyplot and the user's matplotlibrc."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 INK, MUTED = "#20242a", "#59626d"
 
 DEFAULT_MAX_LENGTH = 40
-"""Characters of a name that are shown, unless there is less room."""
+"""Characters of a name that are shown; longer names are cut in the middle."""
 
 MATPLOTLIB_SETTINGS: Any = {
     "font.size": 9.0,
@@ -29,13 +29,13 @@ MATPLOTLIB_SETTINGS: Any = {
 
 @contextmanager
 def use_fixed_style() -> Iterator[None]:
-    """Within it figures are made and saved."""
+    """Set the style in which plots are drawn and saved."""
     with matplotlib.style.context("default"), mpl.rc_context(MATPLOTLIB_SETTINGS):
         yield
 
 
 def make_drawable(name: str, max_length: int = DEFAULT_MAX_LENGTH) -> str:
-    """A name as far as it fits and the font has letters for it."""
+    """Cut a long name, and replace letters that the font does not have."""
     font = get_font(findfont(FontProperties()))
     text = "".join(letter if font.get_char_index(ord(letter)) else "\ufffd" for letter in name)
     if len(text) <= max_length:
@@ -44,7 +44,7 @@ def make_drawable(name: str, max_length: int = DEFAULT_MAX_LENGTH) -> str:
 
 
 def measure_text_width(text: str, size: float) -> float:
-    """How wide a text is in letters of a size, both in points."""
+    """Return the width of a text in letters of this size, both in points."""
     font = get_font(findfont(FontProperties()))
     font.set_size(size, 72)
     font.set_text(text)

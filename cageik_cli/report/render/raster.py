@@ -1,7 +1,7 @@
 """Triangles and lines in a depth buffer, without a graphics card.
 
-Pixels are counted from the upper left corner, x to the right and y downwards, and pixel (k, l) has
-its middle at (k + ½, l + ½). Depths grow away from the viewer. The projection is parallel.
+Pixels are counted from the upper left corner, x to the right and y downwards; the centre of pixel
+(k, l) is at (k + ½, l + ½). Depths grow away from the viewer. The projection is parallel.
 """
 
 from collections.abc import Iterator
@@ -13,29 +13,33 @@ import numpy as np
 from cageik_cli.util.arrays import Floats, Integers
 
 MARGIN = 0.03
-"""Of the picture, free on each side."""
+"""Free share of the picture on each side."""
 
 BLOCK_PIXELS = 1 << 18
-"""Pixels in the boxes around triangles that are gone through at once."""
+"""Pixels of the bounding boxes of triangles that are drawn in one step."""
 
 EDGE_ON_TOL = 1e-9
-"""A triangle whose normal's share along the view is below this has one depth."""
+"""A triangle seen edge-on, by this share of its normal along the view, has one depth."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParallelCamera:
     """A parallel projection onto a square picture.
 
+    It is separate from `geometry.camera.Camera`, which validates matrices of users, casts rays
+    through pixels, and refuses points that are not finite. Here depths are in pixels, and points
+    that are not finite are left out.
+
     Attributes
     ----------
     axes : (3, 3) float64
-        Rows: to the right, upwards, and towards the viewer, of length one.
+        Rows: right, up, and towards the viewer, of length one.
     centre : (3,) float64
-        What is in the middle of the picture.
+        The point in the middle of the picture.
     extent : float
-        Half of what the picture's width shows, in the points' units.
+        Half of the width that the picture shows, in the units of the points.
     size : int
-        Pixels across and down.
+        Width and height, pixels.
     """
 
     axes: Floats
@@ -45,7 +49,7 @@ class ParallelCamera:
 
     @classmethod
     def fit(cls, axes: Floats, points: Floats, size: int) -> Self:
-        """The camera that shows all points, (k, 3), as large as they fit; nan is left out."""
+        """Fit a camera to points, (k, 3), as large as possible; points of nan are left out."""
         seen = points[np.isfinite(points).all(axis=1)] @ axes.T
         low, high = (seen.min(axis=0), seen.max(axis=0)) if len(seen) else np.zeros((2, 3))
         half = 0.5 * high - 0.5 * low
@@ -53,21 +57,21 @@ class ParallelCamera:
         return cls(axes, axes.T @ (0.5 * low + 0.5 * high), extent / (1 - 2 * MARGIN), size)
 
     def project(self, points: Floats) -> Floats:
-        """Where points are seen, (k, 3): x, y and depth, all in pixels."""
+        """Project points, (k, 3), to x, y and depth, all in pixels."""
         seen = (points - self.centre) / self.extent @ self.axes.T
         return np.asarray(0.5 * self.size * (seen * (1, -1, -1) + (1, 1, 0)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthBuffer:
-    """What is nearest in each pixel.
+    """The nearest face in each pixel, and its depth.
 
     Attributes
     ----------
     face : (s, s) int64
-        -1 where there is none.
+        -1 where there is no face.
     depth : (s, s) float64
-        Infinite where there is none.
+        Infinite where there is no face.
     """
 
     face: Integers
@@ -75,10 +79,10 @@ class DepthBuffer:
 
 
 def rasterize(corners: Floats, size: int) -> DepthBuffer:
-    """The nearest of triangles, (t, 3, 3) as projected, in each pixel of a square of `size`.
+    """Find the nearest of projected triangles, (t, 3, 3), in each pixel of a square of `size`.
 
-    A pixel belongs to a triangle when its middle does; triangles that meet in an edge share none
-    and leave none out. Those that are not finite are not seen.
+    A pixel belongs to a triangle if its centre does; each pixel along a common edge belongs to
+    exactly one of the two triangles. Triangles that are not finite are left out.
     """
     depth = np.full(size * size, np.inf)
     face = np.full(size * size, -1)
@@ -97,7 +101,7 @@ def rasterize(corners: Floats, size: int) -> DepthBuffer:
 
 
 def rasterize_lines(projected: Floats, edges: Integers, width: float, size: int) -> Floats:
-    """Depths of lines between projected vertices, (s, s); infinite beside them."""
+    """Return the depths of lines between projected vertices, (s, s); infinite elsewhere."""
     ends = projected[edges]
     along = ends[:, 1, :2] - ends[:, 0, :2]
     lengths = np.hypot(along[:, 0], along[:, 1])[:, None]
@@ -113,12 +117,12 @@ def rasterize_lines(projected: Floats, edges: Integers, width: float, size: int)
 
 
 def cross_products(one: Floats, two: Floats) -> Floats:
-    """The cross products of vectors, (3, t)."""
+    """Return the cross products of vectors, (3, t)."""
     return np.stack([one[k - 2] * two[k - 1] - one[k - 1] * two[k - 2] for k in range(3)])
 
 
 def _split_blocks(areas: Floats) -> Iterator[slice]:
-    """Runs of triangles whose boxes hold some `BLOCK` pixels together."""
+    """Yield runs of triangles whose bounding boxes have about `BLOCK_PIXELS` pixels in total."""
     ends = np.searchsorted(
         np.cumsum(areas), np.arange(BLOCK_PIXELS, areas.sum() + BLOCK_PIXELS, BLOCK_PIXELS)
     )
@@ -131,7 +135,7 @@ def _split_blocks(areas: Floats) -> Iterator[slice]:
 def _draw_triangles(
     places: Floats, rows: Integers, face_ids: Integers, buffer: DepthBuffer, size: int
 ) -> None:
-    """Add triangles to what is seen, by the stretches of each of their rows, (2, t).
+    """Draw triangles into the buffer, span by span of each of their rows, (2, t).
 
     `places`, (3, 3, t), are x, y and depth of their three corners.
     """
@@ -158,7 +162,7 @@ def _draw_triangles(
 
 
 def _concatenate_ranges(starts: Integers, counts: Integers) -> Integers:
-    """start, start + 1, ... of each, so many as its count, one after the other."""
+    """Concatenate the ranges start, start + 1, ... of these lengths."""
     ends = np.cumsum(counts)
     return np.arange(ends[-1] if len(ends) else 0) + np.repeat(starts - ends + counts, counts)
 
@@ -166,11 +170,11 @@ def _concatenate_ranges(starts: Integers, counts: Integers) -> Integers:
 def _row_spans(
     places: Floats, triangle: Integers, row: Integers, size: int
 ) -> tuple[Integers, Integers]:
-    """The first pixel of a triangle in a row, and the one after its last.
+    """Return the first pixel of a triangle in a row, and the one after its last.
 
-    A row that a triangle has meets its longest edge upright, and one of the others.
+    A row of a triangle crosses its tallest edge and one of the two others.
     """
-    # From the lower end whichever triangle asks, so that neighbours find the same place.
+    # Always from the lower end, so that both neighbours of an edge get the same crossing.
     x, y = np.take_along_axis(places[:2], np.argsort(places[1], axis=0)[None], axis=1)
     starts, ends = (0, 1, 0), (1, 2, 2)
     rise = y[ends, :] - y[starts, :]
@@ -185,7 +189,7 @@ def _row_spans(
 
 
 def _depth_planes(places: Floats) -> tuple[Floats, Floats]:
-    """How the depth of triangles grows with x and y, (2, t), and what it is at their corner 0."""
+    """Return the slopes of depth along x and y, (2, t), and the depth at corner 0."""
     normal = cross_products(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
     edge_on = np.abs(normal[2]) <= EDGE_ON_TOL * np.abs(normal).sum(axis=0)
     slopes = -normal[:2] / np.where(edge_on, np.inf, normal[2])

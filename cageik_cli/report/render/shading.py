@@ -1,4 +1,4 @@
-"""Models in light and colours, as pictures.
+"""Shaded and coloured pictures of meshes.
 
 Pixels and depths are as in `raster`.
 """
@@ -15,28 +15,28 @@ Picture = NDArray[np.float32]
 """(4, s, s): red, green and blue, each times the opacity, and the opacity, 0 to 1."""
 
 SAMPLES_PER_PIXEL = 2
-"""Of a pixel, across and down."""
+"""Samples per pixel, across and down."""
 
 KEY_DIRECTION, FILL_DIRECTION = np.array([-0.42, 0.66, 0.62]), np.array([0.85, 0.05, 0.52])
-"""Towards the lights: right, up, towards the viewer; both of length one, nearly."""
+"""Directions towards the lights: right, up, towards the viewer; of length one, nearly."""
 
 AMBIENT_LIGHT, KEY_LIGHT, FILL_LIGHT, RIM_DARKENING = 0.46, 0.54, 0.12, 0.30
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisibleSurface:
-    """What is seen of a mesh, pixel by pixel.
+    """The visible part of a mesh, pixel by pixel.
 
     Attributes
     ----------
     pixels : (p,) int64
-        Those with a face, row by row.
+        The pixels with a face, row by row.
     corners : (3, p) int64
         Vertices of the face there.
     barycentric : (3, p) float64
-        Of those corners in the pixel's middle; they sum to one.
+        Coordinates of the pixel's centre in those corners; they sum to one.
     normals : (3, p) float64
-        Right, up, towards the viewer; of length one, on the side that is seen.
+        Right, up, towards the viewer; of length one, on the visible side.
     depth : (s, s) float64
     """
 
@@ -47,14 +47,14 @@ class VisibleSurface:
     depth: Floats
 
     def interpolate(self, values: Floats) -> Floats:
-        """Values of the vertices, (m,), in each pixel."""
+        """Interpolate values of the vertices, (m,), in each pixel."""
         return _weighted_sum(self.barycentric, values[self.corners])
 
 
 def rasterize_surface(
     projected: Floats, faces: Integers, size: int, is_smooth: bool = True
 ) -> VisibleSurface:
-    """What is seen of a mesh whose vertices, (m, 3), are projected; both sides of its faces."""
+    """Rasterize a mesh with projected vertices, (m, 3); both sides of its faces are visible."""
     buffer = rasterize(projected[faces], size)
     pixels = np.flatnonzero(buffer.face >= 0)
     face_ids = buffer.face.ravel()[pixels]
@@ -72,19 +72,19 @@ def rasterize_surface(
 
 
 def _weighted_sum(shares: Floats, values: Floats) -> Floats:
-    """The sum of shares, (3, p), of values, (3, p)."""
+    """Return the sums of values, (3, p), weighted by shares, (3, p)."""
     return np.asarray(shares[0] * values[0] + shares[1] * values[1] + shares[2] * values[2])
 
 
 def _face_normals(projected: Floats, faces: Integers) -> Floats:
-    """Normals of faces, (3, t), right, up and towards the viewer, as long as twice their areas."""
+    """Return face normals, (3, t): right, up, towards the viewer, of twice the face's area."""
     first, second, third = (projected[corner].T for corner in faces.T)
     normals = cross_products(second - first, third - first) * np.array([[1], [-1], [-1]])
     return np.where(np.isfinite(normals), normals, 0)
 
 
 def _barycentric_coordinates(projected: Floats, corners: Integers, places: Integers) -> Floats:
-    """Barycentric coordinates, (3, p), of pixels, (2, p), in their triangles, held to [0, 1]."""
+    """Return barycentric coordinates, (3, p), of pixels, (2, p), clamped to [0, 1]."""
     x, y = (projected[:, axis][corners] - (places[axis] + 0.5) for axis in range(2))
     areas = np.stack(
         [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
@@ -96,21 +96,21 @@ def _barycentric_coordinates(projected: Floats, corners: Integers, places: Integ
 
 
 def _vertex_normals(vectors: Floats, faces: Integers, count: int) -> Floats:
-    """Of each vertex, (3, m), the sum of the vectors, (3, t), of its faces; of length one."""
+    """Sum the vectors, (3, t), of each vertex's faces, and normalize the sums, (3, m)."""
     corners = faces.T.ravel()
     sums = [np.bincount(corners, np.tile(along, 3), count) for along in vectors]
     return _normalize(np.stack(sums))
 
 
 def _normalize(vectors: Floats) -> Floats:
-    """Vectors, (3, p), of length one; those without length stay."""
+    """Scale vectors, (3, p), to length one; zero vectors stay."""
     vectors = vectors / np.maximum(np.abs(vectors).max(axis=0), 1e-300)
     lengths = np.sqrt(vectors[0] ** 2 + vectors[1] ** 2 + vectors[2] ** 2)
     return np.asarray(vectors / np.where(lengths > 0, lengths, 1))
 
 
 def shade(normals: Floats) -> Floats:
-    """How bright a surface with these normals, (3, p), is, (p,), about 0.3 to 1."""
+    """Return the brightness, (p,), for normals, (3, p): about 0.3 to 1."""
     key, fill = (
         np.maximum(_weighted_sum(light, normals), 0) for light in (KEY_DIRECTION, FILL_DIRECTION)
     )
@@ -119,9 +119,9 @@ def shade(normals: Floats) -> Floats:
 
 
 def map_colours(values: Floats, top: float, stops: Floats, missing: Floats) -> Floats:
-    """Colours, (p, 3), of values on a scale of colours, (k, 3), from 0 to `top`.
+    """Return colours, (p, 3), of values on a scale of colours, (k, 3), from 0 to `top`.
 
-    What is beyond the scale has its last colour, and nan the colour `missing`, (3,).
+    Larger values are clamped; nan has the colour `missing`, (3,).
     """
     places = np.clip(values / top, 0, 1)
     known = np.isfinite(places)
@@ -131,7 +131,7 @@ def map_colours(values: Floats, top: float, stops: Floats, missing: Floats) -> F
 
 
 def render(surface: VisibleSurface, colours: Floats) -> Picture:
-    """A surface of these colours, (p, 3), in light."""
+    """Shade a surface of these colours, (p, 3)."""
     size = len(surface.depth)
     picture = np.zeros((4, size * size), np.float32)
     bright = shade(surface.normals)
@@ -142,7 +142,7 @@ def render(surface: VisibleSurface, colours: Floats) -> Picture:
 
 
 def overlay(picture: Picture, colour: Floats, opacity: Floats) -> Picture:
-    """A picture under a colour, (3,), of an opacity in each pixel, (s, s)."""
+    """Lay a colour, (3,), over a picture, with an opacity in each pixel, (s, s)."""
     drawn = np.flatnonzero(opacity)
     over = picture.reshape(4, -1).copy()
     for plane, share in zip(over, (*colour, 1), strict=True):
@@ -151,7 +151,7 @@ def overlay(picture: Picture, colour: Floats, opacity: Floats) -> Picture:
 
 
 def downsample(picture: Picture) -> Picture:
-    """A picture with the means of `SAMPLES` by `SAMPLES` pixels; its colours without opacity."""
+    """Average the samples of each pixel; the colours returned are not times the opacity."""
     samples = [
         picture[:, k::SAMPLES_PER_PIXEL, j::SAMPLES_PER_PIXEL]
         for k in range(SAMPLES_PER_PIXEL)

@@ -1,6 +1,6 @@
-"""The report for test runners: JUnit's XML, a suite a clip and a case a limit.
+"""The report for test runners: JUnit XML, one suite per clip and one test case per limit.
 
-The elements and attributes are those that the schema of Ant's JUnit task demands.
+The elements and attributes are those that the schema of Ant's JUnit task requires.
 """
 
 from xml.etree import ElementTree
@@ -12,15 +12,15 @@ from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.util.text import single_line
 
-# The schema demands a time and a host; the same input is to give the same bytes.
+# The schema requires a time and a host; the same input must give the same bytes.
 _FIXED_ATTRIBUTES = {"timestamp": "1970-01-01T00:00:00", "hostname": "localhost", "time": "0"}
 
 
 def format_junit(overview: Overview) -> str:
-    """Every clip is a suite, with a case `extracted`, or `edited`, and one for each limit.
+    """Write one suite per clip, with a case `extracted` or `edited`, and one case per limit.
 
-    A clip that failed is an error, a figure over its limit a failure, and one that is not defined
-    is skipped. Notes are the suite's output.
+    A failed clip is an error, an exceeded limit is a failure, and the limit of a metric that is not
+    defined is skipped. Notes are the suite's output.
     """
     root = Element("testsuites")
     for k, entry in enumerate(overview.clips):
@@ -33,7 +33,7 @@ def format_junit(overview: Overview) -> str:
 def _add_suite(root: Element, number: int, entry: ClipEntry) -> None:
     words = choose_vocabulary(entry.edited_from)
     name = " ".join(single_line(entry.name).split()) or "unnamed"
-    verdicts = [gate.passed for gate in entry.gates]
+    verdicts = [check.passed for check in entry.gates]
     counts = {
         "tests": 1 + len(verdicts),
         "failures": verdicts.count(False),
@@ -65,7 +65,7 @@ def _add_case(suite: Element, clip: str, check: LimitCheck, words: Vocabulary) -
 
 
 def _format_case_name(check: LimitCheck, words: Vocabulary) -> str:
-    """What is asked, without what was found, so that it stays the same from run to run."""
+    """Name a limit without the value that was found, so that names are the same in all runs."""
     metric = words.limits[check.metric]
     if check.baseline is not None:
         return f"{metric} against the baseline"

@@ -4,26 +4,26 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 
-from cageik_cli.report.figures import format_percent
+from cageik_cli.report.figures import format_change, format_count, format_percent
 from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary, display_name
 from cageik_cli.util.text import single_line
 
 MAX_PART_BYTES = {"clips": 24_000, "failed": 12_000, "limits": 12_000, "notes": 8_000}
-"""Bytes of the lines of each part; with headings all is under 60 000."""
+"""Bytes of the lines of each part; with headings the whole text is below 60 000."""
 
 MAX_TEXT_LENGTH = 300
-"""Characters of a name or a sentence that are shown."""
+"""Characters of a name or a sentence that are shown; longer ones are cut."""
 
 _TABLE_RULE = "|---|---|---:|---:|---|---:|---:|"
 
 
 def format_markdown(overview: Overview) -> str:
-    """The verdict, a table of the clips, worst first, and what failed or is over its limit.
+    """Write the verdict, a table of the clips, worst first, failures and exceeded limits.
 
-    Each part has a share of 60 000 bytes; what has no room is counted. Percentages are of the
-    diagonal, volumes' of the volume.
+    Each part has a share of 60 000 bytes; lines without room are counted. Percentages are of the
+    diagonal, those of volumes of the volume.
     """
     clips = overview.worst_first
     rows = _fit_lines(
@@ -53,17 +53,17 @@ def format_markdown(overview: Overview) -> str:
 
 def _table_header(words: Vocabulary) -> str:
     return (
-        f"| clip | verdict | {words.limits['rms']}, % | {words.worst_frame}, % | at "
+        f"| clip | verdict | {words.limits['rms']}, % | {words.worst_frame}, % | frame "
         f"| {words.largest}, % | volume change, % |"
     )
 
 
 def _format_run_verdict(overview: Overview) -> str:
-    """The run in a line: how many clips there are of each verdict, the worst first."""
+    """Count the clips of each verdict, worst first, in one line."""
     clips = overview.worst_first
     counts = Counter(map(_name_clip_verdict, clips))
     found = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
-    return f"{len(clips)} clip{'' if len(clips) == 1 else 's'}: {found}"
+    return f"{format_count(len(clips), 'clip')}: {found}"
 
 
 def _format_table_row(entry: ClipEntry) -> str:
@@ -77,7 +77,7 @@ def _format_table_row(entry: ClipEntry) -> str:
             format_percent(summary.worst_frame_rms_percent),
             _escape_markdown(summary.worst_frame),
             format_percent(summary.max_deviation_percent),
-            "not defined" if change is None else f"{change:+.4f}",
+            "not defined" if change is None else format_change(change),
         ]
     verdict = _name_clip_verdict(entry)
     if entry.has_failed or entry.exceeds_limit:
@@ -97,7 +97,7 @@ def _name_clip_verdict(entry: ClipEntry) -> str:
 
 
 def _format_notes(clips: Iterable[ClipEntry]) -> list[str]:
-    """Each note once, and how many clips have it."""
+    """List each note once, with the number of clips that have it."""
     counts = Counter(note for entry in clips for note in entry.notes)
     return [
         f"- {_escape_markdown(note)}" + (f" ({count} clips)" if count > 1 else "")
@@ -106,7 +106,7 @@ def _format_notes(clips: Iterable[ClipEntry]) -> list[str]:
 
 
 def _fit_lines(lines: Iterable[str], max_bytes: int, rest_template: str) -> list[str]:
-    """As many of the lines as have room, and one that counts the others."""
+    """Return as many lines as have room, and one that counts the others."""
     waiting = list(lines)
     shown_lines: list[str] = []
     for line in waiting:
@@ -119,9 +119,9 @@ def _fit_lines(lines: Iterable[str], max_bytes: int, rest_template: str) -> list
 
 
 def _escape_markdown(text: str | None) -> str:
-    """Text that Markdown and HTML leave as it is, on one line, cut when very long."""
+    """Escape text for Markdown and HTML, on one line, cut when very long."""
     line = single_line(text or "").strip()
     if len(line) > MAX_TEXT_LENGTH:
         line = line[: MAX_TEXT_LENGTH - 1] + "…"
     line = re.sub(r"([\\`*_{}\[\]<>&|~$@:!#])", r"\\\1", line)
-    return re.sub(r"^(\d*)([-+=.)])", r"\1\\\2", line)  # what begins a list, or underlines
+    return re.sub(r"^(\d*)([-+=.)])", r"\1\\\2", line)  # marks of lists and underlined headings

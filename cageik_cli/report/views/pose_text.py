@@ -1,4 +1,4 @@
-"""What a pose came to, as a page of text and as JSON."""
+"""The summary of a pose or an edit, as text for a terminal and as JSON."""
 
 import json
 from collections.abc import Iterator
@@ -11,133 +11,140 @@ from cageik_cli.util.text import single_line
 SCHEMA_VERSION = 1
 
 MAX_SHOWN_HANDLES = 12
-"""Handles that have a line each."""
+"""Handles that have a line each; of more, the farthest from their targets are shown."""
 
 MIN_WHOLE_MOTION = 0.5
-"""A model moves along when all of it does, by this share of what moves most."""
+"""The whole model moves if its least motion is above this share of its largest."""
 
 MIN_FIXED_POINT_PERCENT = 1e-3
-"""Percents below it are written with their power of ten."""
+"""Smaller percentages are written with a power of ten."""
 
 MAX_VOLUME_CHANGE = 10.0
-"""Percent of the volume; beyond, a pose whose parts did not turn may be better if they do."""
+"""Percent of the volume; above it, a pose without rigidity gets the advice to use it."""
 
 MAX_CAGE_MOTION = 5.0
-"""A cage moves wildly when it goes so many times as far as any handle."""
+"""Motion of a cage vertex, in motions of the farthest handle, above which a note is written."""
 
 MAX_HANDLE_DISTANCE = 5.0
-"""Diagonals; a handle that goes farther has hardly its target in the model's units."""
+"""Diagonals; a handle that moves farther probably has its target in other units."""
 
 NO_MOTION_TOL = 1e-6
-"""Shares of the diagonal that are no motion."""
+"""Share of the diagonal; smaller distances count as no motion."""
 
 
-def format_pose_rows(figures: PoseSummary) -> list[tuple[str, str]]:
-    """Labelled lines: each handle, then the mesh, the cage and the system."""
+def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
+    """Return labelled lines: each handle, then the mesh, the cage and the system."""
     return [
-        *_handle_rows(figures.anchors),
+        *_handle_rows(summary),
         (
             "moved most",
-            f"vertex {figures.vertex} by "
-            f"{format_length(figures.moved)}{_format_frame_suffix(figures.frame)}, "
-            f"cage vertex {figures.cage_vertex} by {format_length(figures.cage_moved)}",
+            f"vertex {summary.vertex} by "
+            f"{format_length(summary.moved)}{_format_frame_suffix(summary.frame)}, "
+            f"cage vertex {summary.cage_vertex} by {format_length(summary.cage_moved)}",
         ),
         (
             "mesh moved",
-            f"{format_percent(figures.rms_percent)} % of the diagonal "
-            f"(rms {format_length(figures.rms)})",
+            f"{format_percent(summary.rms_percent)} % of the diagonal "
+            f"(rms {format_length(summary.rms)})",
         ),
-        ("volume change", _format_volume(figures)),
-        *_changed_rows(figures),
-        *_acceleration_rows(figures),
-        ("system", f"condition number {figures.condition_number:.4g}"),
-        *_advice_rows(figures),
+        ("volume change", _format_volume(summary)),
+        *_changed_rows(summary),
+        *_acceleration_rows(summary),
+        ("system", f"condition number {summary.condition_number:.4g}"),
+        *_advice_rows(summary),
     ]
 
 
-def format_pose_json(figures: PoseSummary) -> str:
-    """The same as JSON."""
-    record = {"schema": SCHEMA_VERSION, "tool": "cageik pose", **asdict(figures)}
+def format_pose_json(summary: PoseSummary) -> str:
+    """Format the summary as JSON."""
+    record = {"schema": SCHEMA_VERSION, "tool": "cageik pose", **asdict(summary)}
     return json.dumps(record, indent=1, allow_nan=False) + "\n"
 
 
-def _handle_rows(anchors: tuple[AnchorSummary, ...]) -> Iterator[tuple[str, str]]:
-    """How each went; of many, those that end farthest from their targets."""
+def _handle_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
+    """Describe the motion of each handle; of many, those that end farthest from their targets."""
+    anchors = summary.anchors
     worst = sorted(anchors, key=lambda anchor: -anchor.residual)[:MAX_SHOWN_HANDLES]
     for anchor in anchors if len(anchors) <= MAX_SHOWN_HANDLES else worst:
-        yield (
-            "handle",
-            f"{_format_handle_name(anchor)}: moved {format_length(anchor.moved)}, ends "
-            f"{format_miss(anchor.residual_percent)} % of the diagonal from its target"
-            f"{_format_frame_suffix(anchor.frame)}",
+        motion = (
+            "held"
+            if _is_held(anchor, summary.diagonal)
+            else f"moved {format_length(anchor.moved)}, misses its target by "
+            f"{format_miss(anchor.residual_percent)} % of the diagonal"
+            f"{_format_frame_suffix(anchor.frame)}"
         )
+        yield "handle", f"{_format_handle_name(anchor)}: {motion}"
     if len(anchors) > MAX_SHOWN_HANDLES:
-        yield "handles", f"{len(anchors) - MAX_SHOWN_HANDLES} more, no farther from their targets"
+        rest = len(anchors) - MAX_SHOWN_HANDLES
+        yield "handles", f"{rest} more, at least as close to their targets"
+
+
+def _is_held(anchor: AnchorSummary, diagonal: float) -> bool:
+    """Whether an anchor stayed where it was, on its target."""
+    return max(anchor.moved, anchor.residual) <= NO_MOTION_TOL * diagonal
 
 
 def _format_handle_name(anchor: AnchorSummary) -> str:
-    """A handle's name, and the set that it is in, of several."""
+    """Return a handle's name, with that of its set if there are several."""
     return (
         f"{single_line(anchor.name)} ({anchor.layer})" if anchor.layer else single_line(anchor.name)
     )
 
 
-def _acceleration_rows(figures: PoseSummary) -> Iterator[tuple[str, str]]:
-    """The handle that the edit makes accelerate most, beside what it did before."""
+def _acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
+    """Name the handle whose acceleration the edit raises most, with the one before."""
     known = [
         (anchor.acceleration, anchor.acceleration_before, _format_handle_name(anchor))
-        for anchor in figures.anchors
+        for anchor in summary.anchors
         if anchor.acceleration is not None and anchor.acceleration_before is not None
     ]
     if not known:
         return
     after, before, name = max(known, key=lambda found: found[0] - found[1])
-    if after - before <= NO_MOTION_TOL * figures.diagonal:
-        yield "acceleration", "of no handle larger than before the edit"
+    if after - before <= NO_MOTION_TOL * summary.diagonal:
+        yield "acceleration", "no handle accelerates more than before the edit"
         return
     yield (
         "acceleration",
-        f"of {name}, at most {format_metric(after)} a frame², before the edit "
-        f"{format_metric(before)}",
+        f"{name}: up to {format_metric(after)} per frame² "
+        f"({format_metric(before)} before the edit)",
     )
 
 
-def _advice_rows(figures: PoseSummary) -> Iterator[tuple[str, str]]:
-    """What to do when the pose is hardly what was meant."""
-    still = NO_MOTION_TOL * figures.diagonal
-    if not any(anchor.moved > still or anchor.residual > still for anchor in figures.anchors):
-        yield "note", "nothing moves: every handle is where it is to be"
-    elif figures.moved_least > max(still, MIN_WHOLE_MOTION * figures.moved):
-        least = format_length(figures.moved_least)
-        yield "note", f"all of the model moves, by {least} at least; pin what is to stay"
-    far = max(figures.anchors, key=lambda anchor: anchor.moved)
-    if far.moved > MAX_HANDLE_DISTANCE * figures.diagonal:
+def _advice_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
+    """Advise when the pose is probably not the intended one."""
+    still = NO_MOTION_TOL * summary.diagonal
+    if all(_is_held(anchor, summary.diagonal) for anchor in summary.anchors):
+        yield "note", "no motion: all handles are already at their targets"
+    elif summary.moved_least > max(still, MIN_WHOLE_MOTION * summary.moved):
+        least = format_length(summary.moved_least)
+        yield "note", f"the whole model moves, by at least {least}; pin the parts that must stay"
+    far = max(summary.anchors, key=lambda anchor: anchor.moved)
+    if far.moved > MAX_HANDLE_DISTANCE * summary.diagonal:
         yield (
             "note",
-            f"{_format_handle_name(far)} goes {far.moved / figures.diagonal:.3g} times the "
-            f"model's diagonal, "
-            f"more than {MAX_HANDLE_DISTANCE:g}; give targets in the units and axes of the "
-            f"model's file",
+            f"{_format_handle_name(far)} moves {far.moved / summary.diagonal:.3g} times the "
+            f"model's diagonal (expected at most {MAX_HANDLE_DISTANCE:g}); give targets in the "
+            "units and axes of the model's file",
         )
-    if figures.cage_moved > max(MAX_CAGE_MOTION * far.moved, figures.diagonal):
+    if summary.cage_moved > max(MAX_CAGE_MOTION * far.moved, summary.diagonal):
         yield (
             "note",
-            f"cage vertex {figures.cage_vertex} moves {format_length(figures.cage_moved)}, more "
-            f"than "
-            f"{MAX_CAGE_MOTION:g} times as far as any handle: they ask for more than the cage "
-            f"can do; "
-            "leave some out, raise --alpha (to 1e-3, say), or look at the cage with cageik check",
+            f"cage vertex {summary.cage_vertex} moves {format_length(summary.cage_moved)}, more "
+            f"than {MAX_CAGE_MOTION:g} times as far as any handle: the cage cannot follow the "
+            "handles; remove some handles, raise --alpha (for example to 1e-3), or check the cage "
+            "with cageik check",
         )
-    if abs(figures.volume_change_percent or 0.0) > MAX_VOLUME_CHANGE and not figures.rigidity:
+    if abs(summary.volume_change_percent or 0.0) > MAX_VOLUME_CHANGE and not summary.rigidity:
         yield (
             "note",
-            f"the volume changes by more than {MAX_VOLUME_CHANGE:g} %: what turns is sheared; let "
-            "it turn with --rigidity 10",
+            f"the volume changes by more than {MAX_VOLUME_CHANGE:g} %: parts that turn are "
+            "sheared; let them rotate with --rigidity 10",
         )
 
 
 def format_miss(percent: float) -> str:
-    """How far from its target a handle ends, in percent, as it is printed everywhere."""
+    """Format the distance of a handle from its target, in percent, as in all views."""
     return f"{percent:.1e}" if percent < MIN_FIXED_POINT_PERCENT else format_metric(percent)
 
 
@@ -145,17 +152,18 @@ def _format_frame_suffix(frame: str) -> str:
     return f" in {single_line(frame)}" if frame else ""
 
 
-def _format_volume(figures: PoseSummary) -> str:
-    if figures.volume_change_percent is None:
+def _format_volume(summary: PoseSummary) -> str:
+    if summary.volume_change_percent is None:
         return "not defined, the model is open"
-    return f"{format_change(figures.volume_change_percent)} %{' at most' if figures.frame else ''}"
+    change = f"{format_change(summary.volume_change_percent)} %"
+    return f"largest {change}" if summary.frame else change
 
 
-def _changed_rows(figures: PoseSummary) -> list[tuple[str, str]]:
-    """Which frames were changed; nothing of a single pose."""
-    if not figures.frame:
+def _changed_rows(summary: PoseSummary) -> list[tuple[str, str]]:
+    """Return a row on the frames that were changed; none for a single pose."""
+    if not summary.frame:
         return []
-    if figures.changed is None:
-        return [("changed", "no frame")]
-    first, last = map(single_line, figures.changed)
-    return [("changed", f"{first} to {last}; all other frames are as they were")]
+    if summary.changed is None:
+        return [("changed", "no frames")]
+    first, last = map(single_line, summary.changed)
+    return [("changed", f"{first} to {last}; all other frames are unchanged")]

@@ -1,4 +1,4 @@
-"""The report for programs: JSON of the whole record, CSV of its frames or of a run's clips."""
+"""The report for programs: JSON of the whole record, CSV of its frames or of the clips."""
 
 import csv
 import io
@@ -12,7 +12,7 @@ from cageik_cli.report.record import Report
 
 
 def format_json(reports: Sequence[Report]) -> str:
-    """The record as JSON; several records as a list. Undefined figures are null."""
+    """Format the record as JSON, several records as a list; metrics not defined are null."""
     records = [asdict(report) for report in reports]
     return (
         json.dumps(records[0] if len(records) == 1 else records, indent=1, allow_nan=False) + "\n"
@@ -20,7 +20,7 @@ def format_json(reports: Sequence[Report]) -> str:
 
 
 def format_csv(reports: Sequence[Report]) -> str:
-    """A line a frame, with its result's name first; undefined figures are empty."""
+    """Write one line per frame, starting with its result's name; metrics not defined are empty."""
     stream = io.StringIO()
     columns = [field.name for field in fields(FrameRecord)]
     writer = csv.writer(stream, lineterminator="\n")
@@ -32,12 +32,12 @@ def format_csv(reports: Sequence[Report]) -> str:
 
 
 def format_overview_json(overview: Overview) -> str:
-    """The record of a run as JSON; undefined figures are null."""
+    """Format the record of a batch as JSON; metrics not defined are null."""
     return json.dumps(asdict(overview), indent=1, allow_nan=False) + "\n"
 
 
 def format_overview_csv(overview: Overview) -> str:
-    """A line a clip: its fault if it failed, the limits it is over, its counts and summary."""
+    """Write one line per clip: its fault, the limits it exceeds, its counts and summary."""
     stream = io.StringIO()
     parts = (("clip", ClipRecord), ("summary", ReportSummary))
     columns = [(part, field.name) for part, record in parts for field in fields(record)]
@@ -45,6 +45,6 @@ def format_overview_csv(overview: Overview) -> str:
     writer.writerow(["name", "fault", "over_limit", *(name for _, name in columns)])
     for entry in overview.clips:
         over = dict.fromkeys(check.metric for check in entry.gates if check.passed is False)
-        figures = (getattr(getattr(entry, part), name, None) for part, name in columns)
-        writer.writerow([entry.name, entry.fault, " ".join(over), *figures])
+        values = (getattr(getattr(entry, part), name, None) for part, name in columns)
+        writer.writerow([entry.name, entry.fault, " ".join(over), *values])
     return stream.getvalue()

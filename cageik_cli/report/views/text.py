@@ -1,9 +1,11 @@
-"""The report as a page of text."""
+"""The report as text for a terminal."""
 
 from cageik_cli.coordinates.binding import WeightQuality
 from cageik_cli.report.figures import (
     ReportSummary,
+    describe_size,
     format_change,
+    format_count,
     format_length,
     format_metric,
     format_percent,
@@ -21,14 +23,29 @@ from cageik_cli.util.text import format_block, single_line
 
 
 def format_text(report: Report) -> str:
-    """A dozen lines: the headline first, then where it is worst, then how far to trust it."""
+    """Write a dozen lines: the clip, its errors, their worst places, and how far to trust them."""
     clip, summary, words = report.clip, report.summary, choose_vocabulary(report.edited_from)
     headline = (
-        f"{report.result}: {clip.frames} frames of {clip.vertices} vertices in a cage of "
-        f"{clip.cage_vertices}, diagonal {clip.diagonal:.6g}"
+        f"{report.result}: {format_count(clip.frames, 'frame')} of "
+        f"{format_count(clip.vertices, 'vertex')} in a cage of {clip.cage_vertices}, "
+        f"diagonal {clip.diagonal:.6g}"
     )
     rows = [
         *([] if report.edited_from is None else [("edited from", report.edited_from)]),
+        *_error_rows(summary, words),
+        ("volume change", _format_volume(report, words)),
+        *(_published_metrics_rows(summary) if words.has_published_metrics else []),
+        ("size", f"{summary.floats_per_frame} floats per frame {describe_size(clip)}"),
+        *_quality_rows(report, words),
+        *_skipped_rows(report),
+        *(format_check_row(check, words) for check in report.gates),
+        *(("note", note) for note in report.notes),
+    ]
+    return format_block(headline, rows)
+
+
+def _error_rows(summary: ReportSummary, words: Vocabulary) -> list[tuple[str, str]]:
+    return [
         (
             words.measure,
             f"{format_percent(summary.rms_percent)} % of the diagonal "
@@ -44,41 +61,29 @@ def format_text(report: Report) -> str:
             f"({format_length(summary.max_deviation)}) at vertex {summary.max_deviation_vertex} "
             f"of {summary.max_deviation_frame}",
         ),
-        ("volume change", _format_volume(report, words)),
-        *(_published_metrics_rows(summary) if words.has_published_metrics else []),
-        (
-            "size",
-            f"{summary.floats_per_frame} numbers a frame instead of {3 * clip.vertices}, "
-            f"and {summary.fixed_floats} weights once",
-        ),
-        *_quality_rows(report, words),
-        *_skipped_rows(report),
-        *(format_check_row(check, words) for check in report.gates),
-        *(("note", note) for note in report.notes),
     ]
-    return format_block(headline, rows)
 
 
 def format_weights_row(quality: WeightQuality) -> tuple[str, str]:
-    """How far weights can be trusted."""
+    """Return the row on how exact the weights are."""
     return "weights", (
-        f"rows sum to 1 within {quality.partition_of_unity:.1e}, rest pose rebuilt within "
-        f"{quality.linear_precision:.1e}, smallest {quality.min_weight:.1e}"
+        f"partition of unity error {quality.partition_of_unity:.1e}, rest pose error "
+        f"{quality.linear_precision:.1e}, smallest weight {quality.min_weight:.1e}"
     )
 
 
 def format_accuracy_row(quality: WeightQuality, accuracy: object) -> tuple[str, str]:
-    """How far weights are from exact coordinates of their kind."""
+    """Return the row on how close the weights are to exact coordinates of their type."""
     if not quality.panels:
-        return "accuracy", "exact, in closed form"
+        return "accuracy", "exact (closed form)"
     return "accuracy", (
-        f"{accuracy}: {quality.panels} panels, mean row L1 error {quality.estimated_error:.1e} "
-        "(estimated)"
+        f"{accuracy}: estimated weight error {quality.estimated_error:.1e} (mean L1 per vertex), "
+        f"{format_count(quality.panels, 'panel')}"
     )
 
 
 def format_check_row(check: LimitCheck, words: Vocabulary) -> tuple[str, str]:
-    """The verdict on a figure, and what it was of: metric, what was found, limit, frame."""
+    """Return the verdict of a check, and its metric, value, limit and frame as a line."""
     metric, verdict = words.limits[check.metric], make_verdict(check).text
     found, limit = (
         format_measured(check),
@@ -94,19 +99,19 @@ def format_check_row(check: LimitCheck, words: Vocabulary) -> tuple[str, str]:
 
 
 def _skipped_rows(report: Report) -> list[tuple[str, str]]:
-    """The frames that were, and why the first was; the record has all reasons."""
+    """Name skipped frames, with the reason of the first; the record has all reasons."""
     frames = [frame for frame in report.frames if frame.skipped is not None]
     if not frames:
         return []
+    total = format_count(len(report.frames), "frame")
     names = join_truncated((frame.name for frame in frames), 5)
-    return [
-        ("skipped", f"{len(frames)} of {len(report.frames)} frames: {names}; {frames[0].skipped}")
-    ]
+    return [("skipped", f"{len(frames)} of {total}: {names}; {frames[0].skipped}")]
 
 
 def _published_metrics_rows(summary: ReportSummary) -> list[tuple[str, str]]:
-    kg_error = _format_number(summary.kg_error)
-    return [("literature", f"E_RMS {format_metric(summary.e_rms)}, KG error {kg_error}")]
+    e_rms, kg_error = format_metric(summary.e_rms), _format_number(summary.kg_error)
+    published = f"E_RMS {e_rms} (Kavan et al. 2010), KG error {kg_error} (Karni and Gotsman 2004)"
+    return [("metrics", f"published: {published}")]
 
 
 def _quality_rows(report: Report, words: Vocabulary) -> list[tuple[str, str]]:
@@ -124,10 +129,10 @@ def _format_volume(report: Report, words: Vocabulary) -> str:
     summary = report.summary
     change, drift = summary.volume_change_percent_max, summary.volume_drift_percent_max
     if change is None:
-        return "not defined" if report.clip.closed else "not defined, the model is open"
-    own = "unknown" if drift is None else f"{format_change(drift)} %"
-    where = f"at {summary.volume_change_frame} ({words.drift}: {own})"
-    return f"{format_change(change)} % at most, {where}"
+        reason = "some vertices are missing data" if report.clip.closed else "the model is open"
+        return f"not defined, {reason}"
+    own = "not defined" if drift is None else f"{format_change(drift)} %"
+    return f"largest {format_change(change)} % ({summary.volume_change_frame}); {words.drift} {own}"
 
 
 def _format_number(value: object) -> str:

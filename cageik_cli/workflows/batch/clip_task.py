@@ -1,34 +1,28 @@
-"""The work on one clip, wherever it is done: extract, report, draw the page."""
+"""The work on one clip, in whatever process: plan, extract, report, write the page."""
 
 from cageik_cli.report.overview import ClipEntry, build_clip_entry
 from cageik_cli.report.record import build_report
 from cageik_cli.solver.blocks import BlockExecutor
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.checkpoint import delete_checkpoint
-from cageik_cli.store.result import Result, checkpoint_path, has_weights
+from cageik_cli.store.result import Result, has_weights
 from cageik_cli.util.errors import CageikError, describe_error
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import to_unicode
 from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob, ClipState, Outcome
-from cageik_cli.workflows.extract import extract, plan_extraction
-from cageik_cli.workflows.extract_inputs import load_or_compute_binding, open_inputs
-from cageik_cli.workflows.resume import check_output_path
-
-
-class _UnchangedDetector(ProgressListener):
-    """Remembers whether there was nothing to do."""
-
-    is_unchanged = False
-
-    def note(self, topic: str, text: str) -> None:
-        self.is_unchanged = self.is_unchanged or topic == "unchanged"
+from cageik_cli.workflows.extract import run_extraction
+from cageik_cli.workflows.plan import (
+    ExtractionPlan,
+    check_output_path,
+    load_or_compute_binding,
+    plan_extraction,
+)
 
 
 def run_clip(
     job: ClipJob, stored_binding: StoredBinding | None = None, executor: BlockExecutor | None = None
 ) -> Outcome:
-    """Do a job; what goes wrong is in its outcome, and no error of this function.
+    """Do a job; the outcome holds what failed, and this function raises no error.
 
     Parameters
     ----------
@@ -36,48 +30,50 @@ def run_clip(
     stored_binding : StoredBinding, optional
         The weights, if they are known.
     executor : BlockExecutor, optional
-        Who solves the frames; threads of this process by default.
+        Solves the frames; threads of this process by default.
     """
-    detector = _UnchangedDetector()
     try:
-        make_folder(job.settings.output.parent)
-        result = extract(job.settings, detector, stored_binding, executor)
-        return _make_outcome(
-            job, result, ClipState.UNCHANGED if detector.is_unchanged else ClipState.DONE
-        )
+        return _run_plan(job, _plan_clip(job, stored_binding), executor)
     except Exception as error:
         return make_failed_outcome(job, describe_error(error))
 
 
 def check_clip(job: ClipJob) -> Outcome | str:
-    """What came of a job of which nothing is left to do; else the key of the weights it needs."""
+    """Return the outcome of a job that needs no work; else the key of the weights it needs."""
     try:
-        make_folder(job.settings.output.parent)
-        check_output_path(job.settings.output, job.settings.overwrite, job.settings.resume)
-        inputs, existing = plan_extraction(job.settings)
-        if existing is not None:
-            delete_checkpoint(checkpoint_path(job.settings.output))
-            return _make_outcome(job, existing, ClipState.UNCHANGED)
-        return inputs.compute_weights_key(job.settings)
+        plan = _plan_clip(job)
+        return plan.weights_key if plan.existing is None else _run_plan(job, plan)
     except Exception as error:
         return make_failed_outcome(job, describe_error(error))
 
 
 def bind_clip(job: ClipJob) -> StoredBinding | None:
-    """The weights that a job needs; None if there are none, for each job then says why itself."""
+    """Return the weights that a job needs; None if that fails, for each job reports why itself."""
     try:
-        return load_or_compute_binding(open_inputs(job.settings), job.settings, ProgressListener())
+        return load_or_compute_binding(plan_extraction(job.settings), ProgressListener())
     except CageikError:
         return None
 
 
+def _plan_clip(job: ClipJob, stored_binding: StoredBinding | None = None) -> ExtractionPlan:
+    make_folder(job.settings.output.parent)
+    check_output_path(job.settings)
+    return plan_extraction(job.settings, stored_binding)
+
+
+def _run_plan(job: ClipJob, plan: ExtractionPlan, executor: BlockExecutor | None = None) -> Outcome:
+    result = run_extraction(plan, executor=executor)
+    state = ClipState.DONE if plan.existing is None else ClipState.UNCHANGED
+    return _make_outcome(job, result, state)
+
+
 def make_failed_outcome(job: ClipJob, sentence: str) -> Outcome:
-    """The outcome of a job that ended with a sentence; how much is kept of it is none of it."""
+    """Make the outcome of a job that failed with this message."""
     return Outcome(ClipEntry(job.name, fault=to_unicode(sentence)), ClipState.FAILED)
 
 
 def _make_outcome(job: ClipJob, result: Result, state: ClipState) -> Outcome:
-    """The outcome of a job that has a result; its page is written, unless it is there already."""
+    """Make the outcome of a job that has a result; write its page unless that is up to date."""
     report, place = build_report(result, job.limits, job.name), f"{CLIPS_FOLDER}/{job.name}"
     if not job.has_page:
         return Outcome(build_clip_entry(report, f"{place}.h5"), state)

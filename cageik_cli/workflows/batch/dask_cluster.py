@@ -16,7 +16,7 @@ from uuid import uuid4
 from cageik_cli import __version__
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import checkpoint_path
-from cageik_cli.util.errors import InputError, format_error, require_optional
+from cageik_cli.util.errors import ClusterError, format_error, require_optional
 from cageik_cli.util.outputs import open_locked
 from cageik_cli.workflows.batch.clip_task import check_clip, make_failed_outcome, run_clip
 from cageik_cli.workflows.batch.dask_pieces import (
@@ -29,39 +29,39 @@ from cageik_cli.workflows.batch.dask_worker import configure_worker
 from cageik_cli.workflows.batch.jobs import ClipJob, Outcome
 
 PACKAGE_NAME = "cageik"
-"""As it is called where packages are installed."""
+"""The name under which packages are installed."""
 
 CONNECT_TIMEOUT = 10.0
-"""For the scheduler to answer."""
+"""Seconds in which the scheduler must answer."""
 
 DEFAULT_WORKER_TIMEOUT = 60.0
 """Seconds without any worker after which a batch gives up."""
 
 CHECKPOINT_TIMEOUT = 30.0
-"""A worker that the scheduler has given up may go on for a moment, and have the log of a clip."""
+"""Seconds to wait for a checkpoint that a lost worker may still be writing."""
 
 POLL_SECONDS = 0.1
-"""Seconds between two looks at such a log."""
+"""Seconds between two checks of such a checkpoint."""
 
 NOISY_LOGGERS = ("distributed", "tornado", "asyncio")
-"""Loggers that speak of what is told in sentences here."""
+"""Loggers of what is reported in messages here."""
 
 
 class DaskScheduler:
-    """A Dask cluster that is there already.
+    """Run jobs on a Dask cluster that is running already.
 
-    Every clip is a task, and the weights that clips share are one; the scheduler brings them to
-    each worker once. Long clips are solved in pieces, by all workers. What a worker that dies had
-    under way is done again by another: a clip from where its log ends.
+    Every clip is a task, and so are the weights that clips share, which are sent to each worker
+    once. Long clips are solved in pieces, by all workers. Work of a lost worker is retried on
+    others; a clip resumes from its checkpoint.
 
     Parameters
     ----------
     address : str
         Of the scheduler: "tcp://host:8786".
-    patience : float
-        Seconds to wait for a first worker, or for another when the last has gone.
+    worker_timeout : float
+        Seconds to wait for a first worker, or for another when the last one is lost.
     piece_seconds : float
-        Work of a piece of a clip, at least.
+        Seconds of work in a piece of a clip, at least.
     """
 
     def __init__(
@@ -83,10 +83,10 @@ class DaskScheduler:
         Raises
         ------
         InputError
-            When the scheduler does not answer, or the workers are none or not fit.
+            When the scheduler does not answer, or there are no workers, or unfit ones.
         """
         with require_optional("distributed", "dask", f"the scheduler {self._address}"):
-            import distributed  # noqa: F401  its loggers are there from now on
+            import distributed  # noqa: F401  creates its loggers
         with self._stack as stack:
             stack.enter_context(_silence_loggers())
             self._client = stack.enter_context(self._connect())
@@ -98,32 +98,32 @@ class DaskScheduler:
         self._stack.close()
 
     def run_jobs(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
-        """What came of each job, as they end.
+        """Yield the outcome of each job, as they end.
 
         Raises
         ------
         InputError
-            When the scheduler, or all workers, are gone.
+            When the scheduler, or all workers, are lost.
         """
         by_key: dict[str, list[ClipJob]] = {}
-        for job, seen in self._iterate_results(self._submit_checks(jobs)):
-            if isinstance(seen, Outcome):
-                yield seen
+        for job, checked in self._iterate_results(self._submit_checks(jobs)):
+            if isinstance(checked, Outcome):
+                yield checked
             else:
-                by_key.setdefault(seen, []).append(job)
+                by_key.setdefault(checked, []).append(job)
         for _, outcome in self._iterate_results(self._submit_clips(by_key)):
             yield outcome
 
     def _submit_checks(self, jobs: Iterable[ClipJob]) -> Iterator[tuple[ClipJob, Any]]:
         for job in jobs:
-            # A worker has one processor; others are there for other clips.
+            # A worker uses one thread, as other workers run other clips.
             alone = replace(job, settings=replace(job.settings, jobs=1))
             yield alone, self._client.submit(check_clip, alone, pure=False)
 
     def _submit_clips(self, by_key: dict[str, list[ClipJob]]) -> Iterator[tuple[ClipJob, Any]]:
-        """Tasks of jobs, those with the same weights one after the other."""
+        """Submit the tasks of jobs, those with the same weights after each other."""
         for jobs in by_key.values():
-            # The weights are kept as long as this future, or a task that needs them.
+            # The cluster keeps the weights as long as this future, or a task that needs them.
             task = WeightsTask(f"weights-{uuid4().hex}", jobs[0])
             weights = task.submit(self._client)
             for job in jobs:
@@ -133,7 +133,7 @@ class DaskScheduler:
     def _iterate_results(
         self, tasks: Iterator[tuple[ClipJob, Any]]
     ) -> Iterator[tuple[ClipJob, Any]]:
-        """Jobs and what their tasks gave, as they end; twice as many as workers are under way."""
+        """Yield jobs with the results of their tasks; twice as many run at once as workers."""
         pending: dict[Any, ClipJob] = {}
         try:
             while True:
@@ -149,12 +149,12 @@ class DaskScheduler:
             self._client.cancel(list(pending))
 
     def _wait_for_any(self, futures: list[Any]) -> list[Any]:
-        """Those that have ended, at least one."""
+        """Wait for at least one future, and return those that have ended."""
         from distributed import wait
 
         while True:
             try:
-                # `wait` asks the client that is current, which may be another's.
+                # `wait` uses the current client, which may be another one.
                 with self._wrap_connection_errors(), self._client.as_current():
                     done = wait(
                         futures, timeout=self._worker_timeout, return_when="FIRST_COMPLETED"
@@ -165,7 +165,7 @@ class DaskScheduler:
                 return list(done)
 
     def _get_result(self, job: ClipJob, future: Any) -> Any:
-        """What a task gave, or the outcome of a job whose task failed."""
+        """Return the result of a task, or the outcome of a job whose task failed."""
         from distributed import KilledWorker
 
         with self._wrap_connection_errors():
@@ -179,7 +179,7 @@ class DaskScheduler:
 
     @contextmanager
     def _connect(self) -> Iterator[Any]:
-        """A client, if there is a scheduler."""
+        """Open a client, if the scheduler answers."""
         from distributed import Client
         from distributed.comm import connect
 
@@ -191,7 +191,7 @@ class DaskScheduler:
             with warnings.catch_warnings(action="ignore"):  # on versions, which are compared below
                 client = Client(self._address, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, ValueError) as error:
-            raise InputError(
+            raise ClusterError(
                 f"{self._address}: no Dask scheduler answers ({error}); give the address that "
                 "`dask scheduler` prints when it starts, as tcp://HOST:8786"
             ) from error
@@ -200,7 +200,7 @@ class DaskScheduler:
 
     @contextmanager
     def _wrap_connection_errors(self) -> Iterator[None]:
-        """Make a sentence of a connection that is lost; not of a wait that takes too long."""
+        """Convert errors of a lost connection, but not timeouts."""
         from distributed import CancelledError
 
         try:
@@ -208,9 +208,9 @@ class DaskScheduler:
         except TimeoutError:
             raise
         except (OSError, CancelledError) as error:
-            raise InputError(
-                f"{self._address}: the scheduler is gone, or has dropped what it was given; see "
-                "its log, start it again, and go on with --resume"
+            raise ClusterError(
+                f"{self._address}: the scheduler is lost, or has dropped its tasks; see its log, "
+                "start it again, and continue with --resume"
             ) from error
 
     def _wait_for_worker(self) -> None:
@@ -218,34 +218,32 @@ class DaskScheduler:
             with self._wrap_connection_errors():
                 self._client.wait_for_workers(1, timeout=self._worker_timeout)
         except TimeoutError as error:
-            raise InputError(
-                f"{self._address}: the scheduler has had no worker for {self._worker_timeout:g} "
-                f"s; start "
-                f"some with `dask worker {self._address} --nthreads 1 --nworkers N`, and go on "
-                "with --resume"
+            raise ClusterError(
+                f"{self._address}: no worker for {self._worker_timeout:g} s; start some with "
+                f"`dask worker {self._address} --nthreads 1 --nworkers N`, and continue with "
+                "--resume"
             ) from error
 
     def _check_workers(self) -> None:
-        """Refuse workers of other versions, and those whose threads would share a clip's limits."""
+        """Refuse workers of other versions, and workers with several threads."""
         self._wait_for_worker()
         with self._wrap_connection_errors():
             threads = self._client.nthreads()
             versions = self._client.run(metadata.version, PACKAGE_NAME, on_error="return")
         for worker, count in threads.items():
             if count > 1:
-                raise InputError(
-                    f"worker {worker} has {count} threads, expected 1, since the threads of a "
-                    "process share one setting of the linear algebra, on which last digits "
-                    "depend; start more workers instead: `dask worker --nthreads 1 --nworkers "
-                    f"{count}`"
+                raise ClusterError(
+                    f"worker {worker} has {count} threads, expected 1 (the last digits of results "
+                    "depend on it); start more workers instead: `dask worker --nthreads 1 "
+                    f"--nworkers {count}`"
                 )
         for worker, version in versions.items():
             if version != __version__:
-                is_there = isinstance(version, str)
-                raise InputError(
-                    f"worker {worker} has {f'cageik {version}' if is_there else 'no cageik'} "
-                    f"({'' if is_there else f'{version}; '}here is {__version__}); install the "
-                    "same version in the environment of all workers"
+                is_installed = isinstance(version, str)
+                found = f"cageik {version}" if is_installed else f"no cageik ({version})"
+                raise ClusterError(
+                    f"worker {worker} has {found}, expected cageik {__version__}; install that "
+                    "version in the environment of all workers"
                 )
 
 
@@ -255,16 +253,17 @@ def run_clip_task(
     weights_task: WeightsTask,
     piece_seconds: float,
 ) -> Outcome:
-    """A task: what came of a job, pieces of which take `piece_seconds` at least."""
+    """Run a job as a task; pieces of it take `piece_seconds` at least."""
     configure_worker()
     wait_for_checkpoint(checkpoint_path(job.settings.output), CHECKPOINT_TIMEOUT)
     return run_clip(job, stored_binding, ClusterExecutor(job.settings, weights_task, piece_seconds))
 
 
 def wait_for_checkpoint(path: Path, timeout: float) -> None:
-    """Wait until no other process has a clip's log, but not for long: who wants it then, says so.
+    """Wait until no other process writes a checkpoint, or for `timeout` seconds.
 
-    A worker that the scheduler has given up may still be at it.
+    A worker that the scheduler has given up may still be writing it. Opening a checkpoint that is
+    in use is an error of its own.
     """
     end = time.monotonic() + timeout
     while path.exists() and time.monotonic() < end:
@@ -277,7 +276,7 @@ def wait_for_checkpoint(path: Path, timeout: float) -> None:
 
 @contextmanager
 def _silence_loggers() -> Iterator[None]:
-    """Keep other libraries' logs from the terminal."""
+    """Keep the logs of other libraries off the terminal."""
     names = [
         name for name in logging.root.manager.loggerDict if name.split(".")[0] in NOISY_LOGGERS
     ]

@@ -1,4 +1,4 @@
-"""A long clip on a cluster: one worker keeps its log, and others solve pieces of it."""
+"""A long clip on a cluster: one worker writes its checkpoint, and others solve pieces of it."""
 
 import io
 import pickle
@@ -16,26 +16,26 @@ from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.solver.blocks import BlockSolver, MemoryPlan, SolvedBlock, ThreadExecutor
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import ClusterError, FileAccessError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.clip_task import bind_clip
 from cageik_cli.workflows.batch.dask_worker import configure_worker
 from cageik_cli.workflows.batch.jobs import ClipJob
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 
 MIN_PIECE_SECONDS = 0.5
-"""Work of a piece at least; what a scheduler spends on a task is a hundredth of it."""
+"""Seconds of work in a piece, at least; the scheduler takes a hundredth of it per task."""
 
 MIN_PIECES = 3
-"""What makes fewer is done where it is."""
+"""Pieces at least; a shorter clip is solved by one worker."""
 
 PIECE_PRIORITY = 1
-"""Priority of pieces: a clip that is begun is brought to its end before others are begun."""
+"""Priority of pieces: a clip that was started ends before others start."""
 
 
 @dataclass(frozen=True, slots=True)
 class WeightsTask:
-    """The task whose result a clip's weights are; whoever asks for its key again gets that result.
+    """The task that computes the weights of clips; submitted again, it gives the same result.
 
     Attributes
     ----------
@@ -48,26 +48,26 @@ class WeightsTask:
     job: ClipJob
 
     def submit(self, client: Any) -> Any:
-        """The future of the weights."""
+        """Submit the task, and return its future."""
         return client.submit(compute_weights, self.job, key=self.key)
 
 
 def compute_weights(job: ClipJob) -> StoredBinding | None:
-    """A task: the weights of a job, and of all that share them."""
+    """Compute the weights of a job, as a task."""
     configure_worker()
     return bind_clip(job)
 
 
 @dataclass(frozen=True, slots=True)
 class ClusterExecutor:
-    """A crew for a task of a cluster: does short clips itself, and gives pieces of long ones out.
+    """Solve short clips on this worker, and pieces of long ones on all workers.
 
-    The first `min_seconds` of work are done here, and what they solve is the size of a piece.
+    This worker solves for `min_seconds`; as many blocks as it solves in that time make a piece.
 
     Attributes
     ----------
     settings : ExtractSettings
-        Of the clip; its files are at the same paths for all workers.
+        Of the clip, whose files have the same paths on all workers.
     weights_task : WeightsTask
     min_seconds : float
     """
@@ -79,7 +79,7 @@ class ClusterExecutor:
     def run_blocks(
         self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
     ) -> AbstractContextManager[Iterator[SolvedBlock]]:
-        """The blocks that begin at `starts`, in order."""
+        """Open an iterator over the blocks that begin at `starts`, in order."""
         return closing(
             self._solve_blocks(
                 block_solver,
@@ -107,7 +107,7 @@ class ClusterExecutor:
     def _solve_on_workers(
         self, block_solver: BlockSolver, pieces: Iterator[range], memory_plan: MemoryPlan
     ) -> Generator[SolvedBlock]:
-        """Solve pieces as tasks of their own, no more at once than keep all workers busy."""
+        """Solve pieces as tasks, no more at once than keep all workers busy."""
         from distributed import KilledWorker, worker_client
 
         pending: deque[Any] = deque()
@@ -137,13 +137,13 @@ class ClusterExecutor:
                         block_solver.sequence.set_digests(block.start, block.digests)
                         yield block
             except KilledWorker as error:
-                raise InputError(describe_killed_worker(error)) from error
+                raise ClusterError(describe_killed_worker(error)) from error
             finally:
                 client.cancel(list(pending))
 
 
 class ClipContext:
-    """What all pieces of a clip need: it travels to a worker once, and opens the clip there once.
+    """What all pieces of a clip need; it is sent to a worker once, and opens the clip there once.
 
     Parameters
     ----------
@@ -151,10 +151,10 @@ class ClipContext:
     memory_plan : MemoryPlan
     names : tuple of str
         Of the clip's frames.
-    stamp : bytes
-        Of its first.
+    first_digest : bytes
+        Of the first frame.
     solver : bytes
-        As `pickle_without_weights` gives it.
+        The solver, by `pickle_without_weights`.
     """
 
     def __init__(
@@ -173,7 +173,7 @@ class ClipContext:
     def build(
         settings: ExtractSettings, block_solver: BlockSolver, memory_plan: MemoryPlan
     ) -> "ClipContext":
-        """What it takes to go on with some work elsewhere."""
+        """Collect what other workers need to solve blocks of the clip."""
         solver = pickle_without_weights(block_solver.solver.binding, block_solver.solver)
         sequence = block_solver.sequence
         return ClipContext(
@@ -185,20 +185,22 @@ class ClipContext:
 
     @cached_property
     def sequence(self) -> MeshSequence:
-        """The clip, which must have the frames it had when the work began."""
-        s = self.settings
-        sequence, _ = open_clip_and_rest(s.frames, s.clip, s.rest, s.rest_frame)
+        """Open the clip, which must have the same frames as at the start of the run."""
+        settings = self.settings
+        sequence, _ = open_clip_and_rest(
+            settings.frames, settings.clip, settings.rest, settings.rest_frame
+        )
         if sequence.names != self._names:
-            raise InputError(
-                f"{s.frames[0]}: has {len(sequence)} frames, or others, where it had "
-                f"{len(self._names)} when the work began; let all workers see the same files, and "
-                "run again"
+            raise FileAccessError(
+                f"{settings.frames[0]}: has other frames than at the start of the run (found "
+                f"{len(sequence)}, expected {len(self._names)}); let all workers see the same "
+                "files, and run again"
             )
         sequence.set_digests(0, (self._first_digest,))
         return sequence
 
     def build_block_solver(self, binding: Binding) -> BlockSolver:
-        """The work, joined with the weights again."""
+        """Make the block solver, of the clip and the weights."""
         solver = unpickle_with_weights(binding, self._solver)
         return BlockSolver(
             self.sequence, solver, self.settings.on_bad_frame == "skip", ProgressListener()
@@ -208,7 +210,7 @@ class ClipContext:
 def solve_piece(
     context: ClipContext, stored_binding: StoredBinding, starts: range
 ) -> list[SolvedBlock]:
-    """A task: the blocks that begin at `starts`."""
+    """Solve the blocks that begin at `starts`, as a task."""
     configure_worker()
     with ThreadExecutor(1).run_blocks(
         context.build_block_solver(stored_binding.binding), starts, context.memory_plan
@@ -217,13 +219,13 @@ def solve_piece(
 
 
 def split_into_pieces(starts: range, size: int) -> Iterator[range]:
-    """Cut the starts of blocks in pieces of `size` blocks; each ends where the next begins."""
+    """Divide the starts of blocks into pieces of `size` blocks, each of which ends at the next."""
     for first in range(starts.start, starts.stop, size * starts.step):
         yield range(first, min(first + size * starts.step, starts.stop), starts.step)
 
 
 def check_task_wanted(client: Any) -> None:
-    """End a task that the cluster does not count as one of this worker's any more.
+    """Raise an error in a task that the cluster no longer assigns to this worker.
 
     Raises
     ------
@@ -235,27 +237,27 @@ def check_task_wanted(client: Any) -> None:
     worker = get_worker()
     address, key = worker.address, worker.get_current_task()
     if key not in client.processing([address]).get(address, ()):
-        raise InputError("the batch was stopped, or goes on with this clip elsewhere")
+        raise ClusterError("the batch was stopped, or another worker has taken over this clip")
 
 
 def describe_killed_worker(error: Any) -> str:
-    """What to do about a task that ends every worker it is given to."""
+    """Say what to do about a task that crashes every worker."""
     return (
-        f"{error.allowed_failures + 1} workers ended while they worked on it, the last of them "
-        f"{error.last_worker.address}; see in its log whether it ran out of memory, then give "
-        "workers more, or use a coarser cage or a smaller --memory"
+        f"{error.allowed_failures + 1} workers crashed on it (the last one "
+        f"{error.last_worker.address}, see its log); give workers more memory, or use a coarser "
+        "cage or a smaller --memory"
     )
 
 
 def pickle_without_weights(binding: Binding, solver: DualLaplacianSolver) -> bytes:
-    """A solver pickled with its binding, and the weights in it, left out."""
+    """Pickle a solver without its binding and weights."""
     stream = io.BytesIO()
     _WeightlessPickler(stream, binding).dump(solver)
     return stream.getvalue()
 
 
 def unpickle_with_weights(binding: Binding, data: bytes) -> DualLaplacianSolver:
-    """The solver of `pickle_without_weights`, given the same binding again."""
+    """Unpickle the solver of `pickle_without_weights`, with the same binding."""
     solver: DualLaplacianSolver = _WeightlessUnpickler(io.BytesIO(data), binding).load()
     return solver
 
@@ -265,14 +267,14 @@ class _WeightlessPickler(pickle.Pickler):
         super().__init__(stream, pickle.HIGHEST_PROTOCOL)
         self._names = {id(binding): "binding", id(binding.weights): "weights"}
 
-    def persistent_id(self, thing: object) -> str | None:
-        return self._names.get(id(thing))
+    def persistent_id(self, value: object) -> str | None:
+        return self._names.get(id(value))
 
 
 class _WeightlessUnpickler(pickle.Unpickler):
     def __init__(self, stream: io.BytesIO, binding: Binding) -> None:
         super().__init__(stream)
-        self._things = {"binding": binding, "weights": binding.weights}
+        self._values = {"binding": binding, "weights": binding.weights}
 
     def persistent_load(self, name: str) -> object:
-        return self._things[name]
+        return self._values[name]

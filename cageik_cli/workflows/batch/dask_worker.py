@@ -1,4 +1,4 @@
-"""A process of a cluster, made fit for our tasks."""
+"""The set-up of a worker process of a cluster."""
 
 import ctypes
 import sys
@@ -9,16 +9,16 @@ from cageik_cli.util.threads import set_blas_threads
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # of malloc.h
 
 MAX_KEPT_BYTES = 1 << 25
-"""Bytes; the largest allocation for which the C library may be told to keep memory at hand."""
+"""Bytes; the largest value that the C library accepts for its thresholds."""
 
 
 @cache
 def configure_worker() -> None:
-    """Let this process use one thread inside the linear algebra, and keep memory it has freed.
+    """Let this process use one thread in the linear algebra, and keep the memory that it frees.
 
-    Dask has the C library give back every array at once, so that each block of frames pays for
-    its pages again: as much time as half of the solve. These are the values that the library
-    would find by itself. For good, for tasks come one after the other.
+    Dask makes the C library return every freed array to the system at once, so that each block of
+    frames gets new pages, which takes half as long as the solve. These are the values that the
+    library would reach by itself. They stay set, since the tasks of a worker follow each other.
     """
     set_blas_threads()
     if sys.platform == "linux":

@@ -1,4 +1,4 @@
-"""Clips under folders: folders of frames, and files that hold clips."""
+"""Find the clips under folders: folders of frames, and files that hold clips."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -7,15 +7,15 @@ from pathlib import Path, PurePosixPath
 
 from cageik_cli.formats.base.file_names import file_suffix, group_numbered_files
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-from cageik_cli.formats.mesh_file import MESH_SUFFIXES
+from cageik_cli.formats.mesh_file import mesh_suffixes
 from cageik_cli.formats.open import clip_suffixes, list_members, sort_naturally
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import is_result
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FileAccessError, InputError, OutputError, SettingError
 from cageik_cli.util.text import single_line, to_unicode
 
 MIN_CLIP_FRAMES = 2
-"""Files numbered alike that are taken for a clip: one alone is a rest pose, a cage or a prop."""
+"""Numbered files that make a clip; a single one is a rest pose, a cage or a prop."""
 
 RESERVED_NAMES = {
     "CON",
@@ -27,23 +27,23 @@ RESERVED_NAMES = {
 """Names that no file may have on Windows, whatever its suffix."""
 
 OUTPUT_SUFFIXES = (".h5", ".h5.partial", ".html")
-"""What is added to a clip's name in those of its files."""
+"""Endings of the files that are written per clip."""
 
 
 @dataclass(frozen=True, slots=True)
 class DiscoveredClip:
-    """A clip.
+    """A clip that was found.
 
     Attributes
     ----------
     name : str
-        Its path under the folder it was looked for in, with forward slashes.
+        Its path under the searched folder, with forward slashes.
     folder : Path
         The folder it is in.
     path : Path
-        The folder that is the clip, or its file, or the file and the clip's name in it.
+        The folder of its frames, or its file, or the file and the name of the clip in it.
     frames : tuple of str
-        What `cageik extract` would be given.
+        The argument of `cageik extract`.
     """
 
     name: str
@@ -54,16 +54,16 @@ class DiscoveredClip:
 
 @dataclass(frozen=True, slots=True)
 class DiscoveryFilter:
-    """What is not looked at.
+    """What the search leaves out.
 
     Attributes
     ----------
     auxiliary_files : frozenset of Path
-        Files that are cages and the like; resolved.
+        Cages, rest poses and other files that are not clips; resolved.
     output : Path
-        The folder of the batch's own results.
+        The folder of the results.
     exclude : tuple of str
-        Patterns of clips' names.
+        Patterns of names of clips.
     """
 
     auxiliary_files: frozenset[Path]
@@ -72,30 +72,32 @@ class DiscoveryFilter:
 
 
 def walk_folders(root: Path, output: Path) -> Iterator[Path]:
-    """A folder and all in it that are not hidden, each once, in natural order; not `output`.
+    """Yield a folder and all folders in it, once, in natural order; not hidden ones, nor `output`.
 
     Raises
     ------
     InputError
-        When it is none, or one cannot be read.
+        When it is not a folder, or one cannot be read.
     """
     if root.is_file():
-        raise InputError(f"{root}: is a file; name the folder it is in, or use cageik extract")
+        raise FileAccessError(f"{root}: is a file; give its folder, or use cageik extract")
     if not root.is_dir():
-        raise InputError(f"{root}: no such folder; name one with animations")
+        raise FileAccessError(f"{root}: no such folder; give one with animations")
     seen = {output.resolve()}
     waiting = [root]
     while waiting:
         folder = waiting.pop()
         place = folder.resolve()
         if place in seen:
-            continue  # the output, or a link back to what was seen
+            continue  # the output, or a link to a folder that was searched already
         seen.add(place)
         yield folder
         try:
             inside = [path for path in folder.iterdir() if path.is_dir()]
         except OSError as error:
-            raise InputError(f"{folder}: cannot be read ({error.strerror or error})") from error
+            raise FileAccessError(
+                f"{folder}: cannot be read ({error.strerror or error})"
+            ) from error
         visible = [path for path in inside if not path.name.startswith(".")]
         waiting += reversed(sort_naturally(visible))
 
@@ -103,12 +105,14 @@ def walk_folders(root: Path, output: Path) -> Iterator[Path]:
 def discover_clips(
     roots: Sequence[Path], discovery_filter: DiscoveryFilter
 ) -> list[DiscoveredClip]:
-    """All clips under the folders, in natural order; with several, names begin with theirs.
+    """Find all clips under the folders, in natural order.
+
+    With several folders, the names of clips begin with those of the folders.
 
     Raises
     ------
     InputError
-        When two clips would have one name, or there is none.
+        When two clips would have the same name, or there is no clip.
     """
     _check_not_nested(roots)
     found: list[DiscoveredClip] = []
@@ -122,58 +126,60 @@ def discover_clips(
                 else:
                     found.append(replace(clip, name=prefix + clip.name))
     if excluded and not found:
-        raise InputError(
-            f"{', '.join(map(str, roots))}: all {excluded} clips are left out by --exclude; "
-            "exclude fewer"
+        raise SettingError(
+            f"{', '.join(map(str, roots))}: --exclude leaves out all {excluded} clips; exclude "
+            "fewer"
         )
     if not found:
-        raise InputError(
+        raise FileAccessError(
             f"{', '.join(map(str, roots))}: no clip found, expected folders of numbered frames "
-            f"({', '.join(MESH_SUFFIXES)}), or files of kinds {', '.join(_clip_file_suffixes())}"
+            f"({', '.join(mesh_suffixes())}) or clip files ({', '.join(_clip_file_suffixes())})"
         )
     clips_by_name: dict[str, DiscoveredClip] = {}
     for clip in found:
         other = clips_by_name.setdefault(clip.name.casefold(), clip)
         if other is not clip:
-            raise InputError(
-                f"{clip.frames[0]}: its results would have the name of those of "
-                f"{other.frames[0]}, {clip.name}; rename one of them"
+            raise OutputError(
+                f"{clip.frames[0]}: its result and that of {other.frames[0]} would have the same "
+                f"name ({clip.name}); rename one of them"
             )
     _check_folder_conflicts(clips_by_name)
     return found
 
 
 def _check_folder_conflicts(clips_by_name: Mapping[str, DiscoveredClip]) -> None:
-    """Refuse clips whose files would have the name of a folder with results of others."""
+    """Refuse clips whose results would have the name of a folder with results of others."""
     folders = {str(above): name for name in clips_by_name for above in PurePosixPath(name).parents}
     for name, clip in clips_by_name.items():
         for suffix in OUTPUT_SUFFIXES:
             if name + suffix in folders:
                 other = clips_by_name[folders[name + suffix]]
-                raise InputError(
-                    f"{clip.frames[0]}: its result would be {clip.name}{suffix}, the folder of "
-                    f"those of {other.frames[0]}; rename one of them"
+                raise OutputError(
+                    f"{clip.frames[0]}: its result would have the name of the folder with that of "
+                    f"{other.frames[0]} ({clip.name}{suffix}); rename one of them"
                 )
 
 
 def _check_not_nested(roots: Sequence[Path]) -> None:
-    """Refuse folders whose clips would be found twice."""
+    """Refuse folders that would be searched twice."""
     places = [root.resolve() for root in roots]
     for k, place in enumerate(places):
         for other in places[:k] + places[k + 1 :]:
             if other == place or other in place.parents:
-                raise InputError(f"{place}: is searched twice; name it, or {other}, once")
+                raise SettingError(
+                    f"{place}: would be searched twice; give either it or {other}, once"
+                )
 
 
 def _find_clips_in(
     folder: Path, root: Path, discovery_filter: DiscoveryFilter
 ) -> Iterator[DiscoveredClip]:
-    """The clips that the folder's numbered mesh files are, and those that its other files hold."""
+    """Yield the clips of a folder: of its numbered mesh files, and in its clip files."""
     files = [path for path in folder.iterdir() if path.is_file() and path.name[0] != "."]
     files = sort_naturally(
         [path for path in files if path.resolve() not in discovery_filter.auxiliary_files]
     )
-    series = group_numbered_files([path for path in files if file_suffix(path) in MESH_SUFFIXES])
+    series = group_numbered_files([path for path in files if file_suffix(path) in mesh_suffixes()])
     clips = {stem: frames for stem, frames in series.items() if len(frames) >= MIN_CLIP_FRAMES}
     for stem, frames in clips.items():
         name, place = _make_clip_name(folder, root), folder
@@ -193,17 +199,17 @@ def _find_clips_in(
 
 
 def _is_cageik_file(path: Path) -> bool:
-    """Whether it is a result or a binding of this program; one lies where results are kept."""
+    """Return whether it is a result or a binding of cageik, which may lie beside clips."""
     if path.suffix.lower() not in HDF5_SUFFIXES:
         return False
     try:
         return is_result(path) or is_binding(path)
     except InputError:
-        return False  # whoever opens it is told
+        return False  # opening the clip reports it
 
 
 def _clip_file_suffixes() -> list[str]:
-    return [suffix for suffix in clip_suffixes() if suffix not in MESH_SUFFIXES]
+    return [suffix for suffix in clip_suffixes() if suffix not in mesh_suffixes()]
 
 
 def _make_clip_name(path: Path, root: Path) -> str:
@@ -212,7 +218,7 @@ def _make_clip_name(path: Path, root: Path) -> str:
 
 
 def _sanitize_name(name: str) -> str:
-    """A name as part of a path that stays where it is put."""
+    """Return a name that is safe as a part of a path on all systems."""
     text = "".join("_" if c in '/\\:*?"<>|' else c for c in single_line(to_unicode(name)))
     text = text.strip(". ") or "_"
     return f"_{text}" if text.split(".")[0].upper() in RESERVED_NAMES else text

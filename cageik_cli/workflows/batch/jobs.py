@@ -1,4 +1,4 @@
-"""What a batch is to do, and what came of it."""
+"""The jobs of a batch, one per clip, and their outcomes."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -7,22 +7,22 @@ from typing import Protocol
 
 from cageik_cli.report.limits import Limits
 from cageik_cli.report.overview import ClipEntry
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 
 CLIPS_FOLDER = "clips"
-"""The folder of the clips' results, in the batch's."""
+"""The folder of the clips' results, inside the output folder."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClipJob:
-    """One clip of a batch.
+    """The work on one clip of a batch.
 
     Attributes
     ----------
     name : str
-        Its path under the folder of the batch, with forward slashes; no other job has it.
+        Its path under the folder of the batch, with forward slashes; unique.
     settings : ExtractSettings
-        All paths are absolute. `resume` goes on with what this run has left; with `overwrite`,
+        All paths are absolute. With `resume`, an interrupted run is continued; with `overwrite`,
         results of other files or settings are replaced.
     limits : Limits
     has_page : bool
@@ -36,7 +36,7 @@ class ClipJob:
 
 
 class ClipState(Enum):
-    """What became of a clip in this run."""
+    """How a clip ended in this run."""
 
     DONE = "done"
     UNCHANGED = "unchanged"
@@ -45,12 +45,12 @@ class ClipState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a job.
+    """The outcome of a job.
 
     Attributes
     ----------
-    entry : Entry
-        What the report over all shows; it does not depend on how often the batch was interrupted.
+    entry : ClipEntry
+        What the report over all clips shows; it does not depend on interruptions of the batch.
     state : ClipState
     """
 
@@ -59,11 +59,11 @@ class Outcome:
 
 
 class Scheduler(Protocol):
-    """Who does jobs; a context manager, at whose end nothing of it is left."""
+    """Runs jobs; a context manager that leaves no process and no connection behind."""
 
     def __enter__(self) -> "Scheduler": ...
 
     def __exit__(self, *error: object) -> None: ...
 
     def run_jobs(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
-        """What came of each, as they end."""
+        """Yield the outcome of each job, as they end."""

@@ -19,17 +19,21 @@ from cageik_cli.workflows.batch.clip_task import run_clip
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome
 
 PAGE_MODULE = "cageik_cli.report.html.page"
-"""What draws pages, and takes as long to import as to draw one."""
+"""The module that renders pages; importing it takes as long as rendering one."""
 
 MAX_ATTEMPTS = 2
-"""A job whose process ends without a word is begun again, so many times in all."""
+"""How often a job is tried whose process crashes."""
 
 
 class ProcessScheduler:
-    """`jobs` processes, each with one clip at a time.
+    """Run jobs in processes of this machine, one clip at a time in each.
 
-    One that is killed, or that a library takes down, costs the clip it had one attempt, and the
-    others nothing.
+    A process that crashes costs its clip one attempt; other clips are not affected.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of processes.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -39,12 +43,12 @@ class ProcessScheduler:
     def __enter__(self) -> "ProcessScheduler":
         return self
 
-    def __exit__(self, kind: object, *error: object) -> None:
+    def __exit__(self, kind: object = None, *error: object) -> None:
         for worker in self._workers:
             worker.stop(is_immediate=kind is not None)
 
     def run_jobs(self, jobs: Sequence[ClipJob]) -> Iterator[Outcome]:
-        """What came of each job, as they end."""
+        """Yield the outcome of each job, as they end."""
         count = max(1, min(self._jobs, len(jobs)))
         share = max(1, self._jobs // count)
         context = _make_process_context(
@@ -55,7 +59,7 @@ class ProcessScheduler:
         for worker in self._workers:
             free.put(worker)
 
-        def done(job: ClipJob) -> Outcome:
+        def run_on_free_worker(job: ClipJob) -> Outcome:
             worker = free.get()
             try:
                 return worker.run_job(replace(job, settings=replace(job.settings, jobs=share)))
@@ -64,14 +68,14 @@ class ProcessScheduler:
 
         pool = ThreadPoolExecutor(count)
         try:
-            for future in as_completed([pool.submit(done, job) for job in jobs]):
+            for future in as_completed([pool.submit(run_on_free_worker, job) for job in jobs]):
                 yield future.result()
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
 
 
 class _Worker:
-    """One process at a time, begun again when it has died."""
+    """A process that is started again when it has crashed."""
 
     def __init__(self, context: BaseContext) -> None:
         self._context = context
@@ -79,7 +83,7 @@ class _Worker:
         self._start()
 
     def run_job(self, job: ClipJob) -> Outcome:
-        """Do a job in the process."""
+        """Run a job in the process."""
         for _ in range(MAX_ATTEMPTS):
             try:
                 return self._pool.submit(run_clip, job).result()
@@ -87,14 +91,14 @@ class _Worker:
                 if not self._try_restart():
                     raise
         fault = (
-            f"its process ended without a word, {MAX_ATTEMPTS} times: killed from outside, out of "
-            "memory (use fewer --jobs), or a damaged file took it down"
+            "worker process crashed twice (killed, out of memory, or a corrupt file); try fewer "
+            "--jobs"
         )
         return Outcome(ClipEntry(job.name, fault=fault), ClipState.FAILED)
 
     def stop(self, is_immediate: bool) -> None:
-        """End the process, at once if `is_immediate`; a run that is cut can be resumed."""
-        with self._lock:  # none is begun after this
+        """End the process, at once if `is_immediate`; its run can be resumed."""
+        with self._lock:  # none is started after this
             self._is_stopped = True
         with suppress(BrokenProcessPool):
             pid = self._pid.result()
@@ -104,7 +108,7 @@ class _Worker:
         self._pool.shutdown()
 
     def _try_restart(self) -> bool:
-        """Begin a process in place of one that has died, unless this is the end."""
+        """Start a new process in place of a crashed one, unless the worker is stopped."""
         with self._lock:
             if not self._is_stopped:
                 self._pool.shutdown()
@@ -117,7 +121,7 @@ class _Worker:
 
 
 def _make_process_context(modules: list[str]) -> BaseContext:
-    """How processes come about: where that is sound, by a fork of one that has the modules."""
+    """Choose how processes start: on Linux, forked from one that has imported the modules."""
     if sys.platform != "linux":
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
@@ -126,8 +130,8 @@ def _make_process_context(modules: list[str]) -> BaseContext:
 
 
 def _initialize_process() -> None:
-    """Make a new process one that ends with its parent, and leaves others their processors."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it, and ends this process
+    """Let a new process end with its parent, and use one thread in the linear algebra."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent gets it, and ends this process
     threading.Thread(target=_exit_with_parent, daemon=True).start()
     set_blas_threads()
 

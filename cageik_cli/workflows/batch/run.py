@@ -1,4 +1,4 @@
-"""A batch: jobs done, and one report over all."""
+"""A batch: its jobs are run, and one report over all clips is written."""
 
 import shutil
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from cageik_cli.report.views.junit import format_junit
 from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.tables import format_overview_csv, format_overview_json
 from cageik_cli.store.result import is_result
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import OutputError
 from cageik_cli.util.outputs import make_folder, open_locked, remove_locked, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob, ClipState, Outcome, Scheduler
@@ -25,28 +25,28 @@ REPORT_FILES = {
     "junit.xml": format_junit,
     "report.md": format_markdown,
 }
-"""What is written over all clips, by the files' names."""
+"""The reports over all clips, by file name."""
 
 MAX_NAME_WIDTH = 60
-"""Column of clips' names."""
+"""Width of the column with the names of clips, at most."""
 
 WEIGHT_CACHE_FOLDER = ".cageik-weights"
-"""The cache of a batch that is to use no other, deleted at its end."""
+"""The weight cache of a batch that uses no other; it is deleted at the end."""
 
 LOCK_FILE = ".cageik-batch.lock"
 
 
 @dataclass(frozen=True, slots=True)
 class BatchPlan:
-    """What is to be done.
+    """The jobs of a batch, and the clips that have none.
 
     Attributes
     ----------
     output : Path
         The folder of all results.
     jobs : tuple of ClipJob
-    rejected : tuple of Entry
-        Clips that cannot be begun, and why.
+    rejected : tuple of ClipEntry
+        Clips that cannot be started, and why.
     order : tuple of str
         Names of all clips, as reports list them.
     """
@@ -58,14 +58,14 @@ class BatchPlan:
 
 
 def run_batch(batch: BatchPlan, scheduler: Scheduler, progress: ProgressListener) -> Overview:
-    """Do all jobs, and write the report over all; failures are in it, and no error.
+    """Run all jobs, and write the report over all clips; it lists failures, which raise no error.
 
-    The observer is told of each clip as it ends, in a remark by its name.
+    Each clip is noted as it ends, under its name.
 
     Raises
     ------
     InputError
-        When the folder of results cannot be written, or another batch has it.
+        When the folder of results cannot be written, or another batch is writing to it.
     """
     entries = {entry.name: entry for entry in batch.rejected}
     width = min(max(map(len, batch.order), default=0), MAX_NAME_WIDTH)
@@ -93,7 +93,7 @@ def run_batch(batch: BatchPlan, scheduler: Scheduler, progress: ProgressListener
 
 
 def check_folder_empty(folder: Path) -> None:
-    """Refuse a folder of results that holds something.
+    """Refuse a folder of results that holds files.
 
     Raises
     ------
@@ -101,16 +101,16 @@ def check_folder_empty(folder: Path) -> None:
         Saying what to do.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file, expected the name of a folder for the results")
+        raise OutputError(f"{folder}: is a file; give a folder for the results")
     if any(not path.is_dir() for path in folder.rglob("*")):
-        raise InputError(
-            f"{folder}: holds something already; go on with --resume, replace what is there with "
-            "--overwrite, or choose another folder"
+        raise OutputError(
+            f"{folder}: holds files already; continue with --resume, start over with --overwrite, "
+            "or choose another folder"
         )
 
 
 def check_batch_folder(folder: Path) -> None:
-    """Refuse to go on in a folder whose files of a report's names no batch has written.
+    """Refuse to resume in a folder with report files that are not of a batch.
 
     Raises
     ------
@@ -119,14 +119,14 @@ def check_batch_folder(folder: Path) -> None:
     """
     for name in REPORT_FILES:
         if (folder / name).exists() and not (folder / CLIPS_FOLDER).is_dir():
-            raise InputError(
-                f"{folder}: holds {name} and no results of a batch to go on with; replace what is "
-                "there with --overwrite, or choose another folder"
+            raise OutputError(
+                f"{folder}: holds {name} but no batch to resume; start over with --overwrite, or "
+                "choose another folder"
             )
 
 
 def check_is_result(path: Path) -> None:
-    """Refuse to go on with a file that is no result of ours.
+    """Refuse to resume over a file that is not a result of cageik.
 
     Raises
     ------
@@ -134,14 +134,14 @@ def check_is_result(path: Path) -> None:
         Saying what to do.
     """
     if path.exists() and not is_result(path):
-        raise InputError(
-            f"{path}: is no result of cageik extract to go on with; move it away, or replace it "
-            "with --overwrite"
+        raise OutputError(
+            f"{path}: is not a result of cageik extract; move it away, or replace it with "
+            "--overwrite"
         )
 
 
 def _log_outcome(outcome: Outcome, width: int, progress: ProgressListener) -> None:
-    """A line a clip, as it ends: its error over all frames, or why there is none."""
+    """Note one line per clip, as it ends: its error over all frames, or why there is none."""
     entry, text = outcome.entry, outcome.state.value
     if entry.summary is not None:
         over = ", over a limit" if entry.exceeds_limit else ""
@@ -151,26 +151,26 @@ def _log_outcome(outcome: Outcome, width: int, progress: ProgressListener) -> No
 
 @contextmanager
 def _note_done_on_error(batch: BatchPlan) -> Iterator[list[Outcome]]:
-    """What is done so far; an error says how much of it there is."""
+    """Collect outcomes; an error is noted with how many there are."""
     done: list[Outcome] = []
     try:
         yield done
     except BaseException as error:
-        error.add_note(f"{len(done)} of {len(batch.jobs)} clips were done; go on with --resume")
+        error.add_note(f"{len(done)} of {len(batch.jobs)} clips are done; continue with --resume")
         raise
 
 
 @contextmanager
 def _folder_lock(folder: Path) -> Iterator[None]:
-    """Be the only batch that writes to a folder, which is made."""
+    """Create a folder, and be the only batch that writes to it."""
     make_folder(folder)
     path = folder / LOCK_FILE
     try:
         lock = open_locked(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
     if lock is None:
-        raise InputError(f"{folder}: another batch is writing to it; wait for it, or stop it")
+        raise OutputError(f"{folder}: another batch is writing to it; wait for it, or stop it")
     try:
         yield
     finally:

@@ -116,9 +116,9 @@ def test_a_binding_is_no_clip(run, clips):
     [
         (["frames", "--frames", "9:"], 1, "--frames 9: takes none of the 5 frames"),
         (["clip.npz", "--frames", "3:3"], 1, "clip.npz: --frames 3:3 takes none of the 5 frames"),
-        (["frames", "--frames", "3"], 2, "'3' does not choose frames; expected A:B"),
-        (["frames", "--frames", "::0"], 2, "'::0' does not choose frames"),
-        (["frames", "--frames", "::-1"], 2, "'::-1' does not choose frames"),
+        (["frames", "--frames", "3"], 2, "'3'"),
+        (["frames", "--frames", "::0"], 2, "'::0'"),
+        (["frames", "--frames", "::-1"], 2, "'::-1'"),
         (["clip.npy", "--layout", "xvf"], 2, "'xvf' is not one of 'fvx', 'vxf', 'fxv'"),
         (["clip.npy", "--layout", "fvx", *REST], 1, "(18, 3, 5), expected (frames, vertices, 3)"),
         (["clip.npy", "--layout", "fxv", *REST], 1, "5 vertices, the rest pose has 18"),

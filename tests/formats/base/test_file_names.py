@@ -1,18 +1,16 @@
-"""Kinds of files, and files packed by gzip: sound, damaged, and bombs."""
+"""Names of files: suffixes, the number of a frame, and which number is missing."""
 
-import gzip
-import hashlib
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from cageik_cli.formats.base import file_names as files
-from cageik_cli.formats.base.file_names import decompress, file_stem, file_suffix
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.base.file_names import (
+    FrameNames,
+    check_no_gaps,
+    file_stem,
+    file_suffix,
+)
 from cageik_cli.util.errors import InputError
-from tests.clips import frames_of
 
 
 @pytest.mark.parametrize(
@@ -31,85 +29,78 @@ def test_the_kind_of_a_packed_file_has_two_suffixes(name, stem, kind):
     assert file_stem(Path("folder.obj") / name) == stem
 
 
-@pytest.fixture
-def packed(folder):
-    """The folder `frames`, with every frame packed."""
-    for path in (folder / "frames").iterdir():
-        path.with_name(f"{path.name}.gz").write_bytes(gzip.compress(path.read_bytes(), mtime=0))
-        path.unlink()
-    return folder / "frames"
+@pytest.mark.parametrize(
+    ("pattern", "names"),
+    [
+        ("cage_####.obj", ("cage_0007.obj", "cage_12345.obj")),
+        ("cage.#.ply", ("cage.7.ply", "cage.12345.ply")),
+        ("cage_%04d.ply", ("cage_0007.ply", "cage_12345.ply")),
+        ("cage_%4d.ply", ("cage_0007.ply", "cage_12345.ply")),
+        ("cage_%d.ply", ("cage_7.ply", "cage_12345.ply")),
+        ("cage.$F4.obj", ("cage.0007.obj", "cage.12345.obj")),
+        ("cage.$F.obj", ("cage.7.obj", "cage.12345.obj")),
+        ("##x", ("07x", "12345x")),
+    ],
+)
+def test_patterns(pattern, names):
+    found = FrameNames.parse(pattern)
+    assert (found.file_name(7), found.file_name(12345)) == names
+    assert all(map(found.matches, names))
+    assert FrameNames.parse(found.pattern) == found
 
 
-def test_packed_frames_are_the_frames(packed, animation):
-    sequence = open_sequence(["frames"])
-    assert sequence.names == tuple(f"frame_{k}.obj.gz" for k in range(1, 6))
-    np.testing.assert_array_equal(frames_of(sequence), animation.frames)
-    data = (packed / "frame_2.obj.gz").read_bytes()
-    assert sequence.digest(1) == hashlib.sha256(data).digest()
+@pytest.mark.parametrize("name", ["cage.obj", "cage_%x.obj", "cage_0001.obj", "$cage.obj", ""])
+def test_what_has_no_number_is_no_pattern(name):
+    assert FrameNames.parse(name) is None
 
 
-def test_a_missing_packed_frame_is_named(packed):
-    (packed / "frame_3.obj.gz").unlink()
-    with pytest.raises(InputError, match=r"frame_3\.obj\.gz: missing between"):
-        open_sequence(["frames"])
-
-
-def test_packed_and_plain_frames_are_not_mixed(packed):
-    (packed / "frame_6.obj").write_bytes(b"v 0 0 0\n")
-    with pytest.raises(InputError, match=r"files of kinds \.obj, \.obj\.gz are mixed"):
-        open_sequence(["frames"])
-
-
-@pytest.mark.parametrize("kind", ["obj", "ply", "off"])
-def test_a_packed_mesh_is_the_mesh(tmp_path, kind):
-    text = {
-        "obj": b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
-        "off": b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
-        "ply": b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
-        b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
-        b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
-    }[kind]
-    path = tmp_path / f"mesh.{kind}.gz"
-    path.write_bytes(gzip.compress(text[:40]) + gzip.compress(text[40:]))
-    loaded = load_mesh(path)
-    np.testing.assert_array_equal(loaded.mesh.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    np.testing.assert_array_equal(loaded.mesh.faces, [[0, 1, 2]])
-    assert loaded.source["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert loaded.obj_text == (text if kind == "obj" else b"")
-
-
-SOUND = gzip.compress(b"v 0 0 0\n" * 100, mtime=0)
+@pytest.mark.parametrize("name", ["a_##_##.obj", "a_%d_$F.obj", "$F_%04d"])
+def test_a_number_stands_there_once(name):
+    with pytest.raises(InputError, match=r"stands in .* 2 times, expected once"):
+        FrameNames.parse(name)
 
 
 @pytest.mark.parametrize(
-    "data",
+    "name",
+    ["c_01.obj", "c_001.ply", "d_001.obj", "c_001.obj.txt", "xc_001.obj", "c_0x1.obj", "c+001.obj"],
+)
+def test_other_names_are_not_ours(name):
+    """Names around the number are taken letter by letter."""
+    assert not FrameNames("c_", 3, ".obj").matches(name)
+    assert not FrameNames("c.", 3, ".obj").matches(name)
+
+
+@pytest.mark.parametrize(
+    ("names", "missing"),
     [
-        SOUND[:-9],
-        SOUND[:5],
-        b"v 0 0 0\n",
-        SOUND[:-8] + bytes(8),
-        SOUND[:12] + b"\xff\xff" + SOUND[14:],
-        SOUND + b"more",
+        ("f1 f2 f4", "f3"),
+        ("f8 f9 f10 f12", "f11"),
+        ("f_001 f_002 f_004 f_005", "f_003"),
+        ("f10 f20 f40 f50", "f30"),
+        ("walk2_f1.low walk2_f2.low walk2_f4.low", "walk2_f3.low"),
+        ("1 2 3 7", "4"),
     ],
 )
-def test_a_damaged_packed_file_is_refused(tmp_path, data):
-    path = tmp_path / "mesh.obj.gz"
-    path.write_bytes(data)
+def test_a_gap_names_the_first_file_that_is_missing(names, missing):
     with pytest.raises(InputError) as caught:
-        load_mesh(path)
-    assert str(caught.value).startswith(f"{path}: cannot be unpacked (")
+        check_no_gaps([Path("clip") / f"{name}.obj" for name in names.split()])
+    assert str(caught.value).startswith(f"{Path('clip') / missing}.obj: missing between")
+    assert "--allow-gaps" in str(caught.value)
 
 
-def test_an_empty_packed_file_is_an_empty_mesh(tmp_path):
-    path = tmp_path / "mesh.obj.gz"
-    path.touch()
-    with pytest.raises(InputError, match="the file is empty"):
-        load_mesh(path)
-
-
-def test_a_bomb_is_refused_and_what_just_fits_is_not(monkeypatch):
-    monkeypatch.setattr(files, "MIN_UNPACKED_LIMIT", 1000)
-    assert len(decompress(gzip.compress(b" " * 1000), ".obj.gz")) == 1000
-    bomb = gzip.compress(b" " * 10**6)
-    with pytest.raises(InputError, match=f"holds more than {100 * len(bomb)} bytes in {len(bomb)}"):
-        decompress(bomb, ".obj.gz")
+@pytest.mark.parametrize(
+    "names",
+    [
+        "f1",
+        "f1 f2 f3",
+        "f10 f20 f30",
+        "f7 f12",
+        "f1 f01 f2",
+        "walk run jump9",
+        "a1 a2 b7 b8",
+        "a/f1 a/f2 b/f9",
+        "f1_low f2_low f3_high",
+    ],
+)
+def test_numbers_without_a_gap_and_other_names_pass(names):
+    assert check_no_gaps([Path(f"{name}.obj") for name in names.split()]) is None

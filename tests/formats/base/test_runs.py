@@ -18,7 +18,7 @@ class Counted(ChunkedFrames):
         self.reads = []
         super().__init__(count, 1, layer, 1)
 
-    def run(self, start, stop):
+    def read_chunk(self, start, stop):
         self.reads.append((start, stop))
         return np.arange(start, stop)
 

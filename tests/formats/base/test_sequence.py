@@ -27,7 +27,7 @@ class Counted(MeshSequence):
         self._broken = dict(broken)
         self._lock = threading.Lock()
 
-    def positions(self, index):
+    def read_positions(self, index):
         with self._lock:
             self.read.append(index)
         return np.asarray(self._broken.get(index, np.full((3, 3), float(index))))
@@ -35,10 +35,10 @@ class Counted(MeshSequence):
     def digest(self, index):
         return b""
 
-    def recall(self, start, stamps):
+    def set_digests(self, start, stamps):
         raise NotImplementedError
 
-    def source(self):
+    def describe_source(self):
         return {}
 
 

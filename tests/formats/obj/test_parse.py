@@ -1,4 +1,4 @@
-"""OBJ text: every dialect gives one mesh, every number is `float(text)`, both ways of reading."""
+"""OBJ text: every dialect gives one mesh, and every number is `float(text)`, on all paths."""
 
 import codecs
 
@@ -7,9 +7,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from cageik_cli.formats.obj import tokens
 from cageik_cli.formats.obj.frames import ObjFrameParser
-from cageik_cli.formats.obj.parse import _parse_line_by_line, parse_obj
-from cageik_cli.util.errors import InputError
+from cageik_cli.formats.obj.parse import _parse_word_by_word, parse_obj
+from cageik_cli.formats.obj.tokens import blank_out, tokenize
+from cageik_cli.util.errors import FormatError
+from tests.formats.obj.by_lines import fans, parse_by_lines
 
 VERTICES = [[0, 0, 0], [1.5, 0, 0], [0, -2, 0], [0, 0, 0.25]]
 FACES = [[0, 2, 1], [0, 1, 3]]
@@ -61,8 +64,7 @@ DIALECTS = {
 }
 
 
-SLOW = {"CR", "comment behind vertices", "line continuation",
-        "comments with backslashes", "faces first", "byte order mark"}  # fmt: skip
+SLOW = {"faces first", "byte order mark"}
 """Not read by the fast path for frames."""
 
 
@@ -176,15 +178,15 @@ EDITS = st.lists(
 @example([(len(HEAD) + 3, 0, b"\r v 1 2 3")], "normals")
 @example([(len(HEAD), 0, b"v#\n")], "normals")
 def test_the_fast_path_declines_or_agrees_with_the_parser(edits, dialect):
-    """A frame as the first is, but for the edits; the full parser is the one that goes by lines."""
+    """A frame as the first is, but for the edits; the oracle goes by lines."""
     first = DIALECTS[dialect]
     data = edited(edits, first)
     fast = frame_of(data, first)
     if fast is None:
         return
-    full = _parse_line_by_line(data.removeprefix(codecs.BOM_UTF8))
-    assert fast.tobytes() == full.vertices.tobytes()
-    np.testing.assert_array_equal(full.faces, FACES)
+    vertices, polygons = parse_by_lines(data.removeprefix(codecs.BOM_UTF8))
+    assert fast.tobytes() == vertices.tobytes()
+    assert fans(polygons) == FACES
 
 
 @given(EDITS, st.sampled_from(sorted(DIALECTS)))
@@ -192,16 +194,31 @@ def test_the_fast_path_declines_or_agrees_with_the_parser(edits, dialect):
 @example([(PLAIN.index(b"f 1 3") + 3, 0, b" /2")], "plain")
 @example([(len(HEAD) + len(b"f 1/1/1 3/2/2 2/3"), 0, b"#")], "f a/b/c")
 @example([(len(HEAD) + len(b"f 1/1/1 3/"), 0, b"#")], "f a/b/c")
-def test_a_regular_file_is_the_mesh_that_its_lines_are(edits, dialect):
+@example([(len(HEAD), 0, b"\\\n# f 9\n")], "plain")
+@example([(len(HEAD) + len(b"f 1 3 2"), 0, b" \\\n# 4")], "plain")
+def test_a_file_is_the_mesh_that_its_lines_are(edits, dialect):
+    """Whether its numbers are converted all at once or word by word."""
     data = edited(edits, DIALECTS[dialect]).removeprefix(codecs.BOM_UTF8)
-    outcomes = []
-    for parse in (_parse_line_by_line, parse_obj):
+    if b"\0" in data or not data.strip():
+        return
+    expected = parse_by_lines(data)
+    for parse in (parse_obj, lambda data: _parse_word_by_word(tokenize(blank_out(data)), data)):
         try:
             mesh = parse(data)
-            outcomes.append((mesh.vertices.tobytes(), mesh.faces.tobytes(), mesh.polygon_count))
-        except InputError as error:
-            outcomes.append(str(error))
-    assert outcomes[0] == outcomes[1] or b"\0" in data or not data.strip()
+        except FormatError:
+            assert expected is None
+        else:
+            assert mesh.vertices.tobytes() == expected[0].tobytes()
+            assert mesh.faces.tolist() == fans(expected[1])
+            assert mesh.corner_counts.tolist() == [len(polygon) for polygon in expected[1]]
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_texts_of_more_than_32_bits_are_read_alike(monkeypatch, dialect):
+    monkeypatch.setattr(tokens, "MAX_SHORT_TEXT", 10)
+    mesh = parse_obj(DIALECTS[dialect])
+    np.testing.assert_array_equal(mesh.vertices, VERTICES)
+    np.testing.assert_array_equal(mesh.faces, FACES)
 
 
 @pytest.mark.parametrize(
@@ -228,29 +245,36 @@ def test_faces_between_vertices_are_compared_too():
 
 
 FAULTS = {
-    "empty": (b"", "is empty"),
-    "blank": (b" \n\n", "is empty"),
-    "binary": (b"v 0 0 0\n\0\1", "is binary"),
+    "empty": (b"", "empty"),
+    "blank": (b" \n\n", "empty"),
+    "binary": (b"v 0 0 0\n\0\1", "binary"),
     "other text": (b"solid thing\nendsolid\n", "0 vertices and 0 faces"),
     "no faces": (HEAD, "4 vertices and 0 faces"),
     "no vertices": (b"f 1 2 3\n", "0 vertices and 1 faces"),
     "two coordinates": (PLAIN.replace(b"0 -2 0", b"0 -2"), "line 5: `v 0 -2` has 2 coordinates"),
-    "a word": (PLAIN.replace(b"-2", b"two"), "line 5: `v 0 two 0` holds something else"),
-    "digit separator": (PLAIN.replace(b"-2", b"1_0"), "line 5"),
+    "a word": (PLAIN.replace(b"-2", b"two"), "line 5: `v 0 two 0`"),
+    "digit separator": (PLAIN.replace(b"-2", b"1_0"), "line 5: `v 0 1_0 0`"),
     "commented out": (PLAIN.replace(b"0 -2 0", b"0 -2 # 0"), "line 5: `v 0 -2 # 0` has 2"),
     "two corners": (HEAD + b"f 1 2\n", "line 7: `f 1 2` has 2 corners"),
-    "a corner that is a word": (HEAD + b"f 1 2 x/1\n", "line 7"),
+    "a corner that is a word": (HEAD + b"f 1 2 x/1\n", "line 7: `f 1 2 x/1`"),
     "vertex 0": (HEAD + b"f 0 1 2\n", "line 7: `f 0 1 2` names vertex 0"),
     "back too far": (HEAD + b"f 1 2 -5\n", "line 7: `f 1 2 -5` names vertex -5"),
     "beyond the last": (HEAD + b"f 1 2 5\n", "names vertex 5, the file has 4"),
-    "cut before the faces": (HEAD, "4 vertices and 0 faces found, expected a mesh in OBJ text; ex"),
-    "a long line": (HEAD + b"f " + b"1/2/x " * 40 + b"x\n", "..."),
+    "a long line": (HEAD + b"f " + b"1/2/x " * 40 + b"x\n", "line 7: `f 1/2/x"),
+    "CRLF": (HEAD.replace(b"\n", b"\r\n") + b"f 1 2\r\n", "line 7: `f 1 2` has 2"),
+    "CR": (HEAD.replace(b"\n", b"\r") + b"f 1 2\r", "line 7: `f 1 2` has 2"),
+    "behind a line that goes on": (
+        HEAD + b"f 1 \\\n 2 3\ng a\\\r\nb\n\nf 1 2",
+        "line 12: `f 1 2` has 2",
+    ),
+    "in a line that goes on": (HEAD + b"\\\n\\\nf 1\\\n 2\n", "line 7: `"),
+    "the last of many": (PLAIN * 3 + b"f 1 x 2", "line 25: `f 1 x 2`"),
 }
 
 
 @pytest.mark.parametrize(("data", "says"), FAULTS.values(), ids=FAULTS)
 def test_faults_name_the_line_and_what_it_says(data, says):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(FormatError) as caught:
         parse_obj(data)
     assert says in str(caught.value)
     assert len(str(caught.value)) < 200

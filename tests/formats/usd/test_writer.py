@@ -82,7 +82,8 @@ def test_a_package_is_stored_on_multiples_of_64_bytes(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("suffix", "limit", "holds"), [(".usda", "LARGEST_UNSAVED", 5), (".usdz", "LARGEST_PACKAGE", 6)]
+    ("suffix", "limit", "holds"),
+    [(".usda", "MAX_UNSAVED_BYTES", 5), (".usdz", "MAX_USDZ_BYTES", 6)],
 )
 def test_too_much_for_a_kind_is_refused_before_anything_is_written(
     tmp_path, monkeypatch, suffix, limit, holds
@@ -110,7 +111,7 @@ def test_a_failure_leaves_nothing(tmp_path, suffix):
 FULL = """
 import resource, signal, sys
 from pathlib import Path
-from cageik_cli.errors import InputError
+from cageik_cli.util.errors import InputError
 from tests.formats.clips import written
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))

@@ -1,6 +1,8 @@
-"""The frames' table: figures as they are printed, and no column without any."""
+"""The table of frames and that of the weights: metrics as printed, and no empty columns."""
 
 from dataclasses import fields, replace
+
+import pytest
 
 from cageik_cli.report.figures import FrameRecord
 from cageik_cli.report.html.frames_table import (
@@ -10,6 +12,7 @@ from cageik_cli.report.html.frames_table import (
     VOLUME_COLUMNS,
     FrameRow,
     build_frame_row,
+    build_quality_rows,
     choose_columns,
 )
 from cageik_cli.report.record import build_report
@@ -30,27 +33,52 @@ FIGURES = FrameRecord(
 )
 
 
-def test_every_figure_of_a_frame_has_a_column():
+def test_every_metric_of_a_frame_has_a_column():
     names = [
         column.name for column in (INDEX_COLUMN, NAME_COLUMN, *LENGTH_COLUMNS, *VOLUME_COLUMNS)
     ]
     assert sorted([*names, "skipped"]) == sorted(field.name for field in fields(FrameRecord))
 
 
-def test_figures_are_printed_as_everywhere():
+def test_cells_are_formatted_as_in_all_views():
     lengths = ("1.2346", "0.0123457", "0.0000", "2e-07", "7")
     assert build_frame_row(FIGURES, LENGTH_COLUMNS) == FrameRow(3, "a", None, lengths)
     assert build_frame_row(FIGURES, VOLUME_COLUMNS).cells == ("+0.5000", "", "8", "-1.0000")
 
 
-def test_a_column_without_figures_is_left_out(closed, opened):
+def test_a_column_without_values_is_left_out(closed, opened):
     assert choose_columns(build_report(closed.result)) == (*LENGTH_COLUMNS, *VOLUME_COLUMNS)
     assert choose_columns(build_report(opened.result)) == LENGTH_COLUMNS
 
 
-def test_one_frame_with_a_figure_makes_a_column(closed):
+def test_one_frame_with_a_value_makes_a_column(closed):
     report = build_report(closed.result)
     first, *others = report.frames
     without = tuple(replace(frame, volume_drift=None) for frame in others)
     assert VOLUME_COLUMNS[-1] in choose_columns(replace(report, frames=(first, *without)))
     assert VOLUME_COLUMNS[-1] not in choose_columns(replace(report, frames=without))
+
+
+@pytest.mark.parametrize(
+    ("settings", "panels", "words"),
+    [
+        ({"coordinates": "harmonic", "accuracy": "fine"}, 8, ["0.001 or less", "never negative"]),
+        ({"coordinates": "mean-value"}, 0, ["closed form", "negative near concave parts"]),
+        ({"coordinates": "harmonic", "accuracy": "other"}, 8, ["never negative"]),
+    ],
+)
+def test_weights_are_explained_by_their_kind(closed, settings, panels, words):
+    report = build_report(closed.result)
+    binding = replace(report.binding, panels=panels)
+    rows = build_quality_rows(replace(report, settings=settings, binding=binding))
+    text = " ".join(f"{row.meaning} {row.expected}" for row in rows)
+    assert [word for word in words if word not in text] == []
+    assert ("Panels" in [row.label for row in rows]) == bool(panels)
+
+
+def test_an_unknown_accuracy_has_no_expected_value(closed):
+    report = build_report(closed.result)
+    binding = replace(report.binding, panels=8)
+    rows = build_quality_rows(replace(report, settings={"accuracy": "other"}, binding=binding))
+    (row,) = [row for row in rows if row.label.startswith("Estimated weight error")]
+    assert row.expected == ""

@@ -1,4 +1,4 @@
-"""The page over all clips: the worst first, every figure as printed, nothing from outside."""
+"""The index page: worst first, every number as printed, no fetches."""
 
 from dataclasses import replace
 from decimal import Decimal
@@ -11,9 +11,9 @@ from cageik_cli.report.html.index import render_index
 from cageik_cli.report.limits import Limit, Limits, check_limits
 from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
-from tests.report.clips import five_hundred
+from tests.report.clips import make_500_clips
 from tests.report.hostile import NAMES, with_hostile_names
-from tests.report.markup import faults_of, parsed
+from tests.report.markup import find_faults, parse_page
 
 FAULT = "frame_3.obj: line 7: `v 0.5` has 1 coordinates, expected 3; export it again"
 
@@ -28,26 +28,26 @@ def _with_error(entry, name, rms_percent):
 
 
 def _rows(page):
-    return [row for body in parsed(page).all("tbody") for row in body.all("tr")]
+    return [row for body in parse_page(page).all("tbody") for row in body.all("tr")]
 
 
 def _names(page):
     return [next(row.all("th")).text for row in _rows(page)]
 
 
-def _judged(report, most):
+def _with_limit(report, most):
     return replace(
         report,
         gates=check_limits(report.result, report.summary, Limits((Limit("rms", Decimal(most)),))),
     )
 
 
-def _over(report):
-    return _judged(report, "0.0001")
+def _over_limit(report):
+    return _with_limit(report, "0.0001")
 
 
 def test_failed_clips_come_first_then_those_over_a_limit_then_the_worst(report):
-    fine, over = build_clip_entry(report), build_clip_entry(_over(report))
+    fine, over = build_clip_entry(report), build_clip_entry(_over_limit(report))
     page = render_index(
         build_overview(
             [
@@ -61,30 +61,30 @@ def test_failed_clips_come_first_then_those_over_a_limit_then_the_worst(report):
     )
     assert _names(page) == ["broken", "over, large", "over, small", "large", "small"]
     assert _rows(page)[0].text.endswith(FAULT)
-    assert "1 of 5 clips failed, 2 of 5 clips over a limit" in parsed(page).text
-    counts = parsed(page).text
-    assert "Failed 1 Over a limit 2 Fine 2" in counts
+    assert "1 of 5 clips failed, 2 of 5 clips over a limit" in parse_page(page).text
+    counts = parse_page(page).text
+    assert "Failed 1 Over a limit 2 OK 2" in counts
 
 
 @pytest.mark.parametrize(
     ("most", "verdict"),
     [
-        ("99", "All clips are done, and none is over a limit"),
+        ("99", "All clips done, none over a limit"),
         ("0.0001", "1 of 1 clip over a limit"),
     ],
 )
-def test_the_verdict_is_that_of_the_limits(report, most, verdict):
-    page = render_index(build_overview([build_clip_entry(_judged(report, most))]))
-    assert verdict in parsed(page).text
+def test_the_verdict_of_a_batch_follows_the_limits(report, most, verdict):
+    page = render_index(build_overview([build_clip_entry(_with_limit(report, most))]))
+    assert verdict in parse_page(page).text
 
 
-def test_a_row_tells_the_figures_as_printed(report):
-    over = build_clip_entry(_over(report))
+def test_a_row_shows_the_metrics_as_printed(report):
+    over = build_clip_entry(_over_limit(report))
     (row,) = _rows(render_index(build_overview([over])))
     summary, cells = report.summary, [cell.text for cell in row.all("td")]
     rms = format_percent(summary.rms_percent)
     assert cells == [
-        f"Over the limit error of the clip {rms} > 0.0001 %",
+        f"Over the limit RMS error of the clip {rms} > 0.0001 %",
         "",
         rms,
         f"{format_percent(summary.worst_frame_rms_percent)} {summary.worst_frame}",
@@ -96,7 +96,7 @@ def test_a_row_tells_the_figures_as_printed(report):
     ]
 
 
-def test_an_open_model_has_no_change_of_volume(opened):
+def test_an_open_model_has_no_volume_change(opened):
     (row,) = _rows(render_index(build_overview([build_clip_entry(build_report(opened.result))])))
     assert [cell.text for cell in row.all("td")][5] == "open"
     (svg,) = (svg for svg in row.all("svg") if svg.attributes.get("class") == "thumb")
@@ -110,7 +110,7 @@ def test_skipped_frames_are_counted(report):
     assert [cell.text for cell in row.all("td")][6] == "5 2 skipped"
 
 
-def test_a_closed_model_with_missing_data_has_none_either(report):
+def test_a_closed_model_with_missing_data_has_no_volume_change(report):
     entry = build_clip_entry(report)
     unknown = replace(entry, summary=replace(entry.summary, volume_change_percent_max=None))
     (row,) = _rows(render_index(build_overview([unknown])))
@@ -118,7 +118,7 @@ def test_a_closed_model_with_missing_data_has_none_either(report):
 
 
 def _paths(page):
-    (svg,) = (s for s in parsed(page).all("svg") if s.attributes.get("class") == "thumb")
+    (svg,) = (s for s in parse_page(page).all("svg") if s.attributes.get("class") == "thumb")
     return {path.attributes["class"]: path.attributes["d"] for path in svg.all("path")}
 
 
@@ -162,28 +162,28 @@ def test_a_clip_without_a_page_has_no_link(report):
 
 
 @pytest.mark.parametrize("kinds", ["both", "failed", "done"])
-def test_the_page_stands_alone_and_can_be_read_by_all(report, kinds):
+def test_the_page_fetches_nothing_and_is_accessible(report, kinds):
     done = (
         []
         if kinds == "failed"
-        else [build_clip_entry(report, page="a.html"), build_clip_entry(_over(report))]
+        else [build_clip_entry(report, page="a.html"), build_clip_entry(_over_limit(report))]
     )
     failed = [] if kinds == "done" else [ClipEntry("broken", fault=FAULT)]
     page = render_index(build_overview(failed + done))
-    assert faults_of(page) == []
+    assert find_faults(page) == []
     assert page == render_index(build_overview(failed + done))
 
 
-def test_hostile_names_are_text(report):
+def test_hostile_names_are_shown_as_text(report):
     hostile = build_clip_entry(with_hostile_names(report), page=NAMES[3])
     entries = [replace(hostile, name=name) for name in NAMES]
     entries += [ClipEntry(name, fault=name) for name in NAMES]
     page = render_index(build_overview(entries))
-    assert faults_of(page) == []
-    assert len(list(parsed(page).all("script"))) == 1
+    assert find_faults(page) == []
+    assert len(list(parse_page(page).all("script"))) == 1
     shown = [" ".join(name.split()) for name in NAMES]
     assert sorted(_names(page)) == sorted(2 * shown)
 
 
 def test_five_hundred_clips_are_a_small_file(report):
-    assert len(render_index(build_overview(five_hundred(report))).encode()) < 2_000_000
+    assert len(render_index(build_overview(make_500_clips(report))).encode()) < 2_000_000

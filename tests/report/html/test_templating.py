@@ -1,4 +1,4 @@
-"""What every page has in common: its policy, and that values are text."""
+"""Templates: the security policy, and escaped values."""
 
 import base64
 import hashlib
@@ -8,12 +8,12 @@ from jinja2 import DictLoader, UndefinedError
 
 from cageik_cli.report.html import templating
 from cageik_cli.report.html.templating import make_data_url, render_template
-from tests.report.markup import parsed
+from tests.report.markup import parse_page
 
 
 @pytest.fixture
 def template(monkeypatch):
-    """Have a template of this text between the parts of every page."""
+    """A function that adds a template of this text."""
 
     def add(text):
         parts = {
@@ -37,7 +37,7 @@ def test_values_are_escaped(template):
     template(TEXT)
     value = "<b>\"'&</b>"
     page = render_template("test.html.j2", value=value)
-    (paragraph,) = parsed(page).all("p")
+    (paragraph,) = parse_page(page).all("p")
     assert (paragraph.text, paragraph.attributes["title"]) == (value, value)
 
 
@@ -47,9 +47,9 @@ def test_a_value_that_is_missing_is_an_error(template):
         render_template("test.html.j2")
 
 
-def test_the_policy_lets_only_our_script_run_and_nothing_be_fetched(template):
+def test_the_policy_allows_only_our_script_and_no_fetches(template):
     template(TEXT)
-    page = parsed(render_template("test.html.j2", value=""))
+    page = parse_page(render_template("test.html.j2", value=""))
     (policy,) = (
         meta.attributes["content"]
         for meta in page.all("meta")
@@ -67,6 +67,6 @@ def test_the_policy_lets_only_our_script_run_and_nothing_be_fetched(template):
     }
 
 
-def test_a_picture_is_its_own_address():
+def test_a_picture_becomes_a_data_url():
     kind, content = make_data_url(b"\x89PNG", "png").split(",")
     assert (kind, base64.b64decode(content)) == ("data:image/png;base64", b"\x89PNG")

@@ -1,4 +1,4 @@
-"""The figure over the frames: its lines are the record's figures, and any record can be drawn."""
+"""The plot over the frames: its curves are the record's metrics; any record can be drawn."""
 
 import io
 import re
@@ -27,7 +27,7 @@ def report(closed):
     return build_report(closed.result)
 
 
-def test_the_lines_are_the_figures_of_the_record(report):
+def test_the_curves_are_the_metrics_of_the_record(report):
     (error,), (change,) = lines(report, "rms"), lines(report, "volume_change")
     frames = report.frames
     np.testing.assert_array_equal(error.get_xydata()[:, 0], range(5))
@@ -36,13 +36,13 @@ def test_the_lines_are_the_figures_of_the_record(report):
     left, right = draw_plot(report).axes
     assert left.get_ylabel() == "RMS error, % of the diagonal"
     assert right.get_ylabel() == "volume change, %"
-    assert left.get_xlabel() == "frame of cages.h5, numbered from 0"
+    assert left.get_xlabel() == "frame of cages.h5 (the first is 0)"
     assert error.get_color() != change.get_color()
     assert error.get_linestyle() != change.get_linestyle()
     assert error.get_marker() != change.get_marker()
 
 
-def test_the_worst_frame_is_ringed_and_named(report):
+def test_the_worst_frame_is_ringed_and_labelled(report):
     (ring,), (clip,) = lines(report, "worst"), lines(report, "clip")
     summary = report.summary
     place = (summary.worst_frame_index, summary.worst_frame_rms_percent)
@@ -61,34 +61,34 @@ def test_an_open_model_shows_its_largest_deviations(opened):
     assert "max deviation, % of the diagonal" in texts(report)
 
 
-def test_skipped_frames_are_gaps(made):
-    report = made([0.0, 1.0, None, None, 2.0, 1.0], [0.0, -1.0, None, None, 1.0, None])
+def test_skipped_frames_are_gaps(make_report):
+    report = make_report([0.0, 1.0, None, None, 2.0, 1.0], [0.0, -1.0, None, None, 1.0, None])
     (error,) = lines(report, "rms")
     np.testing.assert_array_equal(error.get_ydata(), [0, 1, np.nan, np.nan, 2, 1])
     (shades,) = draw_plot(report).axes[1].collections
     (box,) = [path.get_extents() for path in shades.get_paths()]
     assert (box.x0, box.x1) == (1.5, 3.5)
     assert "skipped" in texts(report)
-    assert "skipped" not in texts(made([1.0, 2.0]))
+    assert "skipped" not in texts(make_report([1.0, 2.0]))
 
 
-def test_many_limits_without_a_line_are_cut_short(made):
+def test_many_limits_without_a_line_are_cut_short(make_report):
     limits = [Limit("max_deviation", Decimal(k)) for k in range(90, 99)]
     (text,) = [
         text
-        for text in texts(made([1.0, 2.0], [0.0, 1.0], limits=limits))
-        if text.startswith("not drawn: ")
+        for text in texts(make_report([1.0, 2.0], [0.0, 1.0], limits=limits))
+        if text.startswith("limits without a line: ")
     ]
     assert len(text) <= 100
     assert text.endswith(" …")
 
 
-def test_limits_without_a_line_are_named(made):
-    far = made([1.0, 2.0], [0.0, 1.0], limits=[Limit("rms", Decimal(90))])
-    other = made([1.0, 2.0], [0.0, 1.0], limits=[Limit("max_deviation", Decimal(90))])
+def test_limits_without_a_line_are_named(make_report):
+    far = make_report([1.0, 2.0], [0.0, 1.0], limits=[Limit("rms", Decimal(90))])
+    other = make_report([1.0, 2.0], [0.0, 1.0], limits=[Limit("max_deviation", Decimal(90))])
     assert lines(far, "limit") == lines(other, "limit") == []
-    assert "not drawn: rms ≤ 90 %, within limit" in texts(far)
-    assert "not drawn: max deviation ≤ 90 %, within limit" in texts(other)
+    assert "limits without a line: rms ≤ 90 %, within limit" in texts(far)
+    assert "limits without a line: max deviation ≤ 90 %, within limit" in texts(other)
     (error,) = lines(far, "rms")
     assert error.axes.get_ylim()[1] < 5
 
@@ -105,38 +105,38 @@ CLIPS = {
 
 
 @pytest.mark.parametrize(("errors", "changes"), CLIPS.values(), ids=CLIPS)
-def test_any_clip_is_drawn(made, errors, changes):
-    report = made(errors, changes)
+def test_any_clip_is_drawn(make_report, errors, changes):
+    report = make_report(errors, changes)
     assert render_plot_png(report).startswith(b"\x89PNG")
     assert len(texts(report)) > 8
     (marked,) = lines(report, "rms")
     assert marked.get_markevery() == [k for k, error in enumerate(errors) if error is not None]
 
 
-def test_rounding_does_not_look_like_error(made):
-    report = made([1e-15, 3e-15], [1e-13, -1e-13], limits=[Limit("rms", Decimal("0.3"))])
+def test_rounding_does_not_look_like_error(make_report):
+    report = make_report([1e-15, 3e-15], [1e-13, -1e-13], limits=[Limit("rms", Decimal("0.3"))])
     for axes in draw_plot(report).axes:
         assert 0.001 < axes.get_ylim()[1] < 0.002
-    assert "not drawn: rms ≤ 0.3 %, within limit" in texts(report)
+    assert "limits without a line: rms ≤ 0.3 %, within limit" in texts(report)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 40])
-def test_frames_are_numbered_in_whole_numbers(made, count):
-    axes = draw_plot(made([1.0] * count)).axes[0]
+def test_frames_are_numbered_in_whole_numbers(make_report, count):
+    axes = draw_plot(make_report([1.0] * count)).axes[0]
     places = [place for place in axes.get_xticks() if -0.5 <= place <= count - 0.5]
     assert places
     assert places == [round(place) for place in places]
 
 
-def test_frames_between_gaps_are_marked_in_long_clips(made):
+def test_frames_between_gaps_are_marked_in_long_clips(make_report):
     errors = [1.0] * 100
     errors[10] = errors[12] = errors[-2] = None
-    assert lines(made(errors), "rms")[0].get_markevery() == [11, 99]
+    assert lines(make_report(errors), "rms")[0].get_markevery() == [11, 99]
 
 
 @pytest.mark.parametrize("name", ["x" * 300, "$a_{}$ <&> \"'", "\x01\x7f\n{}", "動き{}", "{}%\\"])
-def test_any_name_is_shown(made, name):
-    report = replace(made([1.0, 2.0], names=name), result=name)
+def test_any_name_is_shown(make_report, name):
+    report = replace(make_report([1.0, 2.0], names=name), result=name)
     render_plot_png(report)
     (shown,) = [text for text in texts(report) if text.startswith("worst ")]
     assert len(shown) < 60
@@ -144,9 +144,9 @@ def test_any_name_is_shown(made, name):
         assert shown == "worst 2.0000 %, $a_1$ <&> \"'"
 
 
-def test_a_long_clip_is_small(made):
+def test_a_long_clip_is_small(make_report):
     values = np.random.default_rng(1).random((2, 2000))
-    assert len(build_page_plot(made(values[0].tolist(), values[1].tolist())).svg) < 300_000
+    assert len(build_page_plot(make_report(values[0].tolist(), values[1].tolist())).svg) < 300_000
 
 
 def test_the_same_report_gives_the_same_bytes_whatever_the_settings(report):
@@ -166,7 +166,7 @@ def test_pyplot_is_not_needed(run_process):
     assert run_process("-c", code).out == "False\n"
 
 
-def test_a_page_knows_where_the_axes_are(report):
+def test_the_page_plot_has_the_position_of_the_axes(report):
     plot = build_page_plot(report)
     root = ElementTree.fromstring(plot.svg)
     assert plot.svg.startswith("<svg ")

@@ -1,4 +1,4 @@
-"""A pose before and after: marks stand where anchors are, names do not meet, any pose is drawn."""
+"""The plot of a pose: positions of marks and names; any pose can be drawn."""
 
 import io
 import subprocess
@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from cageik_cli.posing.summary import PoseSnapshot
+from cageik_cli.report.plots import pose_plot
 from cageik_cli.report.plots.pose_marks import HANDLE_COLOUR
 from cageik_cli.report.plots.pose_plot import (
     LEGEND_HEIGHT,
@@ -32,7 +33,7 @@ RIGHT, UP, NEARER = view_axes("Y", VIEW_TURN)
 
 
 def moved(*motions, missed=0.0, **changes):
-    """A ball in a box; an anchor a motion, at its upper right, that stays so much behind.
+    """A ball in a box, with one anchor per motion at its upper right that misses by `missed`.
 
     None is a pin.
     """
@@ -82,19 +83,19 @@ def artists(view, gid, panels=None):
 
 
 def places(view, gid):
-    """Where marks of a kind are, points from the figure's upper left corner."""
+    """Return positions of marks, in points from the figure's upper left corner."""
     return np.concatenate([line.get_xydata() for line in artists(view, gid)])
 
 
 def seen(view, points, panel, axes=(RIGHT, UP, NEARER)):
-    """Where points are to be, in points, counted again from what the picture has to show."""
+    """Return expected positions of points, computed again from the extent of the picture."""
     held = (view.before, view.cage_before, view.cage_after, view.starts, view.targets, view.ends)
     camera = ParallelCamera.fit(np.array(axes), np.concatenate([view.after, *held]), 1000)
     return camera.project(points)[:, :2] * PANEL_SIDE / 1000 + [panel * PANEL_SIDE, 0]
 
 
 def is_coloured(picture, point, colour, reach=2):
-    """Whether a colour is within some pixels of a place of the figure, in points."""
+    """Whether a colour is within `reach` pixels of a position in points."""
     wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
     column, row = (point * PIXELS / PANEL_SIDE).astype(int)
     near = picture[row - reach : row + reach + 1, column - reach : column + reach + 1]
@@ -102,8 +103,11 @@ def is_coloured(picture, point, colour, reach=2):
 
 
 @pytest.mark.parametrize("pixels", [100, 181, 240, 719, 720])
-def test_two_panels_stand_beside_each_other_over_their_captions(pixels):
-    picture = drawn(moved(0.4 * UP), pixels)
+def test_two_panels_are_side_by_side_above_their_captions(pixels, monkeypatch):
+    view = moved(0.4 * UP)
+    panels = [replace(panel, title="caption") for panel in build_panels(view)]
+    monkeypatch.setattr(pose_plot, "build_panels", lambda _: panels)
+    picture = drawn(view, pixels)
     assert picture.shape[1] == 2 * pixels
     assert picture.shape[0] == pytest.approx(
         pixels * (PANEL_SIDE + LEGEND_HEIGHT) / PANEL_SIDE, abs=0.6
@@ -121,8 +125,8 @@ def test_the_same_view_gives_the_same_bytes(monkeypatch):
     assert render_pose_png(moved(0.3 * UP, None), PIXELS) != first
 
 
-def test_both_panels_are_seen_from_one_place():
-    """A ball that grows: the smaller is drawn smaller, and no larger than both need."""
+def test_both_panels_have_one_camera():
+    """A ball grows: both panels have the scale of the larger ball."""
     view = moved(0.4 * UP)
     grown = replace(view, after=2 * view.after, cage_after=2 * view.cage_after)
     same, other = drawn(view), drawn(grown)
@@ -134,7 +138,7 @@ def test_both_panels_are_seen_from_one_place():
     assert height[1] == pytest.approx(height[2] / 2, abs=8)
 
 
-def test_arrows_lead_from_where_anchors_were_to_their_targets():
+def test_arrows_lead_from_anchors_to_their_targets():
     view = moved(0.5 * UP - 0.9 * RIGHT, None)
     start, target = seen(view, np.stack([view.starts[0], view.targets[0]]), 0)
     (arrow,) = artists(view, "arrow")
@@ -150,7 +154,7 @@ def test_arrows_lead_from_where_anchors_were_to_their_targets():
     assert not is_coloured(picture, beside, HANDLE_COLOUR)
 
 
-def test_marks_stand_where_anchors_are():
+def test_marks_are_at_the_anchors():
     view = moved(0.5 * UP, None, -0.2 * RIGHT, missed=0.5)
     is_pin = view.pinned
     for gid, kind in (("dot", ~is_pin), ("pin", is_pin)):
@@ -164,7 +168,7 @@ def test_marks_stand_where_anchors_are():
             assert not is_coloured(picture, place, HANDLE_COLOUR if pinned else INK)
 
 
-def test_a_target_that_is_missed_is_led_to():
+def test_a_missed_target_has_a_line_to_its_anchor():
     assert artists(moved(0.5 * UP, missed=0.0), "miss") == []
     view = moved(0.5 * UP, missed=0.5)
     (line,) = artists(view, "miss")
@@ -172,12 +176,12 @@ def test_a_target_that_is_missed_is_led_to():
     np.testing.assert_allclose(line.get_xydata(), expected)
 
 
-def test_the_legend_has_the_words_of_the_handles_file():
+def test_the_legend_names_handle_target_and_pin():
     (legend,) = figure(moved(RIGHT, None)).legends
-    assert [text.get_text() for text in legend.get_texts()] == ["handle", "its target", "pinned"]
+    assert [text.get_text() for text in legend.get_texts()] == ["handle", "target", "pin"]
 
 
-def test_a_pin_is_ringed_only_if_it_slipped():
+def test_a_pin_is_ringed_only_if_it_misses():
     view = moved(0.5 * UP, None)
     assert len(places(view, "goal")) == 1
     slipped = replace(view, ends=view.ends + np.outer([0.0, 0.3], RIGHT))
@@ -185,7 +189,7 @@ def test_a_pin_is_ringed_only_if_it_slipped():
     assert len(artists(slipped, "miss")) == 1
 
 
-def test_what_is_behind_the_model_is_paler():
+def test_marks_behind_the_model_are_paler():
     view = moved(None, None)
     behind = view.starts - np.outer([0.0, 1.4], NEARER)
     turned = replace(view, starts=behind, targets=behind, ends=behind)
@@ -194,13 +198,13 @@ def test_what_is_behind_the_model_is_paler():
 
 
 @pytest.mark.parametrize("motion", [UP, RIGHT, 0.9 * RIGHT + 0.2 * NEARER])
-def test_it_is_seen_from_where_pages_look(motion):
+def test_the_default_viewpoint_is_that_of_pages(motion):
     view = moved(0.5 * motion)
     np.testing.assert_allclose(places(view, "dot")[0], seen(view, view.starts, 0)[0])
 
 
 @pytest.mark.parametrize(("motion", "turn"), [(NEARER, -VIEW_TURN), (np.array([0, 0, 1.0]), 75.0)])
-def test_it_is_seen_from_where_arrows_are_long(motion, turn):
+def test_the_viewpoint_shows_arrows_at_full_length(motion, turn):
     view = moved(0.5 * motion)
     expected = seen(view, view.starts, 0, view_axes("Y", turn))
     np.testing.assert_allclose(places(view, "dot")[:1], expected)
@@ -216,7 +220,7 @@ def test_up_is_up(up_axis):
 
 
 def boxes(view):
-    """Where the names are, (left, top, right, bottom) in points."""
+    """Return the boxes of the names, (left, top, right, bottom) in points."""
     height = PANEL_SIDE + LEGEND_HEIGHT
     extents = [text.get_window_extent() for text in artists(view, "name")]
     scale = PANEL_SIDE / PIXELS
@@ -235,7 +239,7 @@ CROWDS = {
 
 
 @pytest.mark.parametrize("count", CROWDS.values(), ids=CROWDS)
-def test_names_do_not_meet_and_stay_in_their_panel(count):
+def test_names_do_not_overlap_and_stay_in_their_panel(count):
     view = moved(*(0.1 * (k % 5) * UP for k in range(abs(count))))
     if count < 0:
         view = replace(view, starts=0 * view.starts, targets=0 * view.targets, ends=0 * view.ends)
@@ -251,7 +255,7 @@ def test_names_do_not_meet_and_stay_in_their_panel(count):
         assert a >= g or e >= c or b >= h - 1 or f >= d - 1
 
 
-def test_those_that_go_farthest_are_named_first():
+def test_anchors_that_move_farthest_are_named_first():
     view = moved(*(0.02 * k * UP for k in range(2 * MAX_NAMED_ANCHORS)))
     shown = {text.get_text() for text in artists(view, "name")}
     assert shown == {f"anchor {k}" for k in range(MAX_NAMED_ANCHORS, 2 * MAX_NAMED_ANCHORS)}
@@ -311,7 +315,7 @@ def test_any_motion_is_drawn(motions):
     assert len(artists(view, "arrow")) == far.sum()
 
 
-def test_pyplot_is_left_alone():
+def test_pyplot_is_not_imported():
     code = (
         "import sys, cageik_cli.report.plots.pose_plot; print('matplotlib.pyplot' in sys.modules)"
     )

@@ -1,4 +1,4 @@
-"""What a picture of a pose is given: the frame that was moved most, before and after."""
+"""The view of a pose: the most moved frame, before and after."""
 
 import json
 import re
@@ -11,7 +11,7 @@ from cageik_cli.report.plots.pose_plot import build_panels, render_pose_png
 from cageik_cli.store.result import read_result, read_weights
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 from cageik_cli.workflows.pose import PoseSettings, pose
 
 HANDLES = [
@@ -29,7 +29,7 @@ def handles(folder):
     return write
 
 
-def test_a_pose_is_seen_from_the_rest_pose_on(handles, animation):
+def test_the_view_of_a_pose_starts_at_the_rest_pose(handles, animation):
     settings = PoseSettings(
         Path("frames/frame_1.obj"), Path("handles.json"), Path("posed.obj"), Path("cage.obj")
     )
@@ -46,7 +46,7 @@ def test_a_pose_is_seen_from_the_rest_pose_on(handles, animation):
     assert after.title.startswith("after: mesh moved ")
 
 
-def test_an_edit_is_seen_in_the_frame_that_was_moved_most(handles):
+def test_the_view_of_an_edit_is_the_most_moved_frame(handles):
     settings = ExtractSettings(("frames",), Path("cage.obj"), Path("cages.h5"))
     result = extract(settings)
     keys = {"frames": [1, 3], "values": [[0.1, 0, 0], [0.5, 0, 0]]}
@@ -63,7 +63,7 @@ def test_an_edit_is_seen_in_the_frame_that_was_moved_most(handles):
 
 @pytest.fixture
 def viewed(folder, run):
-    """The picture of sets that are laid over the little animation, of five frames."""
+    """A function that builds the view of sets applied to the small animation of five frames."""
     assert run("extract", "frames", "--cage", "cage.obj", "-o", "cages.h5", "-q").code == 0
 
     def make(*sets):
@@ -84,7 +84,7 @@ def moving(name, vertex, offset, **others):
     return {"handles": [{"name": name, "vertex": vertex, "offset": offset}], **others}
 
 
-def test_sets_that_do_nothing_in_the_frame_are_not_shown(viewed):
+def test_sets_without_effect_in_the_frame_are_not_shown(viewed):
     small, large = moving("a", 0, [0, 0.1, 0], frames=[0, 1]), moving("b", 3, [0, 1, 0])
     view = viewed(small, large | {"frames": [3, 4]})
     assert view.names == ("b",)
@@ -98,11 +98,11 @@ def test_of_several_sets_the_last_decides_a_point(viewed):
     )
     assert view.names == ("other", "last")
     np.testing.assert_allclose(view.ends[1], view.targets[1], rtol=0, atol=1e-6)
-    (missed,) = re.findall(r"met within (\S+) %", build_panels(view)[1].title)
+    (missed,) = re.findall(r"miss of a target (\S+) %", build_panels(view)[1].title)
     assert float(missed) == pytest.approx(miss_percent(view, "other"), rel=1e-3)
 
 
-def test_nothing_is_drawn_of_an_edit_that_does_nothing(viewed):
+def test_an_edit_without_effect_shows_no_handles(viewed):
     view = viewed(moving("still", 0, [0, 0, 0], frames=[0, 1]))
     assert view.names == ()
     assert render_pose_png(view, pixels=120).startswith(b"\x89PNG")

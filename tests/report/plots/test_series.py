@@ -1,4 +1,4 @@
-"""What is drawn over the frames: the record's figures, gaps, and nothing beyond any axis."""
+"""The curves over the frames: the record's metrics, with gaps, and huge values clamped."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,8 @@ from cageik_cli.report.plots.series import MAX_PLOTTED_PERCENT, build_series
 from cageik_cli.report.record import build_report
 
 
-def test_a_closed_model_has_changes_of_volume(made):
-    error, change = build_series(made([1.0, None, 2.0], [0.5, None, -0.5]))
+def test_a_closed_model_shows_its_volume_changes(make_report):
+    error, change = build_series(make_report([1.0, None, 2.0], [0.5, None, -0.5]))
     np.testing.assert_array_equal(error.values, [1, np.nan, 2])
     np.testing.assert_array_equal(change.values, [0.5, np.nan, -0.5])
     assert change.is_signed
@@ -16,8 +16,8 @@ def test_a_closed_model_has_changes_of_volume(made):
     assert (error.side, change.side) == (0, 1)
 
 
-def test_where_no_frame_has_a_volume_it_is_the_largest_deviation(made, opened):
-    _, deviation = build_series(made([1.0, None, 2.0]))
+def test_without_volumes_the_largest_deviation_is_shown(make_report, opened):
+    _, deviation = build_series(make_report([1.0, None, 2.0]))
     np.testing.assert_array_equal(deviation.values, [3, np.nan, 6])
     assert (
         deviation.metrics
@@ -28,6 +28,6 @@ def test_where_no_frame_has_a_volume_it_is_the_largest_deviation(made, opened):
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_lines_leave_the_picture_where_no_axis_could_be_drawn(made, sign):
-    _, change = build_series(made([1.0, 2.0], [sign * 1e307, 1.0]))
+def test_huge_values_are_clamped(make_report, sign):
+    _, change = build_series(make_report([1.0, 2.0], [sign * 1e307, 1.0]))
     np.testing.assert_array_equal(change.values, [sign * MAX_PLOTTED_PERCENT, 1])

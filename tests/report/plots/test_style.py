@@ -1,4 +1,4 @@
-"""Figures look the same whatever the reader's settings; names are drawn as far as they can be."""
+"""Plots do not depend on the user's settings; names are cut and letters replaced."""
 
 import matplotlib as mpl
 import pytest
@@ -11,7 +11,7 @@ from cageik_cli.report.plots.style import (
 )
 
 
-def test_the_readers_settings_are_kept_out_and_kept():
+def test_matplotlib_settings_of_the_user_are_ignored_and_restored():
     with mpl.rc_context({"font.size": 31.0, "axes.facecolor": "red"}):
         with use_fixed_style():
             assert mpl.rcParams["font.size"] == 9.0

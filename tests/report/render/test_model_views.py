@@ -1,4 +1,4 @@
-"""Where a viewer stands, and a cage's lines before and behind its model."""
+"""Viewpoints, and edges of a cage before and behind its model."""
 
 import numpy as np
 import pytest
@@ -28,14 +28,14 @@ def test_axes_are_a_rotation_that_keeps_up_upright(up_axis, turn):
 
 
 @pytest.mark.parametrize(("up_axis", "front"), [("Y", [0, 0, 1.0]), ("Z", [0, -1.0, 0])])
-def test_the_front_is_seen_from_before_it_and_from_its_right(up_axis, front):
+def test_the_viewpoint_is_in_front_and_to_the_right(up_axis, front):
     assert view_axes(up_axis, 0.0)[2] @ front > 0.9
     assert view_axes(up_axis, 0.0)[0] @ front == pytest.approx(0)
     assert view_axes(up_axis, 32.0)[0] @ front < 0
 
 
-def test_a_cage_is_drawn_over_its_model_fainter_behind_it():
-    """Of a box around a ball, seen straight: four edges before it, and in a smaller box none."""
+def test_a_cage_is_drawn_over_its_model_and_fainter_behind():
+    """A box around a ball has four edges before it, seen from the front; a smaller box has none."""
     model = ball(levels=3, size=1.0)
     shares = []
     for size in (1.2, 0.5):
@@ -50,5 +50,5 @@ def test_a_cage_is_drawn_over_its_model_fainter_behind_it():
     assert shares[1] == 0
 
 
-def test_colours_are_read():
+def test_colours_are_parsed():
     np.testing.assert_allclose(parse_colour("#ff8000"), [1, 128 / 255, 0])

@@ -1,4 +1,4 @@
-"""The pictures of a page: all of a pose from one place, one scale, and any pose at all."""
+"""The pictures of a page: one camera per pose, one scale; any pose can be drawn."""
 
 import io
 from dataclasses import replace
@@ -26,16 +26,20 @@ def poses(closed):
     return load_poses(closed.result)
 
 
-def opened_png(data):
+def open_png(data):
     image = Image.open(io.BytesIO(data))
     assert (image.size, image.mode, image.info) == ((PIXELS, PIXELS), "RGBA", {})
     return np.asarray(image, float)
 
 
-def all_of(pictures):
+def all_pictures(pictures):
     return [
-        *(data for pose in pictures.poses for data in (pose.given, pose.rebuilt, pose.cage)),
-        *pictures.spread,
+        *(
+            data
+            for pose in pictures.poses
+            for data in (pose.original, pose.reconstruction, pose.cage)
+        ),
+        *pictures.rest_views,
     ]
 
 
@@ -44,10 +48,10 @@ def hue(text):
 
 
 def still(vertex_rms, deviation, **changes):
-    """Poses of a ball in a box, rebuilt exactly, whatever the deviations say."""
+    """Poses of a ball in a box, reconstructed exactly, with made-up deviations."""
     model, cage = ball(levels=3, size=1.0), box(1.2)
     count = len(model.vertices)
-    given = Pose(
+    original = Pose(
         "rest",
         "rest pose",
         model.vertices,
@@ -55,7 +59,7 @@ def still(vertex_rms, deviation, **changes):
         cage.vertices,
         np.full(count, deviation),
     )
-    poses = PoseSet(model.faces, cage.faces, (given,), np.full(count, vertex_rms), "Y")
+    poses = PoseSet(model.faces, cage.faces, (original,), np.full(count, vertex_rms), "Y")
     return replace(poses, **changes)
 
 
@@ -64,63 +68,67 @@ def test_every_pose_has_its_three_pictures(poses):
     assert [(pose.label, pose.name) for pose in pictures.poses] == [
         (pose.label, pose.name) for pose in poses.poses
     ]
-    assert len(pictures.spread) == 2
+    assert len(pictures.rest_views) == 2
     assert pictures.colours == COLOUR_SCALE
-    for data in all_of(pictures):
-        opacity = opened_png(data)[..., 3]
+    for data in all_pictures(pictures):
+        opacity = open_png(data)[..., 3]
         assert (opacity == 255).sum() > 50
         assert (opacity == 0).sum() > 50
-    assert all_of(render_pictures(poses, PIXELS)) == all_of(pictures)
+    assert all_pictures(render_pictures(poses, PIXELS)) == all_pictures(pictures)
 
 
-def test_given_and_rebuilt_are_seen_from_one_place():
+def test_original_and_reconstruction_have_one_camera():
     (pose,) = render_pictures(still(1.0, 1.0), PIXELS).poses
-    given, rebuilt, caged = map(opened_png, (pose.given, pose.rebuilt, pose.cage))
-    np.testing.assert_array_equal(given[..., 3], rebuilt[..., 3])
-    assert (caged[..., 3] >= given[..., 3]).all()
-    assert (caged[..., 3] > given[..., 3]).sum() > 100
+    original, reconstruction, caged = map(open_png, (pose.original, pose.reconstruction, pose.cage))
+    np.testing.assert_array_equal(original[..., 3], reconstruction[..., 3])
+    assert (caged[..., 3] >= original[..., 3]).all()
+    assert (caged[..., 3] > original[..., 3]).sum() > 100
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.0, 0), (0.5, 4), (1.0, 8), (5.0, 8)])
-def test_colours_tell_the_deviation(share, expected):
-    """Half of the vertices, those to the right, at a share of the scale that others end."""
+def test_colours_show_the_deviation(share, expected):
+    """Half of the vertices have a share of the deviation at which the scale ends."""
     poses = still(1.0, 0.0)
     rest = poses.poses[0]
-    deviation = np.full(len(rest.given), share * 2.0)
-    deviation[rest.given[:, 1] < -0.5] = 2.0
+    deviation = np.full(len(rest.original), share * 2.0)
+    deviation[rest.original[:, 1] < -0.5] = 2.0
     shown = replace(poses, poses=(replace(rest, deviation=deviation),))
     pictures = render_pictures(shown, PIXELS)
-    middle = opened_png(pictures.poses[0].rebuilt)[PIXELS // 2 - 5, PIXELS // 2, :3]
+    middle = open_png(pictures.poses[0].reconstruction)[PIXELS // 2 - 5, PIXELS // 2, :3]
     wanted = hue(COLOUR_SCALE[4 if share == 0.5 else expected])
     if share <= 1:
-        assert pictures.top_percent == 2
+        assert pictures.max_deviation_percent == 2
     ratio = middle / wanted
     assert ratio == pytest.approx(np.full(3, ratio.mean()), rel=0.06)
 
 
-def test_scales_end_at_round_numbers_that_nearly_all_keep():
-    assert render_pictures(still(0.43, 1.1), PIXELS).top_percent == 1.5
-    assert render_pictures(still(0.43, 1.1), PIXELS).spread_top_percent == 0.5
-    assert render_pictures(still(0.0, 1e-13), PIXELS).top_percent == 0.001
-    assert render_pictures(still(0.0, 9.5e7), PIXELS).top_percent == 1e8
+def test_scales_end_at_round_numbers_above_nearly_all_values():
+    assert render_pictures(still(0.43, 1.1), PIXELS).max_deviation_percent == 1.5
+    assert render_pictures(still(0.43, 1.1), PIXELS).max_rms_percent == 0.5
+    assert render_pictures(still(0.0, 1e-13), PIXELS).max_deviation_percent == 0.001
+    assert render_pictures(still(0.0, 9.5e7), PIXELS).max_deviation_percent == 1e8
 
 
 def test_missing_data_is_grey():
     pictures = render_pictures(still(np.nan, 5.0), PIXELS)
-    assert pictures.top_percent == 0.001
-    for data in (pictures.poses[0].rebuilt, *pictures.spread):
-        ratio = opened_png(data)[PIXELS // 2, PIXELS // 2, :3] / hue(MISSING_COLOUR)
+    assert pictures.max_deviation_percent == 0.001
+    for data in (pictures.poses[0].reconstruction, *pictures.rest_views):
+        ratio = open_png(data)[PIXELS // 2, PIXELS // 2, :3] / hue(MISSING_COLOUR)
         assert ratio == pytest.approx(np.full(3, ratio.mean()), rel=0.05)
 
 
 @pytest.mark.parametrize("up_axis", ["Y", "Z"])
 def test_up_is_up(up_axis):
-    """A ball is pulled out along the axis that points up: the picture is as high as it can be."""
+    """A ball is stretched along its up axis: the picture is as high as possible."""
     poses = still(1.0, 1.0, up_axis=up_axis)
     stretch = np.where(np.arange(3) == "XYZ".index(up_axis), 4.0, 1.0)
     rest = poses.poses[0]
-    tall = replace(rest, given=stretch * rest.given, rebuilt=stretch * rest.rebuilt)
-    drawn = opened_png(render_pictures(replace(poses, poses=(tall,)), PIXELS).spread[0])[..., 3] > 0
+    tall = replace(
+        rest, original=stretch * rest.original, reconstruction=stretch * rest.reconstruction
+    )
+    drawn = (
+        open_png(render_pictures(replace(poses, poses=(tall,)), PIXELS).rest_views[0])[..., 3] > 0
+    )
     assert np.ptp(np.flatnonzero(drawn.any(axis=1))) > 2.5 * np.ptp(
         np.flatnonzero(drawn.any(axis=0))
     )
@@ -131,8 +139,11 @@ def test_any_pose_is_drawn(model, cage):
     poses = still(1.0, 1.0)
     rest = poses.poses[0]
     odd = replace(
-        rest, given=model * rest.given, rebuilt=model * rest.rebuilt, cage=cage * rest.cage
+        rest,
+        original=model * rest.original,
+        reconstruction=model * rest.reconstruction,
+        cage=cage * rest.cage,
     )
     pictures = render_pictures(replace(poses, poses=(odd,)), PIXELS)
     assert len(pictures.poses) == 1
-    assert all(opened_png(data).shape == (PIXELS, PIXELS, 4) for data in all_of(pictures))
+    assert all(open_png(data).shape == (PIXELS, PIXELS, 4) for data in all_pictures(pictures))

@@ -16,8 +16,8 @@ def test_a_square_covers_its_pixels_once():
     assert np.isinf(seen.depth[~inside]).all()
 
 
-def test_triangles_that_meet_leave_no_pixel_out():
-    """A fan of slivers, around a point, covers its disc without holes."""
+def test_adjacent_triangles_leave_no_gap():
+    """A fan of thin triangles around a point covers its disc without holes."""
     angles = np.linspace(0, 2 * np.pi, 400)
     ring = np.stack([50 + 45 * np.cos(angles), 50 + 45 * np.sin(angles), 0 * angles], axis=1)
     middle = np.broadcast_to([50.1, 49.7, 0.0], ring[1:].shape)
@@ -29,7 +29,7 @@ def test_triangles_that_meet_leave_no_pixel_out():
 
 
 @pytest.mark.parametrize("order", [[0, 1, 2, 3], [3, 2, 1, 0], [2, 0, 3, 1]])
-def test_what_is_nearer_hides_what_is_further(order):
+def test_near_triangles_hide_far_ones(order):
     near, far = square(30, 70, -1.0)[SQUARE], square(10, 90, 1.0)[SQUARE]
     seen = rasterize(np.concatenate([near, far])[order], SIZE)
     shown = np.array(order)[seen.face[30:70, 30:70]]
@@ -38,7 +38,7 @@ def test_what_is_nearer_hides_what_is_further(order):
     assert (seen.depth[10:30, 10:90] == 1).all()
 
 
-def test_triangles_that_cross_are_told_apart_pixel_by_pixel():
+def test_crossing_triangles_are_resolved_per_pixel():
     slanted = square(0, SIZE)
     slanted[:, 2] = slanted[:, 0] - 50
     seen = rasterize(np.concatenate([square(0, SIZE)[SQUARE], slanted[SQUARE]]), SIZE)
@@ -47,7 +47,7 @@ def test_triangles_that_cross_are_told_apart_pixel_by_pixel():
     np.testing.assert_allclose(seen.depth[:, :50] - (np.arange(50) - 49.5), 0, atol=1e-12)
 
 
-def test_blocks_do_not_show(monkeypatch):
+def test_blocks_do_not_change_the_picture(monkeypatch):
     points = np.random.default_rng(2).uniform(-10, 110, (200, 3, 3))
     whole = rasterize(points, SIZE)
     monkeypatch.setattr("cageik_cli.report.render.raster.BLOCK_PIXELS", 500)
@@ -56,7 +56,7 @@ def test_blocks_do_not_show(monkeypatch):
     np.testing.assert_array_equal(blocked.depth, whole.depth)
 
 
-def test_a_line_is_as_wide_as_asked():
+def test_a_line_has_its_width():
     ends = np.array([[20.0, 50, 3], [80, 50, 5], [50, 20, 1], [50, 20, 1]])
     depth = rasterize_lines(ends, np.array([[0, 1]]), 4.0, SIZE)
     drawn = np.isfinite(depth)

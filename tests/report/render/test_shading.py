@@ -1,4 +1,4 @@
-"""Light and colours: what is seen of models, also of those that are hardly any."""
+"""Shading and colours of models, including degenerate ones."""
 
 import numpy as np
 import pytest
@@ -88,7 +88,7 @@ MODELS = {
 
 
 @pytest.mark.parametrize("vertices", MODELS.values(), ids=MODELS)
-def test_hardly_a_model_is_drawn_all_the_same(vertices):
+def test_degenerate_models_are_drawn(vertices):
     camera = ParallelCamera.fit(np.eye(3), vertices, SIZE)
     projected = camera.project(vertices)
     for is_smooth in (True, False):
@@ -100,7 +100,7 @@ def test_hardly_a_model_is_drawn_all_the_same(vertices):
 
 
 @pytest.mark.parametrize("factor", [1e-30, 1.0, 1e30])
-def test_the_scale_does_not_matter(factor):
+def test_the_picture_does_not_depend_on_scale(factor):
     vertices = factor * square(-1, 1, 0.5)
     camera = ParallelCamera.fit(np.eye(3), vertices, SIZE)
     surface = rasterize_surface(camera.project(vertices), SQUARE, SIZE)

@@ -1,4 +1,4 @@
-"""JUnit's XML: what Ant's schema demands, held for every clip; no name breaks it."""
+"""JUnit XML: it follows Ant's schema for every clip and every name."""
 
 import re
 from xml.etree import ElementTree
@@ -17,12 +17,12 @@ FAULT = {"message", "type"}
 
 
 def is_token(text: str) -> bool:
-    """What the schema takes for a name, of one character at least."""
+    """Whether the schema accepts a text as a name of at least one character."""
     return text != "" and text == " ".join(text.split())
 
 
-def faults_of(text: str) -> list[str]:
-    """What in a document is not as the schema says, a line each."""
+def find_faults(text: str) -> list[str]:
+    """List violations of the schema, one per line."""
     root = ElementTree.fromstring(text.encode())
     suites = list(root)
     found = ["root"] * (root.tag != "testsuites" or root.attrib != {})
@@ -72,9 +72,9 @@ CLIPS = (
 )
 
 
-def test_it_is_as_the_schema_says():
-    assert faults_of(format_junit(build_overview(CLIPS))) == []
-    assert faults_of(format_junit(build_overview([]))) == []
+def test_the_xml_follows_the_schema():
+    assert find_faults(format_junit(build_overview(CLIPS))) == []
+    assert find_faults(format_junit(build_overview([]))) == []
 
 
 @pytest.mark.parametrize(
@@ -100,10 +100,10 @@ def test_it_is_as_the_schema_says():
         ("</failure>", "</failure><skipped />", "outcomes"),
     ],
 )
-def test_what_is_not_is_found(old, new, fault):
+def test_the_schema_check_finds_faults(old, new, fault):
     text = format_junit(build_overview(CLIPS))
     assert old in text
-    assert fault in faults_of(text.replace(old, new))
+    assert fault in find_faults(text.replace(old, new))
 
 
 def test_every_clip_is_a_suite_and_every_limit_a_case():
@@ -137,16 +137,16 @@ def test_every_clip_is_a_suite_and_every_limit_a_case():
 
 
 @pytest.mark.parametrize("name", HOSTILE.values(), ids=HOSTILE)
-def test_no_name_breaks_it(name):
+def test_any_name_gives_valid_xml(name):
     entries = [
         clip(name, gate(False, frame=name), notes=[name]),
         ClipEntry(name, fault=name),
     ]
     text = format_junit(build_overview(entries))
-    assert faults_of(text) == []
+    assert find_faults(text) == []
     if name.isprintable() and is_token(name):
         assert ElementTree.fromstring(text)[0].get("name") == name
 
 
-def test_the_same_run_is_the_same_text():
+def test_the_same_run_gives_the_same_text():
     assert format_junit(build_overview(CLIPS)) == format_junit(build_overview(CLIPS))

@@ -1,4 +1,4 @@
-"""Markdown: the worst first, bounded, and names that a renderer shows as they are."""
+"""Markdown: worst first, bounded in size, with names escaped."""
 
 import html
 import re
@@ -13,8 +13,8 @@ from tests.report.clips import HOSTILE, clip, gate, summary
 RENDERER = MarkdownIt("commonmark").enable(["table", "strikethrough"])
 
 
-def cells_of(text: str) -> list[list[str]]:
-    """What a reader sees in the rows of the table."""
+def table_cells(text: str) -> list[list[str]]:
+    """Return the texts in the rows of the table."""
     rows = re.findall(r"<tr>(.*?)</tr>", RENDERER.render(text), re.DOTALL)
     return [
         [html.unescape(cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", row, re.DOTALL)]
@@ -22,7 +22,7 @@ def cells_of(text: str) -> list[list[str]]:
     ]
 
 
-def items_of(text: str) -> list[str]:
+def list_items(text: str) -> list[str]:
     return [
         html.unescape(i) for i in re.findall(r"<li>(.*?)</li>", RENDERER.render(text), re.DOTALL)
     ]
@@ -37,20 +37,20 @@ CLIPS = (
 )
 
 
-def test_the_worst_come_first_and_say_why():
+def test_the_worst_clips_come_first_with_their_reasons():
     text = format_markdown(build_overview(CLIPS))
     assert text.startswith(
         "## cageik: 5 clips: 1 failed, 1 over limit, 2 within limits, 1 extracted\n\n| clip |"
     )
-    assert [row[:3] for row in cells_of(text)] == [
+    assert [row[:3] for row in table_cells(text)] == [
         ["broken", "<strong>failed</strong>", ""],
         ["over", "<strong>over limit</strong>", "0.2000"],
         ["worse", "within limits", "0.3000"],
         ["fine", "within limits", "0.1000"],
         ["plain", "extracted", "0.0100"],
     ]
-    assert cells_of(text)[1][3:] == ["0.3000", "f_7.obj", "1.0000", "-1.4400"]
-    assert items_of(text) == [
+    assert table_cells(text)[1][3:] == ["0.3000", "f_7.obj", "1.0000", "-1.4400"]
+    assert list_items(text) == [
         "broken: frame_3.obj: is empty",
         "over: rms 0.7500 %, limit 0.5 %, worst frame f_7.obj",
         "one (2 clips)",
@@ -58,41 +58,41 @@ def test_the_worst_come_first_and_say_why():
     ]
 
 
-def test_what_there_is_none_of_has_no_heading():
+def test_empty_parts_have_no_heading():
     text = format_markdown(build_overview([clip("a")]))
     assert text.startswith("## cageik: 1 clip: 1 extracted\n")
     assert "###" not in text
 
 
 def seen(name: str) -> str:
-    """What is to be seen of a name."""
+    """Return the visible form of a name."""
     line = "".join(" " if c.isspace() else c if c.isprintable() else "\ufffd" for c in name).strip()
     return line if len(line) <= MAX_TEXT_LENGTH else line[: MAX_TEXT_LENGTH - 1] + "…"
 
 
 @pytest.mark.parametrize("name", HOSTILE.values(), ids=HOSTILE)
-def test_names_are_seen_as_they_are(name):
+def test_names_are_rendered_as_they_are(name):
     entries = [
         clip(name, gate(False, frame=name), notes=[f"{name} note"]),
         ClipEntry(name, fault=name),
     ]
     text = format_markdown(build_overview(entries))
-    assert [row[0] for row in cells_of(text)] == [seen(name)] * 2
-    assert items_of(text)[0] == f"{seen(name)}: {seen(name)}".strip()
+    assert [row[0] for row in table_cells(text)] == [seen(name)] * 2
+    assert list_items(text)[0] == f"{seen(name)}: {seen(name)}".strip()
     rendered = RENDERER.render(text)
     assert not re.search(r"<(img|a|em|code|del|b|ol|h1)\b", rendered)
-    assert len(items_of(text)) == 3
+    assert len(list_items(text)) == 3
 
 
-def test_the_frames_name_is_seen_too():
+def test_names_of_frames_are_rendered_as_they_are():
     for name in HOSTILE.values():
         entry = ClipEntry("a", summary=summary(worst_frame=name))
-        assert cells_of(format_markdown(build_overview([entry])))[0][4] == seen(name)
+        assert table_cells(format_markdown(build_overview([entry])))[0][4] == seen(name)
 
 
 @pytest.mark.parametrize("name", ["clip_", "ü|<>" * 60, "\U0001f600" * 290], ids=range(3))
-def test_any_number_of_clips_has_room(name):
-    """Failed ones and those over a limit are among the first; the others are counted."""
+def test_any_number_of_clips_fits(name):
+    """Failed clips and those over a limit come first; clips without room are counted."""
     clips = [
         clip(f"{k} {name}", gate(k % 40 > 0), notes=[f"{k} {name} note"])
         if k % 100
@@ -102,7 +102,7 @@ def test_any_number_of_clips_has_room(name):
     text = format_markdown(build_overview(clips))
     assert len(text.encode()) < 60_000
     assert "## cageik: 2000 clips: 20 failed, 40 over limit, 1940 within limits\n" in text
-    *rows, last = cells_of(text)
+    *rows, last = table_cells(text)
     assert len(rows) > 15
     assert last[0] == f"and {2000 - len(rows)} more"
     expected = ["<strong>failed</strong>"] * 20 + ["<strong>over limit</strong>"] * 40
@@ -115,4 +115,4 @@ def test_any_number_of_clips_has_room(name):
 def test_a_few_clips_are_all_shown():
     text = format_markdown(build_overview([clip(f"clip_{k}", gate(False)) for k in range(100)]))
     assert " more" not in text
-    assert len(cells_of(text)) == 100
+    assert len(table_cells(text)) == 100

@@ -1,4 +1,4 @@
-"""What programs read: JSON with every key that is promised, CSV that gives the numbers back."""
+"""JSON with every promised key, and CSV that gives the numbers back."""
 
 import csv
 import io
@@ -72,6 +72,6 @@ def test_csv_gives_the_numbers_back(report):
                 assert type(value)(text) == value
 
 
-def test_the_same_report_is_the_same_text(report):
+def test_the_same_report_gives_the_same_text(report):
     assert format_json([report]) == format_json([report])
     assert format_csv([report]).count("\r") == 0

@@ -1,4 +1,4 @@
-"""The page for people: headline first, the numbers of the record, notes last."""
+"""The text report: error first, the numbers of the record, notes last."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ def report(closed):
     return build_report(closed.result)
 
 
-def test_the_page_shows_the_numbers_of_the_record(report):
+def test_the_text_shows_the_numbers_of_the_record(report):
     lines = format_text(report).splitlines()
     summary = report.summary
     assert lines[0].startswith("cages.h5: 5 frames of 18 vertices in a cage of 8, diagonal 3.4641")
@@ -21,32 +21,33 @@ def test_the_page_shows_the_numbers_of_the_record(report):
     assert rows["error"].startswith(f"{summary.rms_percent:.4f} % of the diagonal")
     assert rows["worst frame"].endswith(f" at {summary.worst_frame}")
     assert f"vertex {summary.max_deviation_vertex} of " in rows["max deviation"]
-    assert rows["volume change"].startswith(f"{summary.volume_change_percent_max:+.4f} % at most")
-    assert rows["literature"] == f"E_RMS {summary.e_rms:.4g}, KG error {summary.kg_error:.4g}"
-    assert rows["size"] == "24 numbers a frame instead of 54, and 144 weights once"
+    assert rows["volume change"].startswith(f"largest {summary.volume_change_percent_max:+.4f} % (")
+    assert f"E_RMS {summary.e_rms:.4g} (" in rows["metrics"]
+    assert f"KG error {summary.kg_error:.4g} (" in rows["metrics"]
+    assert rows["size"] == "24 floats per frame instead of 54, plus one 18 x 8 weight matrix"
     quality = report.binding
     assert rows["accuracy"] == (
-        f"standard: {quality.panels} panels, mean row L1 error {quality.estimated_error:.1e} "
-        "(estimated)"
+        f"standard: estimated weight error {quality.estimated_error:.1e} (mean L1 per vertex), "
+        f"{quality.panels} panels"
     )
     assert "alpha 0.001, beta 1" in rows["system"]
     assert "nan" not in format_text(report)
     assert max(map(len, lines)) < 120
 
 
-def test_closed_forms_have_no_panels_to_tell_of(report):
+def test_closed_forms_have_no_panels(report):
     text = format_text(replace(report, binding=replace(report.binding, panels=0)))
-    assert "  accuracy       exact, in closed form" in text
+    assert "  accuracy       exact (closed form)" in text
 
 
-def test_an_open_model_is_said_to_be_open_and_noted_once(opened):
+def test_an_open_model_is_noted_once(opened):
     text = format_text(build_report(opened.result))
     assert "volume change  not defined, the model is open" in text
     assert text.splitlines()[-1].startswith("  note           the model is open")
     assert text.count("note") == 1
 
 
-def test_figures_that_a_result_lacks_are_unknown(report):
+def test_missing_settings_are_unknown(report):
     text = format_text(replace(report, settings={}, notes=("first", "second")))
     assert ", alpha unknown, beta unknown" in text
     assert text.splitlines()[-2:] == ["  note           first", "  note           second"]

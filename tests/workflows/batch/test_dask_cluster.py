@@ -25,7 +25,7 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import checkpoint_path
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import ClusterError, FileAccessError, InputError
 from cageik_cli.util.outputs import open_locked
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch import dask_cluster as module
@@ -38,8 +38,7 @@ from cageik_cli.workflows.batch.dask_pieces import (
     unpickle_with_weights,
 )
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
-from cageik_cli.workflows.extract import plan_extraction
-from cageik_cli.workflows.extract_inputs import ExtractSettings, load_or_compute_binding
+from cageik_cli.workflows.plan import ExtractSettings, load_or_compute_binding, plan_extraction
 
 ONE_FRAME = 7_000
 """Bytes that the weights, and blocks of one frame of the little animation, have room for."""
@@ -113,30 +112,30 @@ def test_results_are_the_bytes_of_one_process(workers, job):
     for each in jobs:
         assert each.settings.output.read_bytes() == local_bytes(each)
         assert found[each.name].entry == replace(run_clip(each).entry)
-    assert tasks_done(workers, "solved_piece")
+    assert tasks_done(workers, "solve_piece")
 
 
-def test_a_long_clip_is_solved_in_pieces_and_few_are_under_way(workers, job):
+def test_a_long_clip_is_solved_in_pieces_with_few_at_once(workers, job):
     workers.scheduler.transition_log.clear()
     found = outcomes(workers, [job("long", 100)], piece_seconds=0.0)
     assert found["long"].state is ClipState.DONE
-    assert len(tasks_done(workers, "solved_piece")) == 99
+    assert len(tasks_done(workers, "solve_piece")) == 99
     alive, most = set(), 0
     for key, _, end, *_ in workers.scheduler.transition_log:
-        if str(key).startswith("solved_piece"):
+        if str(key).startswith("solve_piece"):
             (alive.discard if end == "forgotten" else alive.add)(key)
             most = max(most, len(alive))
     assert most <= 12  # four, and those of which the scheduler has not heard yet
 
 
-def test_short_clips_are_not_cut(workers, job):
+def test_short_clips_are_not_divided(workers, job):
     workers.scheduler.transition_log.clear()
     found = outcomes(workers, [job("short", 20)], piece_seconds=60.0)
     assert found["short"].state is ClipState.DONE
-    assert tasks_done(workers, "solved_piece") == []
+    assert tasks_done(workers, "solve_piece") == []
 
 
-def test_weights_are_made_once_and_travel_once(job, animation, write_obj, tmp_path):
+def test_weights_are_computed_once_and_sent_once(job, animation, write_obj, tmp_path):
     other = write_obj(tmp_path / "other.obj", 1.1 * animation.cage.vertices, animation.cage.faces)
     jobs = [job(name, 50) for name in "abc"] + [job("d", cage=other)]
     # Workers that know nothing yet of how quick such clips are share them evenly, and a scheduler
@@ -162,7 +161,7 @@ def received(dask_worker):
     return [str(key) for entry in dask_worker.transfer_incoming_log for key in entry["keys"]]
 
 
-def test_what_is_whole_is_left_alone(workers, job):
+def test_existing_results_are_kept(workers, job):
     jobs = [job("a"), job("b", 7)]
     first = outcomes(workers, jobs)
     stamps = [each.settings.output.stat().st_mtime_ns for each in jobs]
@@ -182,11 +181,11 @@ def test_a_worker_is_killed_in_the_middle(workers, job):
     def kill():
         while len(killed) < 2:
             time.sleep(0.02)
-            done = len(tasks_done(workers, "solved_piece"))
+            done = len(tasks_done(workers, "solve_piece"))
             holders = [
                 task.processing_on
                 for key, task in list(workers.scheduler.tasks.items())
-                if str(key).startswith("clip_done") and task.processing_on
+                if str(key).startswith("run_clip_task") and task.processing_on
             ]
             if done > 30 * (1 + len(killed)) and holders:
                 pid = workers.workers[holders[0].name].pid
@@ -220,7 +219,7 @@ def test_clips_of_one_file_and_binding_files(workers, job, animation, tmp_path):
     workers.scheduler.transition_log.clear()
     found = outcomes(workers, jobs, piece_seconds=0.0)
     assert [found[each.name].entry.fault for each in jobs] == [None] * 3
-    assert len(tasks_done(workers, "solved_piece")) == 29 * 2 + 4
+    assert len(tasks_done(workers, "solve_piece")) == 29 * 2 + 4
     assert len(tasks_done(workers, "weights-")) == 2
     for each in jobs:
         assert each.settings.output.read_bytes() == local_bytes(each)
@@ -240,7 +239,7 @@ def test_a_bad_frame_far_into_a_clip(workers, job):
     assert jobs[1].settings.output.read_bytes() == local_bytes(jobs[1])
 
 
-def test_jobs_that_fail_say_what_a_local_run_says(workers, job, animation, write_obj, tmp_path):
+def test_failures_are_those_of_a_local_run(workers, job, animation, write_obj, tmp_path):
     small = write_obj(tmp_path / "small.obj", animation.cage.vertices / 4, animation.cage.faces)
     jobs = [
         job("nothing", frames=(str(tmp_path / "no.obj"),)),
@@ -254,15 +253,16 @@ def test_jobs_that_fail_say_what_a_local_run_says(workers, job, animation, write
         assert found[each.name] == run_clip(each)
 
 
-def test_a_clip_that_ends_every_worker_fails_alone(workers, job, monkeypatch):
+def test_a_clip_that_crashes_every_worker_fails_alone(workers, job, monkeypatch):
     monkeypatch.setattr(module, "check_clip", deadly)
     monkeypatch.setattr(workers.scheduler, "allowed_failures", 1)
     found = outcomes(workers, [job("deadly"), job("sound")])
     assert found["sound"].state is ClipState.DONE
     fault = found["deadly"].entry.fault
     assert found["deadly"].state is ClipState.FAILED
-    assert fault.startswith("2 workers ended while they worked on it, the last of them tcp://")
-    assert "a smaller --memory" in fault
+    assert fault.startswith("2 workers crashed")
+    assert "tcp://" in fault
+    assert "--memory" in fault
 
 
 def deadly(job):
@@ -271,7 +271,7 @@ def deadly(job):
     return check_clip(job)
 
 
-def test_what_is_stopped_ends(workers, job):
+def test_a_stopped_batch_ends_its_tasks(workers, job):
     """What is done stays; the worker that keeps a log lets it go, and its result is not written."""
     short, long = job("short"), job("long", 400)
     with DaskScheduler(workers.scheduler_address, piece_seconds=0.0) as cluster:
@@ -305,33 +305,34 @@ def threaded():
         yield made
 
 
-def test_pieces_that_end_every_worker(threaded, job, monkeypatch):
+def test_pieces_that_crash_every_worker(threaded, job, monkeypatch):
     monkeypatch.setattr("cageik_cli.workflows.batch.dask_pieces.solve_piece", killing)
     long = job("long", 30)
     found = outcomes(threaded(1), [long], piece_seconds=0.0)
     fault = found["long"].entry.fault
-    assert fault.startswith("4 workers ended while they worked on it, the last of them tcp://w:1;")
+    assert fault.startswith("4 workers crashed")
+    assert "tcp://w:1" in fault
     assert checkpoint_progress(checkpoint_path(long.settings.output)) == (1, 30)
 
 
 def killing(common, bound, starts):
     last = SimpleNamespace(address="tcp://w:1")
-    raise distributed.KilledWorker("solved_piece", last, 3)
+    raise distributed.KilledWorker("solve_piece", last, 3)
 
 
-def test_a_fault_of_a_task_is_one_of_its_clip(threaded, job, monkeypatch):
+def test_an_error_of_a_task_is_a_failure_of_its_clip(threaded, job, monkeypatch):
     monkeypatch.setattr(module, "run_clip_task", faulty)
     found = outcomes(threaded(1), [job("a")])
     assert found["a"].state is ClipState.FAILED
-    assert "a fault of cageik itself (ZeroDivisionError" in found["a"].entry.fault
+    assert "ZeroDivisionError" in found["a"].entry.fault
 
 
 def faulty(*arguments):
     raise ZeroDivisionError("by zero")
 
 
-def refusal(address, **options):
-    with pytest.raises(InputError) as caught, DaskScheduler(address, **options):
+def refusal(address, kind=ClusterError, **options):
+    with pytest.raises(kind) as caught, DaskScheduler(address, **options):
         pass
     return str(caught.value)
 
@@ -347,14 +348,14 @@ def refusal(address, **options):
 def test_no_scheduler_answers(monkeypatch, address, reason):
     monkeypatch.setattr(module, "CONNECT_TIMEOUT", 0.3)
     found = refusal(address)
-    assert found.startswith(f"{address}: no Dask scheduler answers ({reason}")
-    assert found.endswith("as tcp://HOST:8786")
+    assert found.startswith(f"{address}: ")
+    assert reason in found
 
 
 def test_no_worker_comes(threaded):
     address = threaded(0).scheduler_address
-    found = refusal(address, patience=0.2)
-    assert found.startswith(f"{address}: the scheduler has had no worker for 0.2 s; start some")
+    found = refusal(address, worker_timeout=0.2)
+    assert found.startswith(f"{address}: no worker for 0.2 s")
     assert f"dask worker {address} --nthreads 1" in found
 
 
@@ -368,7 +369,7 @@ def test_workers_have_this_version(workers, monkeypatch):
     monkeypatch.setattr(module, "__version__", "9.9")
     found = refusal(workers.scheduler_address)
     assert found.startswith("worker tcp://")
-    assert f"has cageik {cageik_cli.__version__} (here is 9.9); install the same" in found
+    assert f"has cageik {cageik_cli.__version__}, expected cageik 9.9" in found
 
 
 def test_workers_have_cageik_at_all(workers, monkeypatch):
@@ -379,7 +380,7 @@ def test_workers_have_cageik_at_all(workers, monkeypatch):
 def test_distributed_is_not_installed(monkeypatch):
     for name in [name for name in sys.modules if name.split(".")[0] == "distributed"]:
         monkeypatch.setitem(sys.modules, name, None)
-    found = refusal("tcp://127.0.0.1:8786")
+    found = refusal("tcp://127.0.0.1:8786", InputError)
     assert found == (
         "the scheduler tcp://127.0.0.1:8786 needs distributed: pip install 'cageik[dask]'"
     )
@@ -421,7 +422,7 @@ def test_the_scheduler_is_lost(elsewhere, job):
         found = cluster.run_jobs([job("short"), job("long", 300)])
         assert next(found).entry.name == "short"
         process.kill()
-        with pytest.raises(InputError, match=f"{address}: the scheduler is gone.*--resume"):
+        with pytest.raises(ClusterError, match=f"{address}: .*--resume"):
             next(found)
 
 
@@ -429,11 +430,11 @@ def test_the_last_worker_leaves(elsewhere, job):
     _, address = elsewhere(1.5)
     with DaskScheduler(address, worker_timeout=0.5, piece_seconds=0.0) as cluster:
         found = cluster.run_jobs([job("long", 3000)])
-        with pytest.raises(InputError, match=r"no worker for 0\.5 s"):
+        with pytest.raises(ClusterError, match=r"no worker for 0\.5 s"):
             next(found)
 
 
-def test_a_log_is_waited_for_a_while(job):
+def test_a_checkpoint_in_use_is_waited_for(job):
     clip = job("a")
     log = checkpoint_path(clip.settings.output)
     held = open_locked(log)
@@ -446,24 +447,23 @@ def test_a_log_is_waited_for_a_while(job):
     assert run_clip(clip).state is ClipState.DONE
 
 
-def test_other_files_than_when_the_work_began(job):
+def test_files_that_changed_since_the_start_are_refused(job):
     settings = job("a").settings
-    inputs, _ = plan_extraction(settings)
-    bound = load_or_compute_binding(inputs, settings, ProgressListener())
+    plan = plan_extraction(settings)
+    bound = load_or_compute_binding(plan, ProgressListener())
     solver = DualLaplacianSolver(bound.binding, settings.solve)
-    work = BlockSolver(inputs.sequence, solver, False, ProgressListener())
+    work = BlockSolver(plan.sequence, solver, False, ProgressListener())
     common = ClipContext.build(settings, work, MemoryPlan(1, 1, 1))
     copy = pickle.loads(pickle.dumps(common))
-    assert copy.work_with(bound.binding).sequence.names == inputs.sequence.names
+    assert copy.build_block_solver(bound.binding).sequence.names == plan.sequence.names
     Path(settings.frames[0], "frame_4.obj").unlink()
-    with pytest.raises(InputError, match="has 4 frames, or others, where it had 5"):
-        pickle.loads(pickle.dumps(common)).work_with(bound.binding)
+    with pytest.raises(FileAccessError, match="found 4, expected 5"):
+        pickle.loads(pickle.dumps(common)).build_block_solver(bound.binding)
 
 
-def test_a_solver_travels_without_its_weights(job, animation):
+def test_a_solver_is_pickled_without_its_weights(job, animation):
     settings = job("a").settings
-    inputs, _ = plan_extraction(settings)
-    binding = load_or_compute_binding(inputs, settings, ProgressListener()).binding
+    binding = load_or_compute_binding(plan_extraction(settings), ProgressListener()).binding
     solver = DualLaplacianSolver(binding, settings.solve)
     data = pickle_without_weights(binding, solver)
     assert binding.weights.tobytes() not in data
@@ -482,7 +482,7 @@ def test_pieces_hold_every_block_once(starts, size):
     assert max(map(len, pieces)) <= size
 
 
-def test_others_logs_are_kept_from_the_terminal(workers):
+def test_logs_of_libraries_are_kept_off_the_terminal(workers):
     names = ("distributed", "distributed.client", "tornado", "asyncio")
     loggers = [logging.getLogger(name) for name in names]
     before = [logger.level for logger in loggers]

@@ -8,11 +8,11 @@ COUNTED = """
 import resource, sys
 import numpy as np
 from threadpoolctl import threadpool_info
-from cageik_cli.batch.worker import make_fit
+from cageik_cli.workflows.batch.dask_worker import configure_worker
 
 import scipy.linalg
 if sys.argv[1] == "fit":
-    make_fit()
+    configure_worker()
 faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
 for _ in range(100):
     np.ones(100_000)

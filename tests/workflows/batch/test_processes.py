@@ -15,7 +15,7 @@ from cageik_cli.workflows.batch import processes as local
 from cageik_cli.workflows.batch.clip_task import run_clip
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
 from cageik_cli.workflows.batch.processes import ProcessScheduler
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def by_name(outcomes):
     return {outcome.entry.name: outcome for outcome in outcomes}
 
 
-def test_what_processes_do_is_what_this_one_does(jobs, folder):
+def test_processes_give_the_results_of_one_process(jobs, folder):
     with ProcessScheduler(2) as processes:
         found = by_name(processes.run_jobs(jobs))
     assert multiprocessing.active_children() == []
@@ -78,7 +78,7 @@ def test_what_processes_do_is_what_this_one_does(jobs, folder):
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
 @pytest.mark.parametrize("times", [1, 5])
-def test_a_process_that_dies_costs_its_clip_one_attempt(jobs, tmp_path, times):
+def test_a_crashed_process_costs_its_clip_one_attempt(jobs, tmp_path, times):
     deadly = Deadly(log=tmp_path / "deaths", parent=os.getpid(), times=times)
     with ProcessScheduler(1) as processes:
         found = by_name(processes.run_jobs([replace(jobs[0], limits=deadly), jobs[2]]))
@@ -86,11 +86,11 @@ def test_a_process_that_dies_costs_its_clip_one_attempt(jobs, tmp_path, times):
     if times == 1:
         assert found["a"].state is ClipState.UNCHANGED  # the result was whole when it died
     else:
-        assert found["a"].entry.fault.startswith("its process ended without a word, 2 times")
+        assert found["a"].entry.fault.startswith("worker process crashed twice")
         assert (tmp_path / "deaths").read_text() == "xx"
 
 
-def test_an_error_of_who_asks_ends_the_processes(jobs):
+def test_an_error_of_the_caller_ends_the_processes(jobs):
     def asked():
         with ProcessScheduler(2) as processes:
             for _ in processes.run_jobs(jobs):
@@ -102,7 +102,7 @@ def test_an_error_of_who_asks_ends_the_processes(jobs):
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
-def test_a_process_that_died_between_two_clips_costs_the_next_one_attempt(jobs):
+def test_a_process_that_crashed_between_clips_costs_the_next_one_attempt(jobs):
     worker = local._Worker(multiprocessing.get_context("spawn"))
     os.kill(worker._pid.result(), signal.SIGKILL)
     with pytest.raises(BrokenProcessPool):
@@ -114,7 +114,7 @@ def test_a_process_that_died_between_two_clips_costs_the_next_one_attempt(jobs):
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
-def test_no_process_is_begun_after_the_end(monkeypatch):
+def test_no_process_is_started_after_the_end(monkeypatch):
     """One that died just before is begun again at the same moment."""
     context = multiprocessing.get_context("spawn")
     worker, died, begin = local._Worker(context), threading.Event(), local._Worker._start
@@ -124,7 +124,7 @@ def test_no_process_is_begun_after_the_end(monkeypatch):
         threading.Event().wait(0.3)
         begin(self)
 
-    monkeypatch.setattr(local._Worker, "_begin", begin_slowly)
+    monkeypatch.setattr(local._Worker, "_start", begin_slowly)
     os.kill(worker._pid.result(), signal.SIGKILL)
     done = []
     asking = threading.Thread(target=lambda: done.append(outcome_or_error(worker)))
@@ -138,6 +138,6 @@ def test_no_process_is_begun_after_the_end(monkeypatch):
 
 def outcome_or_error(worker):
     try:
-        return worker.done(None)
+        return worker.run_job(None)
     except Exception as error:
         return error

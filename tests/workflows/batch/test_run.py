@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.report.overview import ClipEntry
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import InputError, OutputError
 from cageik_cli.util.outputs import open_locked
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome
@@ -19,7 +19,7 @@ from cageik_cli.workflows.batch.run import (
     check_folder_empty,
     run_batch,
 )
-from cageik_cli.workflows.extract_inputs import ExtractSettings
+from cageik_cli.workflows.plan import ExtractSettings
 
 
 class Scripted:
@@ -34,7 +34,7 @@ class Scripted:
     def __exit__(self, *error):
         self.has_ended = True
 
-    def outcomes(self, jobs):
+    def run_jobs(self, jobs):
         for outcome in self.made:
             if isinstance(outcome, BaseException):
                 raise outcome
@@ -43,12 +43,12 @@ class Scripted:
 
 class Heard(ProgressListener):
     def __init__(self):
-        self.remarks, self.steps = [], []
+        self.notes, self.steps = [], []
 
-    def remark(self, topic, text):
-        self.remarks.append((topic, text))
+    def note(self, topic, text):
+        self.notes.append((topic, text))
 
-    def advance(self, done, total):
+    def update(self, done, total):
         self.steps.append((done, total))
 
 
@@ -70,14 +70,14 @@ def batch_of(output, *names, refused=()):
     return BatchPlan(output, jobs, entries, tuple(sorted([*names, *refused])))
 
 
-def test_outcomes_are_told_as_they_end_and_reported_in_order(tmp_path, done):
+def test_outcomes_are_noted_as_they_end_and_reported_in_order(tmp_path, done):
     heard, scheduler = Heard(), Scripted(done("c"), failed("a"))
     overview = run_batch(batch_of(tmp_path / "o", "a", "c", refused=["b"]), scheduler, heard)
     assert [entry.name for entry in overview.clips] == ["a", "b", "c"]
     assert [entry.fault for entry in overview.clips] == ["a: is broken", "no cage", None]
     (entry,) = (entry for entry in overview.clips if entry.summary)
     text = f"done, error {entry.summary.rms_percent:.4f} %"
-    assert heard.remarks == [("b", "no cage"), ("c", text), ("a", "a: is broken")]
+    assert heard.notes == [("b", "no cage"), ("c", text), ("a", "a: is broken")]
     assert heard.steps == [(1, 2), (2, 2)]
     assert scheduler.has_ended
     held = json.loads((tmp_path / "o" / "report.json").read_text())
@@ -96,26 +96,26 @@ def test_the_order_in_which_clips_end_does_not_change_the_reports(tmp_path, done
         assert (tmp_path / "one" / view).read_bytes() == (tmp_path / "two" / view).read_bytes()
 
 
-def test_an_interruption_says_how_far_it_got_and_leaves_the_folder_free(tmp_path, done):
+def test_an_interruption_says_how_many_clips_are_done_and_unlocks_the_folder(tmp_path, done):
     scheduler = Scripted(done("a"), KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt) as caught:
         run_batch(batch_of(tmp_path / "o", "a", "b"), scheduler, Heard())
-    assert caught.value.__notes__ == ["1 of 2 clips were done; go on with --resume"]
+    assert caught.value.__notes__ == ["1 of 2 clips are done; continue with --resume"]
     assert scheduler.has_ended
     assert not (tmp_path / "o" / LOCK_FILE).exists()
     run_batch(batch_of(tmp_path / "o", "a", "b"), Scripted(done("a"), done("b")), Heard())
 
 
-def test_one_batch_at_a_time_has_the_folder(tmp_path, done):
+def test_two_batches_cannot_use_one_folder(tmp_path, done):
     lock = open_locked(tmp_path / LOCK_FILE)
-    with pytest.raises(InputError, match="another batch is writing to it"):
+    with pytest.raises(OutputError, match="another batch"):
         run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Heard())
     lock.close()
     assert run_batch(batch_of(tmp_path, "a"), Scripted(done("a")), Heard()).exit_code == 0
 
 
 @pytest.mark.parametrize("is_used", [True, False])
-def test_weights_of_this_batch_alone_are_deleted(tmp_path, done, is_used):
+def test_the_cache_of_the_batch_is_deleted(tmp_path, done, is_used):
     (tmp_path / WEIGHT_CACHE_FOLDER).mkdir()
     (tmp_path / WEIGHT_CACHE_FOLDER / "x.weights").write_text("")
     batch = batch_of(tmp_path, "a")
@@ -127,16 +127,16 @@ def test_weights_of_this_batch_alone_are_deleted(tmp_path, done, is_used):
 
 def test_folders_that_cannot_be_made_are_refused(tmp_path, done):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match=r"file: cannot be made \("):
+    with pytest.raises(InputError, match=r"file: cannot be created \("):
         run_batch(batch_of(tmp_path / "file", "a"), Scripted(done("a")), Heard())
 
 
-def test_folders_that_hold_something_are_refused(tmp_path):
+def test_folders_with_files_are_refused(tmp_path):
     check_folder_empty(tmp_path / "new")
     check_folder_empty(tmp_path)
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match=r"holds something already; go on with --resume"):
+    with pytest.raises(OutputError, match="--resume"):
         check_folder_empty(tmp_path)
-    with pytest.raises(InputError, match=r"file: is a file, expected the name of a folder"):
+    with pytest.raises(OutputError, match="file: is a file"):
         check_folder_empty(tmp_path / "file")
     assert Path(tmp_path / "file").exists()

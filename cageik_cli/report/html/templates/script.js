@@ -4,9 +4,9 @@ document.documentElement.classList.add("scripted");
 
 const status = document.getElementById("status");
 
-const say = (text) => { status.textContent = text; };
+const announce = (text) => { status.textContent = text; };
 
-// Columns sort by their titles; rows of a body marked `fixed` stay where they are.
+// A click on a column's title sorts the rows, except in a body marked `fixed`.
 function makeSortable(table) {
   const titles = [...table.querySelectorAll("thead th[data-sort]")];
   const body = table.querySelector("tbody:not(.fixed)");
@@ -33,7 +33,7 @@ function makeSortable(table) {
     });
     body.append(...rows.map(([, row]) => row));
     for (const other of titles) other.setAttribute("aria-sort", other === title ? order : "none");
-    say(`sorted by ${title.textContent}, ${order}`);
+    announce(`sorted by ${title.textContent}, ${order}`);
   };
   for (const title of titles) {
     const button = document.createElement("button");
@@ -45,7 +45,7 @@ function makeSortable(table) {
   }
 }
 
-// Rows whose name does not hold the words that are typed are hidden.
+// Hides rows whose names do not contain all words that were typed.
 function makeFilter(input) {
   const rows = [...document.getElementById(input.dataset.filters).querySelectorAll("tbody tr")];
   const names = rows.map((row) => row.querySelector("th").textContent.toLowerCase());
@@ -61,7 +61,7 @@ function makeFilter(input) {
   });
 }
 
-// A cursor over the figure tells what the table says of a frame.
+// A cursor over the plot shows the table's values of a frame.
 function makeCursor(plot) {
   const table = document.getElementById("frames-table");
   const titles = [...table.tHead.rows[0].cells];
@@ -69,14 +69,14 @@ function makeCursor(plot) {
   const [left, right, top, bottom, first, last] =
     ["left", "right", "top", "bottom", "first", "last"].map((key) => Number(plot.dataset[key]));
   const cursor = plot.querySelector(".cursor"), tip = plot.querySelector(".tip");
-  const told = titles.map((title, column) => [title.dataset.told, column]).filter(([label]) => label);
+  const shownColumns = titles.map((title, column) => [title.dataset.cursor, column]).filter(([label]) => label);
   let current = null;
 
-  const placeOf = (frame) => left + (frame - first) / (last - first) * (right - left);
+  const positionOf = (frame) => left + (frame - first) / (last - first) * (right - left);
   const factsOf = (row) => {
     const skipped = row.querySelector("[data-skipped]");
     if (skipped) return [["", skipped.textContent]];
-    return told.map(([label, column]) => [label, row.cells[column].textContent]);
+    return shownColumns.map(([label, column]) => [label, row.cells[column].textContent]);
   };
   const line = ([label, value]) => {
     const span = document.createElement("span");
@@ -89,29 +89,29 @@ function makeCursor(plot) {
     if (frame === current) return;
     current = frame;
     const row = rows[frame], name = row.querySelector("th").textContent, facts = factsOf(row);
-    const place = placeOf(frame);
+    const position = positionOf(frame);
     Object.assign(cursor.style, {
-      left: `${100 * place}%`, top: `${100 * top}%`, height: `${100 * (bottom - top)}%`,
+      left: `${100 * position}%`, top: `${100 * top}%`, height: `${100 * (bottom - top)}%`,
     });
     tip.replaceChildren(Object.assign(document.createElement("b"), { textContent: name }));
     tip.append(...facts.map(line));
-    const before = place > (left + right) / 2;
+    const before = position > (left + right) / 2;
     Object.assign(tip.style, {
       top: `${100 * top + 2}%`,
-      left: before ? "auto" : `calc(${100 * place}% + 10px)`,
-      right: before ? `calc(${100 - 100 * place}% + 10px)` : "auto",
+      left: before ? "auto" : `calc(${100 * position}% + 10px)`,
+      right: before ? `calc(${100 - 100 * position}% + 10px)` : "auto",
     });
     cursor.hidden = tip.hidden = false;
     plot.setAttribute("aria-valuenow", frame);
     plot.setAttribute("aria-valuetext", name);
-    say(`frame ${frame}, ${name}: ${facts.map((fact) => fact.filter(Boolean).join(" ")).join(", ")}`);
+    announce(`frame ${frame}, ${name}: ${facts.map((fact) => fact.filter(Boolean).join(" ")).join(", ")}`);
   };
   const hide = () => { cursor.hidden = tip.hidden = true; current = null; };
 
   const start = Number(plot.dataset.start);
   plot.tabIndex = 0;
   plot.setAttribute("role", "slider");
-  plot.setAttribute("aria-label", "Frame of the figure");
+  plot.setAttribute("aria-label", "Frame of the plot");
   plot.setAttribute("aria-valuemin", 0);
   plot.setAttribute("aria-valuemax", rows.length - 1);
   plot.setAttribute("aria-valuenow", start);
@@ -139,7 +139,7 @@ function makeCursor(plot) {
   });
 }
 
-// A pose takes the whole width, or gives it back.
+// A button shows the pictures of a pose over the whole width, or small again.
 function makeSizable(button) {
   button.addEventListener("click", () => {
     const isLarge = button.closest(".pose").classList.toggle("large");

@@ -1,0 +1,70 @@
+"""How weights are computed: the choices and their defaults. This module imports no numerics."""
+
+from dataclasses import dataclass
+
+from cageik_cli.util.errors import SettingError
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """What weights are computed to.
+
+    Attributes
+    ----------
+    tolerance : float
+        Mean over points of a row's L1 distance from exact weights.
+    order : int
+        Degree of the densities on panels that are near points.
+    reach : float
+        Distance, in radii of a panel, at which half of what is beyond linear has faded out.
+    max_unknowns : int
+        Largest number of unknowns; the matrix takes 4 bytes times its square.
+    """
+
+    tolerance: float
+    order: int
+    reach: float
+    max_unknowns: int
+
+
+ACCURACIES = {
+    "preview": Accuracy(0.03, 1, 0.0, 9000),
+    "standard": Accuracy(0.005, 3, 1.5, 15000),
+    "fine": Accuracy(0.001, 5, 4.0, 15000),
+}
+
+COORDINATES = ("harmonic", "mean-value")
+
+OUTSIDE_POLICIES = ("refuse", "project")
+"""What may be done with vertices outside the cage."""
+
+
+@dataclass(frozen=True, slots=True)
+class BindSettings:
+    """How weights are to be computed.
+
+    Attributes
+    ----------
+    coordinates : str
+        One of `COORDINATES`.
+    accuracy : str
+        One of `ACCURACIES`; coordinates in closed form ignore it.
+    outside : str
+        One of `OUTSIDE_POLICIES`: vertices outside the cage are refused, or get the weights of the
+        nearest point on it.
+    """
+
+    coordinates: str = "harmonic"
+    accuracy: str = "standard"
+    outside: str = "refuse"
+
+    def __post_init__(self) -> None:
+        for name, known in (
+            ("coordinates", COORDINATES),
+            ("accuracy", ACCURACIES),
+            ("outside", OUTSIDE_POLICIES),
+        ):
+            if getattr(self, name) not in known:
+                raise SettingError(
+                    f"{name} is {getattr(self, name)!r}, expected one of {', '.join(known)}"
+                )

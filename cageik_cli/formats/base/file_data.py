@@ -1,0 +1,78 @@
+"""What is in a file: its bytes, unpacked if gzip packed them, and their digest."""
+
+import gzip
+import hashlib
+import io
+import zlib
+from pathlib import Path
+
+from cageik_cli.util.errors import FileAccessError, FormatError, error_context
+from cageik_cli.util.text import to_unicode
+
+GZIP_SUFFIX = ".gz"
+
+MAX_COMPRESSION_RATIO = 100
+"""A packed file may unpack to this many times its size; the text of a mesh packs to about 1/5."""
+
+MIN_UNPACKED_LIMIT = 64 * 2**20
+"""Bytes that a packed file may unpack to in any case."""
+
+
+def with_gzip(*suffixes: str) -> tuple[str, ...]:
+    """Return the suffixes, and behind them those of the same files packed by gzip."""
+    return (*suffixes, *(suffix + GZIP_SUFFIX for suffix in suffixes))
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a whole file.
+
+    Raises
+    ------
+    FileAccessError
+        When it cannot be read.
+    """
+    if path.is_dir():
+        raise FileAccessError("is a folder, expected a file; name a file in it")
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
+
+
+def decompress(data: bytes, suffix: str) -> bytes:
+    """Return the content of a file of some suffix, unpacked if it is packed.
+
+    Raises
+    ------
+    FormatError
+        When it is damaged, or unpacks to more than `MAX_COMPRESSION_RATIO` times its size and
+        `MIN_UNPACKED_LIMIT`.
+    """
+    if not suffix.endswith(GZIP_SUFFIX):
+        return data
+    limit = max(MIN_UNPACKED_LIMIT, MAX_COMPRESSION_RATIO * len(data))
+    try:
+        content = gzip.GzipFile(fileobj=io.BytesIO(data)).read(limit + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise FormatError(f"cannot be unpacked ({error}); pack or copy it again") from error
+    if len(content) > limit:
+        raise FormatError(
+            f"{len(data)} bytes unpack to more than {limit}, expected at most "
+            f"{MAX_COMPRESSION_RATIO} times as many; unpack the file first if that is correct"
+        )
+    return content
+
+
+def hash_file(path: Path) -> bytes:
+    """Return the SHA-256 digest of a file."""
+    with error_context(path):
+        try:
+            with path.open("rb") as stream:
+                return hashlib.file_digest(stream, "sha256").digest()
+        except OSError as error:
+            raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
+
+
+def describe_source(path: Path, data: bytes) -> dict[str, str]:
+    """Return what is recorded of a file that was read: its name and digest."""
+    return {"name": to_unicode(path.name), "sha256": hashlib.sha256(data).hexdigest()}

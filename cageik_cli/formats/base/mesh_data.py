@@ -1,0 +1,69 @@
+"""What is read from a mesh file."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.arrays import Floats, Integers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FileMesh:
+    """What a mesh file holds, not yet checked.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64
+        Each value is `float(text)` to the bit; may not be finite.
+    faces : (f, 3) int64
+        From 0; polygons are cut into fans at their first corner.
+    corner_counts : (p,) int64
+        How many corners each face of the file has.
+    """
+
+    vertices: Floats
+    faces: Integers
+    corner_counts: Integers
+
+    @property
+    def polygon_count(self) -> int:
+        """How many faces have more than three corners."""
+        return int(np.count_nonzero(self.corner_counts > 3))
+
+    @property
+    def fan_triangulated(self) -> TriMesh:
+        """The mesh, checked, with its polygons as fans: what connectivity is compared by."""
+        return TriMesh(self.vertices, self.faces)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was changed, one sentence each."""
+        if not self.polygon_count:
+            return ()
+        plural = "s" * (self.polygon_count > 1)
+        return (f"{self.polygon_count} polygon{plural} cut into triangles to compute with",)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedMesh:
+    """A mesh and where it came from.
+
+    Attributes
+    ----------
+    mesh : TriMesh
+    fan_triangulated : TriMesh
+        The same with every polygon as a fan: what connectivity is compared by.
+    source : dict
+        `name` and `sha256` of the file; the name alone of a frame of the clip.
+    notes : tuple of str
+        What was changed, one sentence each.
+    obj_text : bytes
+        An OBJ file as it is, unpacked; empty for other kinds.
+    """
+
+    mesh: TriMesh
+    fan_triangulated: TriMesh
+    source: dict[str, str]
+    notes: tuple[str, ...] = ()
+    obj_text: bytes = b""

@@ -1,0 +1,25 @@
+"""How a clip is read: the choices and their defaults. This module imports no numerics."""
+
+from dataclasses import dataclass, field
+
+LAYOUTS = ("fvx", "vxf", "fxv")
+"""Orders of an array's axes: f frames, v vertices, x coordinates."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClipSettings:
+    """Which frames of a clip to take, and how to read them.
+
+    Attributes
+    ----------
+    selection : slice
+        Which of its frames, as Python slices; the step is above zero.
+    layout : str, optional
+        The order of an array's axes, one of `LAYOUTS`; found from their lengths if absent.
+    allow_gaps : bool
+        Take numbered files although a number is missing.
+    """
+
+    selection: slice = field(default_factory=lambda: slice(None))
+    layout: str | None = None
+    allow_gaps: bool = False

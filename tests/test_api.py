@@ -1,0 +1,168 @@
+"""The Python API: what `from cageik_cli import ...` gives, and the examples of its docstrings."""
+
+import doctest
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cageik_cli
+from cageik_cli.util.errors import ConnectivityError, SettingError
+
+
+@pytest.fixture(autouse=True)
+def workspace(tmp_path, monkeypatch, fixtures_folder) -> Path:
+    """A current folder with the fixtures in it, as in a clone."""
+    (tmp_path / "data_fixtures").symlink_to(fixtures_folder, target_is_directory=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", cageik_cli.__all__)
+def test_every_public_name_has_an_example_that_runs(name):
+    thing = getattr(cageik_cli, name)
+    assert "Examples\n" in (thing.__doc__ or "")
+    (test,) = doctest.DocTestFinder(recurse=False).find(thing, name, globs={})
+    assert test.examples
+    output = []
+    results = doctest.DocTestRunner().run(test, out=output.append)
+    assert results.failed == 0, "".join(output)
+
+
+def test_an_example_that_is_wrong_is_found():
+    test = doctest.DocTestParser().get_doctest(">>> 1 + 1\n3\n", {}, "wrong", None, 0)
+    assert doctest.DocTestRunner().run(test, out=lambda text: None).failed == 1
+
+
+def test_the_package_imports_no_numerics_until_a_name_is_used(run_process):
+    program = """
+import sys, cageik_cli
+assert not {"numpy", "scipy", "h5py", "click"} & set(sys.modules), "numerics are imported"
+assert set(cageik_cli.__all__) <= set(dir(cageik_cli))
+cageik_cli.TriMesh
+assert "numpy" in sys.modules and "h5py" not in sys.modules
+"""
+    outcome = run_process("-c", program)
+    assert (outcome.code, outcome.err) == (0, "")
+
+
+def test_a_name_that_is_not_public_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'extrude'"):
+        cageik_cli.extrude  # noqa: B018
+
+
+def test_star_import_gives_the_public_names():
+    names: dict[str, object] = {}
+    exec("from cageik_cli import *", names)
+    assert set(cageik_cli.__all__) <= set(names)
+
+
+@pytest.fixture
+def binding(animation, coarse_panels):
+    return cageik_cli.bind(animation.rest, animation.cage)
+
+
+def test_arrays_and_clips_give_the_cages_of_the_command(folder, run, binding, animation):
+    clip = cageik_cli.load_clip("frames")
+    of_clip = cageik_cli.extract(clip, binding)
+    of_array = cageik_cli.extract(animation.frames, binding)
+    np.testing.assert_array_equal(of_clip.cages, of_array.cages)
+    assert run("extract", "frames", "--cage", "cage.obj", "-q").code == 0
+    result = cageik_cli.read_result("cages.h5")
+    np.testing.assert_array_equal(cageik_cli.read_cages(result), of_clip.cages)
+    np.testing.assert_array_equal(result.metrics.rms, of_clip.rms)
+    np.testing.assert_array_equal(result.metrics.max_deviation, of_clip.max_deviation)
+
+
+def test_a_file_has_the_bytes_of_the_command(folder, run):
+    cageik_cli.extract_to_file(["frames/frame_1.obj", "frames/frame_2.obj"], "cage.obj", "api.h5")
+    assert run("extract", "frames", "--frames", ":2", "--cage", "cage.obj", "-q").code == 0
+    assert Path("api.h5").read_bytes() == Path("cages.h5").read_bytes()
+
+
+def test_the_error_is_that_of_the_reconstruction(binding, animation):
+    found = cageik_cli.extract(animation.frames, binding)
+    rebuilt = np.stack([found.reconstruct(k) for k in range(len(found))])
+    distances = np.linalg.norm(rebuilt - animation.frames, axis=2)
+    np.testing.assert_allclose(found.max_deviation, distances.max(axis=1), rtol=1e-12, atol=0)
+    rms = np.sqrt((distances**2).mean())
+    assert found.rms_percent == pytest.approx(100 * rms / animation.rest.diagonal, rel=1e-12)
+
+
+def test_the_memory_limit_changes_no_cage_but_the_last_digits(binding, animation):
+    whole = cageik_cli.extract(animation.frames, binding)
+    one_by_one = cageik_cli.extract(animation.frames, binding, memory=1)
+    np.testing.assert_allclose(one_by_one.cages, whole.cages, rtol=0, atol=1e-12)
+
+
+def test_missing_data_is_not_fitted(binding, animation):
+    weights = np.ones(len(animation.rest.vertices))
+    weights[3] = 0
+    frames = animation.frames.copy()
+    frames[:, 3] += 1000
+    found = cageik_cli.extract(frames, binding, vertex_weights=weights)
+    assert found.rms.max() < 1
+
+
+def test_progress_is_called_until_all_frames_are_done(binding, animation):
+    calls = []
+    cageik_cli.extract(
+        animation.frames, binding, memory=1, progress=lambda *done: calls.append(done)
+    )
+    assert calls[-1] == (5, 5)
+    assert len(calls) == 5
+
+
+@pytest.mark.parametrize("shape", [(2, 17, 3), (0, 18, 3), (18, 3), (2, 18, 2)])
+def test_frames_of_another_shape_are_refused(binding, shape):
+    with pytest.raises(ConnectivityError, match="18"):
+        cageik_cli.extract(np.zeros(shape), binding)
+
+
+def test_settings_that_cannot_be_are_refused(binding, animation):
+    with pytest.raises(SettingError, match=r"alpha is -1\.0"):
+        cageik_cli.extract(animation.frames, binding, alpha=-1.0)
+    with pytest.raises(SettingError, match="best"):
+        cageik_cli.bind(animation.rest, animation.cage, accuracy="best")
+
+
+def test_a_frame_that_is_not_finite_is_refused(binding, animation):
+    frames = animation.frames.copy()
+    frames[1, 4, 2] = np.nan
+    with pytest.raises(cageik_cli.CageikError, match="vertex 4"):
+        cageik_cli.extract(frames, binding)
+
+
+def test_a_cage_that_is_open_is_not_fit(animation):
+    opened = cageik_cli.TriMesh(animation.cage.vertices, animation.cage.faces[1:])
+    diagnosis = cageik_cli.check_cage(opened)
+    assert not diagnosis.is_fit
+    assert repr(diagnosis).startswith("<Diagnosis: unfit, ")
+
+
+def test_every_repr_is_one_line(binding, animation):
+    point = cageik_cli.point_at_vertex(animation.rest, 3)
+    anchor = cageik_cli.Anchor("tip", point)
+    things = [
+        animation.rest,
+        binding,
+        cageik_cli.extract(animation.frames, binding),
+        anchor,
+        cageik_cli.Poser(binding, [anchor]),
+        cageik_cli.check_cage(animation.cage, animation.rest),
+    ]
+    for thing in things:
+        text = repr(thing)
+        assert text.startswith(f"<{type(thing).__name__}: ")
+        assert text.endswith(">")
+        assert len(text) < 100
+        assert "\n" not in text
+
+
+def test_the_readme_walk(folder):
+    """Load a clip, bind, extract, measure."""
+    clip = cageik_cli.load_clip(Path("frames"), selection=slice(1, None, 2))
+    assert repr(clip) == "<MeshSequence: 2 frames of 18 vertices, frame_2.obj to frame_4.obj>"
+    cage = cageik_cli.load_mesh("cage.obj")
+    animation = cageik_cli.extract(clip, cageik_cli.bind(clip.first, cage))
+    assert animation.cages.shape == (2, 8, 3)

@@ -1,0 +1,35 @@
+"""How many frames memory holds, and memory that is used again."""
+
+import numpy as np
+import pytest
+
+from cageik_cli.util.arrays import Workspace, fit_frames
+
+
+@pytest.mark.parametrize(
+    ("memory", "expected"), [(10 * 24 * 7, 10), (10 * 24 * 7 - 1, 9), (1, 1), (0, 1), (-5, 1)]
+)
+def test_frames_fit_in_the_memory_one_at_least(memory, expected):
+    assert fit_frames(memory, 7) == expected
+
+
+def test_frames_of_several_arrays_or_smaller_items_take_their_bytes():
+    frame = np.empty((7, 3), np.float32)
+    assert fit_frames(12 * frame.nbytes, 7, itemsize=4) == 12
+    assert fit_frames(12 * frame.nbytes, 7, arrays=3, itemsize=4) == 4
+
+
+def test_an_array_of_a_workspace_is_allocated_once():
+    workspace = Workspace()
+    large = workspace.array("a", 4, 5)
+    assert np.shares_memory(workspace.array("a", 2, 3), large)
+    assert not np.shares_memory(workspace.array("b", 2, 3), large)
+    assert workspace.array("a", 5, 5).shape == (5, 5)
+
+
+def test_rows_are_copied_into_a_workspace():
+    workspace, source = Workspace(), np.arange(12.0).reshape(4, 3)
+    rows = workspace.take_rows("rows", source, np.array([3, 1]))
+    np.testing.assert_array_equal(rows, source[[3, 1]])
+    assert np.shares_memory(rows, workspace.array("rows", 1, 3))
+    assert not np.shares_memory(rows, source)

@@ -1,0 +1,63 @@
+"""A dry run lists what a batch would do, and does nothing."""
+
+from dataclasses import replace
+
+import pytest
+
+from cageik_cli.report.overview import ClipEntry
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.batch.dry_run import dry_run_lines
+from cageik_cli.workflows.batch.jobs import ClipJob
+from cageik_cli.workflows.batch.run import BatchPlan
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.plan import ExtractSettings
+
+
+class Interrupt(ProgressListener):
+    def update(self, done, total):
+        if (done, total) == (2, 5):
+            raise KeyboardInterrupt
+
+
+@pytest.fixture
+def settings(folder):
+    return ExtractSettings(
+        (str(folder / "frames"),), folder / "cage.obj", folder / "a.h5", memory=1, resume=True
+    )
+
+
+def lines(settings, rejected=()):
+    batch = BatchPlan(
+        settings.output.parent,
+        (ClipJob("a", settings),),
+        tuple(ClipEntry(name, fault="no cage") for name in rejected),
+        tuple(sorted(["a", *rejected])),
+    )
+    return list(dry_run_lines(batch))
+
+
+def state(settings):
+    return lines(settings)[0].splitlines()[-1].split(".h5, ")[1]
+
+
+def test_the_state_of_a_result_is_listed(settings, folder):
+    assert state(settings) == "would be new"
+    with pytest.raises(KeyboardInterrupt):
+        extract(settings, Interrupt())
+    before = sorted(folder.rglob("*"))
+    assert state(settings) == "would continue from its checkpoint"
+    assert state(replace(settings, resume=False, overwrite=True)) == "would be new"
+    assert sorted(folder.rglob("*")) == before
+    extract(settings)
+    assert state(settings) == "up to date, nothing to do"
+    assert state(replace(settings, resume=False, overwrite=True)) == "would be replaced"
+    assert state(replace(settings, overwrite=True, rest_frame=1)) == "would be replaced"
+
+
+def test_clips_that_would_fail_are_counted(settings, folder):
+    assert lines(settings)[-1] == "0 of 1 clip would fail"
+    assert lines(settings, ["b"])[-1] == "1 of 2 clips would fail"
+    assert "no cage" in lines(settings, ["b"])[1]
+    missing = replace(settings, cage=folder / "none.obj")
+    assert "none.obj" in lines(missing)[0]
+    assert lines(missing, ["b", "c"])[-1] == "3 of 3 clips would fail"

@@ -1,0 +1,120 @@
+"""A plan is all that a run needs; making one writes nothing."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cageik_cli.coordinates.binding import BindSettings
+from cageik_cli.formats.scene import SceneHints
+from cageik_cli.store.binding_file import write_binding
+from cageik_cli.util.errors import CheckpointError, InputError
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows import extract as module
+from cageik_cli.workflows.extract import extract, run_extraction
+from cageik_cli.workflows.plan import (
+    ExtractSettings,
+    check_output_path,
+    load_or_compute_binding,
+    plan_extraction,
+)
+
+
+@pytest.fixture
+def plain(folder):
+    """Settings for the little animation."""
+    return ExtractSettings(frames=("frames",), cage=Path("cage.obj"), output=Path("cages.h5"))
+
+
+def test_a_plan_writes_nothing(plain, folder):
+    before = sorted(folder.rglob("*"))
+    plan = plan_extraction(replace(plain, resume=True))
+    assert plan.existing is None
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_a_plan_that_is_run_gives_the_same_bytes(plain):
+    expected = extract(replace(plain, output=Path("other.h5"))).path.read_bytes()
+    assert run_extraction(plan_extraction(plain)).path.read_bytes() == expected
+
+
+def test_known_weights_are_used(plain, monkeypatch):
+    expected = extract(plain).path.read_bytes()
+    binding = load_or_compute_binding(plan_extraction(plain), ProgressListener())
+
+    def fail(*_):
+        raise AssertionError("computed")
+
+    monkeypatch.setattr("cageik_cli.workflows.plan.bind_cached", fail)
+    plan = plan_extraction(replace(plain, overwrite=True), binding)
+    assert run_extraction(plan).path.read_bytes() == expected
+    with pytest.raises(AssertionError, match="computed"):
+        run_extraction(plan_extraction(replace(plain, overwrite=True)))
+
+
+def test_an_existing_result_is_returned_without_work(plain, monkeypatch):
+    extract(plain)
+    plan = plan_extraction(replace(plain, resume=True))
+    assert plan.existing is not None
+
+    def fail(*_):
+        raise AssertionError("bound")
+
+    monkeypatch.setattr(module, "load_or_compute_binding", fail)
+    assert run_extraction(plan) is plan.existing
+    changed = replace(plain, resume=True, overwrite=True, rest_frame=2)
+    with pytest.raises(AssertionError, match="bound"):
+        run_extraction(plan_extraction(changed))
+
+
+def test_without_resume_an_existing_result_is_not_looked_for(plain):
+    extract(plain)
+    assert plan_extraction(replace(plain, overwrite=True)).existing is None
+    with pytest.raises(InputError, match=r"cages\.h5"):
+        check_output_path(plain)
+
+
+def test_a_checkpoint_is_not_overwritten_unasked(plain):
+    class Interrupt(ProgressListener):
+        def update(self, done, total):
+            if (done, total) == (2, 5):
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        extract(replace(plain, memory=1), Interrupt())
+    with pytest.raises(CheckpointError) as caught:
+        check_output_path(plain)
+    assert str(caught.value) == (
+        "cages.h5.partial: checkpoint found (2 of 5 frames): continue with --resume or start over "
+        "with --overwrite"
+    )
+    for change in ({"resume": True}, {"overwrite": True}):
+        check_output_path(replace(plain, **change))
+
+
+def test_weights_are_shared_by_clips_of_one_rest_pose_and_cage(plain, animation, write_obj):
+    for k, name in ((1, "a_7.obj"), (2, "b_1.obj")):
+        write_obj(Path(name), animation.frames[k - 1], animation.rest.faces)
+    key = plan_extraction(plain).weights_key
+    one = replace(plain, frames=("a_7.obj",), jobs=3, memory=1, scene=SceneHints(fps=3.0))
+    assert plan_extraction(one).weights_key == key
+    Path("other.obj").write_text(Path("cage.obj").read_text() + "# other\n")
+    changes = (
+        {"frames": ("b_1.obj",)},
+        {"rest_frame": 1},
+        {"cage": Path("other.obj")},
+        {"bind": BindSettings("mean-value")},
+    )
+    keys = [plan_extraction(replace(plain, **change)).weights_key for change in changes]
+    assert keys[0] == keys[1]
+    assert len({key, *keys}) == 4
+
+
+def test_the_settings_of_a_binding_file_are_recorded(plain):
+    settings = replace(plain, bind=BindSettings("mean-value"))
+    stored = load_or_compute_binding(plan_extraction(settings), ProgressListener())
+    write_binding(Path("binding.h5"), stored, overwrite=False)
+    plan = plan_extraction(replace(plain, cage=None, binding=Path("binding.h5")))
+    assert plan.recorded_settings["coordinates"] == "mean-value"
+    assert set(plan.sources) == {"binding", "cage", "rest"}
+    assert plan.collect_sources()["frames"]["files"] == 5

@@ -1,0 +1,60 @@
+"""Settings name the files that a command reads and writes, for the check that none is both."""
+
+from pathlib import Path
+
+import pytest
+
+from cageik_cli.formats.write import Output
+from cageik_cli.util.errors import InputError
+from cageik_cli.util.outputs import check_no_overlap
+from cageik_cli.workflows.bind import BindRunSettings
+from cageik_cli.workflows.check import CheckSettings
+from cageik_cli.workflows.deform import DeformSettings
+from cageik_cli.workflows.edit import EditSettings
+from cageik_cli.workflows.export import ExportSettings
+from cageik_cli.workflows.plan import ExtractSettings
+from cageik_cli.workflows.pose import PoseSettings
+
+FRAMES = [f"frames/frame_{k}.obj" for k in range(1, 6)]
+CAGE, REST, RESULT, OUT = map(Path, ("cage.obj", "rest.obj", "cages.h5", "out.h5"))
+HANDLES, MESH = Path("handles.json"), Path("mesh.obj")
+
+CASES = {
+    "bind": (BindRunSettings(CAGE, REST, OUT), [CAGE, REST], [OUT]),
+    "check": (CheckSettings(CAGE), [CAGE], []),
+    "check frames": (CheckSettings(CAGE, ("frames",), REST), [CAGE, REST, *FRAMES], []),
+    "deform": (DeformSettings(RESULT, Output(Path("a.npz"))), [RESULT], ["a.npz"]),
+    "deform by cages": (
+        DeformSettings(RESULT, Output(Path("a/b_##.obj")), MESH, cages="frames/*.obj"),
+        [RESULT, MESH, *FRAMES],
+        ["a"],
+    ),
+    "edit": (EditSettings(RESULT, HANDLES, OUT), [RESULT, HANDLES], [OUT]),
+    "export": (ExportSettings(RESULT, Output(Path("a.pc2"))), [RESULT], ["a.pc2"]),
+    "extract": (ExtractSettings(("frames",), CAGE, OUT), [CAGE, *FRAMES], [OUT]),
+    "extract all": (
+        ExtractSettings(("frames/frame_2.obj",), CAGE, OUT, RESULT, rest=REST, vertex_weights=MESH),
+        [CAGE, RESULT, REST, MESH, FRAMES[1]],
+        [OUT],
+    ),
+    "pose": (PoseSettings(REST, HANDLES, MESH), [REST, HANDLES], [MESH]),
+    "pose with cages": (
+        PoseSettings(REST, HANDLES, MESH, CAGE, Path("posed.obj")),
+        [REST, HANDLES, CAGE],
+        [MESH, "posed.obj"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_settings_name_what_is_read_and_written(folder, name):
+    settings, inputs, outputs = CASES[name]
+    assert sorted(settings.inputs()) == sorted(map(Path, inputs))
+    assert settings.outputs() == list(map(Path, outputs))
+    check_no_overlap([*settings.outputs()], [*settings.inputs()])
+
+
+def test_an_output_that_is_an_input_is_refused(folder):
+    settings = ExtractSettings(("frames",), CAGE, Path(FRAMES[3]))
+    with pytest.raises(InputError, match=r"frame_4\.obj"):
+        check_no_overlap([*settings.outputs()], [*settings.inputs()])
