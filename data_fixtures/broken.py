@@ -277,7 +277,7 @@ def result_cases() -> list[Case]:
     """Return the cases with a bad result file."""
     whole = result_file()
     results = [
-        ("other_schema", "is of schema 99", result_file(schema=99)),
+        ("other_schema", "schema 99", result_file(schema=99)),
         ("truncated", "is not a sound hdf5 file", whole[: len(whole) * 6 // 10]),
         ("not_complete", "is not complete", result_file(complete=False)),
         ("not_hdf5", "is not an hdf5 file", b"This is no HDF5 file.\n"),

@@ -32,7 +32,7 @@ from cageik_cli.util.errors import FileAccessError, FormatError, error_context, 
 
 
 class Reader(ClipFile):
-    """Frames of one polygon mesh in the space of its archive, evaluated when they are asked for."""
+    """Frames of one polygon mesh in the space of its archive, evaluated on demand."""
 
     suffixes = (".abc",)
     has_members = True
@@ -43,18 +43,18 @@ class Reader(ClipFile):
             with require_optional("alembic3d", "abc", "reading .abc"):
                 import alembic3d  # noqa: F401
             _check_header(path)
-            self._lock = Lock()  # the library's streams are not for several threads
+            self._lock = Lock()  # the library's streams are not thread-safe
             with _wrap_alembic_errors():
                 notes = self._open_mesh(str(path), request)
         self.notes = tuple(f"{path.name}: {note}" for note in notes)
 
     def read_positions(self, index: int) -> Floats:
-        """Vertices of one frame."""
+        """Read the vertices of one frame."""
         with error_context(self.location(index)), _wrap_alembic_errors(), self._lock:
             return self._read_points(self._times[index])
 
     def _open_mesh(self, path: str, request: ClipRequest) -> list[str]:
-        """Find the mesh and its frames; what was changed is returned."""
+        """Find the mesh and its frames; return notes on what was changed."""
         from alembic3d.Abc import IArchive, WrapExistingFlag
         from alembic3d.AbcGeom import IPolyMesh
 
@@ -81,12 +81,12 @@ class Reader(ClipFile):
         return [*notes, *describe_transform(matrix, is_animated), *mesh.notes]
 
     def _choose_sampling(self) -> tuple[Sampling, list[str]]:
-        """When the points are, or the transforms of points that do not move."""
+        """Return the times of the points, or of the transforms if the points do not move."""
         times = _sample_times(self._points)
         if len(times) < 2:
             times = set().union(*map(_sample_times, self._transforms), times)
         sampling = Sampling.from_times(times)
-        note = f"its {len(times)} samples are not evenly spaced in time; taken one after the other"
+        note = f"its {len(times)} samples are not evenly spaced in time; each is used as one frame"
         return sampling, [note] if sampling.is_uneven else []
 
     def _read_points(self, time: float) -> Floats:
@@ -101,37 +101,37 @@ class Reader(ClipFile):
         return matrix
 
     def _read_polygons(self) -> Polygons:
-        """The faces, which must be the same at all times."""
+        """Read the faces, which must never change."""
         properties = (self._schema.getFaceCountsProperty(), self._schema.getFaceIndicesProperty())
         samples = range(max(1 if p.isConstant() else p.getNumSamples() for p in properties))
         return read_constant_polygons(partial(_read_polygons_at, properties), samples)
 
 
 def _check_header(path: Path) -> None:
-    """Refuse what the library would take for an archive without objects, or not know."""
+    """Refuse files that the library would open as an empty archive, or not at all."""
     try:
         with path.open("rb") as stream:
             header = stream.read(16)
     except OSError as error:
         raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
     if header.startswith(b"\x89HDF"):
-        raise FormatError(
-            "is Alembic of the older kind in HDF5; convert it with abcconvert -toOgawa"
-        )
+        raise FormatError("is an old Alembic file, in HDF5; convert it with abcconvert -toOgawa")
     if not header.startswith(b"Ogawa"):
         raise FormatError("is not an Alembic file; export it again")
-    # A byte that is set when the file is closed, and where its root is: at the end.
+    # A byte that is set when the file is closed, and the place of its root, at the end.
     if header[5:6] != b"\xff" or int.from_bytes(header[8:], "little") >= path.stat().st_size:
-        raise FormatError("is cut short, or was not closed by what wrote it; export it again")
+        raise FormatError(
+            "is cut short, or was not closed by the program that wrote it; export it again"
+        )
 
 
 @contextmanager
 def _wrap_alembic_errors() -> Iterator[None]:
-    """Make of whatever Alembic raises inside an InputError."""
+    """Turn what Alembic raises inside into a FormatError."""
     try:
         yield
     except (RuntimeError, IndexError, UnicodeDecodeError) as error:
-        # Exceptions are wrapped in one another there: the innermost says what it is about.
+        # Exceptions are wrapped in one another; the innermost names the cause.
         cause = " ".join(str(error).rpartition("EXCEPTION:")[2].split())
         raise FormatError(f"is not a sound Alembic file ({cause}); export it again") from error
 
@@ -143,7 +143,7 @@ def _iterate_descendants(thing: Any) -> Iterator[Any]:
 
 
 def _find_transforms(thing: Any) -> list[Any]:
-    """The transforms that move an object, its own first."""
+    """Return the transforms that move an object, its own first."""
     from alembic3d.Abc import WrapExistingFlag
     from alembic3d.AbcGeom import IXform
 
@@ -158,20 +158,20 @@ def _find_transforms(thing: Any) -> list[Any]:
 
 
 def _sample_times(sampled: Any) -> set[float]:
-    """When samples are, if there are several."""
+    """Return the times of the samples, if there are several."""
     count = sampled.getNumSamples()
     sampling = sampled.getTimeSampling()
     return {sampling.getSampleTime(k) for k in range(count)} if count > 1 else set()
 
 
 def _interpolate_matrix(transform: Any, time: float) -> Floats:
-    """A transform at a time; between two samples, both in proportion."""
+    """Return a transform at a time, interpolated linearly between two samples."""
     from alembic3d.Abc import ISampleSelector
 
     count, sampling = transform.getNumSamples(), transform.getTimeSampling()
     if count == 0:
         return np.eye(4)
-    # By their times: a selector takes a whole number for seconds, too.
+    # By their times: a selector would take an index for seconds, too.
     start, stop = (
         sampling.getSampleTime(find(time, count))
         for find in (sampling.getFloorIndex, sampling.getCeilIndex)
@@ -190,7 +190,7 @@ def _read_polygons_at(properties: tuple[Any, Any], sample: int) -> Polygons:
 
 
 def _read_sample(sampled: Any, index: int) -> Any:
-    """One array; the library would not survive one that is not there, which has no digest."""
+    """Read one array; a missing one, which has no digest, would crash the library."""
     if not sampled.getKey(index):
         raise FormatError(f"sample {index} of `{sampled.getName()}` is missing; export it again")
     return sampled.getValue(index)
@@ -210,7 +210,7 @@ class Writer(AnimationWriter):
 
     @classmethod
     def require_libraries(cls) -> None:
-        """Refuse to go on without alembic3d."""
+        """Raise MissingLibraryError without alembic3d."""
         with require_optional("alembic3d", "abc", "writing .abc"):
             import alembic3d  # noqa: F401
 
@@ -226,13 +226,13 @@ class Writer(AnimationWriter):
         corners = np.ascontiguousarray(faces[:, ::-1], np.int32).ravel()
         self._faces = (IntArrayFromBuffer(corners), IntArray(3, len(faces)))
         try:
-            # An archive made with what made it would say when, too.
+            # With a name of the program, the archive would hold the time, too.
             archive = OArchive(str(target))
             times = archive.addTimeSampling(TimeSampling(1 / scene.fps, scene.start / scene.fps))
             mesh = OPolyMesh(archive.getTop(), animation.name, times)
         except RuntimeError as error:
             raise OSError(str(error)) from error
-        # The last that holds the file: it closes when this goes.
+        # The last reference to the file: it is closed with this.
         self._schema = mesh.getSchema()
 
     def append(self, frames: Floats) -> None:
@@ -254,7 +254,7 @@ class Writer(AnimationWriter):
 
 
 def _check_disk_space(target: Path, animation: Animation) -> None:
-    """Refuse what will not fit: Alembic ends the process when a last write fails."""
+    """Refuse what does not fit: Alembic ends the process when its last write fails."""
     size = 12 * animation.frame_count * len(animation.rest.vertices) + 16 * len(
         animation.rest.faces
     )

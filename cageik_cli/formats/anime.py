@@ -1,4 +1,4 @@
-"""Clips of DeformingThings4D: a mesh, and how far its vertices are from there in each frame."""
+"""Clips of DeformingThings4D (`.anime`): a mesh, and offsets of its vertices per frame."""
 
 import numpy as np
 
@@ -22,10 +22,10 @@ class Reader(ArrayClipFile):
 
     @classmethod
     def open_clip(cls, request: ClipRequest) -> ArrayClip:
-        """Read faces and frame 0, and find the offsets of the others."""
+        """Read the faces and frame 0, and find the offsets of the others."""
         file = BinaryFile.open(single_path(request.paths))
         if file.size < 12:
-            raise FormatError(f"{file.size} bytes, an .anime file has 12 at least; copy it again")
+            raise FormatError(f"{file.size} bytes, an .anime file has at least 12; copy it again")
         frames, vertices, triangles = map(int, file.read_array(0, _INT32, (3,)))
         check_file_size(
             file,
@@ -40,15 +40,15 @@ class Reader(ArrayClipFile):
 
 
 class _OffsetFrames:
-    """Frames that are kept as offsets from frame 0."""
+    """Frames that are stored as offsets from frame 0."""
 
     def __init__(self, first: np.ndarray, offsets: StoredFrames) -> None:
-        with np.errstate(invalid="ignore"):  # frames are checked where they enter
+        with np.errstate(invalid="ignore"):  # checked when the frame is read
             self._first, self._offsets = first.astype(np.float64), offsets
         self.frame_count, self.vertex_count = offsets.frame_count + 1, offsets.vertex_count
 
     def read_frame(self, index: int) -> np.ndarray:
-        """Positions of one frame, (m, 3)."""
+        """Read the positions of one frame, (m, 3)."""
         if index == 0:
             return self._first
         with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""glTF in one binary file: the rest pose, a morph target a frame, and a track that shows each."""
+"""glTF in one binary file: the rest pose, a morph target per frame, and a track of weights."""
 
 import shutil
 import struct
@@ -16,13 +16,13 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, require_optional
 
 MAX_FILE_BYTES = 2**32 - 1
-"""Bytes whose count a GLB file has room to state."""
+"""Largest size that a GLB file can state."""
 
 MAX_JSON_BYTES = 1 << 29
-"""Bytes kept free for the JSON, far above what it takes."""
+"""Bytes reserved for the JSON, far more than it needs."""
 
 _Z_TO_Y = [-sqrt(0.5), 0.0, 0.0, sqrt(0.5)]
-"""The quaternion (x, y, z, w) of −90° about x, which turns z up into y up, as glTF has it."""
+"""The quaternion (x, y, z, w) of −90° about x: from z up to y up, which glTF has."""
 
 
 class Writer(AnimationWriter):
@@ -35,7 +35,7 @@ class Writer(AnimationWriter):
 
     @classmethod
     def require_libraries(cls) -> None:
-        """Refuse to go on without pygltflib."""
+        """Raise MissingLibraryError without pygltflib."""
         with require_optional("pygltflib", "gltf", "writing .glb"):
             import pygltflib  # noqa: F401
 
@@ -46,14 +46,14 @@ class Writer(AnimationWriter):
         if sum(self._sizes) > MAX_FILE_BYTES - MAX_JSON_BYTES:
             raise OutputError(
                 f"{frames} frames of {vertices} vertices take {sum(self._sizes) / 2**30:.1f} GiB "
-                "as morph targets, and a .glb holds less than 4; write .usdc, .abc or .pc2"
+                "as morph targets, and a .glb holds less than 4 GiB; write .usdc, .abc or .pc2"
             )
         self._target, self._animation = target, animation
         self._bounds: list[tuple[list[float], list[float]]] = []
         rest = to_float32(animation.rest.vertices)
         self._rest = rest.astype(np.float64)
         with ExitStack() as stack:
-            # The text stands first in the file and has the bounds of all frames.
+            # The JSON comes first in the file and has the bounds of all frames.
             self._data = stack.enter_context(tempfile.TemporaryFile(dir=target.parent))
             self._data.write(animation.rest.faces.astype("<u4").tobytes())
             self._write_positions(rest)
@@ -61,7 +61,7 @@ class Writer(AnimationWriter):
         start = animation.scene.start
         if start != 0:
             self.notes = (
-                f"the first frame is at time 0, which programs put at scene frame 0, not {start:g}",
+                f"the first frame is at time 0, and programs import it at frame 0, not {start:g}",
             )
 
     def append(self, frames: Floats) -> None:
@@ -91,7 +91,7 @@ class Writer(AnimationWriter):
         self._data.close()
 
     def abandon(self) -> None:
-        """Let go of what was gathered."""
+        """Close the temporary file."""
         self._data.close()
 
     def _write_positions(self, positions: np.ndarray) -> None:
@@ -99,7 +99,7 @@ class Writer(AnimationWriter):
         self._bounds.append((positions.min(axis=0).tolist(), positions.max(axis=0).tolist()))
 
     def _make_json(self) -> str:
-        """What is where in the binary chunk: views and accessors in the order of the bytes."""
+        """Describe the binary chunk: views and accessors in the order of the bytes."""
         import pygltflib as gltf
 
         animation = self._animation
@@ -166,7 +166,7 @@ class Writer(AnimationWriter):
 
 
 def _make_node_transform(scene: Scene) -> dict[str, list[float]]:
-    """The node's transform into metres and y up, as far as the scene has other ones."""
+    """Return the node's transform into metres and y up; empty if the scene has these."""
     placement = {}
     if scene.up_axis == "Z":
         placement["rotation"] = _Z_TO_Y

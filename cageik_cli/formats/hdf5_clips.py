@@ -39,7 +39,7 @@ class Hdf5Layout:
     frame_axis : int
         0 for (F, m, 3), 2 for (m, 3, F).
     is_scaled : bool
-        Whether attributes `scale` and `mean` are to be undone.
+        Whether positions must be multiplied by an attribute `scale`, and `mean` added.
     """
 
     faces: str
@@ -48,29 +48,31 @@ class Hdf5Layout:
 
 
 MAX_HDF5_CHUNK_BYTES = 1 << 28
-"""Bytes of a chunk, which HDF5 unpacks whole for whatever is read of it."""
+"""Bytes of a chunk; HDF5 unpacks a whole chunk even if a part is read."""
 
 SPLOCS = Hdf5Layout("tris", 0, True)
 DFAUST = Hdf5Layout("faces", 2, False)
 
 
 def find_clips(file: Any) -> tuple[Hdf5Layout, list[str]]:
-    """The layout of a file, and the names of its clips' datasets.
+    """Find the layout of a file, and the names of the datasets of its clips.
 
     Raises
     ------
     InputError
-        When there are none, with what there is instead.
+        When there are none, naming what the file holds instead.
     """
     kind, complete = file.attrs.get("format"), file.attrs.get("complete")
     if isinstance(kind, str) and kind == "cageik.binding":
-        raise FormatError("is a binding of cageik bind, not a clip; name the frames")
+        raise FormatError("is a binding of cageik bind, not a clip; give the frames")
     if isinstance(kind, str) and kind == "cageik.result" and not np.all(complete):
         raise FormatError("is not complete: its run was interrupted; run cageik extract again")
     if "verts" in file:
         return SPLOCS, ["verts"]
     if "default" in file:
-        raise FormatError("holds components of a model, not a clip; name the clip they are of")
+        raise FormatError(
+            "holds components of a deformation model, not a clip; give the clip itself"
+        )
     shapes = list_numeric_shapes(file, "f")
     found = [name for name, shape in shapes.items() if len(shape) == 3 and shape[1] == 3]
     if not found or "faces" not in file:
@@ -82,12 +84,12 @@ def find_clips(file: Any) -> tuple[Hdf5Layout, list[str]]:
 
 
 def choose_clip(names: list[str], member: str | None) -> str:
-    """The clip of a file's that is asked for.
+    """Return the requested clip of those in a file.
 
     Raises
     ------
     InputError
-        When there is none of that name, or several and no name.
+        When no clip has that name, or there are several and no name is given.
     """
     if member in names:
         return member
@@ -95,11 +97,11 @@ def choose_clip(names: list[str], member: str | None) -> str:
         near = get_close_matches(member, names, cutoff=0.0)
         raise SettingError(
             f"holds no clip `{to_unicode(member)}`; the nearest names are "
-            f"{_join_names(near)}, and cageik info lists all"
+            f"{_join_names(near)}; cageik info lists all"
         )
     if len(names) > 1:
         raise SettingError(
-            f"holds {len(names)} clips: {_join_names(names)}; name one of them as "
+            f"holds {len(names)} clips: {_join_names(names)}; choose one, as in "
             f"FILE::{to_unicode(names[0])}"
         )
     return names[0]
@@ -108,7 +110,7 @@ def choose_clip(names: list[str], member: str | None) -> str:
 class Hdf5Frames(ChunkedFrames):
     """Frames of a dataset in a file that stays open.
 
-    Those that share chunks are read together, so that no chunk is decompressed for each of them.
+    Frames that share chunks are read together, so that each chunk is decompressed once.
     """
 
     def __init__(self, file: Any, name: str, layout: Hdf5Layout) -> None:
@@ -127,34 +129,33 @@ class Hdf5Frames(ChunkedFrames):
         chunk = prod(stored.chunks or (1,)) * stored.dtype.itemsize
         if chunk > MAX_HDF5_CHUNK_BYTES:
             raise FormatError(
-                f"`{to_unicode(name)}` is in chunks of {chunk} bytes, expected "
-                f"{MAX_HDF5_CHUNK_BYTES} at "
-                "most; write it in smaller ones, such as a frame each (h5repack -l)"
+                f"`{to_unicode(name)}` has chunks of {chunk} bytes, expected at most "
+                f"{MAX_HDF5_CHUNK_BYTES}; write smaller ones, such as a frame each (h5repack -l)"
             )
         chunk_frames = stored.chunks[layout.frame_axis] if stored.chunks else unchunked
         super().__init__(count, vertices, chunk_frames, stored.dtype.itemsize)
 
     def read_frame(self, index: int) -> Floats:
-        """Positions of one frame, (m, 3), with `scale` and `mean` undone."""
+        """Read the positions of one frame, (m, 3), scaled and with `mean` added."""
         positions = np.array(super().read_frame(index), np.float64)
-        with np.errstate(over="ignore", invalid="ignore"):  # frames are checked where they enter
+        with np.errstate(over="ignore", invalid="ignore"):  # checked when the frame is read
             positions *= self._scale
             positions += self._mean
         return positions
 
     def read_chunk(self, start: int, stop: int) -> np.ndarray:
-        """Read frames `start` to `stop`, that left out: (k, m, 3)."""
+        """Read frames `start` up to `stop`, exclusive: (k, m, 3)."""
         if self._is_frame_axis_last:
             return np.moveaxis(self._stored[:, :, start:stop], 2, 0)
         return np.asarray(self._stored[start:stop])
 
 
 def _read_attribute(file: Any, clip: str, name: str, default: float) -> Floats:
-    """A number or three, of the file or of its clip."""
+    """Read an attribute of one or three numbers, of the file or of its clip."""
     value = file.attrs.get(name, file[clip].attrs.get(name, default))
     array = np.asarray(value)
     if array.dtype.kind not in "fiu" or array.shape not in ((), (1,), (3,), (1, 3)):
-        raise FormatError(f"attribute `{name}` is {value!r}, expected a number or three")
+        raise FormatError(f"attribute `{name}` is {value!r}, expected one or three numbers")
     return np.asarray(array, np.float64).reshape(-1)
 
 
@@ -184,14 +185,14 @@ class Reader(ClipFile):
 
     @classmethod
     def list_members(cls, path: Path) -> list[str]:
-        """The clips of a file that holds several."""
+        """List the clips in a file that holds several."""
         with open_checked(path) as file:
             _, names = find_clips(file)
         return names if len(names) > 1 else []
 
     @classmethod
     def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
-        """The clips of a file that holds several, if none of them is asked for."""
+        """List the clips in a file that holds several, if none of them is requested."""
         path = single_path(request.paths)
         with open_checked(path) as file:
             layout, names = find_clips(file)
@@ -199,7 +200,7 @@ class Reader(ClipFile):
                 return []
             clips = [(name, Hdf5Frames(file, name, layout)) for name in names]
             return [
-                ("holds", f"{len(names)} clips, each named as FILE::CLIP"),
+                ("holds", f"{len(names)} clips; choose one as FILE::CLIP"),
                 *(
                     (
                         "clip",
@@ -211,6 +212,6 @@ class Reader(ClipFile):
             ]
 
     def read_positions(self, index: int) -> np.ndarray:
-        """Vertices of one frame."""
+        """Read the vertices of one frame."""
         with wrap_hdf5_errors(self.path):
             return self._frames.read_frame(self.frame_indices[index])

@@ -1,4 +1,4 @@
-"""MDD point caches: int32 F and m, a time in seconds and float32 positions of each frame."""
+"""MDD point caches: int32 F and m, the time of each frame in seconds, float32 positions."""
 
 import struct
 from pathlib import Path
@@ -27,10 +27,10 @@ class Reader(ArrayClipFile):
 
     @classmethod
     def open_clip(cls, request: ClipRequest) -> ArrayClip:
-        """Find frames and times."""
+        """Find the frames and their times."""
         file = BinaryFile.open(single_path(request.paths))
         if file.size < 8:
-            raise FormatError(f"{file.size} bytes, an MDD file has 8 at least; export it again")
+            raise FormatError(f"{file.size} bytes, an MDD file has at least 8; export it again")
         frames, vertices = map(int, file.read_array(0, _INT32, (2,)))
         check_file_size(
             file,
@@ -44,9 +44,9 @@ class Reader(ArrayClipFile):
 
 
 def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
-    """Frames a second and the first frame's number, if the times (F,) are evenly spaced.
+    """Return frame rate and number of the first frame, if the times (F,) are evenly spaced.
 
-    They are rounded to single precision, so the plainest number is taken that rounds to them.
+    They are rounded to single precision, so the simplest number is taken that rounds to them.
     """
     if not np.isfinite(times).all():
         frame = int(np.argmin(np.isfinite(times)))
@@ -62,7 +62,7 @@ def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
     if duration <= 0 or np.abs(seconds - even).max() > duration / (len(times) - 1) / 100 + rounding:
         note = (
             f"the times of its frames, {times[0]:g} s, {times[1]:g} s to {times[-1]:g} s, are not "
-            "evenly spaced, so frames a second are not known from them; give --fps"
+            "evenly spaced, so the frame rate is unknown; give --fps"
         )
         return SceneHints(), (note,)
     fps = (len(times) - 1) / duration
@@ -71,13 +71,13 @@ def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
 
 
 def _simplest_number(value: float, tolerance: float) -> float:
-    """The number of fewest decimals that is as near."""
+    """Return the number of fewest decimals within the tolerance."""
     rounded = (round(value, digits) for digits in range(10))
     return next((number for number in rounded if abs(number - value) <= tolerance), value)
 
 
 class Writer(PointCacheWriter):
-    """A sample a frame, at the time of the frame's number in the scene."""
+    """Writes a sample per frame, at the time of the frame in the scene."""
 
     suffixes = (".mdd",)
     dtype = ">f4"
@@ -87,7 +87,7 @@ class Writer(PointCacheWriter):
         self.notes = make_blender_notes(animation.scene.start)
 
     def make_header(self, animation: Animation) -> bytes:
-        """Both counts, and the times."""
+        """Return both counts, and the times."""
         scene = animation.scene
         times = (scene.start + np.arange(animation.frame_count)) / scene.fps
         counts = struct.pack(">ii", animation.frame_count, len(animation.rest.vertices))

@@ -28,7 +28,7 @@ class Reader(FrameFileReader):
 
 
 def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
-    """Read vertices (n, 3) and the corners of each face of an OFF text.
+    """Read the vertices (n, 3) and the corners of each face of an OFF text.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
 
 
 def _parse_polygon(words: list[str]) -> Integers:
-    """The corners of a line that says first how many there are; a colour may follow them."""
+    """Return the corners of a line that begins with their count; a colour may follow."""
     size = int(words[0])
     if len(words) <= size:
         raise ValueError(f"the face `{' '.join(words)}` lacks corners")

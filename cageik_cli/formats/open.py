@@ -1,4 +1,4 @@
-"""From what the user typed to a clip: files, folders and globs, in natural order."""
+"""Open clips: from files, folders and globs to a sequence of frames in natural order."""
 
 import glob
 import os
@@ -21,13 +21,13 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError, error_context
 
 _SKELETON_REASON = (
-    "holds the motion of a skeleton, no mesh; export the mesh it moves, as OBJ frames"
+    "holds the motion of a skeleton, not a mesh; export the mesh that it moves, as OBJ frames"
 )
 _SCENE_REASON = (
-    "is a scene of another program; export the mesh from there, as USD, Alembic or OBJ frames"
+    "is a scene of another program; export the mesh from it as USD, Alembic or OBJ frames"
 )
 _GLTF_REASON = (
-    "is glTF, which is written here and not read; export USD, Alembic or OBJ frames instead"
+    "is glTF, which cageik writes but does not read; export USD, Alembic or OBJ frames instead"
 )
 
 _UNSUPPORTED_REASONS = {
@@ -36,7 +36,7 @@ _UNSUPPORTED_REASONS = {
     **dict.fromkeys((".glb", ".gltf"), _GLTF_REASON),
     **dict.fromkeys((".hip", ".hipnc", ".hiplc", ".bgeo"), _SCENE_REASON),
 }
-"""Why files that one might take for clips are none."""
+"""Why files that look like clips cannot be read."""
 
 _natural_key = natsort_keygen(key=str, alg=ns.PATH)
 
@@ -57,32 +57,32 @@ def open_sequence(
     Raises
     ------
     InputError
-        When nothing matches, kinds are mixed, or the first frame cannot be read.
+        When nothing matches, formats are mixed, or the first frame cannot be read.
     """
     reader, request = _resolve_request(arguments, settings or ClipSettings(), rest)
     return reader(request)
 
 
 def list_members(path: Path) -> list[str]:
-    """Names of the clips in a file of several; none if the file is a clip itself, or unsound."""
+    """List the clips in a file that holds several; empty if it is a clip itself, or damaged."""
     try:
         return _find_readers()[file_suffix(path)].list_members(path)
     except InputError:
-        return []  # whoever opens it is told
+        return []  # opening it says what is wrong
 
 
 def clip_suffixes() -> tuple[str, ...]:
-    """The kinds of files that are read."""
+    """Return the suffixes of the files that can be read."""
     return tuple(_find_readers())
 
 
 def sort_naturally(paths: Iterable[Path]) -> list[Path]:
-    """Paths as people count: 2 before 10. Those alike but for leading zeros, by their text."""
+    """Sort paths by the numbers in them: 2 before 10; then by their text, as 01 before 1."""
     return sorted(paths, key=lambda path: (_natural_key(path), str(path)))
 
 
 def describe_contents(arguments: list[str], settings: ClipSettings) -> list[tuple[str, str]]:
-    """What files hold that are no clip by themselves, in labelled lines; none for a clip.
+    """Describe files that are not a clip by themselves, in labelled lines; empty for a clip.
 
     Raises
     ------
@@ -105,18 +105,18 @@ def _resolve_request(
     kinds = sorted({file_suffix(path) for path in paths})
     if len(kinds) > 1:
         raise SettingError(
-            f"{arguments[0]}: files of kinds {', '.join(kinds)} are mixed; "
-            "name one kind, for instance with a quoted glob"
+            f"{arguments[0]}: files of formats {', '.join(kinds)} are mixed; "
+            "choose one format, for instance with a quoted glob"
         )
     reader = readers_by_suffix[kinds[0]]
     if member is not None and not reader.has_members:
         raise SettingError(
-            f"{arguments[0]}::{member}: a `{kinds[0]}` file holds one clip; leave `::{member}` out"
+            f"{arguments[0]}::{member}: a `{kinds[0]}` file holds one clip; remove `::{member}`"
         )
     if settings.layout is not None and not reader.has_layout:
         raise SettingError(
-            f"{arguments[0]}: the axes of `{kinds[0]}` files have one order; leave "
-            f"--layout {settings.layout} out"
+            f"{arguments[0]}: the axes of `{kinds[0]}` files have a fixed order; remove "
+            f"--layout {settings.layout}"
         )
     if not settings.allow_gaps:
         check_no_gaps(paths)
@@ -131,20 +131,20 @@ def _explain_unsupported(suffix: str) -> str:
 
 
 def list_input_files(arguments: list[str]) -> list[Path]:
-    """The files that `open_sequence` reads for the same arguments."""
+    """List the files that `open_sequence` reads for the same arguments."""
     return expand_arguments(_split_member(arguments)[0], tuple(_find_readers()))
 
 
 def expand_arguments(arguments: list[str], suffixes: tuple[str, ...]) -> list[Path]:
-    """Every file that the arguments name, once, in natural order of their paths."""
+    """List every file that the arguments name, once, in natural order of the paths."""
     named = [path for argument in arguments for path in _expand_argument(argument, suffixes)]
-    # A link to a frame is a frame of its own (a hold); another spelling of its path is not.
+    # A link to a frame is another frame (a hold); another spelling of its path is the same frame.
     once = {os.path.abspath(path): path for path in named}
     return sort_naturally(once.values())
 
 
 def _split_member(arguments: list[str]) -> tuple[list[str], str | None]:
-    """The arguments, and the clip that `FILE::CLIP` names in the file of the only one."""
+    """Return the arguments, and CLIP if the only one is `FILE::CLIP`."""
     if len(arguments) == 1 and "::" in arguments[0] and not Path(arguments[0]).exists():
         file, member = arguments[0].rsplit("::", 1)
         return [file], member
@@ -165,34 +165,34 @@ def _expand_argument(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
         raise FileAccessError(f"{argument}: no such file or folder; check the path")
     if not found:
         raise FileAccessError(
-            f"{argument}: no frame found, expected files of kinds {', '.join(suffixes)}"
+            f"{argument}: no frame found, expected files of formats {', '.join(suffixes)}"
         )
     return found
 
 
 def _escape_existing_folders(pattern: Path) -> str:
-    """The pattern with folders that exist as they are spelt taken so, brackets and all."""
+    """Escape folders of a pattern that exist as they are spelt, with brackets for instance."""
     root = pattern.parents[-1]
     existing = next((folder for folder in pattern.parents if folder.exists()), root)
     return str(Path(glob.escape(str(existing))) / pattern.relative_to(existing))
 
 
 def _find_readers() -> dict[str, type[MeshSequence]]:
-    """The readers by the suffixes they take."""
+    """Return the readers by the suffixes that they take."""
     return discover_plugins("Reader")
 
 
 def open_clip_and_rest(
     frames: tuple[str, ...], settings: ClipSettings, rest_path: Path | None, rest_index: int
 ) -> tuple[MeshSequence, LoadedMesh]:
-    """A clip and its rest pose: that of a file, of the clip's connectivity, or a frame of it."""
+    """Open a clip and its rest pose: a mesh file of the same connectivity, or a frame of it."""
     rest = load_mesh(rest_path) if rest_path is not None else None
     sequence = open_sequence(list(frames), settings, rest)
     if rest is not None:
         with error_context(rest_path):
             count, faces = len(rest.fan_triangulated.vertices), rest.fan_triangulated.faces
             check_connectivity(count, faces, sequence.fan_triangulated, "the first frame")
-        # Polygons are cut alike in all frames: as in the first.
+        # Polygons are cut as in the first frame.
         return sequence, replace(rest, mesh=TriMesh(rest.mesh.vertices, sequence.first.faces))
     if not 0 <= rest_index < len(sequence):
         raise SettingError(

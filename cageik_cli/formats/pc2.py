@@ -29,22 +29,22 @@ class Reader(ArrayClipFile):
 
     @classmethod
     def open_clip(cls, request: ClipRequest) -> ArrayClip:
-        """Find frames, and the first one's number."""
+        """Find the frames, and the number of the first."""
         file = BinaryFile.open(single_path(request.paths))
         if file.size < _HEADER.size:
-            raise FormatError(f"{file.size} bytes, a PC2 file has 32 at least; export it again")
+            raise FormatError(f"{file.size} bytes, a PC2 file has at least 32; export it again")
         header = file.read_array(0, np.dtype(np.uint8), (_HEADER.size,)).tobytes()
         magic, version, vertices, start, rate, frames = _HEADER.unpack(header)
         if magic != _MAGIC or version != 1:
             raise FormatError(
                 f"begins with {magic!r} and version {version}, expected {_MAGIC!r} and version 1; "
-                "it is no PC2 file of a kind read here"
+                "it is not a PC2 file that can be read, export it again"
             )
         check_file_size(file, 32 + 12 * frames * vertices, {"frames": frames, "vertices": vertices})
         if not isfinite(start) or not 0 < rate < float("inf"):
             raise FormatError(
                 f"starts at frame {start} with a sample every {rate} frames, expected a finite "
-                "start and a rate above zero; export it again"
+                "start and a step above zero; export it again"
             )
         layout = ArrayLayout(32, np.dtype("<f4"), frames, vertices)
         return ArrayClip(
@@ -56,13 +56,13 @@ def _make_rate_notes(rate: float) -> tuple[str, ...]:
     if rate == 1:
         return ()
     return (
-        f"holds a sample every {rate:g} frames of its scene, and each is taken as a frame; the "
-        f"frames a second are those of the scene divided by {rate:g}: give --fps",
+        f"holds a sample every {rate:g} frames of its scene, and each is used as one frame; give "
+        f"the frame rate of the scene divided by {rate:g} with --fps",
     )
 
 
 class Writer(PointCacheWriter):
-    """A sample a frame, the first at the scene's start."""
+    """Writes a sample per frame, the first at the scene's start."""
 
     suffixes = (".pc2",)
     dtype = "<f4"
@@ -72,7 +72,7 @@ class Writer(PointCacheWriter):
         self.notes = make_blender_notes(animation.scene.start)
 
     def make_header(self, animation: Animation) -> bytes:
-        """The 32 bytes before the first sample."""
+        """Return the 32 bytes before the first sample."""
         count, start = len(animation.rest.vertices), animation.scene.start
         return struct.pack(
             "<12siiffi", b"POINTCACHE2\0", 1, count, start, 1.0, animation.frame_count

@@ -37,7 +37,7 @@ _TYPE_CODES = {
     **dict.fromkeys((b"float", b"float32"), "f"),
     **dict.fromkeys((b"double", b"float64"), "d"),
 }
-"""Types by the letters that `struct` and numpy share; of a list's count and items two follow."""
+"""The letters of types for `struct` and numpy; a list has two, of its count and of its items."""
 
 
 # Where a header announces how many vertices and faces follow.
@@ -66,7 +66,7 @@ class Reader(FrameFileReader):
 
 @dataclass(frozen=True, slots=True)
 class _Element:
-    """What a header says of vertices, faces or others: how many, and the letters by property."""
+    """An element of a header, such as vertices or faces: count, and type codes by property."""
 
     name: bytes
     count: int
@@ -74,7 +74,7 @@ class _Element:
 
 
 class PlyFrameParser:
-    """Reads binary PLY frames that but for their vertices are, byte for byte, a first frame.
+    """Reads binary PLY frames that differ from a first frame in the vertices alone.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class PlyFrameParser:
                 self._tail = first[start + self._row_dtype.itemsize * self._vertex_count :]
 
     def parse_positions(self, data: bytes) -> Floats | None:
-        """Vertices (m, 3) if all else is the first frame's, else None."""
+        """Return the vertices (m, 3) if all other bytes are the first frame's, else None."""
         if not self._head or len(data) != self._size:
             return None
         if not data.startswith(self._head) or not data.endswith(self._tail):
@@ -105,13 +105,13 @@ class PlyFrameParser:
 
 
 def is_binary_ply(data: bytes) -> bool:
-    """Whether a file announces one."""
+    """Return whether a file is a binary PLY, by its header."""
     words = data[:200].split(maxsplit=4)
     return words[:2] == [b"ply", b"format"] and words[2:3] != [b"ascii"]
 
 
 def parse_binary_ply(data: bytes) -> tuple[Floats, Integers, Integers]:
-    """Vertices (n, 3), the corners of all faces one after the other, and how many each has.
+    """Read the vertices (n, 3), the corners of all faces in order, and how many each has.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def parse_ascii_ply(data: bytes) -> tuple[Floats, list[Integers]]:
 
 
 def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
-    """The order of bytes, the elements, and where they begin."""
+    """Return the byte order, the elements, and where they begin."""
     end = data.index(b"\n", data.index(b"end_header")) + 1
     order, elements = "", []
     for words in map(bytes.split, data[:end].splitlines()):
@@ -194,7 +194,7 @@ def _has_lists(element: _Element) -> bool:
 
 
 def _make_row_dtype(element: _Element, order: str, sizes: dict[bytes, int]) -> np.dtype[Any]:
-    """A row of an element whose lists have these sizes; a list's count is field `NAME#`."""
+    """Return the type of a row whose lists have these sizes; a list's count is field `NAME#`."""
     fields: list[Any] = []
     for name, codes in element.type_codes.items():
         key = name.decode()
@@ -214,10 +214,10 @@ def _stack_positions(rows: NDArray[Any]) -> Floats:
 def _parse_faces(
     data: bytes, offset: int, element: _Element, order: str
 ) -> tuple[Integers, Integers, int]:
-    """Corners of the faces, how many each has, and where the next element begins."""
+    """Read the corners of the faces, how many each has, and where the next element begins."""
     lists = [name for name, codes in element.type_codes.items() if len(codes) == 2]
     if not lists:
-        raise ValueError("its faces hold no list of vertices")
+        raise ValueError("its faces have no list of vertices")
     wanted = next((n for n in (b"vertex_indices", b"vertex_index") if n in lists), lists[0])
     code = element.type_codes[wanted][1]
     if code in "efd":
@@ -238,7 +238,7 @@ def _parse_faces(
 def _parse_list_rows(
     data: bytes, offset: int, element: _Element, order: str, wanted: bytes
 ) -> tuple[bytes, Integers, int]:
-    """The items of one list of every row, how many each has, and where the next element begins."""
+    """Read the items of a list in every row, their counts, and where the next element begins."""
     steps = [
         (name == wanted, struct.Struct(order + codes[0]), struct.calcsize(order + codes[1:]))
         for name, codes in element.type_codes.items()
@@ -273,7 +273,7 @@ end_header
 
 
 class Writer(FrameFileWriter):
-    """Binary, little-endian, in double precision: every digit is kept."""
+    """Writes binary, little-endian files in double precision: every digit is kept."""
 
     suffixes = (".ply",)
 
@@ -286,5 +286,5 @@ class Writer(FrameFileWriter):
         self._head, self._tail = _HEADER_TEMPLATE.format(**counts).encode(), faces.tobytes()
 
     def encode_frame(self, positions: Floats) -> bytes:
-        """The bytes of one frame."""
+        """Return the bytes of one frame."""
         return self._head + positions.astype("<f8").tobytes() + self._tail

@@ -1,4 +1,4 @@
-"""How an animation sits in a scene: what time and space its numbers mean."""
+"""Scene settings of an animation: frame rate, first frame, up axis and unit of length."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -12,14 +12,14 @@ UP_AXES = ("Y", "Z")
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Time and space of an animation, with what is usual where nobody says.
+    """Frame rate, first frame, up axis and unit of an animation, with the usual defaults.
 
     Attributes
     ----------
     fps : float
-        Frames a second.
+        Frames per second.
     start : float
-        Number of the first frame on the scene's time line.
+        Number of the first frame on the timeline of the scene.
     up_axis : str
         One of `UP_AXES`.
     metres_per_unit : float
@@ -28,7 +28,7 @@ class Scene:
     Raises
     ------
     InputError
-        When one of them cannot be.
+        When a value is not possible.
     """
 
     fps: float = 24.0
@@ -38,20 +38,22 @@ class Scene:
 
     def __post_init__(self) -> None:
         for name, value in (
-            ("frames a second", self.fps),
-            ("metres a unit", self.metres_per_unit),
+            ("frames per second", self.fps),
+            ("metres per unit", self.metres_per_unit),
         ):
             if not 0 < value < float("inf"):
                 raise SettingError(f"{value:g} {name}, expected a number above zero")
         if not isfinite(self.start):
-            raise SettingError(f"the first frame's number is {self.start}, expected a finite one")
+            raise SettingError(
+                f"the number of the first frame is {self.start}, expected a finite number"
+            )
         if self.up_axis not in UP_AXES:
             raise SettingError(f"the up axis is {self.up_axis}, expected {' or '.join(UP_AXES)}")
 
 
 @dataclass(frozen=True, slots=True)
 class SceneHints:
-    """What somebody says of a scene; None where they say nothing. As in `Scene` otherwise."""
+    """The scene settings that a file or a user gives; None where they give none. See `Scene`."""
 
     fps: float | None = None
     start: float | None = None
@@ -62,14 +64,14 @@ class SceneHints:
         self.override(Scene())
 
     def override(self, scene: Scene) -> Scene:
-        """`scene`, but for what is said here."""
-        said = {name: getattr(self, name) for name in self.__slots__}
-        return replace(scene, **{name: value for name, value in said.items() if value is not None})
+        """Return `scene` with the settings that are given here."""
+        given = {name: getattr(self, name) for name in self.__slots__}
+        return replace(scene, **{name: value for name, value in given.items() if value is not None})
 
     def restrict_to_frames(self, frames: range) -> "SceneHints":
-        """What is said of those frames of the clip alone.
+        """Return the settings of some frames of the clip.
 
-        Every second frame has half the frames a second, so that the motion keeps its speed.
+        Every second frame has half the frame rate, so that the motion keeps its speed.
         """
         fps = None if self.fps is None else self.fps / frames.step
         start = None if self.start is None else self.start + frames.start
@@ -77,20 +79,20 @@ class SceneHints:
 
     @property
     def describe(self) -> str:
-        """What is said, in a line; empty if nothing is."""
-        said = (
-            self.fps is not None and f"{self.fps:g} frames a second",
+        """The settings on one line; empty if there are none."""
+        given = (
+            self.fps is not None and f"{self.fps:g} frames per second",
             self.start is not None and f"from frame {self.start:g}",
             self.up_axis is not None and f"{self.up_axis} up",
-            self.metres_per_unit is not None and f"{self.metres_per_unit:g} m a unit",
+            self.metres_per_unit is not None and f"{self.metres_per_unit:g} m per unit",
         )
-        return ", ".join(word for word in said if word)
+        return ", ".join(words for words in given if words)
 
 
 def parse_scene_metadata(metadata: Mapping[str, Any]) -> tuple[SceneHints, tuple[str, ...]]:
-    """The hints among the values that a file has under their names, and what is wrong with others.
+    """Return the scene settings in the metadata of a file, and notes on those that are ignored.
 
-    What is no single number (text for the axis) is somebody else's and passed by.
+    A value that is not a single number (text for the axis) has another meaning and is skipped.
     """
     import numpy as np  # here, as the command line imports the settings and no numerics
 
@@ -103,5 +105,5 @@ def parse_scene_metadata(metadata: Mapping[str, Any]) -> tuple[SceneHints, tuple
             plain: Any = str(value) if field.name == "up_axis" else float(value)
             hints = replace(hints, **{field.name: plain})
         except InputError as error:
-            notes.append(f"`{field.name}` is passed by: {error}")
+            notes.append(f"ignored `{field.name}`: {error}")
     return hints, tuple(notes)

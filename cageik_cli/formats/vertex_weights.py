@@ -1,4 +1,4 @@
-"""Vertex weights: one number a vertex, in a text file or a numpy array."""
+"""Vertex weights: one number per vertex, in a text file or a numpy array."""
 
 import io
 from pathlib import Path
@@ -12,7 +12,7 @@ from cageik_cli.util.errors import FormatError, error_context
 
 
 def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
-    """Read weights from `.npy`, or from text with one number a line; also name and digest.
+    """Read weights from `.npy`, or from text with one number per line; also name and digest.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
                 raise ValueError(f"it holds {weights.dtype} values")
         except (ValueError, TypeError, EOFError, MemoryError, SyntaxError, TokenError) as error:
             raise FormatError(
-                f"is not a list of numbers ({error}); expected one a line, or a .npy array"
+                f"is not a list of numbers ({error}); expected one per line, or a .npy array"
             ) from error
         with np.errstate(over="ignore", invalid="ignore"):  # infinite weights are refused later
             return np.asarray(weights, dtype=np.float64), describe_source(path, data)

@@ -1,4 +1,4 @@
-"""From the name of an output to its writer."""
+"""Write animations: from the name of an output to its writer."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -20,26 +20,26 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_bytes
 
 DEFAULT_FORMAT = "obj"
-"""Of the files of a folder, where nobody says."""
+"""Format of the files in a folder, when none is given."""
 
 DEFAULT_DIGITS = 4
-"""Of the numbers of files in a folder that is but named."""
+"""Digits of the frame numbers of files in a folder, when no pattern is given."""
 
 WriterFactory = Callable[[Path, Animation], AnimationWriter]
 
 
 def check_animation_output(path: Path, overwrite: bool, file_format: str | None = None) -> None:
-    """Refuse, before any work, an output of no known kind, that exists or cannot be written.
+    """Refuse, before any work, an output that cannot be written.
 
     Parameters
     ----------
     path : Path
-        A file; the files of a folder by a pattern, see `FrameNames`; or a folder alone, whose
-        files get its name and a number.
+        A file; files in a folder by a pattern, see `FrameNames`; or a folder alone, whose files
+        get its name and a number.
     overwrite : bool
-        Whether what is there may be replaced: a file, or a folder of nothing but such files.
+        Whether an existing file, or a folder of such files and no others, may be replaced.
     file_format : str, optional
-        Of the files of a folder that is but named: their suffix without the dot.
+        Format of the files when only a folder is given: their suffix without the dot.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def check_animation_output(path: Path, overwrite: bool, file_format: str | None 
 
 
 def output_path(path: Path, file_format: str | None = None) -> Path:
-    """The file or the folder that is written for the output `path`."""
+    """Return the file or the folder that is written for the output `path`."""
     return _resolve_target(path, file_format).path
 
 
@@ -74,7 +74,7 @@ def open_writer(
     file_format: str | None = None,
     writer_factory: WriterFactory | None = None,
 ) -> Iterator[AnimationWriter]:
-    """A writer of the kind of `path`, which gets its name when the block ends without an error.
+    """Open a writer for `path`; the output gets its name if the block ends without an error.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def open_writer(
         As of `check_animation_output`.
     animation : Animation
     writer_factory : callable, optional
-        Makes the writer, if it is not to be the usual one of that suffix.
+        Makes the writer, instead of the usual one of that suffix.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def open_writer(
 
 @dataclass(frozen=True, slots=True)
 class _Target:
-    """What an output's name means.
+    """An output and its writer.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class _Target:
     frame_names: FrameNames | None
 
     def open_atomic(self, overwrite: bool) -> AbstractContextManager[Path]:
-        """The name to give the writer; what it writes takes the output's own when whole."""
+        """Yield a temporary name for the writer; the output is renamed when it is complete."""
         if self.frame_names is None:
             return atomic_path(self.path, overwrite)
         return self._open_atomic_folder(self.frame_names, overwrite)
@@ -145,34 +145,32 @@ def _resolve_target(path: Path, file_format: str | None) -> _Target:
             )
         writer = kinds[suffix]
         if file_format and suffix != f".{file_format}":
-            raise OutputError(
-                f"has the suffix of another format than {file_format}; leave --format out"
-            )
+            raise OutputError(f"has another suffix than --format {file_format}; remove --format")
         if writer.writes_folder and names is None:
             raise OutputError(
-                f"a `{suffix}` file holds one frame; name a folder of them, "
+                f"a `{suffix}` file holds one frame; name files in a folder, "
                 f"such as {path.stem}/{path.stem}_####{suffix}"
             )
         if names is not None and not writer.writes_folder:
-            raise OutputError(f"a `{suffix}` file holds all frames; leave the frame's number out")
+            raise OutputError(f"a `{suffix}` file holds all frames; remove the frame number")
     return _Target(path if names is None else folder, writer, names)
 
 
 def _find_writers() -> dict[str, type[AnimationWriter]]:
-    """The writers by the suffixes they take."""
+    """Return the writers by the suffixes that they take."""
     return discover_plugins("Writer")
 
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """Where an animation goes.
+    """The output of an animation.
 
     Attributes
     ----------
     path : Path
     file_format : str, optional
     overwrite : bool
-        As `check_animation_output` has them.
+        As of `check_animation_output`.
     """
 
     path: Path
@@ -191,7 +189,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class ExportSummary:
-    """What was written.
+    """What was written: counts and size.
 
     Attributes
     ----------
@@ -209,7 +207,7 @@ class ExportSummary:
 
     @property
     def message(self) -> str:
-        """What to tell the user."""
+        """A line for the user."""
         counts = f"{self.frame_count} frames of {self.vertex_count} vertices"
         return f"wrote {self.path}: {counts}, {format_bytes(self.byte_count)}"
 
@@ -221,7 +219,7 @@ def write_animation(
     progress: ProgressListener,
     writer_factory: WriterFactory | None = None,
 ) -> ExportSummary:
-    """Write all `blocks` of frames, (k, m, 3), one after the other; what to mind is remarked.
+    """Write all `blocks` of frames, (k, m, 3), in order, and report the notes of the writer.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""A camera: where points are seen on a screen, and where on a pixel's ray they are.
+"""A camera: from points to pixels, and from pixels to rays and points.
 
 Conventions are OpenGL's. Matrices act on columns: `view` takes the world to the eye, which looks
-along −z with y up; `projection` takes the eye to clip space, and what is seen has x, y and z within
-±1 after the division by w, the near plane at z = −1. Pixels are counted from the upper left corner
-of the picture, x to the right and y downwards; the middle of the first is (½, ½).
+along −z with y up; `projection` takes the eye to clip space, where visible points have x, y and z
+within ±1 after the division by w, and the near plane is at z = −1. Pixels are counted from the
+upper left corner of the picture, x to the right and y downwards; the middle of the first is (½, ½).
 """
 
 from dataclasses import dataclass
@@ -15,29 +15,29 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError
 
 MAX_CONDITION = 1e14
-"""Matrices of a larger condition number are singular, as far as the numbers tell."""
+"""Matrices of a larger condition number count as singular."""
 
 NEAR_PLANE_RATIO = 1e-6
-"""Where the near plane of a camera without matrices is, in distances of what it looks at."""
+"""Distance of the near plane of a camera without matrices, over that of its target."""
 
 MIN_UP_SINE = 1e-9
-"""Sine of the least angle between the direction of a camera's look and what is up."""
+"""Sine of the smallest angle between the viewing direction and `up`."""
 
 AFFINE_ROW = (0, 0, 0, 1)
 """Last row of a view, and of a parallel projection."""
 
 PERSPECTIVE_ROW = (0, 0, -1, 0)
-"""Last row of a perspective projection: w is how far a point is ahead."""
+"""Last row of a perspective projection: w is the distance ahead of the camera."""
 
 ROW_TOL = 1e-6
-"""By how much these may be off: programs invert matrices in single precision."""
+"""Tolerance of these rows: programs invert matrices in single precision."""
 
 _TRANSPOSE_HINT = "act on columns, so transpose both if they act on rows"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rays:
-    """What p pixels show: straight lines from the near plane to the far plane.
+    """The rays of p pixels, from the near plane to the far plane.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class Camera:
     def from_look_at(
         cls, viewpoint: "LookAt", fov_degrees: float, width: float, height: float
     ) -> Self:
-        """A perspective camera without a far plane.
+        """Make a perspective camera without a far plane.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ class Camera:
         return cls(viewpoint.view, projection, width, height)
 
     def project(self, points: Floats) -> Floats:
-        """Where points, (…, 3), are seen, (…, 3): x and y in pixels, and depth from −1 to 1.
+        """Project points, (…, 3), to x and y in pixels and a depth from −1 to 1, (…, 3).
 
         Raises
         ------
@@ -144,14 +144,14 @@ class Camera:
         return np.stack([(1 + x) / 2 * self.width, (1 - y) / 2 * self.height, depth], axis=-1)
 
     def cast_rays(self, pixels: Floats) -> Rays:
-        """What is seen in pixels, (p, 2)."""
+        """Return the rays of pixels, (p, 2)."""
         x, y = 2 * pixels[:, 0] / self.width - 1, 1 - 2 * pixels[:, 1] / self.height
         unproject, to_world = np.linalg.inv(self.projection), np.linalg.inv(self.view[:3, :3])
         near, far = (
             np.stack([x, y, np.full_like(x, depth), np.ones_like(x)], axis=1) @ unproject.T
             for depth in (-1.0, 1.0)
         )
-        # Of points at infinity, whose w is 0, this is the direction still.
+        # This is the direction even to points at infinity, whose w is 0.
         ways = (far[:, :3] * near[:, 3:] - near[:, :3] * far[:, 3:]) @ to_world.T
         sizes = np.linalg.norm(ways, axis=1)
         with np.errstate(divide="ignore"):
@@ -160,7 +160,7 @@ class Camera:
         return Rays(origins, ways / sizes[:, None], lengths)
 
     def move_to_pixels(self, points: Floats, pixels: Floats) -> Floats:
-        """Where points are, (p, 3), when they are seen in pixels, (p, 2), as deep as before.
+        """Move points, (p, 3), at constant depth until they are seen in pixels, (p, 2).
 
         The ray of each pixel meets the plane through the point that is parallel to the screen
         (Savoye and Franco 2010, section 4.3).
@@ -178,18 +178,18 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class LookAt:
-    """Where a viewer stands, and what it looks at.
+    """A viewpoint and the point that it looks at.
 
     Attributes
     ----------
     position, target : (3,) float64
     up : (3,) float64
-        What is seen upright.
+        The direction that is up in the picture.
 
     Raises
     ------
     InputError
-        When it looks nowhere, or straight along what is up.
+        When position and target are the same, or `up` is parallel to the viewing direction.
     """
 
     position: Floats
@@ -206,7 +206,7 @@ class LookAt:
 
     @property
     def view(self) -> Floats:
-        """World to eye, (4, 4)."""
+        """The matrix from world to eye, (4, 4)."""
         back = _normalize(self.position - self.target)
         right = _normalize(np.cross(self.up, back))
         axes = np.stack([right, np.cross(back, right), back])
@@ -226,7 +226,7 @@ def _validate_matrix(name: str, values: Floats) -> Floats:
 
 
 def _normalize_rows(matrix: Floats) -> Floats:
-    """With rows of length one: units and far planes do not make a matrix singular."""
+    """Scale rows to length one, so that units and far planes do not make a matrix singular."""
     sizes = np.linalg.norm(matrix, axis=1, keepdims=True)
     return np.asarray(np.divide(matrix, sizes, out=np.zeros_like(matrix), where=sizes > 0))
 

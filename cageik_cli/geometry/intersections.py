@@ -1,7 +1,7 @@
-"""Which triangles meet: exact answers, whatever the rounding of the positions.
+"""Intersections of triangles, decided exactly.
 
-A tree of boxes (libigl) finds the pairs, Shewchuk's predicates (1997; libigl) decide on them. Every
-decision is made of the sign of the volume of a tetrahedron, which is exact.
+A tree of boxes (libigl) finds the pairs, Shewchuk's predicates (1997; libigl) decide. Every
+decision is the sign of the volume of a tetrahedron, which is exact.
 """
 
 import igl.predicates
@@ -14,14 +14,14 @@ from cageik_cli.util.arrays import Floats, Integers
 Booleans = NDArray[np.bool_]
 
 PAIRS_PER_BLOCK = 1 << 16
-"""Pairs of neighbours judged together, to bound the memory they take."""
+"""Pairs of faces that are tested together, to bound the memory."""
 
 
 def self_intersections(mesh: TriMesh) -> Integers:
-    """Pairs of faces that have more in common than the vertices they share, (p, 2), sorted.
+    """Find pairs of faces that meet elsewhere than at shared vertices and edges, (p, 2), sorted.
 
-    Faces that merely touch are such a pair, and so are neighbours folded flat onto each other.
-    Faces on the same three vertices, and faces without area, are not judged.
+    Faces that only touch are such a pair, and so are neighbours folded flat onto each other. Faces
+    on the same three vertices, and faces without area, are not tested.
     """
     pairs = _find_candidate_pairs(mesh, mesh)
     pairs = _sort_pairs(pairs[pairs[:, 0] < pairs[:, 1]])
@@ -33,10 +33,10 @@ def self_intersections(mesh: TriMesh) -> Integers:
 
 
 def crossing_face_pairs(first: TriMesh, second: TriMesh, min_depth: float) -> Integers:
-    """Pairs of a face of `first` and a face of `second` that pass through each other, (p, 2).
+    """Find pairs of a face of `first` and one of `second` that pass through each other, (p, 2).
 
-    Each then has corners on both sides of the other's plane, and they have a segment in common, all
-    by more than `min_depth` (file units): faces that touch, but for rounding, do not count.
+    Each has corners on both sides of the other's plane, and they share a segment, all by more than
+    `min_depth` (file units): faces that only touch, up to rounding, do not count.
     """
     pairs = _sort_pairs(_find_candidate_pairs(first, second))
     a = first.vertices[first.faces[pairs[:, 0]]]
@@ -58,7 +58,7 @@ def _meet_improperly(mesh: TriMesh, pairs: Integers) -> Booleans:
 
 
 def triangles_meet(a: Floats, b: Floats) -> Booleans:
-    """Whether triangles (k, 3, 3) have a point in common, (k,); exact.
+    """Return whether triangles (k, 3, 3) have a common point, (k,); exact.
 
     If they have, an edge of one meets the other.
     """
@@ -70,9 +70,9 @@ def triangles_meet(a: Floats, b: Floats) -> Booleans:
 
 
 def segments_meet(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
-    """Whether segments, (k, 3) each, meet triangles (k, 3, 3); exact.
+    """Return whether segments, (k, 3) each, meet triangles (k, 3, 3); exact.
 
-    A triangle without area is met by none: what meets it meets with an edge of it.
+    Nothing meets a triangle without area.
     """
     a, b, c = (triangle[:, k] for k in range(3))
     before, behind = _side_of_plane(a, b, c, start), _side_of_plane(a, b, c, stop)
@@ -85,14 +85,14 @@ def segments_meet(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
 
 
 def _lines_pass_through(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
-    """Whether lines pass through triangles, in whose planes they do not lie."""
+    """Return whether lines pass through triangles; the lines are not in their planes."""
     a, b, c = (triangle[:, k] for k in range(3))
     turns = np.stack([_side_of_plane(start, stop, p, q) for p, q in ((a, b), (b, c), (c, a))])
     return np.asarray((turns.min(axis=0) >= 0) | (turns.max(axis=0) <= 0), np.bool_)
 
 
 def _meet_away_from_corner(a: Floats, b: Floats) -> Booleans:
-    """Whether triangles that share their first corner meet elsewhere.
+    """Return whether triangles that share their first corner meet elsewhere.
 
     A ray from the corner that stays in both leaves one of them through the opposite side.
     """
@@ -102,7 +102,7 @@ def _meet_away_from_corner(a: Floats, b: Floats) -> Booleans:
 
 
 def _are_folded_together(a: Floats, b: Floats) -> Booleans:
-    """Whether triangles that share their first two corners lie in a plane, on one side of them."""
+    """Return whether triangles that share their first two corners are folded onto each other."""
     flat = _side_of_plane(a[:, 0], a[:, 1], a[:, 2], b[:, 2]) == 0
     same = np.zeros(len(a), bool)
     for axis in range(3):
@@ -112,9 +112,9 @@ def _are_folded_together(a: Floats, b: Floats) -> Booleans:
 
 
 def _meet_in_plane(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
-    """Whether segments meet triangles in whose plane they lie: no line in it parts them.
+    """Return whether segments meet triangles of the same plane: no line separates them.
 
-    A line that parts two convex shapes of a plane can be turned until it has a side of one.
+    A line that separates two convex shapes can be turned until it contains a side of one.
     """
     a, b, c = (triangle[:, k] for k in range(3))
     found = np.zeros(len(start), bool)
@@ -131,19 +131,19 @@ def _meet_in_plane(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
 
 
 def _side_of_plane(a: Floats, b: Floats, c: Floats, point: Floats) -> Integers:
-    """On which side of the plane through a, b, c points lie, (k,): 1, 0 or −1; exact."""
+    """Return the side of the plane through a, b, c for each point, (k,): 1, 0, −1; exact."""
     rows = [np.ascontiguousarray(p) for p in (a, b, c, point)]
     return np.asarray(igl.predicates.orient3d(*rows), np.int64)
 
 
 def _turning_direction(a: Floats, b: Floats, c: Floats, axis: int) -> Integers:
-    """Which way a, b, c turn as seen along an axis, (k,): 1, 0 or −1; exact."""
+    """Return which way a, b, c turn seen along an axis, (k,): 1, 0 or −1; exact."""
     p, q, r = (np.where(np.arange(3) == axis, 0.0, point) for point in (a, b, c))
     return _side_of_plane(p, q, r, p + np.eye(3)[axis])
 
 
 def _straddle_planes(a: Floats, b: Floats, min_depth: float) -> Booleans:
-    """Whether triangles `a` have corners further than `min_depth` on both sides of those `b`."""
+    """Return whether triangles `a` reach further than `min_depth` on both sides of those `b`."""
     height = _heights(a, b)
     return np.asarray(
         (height.max(axis=1) > min_depth) & (height.min(axis=1) < -min_depth), np.bool_
@@ -151,9 +151,9 @@ def _straddle_planes(a: Floats, b: Floats, min_depth: float) -> Booleans:
 
 
 def _common_length(a: Floats, b: Floats) -> Floats:
-    """Length of the segment that triangles have in common that straddle each other, (k,).
+    """Return the length of the common segment of triangles that straddle each other, (k,).
 
-    Negative if they meet the line between their planes apart from each other.
+    Negative if they meet the line of intersection of their planes in separate places.
     """
     line = np.cross(_unit_normals(a), _unit_normals(b))
     line /= np.linalg.norm(line, axis=1, keepdims=True)
@@ -170,7 +170,7 @@ def _common_length(a: Floats, b: Floats) -> Floats:
 
 
 def _heights(a: Floats, b: Floats) -> Floats:
-    """Of the corners of triangles `a` over the planes of those `b`, (k, 3); 0 if there is none."""
+    """Return the heights of the corners of `a` over the planes of `b`, (k, 3); 0 without plane."""
     return np.asarray(np.einsum("kcx,kx->kc", a - b[:, :1], _unit_normals(b)))
 
 
@@ -181,7 +181,7 @@ def _unit_normals(triangles: Floats) -> Floats:
 
 
 def _find_candidate_pairs(first: TriMesh, second: TriMesh) -> Integers:
-    """Pairs of faces, (p, 2), all among them that have a point in common."""
+    """Find pairs of faces, (p, 2): at least all that have a common point."""
     _, pairs, _ = igl.predicates.find_intersections(
         first.vertices, first.faces, second.vertices, second.faces
     )
@@ -189,7 +189,7 @@ def _find_candidate_pairs(first: TriMesh, second: TriMesh) -> Integers:
 
 
 def _put_shared_first(corners: Integers, others: Integers) -> Integers:
-    """The corners of faces (k, 3), those that the face beside it has too first, by number."""
+    """Reorder the corners of faces (k, 3): those shared with the other face first, by number."""
     shared = (corners[:, :, None] == others[:, None]).any(axis=2)
     order = np.lexsort((corners, ~shared), axis=1)
     return np.take_along_axis(corners, order, axis=1)

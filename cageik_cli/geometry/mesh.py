@@ -1,4 +1,4 @@
-"""A triangle mesh and what it says of itself: edges, components, volume, Laplacian."""
+"""Triangle meshes: edges, components, volume, Laplacian."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +12,7 @@ from cageik_cli.util.arrays import Floats, Integers, Number
 from cageik_cli.util.errors import FormatError
 
 MAX_COORDINATE = 1e50
-"""Positions beyond it are refused: areas and volumes, and their squares, would overflow."""
+"""Larger coordinates are refused: squares of areas and volumes would overflow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +68,12 @@ class TriMesh:
 
     @cached_property
     def is_closed(self) -> bool:
-        """Whether faces pass every edge as often forth as back: the mesh then bounds a volume."""
+        """Whether the faces use every edge equally often in both directions, so bound a volume."""
         return bool(self.edges.is_balanced.all())
 
     @cached_property
     def components(self) -> Integers:
-        """Number of the connected component of each vertex, (n,); a lone vertex is its own."""
+        """Number of the connected component of each vertex, (n,); a lone vertex is one."""
         ends = self.edges.ends
         graph = sparse.coo_array(
             (np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(self.vertices),) * 2
@@ -86,7 +86,7 @@ class TriMesh:
         return float(signed_volumes(self.vertices[None], self.faces)[0])
 
     def flip(self) -> "TriMesh":
-        """The same surface seen from its other side."""
+        """Return the mesh with reversed faces."""
         return TriMesh(self.vertices, self.faces[:, ::-1])
 
 
@@ -97,16 +97,16 @@ class Edges:
     Attributes
     ----------
     ends : (e, 2) int64
-        Vertex numbers, the smaller first. Edges are in the order in which the faces first have
-        them, so that what is summed over edges cancels panel by panel and rounds little.
+        Vertex numbers, the smaller first. Edges are in the order of their first use by the faces,
+        so that sums over edges cancel panel by panel and round little.
     side_edges : (f, 3) int64
-        The edge of each face's side; side k lies opposite corner k.
+        The edge of each face's side; side k is opposite corner k.
     first_side : (e,) int64
-        3 face + side of the first side that is on the edge.
+        3 face + side of the first side on the edge.
     face_counts : (e,) int64
-        How many faces have the edge.
+        Number of faces at the edge.
     is_balanced : (e,) bool
-        Whether as many faces pass the edge from the smaller to the larger number as back.
+        Whether the faces use the edge equally often in both directions.
     """
 
     ends: Integers
@@ -135,7 +135,13 @@ class Edges:
 
 
 def validate_positions(positions: ArrayLike) -> Floats:
-    """`positions` as (n, 3) float64; an InputError names the first vertex that cannot be used."""
+    """Return `positions` as (n, 3) float64.
+
+    Raises
+    ------
+    FormatError
+        Naming the first vertex that is not finite or too large.
+    """
     with np.errstate(over="ignore", invalid="ignore"):  # a conversion's overflow is found below
         array = np.asarray(positions, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
@@ -146,20 +152,20 @@ def validate_positions(positions: ArrayLike) -> Floats:
         x, y, z = array[vertex]
         raise FormatError(
             f"vertex {vertex} is ({x:g}, {y:g}, {z:g}) and {np.count_nonzero(~finite)} of "
-            f"{len(array)} vertices are not finite; expected finite numbers, export the file again"
+            f"{len(array)} vertices are not finite; expected finite numbers; export the file again"
         )
     if max(array.max(), -array.min()) > MAX_COORDINATE:
         vertex = int(np.argmax(np.abs(array).max(axis=1) > MAX_COORDINATE))
         x, y, z = array[vertex]
         raise FormatError(
-            f"vertex {vertex} is ({x:g}, {y:g}, {z:g}), expected coordinates of "
-            f"{MAX_COORDINATE:g} at most; export the file again, or scale it"
+            f"vertex {vertex} is ({x:g}, {y:g}, {z:g}), expected coordinates of at "
+            f"most {MAX_COORDINATE:g}; export the file again, or scale it"
         )
     return array
 
 
 def signed_volumes(frames: Floats, faces: Integers) -> Floats:
-    """Signed volume of each frame of a closed mesh by the divergence theorem.
+    """Compute the signed volume of each frame of a closed mesh, by the divergence theorem.
 
     Parameters
     ----------
@@ -171,18 +177,18 @@ def signed_volumes(frames: Floats, faces: Integers) -> Floats:
     Returns
     -------
     (k,), cubed file units, positive for outward faces. For an open mesh the value would depend on
-    the origin: do not ask.
+    the origin and has no meaning.
     """
     volumes = np.empty(len(frames))
     corners = [np.ascontiguousarray(corner) for corner in faces.T]
-    # New memory for each frame would cost more than what is computed.
+    # Allocating memory for each frame would cost more than the computation.
     xyz = np.empty((3, frames.shape[1]))
     at, product = np.empty((3, 3, len(faces))), np.empty((2, len(faces)))
     for k, frame in enumerate(frames):
         # Measured from a vertex, a model far from the origin loses no digits.
         np.subtract(frame.T, frame[0][:, None], out=xyz)
         for corner, place in zip(corners, at, strict=True):
-            # Faces are known to name vertices: no mode asks, this one is the quickest.
+            # The indices are valid, so `clip`, the fastest mode, changes nothing.
             xyz.take(corner, axis=1, out=place, mode="clip")
         (x, y, z), (xb, yb, zb), (xc, yc, zc) = at
         volume = 0.0
@@ -196,7 +202,7 @@ def signed_volumes(frames: Floats, faces: Integers) -> Floats:
 
 
 def uniform_laplacian(mesh: TriMesh) -> Floats:
-    """L = I − D⁻¹A of the mesh's edges, dense (n, n): position less the neighbours' mean.
+    """Build L = I − D⁻¹A of the edges, dense (n, n): position minus the mean of the neighbours.
 
     Rows sum to zero; `L @ vertices` are the differential coordinates δ (Savoye and Franco 2010,
     section 3; uniform weights do not change when the cage is posed).
@@ -219,7 +225,7 @@ def _validate_faces(faces: ArrayLike, vertex_count: int) -> Integers:
         face = int(np.argmax(wrong.any(axis=1)))
         raise FormatError(
             f"face {face} names vertices {', '.join(map(str, array[face]))} (counted from 0), "
-            f"but there are {vertex_count}; export the mesh again"
+            f"but there are {vertex_count} vertices; export the mesh again"
         )
     return array
 

@@ -19,20 +19,20 @@ import numpy as np
 from cageik_cli.util.arrays import Floats
 
 NEWTON_STEPS = 4
-"""Of Newton's method: two or three are enough unless the matrix turns things inside out."""
+"""Steps of Newton's method: two or three suffice unless the matrix is a reflection."""
 
 MAX_LAST_STEP = 1e-9
-"""What the last step may still change of f; the next would change its square, many times."""
+"""Largest last step of f; a next step would be a multiple of its square."""
 
 MIN_SLOPE = 0.03
-"""Of ½ f g − det A: below, the next root is near, and digits are lost."""
+"""Smallest ½ f g − det A; below it the next root is close, and digits are lost."""
 
 MIN_NORM = 1e-140
-"""Matrices of a smaller norm lose digits when it is squared."""
+"""Matrices of a smaller norm lose digits when the norm is squared."""
 
 
 def _list_cofactor_factors() -> list[int]:
-    """Where in a flat matrix the factors of cofactors are: cof A = A₀ A₁ − A₂ A₃, all nine."""
+    """List where in a flat matrix the factors of the nine cofactors are: A₀ A₁ − A₂ A₃."""
     steps = ((1, 1), (2, 2), (1, 2), (2, 1))
     places = [(i, j) for i in range(3) for j in range(3)]
     return [3 * ((i + down) % 3) + (j + right) % 3 for down, right in steps for i, j in places]
@@ -41,21 +41,21 @@ def _list_cofactor_factors() -> list[int]:
 FACTOR_INDICES = np.array(_list_cofactor_factors())
 
 PARTNER_INDICES = FACTOR_INDICES.reshape(2, 2, 9)[:, ::-1].ravel()
-"""What each factor is multiplied by."""
+"""The index that each factor is multiplied with."""
 
 
 def nearest_rotations(matrices: Floats) -> Floats:
-    """Rotations R, (k, 3, 3), that maximise tr(RᵀA) for matrices A, (k, 3, 3); never a reflection.
+    """Return the rotations R, (k, 3, 3), that maximise tr(RᵀA) for matrices A, (k, 3, 3).
 
-    A matrix of zeros, which has none, is given the identity.
+    Never a reflection. A matrix of zeros gives the identity.
     """
     entries = np.ascontiguousarray(matrices.reshape(-1, 9).T)
     return np.ascontiguousarray(nearest_rotations_by_entry(entries).T).reshape(-1, 3, 3)
 
 
 def nearest_rotations_by_entry(entries: Floats) -> Floats:
-    """The same for matrices and rotations laid out entry by entry, (9, k), row after row."""
-    with np.errstate(all="ignore"):  # what fails here is done otherwise
+    """Return the same for matrices and rotations stored entry by entry, (9, k)."""
+    with np.errstate(all="ignore"):  # the SVD replaces what fails here
         sizes = np.sqrt(_column_dots(entries, entries))
         unit = entries / sizes
         factors = unit.take(FACTOR_INDICES, axis=0).reshape(4, 9, -1)
@@ -84,17 +84,17 @@ def nearest_rotations_by_entry(entries: Floats) -> Floats:
 
 
 def _largest_root(determinants: Floats, squares: Floats) -> tuple[Floats, Floats]:
-    """The root f for |A| = 1, det A and |cof A|², and the size of the last step to it.
+    """Return the largest root f for |A| = 1, det A and |cof A|², and the size of the last step.
 
-    It starts above, from where Newton's method always finds the largest root: f is between 1 and
-    √3, which bounds the equation's last term.
+    Newton's method starts above the root, from where it always finds the largest: f is between 1
+    and √3, which bounds the last term of the equation.
     """
     linear, constant = 8 * determinants, 4 * squares
     bounds = constant + np.maximum(linear, np.sqrt(3) * linear)
     f = np.sqrt(1 + np.sqrt(np.maximum(bounds, 0)))
     constant -= 1
     for _ in range(NEWTON_STEPS):
-        # The polynomial ((f² − 2) f − linear) f − constant, and its derivative, by few passes.
+        # The polynomial ((f² − 2) f − linear) f − constant and its derivative, in few passes.
         slope = f * f
         slope -= 2
         slope *= f
@@ -114,7 +114,7 @@ def _column_dots(left: Floats, right: Floats) -> Floats:
 
 
 def nearest_rotations_by_svd(matrices: Floats) -> Floats:
-    """The same rotations by singular values: slower, of whatever matrices.
+    """Return the same rotations by singular value decomposition: slower, for any matrices.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""How a surface is shaped: areas, angles, planes, and the sheets that lie opposite each other."""
+"""Shape of a surface: areas, angles, degenerate faces, and faces close to an opposite one."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,24 +7,24 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
 MIN_ALTITUDE_RATIO = 1e-9
-"""Smallest altitude of a cage face over its longest side; below it the face has no plane."""
+"""Smallest altitude of a face over its longest side; below it the face has no plane."""
 
 PARALLEL_TOL = 1e-12
-"""Cosine between a direction and a plane's normal, below which they do not meet."""
+"""Cosine between a direction and a plane's normal; below it they are parallel."""
 
 FACES_PER_BLOCK = 256
-"""Faces looked at together for sheets opposite."""
+"""Faces whose opposite faces are searched together."""
 
 
 def face_areas(mesh: TriMesh) -> Floats:
-    """The area of each face, (f,), squared file units."""
+    """Compute the area of each face, (f,), squared file units."""
     corner = mesh.vertices[mesh.faces]
     normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     return np.asarray(np.linalg.norm(normals, axis=1) / 2)
 
 
 def corner_angles(mesh: TriMesh) -> Floats:
-    """The angle of each corner of each face, (f, 3), degrees; 0 where a side has no length."""
+    """Compute the angle at each corner, (f, 3), degrees; 0 where a side has no length."""
     corner = mesh.vertices[mesh.faces]
     ahead = np.roll(corner, -1, axis=1) - corner
     back = np.roll(corner, 1, axis=1) - corner
@@ -33,7 +33,7 @@ def corner_angles(mesh: TriMesh) -> Floats:
 
 
 def degenerate_face_mask(mesh: TriMesh) -> NDArray[np.bool_]:
-    """Which faces have no plane, (f,)."""
+    """Return which faces have no plane, (f,)."""
     corner = mesh.vertices[mesh.faces]
     sides = corner - np.roll(corner, 1, axis=1)
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
@@ -41,7 +41,7 @@ def degenerate_face_mask(mesh: TriMesh) -> NDArray[np.bool_]:
 
 
 def bounds_volume(mesh: TriMesh) -> bool:
-    """Whether each edge has two faces that turn alike: there is an inside and an outside."""
+    """Return whether each edge has two consistently oriented faces: there is an inside."""
     return bool((mesh.edges.face_counts == 2).all() and mesh.is_closed)
 
 
@@ -55,7 +55,7 @@ def thin_face_pairs(mesh: TriMesh, max_ratio: float) -> tuple[Integers, Floats]:
     (p, 2)
         Each face with one opposite.
     (p,)
-        How far that is, over the width of the first.
+        Its distance over the width of the first.
     """
     corner = mesh.vertices[mesh.faces]
     base, one, two = corner[:, 0], corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
@@ -74,7 +74,7 @@ def thin_face_pairs(mesh: TriMesh, max_ratio: float) -> tuple[Integers, Floats]:
 def _find_plane_hits(
     origin: Floats, base: Floats, normal: Floats, max_distance: Floats
 ) -> tuple[Integers, Integers, Floats]:
-    """Which faces' normals meet which others' planes at most `max_distance` away, and where."""
+    """Find the planes that each face's normal meets at most `max_distance` away, and where."""
     found = []
     for start in range(0, len(base), FACES_PER_BLOCK):
         own = np.arange(start, min(start + FACES_PER_BLOCK, len(base)))

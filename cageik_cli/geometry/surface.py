@@ -1,4 +1,4 @@
-"""Points against a cage's surface: the nearest one, and its barycentric weights."""
+"""Points and a surface: closest points, barycentric weights, winding numbers."""
 
 from dataclasses import dataclass
 
@@ -10,10 +10,10 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
 SURFACE_TOL = 1e-12
-"""A point this near a surface, in diagonals, is on it."""
+"""A point closer to a surface than this, in diagonals, is on it."""
 
 ROUNDING_TOL = 8 * np.finfo(np.float64).eps
-"""Or this near in the largest coordinate, which is more when that is far away."""
+"""The same in the largest coordinate: more for a mesh far from the origin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,14 +36,14 @@ class ClosestPoints:
 
     @property
     def is_touching(self) -> NDArray[np.bool_]:
-        """Which points are on the surface but for rounding, (m,)."""
+        """Which points are on the surface, up to rounding, (m,)."""
         largest = np.abs(self.mesh.vertices).max()
         return np.asarray(
             self.distance <= max(SURFACE_TOL * self.mesh.diagonal, ROUNDING_TOL * largest)
         )
 
     def barycentric_weights(self, chosen: NDArray[np.bool_]) -> Floats:
-        """Barycentric weights of the `chosen` nearest points among all vertices, (count, n)."""
+        """Return the barycentric weights of the `chosen` closest points, (count, n)."""
         corners = self.mesh.faces[self.face[chosen]]
         weights = np.zeros((len(corners), len(self.mesh.vertices)))
         if len(corners):
@@ -60,11 +60,12 @@ def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
 
 
 def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]:
-    """Barycentric weights of the points on the surface, and which are not, their rows yet empty.
+    """Return the barycentric weights of points on the surface, and which points are not on it.
 
     Returns
     -------
     (m, n) float64
+        The rows of points off the surface are not set.
     (k,) int64
         Numbers of the points that are off the surface by more than rounding.
     """
@@ -75,5 +76,5 @@ def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]
 
 
 def winding_numbers(mesh: TriMesh, points: Floats) -> Floats:
-    """How often the surface winds around each point, (m,): 1 inside an outward cage, 0 outside."""
+    """Compute how often the surface winds around each point, (m,): 1 inside, 0 outside."""
     return np.asarray(igl.winding_number(mesh.vertices, mesh.faces, points), np.float64).ravel()

@@ -1,4 +1,4 @@
-"""What a user can act on: what was found and where, what was expected, what to do."""
+"""Errors that a user can act on: where, what was found, what was expected, what to do."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -100,7 +100,7 @@ class NumericalError(CageikError):
 
 @contextmanager
 def error_context(location: object) -> Iterator[None]:
-    """Put a location (a file, a member of one) in front of messages raised inside."""
+    """Prefix the messages of errors raised inside with a location, such as a file."""
     try:
         yield
     except CageikError as error:
@@ -108,12 +108,12 @@ def error_context(location: object) -> Iterator[None]:
 
 
 def format_error(error: BaseException) -> str:
-    """What went wrong, and what was noted on the error on its way: what is kept, how to go on."""
+    """Return the text of an error and of its notes: what is kept, how to continue."""
     return "; ".join([describe_error(error), *getattr(error, "__notes__", ())])
 
 
 def describe_error(error: BaseException) -> str:
-    """What went wrong, in a sentence."""
+    """Return the text of any error, on one line."""
     if isinstance(error, CageikError):
         text = str(error)
     elif isinstance(error, KeyboardInterrupt):
@@ -131,21 +131,21 @@ def describe_error(error: BaseException) -> str:
 
 
 def join_truncated(items: Iterable[object], limit: int = 10) -> str:
-    """List the first `limit` of them, with a mark when there are more."""
-    listed = [str(thing) for thing in items]
+    """Join the first `limit` items, with an ellipsis when there are more."""
+    listed = [str(item) for item in items]
     return ", ".join(listed[:limit]) + (", ..." if len(listed) > limit else "")
 
 
 @contextmanager
 def require_optional(library: str, extra: str, purpose: str) -> Iterator[None]:
-    """Make of an import that fails inside a sentence on what to install.
+    """Turn a failed import inside into an error that says what to install.
 
     Parameters
     ----------
     library : str
-        As package indexes call it.
+        Its name in package indexes.
     extra : str
-        Which of our extras brings it.
+        The extra of cageik that installs it.
     purpose : str
         What it is needed for: "reading .usdc".
     """

@@ -1,17 +1,17 @@
-"""Who is told how a run goes on."""
+"""The interface by which a run reports its progress."""
 
 from contextlib import AbstractContextManager, nullcontext
 
 
 class ProgressListener:
-    """Told what a run does; this one keeps quiet."""
+    """Receives the progress of a run; this one ignores it."""
 
     def stage(self, name: str) -> AbstractContextManager[object]:
-        """Entered while the stage `name` runs."""
+        """Return a context that is entered while the stage `name` runs."""
         return nullcontext()
 
     def update(self, done: int, total: int) -> None:
-        """Called as the work of the current stage, or the frames of the run, go on."""
+        """Take how much of the current stage, or of the frames, is done."""
 
     def note(self, topic: str, text: str) -> None:
-        """Called with what is worth knowing of this run, and no part of what it makes."""
+        """Take a note on the run for the user."""

@@ -1,4 +1,4 @@
-"""Threads: how many, and who may use them."""
+"""Threads: how many a process may use, and an ordered map over them."""
 
 import math
 import os
@@ -15,7 +15,7 @@ CGROUP_ROOT = Path("/sys/fs/cgroup")
 
 
 def count_processors() -> int:
-    """Processors that this process may use; a container's share of time counts, rounded up."""
+    """Count the processors that this process may use; a container's share is rounded up."""
     count = os.cpu_count() or 1
     if hasattr(os, "sched_getaffinity"):
         count = len(os.sched_getaffinity(0))
@@ -23,7 +23,7 @@ def count_processors() -> int:
 
 
 def _read_cgroup_cpu_limit(group: Path) -> float:
-    """Processors' worth of time that a control group grants, by version 2 or 1 of its files."""
+    """Read the number of processors that a control group allows, version 2 or 1."""
     for names in (("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")):
         try:
             quota, period = (
@@ -32,14 +32,14 @@ def _read_cgroup_cpu_limit(group: Path) -> float:
                 for word in (group / name).read_text().split()
             )
         except (OSError, ValueError):
-            continue  # not a system with this version
+            continue  # this version is not in use
         if quota > 0 and period > 0:
             return quota / period
     return math.inf
 
 
 def limit_blas_threads(count: int) -> AbstractContextManager[object]:
-    """Let the linear algebra use `count` threads inside, so that it does not fight with workers."""
+    """Limit the threads of the linear algebra inside, so that workers have the processors."""
     from threadpoolctl import threadpool_limits
 
     limits: AbstractContextManager[object] = threadpool_limits(limits=count, user_api="blas")
@@ -47,9 +47,9 @@ def limit_blas_threads(count: int) -> AbstractContextManager[object]:
 
 
 def set_blas_threads(count: int = 1) -> None:
-    """Let the linear algebra of this process use `count` threads from now on.
+    """Set the threads of the linear algebra for the rest of the process.
 
-    For processes that work beside others: each has its share of the processors.
+    For processes that run beside others: each has its share of the processors.
     """
     from threadpoolctl import threadpool_limits
 
@@ -57,19 +57,19 @@ def set_blas_threads(count: int = 1) -> None:
 
 
 class OrderedMap(Generic[Item, Output]):
-    """What `work` makes of items, in their order, made by threads before it is asked for.
+    """An iterator over `function(item)` in the order of the items, computed ahead by threads.
 
-    Threads begin at once. What an item's work raises is raised where it would have been given.
+    Threads start at once. An error of an item is raised when its result is due.
 
     Parameters
     ----------
-    work : callable
+    function : callable
     items : iterable
-        Gone through in the thread that asks, no further than needed.
+        Consumed in the calling thread, no further than needed.
     jobs : int
         Threads.
-    ahead : int
-        How many items are worked on, or done and not yet asked for, at most.
+    max_pending : int
+        Most items that are in work, or done and not yet taken.
     """
 
     def __init__(
@@ -94,10 +94,10 @@ class OrderedMap(Generic[Item, Output]):
     def __next__(self) -> Output:
         if not self._pending:
             raise StopIteration
-        made = self._pending[0].result()
+        result = self._pending[0].result()
         self._pending.popleft()
         self._fill()
-        return made
+        return result
 
     def _fill(self) -> None:
         while len(self._pending) < self._max_pending:

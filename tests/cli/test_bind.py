@@ -131,7 +131,7 @@ def test_no_input_is_written_over(run, folder, name):
 def test_a_binding_is_not_written_under_the_name_of_another_format(run, folder):
     outcome = run(*TYPED, "-o", "binding.npz")
     assert outcome.code == 1
-    assert "binding.npz: is to be an HDF5 file" in outcome.err
+    assert "binding.npz: the output is an HDF5 file" in outcome.err
     assert not Path("binding.npz").exists()
 
 

@@ -141,14 +141,17 @@ def test_no_format_here_replaces_a_result(run, result):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["nothing.h5", "c.npz"], "nothing.h5: no such result; make it with cageik extract"),
+        (["nothing.h5", "c.npz"], "nothing.h5: no such result"),
         (["cage.obj", "c.npz"], "cage.obj: is not an HDF5 file"),
         (["cages.h5", "c.gif"], "c.gif: `.gif`"),
-        (["cages.h5", "c.obj"], "c.obj: a `.obj` file holds one frame; name a folder of them"),
+        (["cages.h5", "c.obj"], "c.obj: a `.obj` file holds one frame"),
         (["cages.h5", "no/c.npz"], "no/c.npz: the folder no does not exist"),
-        (["cages.h5", "c/c_#.obj", "--start", "-1"], "c/c_#.obj: the first frame's number is -1"),
-        (["cages.h5", "c.glb", "--skeleton"], "c.glb: `.glb` holds no skeleton here, expected"),
-        (["cages.h5", "c.npz", "--format", "ply"], "c.npz: has the suffix of another format"),
+        (
+            ["cages.h5", "c/c_#.obj", "--start", "-1"],
+            "c/c_#.obj: the number of the first frame is -1",
+        ),
+        (["cages.h5", "c.glb", "--skeleton"], "c.glb: --skeleton"),
+        (["cages.h5", "c.npz", "--format", "ply"], "c.npz: has another suffix"),
     ],
 )
 def test_what_cannot_be_fails_with_a_sentence(run, result, words, says):
@@ -166,7 +169,7 @@ def test_what_cannot_be_fails_with_a_sentence(run, result, words, says):
         (["cages.h5"], "Missing argument 'OUT'"),
         ([], "Missing argument 'RESULT'"),
         (["cages.h5", "c", "--format", "stl"], "'stl' is not one of 'obj', 'ply'"),
-        (["cages.h5", "c.npz", "--fps", "0"], "0 frames a second, expected a number above zero"),
+        (["cages.h5", "c.npz", "--fps", "0"], "0 frames per second"),
         (["cages.h5", "c.npz", "--up-axis", "X"], "'X' is not one of 'Y', 'Z'"),
         (["cages.h5", "c.usd", "--max-influences", "4"], "--max-influences"),
         (["cages.h5", "c.usd", "--skeleton", "--max-influences", "0"], "0 is not in the range"),
@@ -183,19 +186,19 @@ def test_a_skeleton_says_what_it_costs(run, result):
     assert outcome.code == 0, outcome.err
     first, note = outcome.err.splitlines()
     assert first.startswith("wrote c.usda: 5 frames of 8 vertices, ")
-    assert note.startswith("  note           c.usda: 8 joints at most move a vertex; no vertex is")
-    assert note.endswith(" % of the diagonal from where our own weights have it")
+    assert note.startswith("  note           c.usda: up to 8 influences per vertex")
+    assert note.endswith(" % of the diagonal")
     assert "def Skeleton" in Path("c.usda").read_text()
     words = ["--skeleton", "--max-influences", "3", "--overwrite"]
     outcome = run("export", "cages.h5", "c.usda", *words)
-    assert "c.usda: 3 joints at most move a vertex" in outcome.err
+    assert "c.usda: up to 3 influences per vertex" in outcome.err
 
 
 def test_a_skeleton_needs_weights(run, folder):
     assert run(*EXTRACT, "--no-weights").code == 0
     outcome = run("export", "cages.h5", "c.usda", "--skeleton")
     assert outcome.code == 1
-    assert "cages.h5: holds no weights, which a skeleton needs; extract it again" in outcome.err
+    assert "--no-weights" in outcome.err
 
 
 def test_a_file_may_hold_every_option(run, result):

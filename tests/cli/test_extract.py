@@ -121,7 +121,7 @@ def test_an_output_that_cannot_be_written_is_refused_at_once(run, folder, output
 def test_a_result_is_not_written_under_the_name_of_another_format(run, folder):
     outcome = run(*TYPED, "-o", "cages.npz")
     assert (outcome.code, outcome.out) == (1, "")
-    assert "cages.npz: is to be an HDF5 file" in outcome.err
+    assert "cages.npz: the output is an HDF5 file" in outcome.err
     assert not Path("cages.npz").exists()
 
 
@@ -202,7 +202,7 @@ def test_weights_are_the_same_from_the_cache_and_without_it(run, folder, cache):
         assert outcome.code == 0
         said[name] = [line for line in outcome.err.splitlines() if line.startswith("  cache ")]
     assert said["miss"] == said["none"] == []
-    assert re.fullmatch(r"  cache          weights taken from it, \d+\.\d s saved", *said["hit"])
+    assert re.fullmatch(r"  cache          cache hit, saved \d+\.\d s", *said["hit"])
     assert Path("miss.h5").read_bytes() == Path("hit.h5").read_bytes()
     assert Path("miss.h5").read_bytes() == Path("none.h5").read_bytes()
     assert len(list(cache.iterdir())) == 1
@@ -215,7 +215,7 @@ def test_a_damaged_entry_is_said_and_made_again(run, folder, cache):
     outcome = run(*TYPED, "-o", "other.h5")
     assert outcome.code == 0
     assert f"  cache          {kept}: is damaged; it is deleted" in outcome.err
-    assert "taken from it" in run(*TYPED, "-o", "third.h5").err
+    assert "cache hit" in run(*TYPED, "-o", "third.h5").err
     assert Path("cages.h5").read_bytes() == Path("other.h5").read_bytes()
 
 
@@ -286,9 +286,9 @@ def test_the_settings_recorded_are_those_of_the_binding(run, folder):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--rest-frame", "2"], "was made for another rest pose: its vertex "),
-        (["--cage", "moved.obj"], "was made for another cage: its vertex 0 is 0.5 from"),
-        (["--cage", "frames/frame_1.obj"], "was made for another cage: it has 8 vertices"),
+        (["--rest-frame", "2"], "binding.h5: is the binding of another rest pose (vertex 0 "),
+        (["--cage", "moved.obj"], "binding.h5: is the binding of another cage (vertex 0 is 0.5 "),
+        (["--cage", "frames/frame_1.obj"], "18 vertices, expected 8"),
         (["--rest", "cage.obj"], "cage.obj: 8 vertices, the first frame has 18"),
     ],
 )

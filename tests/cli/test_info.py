@@ -68,10 +68,10 @@ def test_positions_without_faces_are_outlined(run, folder, animation):
     headline, rows = rows_of(run("info", "clip.mdd"))
     assert headline == "clip.mdd"
     assert rows == {
-        "holds": "positions without faces, which --rest gives",
+        "holds": "positions without faces; give these by --rest",
         "frames": "5",
         "vertices": "18",
-        "scene": "30 frames a second, from frame 0",
+        "scene": "30 frames per second, from frame 0",
     }
 
 
@@ -81,7 +81,7 @@ def test_an_array_of_two_readings_is_asked_about(run, folder, animation):
     assert (outcome.code, outcome.out) == (1, "")
     assert outcome.err.rstrip().endswith(
         "clip.npy: positions can be read as vxf (5 frames of 18 vertices) or fxv (18 frames of 5 "
-        "vertices); say which with --layout"
+        "vertices); choose with --layout"
     )
     _, rows = rows_of(run("info", "clip.npy", "--layout", "vxf"))
     assert (rows["frames"], rows["vertices"]) == ("5", "18")
@@ -90,8 +90,8 @@ def test_an_array_of_two_readings_is_asked_about(run, folder, animation):
 def test_a_clip_tells_its_scene_and_its_notes(run, folder, animation):
     np.savez("clip.npz", v=animation.frames, f=animation.rest.faces, fps=30.0, up_axis="up")
     _, rows = rows_of(run("info", "clip.npz"))
-    assert rows["scene"] == "30 frames a second"
-    assert rows["note"].startswith("clip.npz: `up_axis` is passed by: the up axis is up")
+    assert rows["scene"] == "30 frames per second"
+    assert rows["note"].startswith("clip.npz: ignored `up_axis`: the up axis is up")
 
 
 def test_several_clips_are_listed(run, folder, animation):
@@ -103,7 +103,7 @@ def test_several_clips_are_listed(run, folder, animation):
     outcome = run("info", "clip.hdf5")
     assert outcome.out.splitlines() == [
         "clip.hdf5",
-        "  holds          2 clips, each named as FILE::CLIP",
+        "  holds          2 clips; choose one as FILE::CLIP",
         "  clip           run, 2 frames of 18 vertices",
         "  clip           walk, 5 frames of 18 vertices",
     ]

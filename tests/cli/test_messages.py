@@ -113,12 +113,12 @@ MESSAGES = {
     "output over input": (
         [*EXTRACT, "-o", "cage.obj", "--overwrite"],
         1,
-        "Error: cage.obj: is read or written by this command already; choose another",
+        "Error: cage.obj: is read or written by this command already; choose another name",
     ),
     "no result": (
         ["report"],
         1,
-        "Error: cages.h5: no such result; make it with cageik extract, or name another",
+        "Error: cages.h5: no such result; create it with cageik extract, or give another",
     ),
     "not a result": (
         ["report"],
@@ -128,14 +128,13 @@ MESSAGES = {
     "checkpoint as result": (
         ["report", "cages.h5.partial"],
         1,
-        "Error: cages.h5.partial: is what an interrupted run has left, and no result; go on "
-        "with the same command and --resume",
+        "Error: cages.h5.partial: is a checkpoint, not a result; rerun the command with --resume",
     ),
     "unknown format": (
         ["deform", "cages.h5", "-o", "mesh.xyz"],
         1,
-        "Error: mesh.xyz: `.xyz` is not a kind of animation written here, expected .abc, "
-        ".glb, .mdd, .npz, .obj, .pc2, .ply, .usd, .usda, .usdc, .usdz",
+        "Error: mesh.xyz: `.xyz` is not an animation format that can be written, expected "
+        ".abc, .glb, .mdd, .npz, .obj, .pc2, .ply, .usd, .usda, .usdc, .usdz",
     ),
     "no such vertex": (
         POSE,

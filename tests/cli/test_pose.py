@@ -306,11 +306,11 @@ def test_wrong_usage(run, handles, clip, words, told):
         ((*REST[:-1], "cage.obj"), "cage.obj: is read or written by this command already"),
         ((*REST, "--cage-out", "posed.obj"), "posed.obj: is read or written by this command"),
         ((*REST, "--json", "handles.json"), "handles.json: is read or written by this command"),
-        ((*EDIT[:-1], "edited.obj"), "edited.obj: is to be an HDF5 file"),
+        ((*EDIT[:-1], "edited.obj"), "edited.obj: the output is an HDF5 file"),
         ((*EDIT[:-1], "cages.h5"), "cages.h5: is read or written by this command already"),
         (("pose", "cages.h5", "no.json", "-o", "x.h5"), "no.json: cannot be read"),
         (("pose", "no.h5", "handles.json", "-o", "x.h5"), "no.h5: no such file"),
-        (("pose", "bare.h5", "handles.json", "-o", "x.h5"), "bare.h5: holds no weights"),
+        (("pose", "bare.h5", "handles.json", "-o", "x.h5"), "bare.h5: has no weights"),
     ],
 )
 def test_refusals(run, handles, clip, words, told):

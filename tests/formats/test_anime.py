@@ -47,16 +47,16 @@ NOT_FINITE = FRAMES.copy()
 NOT_FINITE[0, 1] = np.nan
 
 DAMAGES = {
-    "empty": (b"", "0 bytes, an .anime file has 12 at least"),
-    "header cut": (anime()[:11], "11 bytes, an .anime file has 12"),
+    "empty": (b"", "0 bytes, an .anime file has at least 12"),
+    "header cut": (anime()[:11], "11 bytes, an .anime file has at least 12"),
     "cut": (anime()[:-1], "announces 5 frames, 4 vertices, 2 triangles, which take 276 bytes"),
-    "longer": (anime() + b"\0", "and has 277; it is damaged"),
-    "no frame": (anime(counts=(0, 4, 2)), "announces 0 frames, 4 vertices, 2 triangles, expected"),
+    "longer": (anime() + b"\0", "has 277; it is damaged"),
+    "no frame": (anime(counts=(0, 4, 2)), "announces 0 frames, 4 vertices, 2 triangles"),
     "no vertex": (anime(counts=(5, 0, 2)), "announces 5 frames, 0 vertices"),
     "no face": (anime(faces=FACES[:0]), "announces 5 frames, 4 vertices, 0 triangles"),
     "negative": (anime(counts=(5, 4, -2)), "-2 triangles"),
     "huge": (anime(counts=(2**31 - 1,) * 3), "which take 553402321"),
-    "counted from 1": (anime(faces=FACES + 1), "faces name vertices 1 to 4 of 4, so they are"),
+    "counted from 1": (anime(faces=FACES + 1), "faces name vertices 1 to 4 of 4"),
     "other vertices": (anime(faces=FACES + 2), "face 0 names vertices 2, 3, 4 (counted from 0)"),
     "negative vertices": (anime(faces=FACES - 1), "face 0 names vertices -1, 0, 1"),
     "not finite": (anime(NOT_FINITE), "vertex 1 is (nan, nan, nan)"),

@@ -80,7 +80,7 @@ def test_chosen_frames_keep_their_numbers_and_their_speed(opened, selection, num
 
 
 def test_no_frame_chosen_is_refused(opened):
-    with pytest.raises(InputError, match=r"clip\.mdd: --frames 7: takes none of the 5 frames"):
+    with pytest.raises(InputError, match=r"clip\.mdd: --frames 7: .* 5 frames"):
         opened(mdd(), ClipSettings(slice(7, None)))
 
 
@@ -126,14 +126,14 @@ def _header(data, frames, vertices):
 
 
 DAMAGES = {
-    "empty": (b"", "0 bytes, an MDD file has 8 at least"),
-    "header cut": (b"1234567", "7 bytes, an MDD file has 8"),
+    "empty": (b"", "0 bytes, an MDD file has at least 8"),
+    "header cut": (b"1234567", "7 bytes, an MDD file has at least 8"),
     "cut": (
         mdd()[:-1],
-        "announces 5 frames, 4 vertices, which take 268 bytes, and has 267; it is cut short",
+        "take 268 bytes, but has 267; it is cut short",
     ),
-    "longer": (mdd() + b"\0", "which take 268 bytes, and has 269; it is damaged"),
-    "no frame": (_header(mdd(), 0, 4), "announces 0 frames, 4 vertices, expected one of each"),
+    "longer": (mdd() + b"\0", "take 268 bytes, but has 269; it is damaged"),
+    "no frame": (_header(mdd(), 0, 4), "announces 0 frames, 4 vertices"),
     "no vertex": (_header(mdd(), 5, 0), "announces 5 frames, 0 vertices"),
     "negative": (_header(mdd(), -5, -4), "announces -5 frames, -4 vertices"),
     "huge": (_header(mdd(), 2**31 - 1, 2**31 - 1), "which take 55340232178178981904 bytes"),
@@ -143,7 +143,7 @@ DAMAGES = {
     ),
     "time nan": (mdd(times=[0, 1, np.nan, 3, 4]), "the time of frame 2 is nan, expected seconds"),
     "time inf": (mdd(times=[0, 1, 2, 3, np.inf]), "the time of frame 4 is inf"),
-    "other mesh": (mdd(FRAMES[:, :3]), "3 vertices, the rest pose has 4; all must share"),
+    "other mesh": (mdd(FRAMES[:, :3]), "3 vertices, the rest pose has 4"),
 }
 
 
@@ -166,13 +166,13 @@ def test_a_first_frame_that_is_not_finite_is_named(opened):
 def test_without_a_rest_pose_it_is_refused_and_outlined(tmp_path):
     (tmp_path / "clip.mdd").write_bytes(mdd())
     typed = [str(tmp_path / "clip.mdd")]
-    with pytest.raises(InputError, match="holds positions and no faces; give a mesh that has them"):
+    with pytest.raises(InputError, match="--rest"):
         open_sequence(typed)
     assert describe_contents(typed, ClipSettings()) == [
-        ("holds", "positions without faces, which --rest gives"),
+        ("holds", "positions without faces; give these by --rest"),
         ("frames", "5"),
         ("vertices", "4"),
-        ("scene", "24 frames a second, from frame 0"),
+        ("scene", "24 frames per second, from frame 0"),
     ]
 
 

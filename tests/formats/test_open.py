@@ -97,16 +97,16 @@ def test_a_glob_may_name_folders_as_the_shell_would(frames):
         (["nowhere"], "nowhere: no such file or folder"),
         (["frames", "nowhere.obj"], "nowhere.obj: no such file or folder"),
         (["frames/*.ply"], "frames/*.ply: no frame found"),
-        (["empty"], "empty: no frame found, expected files of kinds ."),
+        (["empty"], "empty: no frame found"),
         (["frames/notes.txt"], "frames/notes.txt: `.txt`"),
-        (["frames", "clip.npz"], "files of kinds .npz, .obj are mixed"),
-        (["clip.npz", "clop.npz"], "clip.npz: 2 files that each hold a clip were named"),
-        (["clip.npz::walk"], "clip.npz::walk: a `.npz` file holds one clip; leave `::walk` out"),
-        (["walk.bvh"], "walk.bvh: holds the motion of a skeleton, no mesh; export the mesh"),
+        (["frames", "clip.npz"], ".npz, .obj are mixed"),
+        (["clip.npz", "clop.npz"], "clip.npz: 2 files"),
+        (["clip.npz::walk"], "clip.npz::walk: a `.npz` file holds one clip"),
+        (["walk.bvh"], "walk.bvh: holds the motion of a skeleton"),
         (["walk.C3D"], "walk.C3D: holds the motion of a skeleton"),
-        (["walk.fbx"], "walk.fbx: is a scene of another program; export the mesh from there"),
+        (["walk.fbx"], "walk.fbx: is a scene of another program"),
         (["walk.blend"], "as USD, Alembic or OBJ frames"),
-        (["walk.glb"], "walk.glb: is glTF, which is written here and not read; export USD"),
+        (["walk.glb"], "walk.glb: is glTF"),
         (["frames"], "frame_3.obj: missing between frame_2.obj and frame_10.obj"),
     ],
 )
@@ -120,9 +120,7 @@ def test_what_cannot_be_a_clip_is_refused_with_the_argument(frames, arguments, s
 
 
 def test_a_layout_is_for_arrays_alone(frames):
-    with pytest.raises(
-        InputError, match=r"frames: the axes of `\.obj` files have one order; leave"
-    ):
+    with pytest.raises(InputError, match=r"frames: the axes of `\.obj` files .* --layout vxf"):
         open_sequence(["frames"], ClipSettings(layout="vxf", allow_gaps=True))
 
 

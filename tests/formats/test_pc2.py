@@ -72,23 +72,23 @@ def test_another_rate_is_noted(opened, rate):
 
 
 DAMAGES = {
-    "empty": (b"", "0 bytes, a PC2 file has 32 at least"),
-    "header cut": (pc2()[:31], "31 bytes, a PC2 file has 32"),
-    "cut": (pc2()[:-4], "which take 272 bytes, and has 268; it is cut short"),
-    "longer": (pc2() + b"\0", "which take 272 bytes, and has 273; it is damaged"),
+    "empty": (b"", "0 bytes, a PC2 file has at least 32"),
+    "header cut": (pc2()[:31], "31 bytes, a PC2 file has at least 32"),
+    "cut": (pc2()[:-4], "take 272 bytes, but has 268; it is cut short"),
+    "longer": (pc2() + b"\0", "take 272 bytes, but has 273; it is damaged"),
     "other magic": (pc2(magic=b"POINTCACHE3\0"), "begins with b'POINTCACHE3\\x00' and version 1"),
     "other version": (pc2(version=2), "and version 2, expected b'POINTCACHE2\\x00' and version 1"),
-    "no frame": (claiming(4, 0), "announces 0 frames, 4 vertices, expected one of each"),
+    "no frame": (claiming(4, 0), "announces 0 frames, 4 vertices"),
     "no vertex": (claiming(0, 5), "announces 5 frames, 0 vertices"),
     "negative": (claiming(-4, -5), "announces -5 frames, -4 vertices"),
     "huge": (claiming(2**31 - 1, 2**31 - 1), "which take 55340232169"),
     "start nan": (pc2(start=np.nan), "starts at frame nan with a sample every 1.0 frames"),
     "start inf": (pc2(start=np.inf), "starts at frame inf"),
-    "rate nan": (pc2(rate=np.nan), "a sample every nan frames, expected a finite start and a rate"),
+    "rate nan": (pc2(rate=np.nan), "a sample every nan frames"),
     "rate 0": (pc2(rate=0), "a sample every 0.0 frames"),
     "rate negative": (pc2(rate=-1), "a sample every -1.0 frames"),
     "rate inf": (pc2(rate=np.inf), "a sample every inf frames"),
-    "other mesh": (pc2(FRAMES[:, :3]), "3 vertices, the rest pose has 4; all must share"),
+    "other mesh": (pc2(FRAMES[:, :3]), "3 vertices, the rest pose has 4"),
 }
 
 

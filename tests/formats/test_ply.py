@@ -112,7 +112,7 @@ FAULTS = {
     "two x": (ply().replace(b"float y", b"float x"), "header says `property float x`"),
     "float count": (ply().replace(b"list uchar", b"list float"), "header says `property list"),
     "float corners": (ply().replace(b"uchar int", b"uchar float"), "not whole"),
-    "no list": (ply().replace(b"list uchar int", b"uchar"), "hold no list"),
+    "no list": (ply().replace(b"list uchar int", b"uchar"), "no list"),
     "no vertices": (ply().replace(b"t vertex", b"t vortex"), "it has no vertices"),
     "vertex lists": (ply().replace(b"uchar red", b"list uchar uchar red"), "it has no vertices"),
     "negative list": (

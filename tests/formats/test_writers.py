@@ -99,7 +99,7 @@ def test_a_full_disk_is_said_and_what_was_there_stays(tmp_path, animation, long,
 
 @pytest.mark.parametrize("name", ["a.pc2", "a.mdd", "a.glb"])
 def test_what_float32_does_not_hold_is_refused(tmp_path, animation, name):
-    with pytest.raises(InputError, match=r"a coordinate of .*e\+39 is too large for this format"):
+    with pytest.raises(InputError, match=r"e\+39 is too large"):
         write(tmp_path / name, animation.rest, 1e39 * animation.frames)
     assert not list(tmp_path.iterdir())
 

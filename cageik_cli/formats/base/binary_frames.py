@@ -1,4 +1,4 @@
-"""Frames at known places of a binary file, read when they are asked for."""
+"""Frames at known offsets of a binary file, read on demand."""
 
 import os
 import weakref
@@ -16,21 +16,21 @@ from cageik_cli.util.arrays import fit_frames
 from cageik_cli.util.errors import FileAccessError, FormatError
 
 MAX_CHUNK_BYTES = 1 << 25
-"""Bytes of a run, unless a frame alone has more."""
+"""Bytes of a chunk, unless a single frame has more."""
 
 MAX_CACHED_CHUNKS = 2
-"""Runs that are kept: threads that read ahead ask for both sides of a border."""
+"""Chunks that are kept: threads that read ahead need both sides of a border."""
 
 
 class ChunkedFrames(ABC):
-    """Frames read in runs, for any thread.
+    """Frames read in chunks, by any thread.
 
     Parameters
     ----------
     frame_count, vertex_count : int
-        Frames there are, and vertices of each.
-    layer : int
-        Frames that lie together: a run is as many, or what fits.
+        Number of frames, and of vertices in each.
+    chunk_frames : int
+        Frames that are stored together: a chunk has as many, or what fits.
     itemsize : int
         Bytes of a coordinate.
     """
@@ -46,10 +46,10 @@ class ChunkedFrames(ABC):
 
     @abstractmethod
     def read_chunk(self, start: int, stop: int) -> np.ndarray:
-        """Read frames `start` to `stop`, that left out: (k, m, 3)."""
+        """Read frames `start` up to `stop`, exclusive: (k, m, 3)."""
 
     def read_frame(self, index: int) -> np.ndarray:
-        """Positions of one frame, (m, 3).
+        """Read the positions of one frame, (m, 3).
 
         Raises
         ------
@@ -58,7 +58,7 @@ class ChunkedFrames(ABC):
         """
         start = index - index % self._chunk_size
         with self._lock:
-            chunk = next((run for first, run in self._cached_chunks if first == start), None)
+            chunk = next((found for first, found in self._cached_chunks if first == start), None)
             if chunk is None:
                 if len(self._cached_chunks) == MAX_CACHED_CHUNKS:
                     self._cached_chunks.popleft()  # before there is a third
@@ -68,7 +68,7 @@ class ChunkedFrames(ABC):
 
 
 class BinaryFile:
-    """An open file read at any offset, by any thread; it is closed with its last user.
+    """An open file that any thread reads at any offset; it is closed with its last user.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class BinaryFile:
         Raises
         ------
         InputError
-            When it cannot be.
+            When it cannot be opened.
         """
         if path.is_dir():
             raise FileAccessError("is a folder, expected a file")
@@ -98,28 +98,30 @@ class BinaryFile:
             raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
 
     def read_array(self, offset: int, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
-        """An array that lies at `offset`, its last axis fastest.
+        """Read an array at `offset`, its last axis fastest.
 
         Raises
         ------
         InputError
-            When the file ends before it, cannot be read, or memory does not suffice.
+            When the file is too short, cannot be read, or memory is short.
         """
         try:
             array = np.empty(shape, dtype)
         except MemoryError as error:
             size = prod(shape) * dtype.itemsize
-            raise FileAccessError(f"{size} bytes of it do not fit in memory at once") from error
+            raise FileAccessError(
+                f"{size} bytes of it do not fit in memory; use a machine with more"
+            ) from error
         self.read_into(array, offset)
         return array
 
     def read_into(self, array: np.ndarray, offset: int) -> None:
-        """Read a contiguous array that lies at `offset`.
+        """Read into a contiguous array, from `offset`.
 
         Raises
         ------
         InputError
-            When the file ends before it, or cannot be read.
+            When the file is too short, or cannot be read.
         """
         left = array.reshape(-1).view(np.uint8).data
         with self._lock:
@@ -128,7 +130,7 @@ class BinaryFile:
                 while left:
                     count = self._stream.readinto(left)
                     if not count:
-                        raise FileAccessError("became shorter since it was opened; run again")
+                        raise FileAccessError("became shorter after it was opened; run again")
                     left = left[count:]
             except OSError as error:
                 raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
@@ -136,7 +138,7 @@ class BinaryFile:
 
 @dataclass(frozen=True, slots=True)
 class ArrayLayout:
-    """How an array of positions lies in a file.
+    """Where and how an array of positions is stored in a file.
 
     Attributes
     ----------
@@ -157,7 +159,7 @@ class ArrayLayout:
 
 
 class StoredFrames(ChunkedFrames):
-    """Frames of an array in a file, read one by one unless they are its fastest axis."""
+    """Frames of an array in a file, read one by one unless the frame axis is the fastest."""
 
     def __init__(self, file: BinaryFile, layout: ArrayLayout) -> None:
         self._file, self._layout = file, layout
@@ -168,7 +170,7 @@ class StoredFrames(ChunkedFrames):
         )
 
     def read_chunk(self, start: int, stop: int) -> np.ndarray:
-        """Read frames `start` to `stop`, that left out: (k, m, 3)."""
+        """Read frames `start` up to `stop`, exclusive: (k, m, 3)."""
         order = self._layout.axis_order
         lengths = {"f": stop - start, "v": self.vertex_count, "x": 3}
         stored = (
@@ -185,7 +187,7 @@ class StoredFrames(ChunkedFrames):
         return self._file.read_array(offset, layout.dtype, ((stop - start) * numbers,))
 
     def _read_strided(self, start: int, stop: int) -> np.ndarray:
-        """A stretch of the row that each coordinate has."""
+        """Read a part of the row of each coordinate."""
         if stop - start == self.frame_count:
             return self._read_contiguous(start, stop)
         layout = self._layout
@@ -197,18 +199,18 @@ class StoredFrames(ChunkedFrames):
 
 
 def check_file_size(file: BinaryFile, expected: int, counts: dict[str, int]) -> None:
-    """Refuse counts of a header that are not above zero, or ask for another size of the file.
+    """Refuse a header whose counts are not above zero, or need another size of the file.
 
     Raises
     ------
-    InputError
+    FormatError
     """
     announced = ", ".join(f"{count} {noun}" for noun, count in counts.items())
     if min(counts.values()) < 1:
-        raise FormatError(f"announces {announced}, expected one of each at least; export it again")
+        raise FormatError(f"announces {announced}, expected at least one of each; export it again")
     if file.size != expected:
         fault = "cut short or damaged" if file.size < expected else "damaged"
         raise FormatError(
-            f"announces {announced}, which take {expected} bytes, and has {file.size}; it is "
+            f"announces {announced}, which take {expected} bytes, but has {file.size}; it is "
             f"{fault}, export it again"
         )

@@ -1,4 +1,4 @@
-"""A clip that one file holds."""
+"""Clips of which one file holds all frames."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from cageik_cli.util.text import to_unicode
 
 
 class ClipFile(MeshSequence):
-    """Frames of one file, each named by its number in it; readers say what `positions` are.
+    """Frames of one file, each named by its number in it; formats implement `read_positions`.
 
     Attributes
     ----------
@@ -38,9 +38,9 @@ class ClipFile(MeshSequence):
     _fan_triangulated: TriMesh | None = None
 
     def set_frames(self, request: ClipRequest, count: int, scene: SceneHints | None = None) -> None:
-        """Take those of the file's `count` frames that are asked for, and name them.
+        """Select the requested frames of the `count` in the file, and name them.
 
-        `scene` is what the file says of all of them.
+        `scene` has the settings that the file gives for all of them.
         """
         self.path = single_path(request.paths)
         self.frame_indices = request.select_frames(count)
@@ -50,24 +50,23 @@ class ClipFile(MeshSequence):
         self.names = tuple(f"{name}[{k}]" for k in self.frame_indices)
 
     def use_rest_faces(self, request: ClipRequest, vertex_count: int) -> None:
-        """Take the rest pose's faces, for a file that holds positions alone, of `vertex_count`.
+        """Take the faces of the rest pose, for a file of `vertex_count` vertices and no faces.
 
         Raises
         ------
         InputError
-            When no rest pose is given, or it has not as many vertices.
+            When no rest pose is given, or it has another number of vertices.
         """
         rest = request.rest
         with error_context(self.path):
             if rest is None:
                 raise SettingError(
-                    "holds positions and no faces; give a mesh that has them with --rest"
+                    "holds positions but no faces; give a mesh with the faces by --rest"
                 )
             if vertex_count != len(rest.mesh.vertices):
                 raise ConnectivityError(
                     f"{vertex_count} vertices, the rest pose has {len(rest.mesh.vertices)}; all "
-                    f"must "
-                    "share one connectivity"
+                    "must share one connectivity"
                 )
         positions = self.read_positions(0)
         with error_context(self.names[0]):
@@ -76,19 +75,19 @@ class ClipFile(MeshSequence):
 
     @property
     def fan_triangulated(self) -> TriMesh:
-        """Frame 0 with every polygon as a fan: what connectivity is compared by."""
+        """Frame 0 with every polygon as a fan: connectivity is compared by it."""
         return self._fan_triangulated or self.first
 
     def digest(self, index: int) -> bytes:
-        """SHA-256 of the file."""
+        """Return the SHA-256 digest of the file."""
         return self._digest
 
     def set_digests(self, start: int, digests: Sequence[bytes]) -> None:
-        """Take the file's digest from who has it: that of any frame."""
+        """Take the digest of the file: that of any frame."""
         self._digest = digests[0]
 
     def describe_source(self) -> dict[str, Any]:
-        """Name and digest of the file."""
+        """Return the name and digest of the file."""
         return {"name": to_unicode(self.path.name), "sha256": self._digest.hex()}
 
     @cached_property
@@ -97,43 +96,42 @@ class ClipFile(MeshSequence):
 
 
 def check_zero_based(faces: np.ndarray, vertex_count: int) -> None:
-    """Refuse faces that name one vertex more than there are `vertex_count`, and never vertex 0.
+    """Refuse faces that count vertices from 1: they name `vertex_count` and never 0.
 
     Raises
     ------
-    InputError
+    FormatError
     """
     if faces.size and faces.min() > 0 and faces.max() == vertex_count:
         raise FormatError(
-            f"faces name vertices {faces.min()} to {vertex_count} of {vertex_count}, so they "
-            f"are counted "
-            "from 1; take 1 off them and write the file again"
+            f"faces name vertices {faces.min()} to {vertex_count} of {vertex_count}, so "
+            "they count from 1; subtract 1 and write the file again"
         )
 
 
 def single_path(paths: tuple[Path, ...]) -> Path:
-    """The one file of a clip that is not a file a frame."""
+    """Return the only path, for a format that holds a clip in one file."""
     if len(paths) > 1:
         raise SettingError(
-            f"{paths[0]}: {len(paths)} files that each hold a clip were named, expected one: "
+            f"{paths[0]}: {len(paths)} files that each hold a clip, expected one: "
             f"{join_truncated(path.name for path in paths)}"
         )
     return paths[0]
 
 
 class FrameSource(Protocol):
-    """Frames of a file: `frame_count` of them, of `vertex_count` each."""
+    """Frames in a file: `frame_count` of them, with `vertex_count` vertices each."""
 
     frame_count: int
     vertex_count: int
 
     def read_frame(self, index: int) -> np.ndarray:
-        """Positions of one frame, (m, 3)."""
+        """Read the positions of one frame, (m, 3)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArrayClip:
-    """What a file holds.
+    """The content of a file that holds a clip.
 
     Attributes
     ----------
@@ -141,9 +139,9 @@ class ArrayClip:
     faces : (t, 3) integers, optional
         The rest pose's if absent.
     scene : SceneHints
-        What the file says of all its frames.
+        Scene settings that the file gives for all its frames.
     notes : tuple of str
-        What is odd in it, a sentence each.
+        What is unusual in it, one sentence each.
     """
 
     frames: FrameSource
@@ -153,7 +151,7 @@ class ArrayClip:
 
 
 class ArrayClipFile(ClipFile):
-    """Frames of such a file; readers say where in it they are."""
+    """Frames of such a file; formats implement `open_clip`."""
 
     def __init__(self, request: ClipRequest) -> None:
         self.path = single_path(request.paths)
@@ -173,7 +171,7 @@ class ArrayClipFile(ClipFile):
     @classmethod
     @abstractmethod
     def open_clip(cls, request: ClipRequest) -> ArrayClip:
-        """Look into the file, every claim of which is compared with its size.
+        """Open the file, and check what its header announces against its size.
 
         Raises
         ------
@@ -183,14 +181,14 @@ class ArrayClipFile(ClipFile):
 
     @classmethod
     def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
-        """What a file without faces holds."""
+        """Describe a file that has no faces."""
         path = single_path(request.paths)
         with error_context(path):
             clip = cls.open_clip(request)
         if clip.faces is not None:
             return []
         return [
-            ("holds", "positions without faces, which --rest gives"),
+            ("holds", "positions without faces; give these by --rest"),
             ("frames", str(clip.frames.frame_count)),
             ("vertices", str(clip.frames.vertex_count)),
             *([("scene", clip.scene.describe)] if clip.scene.describe else []),
@@ -198,6 +196,6 @@ class ArrayClipFile(ClipFile):
         ]
 
     def read_positions(self, index: int) -> np.ndarray:
-        """Vertices of one frame."""
+        """Read the vertices of one frame."""
         with error_context(self.path):
             return self._frames.read_frame(self.frame_indices[index])

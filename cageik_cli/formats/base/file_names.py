@@ -11,13 +11,13 @@ from cageik_cli.util.errors import FileAccessError, SettingError
 
 
 def file_suffix(path: Path) -> str:
-    """The suffix in lower case, of packed files with the one before it: `.obj`, `.obj.gz`."""
+    """Return the suffix in lower case, with the one before `.gz`: `.obj`, `.obj.gz`."""
     suffix = path.suffix.lower()
     return Path(path.stem).suffix.lower() + suffix if suffix == GZIP_SUFFIX else suffix
 
 
 def file_stem(path: Path) -> str:
-    """The name without its kind."""
+    """Return the name without its suffix."""
     return path.name[: len(path.name) - len(file_suffix(path))]
 
 
@@ -25,7 +25,7 @@ _NUMBERED = re.compile(r"(.*?)(\d+)(\D*)")
 
 
 def group_numbered_files(paths: list[Path]) -> dict[str, list[Path]]:
-    """Numbered files of one kind, by what is around the last number in their names; in order."""
+    """Group files of one suffix by the text around the last number in their names."""
     found: dict[tuple[str, str], list[Path]] = {}
     for path in paths:
         match = _NUMBERED.fullmatch(file_stem(path))
@@ -39,14 +39,14 @@ def group_numbered_files(paths: list[Path]) -> dict[str, list[Path]]:
 
 
 def check_no_gaps(paths: list[Path]) -> None:
-    """Refuse files, in order, among whose numbers one is missing.
+    """Refuse files, in order, when a number is missing between them.
 
-    Files that are not numbered alike, or lie in several folders, are taken as they are.
+    Files that are not numbered in one way, or are in several folders, are not checked.
 
     Raises
     ------
     InputError
-        Naming the first file that is missing.
+        Naming the first missing file.
     """
     found = [_NUMBERED.fullmatch(file_stem(path)) for path in paths]
     matches = [match for match in found if match]
@@ -64,7 +64,7 @@ def check_no_gaps(paths: list[Path]) -> None:
         raise FileAccessError(
             f"{paths[gaps[0]].parent / lost}: missing between {paths[gaps[0]].name} and "
             f"{paths[gaps[0] + 1].name}, where frames are numbered in steps of {usual} "
-            f"({len(gaps)} such gaps); restore it, or take the clip as it is with --allow-gaps"
+            f"({len(gaps)} such gaps); restore it, or accept the gaps with --allow-gaps"
         )
 
 
@@ -73,13 +73,13 @@ _FRAME_NUMBER = re.compile(r"(?P<hashes>#+)|%0?(?P<printf>\d?)d|\$F(?P<houdini>\
 
 @dataclass(frozen=True, slots=True)
 class FrameNames:
-    """What stands around a frame's number in the name of its file.
+    """Names of files with a frame number.
 
     Attributes
     ----------
     before, after : str
     digits : int
-        The fewest; zeros are put in front of smaller numbers.
+        At least so many; shorter numbers get leading zeros.
     """
 
     before: str
@@ -88,17 +88,17 @@ class FrameNames:
 
     @classmethod
     def parse(cls, pattern: str) -> "FrameNames | None":
-        """What a pattern means: `#` a digit, `%04d` as in C, `$F4` as in Houdini; None if plain.
+        """Parse a pattern: `#` per digit, `%04d` as in C, `$F4` as in Houdini; None if it has none.
 
         Raises
         ------
         InputError
-            When the number stands in it twice.
+            When it has several numbers.
         """
         found = list(_FRAME_NUMBER.finditer(pattern))
         if len(found) > 1:
             raise SettingError(
-                f"the frame's number stands in {pattern} {len(found)} times, expected once"
+                f"{pattern} has {len(found)} places for the frame number, expected one; remove one"
             )
         if not found:
             return None
@@ -109,14 +109,14 @@ class FrameNames:
 
     @property
     def pattern(self) -> str:
-        """These names as `of` reads them."""
+        """The pattern of these names, for `parse`."""
         return f"{self.before}{'#' * self.digits}{self.after}"
 
     def file_name(self, number: int) -> str:
-        """The file of the frame of that number."""
+        """Return the name of the file of a frame."""
         return f"{self.before}{number:0{self.digits}d}{self.after}"
 
     def matches(self, name: str) -> bool:
-        """Whether a file of this name is one of them."""
+        """Return whether a file of this name is one of them."""
         around = re.escape(self.before), re.escape(self.after)
         return re.fullmatch(rf"{around[0]}\d{{{self.digits},}}{around[1]}", name) is not None

@@ -1,4 +1,4 @@
-"""HDF5 files from strangers: opened and looked into with every claim checked before it is used."""
+"""HDF5 files from any source: what they announce is checked before it is used."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,14 +11,14 @@ import numpy as np
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError, error_context
 
 MAX_COMPRESSION_RATIO = 1100
-"""Most that HDF5's filters compress; a dataset that claims more than it can hold is damaged."""
+"""Largest compression of HDF5's filters; a dataset that announces more is damaged."""
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 _KIND_NAMES = {"f": "floating-point numbers", "iu": "integers", "O": "text"}
 
 
 def check_hdf5_suffix(path: Path) -> None:
-    """Refuse to write HDF5 to a file whose name says that it is something else.
+    """Refuse to write HDF5 to a file with the suffix of another format.
 
     Raises
     ------
@@ -27,9 +27,8 @@ def check_hdf5_suffix(path: Path) -> None:
     """
     if path.suffix.lower() not in HDF5_SUFFIXES:
         raise OutputError(
-            f"{path}: is to be an HDF5 file, expected a name that ends in "
-            f"{' or '.join(HDF5_SUFFIXES)} "
-            "(cageik export writes cages in other formats)"
+            f"{path}: the output is an HDF5 file, expected a name that ends in "
+            f"{' or '.join(HDF5_SUFFIXES)}; cageik export writes cages in other formats"
         )
 
 
@@ -44,14 +43,14 @@ def open_file(path: Path) -> h5py.File:
 
 @contextmanager
 def open_checked(path: Path) -> Iterator[h5py.File]:
-    """Open a file for reading; whatever fails inside is an InputError that names it."""
+    """Open a file for reading; errors inside name it."""
     with wrap_hdf5_errors(path), open_file(path) as file:
         yield file
 
 
 @contextmanager
 def wrap_hdf5_errors(path: Path) -> Iterator[None]:
-    """Make of whatever HDF5 raises inside an InputError that names the file."""
+    """Turn what HDF5 raises inside into a FormatError that names the file."""
     with error_context(path):
         try:
             yield
@@ -64,7 +63,7 @@ def wrap_hdf5_errors(path: Path) -> Iterator[None]:
 def get_dataset(
     file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]
 ) -> h5py.Dataset:
-    """A dataset of the expected type and shape.
+    """Return a dataset of the expected type and shape.
 
     Parameters
     ----------
@@ -72,14 +71,14 @@ def get_dataset(
     name : str
         Path within the file.
     kinds : str
-        Numpy's kind letters that are taken: "f", "iu", or "O" for text.
+        Numpy's kind letters that are accepted: "f", "iu", or "O" for text.
     shape : tuple
-        Expected lengths; None takes any above zero.
+        Expected lengths; None is any above zero.
 
     Raises
     ------
     InputError
-        When it is missing, leads out of the file, or is of another type, shape or size.
+        When it is missing, is in another file, or has another type, shape or size.
     """
     parent = ""
     for part in name.split("/"):
@@ -88,7 +87,7 @@ def get_dataset(
             raise FormatError(f"has no dataset `{name}`")
     found = file[name]
     if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
-        raise FormatError(f"`{name}` is not a dataset held in this file")
+        raise FormatError(f"`{name}` is not a dataset in this file")
     if found.dtype.kind not in kinds:
         raise FormatError(f"`{name}` holds {found.dtype} values, expected {_KIND_NAMES[kinds]}")
     fits = found.shape is not None and len(found.shape) == len(shape)
@@ -98,17 +97,19 @@ def get_dataset(
         wanted = " x ".join("any" if length is None else str(length) for length in shape)
         raise FormatError(f"`{name}` has shape {found.shape}, expected {wanted}")
     if found.nbytes > MAX_COMPRESSION_RATIO * max(found.id.get_storage_size(), 1):
-        raise FormatError(f"`{name}` claims {found.nbytes} bytes and holds next to none of them")
+        raise FormatError(
+            f"`{name}` announces {found.nbytes} bytes but holds almost none; write it again"
+        )
     return found
 
 
 def read_array(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> np.ndarray:
-    """All of a small dataset, checked as by `get_dataset`."""
+    """Read a whole small dataset, checked as by `get_dataset`."""
     return np.asarray(get_dataset(file, name, kinds, shape)[()])
 
 
 def list_numeric_shapes(file: h5py.File, kinds: str) -> dict[str, tuple[int, ...]]:
-    """Shapes of the datasets of numbers of these kinds that lie at the top of a file, by name."""
+    """Return the shapes of the datasets at the top of a file that hold numbers of these kinds."""
     held = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
     found = {name: file[name] for name in held if file.get(name, getclass=True) is h5py.Dataset}
     return {
@@ -119,6 +120,6 @@ def list_numeric_shapes(file: h5py.File, kinds: str) -> dict[str, tuple[int, ...
 
 
 def scalar_attributes(file: h5py.File, names: tuple[str, ...]) -> dict[str, Any]:
-    """The attributes of these names that are one value each."""
+    """Return the attributes of these names that are single values."""
     held = [name for name in names if name in file.attrs]
     return {name: file.attrs[name] for name in held if file.attrs.get_id(name).shape == ()}

@@ -1,4 +1,4 @@
-"""What is read from a mesh file."""
+"""Meshes as they are read from files."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from cageik_cli.util.arrays import Floats, Integers
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FileMesh:
-    """What a mesh file holds, not yet checked.
+    """The content of a mesh file, not yet checked.
 
     Attributes
     ----------
@@ -28,12 +28,12 @@ class FileMesh:
 
     @property
     def polygon_count(self) -> int:
-        """How many faces have more than three corners."""
+        """Number of faces with more than three corners."""
         return int(np.count_nonzero(self.corner_counts > 3))
 
     @property
     def fan_triangulated(self) -> TriMesh:
-        """The mesh, checked, with its polygons as fans: what connectivity is compared by."""
+        """The checked mesh with every polygon as a fan: connectivity is compared by it."""
         return TriMesh(self.vertices, self.faces)
 
     @property
@@ -53,13 +53,13 @@ class LoadedMesh:
     ----------
     mesh : TriMesh
     fan_triangulated : TriMesh
-        The same with every polygon as a fan: what connectivity is compared by.
+        The same with every polygon as a fan: connectivity is compared by it.
     source : dict
         `name` and `sha256` of the file; the name alone of a frame of the clip.
     notes : tuple of str
         What was changed, one sentence each.
     obj_text : bytes
-        An OBJ file as it is, unpacked; empty for other kinds.
+        The OBJ file, unpacked; empty for other formats.
     """
 
     mesh: TriMesh

@@ -1,4 +1,4 @@
-"""Polygons cut into triangles: fans where these do not fold over, else ears."""
+"""Polygons cut into triangles: as fans, or by clipping ears where a fan would fold over."""
 
 from collections.abc import Sequence
 from itertools import chain
@@ -16,7 +16,7 @@ FOLD_TOL = 1e-9
 def fan_triangulate_polygons(
     polygons: Sequence[Sequence[int] | Integers],
 ) -> tuple[Integers, Integers]:
-    """Fans of `polygons` at their first corners, (f, 3), and the polygons' numbers of corners.
+    """Cut `polygons` into fans at their first corners, (f, 3); also return their corner counts.
 
     Raises
     ------
@@ -29,7 +29,7 @@ def fan_triangulate_polygons(
 
 
 def fan_triangulate(corners: Integers, corner_counts: Integers) -> Integers:
-    """Fans, (f, 3), of polygons whose `corners` follow one another, `corner_counts` of them each.
+    """Cut polygons into fans, (f, 3); their `corners` follow one another, `corner_counts` each.
 
     Raises
     ------
@@ -39,8 +39,8 @@ def fan_triangulate(corners: Integers, corner_counts: Integers) -> Integers:
     small = np.flatnonzero(corner_counts < 3)
     if len(small):
         raise FormatError(
-            f"face {small[0]} has {corner_counts[small[0]]} corners, expected 3 or more; export "
-            f"it again"
+            f"face {small[0]} has {corner_counts[small[0]]} corners, expected 3 or more; "
+            "export it again"
         )
     counts = corner_counts - 2
     first = np.repeat(np.cumsum(corner_counts) - corner_counts, counts)
@@ -49,7 +49,7 @@ def fan_triangulate(corners: Integers, corner_counts: Integers) -> Integers:
 
 
 def replace_folded_fans(mesh: TriMesh, corner_counts: Integers) -> TriMesh:
-    """A mesh of `fans`, with those that fold over cut into ears instead.
+    """Cut the polygons again whose fans fold over, by clipping ears.
 
     Ears are found in the plane of the polygon's area vector (Newell); a polygon that crosses
     itself and has none keeps its fan. A polygon's triangles stay where its fan was.
@@ -74,7 +74,7 @@ def replace_folded_fans(mesh: TriMesh, corner_counts: Integers) -> TriMesh:
 
 
 def _project_to_plane(points: Floats, normal: Floats) -> Floats:
-    """Points (k, 3) in the plane across `normal`, (k, 2), counter-clockwise seen against it."""
+    """Project points (k, 3) along `normal`, (k, 2); counter-clockwise seen against it."""
     direction = normal / np.abs(normal).max()  # first, since tiny squares would be zeros
     direction /= np.linalg.norm(direction)
     across = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
@@ -83,7 +83,7 @@ def _project_to_plane(points: Floats, normal: Floats) -> Floats:
 
 
 def _clip_ears(points: Floats) -> list[list[int]] | None:
-    """Corners of the triangles of a polygon (k, 2), by clipping ears; None if it has none."""
+    """Return the triangles of a polygon (k, 2), by clipping ears; None if it has no ear."""
     ring, ears = list(range(len(points))), []
     while len(ring) > 3:
         triples = zip(ring[-1:] + ring[:-1], ring, ring[1:] + ring[:1], strict=True)
@@ -96,7 +96,7 @@ def _clip_ears(points: Floats) -> list[list[int]] | None:
 
 
 def _is_ear(triangle: Floats, ring: Floats) -> bool:
-    """Whether a triangle turns left and holds no corner of the ring but its own."""
+    """Return whether a triangle turns left and holds no corner of the ring but its own."""
     sides = np.roll(triangle, -1, axis=0) - triangle
     steps = ring[:, None] - triangle
     lefts = sides[:, 0] * steps[..., 1] - sides[:, 1] * steps[..., 0]

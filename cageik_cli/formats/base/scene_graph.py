@@ -1,4 +1,4 @@
-"""Meshes that stand in a scene: polygons of either winding, moved by transforms."""
+"""Meshes in scenes: polygons of either winding, moved by transforms, sampled in time."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -17,28 +17,28 @@ Time = TypeVar("Time", int, float)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Polygons:
-    """Faces as scenes have them.
+    """Faces as USD and Alembic store them.
 
     Attributes
     ----------
     corner_counts : (p,) integers
-        How many corners each has.
+        Number of corners of each.
     corners : (sum of counts,) integers
-        One face's after the other's.
+        Those of one face after those of another.
     """
 
     corner_counts: NDArray[np.integer]
     corners: NDArray[np.integer]
 
     def differs_from(self, other: "Polygons") -> bool:
-        """Whether the others are not the same."""
+        """Return whether others are different."""
         return not (
             np.array_equal(self.corner_counts, other.corner_counts)
             and np.array_equal(self.corners, other.corners)
         )
 
     def make_mesh(self, points: Floats, is_clockwise: bool) -> FileMesh:
-        """The mesh they make of points; `is_clockwise` when they wind clockwise.
+        """Make a mesh with these points; `is_clockwise` when the faces wind clockwise.
 
         Raises
         ------
@@ -52,8 +52,8 @@ class Polygons:
             or total != len(self.corners)
         ):
             raise FormatError(
-                f"{len(self.corner_counts)} faces of {total} corners in all come with "
-                f"{len(self.corners)} corners; export the mesh again"
+                f"{len(self.corner_counts)} faces need {total} corners, found {len(self.corners)}; "
+                "export the mesh again"
             )
         polygons = np.split(self.corners, np.cumsum(self.corner_counts)[:-1])
         if is_clockwise:
@@ -62,12 +62,12 @@ class Polygons:
 
 
 def read_constant_polygons(read_at: Callable[[Time], Polygons], times: Iterable[Time]) -> Polygons:
-    """The faces `read_at` the first of some times, which must be those at all others.
+    """Read the faces at the first of some times, and check that they never change.
 
     Raises
     ------
     InputError
-        Naming the time at which they are not.
+        Naming the time at which they change.
     """
     first, *others = times
     found = read_at(first)
@@ -80,21 +80,21 @@ def read_constant_polygons(read_at: Callable[[Time], Polygons], times: Iterable[
 
 
 def transform_points(points: NDArray[np.floating], matrix: Floats) -> Floats:
-    """Points (m, 3) moved by a matrix (4, 4) that rows are multiplied with."""
+    """Transform points (m, 3), as rows, by a matrix (4, 4)."""
     exact = np.asarray(points, np.float64)
     if np.array_equal(matrix, np.eye(4)):
         return exact
-    with np.errstate(over="ignore", invalid="ignore"):  # frames are checked where they enter
+    with np.errstate(over="ignore", invalid="ignore"):  # checked when the frame is read
         return np.asarray(exact @ matrix[:3, :3] + matrix[3, :3])
 
 
 def is_mirroring(matrix: Floats) -> bool:
-    """Whether a matrix turns a surface inside out."""
+    """Return whether a matrix turns a surface inside out."""
     return bool(np.linalg.det(matrix[:3, :3]) < 0)
 
 
 def describe_transform(matrix: Floats, is_animated: bool) -> list[str]:
-    """What is said of a mesh that its transform, `matrix` at the first frame, has moved."""
+    """Return a note on a mesh that its transform, `matrix` at the first frame, has moved."""
     if is_animated:
         return ["moved by its animated transform into the scene's space"]
     if not np.array_equal(matrix, np.eye(4)):
@@ -103,19 +103,19 @@ def describe_transform(matrix: Floats, is_animated: bool) -> list[str]:
 
 
 EVEN_STEP_TOL = 1e-4
-"""Steps that differ by more than this part of their mean are not even."""
+"""Steps that differ by more than this fraction of their mean are uneven."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sampling:
-    """When the frames of a clip are.
+    """The times of the frames of a clip.
 
     Attributes
     ----------
     times : (F,)
         Ascending, seconds or time codes.
     step : float or None
-        From one to the next; None for one alone, or when steps differ.
+        From one frame to the next; None for a single frame, or when steps differ.
     """
 
     times: Floats
@@ -123,7 +123,7 @@ class Sampling:
 
     @staticmethod
     def from_times(times: set[float]) -> "Sampling":
-        """Frames at `times`; one at time 0 if there are none."""
+        """Sample at `times`; at time 0 if there are none."""
         ordered = np.array(sorted(times or {0.0}))
         steps = np.diff(ordered)
         if len(steps) == 0:
@@ -134,32 +134,30 @@ class Sampling:
 
     @property
     def is_uneven(self) -> bool:
-        """Whether steps differ."""
+        """Whether the steps differ."""
         return self.step is None and len(self.times) > 1
 
 
 def frames_per_second(step: float) -> float:
-    """Frames a second of seconds a frame, without the last digits, which are rounding's."""
+    """Convert seconds per frame to frames per second, without the digits of rounding errors."""
     return round(1 / step, 9)
 
 
 def choose_mesh(meshes: list[str], member: str | None) -> str:
-    """The mesh that `member` names, or the only one.
+    """Return the mesh that `member` names, or the only one.
 
     Raises
     ------
     InputError
-        Listing what there is to choose from.
+        Listing the meshes to choose from.
     """
     if not meshes:
-        raise FormatError("holds no mesh; export one that is animated")
+        raise FormatError("holds no mesh; export an animated mesh")
     if member is not None and member not in meshes:
-        raise SettingError(
-            f"holds no mesh `{member}`, but {join_truncated(meshes)}; name one of them"
-        )
+        raise SettingError(f"holds no mesh `{member}`; choose one of {join_truncated(meshes)}")
     if member is None and len(meshes) > 1:
         raise SettingError(
             f"holds {len(meshes)} meshes, expected one: {join_truncated(meshes)}; "
-            f"name the one behind the file, as in FILE::{meshes[0]}"
+            f"choose one, as in FILE::{meshes[0]}"
         )
     return meshes[0] if member is None else member

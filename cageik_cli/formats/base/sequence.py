@@ -1,4 +1,4 @@
-"""A clip: frames of one connectivity, read when they are asked for."""
+"""A clip: frames of one connectivity, read on demand."""
 
 import hashlib
 from abc import ABC, abstractmethod
@@ -22,14 +22,14 @@ from cageik_cli.util.threads import OrderedMap
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClipRequest:
-    """What a reader is asked to open.
+    """What a reader opens.
 
     Attributes
     ----------
     paths : tuple of Path
         In order, all of one suffix.
     member : str, optional
-        Which of the clips in a file: what was typed behind `::`.
+        Name of the clip in a file that holds several: the text behind `::`.
     rest : LoadedMesh, optional
         The rest pose, for files that hold no faces.
     settings : ClipSettings
@@ -41,7 +41,7 @@ class ClipRequest:
     settings: ClipSettings = field(default_factory=ClipSettings)
 
     def select_frames(self, count: int) -> range:
-        """Numbers of the frames to take of `count`.
+        """Return the numbers of the selected frames of `count`.
 
         Raises
         ------
@@ -53,7 +53,7 @@ class ClipRequest:
         if not numbers:
             bounds = (wanted.start, wanted.stop, *([wanted.step] if wanted.step else []))
             typed = ":".join("" if bound is None else str(bound) for bound in bounds)
-            raise SettingError(f"--frames {typed} takes none of the {count} frames")
+            raise SettingError(f"--frames {typed} selects none of the {count} frames")
         return numbers
 
 
@@ -66,8 +66,8 @@ class Block:
     start : int
         Number of the first.
     positions : (k, m, 3) float64
-        A frame that could not be read has the clip's first in its place, so that what is computed
-        of the others does not depend on it.
+        The clip's first frame stands in for one that could not be read, so that the results of the
+        others do not depend on it.
     read_errors : dict
         By number in the clip, why a frame could not be read.
     """
@@ -82,16 +82,16 @@ class Block:
         return self.start + len(self.positions)
 
     def raise_read_errors(self) -> None:
-        """Raise the first fault, if there is one."""
+        """Raise the first of the errors, if there is one."""
         if self.read_errors:
             raise self.read_errors[min(self.read_errors)]
 
 
 class MeshSequence(ABC):
-    """Frames of one connectivity, in order; they can be gone through more than once.
+    """Frames of one connectivity, in order; they can be read more than once.
 
-    A reader subclasses this and says which file suffixes it takes. Readers are the modules of
-    `sequence.readers`; a new format is one file there.
+    The `Reader` of each format subclasses this, see `base.registry`. Most subclass
+    `FrameFileReader` (a mesh file per frame), `ArrayClipFile` or `ClipFile` (all frames in a file).
 
     Attributes
     ----------
@@ -100,13 +100,13 @@ class MeshSequence(ABC):
     has_members : bool
         Whether a file may hold several clips, named by `FILE::CLIP`.
     has_layout : bool
-        Whether a file may have its axes in any order, said by `--layout`.
+        Whether a file may have its axes in any order, given by `--layout`.
     names : tuple of str
         Where each frame comes from, F of them: a file's name, or the clip's name and an index.
     first : TriMesh
         Frame 0 and the connectivity of all.
     scene : SceneHints
-        What the files say of time and space.
+        Scene settings in the files.
     notes : tuple of str
         What was changed in the frames, one sentence each.
 
@@ -134,24 +134,24 @@ class MeshSequence(ABC):
 
     @classmethod
     def describe_contents(cls, request: ClipRequest) -> list[tuple[str, str]]:
-        """What files hold that are no clip by themselves, in labelled lines; none for a clip."""
+        """Describe files that are not a clip by themselves, in labelled lines; empty for a clip."""
         return []
 
     @classmethod
     def list_members(cls, path: Path) -> list[str]:
-        """Names of the clips in a file of several; none if the file is a clip itself."""
+        """List the clips in a file that holds several; empty if it is a clip itself."""
         return []
 
     @abstractmethod
     def read_positions(self, index: int) -> np.ndarray:
-        """Vertices of one frame as the file has them, in the connectivity of `first`."""
+        """Read the vertices of one frame as the file has them, in the connectivity of `first`."""
 
     @abstractmethod
     def digest(self, index: int) -> bytes:
-        """SHA-256 of the file that a frame comes from."""
+        """Return the SHA-256 digest of the file that a frame comes from."""
 
     def digest_or_zeros(self, index: int) -> bytes:
-        """The digest of a frame's file; zeros when it cannot be read, and the frame is a gap."""
+        """Return the digest of a frame's file; zeros when it cannot be read: the frame is a gap."""
         try:
             return self.digest(index)
         except InputError:
@@ -159,15 +159,15 @@ class MeshSequence(ABC):
 
     @abstractmethod
     def set_digests(self, start: int, digests: Sequence[bytes]) -> None:
-        """Take the stamps of frames from `start` on from who has read them: not to read again."""
+        """Take the digests of frames from `start` on, so that their files are not read for them."""
 
     @abstractmethod
     def describe_source(self) -> dict[str, Any]:
-        """Name and digest of all that is read."""
+        """Return the name and digest of all that is read."""
 
     @property
     def fan_triangulated(self) -> TriMesh:
-        """Frame 0 with every polygon as a fan: what connectivity is compared by."""
+        """Frame 0 with every polygon as a fan: connectivity is compared by it."""
         return self.first
 
     def __len__(self) -> int:
@@ -184,11 +184,11 @@ class MeshSequence(ABC):
         )
 
     def location(self, index: int) -> str:
-        """Where a frame is, for messages."""
+        """Return where a frame is, for messages."""
         return self.names[index]
 
     def read_frame(self, index: int) -> Floats:
-        """Vertices of one frame, (m, 3), as many as the first has and all finite.
+        """Read the vertices of one frame, (m, 3): as many as the first has, and all finite.
 
         Raises
         ------
@@ -201,7 +201,7 @@ class MeshSequence(ABC):
             return validate_positions(positions)
 
     def blocks(self, size: int, jobs: int, start: int = 0) -> Generator[Block]:
-        """All frames from `start` on, in order, at most `size` in a block, read ahead by threads.
+        """Read all frames from `start` on, in order, in blocks of `size`, ahead by threads.
 
         At most two blocks of frames are in memory.
         """
@@ -210,7 +210,7 @@ class MeshSequence(ABC):
 
 
 class FramePrefetcher:
-    """Frames of a clip, `wanted` of them, read by `jobs` threads, at most `ahead` in advance."""
+    """Reads frames of a clip by `jobs` threads, at most `max_ahead` in advance."""
 
     def __init__(self, sequence: MeshSequence, jobs: int, max_ahead: int, indices: range) -> None:
         self._sequence, self._indices = sequence, indices
@@ -223,7 +223,7 @@ class FramePrefetcher:
         self._frames.__exit__()
 
     def blocks(self, size: int) -> Iterator[Block]:
-        """Them in blocks of at most `size`."""
+        """Yield the frames in blocks of at most `size`."""
         for start in self._indices[::size]:
             yield self._make_block(start, list(islice(self._frames, size)))
 
@@ -234,18 +234,19 @@ class FramePrefetcher:
             return error
 
     def _make_block(self, start: int, read: list[Floats | InputError]) -> Block:
-        faults = {k: v for k, v in enumerate(read, start) if isinstance(v, InputError)}
+        errors = {k: v for k, v in enumerate(read, start) if isinstance(v, InputError)}
         placeholder = self._sequence.first.vertices
         positions = np.stack([placeholder if isinstance(v, InputError) else v for v in read])
-        return Block(start, positions, faults)
+        return Block(start, positions, errors)
 
 
 def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_name: str) -> None:
-    """Refuse a mesh whose counts or `faces` differ from the expected ones, and say where.
+    """Refuse a mesh whose counts or `faces` differ from the expected ones.
 
     Raises
     ------
-    InputError
+    ConnectivityError
+        Naming the first difference.
     """
     for noun, found, wanted in (
         ("vertices", count, len(expected.vertices)),
@@ -263,8 +264,7 @@ def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_
         raise ConnectivityError(
             f"triangle {k} joins vertices {_format_corners(faces[k])}, in {expected_name} "
             f"{_format_corners(expected.faces[k])} (counted from 0; {len(differs)} triangles "
-            f"differ); "
-            "all must share one connectivity"
+            f"differ); all must share one connectivity"
         )
 
 

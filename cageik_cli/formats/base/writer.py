@@ -1,4 +1,4 @@
-"""What a writer is given, and what it does."""
+"""Base classes of the writers, and the animation that they are given."""
 
 from abc import ABC, abstractmethod
 from contextlib import ExitStack
@@ -17,19 +17,19 @@ from cageik_cli.util.errors import OutputError, SettingError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Animation:
-    """What is known of an animation before its first frame.
+    """An animation before its first frame is written.
 
     Attributes
     ----------
     rest : TriMesh
         The rest pose, with the faces of every frame.
     frame_count : int
-        How many frames there are.
+        Number of frames.
     scene : Scene
     name : str
-        What the object is called where formats name objects: letters, digits and underscores.
+        Name of the object, for formats that name objects: letters, digits and underscores.
     obj_text : bytes
-        The OBJ file that the rest mesh was read from, unpacked; empty if it was none.
+        The OBJ file that the rest mesh was read from, unpacked; empty if it was another format.
     """
 
     rest: TriMesh
@@ -42,18 +42,18 @@ class Animation:
 class AnimationWriter(ABC):
     """Writes one animation: its frames are appended in order, then it is completed.
 
-    A writer holds some blocks of frames at most, whatever their number. It takes any name for
-    where it writes: the file, or the folder, gets its own when it is whole. The same animation
-    gives the same bytes.
+    A writer holds a few blocks of frames in memory, whatever their number. It writes under any
+    name: the file or folder is renamed when it is complete. The same animation gives the same
+    bytes.
 
     Attributes
     ----------
     suffixes : tuple of str
         Lower case, with the dot.
     writes_folder : bool
-        Whether it writes a folder of files, a frame each, instead of a file.
+        Whether it writes a folder with a file per frame, instead of a file.
     notes : tuple of str
-        What to mind about what is written, one sentence each.
+        What a user must know about the output, one sentence each.
     """
 
     suffixes: tuple[str, ...]
@@ -62,13 +62,13 @@ class AnimationWriter(ABC):
 
     @classmethod  # noqa: B027  # most need no other library
     def require_libraries(cls) -> None:
-        """Refuse to go on without a library that is needed, with what to install."""
+        """Raise MissingLibraryError, with what to install, if a needed library is missing."""
 
     @abstractmethod
     def __init__(self, target: Path, animation: Animation) -> None:
-        """Begin to write to `target`, whose suffix is one of `suffixes`.
+        """Start writing to `target`, whose suffix is one of `suffixes`.
 
-        The name of a `target` in a folder of files is their pattern, see `FrameNames`.
+        In a folder of files, the name of `target` is their pattern, see `FrameNames`.
 
         Raises
         ------
@@ -84,30 +84,30 @@ class AnimationWriter(ABC):
     def complete(self) -> None:
         """Write what comes after the last frame, and close the file."""
 
-    def abandon(self) -> None:  # noqa: B027  # most have nothing to let go of
-        """Close what is open, after a failure; what was written is thrown away."""
+    def abandon(self) -> None:  # noqa: B027  # most have nothing to close
+        """Close what is open, after a failure; the output is deleted."""
 
 
 class FrameFileWriter(AnimationWriter):
-    """Writes a file a frame, numbered from the scene's start; writers say what a file holds."""
+    """Writes a file per frame, numbered from the start; formats implement `encode_frame`."""
 
     writes_folder = True
 
     def __init__(self, target: Path, animation: Animation) -> None:
         names = FrameNames.parse(target.name)
         if names is None:
-            raise ValueError(f"{target.name} has no place for the frame's number")
+            raise ValueError(f"{target.name} has no place for the frame number")
         start = animation.scene.start
         if start < 0 or start != int(start):
             raise SettingError(
-                f"the first frame's number is {start:g}, expected a whole one, 0 or above, for "
-                "files are named by it; choose it with --start"
+                f"the number of the first frame is {start:g}, expected a whole number from 0 on, "
+                "since files are named by it; give one with --start"
             )
         self._folder, self._names, self._next_number = target.parent, names, int(start)
 
     @abstractmethod
     def encode_frame(self, positions: Floats) -> bytes:
-        """The file of one frame, (m, 3)."""
+        """Return the content of the file of one frame, (m, 3)."""
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
@@ -118,29 +118,29 @@ class FrameFileWriter(AnimationWriter):
             self._next_number += 1
 
     def complete(self) -> None:
-        """Nothing comes after the last frame."""
+        """Do nothing: each file is complete."""
 
 
 def to_float32(positions: Floats) -> NDArray[np.float32]:
-    """`positions` as contiguous float32.
+    """Return `positions` as contiguous float32.
 
     Raises
     ------
     InputError
-        When one is too large for it.
+        When a value is too large.
     """
     with np.errstate(over="ignore"):
         singles = np.ascontiguousarray(positions, np.float32)
     if not np.isfinite(singles).all():
         raise OutputError(
-            f"a coordinate of {np.abs(positions).max():g} is too large for this format, which "
-            "holds numbers of single precision; scale the animation, or write .npz"
+            f"a coordinate of {np.abs(positions).max():g} is too large for the single precision of "
+            "this format; scale the animation, or write .npz"
         )
     return singles
 
 
 class PointCacheWriter(AnimationWriter):
-    """Writes a header and float32 positions, frame by frame; writers say what the header is.
+    """Writes a header and float32 positions, frame by frame; formats implement `make_header`.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class PointCacheWriter(AnimationWriter):
 
     @abstractmethod
     def make_header(self, animation: Animation) -> bytes:
-        """What stands before the first frame."""
+        """Return what comes before the first frame."""
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
@@ -174,7 +174,7 @@ class PointCacheWriter(AnimationWriter):
 
 
 def make_blender_notes(start: float) -> tuple[str, ...]:
-    """Where Blender's Mesh Cache modifier puts the first frame, unless that is where it belongs."""
+    """Return a note on the frame at which Blender's Mesh Cache starts, unless it is right."""
     if start == 0:
         return ()
     return (

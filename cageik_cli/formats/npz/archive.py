@@ -1,4 +1,4 @@
-"""Numpy's `.npy` and `.npz` without loading them: what arrays they hold, and where in the file."""
+"""Arrays in `.npy` and `.npz` files: found without loading them."""
 
 import io
 import shutil
@@ -19,10 +19,10 @@ from cageik_cli.formats.base.binary_frames import BinaryFile
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 
 MAX_HEADER_BYTES = 1 << 14
-"""Bytes that are looked at for a header; numpy itself takes 10 000 characters."""
+"""Bytes that are read for a header; numpy itself accepts 10 000 characters."""
 
 MAX_COMPRESSION_RATIO = 1032
-"""Most that deflate compresses (zlib's own figure)."""
+"""Largest compression of deflate, by zlib's documentation."""
 
 _COPY_BYTES = 1 << 20
 
@@ -49,7 +49,7 @@ class FileArray:
         Of numbers, or of text.
     shape : tuple of int
     is_fortran_order : bool
-        Whether its first axis is the fastest (Fortran's order), not its last.
+        Whether its first axis is the fastest, not its last.
     """
 
     file: BinaryFile
@@ -59,7 +59,7 @@ class FileArray:
     is_fortran_order: bool
 
     def read(self) -> np.ndarray:
-        """The whole array."""
+        """Read the whole array."""
         array = self.file.read_array(
             self.offset, self.dtype, self.shape[:: 1 - 2 * self.is_fortran_order]
         )
@@ -67,7 +67,7 @@ class FileArray:
 
 
 def open_npy(path: Path) -> FileArray:
-    """The array of a `.npy`.
+    """Open the array of a `.npy`.
 
     Raises
     ------
@@ -97,12 +97,12 @@ class NpzArchive:
         self.names = set(self._members)
 
     def open_array(self, name: str) -> FileArray:
-        """One of its arrays; one that is compressed is unpacked into a file without a name.
+        """Open one of the arrays; a compressed one is unpacked into a temporary file.
 
         Raises
         ------
         InputError
-            When it is damaged, or there is no room for it.
+            When it is damaged, or the disk is full.
         """
         info = self._members[name]
         with error_context(f"`{name}`"), _wrap_read_errors("a sound member of a .npz"):
@@ -119,7 +119,7 @@ class NpzArchive:
             )
 
     def read_scalar(self, name: str) -> np.ndarray | None:
-        """The number or text of that name; None if there is none, or it is something else."""
+        """Read a single number or text; None if it is absent, or something else."""
         if name not in self.names or self._members[name].file_size > _COPY_BYTES:
             return None
         array = self.open_array(name)
@@ -127,7 +127,7 @@ class NpzArchive:
         return array.read() if plain else None
 
     def _find_offset(self, info: zipfile.ZipInfo) -> int:
-        """Where the bytes of a member begin that is not compressed: behind its own header."""
+        """Return where the bytes of an uncompressed member begin: behind its own header."""
         head = self._file.read_array(info.header_offset, np.dtype(np.uint8), (30,)).tobytes()
         lengths = np.frombuffer(head, "<u2", 2, 26)
         place = info.header_offset + 30 + int(lengths.sum())
@@ -139,24 +139,24 @@ class NpzArchive:
         return place
 
     def _check_claimed_size(self, info: zipfile.ZipInfo) -> None:
-        """Refuse a member that claims more than deflate can give, or than the disk has room for."""
+        """Refuse a member that announces more than deflate can give, or than the disk can hold."""
         size, folder = info.file_size, tempfile.gettempdir()
         if (
             size
             > MAX_COMPRESSION_RATIO * min(info.compress_size, self._file.size) + MAX_HEADER_BYTES
         ):
             raise FormatError(
-                f"claims {size} bytes out of {info.compress_size}, more than deflate can give; "
+                f"announces {size} bytes out of {info.compress_size}, more than deflate can give; "
                 "the file is damaged, write it again"
             )
         if size > (free := shutil.disk_usage(folder).free):
             raise FileAccessError(
-                f"takes {size} bytes unpacked, and {folder} has {free} left; name a larger folder "
-                "in TMPDIR, or write the file with numpy.savez"
+                f"needs {size} bytes unpacked, and {folder} has {free} free; set TMPDIR to a "
+                "larger folder, or write the file with numpy.savez"
             )
 
     def _decompress(self, info: zipfile.ZipInfo) -> BinaryFile:
-        """The bytes of a member."""
+        """Unpack a member into a temporary file."""
         with ExitStack() as stack:
             try:
                 target = stack.enter_context(tempfile.TemporaryFile())
@@ -165,8 +165,8 @@ class NpzArchive:
                     size = target.tell()
             except OSError as error:
                 raise FileAccessError(
-                    f"cannot be unpacked into {tempfile.gettempdir()} ({error}); name another "
-                    "folder in TMPDIR, or write the file with numpy.savez"
+                    f"cannot be unpacked into {tempfile.gettempdir()} ({error}); set TMPDIR "
+                    "to another folder, or write the file with numpy.savez"
                 ) from error
             if size != info.file_size:
                 raise FormatError(f"ends after {size} of {info.file_size} bytes; write it again")
@@ -175,7 +175,7 @@ class NpzArchive:
 
 
 def _open_array(file: BinaryFile, offset: int, size: int) -> FileArray:
-    """The array whose `.npy` lies at `offset` and has `size` bytes."""
+    """Open the array whose `.npy` is at `offset` and has `size` bytes."""
     head = file.read_array(offset, np.dtype(np.uint8), (min(size, MAX_HEADER_BYTES),)).tobytes()
     stream = io.BytesIO(head)
     with warnings.catch_warnings():
@@ -187,7 +187,7 @@ def _open_array(file: BinaryFile, offset: int, size: int) -> FileArray:
     claimed = stream.tell() + prod(shape) * kind.itemsize
     if not kind.hasobject and (min(shape, default=0) < 0 or claimed != size):
         raise FormatError(
-            f"announces an array of shape {shape} of {kind}, which takes {claimed} bytes, and has "
+            f"announces an array of shape {shape} of {kind}, which takes {claimed} bytes, but has "
             f"{size}; it is cut short or damaged, write it again"
         )
     return FileArray(file, offset + stream.tell(), kind, shape, is_reversed)
@@ -195,7 +195,7 @@ def _open_array(file: BinaryFile, offset: int, size: int) -> FileArray:
 
 @contextmanager
 def _wrap_read_errors(expected: str) -> Iterator[None]:
-    """Make of whatever numpy and zipfile raise inside an InputError."""
+    """Turn what numpy and zipfile raise inside into a FormatError."""
     try:
         yield
     except _READ_ERRORS as error:

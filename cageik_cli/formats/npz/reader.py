@@ -1,4 +1,4 @@
-"""Clips in numpy's files: an array of positions, and in a `.npz` maybe one of faces, by name."""
+"""Clips in numpy files: an array of positions, and in a `.npz` perhaps one of faces."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,7 @@ from cageik_cli.util.errors import FormatError, SettingError
 
 @dataclass(frozen=True, slots=True)
 class AxisOrder:
-    """One way to read an array of positions.
+    """A possible order of the axes of an array of positions.
 
     Attributes
     ----------
@@ -38,12 +38,12 @@ class AxisOrder:
 
 
 def candidate_orders(shape: tuple[int, ...], layout: str | None) -> list[AxisOrder]:
-    """Every way to read an array of this shape, in `layout` if one is given.
+    """Return the possible orders of an array of this shape; only `layout` if it is given.
 
     Raises
     ------
     InputError
-        When there is none.
+        When no order is possible.
     """
     found = [
         AxisOrder(order, shape[order.index("f")], shape[order.index("v")])
@@ -57,32 +57,32 @@ def candidate_orders(shape: tuple[int, ...], layout: str | None) -> list[AxisOrd
 
 
 def choose_order(candidates: list[AxisOrder], expected_vertices: int | None) -> AxisOrder:
-    """The one reading that is possible.
+    """Return the only possible or the only likely order.
 
     Parameters
     ----------
     candidates : list of AxisOrder
     expected_vertices : int, optional
-        How many vertices the faces name. A reading with as many goes before one with more, and
-        fewer there cannot be.
+        How many vertices the faces name. An order with as many is preferred to one with more;
+        one with fewer is impossible.
 
     Raises
     ------
     InputError
-        When several readings are as likely, naming them.
+        When several orders are equally likely, naming them.
     """
     if len(candidates) == 1:
         return candidates[0]
-    exact = [reading for reading in candidates if reading.vertex_count == expected_vertices]
+    exact = [order for order in candidates if order.vertex_count == expected_vertices]
     larger = [
-        reading
-        for reading in candidates
-        if expected_vertices is None or reading.vertex_count > expected_vertices
+        order
+        for order in candidates
+        if expected_vertices is None or order.vertex_count > expected_vertices
     ]
     best = exact or larger or candidates
     if len(best) > 1:
         raise SettingError(
-            f"positions can be read as {' or '.join(map(str, best))}; say which with --layout"
+            f"positions can be read as {' or '.join(map(str, best))}; choose with --layout"
         )
     return best[0]
 
@@ -113,9 +113,9 @@ class Reader(ArrayClipFile):
         positions, faces = _find_array(archive, VERTEX_NAMES), None
         if archive.names.intersection(FACE_NAMES):
             faces = _read_faces(_find_array(archive, FACE_NAMES))
-        said = {name: archive.read_scalar(name) for name in SceneHints.__slots__}
+        metadata = {name: archive.read_scalar(name) for name in SceneHints.__slots__}
         return ArrayClip(
-            _open_frames(positions, faces, request), faces, *parse_scene_metadata(said)
+            _open_frames(positions, faces, request), faces, *parse_scene_metadata(metadata)
         )
 
 
@@ -124,7 +124,7 @@ def _open_clip_archive(path: Path) -> NpzArchive:
     if not archive.names.intersection(VERTEX_NAMES) and "poses" in archive.names:
         raise FormatError(
             "holds body parameters (AMASS or SMPL: poses, betas, trans), not vertices; evaluate "
-            "the body model, and write its vertices"
+            "the body model and write its vertices"
         )
     return archive
 
@@ -133,7 +133,7 @@ def _find_array(archive: NpzArchive, names: tuple[str, ...]) -> FileArray:
     found = [name for name in names if name in archive.names]
     if len(found) != 1:
         held = ", ".join(found) or "none"
-        raise FormatError(f"holds {held} of the arrays {', '.join(names)}; expected just one")
+        raise FormatError(f"holds {held} of the arrays {', '.join(names)}, expected exactly one")
     return archive.open_array(found[0])
 
 
@@ -144,20 +144,20 @@ def _read_faces(array: FileArray) -> np.ndarray:
         )
     faces = array.read()
     if not faces.size:
-        raise FormatError("faces are none, expected one at least")
+        raise FormatError("there are 0 faces, expected at least 1")
     return faces
 
 
 def _open_frames(array: FileArray, faces: np.ndarray | None, request: ClipRequest) -> StoredFrames:
-    """The frames of an array of positions, of the vertices that faces or the rest pose name."""
+    """Open the frames of an array of positions, in the most likely order of its axes."""
     if array.dtype.kind != "f":
         raise FormatError(
             f"positions are {array.dtype} of shape {array.shape}, expected floating-point numbers"
         )
     candidates, expected_vertices = candidate_orders(array.shape, request.settings.layout), None
     if faces is not None:
-        for reading in candidates:
-            check_zero_based(faces, reading.vertex_count)
+        for candidate in candidates:
+            check_zero_based(faces, candidate.vertex_count)
         expected_vertices = int(faces.max()) + 1
     elif request.rest is not None:
         expected_vertices = len(request.rest.mesh.vertices)

@@ -1,4 +1,4 @@
-"""A numpy `.npz`: `vertices` (F, m, 3), `faces` (t, 3), and what the scene is."""
+"""A numpy `.npz`: `vertices` (F, m, 3), `faces` (t, 3), and the scene settings."""
 
 import zipfile
 from contextlib import ExitStack
@@ -14,12 +14,12 @@ _FIXED_DATE = (1980, 1, 1, 0, 0, 0)
 
 
 def fixed_date_zipinfo(name: str) -> zipfile.ZipInfo:
-    """A member that has zip's first time: as good as any, and always the same."""
+    """Return a member with the first date of zip: the same bytes at any time."""
     return zipfile.ZipInfo(name, _FIXED_DATE)
 
 
 class Writer(AnimationWriter):
-    """Frames in double precision, uncompressed, so that they can be read one by one."""
+    """Writes frames in double precision, uncompressed, so that each can be read alone."""
 
     suffixes = (".npz",)
 
@@ -47,7 +47,7 @@ class Writer(AnimationWriter):
 
     def _close(self) -> None:
         with self._archive, self._frames:
-            pass  # each closes, whatever the other meets
+            pass  # each is closed, even if the other fails
 
     def _write_static_arrays(self, animation: Animation) -> None:
         scene = animation.scene

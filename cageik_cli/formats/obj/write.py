@@ -1,4 +1,4 @@
-"""The text of an OBJ file, made ready for other positions of its vertices."""
+"""OBJ files with other positions; all other text of the original file is kept."""
 
 import codecs
 from pathlib import Path
@@ -11,7 +11,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
 _NUMBER_MARK = 0
-"""Stands for a number, since no text has this byte."""
+"""Marks the place of a number, since no text has this byte."""
 
 _BLOCK_BYTES = 1 << 22
 """Bytes whose words are found at once, and on to the end of a line."""
@@ -70,28 +70,28 @@ def _find_normal_indices(words: Tokens) -> Integers:
 
 
 class Writer(FrameFileWriter):
-    """Vertices with nine digits, which tell all float32 apart.
+    """Writes vertices with nine digits, which distinguish all float32 values.
 
-    All else is as in the OBJ file that the mesh was read from, if it was one, but for normals;
-    without one they are triangles and nothing more.
+    Everything else but normals is as in the OBJ file that the mesh was read from; a mesh of another
+    format is written as vertices and triangles alone.
     """
 
     suffixes = (".obj",)
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
-        # One format of the whole file is several times as quick as one a line.
+        # One format of the whole file is several times as fast as one per line.
         text = animation.obj_text
         self._template = (
             make_obj_template(text) if text else _make_triangle_template(animation.rest)
         )
 
     def encode_frame(self, positions: Floats) -> bytes:
-        """The text of one frame."""
+        """Return the text of one frame."""
         return self._template % tuple(positions.ravel().tolist())
 
 
 def _make_triangle_template(mesh: TriMesh) -> bytes:
-    """A format of vertices and faces alone."""
+    """Return a format of vertices and triangles alone."""
     faces = b"f %d %d %d\n" * len(mesh.faces) % tuple((mesh.faces + 1).ravel().tolist())
     return b"v %.9g %.9g %.9g\n" * len(mesh.vertices) + faces

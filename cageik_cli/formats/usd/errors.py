@@ -1,4 +1,4 @@
-"""USD's own voice: its errors become ours, its warnings are kept instead of printed."""
+"""Errors and warnings of USD: errors are converted, warnings kept instead of printed."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -13,16 +13,16 @@ USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
 
 def require_usd(purpose: str) -> None:
-    """Refuse to go on without usd-core; `purpose` is what it is needed for."""
+    """Raise MissingLibraryError without usd-core, which is needed for a purpose."""
     with require_optional("usd-core", "usd", purpose):
         import pxr  # noqa: F401
 
 
 @contextmanager
 def capture_diagnostics(make_error: Callable[[str], Exception]) -> Iterator[list[str]]:
-    """A list that holds, when the block ends, what USD would have printed, a sentence each.
+    """Yield a list that gets the warnings of USD when the block ends.
 
-    Of an error that USD raises in the block, `make_error` makes another.
+    An error that USD raises in the block is converted by `make_error`.
     """
     from pxr import Tf
 
@@ -40,7 +40,7 @@ def capture_diagnostics(make_error: Callable[[str], Exception]) -> Iterator[list
 
 
 def _format_diagnostic(diagnostic: Any) -> str:
-    """On one line, without folders, addresses in memory and the names of the parser's rules."""
+    """Return one line without folders, memory addresses and names of parser rules."""
     try:
         text = " ".join(diagnostic.commentary.split())
     except UnicodeDecodeError:

@@ -28,11 +28,11 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, error_context
 
 MAX_TIME_CODES = 100_000
-"""Most whole time codes that are taken, a frame each, between samples that are not even."""
+"""Largest number of whole time codes, a frame each, that replace uneven samples."""
 
 
 class Reader(ClipFile):
-    """Frames of one mesh in the space of its stage, evaluated when they are asked for."""
+    """Frames of one mesh in the space of its stage, evaluated on demand."""
 
     suffixes = USD_SUFFIXES
     has_members = True
@@ -43,21 +43,21 @@ class Reader(ClipFile):
             require_usd(f"reading {path.suffix.lower()}")
             with capture_diagnostics(_make_unsound_error) as warnings:
                 notes = self._open_mesh(path, request)
-            said = [f"USD warns: {warning}" for warning in warnings]
-        self.notes = tuple(f"{path.name}: {note}" for note in [*notes, *said])
+            notes += [f"USD warns: {warning}" for warning in warnings]
+        self.notes = tuple(f"{path.name}: {note}" for note in notes)
 
     def read_positions(self, index: int) -> Floats:
-        """Vertices of one frame."""
+        """Read the vertices of one frame."""
         with error_context(self.location(index)), capture_diagnostics(_make_unsound_error):
             return self._read_points(self._times[index])
 
     def describe_source(self) -> dict[str, Any]:
-        """Name of the file, how many files it is composed of, and a digest over all of them."""
+        """Return the file's name, how many files it is composed of, and a digest over all."""
         count = len(self._composed_files)
         return super().describe_source() | ({"files": count} if count > 1 else {})
 
     def _open_mesh(self, path: Path, request: ClipRequest) -> list[str]:
-        """Find the mesh and its frames; what was changed is returned."""
+        """Find the mesh and its frames; return notes on what was changed."""
         from pxr import Usd, UsdGeom
 
         self._stage = Usd.Stage.Open(str(path))
@@ -90,7 +90,7 @@ class Reader(ClipFile):
         return np.array(self._mesh.ComputeLocalToWorldTransform(time), np.float64)
 
     def _read_polygons(self) -> Polygons:
-        """The faces, which must be the same at all times."""
+        """Read the faces, which must never change."""
         attributes = (
             self._mesh.GetFaceVertexCountsAttr(),
             self._mesh.GetFaceVertexIndicesAttr(),
@@ -121,7 +121,7 @@ def _read_polygons_at(attributes: tuple[Any, Any], time: float) -> Polygons:
 
 
 def _read_array(attribute: Any, time: float, dtype_kind: str, shape: tuple[int, ...]) -> np.ndarray:
-    """An array attribute at a time, empty without a value; a layer may give it any type."""
+    """Read an array attribute at a time, empty without a value; its type is checked."""
     value = attribute.Get(time)
     array = np.zeros((0, *shape), dtype_kind) if value is None else np.asarray(value)
     if array.dtype.kind != dtype_kind or array.ndim != 1 + len(shape) or array.shape[1:] != shape:
@@ -143,13 +143,13 @@ def _check_not_skinned(prim: Any) -> None:
     is_bound = binding.GetInheritedSkeleton() or binding.GetBlendShapesAttr().HasAuthoredValue()
     if is_bound and UsdSkel.Root.Find(prim):
         raise FormatError(
-            f"the mesh {prim.GetPath()} is moved by a skeleton or blend shapes, which are not "
-            "evaluated here; bake it to points first"
+            f"the mesh {prim.GetPath()} is moved by a skeleton or blend shapes, which cageik "
+            "does not evaluate; bake it to points first"
         )
 
 
 def _find_transform_times(prim: Any) -> set[float]:
-    """Time samples of the transforms that move a prim."""
+    """Return the time samples of the transforms that move a prim."""
     from pxr import UsdGeom
 
     times: set[float] = set()
@@ -164,7 +164,7 @@ def _find_transform_times(prim: Any) -> set[float]:
 
 
 def _choose_sampling(samples: set[float]) -> tuple[Sampling, list[str]]:
-    """When the frames are: at the samples, or at whole time codes where these are not even."""
+    """Return the times of the frames: the samples, or whole time codes if these are uneven."""
     sampling = Sampling.from_times(samples)
     if not sampling.is_uneven:
         return sampling, []
@@ -174,13 +174,12 @@ def _choose_sampling(samples: set[float]) -> tuple[Sampling, list[str]]:
         raise FormatError(
             f"its {len(samples)} time samples from {first:g} to {last:g} are not evenly spaced and "
             f"span {max(count, 0)} whole time codes, expected 1 to {MAX_TIME_CODES}; bake it to "
-            f"one "
-            "sample a frame"
+            "one sample per frame"
         )
     whole = {float(ceil(first) + k) for k in range(count)}
     return Sampling.from_times(whole), [
-        f"its {len(samples)} time samples are not evenly spaced; taken at the whole time codes "
-        f"{ceil(first)} to {floor(last)}"
+        f"its {len(samples)} time samples are not evenly spaced; frames are at the whole "
+        f"time codes {ceil(first)} to {floor(last)}"
     ]
 
 

@@ -1,4 +1,4 @@
-"""A cage animation as a USD skeleton: a joint a cage vertex, and our weights as skin weights."""
+"""A cage animation as a USD skeleton: a joint per cage vertex, cage weights as skin weights."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,14 +14,14 @@ from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
 
 MIN_WEIGHT = 1e-7
-"""Smaller weights are dropped: single precision beside a weight of one tells no smaller."""
+"""Smaller weights are dropped: beside a weight of 1, single precision loses them."""
 
 _BLOCK_ROWS = 1 << 14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinWeights:
-    """What moves each of m vertices: its k joints, the strongest first.
+    """The k influences of each of m vertices, the strongest first.
 
     Attributes
     ----------
@@ -35,14 +35,14 @@ class SkinWeights:
     values: Floats
 
     def to_dense(self, count: int) -> Floats:
-        """The same as a matrix (m, count) over all joints."""
+        """Return the weights as a matrix (m, count) over all joints."""
         matrix = np.zeros((len(self.joints), count))
         np.put_along_axis(matrix, self.joints, self.values, axis=1)
         return matrix
 
 
 def compute_skin_weights(weights: Floats, max_influences: int | None = None) -> SkinWeights:
-    """The skin weights nearest to cage weights: negative ones cut off, the rest scaled to one.
+    """Compute skin weights from cage weights: negative ones are cut off, the sum scaled to 1.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def compute_skin_weights(weights: Floats, max_influences: int | None = None) -> 
 
 
 def measure_skinning_error(offsets: Floats, weight_differences: Floats, moves: Floats) -> float:
-    """Largest distance between a skinned mesh and `H c`, over k frames.
+    """Return the largest distance between a skinned mesh and `H c`, over k frames.
 
     A skin of weights S takes a rest vertex p to p + S (c − c_rest); less H c, that is
     (p − H c_rest) + (S − H) (c − c_rest).
@@ -98,19 +98,19 @@ _COMPARE_BYTES = 1 << 26
 
 
 class SkeletonWriter(AnimationWriter):
-    """Writes the rest mesh, bound to joints that only move, in whatever program can skin.
+    """Writes the rest mesh, skinned to joints that only translate.
 
-    A skin moves a rest vertex p to p + Σ_k w_k (c_k − rest c_k), which is `H c` as long as its
-    weights are ours and `H` rebuilds the rest pose. Skin weights cannot be negative: see
-    `skinning.compute_skin_weights` for what is done about ours.
+    A skin moves a rest vertex p to p + Σ_k w_k (c_k − rest c_k). That is `H c` if the skin weights
+    are those of H and H reproduces the rest pose. Skin weights cannot be negative, see
+    `compute_skin_weights`.
 
     Attributes
     ----------
     influences : int
-        The most joints that move one vertex; known from the beginning.
+        The largest number of joints that move one vertex; known from the beginning.
     max_skinning_error : float
         Largest distance of a skinned vertex from `H c` over the rest pose and the frames appended
-        so far, file units; to be given in percent of the rest mesh's diagonal.
+        so far, file units.
     """
 
     suffixes = USD_SUFFIXES
@@ -125,7 +125,7 @@ class SkeletonWriter(AnimationWriter):
         weights: Floats,
         max_influences: int | None = None,
     ) -> None:
-        """Begin to write to `target`, whose suffix is one of `suffixes`.
+        """Start writing to `target`, whose suffix is one of `suffixes`.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class SkeletonWriter(AnimationWriter):
         weights : (m, n) float64
             H, rows summing to one; read, never changed.
         max_influences : int, optional
-            How many joints may move a vertex at most, 1 or more; all if absent.
+            Largest number of joints that move one vertex; all if absent.
 
         Raises
         ------
@@ -177,13 +177,11 @@ class SkeletonWriter(AnimationWriter):
             )
 
     def complete(self) -> None:
-        """Save the file, and tell what it cost that skin weights cannot be ours."""
+        """Save the file, and note the error of the skin weights."""
         self._file.complete()
         self.notes = (
-            f"{self.influences} joints at most move a vertex; no vertex is further than "
-            f"{100 * self.max_skinning_error / self._diagonal:.2g} % of the diagonal from where "
-            f"our own weights "
-            "have it",
+            f"up to {self.influences} influences per vertex; largest error against full weights "
+            f"{100 * self.max_skinning_error / self._diagonal:.2g} % of the diagonal",
         )
 
     def abandon(self) -> None:
@@ -191,7 +189,7 @@ class SkeletonWriter(AnimationWriter):
         self._file.abandon()
 
     def _define_skeleton(self) -> None:
-        """A joint a cage vertex, none the parent of another, that only moves."""
+        """Define a joint per cage vertex, none the parent of another, that only translates."""
         from pxr import Gf, UsdSkel, Vt
 
         stage, root, count = self._file.stage, self._file.root, len(self._cage)
@@ -225,7 +223,7 @@ class SkeletonWriter(AnimationWriter):
 
 
 def _make_translations(points: Floats) -> Floats:
-    """Matrices (n, 4, 4) that move the origin to each point, as USD has them: rows times."""
+    """Return matrices (n, 4, 4) that move the origin to each point; they multiply rows."""
     matrices = np.tile(np.eye(4), (len(points), 1, 1))
     matrices[:, 3, :3] = points
     return matrices

@@ -1,4 +1,4 @@
-"""USD: one mesh whose points have a time sample a frame, in single precision."""
+"""USD: one mesh whose points have a time sample per frame, in single precision."""
 
 import zipfile
 from pathlib import Path
@@ -16,18 +16,18 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
 
 MAX_UNSAVED_BYTES = 1 << 26
-"""Bytes of time samples that are held before they are brought to the file; of `.usda`, which USD
-keeps in memory to the end, the most that is written."""
+"""Bytes of time samples in memory before they are saved; also the limit of a `.usda`, which USD
+keeps in memory until the end."""
 
 MAX_USDZ_BYTES = 1 << 32
-"""Bytes of a `.usdz`: a zip without its extension for large files."""
+"""Bytes of a `.usdz`: a zip file without the extension for large files."""
 
 
 class UsdFile:
-    """A stage whose default prim is called as the animation, saved as it grows.
+    """A stage whose default prim has the name of the animation, saved as it grows.
 
-    USD reads saved samples of binary files back from the disk when they are asked for, and holds
-    in memory those alone that were not saved yet.
+    USD reads saved samples of binary files from the disk on demand, and keeps only unsaved ones in
+    memory.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class UsdFile:
     """
 
     def __init__(self, target: Path, animation: Animation, frame_bytes: int) -> None:
-        """Begin a file of `frame_bytes` a frame."""
+        """Start a file of `frame_bytes` per frame."""
         require_usd(f"writing {target.suffix}")
         from pxr import Sdf, Usd
 
@@ -57,7 +57,7 @@ class UsdFile:
             self.stage.SetDefaultPrim(self.stage.OverridePrim(self.root))
 
     def begin_frame(self) -> float:
-        """Time code of the next frame; what was written of those before may be saved."""
+        """Return the time code of the next frame; samples before it may be saved."""
         with capture_diagnostics(OSError):
             if self._unsaved_bytes + self._frame_bytes > MAX_UNSAVED_BYTES:
                 self.stage.GetRootLayer().Save()
@@ -83,11 +83,11 @@ class UsdFile:
 
 
 def define_mesh(stage: Any, path: str, mesh: TriMesh) -> Any:
-    """A mesh prim that has the faces of `mesh`, and no points yet."""
+    """Define a mesh prim that has the faces of `mesh`, and no points yet."""
     from pxr import UsdGeom, Vt
 
     prim = UsdGeom.Mesh.Define(stage, path)
-    # Unsaid, a mesh is a cage of Catmull and Clark's.
+    # By default, a mesh is subdivided by Catmull and Clark.
     prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     prim.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
     corners = np.ascontiguousarray(mesh.faces, np.int32).ravel()
@@ -97,7 +97,7 @@ def define_mesh(stage: Any, path: str, mesh: TriMesh) -> Any:
 
 
 def compute_extent(points: NDArray[np.float32]) -> Any:
-    """The box around points (m, 3), as USD has it."""
+    """Return the bounding box of points (m, 3), as USD stores it."""
     from pxr import Vt
 
     return Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)]))
@@ -119,15 +119,15 @@ def _check_size_limit(suffix: str, size: int) -> None:
     limit = {".usda": MAX_UNSAVED_BYTES, ".usdz": MAX_USDZ_BYTES}.get(suffix)
     if limit is not None and size > limit:
         raise OutputError(
-            f"{size >> 20} MiB of positions, and a {suffix} takes {limit >> 20} here; write .usdc "
-            "instead"
+            f"{size >> 20} MiB of positions, but a {suffix} holds at most {limit >> 20} MiB; write "
+            ".usdc instead"
         )
 
 
 def _write_usdz(path: Path, target: Path, name: str) -> None:
-    """A `.usdz` of one file: stored as it is, its bytes from a multiple of 64 on.
+    """Write a `.usdz` of one file: uncompressed, its bytes from a multiple of 64 on.
 
-    USD's own packager would write the time of day.
+    USD's own packager would write the time.
     """
     member = fixed_date_zipinfo(name)
     header = 30 + len(name.encode()) + 4
@@ -141,16 +141,16 @@ def _write_usdz(path: Path, target: Path, name: str) -> None:
 
 
 class Writer(AnimationWriter):
-    """Frame k at time code start + k of the mesh `/NAME/NAME`.
+    """Writes frame k at time code start + k of the mesh `/NAME/NAME`.
 
-    Blender calls the object by the mesh, others by its parent.
+    Blender names the object after the mesh, other programs after its parent.
     """
 
     suffixes = USD_SUFFIXES
 
     @classmethod
     def require_libraries(cls) -> None:
-        """Refuse to go on without usd-core."""
+        """Raise MissingLibraryError without usd-core."""
         require_usd("writing USD")
 
     def __init__(self, target: Path, animation: Animation) -> None:
@@ -158,7 +158,7 @@ class Writer(AnimationWriter):
         from pxr import UsdGeom
 
         with capture_diagnostics(OSError):
-            # A mesh as the default prim would be hidden by the type of whatever references it.
+            # If a mesh were the default prim, the type of a referencing prim would hide it.
             UsdGeom.Xform.Define(self._file.stage, self._file.root)
             mesh = define_mesh(
                 self._file.stage, f"{self._file.root}/{animation.name}", animation.rest

@@ -8,6 +8,7 @@ from collections.abc import Generator, Iterator
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from typing import Any
 
 from cageik_cli.coordinates.binding import Binding
@@ -119,18 +120,10 @@ class ClusterExecutor:
             try:
                 while True:
                     check_task_wanted(client)
-                    for _ in range(2 * len(client.nthreads()) - len(pending)):
-                        if (piece := next(pieces, None)) is not None:
-                            pending.append(
-                                client.submit(
-                                    solve_piece,
-                                    context,
-                                    weights,
-                                    piece,
-                                    priority=PIECE_PRIORITY,
-                                    pure=False,
-                                )
-                            )
+                    room = max(0, 2 * len(client.nthreads()) - len(pending))
+                    for piece in islice(pieces, room):
+                        task = (solve_piece, context, weights, piece)
+                        pending.append(client.submit(*task, priority=PIECE_PRIORITY, pure=False))
                     if not pending:
                         return
                     for block in pending.popleft().result():

@@ -135,8 +135,14 @@ def discover_clips(
             f"{', '.join(map(str, roots))}: no clip found, expected folders of numbered frames "
             f"({', '.join(mesh_suffixes())}) or clip files ({', '.join(_clip_file_suffixes())})"
         )
+    _check_names_differ(found)
+    return found
+
+
+def _check_names_differ(clips: Sequence[DiscoveredClip]) -> None:
+    """Refuse clips whose results would have the same name, or that of a folder with others."""
     clips_by_name: dict[str, DiscoveredClip] = {}
-    for clip in found:
+    for clip in clips:
         other = clips_by_name.setdefault(clip.name.casefold(), clip)
         if other is not clip:
             raise OutputError(
@@ -144,7 +150,6 @@ def discover_clips(
                 f"name ({clip.name}); rename one of them"
             )
     _check_folder_conflicts(clips_by_name)
-    return found
 
 
 def _check_folder_conflicts(clips_by_name: Mapping[str, DiscoveredClip]) -> None:

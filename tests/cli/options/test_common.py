@@ -21,9 +21,9 @@ WRONG = {
     "beta negative": ([*TYPED, "--beta", "-1"], "beta is -1.0"),
     "beta nan": ([*TYPED, "--beta", "nan"], "beta is nan"),
     "both zero": ([*TYPED, "--alpha", "0", "--beta", "0"], "alpha and beta are both 0"),
-    "fps 0": ([*TYPED, "--fps", "0"], "0 frames a second, expected a number above zero"),
-    "fps nan": ([*TYPED, "--fps", "nan"], "nan frames a second"),
-    "fps inf": ([*TYPED, "--fps", "inf"], "inf frames a second"),
+    "fps 0": ([*TYPED, "--fps", "0"], "0 frames per second"),
+    "fps nan": ([*TYPED, "--fps", "nan"], "nan frames per second"),
+    "fps inf": ([*TYPED, "--fps", "inf"], "inf frames per second"),
     "jobs 0": ([*TYPED, "--jobs", "0"], "0 is not in the range x>=1"),
     "two rest poses": (
         [*TYPED, "--rest", "cage.obj", "--rest-frame", "0"],

@@ -41,26 +41,26 @@ def test_a_file_that_shrinks_is_refused(path):
     file = BinaryFile.open(path)
     with path.open("r+b") as stream:
         stream.truncate(100)
-    with pytest.raises(InputError, match="became shorter since it was opened"):
+    with pytest.raises(InputError, match="shorter"):
         file.read_array(4, VALUES.dtype, VALUES.shape)
 
 
 def test_more_than_memory_holds_is_refused(path):
-    with pytest.raises(InputError, match="36028797018963968 bytes of it do not fit in memory"):
+    with pytest.raises(InputError, match="36028797018963968 bytes"):
         BinaryFile.open(path).read_array(4, VALUES.dtype, (1 << 52,))
 
 
 def test_what_cannot_be_opened_or_read_is_refused(tmp_path):
-    with pytest.raises(InputError, match="is a folder"):
+    with pytest.raises(InputError, match="folder"):
         BinaryFile.open(tmp_path)
-    with pytest.raises(InputError, match="cannot be read: No such file"):
+    with pytest.raises(InputError, match="No such file"):
         BinaryFile.open(tmp_path / "none")
 
     class Torn(io.BytesIO):
         def readinto(self, buffer):
             raise OSError(5, "Input/output error")
 
-    with pytest.raises(InputError, match="cannot be read: Input/output error"):
+    with pytest.raises(InputError, match="Input/output error"):
         BinaryFile(Torn(bytes(100))).read_array(0, VALUES.dtype, (2,))
 
 
@@ -75,9 +75,9 @@ def test_the_file_is_closed_with_its_last_user(path):
 def test_counts_and_size_are_compared(path):
     file = BinaryFile.open(path)
     check_file_size(file, 196, {"frames": 1})
-    with pytest.raises(InputError, match="announces 0 frames, 2 faces, expected one of each"):
+    with pytest.raises(InputError, match="0 frames, 2 faces"):
         check_file_size(file, 196, {"frames": 0, "faces": 2})
-    with pytest.raises(InputError, match="take 195 bytes, and has 196; it is damaged"):
+    with pytest.raises(InputError, match=r"195 bytes.* 196; it is damaged"):
         check_file_size(file, 195, {"frames": 1})
-    with pytest.raises(InputError, match="take 197 bytes, and has 196; it is cut short or damaged"):
+    with pytest.raises(InputError, match=r"197 bytes.* 196; it is cut short"):
         check_file_size(file, 197, {"frames": 1})

@@ -57,7 +57,7 @@ def test_vertices_in_another_order_are_refused(refusal):
     mesh = ball(levels=1, size=1.0)
     order = np.random.default_rng(2).permutation(len(mesh.vertices))
     said = refusal(mesh.vertices[order], np.argsort(order)[mesh.faces], mesh)
-    assert said.startswith("the same number of vertices and triangles as the result's cage has")
+    assert said.startswith("as many vertices and triangles as the result's cage")
 
 
 def test_two_vertices_swapped_are_enough(refusal):
@@ -65,7 +65,7 @@ def test_two_vertices_swapped_are_enough(refusal):
     order = np.arange(len(mesh.vertices))
     order[[3, 7]] = 7, 3
     said = refusal(mesh.vertices, order[mesh.faces], mesh)
-    assert "in another order; export it again from the mesh that" in said
+    assert "in another order" in said
 
 
 def test_quads_in_another_order_are_refused(refusal):
@@ -78,8 +78,8 @@ def test_quads_in_another_order_are_refused(refusal):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda v, f: (v[:-1], f % (len(v) - 1)), "17 vertices, the result's cage has 18; all"),
-        (lambda v, f: (v, f[:-1]), "31 triangles, the result's cage has 32; all"),
+        (lambda v, f: (v[:-1], f % (len(v) - 1)), "17 vertices, the result's cage has 18"),
+        (lambda v, f: (v, f[:-1]), "31 triangles, the result's cage has 32"),
         (
             lambda v, f: (v, np.where(f == f[0, 0], f[-1, 1], f)),
             r"triangle 0 joins vertices .*, in the result's cage ",

@@ -39,7 +39,7 @@ def test_a_missing_packed_frame_is_named(packed):
 
 def test_packed_and_plain_frames_are_not_mixed(packed):
     (packed / "frame_6.obj").write_bytes(b"v 0 0 0\n")
-    with pytest.raises(InputError, match=r"files of kinds \.obj, \.obj\.gz are mixed"):
+    with pytest.raises(InputError, match=r"\.obj, \.obj\.gz are mixed"):
         open_sequence(["frames"])
 
 

@@ -1,5 +1,6 @@
 """Names of files: suffixes, the number of a frame, and which number is missing."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -56,7 +57,7 @@ def test_what_has_no_number_is_no_pattern(name):
 
 @pytest.mark.parametrize("name", ["a_##_##.obj", "a_%d_$F.obj", "$F_%04d"])
 def test_a_number_stands_there_once(name):
-    with pytest.raises(InputError, match=r"stands in .* 2 times, expected once"):
+    with pytest.raises(InputError, match=rf"{re.escape(name)} has 2 "):
         FrameNames.parse(name)
 
 

@@ -57,13 +57,13 @@ def test_what_is_as_expected_is_given(path, name, kinds, shape):
         ("soft", "f", (None, 3), "has no dataset `soft`"),
         ("soft_group/values", "f", (None, 3), "has no dataset `soft_group/values`"),
         ("out", "f", (None, 3), "has no dataset `out`"),
-        ("group", "f", (None, 3), "`group` is not a dataset held in this file"),
+        ("group", "f", (None, 3), "`group` is not a dataset"),
         ("values", "iu", (None, 3), "`values` holds float64 values, expected integers"),
         ("values", "f", (5, 3), "`values` has shape (4, 3), expected 5 x 3"),
         ("values", "f", (None,), "`values` has shape (4, 3), expected any"),
         ("scalar", "f", (None,), "`scalar` has shape (), expected any"),
         ("none", "f", (None, 3), "`none` has shape (0, 3), expected any x 3"),
-        ("claim", "f", (None, None), "`claim` claims 80000000000 bytes"),
+        ("claim", "f", (None, None), "`claim` announces 80000000000 bytes"),
     ],
 )
 def test_what_is_not_as_expected_is_refused(path, name, kinds, shape, says):
@@ -77,9 +77,9 @@ def test_what_is_not_as_expected_is_refused(path, name, kinds, shape, says):
     ("make", "says"),
     [
         (lambda path: path.unlink(), "no such file"),
-        (lambda path: (path.unlink(), path.mkdir()), "is a folder, expected a file"),
-        (lambda path: path.write_bytes(b""), "is not an HDF5 file; name one"),
-        (lambda path: path.write_text("hello"), "is not an HDF5 file; name one"),
+        (lambda path: (path.unlink(), path.mkdir()), "is a folder"),
+        (lambda path: path.write_bytes(b""), "is not an HDF5 file"),
+        (lambda path: path.write_text("hello"), "is not an HDF5 file"),
         (lambda path: path.write_bytes(path.read_bytes()[:3000]), "is not a sound HDF5 file"),
     ],
 )
@@ -108,7 +108,7 @@ def test_a_name_says_the_kind(name, is_taken):
         said = str(error)
     else:
         said = ""
-    refused = rf"{name}: is to be an HDF5 file, .* \.h5 or \.hdf5"
+    refused = rf"{name}: the output is an HDF5 file, .* \.h5 or \.hdf5"
     assert re.match("$" if is_taken else refused, said)
 
 

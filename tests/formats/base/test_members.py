@@ -19,8 +19,8 @@ def test_the_one_that_is_named_or_the_only_one(meshes, member, mesh):
     [
         ([], None, "holds no mesh"),
         ([], "/a", "holds no mesh"),
-        (["/a"], "/b", "holds no mesh `/b`, but /a; name one of them"),
-        (["/a", "/b"], None, r"holds 2 meshes, expected one: /a, /b; .*as in FILE::/a"),
+        (["/a"], "/b", "no mesh `/b`.* /a"),
+        (["/a", "/b"], None, "2 meshes.* /a, /b; .*FILE::/a"),
     ],
 )
 def test_otherwise_what_there_is_to_choose_from(meshes, member, sentence):

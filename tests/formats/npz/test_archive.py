@@ -94,7 +94,7 @@ def _sparse(path):
 
 def test_a_huge_claim_is_refused_without_room_for_it(tmp_path):
     tracemalloc.start()
-    with pytest.raises(InputError, match="which takes 24000000000128 bytes, and has 1099511627904"):
+    with pytest.raises(InputError, match=r"24000000000128 bytes.* 1099511627904"):
         open_npy(_sparse(tmp_path / "a.npy"))
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
@@ -105,8 +105,8 @@ HEADERS = {
     "text": (b"no array", "is not a sound .npy of plain numbers"),
     "empty": (b"", "is not a sound .npy of plain numbers"),
     "pickle": (b"\x80\x04N.", "is not a sound .npy of plain numbers"),
-    "cut": (npy(VALUES)[:-1], "takes 848 bytes, and has 847; it is cut short or damaged"),
-    "longer": (npy(VALUES) + b"\0", "takes 848 bytes, and has 849"),
+    "cut": (npy(VALUES)[:-1], "takes 848 bytes, but has 847"),
+    "longer": (npy(VALUES) + b"\0", "takes 848 bytes, but has 849"),
     "header cut": (npy(VALUES)[:60], "is not a sound .npy of plain numbers"),
     "negative": (npy(VALUES).replace(b"(6, 5, 3)", b"(-6,-5,3)"), "shape (-6, -5, 3)"),
     "version": (npy(VALUES).replace(b"Y\1\0", b"Y\3\0"), "is a .npy of version (3, 0), expected"),
@@ -140,9 +140,7 @@ def test_a_header_that_cannot_be_is_refused(tmp_path, data, says, method):
 
 def test_more_than_deflate_can_give_is_refused(tmp_path):
     path = claiming(zipped(tmp_path / "a.npz", npy(VALUES)), 2**32 - 2)
-    with pytest.raises(
-        InputError, match=r"claims 4294967294 bytes out of .* more than deflate can"
-    ):
+    with pytest.raises(InputError, match="4294967294 bytes out of"):
         NpzArchive(path).open_array("verts")
 
 
@@ -163,7 +161,7 @@ def test_no_room_on_the_disk_is_said_before_it_is_written(tmp_path, monkeypatch)
     usage = namedtuple("usage", "free")
     monkeypatch.setattr(numpy_files.shutil, "disk_usage", lambda folder: usage(847))
     path = zipped(tmp_path / "a.npz", npy(VALUES))
-    with pytest.raises(InputError, match=r"takes 848 bytes unpacked, and .* has 847 left; name a"):
+    with pytest.raises(InputError, match=r"848 bytes unpacked.* 847 free"):
         NpzArchive(path).open_array("verts")
     monkeypatch.setattr(numpy_files.shutil, "disk_usage", lambda folder: usage(848))
     np.testing.assert_array_equal(NpzArchive(path).open_array("verts").read(), VALUES)

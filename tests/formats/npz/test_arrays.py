@@ -96,7 +96,7 @@ def test_either_layout_possible_is_refused(opened):
         opened(verts=np.zeros((4, 3, 3)), faces=np.array([[0, 1, 2]]))
     assert str(caught.value).endswith(
         "positions can be read as fvx (4 frames of 3 vertices) or fxv (4 frames of 3 vertices); "
-        "say which with --layout"
+        "choose with --layout"
     )
 
 
@@ -111,7 +111,7 @@ def test_faces_come_from_the_rest_pose_where_there_are_none(tmp_path, opened, re
         np.testing.assert_array_equal(frames_of(sequence), FRAMES)
     with pytest.raises(InputError, match=r"clip\.npy: 5 vertices, the rest pose has 4"):
         _lone(tmp_path / "clip.npy", np.zeros((2, 5, 3)), rest)
-    with pytest.raises(InputError, match=r"clip\.npy: holds positions and no faces"):
+    with pytest.raises(InputError, match=r"clip\.npy: .*--rest"):
         _lone(tmp_path / "clip.npy", FRAMES, None)
 
 
@@ -140,8 +140,8 @@ def test_hints_that_cannot_be_are_noted_and_others_passed_by(opened):
     )
     assert sequence.scene == SceneHints()
     assert sequence.notes == (
-        "clip.npz: `fps` is passed by: 0 frames a second, expected a number above zero",
-        "clip.npz: `up_axis` is passed by: the up axis is up, expected Y or Z",
+        "clip.npz: ignored `fps`: 0 frames per second, expected a number above zero",
+        "clip.npz: ignored `up_axis`: the up axis is up, expected Y or Z",
     )
     assert opened(verts=FRAMES, faces=FACES, fps=np.array(None)).scene == SceneHints()
 
@@ -167,7 +167,7 @@ def test_an_export_is_read_back(tmp_path):
 @pytest.mark.parametrize(
     ("arrays", "says"),
     [
-        ({"verts": FRAMES}, "holds positions and no faces; give a mesh that has"),
+        ({"verts": FRAMES}, "--rest"),
         ({"faces": FACES}, "holds none of the arrays vertices, verts"),
         ({"verts": FRAMES, "v": FRAMES, "f": FACES}, "holds verts, v of the arrays"),
         ({"verts": FRAMES, "f": FACES, "tris": FACES}, "holds tris, f of the arrays"),
@@ -179,7 +179,7 @@ def test_an_export_is_read_back(tmp_path):
         ),
         ({"verts": FRAMES, "faces": FACES.ravel()}, "faces are int64 of shape (6,)"),
         ({"verts": FRAMES, "faces": np.zeros((2, 4), int)}, "faces are int64 of shape (2, 4)"),
-        ({"verts": FRAMES, "faces": FACES[:0]}, "faces are none, expected one at least"),
+        ({"verts": FRAMES, "faces": FACES[:0]}, "0 faces"),
         (
             {"verts": FRAMES[0], "faces": FACES},
             "positions have shape (4, 3), expected (frames, vertices, 3) or",
@@ -187,11 +187,11 @@ def test_an_export_is_read_back(tmp_path):
         ({"verts": FRAMES[:, :, :2], "faces": FACES}, "positions have shape (2, 4, 2)"),
         (
             {"verts": FRAMES, "faces": FACES + 1},
-            "faces name vertices 1 to 4 of 4, so they are counted from 1",
+            "faces name vertices 1 to 4 of 4",
         ),
         (
             {"verts": FRAMES.transpose(1, 2, 0), "faces": FACES + 1},
-            "faces name vertices 1 to 4 of 4, so they are counted from 1",
+            "faces name vertices 1 to 4 of 4",
         ),
         ({"verts": FRAMES, "faces": FACES + 2}, "face 0 names vertices 2, 3, 4"),
         ({"verts": FRAMES, "faces": FACES - 1}, "face 0 names vertices -1, 0, 1"),

@@ -70,4 +70,4 @@ def test_several_readings_are_asked_about(shape, named, says):
     with pytest.raises(InputError) as caught:
         choose_order(candidate_orders(shape, None), named)
     assert says in str(caught.value)
-    assert str(caught.value).endswith("say which with --layout")
+    assert str(caught.value).endswith("--layout")

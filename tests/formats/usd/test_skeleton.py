@@ -129,7 +129,7 @@ def test_abandoned_it_lets_go_of_the_file(tmp_path):
 def test_a_mesh_too_large_for_single_precision_is_refused(tmp_path):
     huge = TriMesh(REST.vertices * 1e40, REST.faces)
     animation = Animation(CAGE, 5, SCENE, "hero")
-    with pytest.raises(InputError, match="too large for this format"):
+    with pytest.raises(InputError, match="too large"):
         SkeletonWriter(tmp_path / "rig.usdz", animation, huge, CONVEX)
     assert list(tmp_path.iterdir()) == []
 
