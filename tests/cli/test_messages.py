@@ -96,7 +96,7 @@ MESSAGES = {
         [*EXTRACT, "--vertex-weights", "w.npy"],
         1,
         "Error: w.npy: vertex weights have shape (17,), the model has 18 vertices; expected "
-        "one number a vertex",
+        "one number per vertex",
     ),
     "missing frame": (
         EXTRACT,
@@ -151,8 +151,8 @@ MESSAGES = {
     "two targets": (
         POSE,
         1,
-        "Error: handles.json: handles 'a' and 'b' are on one point of the surface, and their "
-        "targets are 1 apart; leave one out, or take their targets' mean with "
+        "Error: handles.json: handles 'a' and 'b' conflict: they are on the same point, and "
+        "their targets are 1 apart; remove one, or use the mean of their targets with "
         "--allow-conflicts",
     ),
     "no cage": (

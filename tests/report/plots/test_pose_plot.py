@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from cageik_cli.posing.summary import PoseSnapshot
+from cageik_cli.report.plots import pose_plot
 from cageik_cli.report.plots.pose_marks import HANDLE_COLOUR
 from cageik_cli.report.plots.pose_plot import (
     LEGEND_HEIGHT,
@@ -102,8 +103,11 @@ def is_coloured(picture, point, colour, reach=2):
 
 
 @pytest.mark.parametrize("pixels", [100, 181, 240, 719, 720])
-def test_two_panels_are_side_by_side_above_their_captions(pixels):
-    picture = drawn(moved(0.4 * UP), pixels)
+def test_two_panels_are_side_by_side_above_their_captions(pixels, monkeypatch):
+    view = moved(0.4 * UP)
+    panels = [replace(panel, title="caption") for panel in build_panels(view)]
+    monkeypatch.setattr(pose_plot, "build_panels", lambda _: panels)
+    picture = drawn(view, pixels)
     assert picture.shape[1] == 2 * pixels
     assert picture.shape[0] == pytest.approx(
         pixels * (PANEL_SIDE + LEGEND_HEIGHT) / PANEL_SIDE, abs=0.6
