@@ -1,4 +1,4 @@
-"""How weights are computed: the choices and their defaults. This module imports no numerics."""
+"""Settings of the weights and their defaults. This module imports no numerics."""
 
 from dataclasses import dataclass
 
@@ -7,16 +7,16 @@ from cageik_cli.util.errors import SettingError
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """What weights are computed to.
+    """The accuracy of harmonic weights, and the limits of their discretisation.
 
     Attributes
     ----------
     tolerance : float
-        Mean over points of a row's L1 distance from exact weights.
+        Largest mean over points of a row's L1 distance from exact weights.
     order : int
-        Degree of the densities on panels that are near points.
+        Degree of the densities on panels close to points.
     reach : float
-        Distance, in radii of a panel, at which half of what is beyond linear has faded out.
+        Distance, in panel radii, at which terms beyond linear have half their strength.
     max_unknowns : int
         Largest number of unknowns; the matrix takes 4 bytes times its square.
     """
@@ -41,7 +41,7 @@ OUTSIDE_POLICIES = ("refuse", "project")
 
 @dataclass(frozen=True, slots=True)
 class BindSettings:
-    """How weights are to be computed.
+    """How weights are computed.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class BindSettings:
         One of `ACCURACIES`; coordinates in closed form ignore it.
     outside : str
         One of `OUTSIDE_POLICIES`: vertices outside the cage are refused, or get the weights of the
-        nearest point on it.
+        closest point on it.
     """
 
     coordinates: str = "harmonic"

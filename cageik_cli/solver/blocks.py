@@ -1,4 +1,4 @@
-"""Frames through the solver, in blocks, measured."""
+"""The frames of a clip in blocks: read ahead, solved, measured, summarised."""
 
 import threading
 from collections.abc import Iterable, Iterator
@@ -32,16 +32,16 @@ class SolvedBlock:
     Attributes
     ----------
     start : int
-        Number of the first.
+        Number of the first frame.
     cages : (k, n, 3) float64
-        nan for a frame that was skipped.
+        nan for skipped frames.
     metrics : FrameMetrics
     squared_errors : (m,) float64
-        Of each vertex, |v̂ − v|² summed over the frames that were not skipped; nan for missing data.
+        Sum of |v̂ − v|² of each vertex over frames that were not skipped; nan for missing data.
     digests : tuple of bytes
-        SHA-256 of the file of each frame; zeros for one that cannot be read.
+        SHA-256 of the file of each frame; zeros if it cannot be read.
     skipped : dict
-        By number in the clip, why a frame was skipped.
+        The reason for each skipped frame, by its number in the clip.
     """
 
     start: int
@@ -53,53 +53,53 @@ class SolvedBlock:
 
     @property
     def stop(self) -> int:
-        """Number of the frame after the last."""
+        """Return the number of the frame after the last."""
         return self.start + len(self.cages)
 
     def get_cage(self, frame: int) -> Floats:
-        """That of the frame of this number in the clip, (n, 3)."""
+        """Return the cage, (n, 3), of a frame, by its number in the clip."""
         return np.asarray(self.cages[frame - self.start])
 
 
 def make_solved_block(
     block: Block, cages: Floats, errors: FrameErrors, digests: tuple[bytes, ...]
 ) -> SolvedBlock:
-    """A block's cages and figures; those of frames that could not be read become gaps."""
+    """Return the cages and metrics of a block, with gaps for frames that could not be read."""
     faults = {k: to_unicode(str(error)) for k, error in block.read_errors.items()}
-    figures, squares = errors.metrics, errors.squared_errors
+    metrics, squares = errors.metrics, errors.squared_errors
     if faults:
         gaps = np.array(list(faults)) - block.start
         squares = np.delete(squares, gaps, axis=0)
-        columns = {name: getattr(figures, name).copy() for name in METRIC_NAMES}
+        columns = {name: getattr(metrics, name).copy() for name in METRIC_NAMES}
         for name, column in columns.items():
             column[gaps] = -1 if name in INTEGER_METRICS else np.nan
-        cages, figures = cages.copy(), FrameMetrics(**columns)
+        cages, metrics = cages.copy(), FrameMetrics(**columns)
         cages[gaps] = np.nan
-    return SolvedBlock(block.start, cages, figures, squares.sum(axis=0), digests, faults)
+    return SolvedBlock(block.start, cages, metrics, squares.sum(axis=0), digests, faults)
 
 
 MAX_BLOCK_FRAMES = 16
-"""Frames solved together at most; the product gains nothing from more right-hand sides."""
+"""Largest number of frames solved together; more right-hand sides are not faster."""
 
 ARRAYS_PER_FRAME = 12
-"""Arrays (m, 3) that a frame has at once: read, moved, target, rebuilt, measured."""
+"""Arrays (m, 3) in memory per frame: read, aligned, target, reconstructed, measured."""
 
 MAX_QUEUE_BYTES = 1 << 24
-"""Bytes of frames read in advance at most, and an eighth of the memory."""
+"""Largest size of frames read ahead, which is also at most an eighth of the memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class MemoryPlan:
-    """How a run keeps within its memory.
+    """How a run stays within its memory limit.
 
     Attributes
     ----------
     block_size : int
-        Frames solved together; the number of threads does not change it, nor any figure.
+        Frames solved together; it does not depend on the number of threads.
     max_parallel_blocks : int
-        Blocks that are solved at once.
+        Blocks solved in parallel.
     max_queued_frames : int
-        Frames that are read in advance.
+        Frames read ahead.
     """
 
     block_size: int
@@ -108,7 +108,7 @@ class MemoryPlan:
 
     @staticmethod
     def fit(memory: int, binding: Binding, jobs: int) -> "MemoryPlan":
-        """What the weights and frames have room for in `memory` bytes, with `jobs` threads."""
+        """Plan for `memory` bytes, the weights included, and `jobs` threads."""
         count, left = len(binding.rest.vertices), memory - binding.weights.nbytes
         block = min(fit_frames(left, count, ARRAYS_PER_FRAME), MAX_BLOCK_FRAMES)
         solvers = min(fit_frames(left, block * count, ARRAYS_PER_FRAME), jobs)
@@ -117,17 +117,17 @@ class MemoryPlan:
 
 
 class BlockSolver:
-    """Solves and measures blocks of a clip.
+    """Solver and measurement of the blocks of a clip.
 
     Parameters
     ----------
     sequence : MeshSequence
     solver : DualLaplacianSolver
     skips_bad_frames : bool
-        Leave a gap for a frame that cannot be read; else it is refused.
+        Whether frames that cannot be read become gaps; otherwise they are refused.
     progress : ProgressListener
 
-    All are attributes, too.
+    All parameters are attributes too.
     """
 
     def __init__(
@@ -142,18 +142,18 @@ class BlockSolver:
         self.skips_bad_frames = skips_bad_frames
 
     def solve_block(self, block: Block) -> SolvedBlock:
-        """The cages and figures of a block.
+        """Solve and measure a block.
 
         Raises
         ------
         InputError
-            When a frame could not be read and is not to be skipped.
+            When a frame could not be read and must not be skipped.
         NumericalError
-            When the solve gives numbers that are not finite, or too large.
+            When the solve gives numbers that are not finite or too large.
         """
         if not self.skips_bad_frames:
             block.raise_read_errors()
-        workspace = self._thread_local.__dict__.setdefault("scratch", Workspace())
+        workspace = self._thread_local.__dict__.setdefault("workspace", Workspace())
         with self.progress.stage("solve"):
             solution = self.solver.solve(block.positions, workspace)
         with self.progress.stage("measure"):
@@ -166,17 +166,17 @@ class BlockSolver:
 
 
 class BlockExecutor(Protocol):
-    """Who solves the blocks of a clip."""
+    """Solves the blocks of a clip, in threads or on a cluster."""
 
     def run_blocks(
         self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
     ) -> AbstractContextManager[Iterator[SolvedBlock]]:
-        """The blocks that begin at `starts`, in order, solved before they are asked for."""
+        """Open an iterator of the blocks that begin at `starts`, in order, solved ahead."""
 
 
 @dataclass(frozen=True, slots=True)
 class ThreadExecutor:
-    """Threads of this process, which read frames ahead and solve blocks beside each other."""
+    """Solves blocks in threads of this process, which also read frames ahead."""
 
     jobs: int
 
@@ -184,7 +184,7 @@ class ThreadExecutor:
     def run_blocks(
         self, block_solver: BlockSolver, starts: range, memory_plan: MemoryPlan
     ) -> Iterator[Iterator[SolvedBlock]]:
-        """The blocks that begin at `starts`, in order."""
+        """Open an iterator of the blocks that begin at `starts`, in order."""
         frames = range(starts.start, starts.stop)
         with (
             FramePrefetcher(
@@ -201,7 +201,7 @@ class ThreadExecutor:
 
 
 def _timed_reads(blocks: Iterator[Block], progress: ProgressListener) -> Iterator[Block]:
-    """Blocks, the time that is spent waiting for them taken as the stage `read`."""
+    """Yield blocks; the time of waiting for them counts as the stage `read`."""
     while True:
         with progress.stage("read"):
             block = next(blocks, None)
@@ -211,12 +211,12 @@ def _timed_reads(blocks: Iterator[Block], progress: ProgressListener) -> Iterato
 
 
 class ClipSummary:
-    """What the blocks of a clip tell together; it is updated block by block, in order.
+    """Summary of a clip, updated block by block, in order.
 
     Attributes
     ----------
     skipped : dict
-        By number in the clip, why a frame was skipped.
+        The reason for each skipped frame, by its number in the clip.
     digests : list of bytes
         SHA-256 of the file of each frame.
     """
@@ -253,7 +253,7 @@ class ClipSummary:
 
 
 def summarize_blocks(blocks: Iterable[SolvedBlock]) -> ClipSummary:
-    """Gather what all blocks of a clip tell."""
+    """Summarise all blocks of a clip."""
     summary = ClipSummary()
     for block in blocks:
         summary.update(block)

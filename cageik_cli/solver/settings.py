@@ -1,4 +1,4 @@
-"""What the solver minimises: the weights and their defaults. This module imports no numerics."""
+"""Settings of the solver and their defaults. This module imports no numerics."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -8,14 +8,14 @@ from cageik_cli.util.errors import SettingError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolveSettings:
-    """What is minimised.
+    """Settings of the minimisation.
 
     Attributes
     ----------
     alpha, beta : float
         Weights of the Laplacian and of the vertices; finite, not negative, not both zero.
     align : bool
-        Move every frame rigidly onto the rest pose, solve there, and move the cage back.
+        Align every frame rigidly with the rest pose, solve there, and move the cage back.
     """
 
     alpha: float = 1e-3

@@ -63,7 +63,7 @@ def assert_sentence(error):
 @pytest.mark.parametrize(
     "seed", [*SEEDS, *(pytest.param(seed, marks=pytest.mark.fuzz) for seed in MORE)]
 )
-def test_of_any_clean_cage_weights_are_exact(seed, coordinates, monkeypatch):
+def test_weights_of_any_clean_cage_are_exact(seed, coordinates, monkeypatch):
     """Most in haste; every eleventh, of all kinds, as weights are computed by default."""
     if seed % 11:
         monkeypatch.setitem(ACCURACIES, "standard", ACCURACIES["preview"])
@@ -91,7 +91,7 @@ def test_the_cages_are_clean_and_the_points_inside():
     assert len({str(random_cage(seed).vertices) for seed in SEEDS}) == len(SEEDS)
 
 
-def test_a_cage_that_crosses_itself_is_seen_to():
+def test_a_cage_that_crosses_itself_is_detected():
     vertices = box().vertices.copy()
     assert crossings(box()) == 0
     vertices[0] = [3.0, 0.1, 0.2]
@@ -100,7 +100,7 @@ def test_a_cage_that_crosses_itself_is_seen_to():
 
 @pytest.mark.parametrize("coordinates", COORDINATES)
 @pytest.mark.parametrize("seed", range(len(KINDS)))
-def test_of_a_broken_cage_the_refusal_is_a_sentence(seed, coordinates):
+def test_the_refusal_of_a_broken_cage_is_a_sentence(seed, coordinates):
     cage = random_cage(seed)
     points = points_within(cage, seed)
     opened = TriMesh(cage.vertices, cage.faces[1:])

@@ -25,7 +25,7 @@ def test_rows_sum_to_one_and_give_the_points(cage):
     np.testing.assert_allclose(weights @ cage.vertices, points, rtol=0, atol=1e-13 * cage.diagonal)
 
 
-def test_of_a_tetrahedron_they_are_barycentric():
+def test_weights_in_a_tetrahedron_are_barycentric():
     points = inside(TETRAHEDRON, 200, margin=0.01)
     expected = np.column_stack([1 - points.sum(axis=1), points])
     np.testing.assert_allclose(
@@ -43,7 +43,7 @@ def assert_exact(weights, cage, points, sums=1e-12, maps=1e-11):
 
 @pytest.mark.parametrize("accuracy", ACCURACIES)
 @pytest.mark.parametrize("shift", [0.0, 1e4])
-def test_far_from_the_origin_nothing_is_lost_but_the_input_s_own_digits(shift, accuracy):
+def test_far_from_the_origin_only_the_digits_of_the_input_are_lost(shift, accuracy):
     """The equations are solved in single precision: weights may differ in the seventh digit."""
     cage = ball(1, 1.0)
     points = inside(cage, 50)
@@ -54,7 +54,7 @@ def test_far_from_the_origin_nothing_is_lost_but_the_input_s_own_digits(shift, a
     np.testing.assert_allclose(moved, here, rtol=0, atol=1e-7)
 
 
-def test_a_harmonic_polynomial_is_approached_as_the_cage_is_divided():
+def test_a_harmonic_polynomial_is_approximated_as_the_cage_is_divided():
     """x² − y² is harmonic; only its interpolation on the cage, O(h²), stands between."""
     points = inside(box(), 60, margin=0.1)
     exact = points[:, 0] ** 2 - points[:, 1] ** 2
@@ -118,7 +118,7 @@ def resolved():
 
 
 @pytest.mark.parametrize("accuracy", ACCURACIES)
-def test_each_accuracy_keeps_its_tolerance_and_its_estimate_is_near(resolved, accuracy):
+def test_each_accuracy_keeps_its_tolerance_with_a_close_estimate(resolved, accuracy):
     points, exact = resolved
     found = harmonic_weights(concave(), points, accuracy)
     error = mean_row_distance(found.values, exact)
@@ -168,7 +168,7 @@ def test_needles_stay_linear():
     np.testing.assert_array_equal(mesh.high_panels, np.flatnonzero(~slender))
 
 
-def test_a_point_s_weights_do_not_depend_on_its_neighbours():
+def test_the_weights_of_a_point_do_not_depend_on_other_points():
     """Blocks share what is near; what fades out does so by each point's own distance."""
     cage, points = ball(2, 1.0), inside(ball(2, 1.0), 100, margin=0.01)
     panels = BoundaryMesh.from_cage(cage)
@@ -180,7 +180,7 @@ def test_a_point_s_weights_do_not_depend_on_its_neighbours():
     np.testing.assert_allclose(interior_weights(boundary, points), alone, rtol=0, atol=1e-13)
 
 
-def test_on_the_surface_they_are_barycentric():
+def test_weights_on_the_surface_are_barycentric():
     cage = concave()
     barycentric = np.random.default_rng(1).dirichlet(np.ones(3), len(cage.faces))
     barycentric[0] = [1, 0, 0]
@@ -191,7 +191,7 @@ def test_on_the_surface_they_are_barycentric():
     np.testing.assert_allclose(harmonic_weights(cage, points).values, expected, rtol=0, atol=1e-14)
 
 
-def test_near_the_surface_they_meet_its_barycentric_weights():
+def test_weights_near_the_surface_approach_barycentric_ones():
     """The equations hold in the mean, so that a gap of the size of the error is left."""
     cage = concave()
     on = cage.vertices[cage.faces].mean(axis=1)
@@ -211,7 +211,7 @@ def test_near_the_surface_they_meet_its_barycentric_weights():
     assert gaps[2] < 5e-4
 
 
-def test_they_do_not_depend_on_jobs_and_report_progress():
+def test_weights_do_not_depend_on_jobs_and_progress_is_reported():
     points = inside(concave(), 2000, margin=0.01)
     calls = []
     one = harmonic_weights(
@@ -238,7 +238,7 @@ def test_similar_cages_have_the_same_weights_and_permuted_vertices_permuted_ones
 
 
 @pytest.mark.parametrize("depth", [1e-5, 1e-2])
-def test_near_edges_the_estimate_is_what_the_equations_leave(depth):
+def test_near_edges_the_estimate_is_the_residual_of_the_equations(depth):
     """There a series of degrees does not see the density's logarithms."""
     cage = ball(1, 1.0)
     points = cage.vertices[cage.edges.ends].mean(axis=1)[::2] * (1 - depth)
@@ -247,7 +247,7 @@ def test_near_edges_the_estimate_is_what_the_equations_leave(depth):
     assert found.error > error / 3
 
 
-def test_panels_that_the_sample_does_not_see_do_not_spoil_the_estimate(monkeypatch):
+def test_panels_far_from_the_sample_do_not_change_the_estimate(monkeypatch):
     """One point is near panels of higher order; the points of the sample are far from them."""
     monkeypatch.setattr(harmonic, "SAMPLE_SIZE", 1)
     monkeypatch.setattr(harmonic, "MIN_PANELS", 192)
@@ -279,7 +279,7 @@ def test_a_cage_with_too_many_faces_is_refused(monkeypatch):
 
 
 @pytest.mark.parametrize("depth", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10])
-def test_near_edges_and_corners_rows_sum_to_one_still(depth):
+def test_rows_sum_to_one_near_edges_and_corners(depth):
     """There the single solid angles are ill-conditioned; their sum, and so the rows', is not."""
     cage = ball(1, 1.0)
     corner = cage.vertices[cage.faces]

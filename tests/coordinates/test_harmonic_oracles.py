@@ -45,7 +45,7 @@ def rates(errors):
     return -np.diff(np.log2(errors), axis=0)
 
 
-def test_on_a_sphere_they_tend_to_the_series_of_solid_harmonics():
+def test_weights_in_a_sphere_converge_to_solid_harmonics():
     """Inscribed flat faces and linear interpolation both leave errors of second order."""
     errors = errors_of(
         SOLID_HARMONICS, [ball(k, 1.0) for k in (1, 2, 3)], 0.6 * ball(3, 1.0).vertices[::7]
@@ -54,7 +54,7 @@ def test_on_a_sphere_they_tend_to_the_series_of_solid_harmonics():
     assert errors[-1].max() < 0.008
 
 
-def test_in_a_box_they_tend_to_harmonic_polynomials_and_separable_functions():
+def test_weights_in_a_box_converge_to_harmonic_functions():
     points = inside(box(), 40, margin=0.1)
     functions = SOLID_HARMONICS | SEPARABLE
     errors = errors_of(functions, [finer(box(), k) for k in (1, 2, 3)], points)
@@ -82,7 +82,7 @@ def test_a_cage_with_divided_faces_has_the_same_hats(accuracy):
     [(box(), 2, 2, 0.004), (concave(), 1, 4 / 3, 0.005)],
     ids=["box", "concave"],
 )
-def test_linear_finite_elements_tend_to_them(cage, size, least, bound):
+def test_linear_finite_elements_converge_to_the_weights(cage, size, least, bound):
     """In second order in a box; an edge of 3π/2 takes that down, in the end to twice 2/3.
 
     (Schatz and Wahlbin 1978.) The order is that of the finite elements: the boundary elements are

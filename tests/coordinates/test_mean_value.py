@@ -111,12 +111,12 @@ def test_rows_sum_to_one_and_give_the_points(cage):
     assert_exact(cage, points, mean_value_weights(cage, points).values)
 
 
-def test_they_are_in_closed_form():
+def test_weights_are_in_closed_form():
     found = mean_value_weights(box(), np.zeros((1, 3)))
     assert (found.panels, found.error) == (0, 0.0)
 
 
-def test_of_a_tetrahedron_they_are_barycentric():
+def test_weights_in_a_tetrahedron_are_barycentric():
     points = np.concatenate(
         [inside(TETRAHEDRON, 200, margin=1e-4), near_surface(TETRAHEDRON, 1e-8)]
     )
@@ -127,7 +127,7 @@ def test_of_a_tetrahedron_they_are_barycentric():
 
 
 @pytest.mark.parametrize("cage", [box(), concave()], ids=["box", "concave"])
-def test_they_are_the_integrals_of_the_definition(cage):
+def test_weights_equal_the_integrals_of_the_definition(cage):
     """A jump at every edge leaves plain quadrature an error of the order of its spacing."""
     points = inside(cage, 3, margin=0.08)
     found = mean_value_weights(cage, points).values
@@ -142,7 +142,7 @@ def test_they_are_the_integrals_of_the_definition(cage):
     assert errors[1] < 3e-4
 
 
-def test_they_are_those_of_the_formula_of_the_paper():
+def test_weights_equal_the_formula_of_the_paper():
     """Figure 4 of Ju, Schaefer and Warren, where its quotients are far from 0/0."""
     cage = concave()
     points = inside(cage, 40, margin=0.05)
@@ -165,16 +165,16 @@ def test_they_are_those_of_the_formula_of_the_paper():
 
 
 @pytest.mark.parametrize("cage", [box(), ball(1, 1.0), flattened(box(), 0.01)])
-def test_in_convex_cages_they_are_positive(cage):
+def test_weights_in_convex_cages_are_positive(cage):
     points = [inside(cage, 300, margin=1e-4), *(near_surface(cage, 10.0**-k) for k in (3, 6, 10))]
     assert mean_value_weights(cage, np.concatenate(points)).values.min() > 0
 
 
-def test_behind_an_edge_that_points_inward_some_are_negative():
+def test_some_weights_behind_a_concave_edge_are_negative():
     assert mean_value_weights(concave(), inside(concave(), 100)).values.min() < -1e-3
 
 
-def test_on_the_surface_they_are_barycentric():
+def test_weights_on_the_surface_are_barycentric():
     cage = concave()
     barycentric = np.random.default_rng(1).dirichlet(np.ones(3), len(cage.faces))
     barycentric[0] = [1, 0, 0]
@@ -188,7 +188,7 @@ def test_on_the_surface_they_are_barycentric():
 
 
 @pytest.mark.parametrize("depth", [1e-3, 1e-5, 1e-7, 1e-9, 1e-11])
-def test_towards_the_surface_they_tend_to_the_hats(depth):
+def test_weights_converge_to_the_hats_at_the_surface(depth):
     """Their slopes have a logarithm at edges; towards the surface |w − φ| is of order δ log δ."""
     cage = concave()
     points = near_surface(cage, depth)
@@ -200,7 +200,7 @@ def test_towards_the_surface_they_tend_to_the_hats(depth):
 
 @pytest.mark.parametrize("cage", HARD.values(), ids=HARD.keys())
 @pytest.mark.parametrize("depth", [1e-3, 1e-5, 1e-7, 1e-9, 1e-10])
-def test_near_faces_edges_and_corners_they_are_exact_still(cage, depth):
+def test_weights_near_faces_edges_and_corners_are_exact(cage, depth):
     points = near_surface(cage, depth)
     assert len(points) > 10
     assert_exact(cage, points, mean_value_weights(cage, points).values)
@@ -208,12 +208,12 @@ def test_near_faces_edges_and_corners_they_are_exact_still(cage, depth):
 
 @pytest.mark.parametrize("cage", HARD.values(), ids=HARD.keys())
 @pytest.mark.parametrize("height", [0, 1e-14, 1e-10, 1e-6, 1e-3])
-def test_near_the_planes_of_faces_they_are_exact_still(cage, height):
+def test_weights_near_the_planes_of_faces_are_exact(cage, height):
     points = np.concatenate([in_planes(cage, height), inside(cage, 5, margin=1e-3)])
     assert_exact(cage, points, mean_value_weights(cage, points).values)
 
 
-def test_across_a_plane_they_are_smooth():
+def test_weights_are_smooth_across_a_plane():
     """On a line through the planes of both inner walls; a fourth difference finds any jump."""
     step = 1e-3
     share = np.arange(0, 1, step)[:, None]
@@ -224,7 +224,7 @@ def test_across_a_plane_they_are_smooth():
 
 
 @pytest.mark.parametrize("height", [1e-4, 1e-8, 1e-12])
-def test_next_to_a_plane_they_are_those_in_it_and_a_slope(height):
+def test_weights_next_to_a_plane_are_linear_in_the_distance(height):
     """No digit is lost there: the second difference across the plane is that of a smooth function.
 
     Written as quotients, weights have an error of rounding over the height.
@@ -238,7 +238,7 @@ def test_next_to_a_plane_they_are_those_in_it_and_a_slope(height):
 
 
 @pytest.mark.parametrize("flat", [0.01, 0.1, 2.0])
-def test_both_ways_to_the_total_of_a_face_agree(monkeypatch, flat):
+def test_both_formulas_of_the_total_of_a_face_agree(monkeypatch, flat):
     cage, points = ball(1, 1.0), inside(ball(1, 1.0), 300)
     expected = mean_value_weights(cage, points).values
     monkeypatch.setattr(mean_value, "EDGE_ON_RATIO", flat)
@@ -248,7 +248,7 @@ def test_both_ways_to_the_total_of_a_face_agree(monkeypatch, flat):
 
 
 @pytest.mark.parametrize("square", [1e-3, 2e-3, 5e-3])
-def test_both_ways_to_the_strength_of_a_side_agree(monkeypatch, square):
+def test_both_formulas_of_the_strength_of_a_side_agree(monkeypatch, square):
     points = np.concatenate([in_planes(concave(), 1e-9), in_planes(concave(), 1e-3)])
     expected = mean_value_weights(concave(), points).values
     monkeypatch.setattr(mean_value, "MAX_SERIES_SQUARE", square)
@@ -257,7 +257,7 @@ def test_both_ways_to_the_strength_of_a_side_agree(monkeypatch, square):
     )
 
 
-def test_in_the_middle_of_a_symmetric_cage_they_are_equal():
+def test_weights_in_the_middle_of_a_symmetric_cage_are_equal():
     found = mean_value_weights(octahedron(), np.zeros((1, 3))).values
     np.testing.assert_allclose(found, 1 / 6, rtol=1e-15)
 
@@ -271,7 +271,7 @@ def test_a_mirrored_point_has_mirrored_weights():
     )
 
 
-def test_they_do_not_depend_on_jobs_and_report_progress(monkeypatch):
+def test_weights_do_not_depend_on_jobs_and_progress_is_reported(monkeypatch):
     monkeypatch.setattr(mean_value, "MAX_BLOCK_ENTRIES", 100)
     points = inside(concave(), 300, margin=0.01)
     calls = []

@@ -70,9 +70,15 @@ _ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)
 
 
 @cache
+def _monomial_places(order: int) -> dict[tuple[int, int], int]:
+    """Return the index of each monomial x^a y^b by (a, b)."""
+    return {exponent: i for i, exponent in enumerate(exponents(order))}
+
+
+@cache
 def _side_sum_places(order: int) -> dict[tuple[int, int], int]:
     """Return the index of each side sum that the recurrences use, by (kind, monomial)."""
-    place = {e: i for i, e in enumerate(exponents(order - 1))}
+    place = _monomial_places(order - 1)
     wanted = []
     for degree in range(2, order + 1):
         kinds = (_RADIAL, _RADIAL_X, _RADIAL_Y)
@@ -95,49 +101,93 @@ def higher_moments(
     linear : (3, p, q)
         From `linear_moments`.
     """
-    order, panels, chosen = terms.order, terms.panels, terms.high_panels[near]
-    k, q = len(near), linear.shape[2]
-    place = {e: i for i, e in enumerate(exponents(order))}
-    sums, sum_places = _compute_side_sums(terms, near, view, workspace), _side_sum_places(order)
-    foot = [workspace.take_rows(f"near_{i}", view.foot[i], chosen) for i in (0, 1)]
+    order, chosen = terms.order, terms.high_panels[near]
+    count, k, q = len(exponents(order)), len(near), linear.shape[2]
     square = workspace.take_rows("near_h", view.height, chosen)
     square *= square
-    metric = panels.metric[:, :, chosen, None]
-    product = workspace.array("near_product", k, q)
-    single = workspace.array("single", len(place), k, q)
-    radial = workspace.array("radial", len(exponents(order - 2)), k, q)
-    np.take(linear, chosen, axis=1, out=single[:LINEAR_TERMS], mode="clip")
-
-    def add(to: Floats, first: Floats, second: Floats) -> None:
-        np.add(to, np.multiply(first, second, out=product), out=to)
-
+    recurrences = _Recurrences(
+        order=order,
+        sums=_compute_side_sums(terms, near, view, workspace),
+        foot=[workspace.take_rows(f"near_{i}", view.foot[i], chosen) for i in (0, 1)],
+        square=square,
+        metric=terms.panels.metric[:, :, chosen, None],
+        single=workspace.array("single", count, k, q),
+        radial=workspace.array("radial", len(exponents(order - 2)), k, q),
+        product=workspace.array("near_product", k, q),
+    )
+    np.take(linear, chosen, axis=1, out=recurrences.single[:LINEAR_TERMS], mode="clip")
     for degree in range(2, order + 1):
-        for a, b in exponents_at_degree(degree - 2):
-            here = place[a, b]
-            found = np.multiply(square, single[here], out=radial[here])
-            found += sums[:, sum_places[_RADIAL, here]]
-            add(found, foot[0], sums[:, sum_places[_RADIAL_X, here]])
-            add(found, foot[1], sums[:, sum_places[_RADIAL_Y, here]])
-            for times, axis, lower in ((a, 0, (a - 1, b)), (b, 1, (a, b - 1))):
-                for _ in range(times):
-                    add(found, foot[axis], radial[place[lower]])
-            found /= 3 + degree - 2
-        for a, b in exponents_at_degree(degree):
-            axis, below = (0, (a - 1, b)) if a else (1, (a, b - 1))
-            here = place[below]
-            found = np.multiply(foot[axis], single[here], out=single[place[a, b]])
-            found += sums[:, sum_places[(_ALONG_X, _ALONG_Y)[axis], here]]
-            c, d = below
-            for times, other, lower in ((c, 0, (c - 1, d)), (d, 1, (c, d - 1))):
-                if times:
-                    add(found, -times * metric[axis, other], radial[place[lower]])
-    moments = workspace.array("higher", len(place) - LINEAR_TERMS, k, q)
+        recurrences.fill_radial(degree - 2)
+        recurrences.fill_single(degree)
+    moments = workspace.array("higher", count - LINEAR_TERMS, k, q)
     np.matmul(
         orthogonal_basis(order)[LINEAR_TERMS:],
-        single.reshape(len(place), -1),
+        recurrences.single.reshape(count, -1),
         out=moments.reshape(-1, k * q),
     )
     return moments
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Recurrences:
+    """The arrays of the recurrences, for k panels and q points.
+
+    Attributes
+    ----------
+    order : int
+    sums : (k, s, q)
+        The side sums.
+    foot : two (k, q)
+        x and y of the foot p.
+    square : (k, q)
+        h².
+    metric : (2, 2, k, 1)
+        ∇φ_i · ∇φ_j.
+    single, radial : (d, k, q)
+        K_P and R_P of the monomials; R up to degree `order` − 2.
+    product : (k, q)
+        Memory for products.
+    """
+
+    order: int
+    sums: Floats
+    foot: list[Floats]
+    square: Floats
+    metric: Floats
+    single: Floats
+    radial: Floats
+    product: Floats
+
+    def fill_radial(self, degree: int) -> None:
+        """Compute R of the monomials of one degree, from K of this degree."""
+        place, sum_places = _monomial_places(self.order), _side_sum_places(self.order)
+        for a, b in exponents_at_degree(degree):
+            here = place[a, b]
+            found = np.multiply(self.square, self.single[here], out=self.radial[here])
+            found += self.sums[:, sum_places[_RADIAL, here]]
+            self._add_product(found, self.foot[0], self.sums[:, sum_places[_RADIAL_X, here]])
+            self._add_product(found, self.foot[1], self.sums[:, sum_places[_RADIAL_Y, here]])
+            for times, axis, lower in ((a, 0, (a - 1, b)), (b, 1, (a, b - 1))):
+                for _ in range(times):
+                    self._add_product(found, self.foot[axis], self.radial[place[lower]])
+            found /= 3 + degree
+
+    def fill_single(self, degree: int) -> None:
+        """Compute K of the monomials of one degree, from K and R of lower degrees."""
+        place, sum_places = _monomial_places(self.order), _side_sum_places(self.order)
+        for a, b in exponents_at_degree(degree):
+            axis, below = (0, (a - 1, b)) if a else (1, (a, b - 1))
+            here = place[below]
+            found = np.multiply(self.foot[axis], self.single[here], out=self.single[place[a, b]])
+            found += self.sums[:, sum_places[(_ALONG_X, _ALONG_Y)[axis], here]]
+            c, d = below
+            for times, other, lower in ((c, 0, (c - 1, d)), (d, 1, (c, d - 1))):
+                if times:
+                    factor = -times * self.metric[axis, other]
+                    self._add_product(found, factor, self.radial[place[lower]])
+
+    def _add_product(self, total: Floats, first: Floats, second: Floats) -> None:
+        np.add(total, np.multiply(first, second, out=self.product), out=total)
 
 
 def _compute_side_sums(

@@ -14,7 +14,7 @@ def some(mesh, every=3):
 
 
 @pytest.mark.parametrize("every", [1, 3])
-def test_divided_keeps_surface_and_hats(every):
+def test_dividing_keeps_the_surface_and_the_hats(every):
     """Also where some panels are divided and others not, twice over."""
     cage = concave()
     mesh = BoundaryMesh.from_cage(cage)
@@ -29,7 +29,7 @@ def test_divided_keeps_surface_and_hats(every):
     np.testing.assert_allclose(mesh.hats.sum(axis=1), 1, rtol=1e-15)
 
 
-def test_children_stand_in_their_parent_s_place():
+def test_children_take_the_place_of_their_parent():
     mesh = BoundaryMesh.from_cage(concave())
     chosen = some(mesh)
     finer = mesh.divide(chosen)
@@ -39,7 +39,7 @@ def test_children_stand_in_their_parent_s_place():
     np.testing.assert_allclose(sums, mesh.panels.areas, rtol=1e-14)
 
 
-def test_values_of_the_hats_are_their_interpolation():
+def test_hats_are_interpolated_linearly():
     mesh = BoundaryMesh.from_cage(concave()).divide(some(BoundaryMesh.from_cage(concave())))
     barycentric, chosen = np.array([[0.2, 0.3, 0.5], [1, 0, 0]]), np.array([0, 4, 9])
     corner = mesh.panels.vertices[mesh.panels.corners[chosen]]
@@ -49,7 +49,7 @@ def test_values_of_the_hats_are_their_interpolation():
     assert values.min() >= 0
 
 
-def test_unknowns_are_numbered_once_and_know_their_degree():
+def test_every_unknown_has_one_number_and_a_degree():
     mesh = BoundaryMesh.from_cage(concave())
     high = np.array([1, 4, 7])
     mesh = mesh.raise_order(3, high, np.ones(3))

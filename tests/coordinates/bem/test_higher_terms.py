@@ -8,7 +8,7 @@ from cageik_cli.util.arrays import Workspace
 
 
 @pytest.mark.parametrize(("order", "digits"), [(2, 1e-11), (3, 1e-10), (5, 1e-6)])
-def test_higher_moments_are_those_of_quadrature(seen, order, digits):
+def test_higher_moments_equal_quadrature(seen, order, digits):
     """Seen from one to some ten panels away, at which some digits are lost, as is said."""
     panels, points, _, barycentric, single, _ = seen
     polynomials = orthogonal_basis(order)[LINEAR_TERMS:] @ monomials(order, barycentric)

@@ -25,13 +25,13 @@ def moments_of(panels, points, scratch=None):
     return linear_moments(panels, panel_view(panels, points, scratch), scratch)
 
 
-def test_linear_moments_are_those_of_quadrature(seen):
+def test_linear_moments_equal_quadrature(seen):
     panels, points, _, barycentric, single, _ = seen
     expected = np.einsum("pqg,dg->dpq", single, monomials(1, barycentric))
     np.testing.assert_allclose(moments_of(panels, points), expected, rtol=1e-9, atol=1e-10)
 
 
-def test_double_layer_is_that_of_quadrature(seen):
+def test_the_double_layer_equals_quadrature(seen):
     panels, points, _, barycentric, _, double = seen
     integrals = double_layer(panels, panel_view(panels, points, Workspace()), Workspace())
     expected = np.einsum("pqg,dg->dpq", double, monomials(1, barycentric))
@@ -58,7 +58,7 @@ def test_solid_angle_is_positive_behind_the_outward_normal():
     )
 
 
-def test_a_plane_is_seen_edge_on_from_within():
+def test_points_in_the_plane_of_a_panel_have_no_solid_angle():
     panels = panels_of(box())
     points = np.array([[1.0, 0.3, 0.1], [1.0, 3.0, 0.1]])
     in_plane = np.isclose(panels.normals[:, 0], 1)
@@ -83,14 +83,14 @@ def test_beside_an_edge_its_logarithm_is_that_of_the_distance_to_it(depth):
     np.testing.assert_allclose(looked.edge_log[edge[0]], expected, rtol=1e-13, atol=3e-16 / depth)
 
 
-def test_scratch_is_asked_for_once():
+def test_workspace_arrays_are_allocated_once():
     scratch = Workspace()
     first = scratch.array("a", 4, 5)
     assert scratch.array("a", 2, 5).base is first.base
     assert scratch.array("a", 5, 5).base is not first.base
 
 
-def test_results_do_not_depend_on_what_scratch_held():
+def test_results_do_not_depend_on_old_workspace_content():
     panels, points = panels_of(concave()), inside(concave(), 6)
     scratch = Workspace()
     fresh = moments_of(panels, points, scratch).copy()
@@ -100,7 +100,7 @@ def test_results_do_not_depend_on_what_scratch_held():
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-9, MAX_SERIES_TANGENT, 1.0, 1e9, 1e300])
-def test_the_short_arctangent_is_the_library_s(size):
+def test_the_short_arctangent_equals_numpy(size):
     y = size * np.linspace(-1.001, 1.001, 51)[None]
     y[0, 25] = 0.0
     for x in (np.ones_like(y), -np.ones_like(y), np.zeros_like(y)):
@@ -108,7 +108,7 @@ def test_the_short_arctangent_is_the_library_s(size):
         np.testing.assert_allclose(found, np.arctan2(y, x), rtol=4e-16, atol=0)
 
 
-def test_angles_are_closed_to_the_sum_they_have_inside_and_no_other():
+def test_only_solid_angles_of_points_inside_are_corrected():
     panels = panels_of(box())
     points = np.array([[0.1, 0.2, 0.3], [3.0, 0, 0], [1 - 1e-9, 1 - 1e-9, 0.2]])
     seen = panel_view(panels, points, Workspace())

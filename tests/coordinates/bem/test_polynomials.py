@@ -31,7 +31,7 @@ def test_the_rule_is_exact_for_products_of_barycentric_coordinates(points):
             assert found == pytest.approx(exact, rel=1e-13)
 
 
-def test_a_rule_of_one_point_less_is_not_exact():
+def test_a_rule_with_one_point_less_is_not_exact():
     barycentric, shares = gauss_rule(2)
     assert shares @ barycentric[:, 0] ** 4 != pytest.approx(2 * 24 / 720, rel=1e-3)
 
