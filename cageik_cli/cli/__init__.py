@@ -8,31 +8,25 @@ Options that commands share are in `options/`; `errors.py` decides the exit code
 import click
 
 from cageik_cli import __version__
-from cageik_cli.cli.batch import batch_command
-from cageik_cli.cli.bind import bind_command
-from cageik_cli.cli.check import check_command
-from cageik_cli.cli.deform import deform_command
 from cageik_cli.cli.errors import CageikGroup
-from cageik_cli.cli.export import export_command
-from cageik_cli.cli.extract import extract_command
-from cageik_cli.cli.info import info_command
-from cageik_cli.cli.pose import pose_command
-from cageik_cli.cli.report import report_command
+from cageik_cli.cli.lazy import LazyCommands
 
 
 @click.group(
     cls=CageikGroup,
-    commands=[
-        extract_command,
-        batch_command,
-        report_command,
-        export_command,
-        deform_command,
-        pose_command,
-        bind_command,
-        check_command,
-        info_command,
-    ],
+    commands=LazyCommands(
+        {
+            "batch": "Extract every clip under some folders.",
+            "bind": "Compute and save the weights of a model.",
+            "check": "Diagnose a cage.",
+            "deform": "Move a mesh by a cage animation.",
+            "export": "Convert a cage animation to other formats.",
+            "extract": "Extract the cage of every frame.",
+            "info": "Describe files.",
+            "pose": "Move a model or animation by a few points.",
+            "report": "Show how well results fit; check limits.",
+        }
+    ),
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(__version__, prog_name="cageik")

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.options.common import get_verbosity
+from cageik_cli.cli.lazy import LazyCommands
 from cageik_cli.util.errors import format_error
 
 
@@ -26,6 +26,14 @@ class CageikGroup(click.Group):
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
         except (Exception, KeyboardInterrupt) as error:
+            from cageik_cli.cli.options.common import get_verbosity
+
             if get_verbosity() > 1:
                 click.echo(traceback.format_exc(), err=True)
             raise click.ClickException(format_error(error)) from error  # its exit code is 1
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands with their summaries; no command is imported."""
+        if isinstance(self.commands, LazyCommands):
+            with formatter.section("Commands"):
+                formatter.write_dl(sorted(self.commands.summaries.items()))

@@ -63,7 +63,7 @@ MESSAGES = {
     "unsupported file": (
         ["extract", "cage.fbx", "--cage", "cage.obj"],
         1,
-        "Error: cage.fbx: is a scene of another program; export the mesh from there, as USD, "
+        "Error: cage.fbx: is a scene of another program; export the mesh from it as USD, "
         "Alembic or OBJ frames",
     ),
     "frame of other size": (
@@ -76,7 +76,7 @@ MESSAGES = {
         EXTRACT,
         1,
         "Error: frames/frame_2.obj: vertex 0 is (0, nan, 1) and 1 of 18 vertices are not "
-        "finite; expected finite numbers, export the file again",
+        "finite; expected finite numbers; export the file again",
     ),
     "open cage": (
         EXTRACT,
@@ -102,8 +102,8 @@ MESSAGES = {
         EXTRACT,
         1,
         "Error: frames/frame_3.obj: missing between frame_2.obj and frame_4.obj, where "
-        "frames are numbered in steps of 1 (1 such gaps); restore it, or take the clip as it "
-        "is with --allow-gaps",
+        "frames are numbered in steps of 1 (1 such gaps); restore it, or accept the gaps "
+        "with --allow-gaps",
     ),
     "result exists": (
         EXTRACT,

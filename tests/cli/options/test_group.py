@@ -87,12 +87,3 @@ def test_every_argument_of_a_command_has_an_option(name):
 
         names |= {option.name for option in PER_CLIP_OPTIONS}
     assert names == options
-
-
-@pytest.mark.parametrize("name", sorted(main.commands))
-def test_the_summary_of_a_command_is_one_short_line(name):
-    command = main.commands[name]
-    summary = command.get_short_help_str(limit=1000)
-    assert summary == command.get_short_help_str()
-    assert len(summary) <= 45
-    assert not summary.endswith("...")
