@@ -67,6 +67,7 @@ def report():
     }
 
 
+@pytest.mark.slow
 def test_every_clip_is_extracted_as_if_alone(run, anim, here):
     outcome = run(*BATCH, "--pages")
     assert (outcome.code, outcome.out) == (0, "")
@@ -326,6 +327,7 @@ def test_files_of_options_are_told_what_a_batch_has(run, anim):
     assert "[batch] has no option speed" in outcome.err
 
 
+@pytest.mark.slow
 def test_processes_bind_once(run_process, anim, cache):
     outcome = run_process("-m", "cageik_cli", *BATCH, "--jobs", "2", "--no-pages")
     assert outcome.code == 0, outcome.err
@@ -333,6 +335,7 @@ def test_processes_bind_once(run_process, anim, cache):
     assert not list(Path("out").rglob("*partial"))
 
 
+@pytest.mark.slow
 def test_every_exit_code_of_the_installed_command(run_process, anim):
     """0 done, 2 wrong usage, 3 a limit was passed, 4 some failed, 1 all did."""
     command = Path(sys.executable).with_name("cageik")
@@ -357,6 +360,7 @@ def long(anim, animation):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
 def test_what_is_done_stays_when_a_batch_is_stopped(run_process, long, sent):

@@ -49,6 +49,7 @@ def test_bad_inputs(run, fixtures_folder, tmp_path, monkeypatch, coarse_panels, 
     assert after == before
 
 
+@pytest.mark.slow
 def test_a_bad_input_in_a_process_of_its_own(run_process, fixtures_folder, tmp_path):
     """Nothing is left on stderr at the end of the interpreter either."""
     shutil.copytree(fixtures_folder / "broken" / "nan_frame", tmp_path, dirs_exist_ok=True)
@@ -155,6 +156,7 @@ def odd_names(folder):
     return folder
 
 
+@pytest.mark.slow
 def test_names_that_are_no_text_are_read_stored_and_shown(run, run_process, odd_names):
     cage, result = (os.fsdecode(name) for name in (b"c\xff.obj", b"r\xff.h5"))
     done = run_process(
@@ -175,6 +177,7 @@ def test_names_that_are_no_text_are_read_stored_and_shown(run, run_process, odd_
     assert Path("r.csv").read_text(encoding="utf-8").count("p\ufffd_") == 5
 
 
+@pytest.mark.slow
 def test_a_fault_in_a_file_whose_name_is_no_text_is_a_sentence(run_process, odd_names):
     cage = os.fsdecode(b"c\xff.obj")
     Path(cage).write_text("v 1 2\n")
@@ -187,6 +190,7 @@ def test_a_fault_in_a_file_whose_name_is_no_text_is_a_sentence(run_process, odd_
         assert len(outcome.err.splitlines()) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="the shell's `2>&-`")
 @pytest.mark.parametrize("stream", [1, 2])
 def test_a_closed_stream_changes_no_exit_code(run_process, folder, stream):

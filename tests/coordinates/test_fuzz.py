@@ -14,7 +14,13 @@ from cageik_cli.util.errors import CageikError, InputError, NumericalError
 from tests.coordinates.random_cages import KINDS, kind_of, points_within, random_cage
 from tests.shapes import box
 
-SEEDS, MORE = range(100), range(100, 300)
+SEEDS = range(100)
+
+MARKED_SEEDS = [
+    *SEEDS[:10],
+    *(pytest.param(seed, marks=pytest.mark.slow) for seed in SEEDS[10:]),
+    *(pytest.param(seed, marks=pytest.mark.fuzz) for seed in range(100, 300)),
+]
 
 
 def crossings(mesh):
@@ -60,9 +66,7 @@ def assert_sentence(error):
 
 
 @pytest.mark.parametrize("coordinates", COORDINATES)
-@pytest.mark.parametrize(
-    "seed", [*SEEDS, *(pytest.param(seed, marks=pytest.mark.fuzz) for seed in MORE)]
-)
+@pytest.mark.parametrize("seed", MARKED_SEEDS)
 def test_weights_of_any_clean_cage_are_exact(seed, coordinates, monkeypatch):
     """Most in haste; every eleventh, of all kinds, as weights are computed by default."""
     if seed % 11:
@@ -73,6 +77,7 @@ def test_weights_of_any_clean_cage_are_exact(seed, coordinates, monkeypatch):
     assert bound or (coordinates, kind_of(seed)) == ("harmonic", "thin")
 
 
+@pytest.mark.slow
 def test_the_cages_are_clean_and_the_points_inside():
     sizes = set()
     for seed in SEEDS:

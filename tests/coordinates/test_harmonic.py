@@ -127,6 +127,7 @@ def test_each_accuracy_keeps_its_tolerance_with_a_close_estimate(resolved, accur
     assert error / 4 < found.error < 4 * error
 
 
+@pytest.mark.slow
 def test_panels_are_divided_where_the_error_is_large(monkeypatch):
     """Near a corner of a coarse cage; panels far from every point stay as they are."""
     cage = ball(2, 1.0)
@@ -191,6 +192,7 @@ def test_weights_on_the_surface_are_barycentric():
     np.testing.assert_allclose(harmonic_weights(cage, points).values, expected, rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_weights_near_the_surface_approach_barycentric_ones():
     """The equations hold in the mean, so that a gap of the size of the error is left."""
     cage = concave()
@@ -223,6 +225,7 @@ def test_weights_do_not_depend_on_jobs_and_progress_is_reported():
     assert [done for done, _ in calls] == sorted(done for done, _ in calls)
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(st.integers(0, 1000), st.floats(1e-3, 1e3))
 def test_similar_cages_have_the_same_weights_and_permuted_vertices_permuted_ones(seed, scale):
@@ -237,6 +240,7 @@ def test_similar_cages_have_the_same_weights_and_permuted_vertices_permuted_ones
     np.testing.assert_allclose(weights, here, rtol=0, atol=1e-7 * max(1, 1e-3 / scale))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [1e-5, 1e-2])
 def test_near_edges_the_estimate_is_the_residual_of_the_equations(depth):
     """There a series of degrees does not see the density's logarithms."""
@@ -278,6 +282,7 @@ def test_a_cage_with_too_many_faces_is_refused(monkeypatch):
         harmonic_weights(box(), np.zeros((1, 3)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10])
 def test_rows_sum_to_one_near_edges_and_corners(depth):
     """There the single solid angles are ill-conditioned; their sum, and so the rows', is not."""

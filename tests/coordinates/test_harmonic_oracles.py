@@ -54,6 +54,7 @@ def test_weights_in_a_sphere_converge_to_solid_harmonics():
     assert errors[-1].max() < 0.008
 
 
+@pytest.mark.slow
 def test_weights_in_a_box_converge_to_harmonic_functions():
     points = inside(box(), 40, margin=0.1)
     functions = SOLID_HARMONICS | SEPARABLE
@@ -77,6 +78,7 @@ def test_a_cage_with_divided_faces_has_the_same_hats(accuracy):
     assert np.abs(coarse - summed).sum(axis=1).mean() < 2 * ACCURACIES[accuracy].tolerance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cage", "size", "least", "bound"),
     [(box(), 2, 2, 0.004), (concave(), 1, 4 / 3, 0.005)],

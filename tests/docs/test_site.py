@@ -98,6 +98,7 @@ def site(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 class TestTheSite:
     def test_it_loads_nothing_from_a_network(self, site):
         loads = re.compile(

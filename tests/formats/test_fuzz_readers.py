@@ -145,6 +145,7 @@ def test_damage_is_a_sentence_or_harmless(tmp_path, kind):
     assert most < MOST
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["splocs", "dfaust"])
 def test_damage_of_hdf5_is_a_sentence_or_harmless(tmp_path, run_process, kind):
     outcome = run_process("-m", "tests.formats.test_fuzz_readers", tmp_path, kind)

@@ -62,6 +62,7 @@ def test_a_soup_gives_every_pair(size):
     assert self_intersections(soup).tolist() == improper_pairs(soup)
 
 
+@pytest.mark.slow
 def test_blocks_change_nothing(monkeypatch):
     mesh = finer(box(), 1)
     vertices = mesh.vertices.copy()

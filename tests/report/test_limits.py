@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.cli.options import limits as gate_options
 from cageik_cli.report import limits as gates
 from cageik_cli.report.figures import ReportSummary, format_length, format_percent
 from cageik_cli.report.limits import (
@@ -40,10 +39,6 @@ FRAMES = {"rms": "f_7.obj", "frame_rms": "f_7.obj", "max_deviation": "f_8.obj",
 def check_one(figures: ReportSummary, metric: str, most: str, unit: str = PERCENT):
     (found,) = check_limits("a", figures, Limits((Limit(metric, Decimal(most), unit),)))
     return found
-
-
-def test_the_command_knows_the_metrics():
-    assert gate_options.METRICS == gates.METRICS
 
 
 @pytest.mark.parametrize(("metric", "unit"), FIELDS)

@@ -442,6 +442,7 @@ def workers(folder, count, turns, largest):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_processes_do_not_harm_each_other(kept, said):
     """Eight write and read three entries at once, of which two fit at most."""
     hits = 0
@@ -454,6 +455,7 @@ def test_processes_do_not_harm_each_other(kept, said):
     assert sum(path.stat().st_size for path in kept.folder.iterdir()) <= 100_000
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="nothing kills so there")
 def test_a_killed_process_leaves_no_damage(kept, said):
     for round_ in range(4):

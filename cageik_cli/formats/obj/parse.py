@@ -69,7 +69,8 @@ def _parse_word_by_word(tokens: Tokens, data: bytes) -> FileMesh:
 
 def _parse_position(words: list[bytes]) -> tuple[float, ...]:
     if len(words) < 3:
-        raise FormatError(f"has {len(words)} coordinates, expected 3")
+        noun = "coordinate" if len(words) == 1 else "coordinates"
+        raise FormatError(f"has {len(words)} {noun}, expected 3")
     try:
         x, y, z = (_parse_number(word) for word in words[:3])
     except ValueError as error:

@@ -277,6 +277,7 @@ def test_two_on_stdout_are_wrong_usage(run, result, first, second):
     assert f"{first} and {second} both go to stdout" in outcome.err
 
 
+@pytest.mark.slow
 def test_every_exit_code_of_the_installed_command(run_process, result):
     """0 done, 1 failed, 2 wrong usage, 3 a limit was passed."""
     here = {"cwd": Path.cwd()}

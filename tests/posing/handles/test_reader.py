@@ -280,6 +280,7 @@ def is_sentence(text):
     return len(text) > 10 and "\n" not in text and not any(word in text for word in words)
 
 
+@pytest.mark.slow
 @given(document=ANYTHING)
 def test_any_json_is_read_or_refused(path, document):
     path.write_text(json.dumps(document))

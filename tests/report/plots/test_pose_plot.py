@@ -118,6 +118,7 @@ def test_two_panels_are_side_by_side_above_their_captions(pixels, monkeypatch):
         assert (half[:pixels] < 250).any(axis=2).sum() > 0.2 * pixels**2
 
 
+@pytest.mark.slow
 def test_the_same_view_gives_the_same_bytes(monkeypatch):
     first = render_pose_png(moved(0.4 * UP, None), PIXELS)
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1")

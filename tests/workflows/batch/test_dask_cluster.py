@@ -40,6 +40,8 @@ from cageik_cli.workflows.batch.dask_pieces import (
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
 from cageik_cli.workflows.plan import ExtractSettings, load_or_compute_binding, plan_extraction
 
+pytestmark = pytest.mark.slow
+
 ONE_FRAME = 7_000
 """Bytes that the weights, and blocks of one frame of the little animation, have room for."""
 

@@ -59,6 +59,7 @@ def by_name(outcomes):
     return {outcome.entry.name: outcome for outcome in outcomes}
 
 
+@pytest.mark.slow
 def test_processes_give_the_results_of_one_process(jobs, folder):
     with ProcessScheduler(2) as processes:
         found = by_name(processes.run_jobs(jobs))
@@ -76,6 +77,7 @@ def test_processes_give_the_results_of_one_process(jobs, folder):
     assert len(list((folder / "weights").iterdir())) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
 @pytest.mark.parametrize("times", [1, 5])
 def test_a_crashed_process_costs_its_clip_one_attempt(jobs, tmp_path, times):
@@ -101,6 +103,7 @@ def test_an_error_of_the_caller_ends_the_processes(jobs):
     assert multiprocessing.active_children() == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
 def test_a_process_that_crashed_between_clips_costs_the_next_one_attempt(jobs):
     worker = local._Worker(multiprocessing.get_context("spawn"))
@@ -113,6 +116,7 @@ def test_a_process_that_crashed_between_clips_costs_the_next_one_attempt(jobs):
     worker.stop(is_immediate=False)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="processes are ended otherwise here")
 def test_no_process_is_started_after_the_end(monkeypatch):
     """One that died just before is begun again at the same moment."""
