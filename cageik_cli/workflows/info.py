@@ -122,7 +122,7 @@ def _clip_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
         ("holds", "a clip"),
         ("frames", f"{len(sequence)}, {sequence.names[0]} to {sequence.names[-1]}"),
         *_mesh_rows(sequence.first),
-        *([("scene", sequence.scene.describe)] if sequence.scene.describe else []),
+        *([("scene", sequence.scene.description)] if sequence.scene.description else []),
         *(("note", note) for note in sequence.notes),
     ]
 
