@@ -31,7 +31,7 @@ def load_mesh(path: Path) -> LoadedMesh:
     """
     with error_context(path):
         if path.is_dir():
-            raise FileAccessError("is a folder, expected a file; name a mesh in it")
+            raise FileAccessError("is a folder, expected a file; give a mesh in it")
         suffix, readers = file_suffix(path), _find_mesh_readers()
         if suffix not in readers:
             raise FileAccessError(

@@ -263,7 +263,7 @@ def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_
         raise ConnectivityError(
             f"triangle {k} joins vertices {_format_corners(faces[k])}, in {expected_name} "
             f"{_format_corners(expected.faces[k])} (counted from 0; {len(differs)} triangles "
-            f"differ); all must share one connectivity"
+            "differ); all must share one connectivity"
         )
 
 
