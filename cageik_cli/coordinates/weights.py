@@ -1,9 +1,7 @@
-"""Weights, their estimated error, and the accuracies to choose from."""
+"""Weights of points in a cage, and their estimated error."""
 
 from dataclasses import dataclass
 
-from cageik_cli.coordinates.settings import ACCURACIES as ACCURACIES
-from cageik_cli.coordinates.settings import Accuracy as Accuracy
 from cageik_cli.util.arrays import Floats
 
 

@@ -205,7 +205,7 @@ class Reader(ClipFile):
                     (
                         "clip",
                         f"{to_unicode(name)}, {clip.frame_count} frames of {clip.vertex_count} "
-                        f"vertices",
+                        "vertices",
                     )
                     for name, clip in clips
                 ),

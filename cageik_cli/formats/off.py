@@ -46,11 +46,11 @@ def parse_off(data: bytes) -> tuple[Floats, list[Integers]]:
         polygons = [_parse_polygon(words) for words in islice(lines, faces)]
         if (len(vertices), len(polygons)) != (count, faces):
             raise ValueError(
-                f"announces {count} vertices and {faces} faces, holds {len(vertices)} and "
-                f"{len(polygons)}, so it is cut short"
+                f"it announces {count} vertices and {faces} faces, but holds {len(vertices)} and "
+                f"{len(polygons)}"
             )
     except (ValueError, OverflowError) as error:
-        raise FormatError(f"not a readable OFF mesh: {error}") from error
+        raise FormatError(f"is not a sound OFF mesh ({error}); export it again") from error
     return vertices, polygons
 
 

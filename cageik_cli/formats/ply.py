@@ -134,9 +134,11 @@ def parse_binary_ply(data: bytes) -> tuple[Floats, Integers, Integers]:
         if vertices is None:
             raise ValueError("it has no vertices")
     except KeyError as error:
-        raise FormatError(f"not a readable PLY mesh: its header says {error}") from error
+        raise FormatError(
+            f"is not a sound PLY mesh (its header has the unknown word {error}); export it again"
+        ) from error
     except (ValueError, IndexError, OverflowError, struct.error) as error:
-        raise FormatError(f"not a readable PLY mesh: {error}") from error
+        raise FormatError(f"is not a sound PLY mesh ({error}); export it again") from error
     return vertices, corners, sizes
 
 
@@ -160,7 +162,7 @@ def parse_ascii_ply(data: bytes) -> tuple[Floats, list[Integers]]:
         name = next(name for name in ("vertex_indices", "vertex_index", *lists) if name in lists)
         vertices, polygons = np.asarray(loaded["vertices"]), list(lists[name])
     except Exception as error:  # whatever a damaged file makes trimesh raise
-        raise FormatError(f"not a readable PLY mesh: {error}") from error
+        raise FormatError(f"is not a sound PLY mesh ({error}); export it again") from error
     announced = _COUNTS.search(data)
     counts = (len(vertices), len(polygons))
     if announced is not None and counts != tuple(map(int, announced.groups())):
@@ -184,7 +186,7 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
             types = words[2:4] if words[1] == b"list" else words[1:2]
             codes = "".join(_TYPE_CODES[kind] for kind in types)
             if words[-1] in elements[-1].type_codes or (len(codes) == 2 and codes[0] in "efd"):
-                raise ValueError(f"its header says `{b' '.join(words).decode()}`")
+                raise ValueError(f"its header has the invalid line `{b' '.join(words).decode()}`")
             elements[-1].type_codes[words[-1]] = codes
     return order, elements, end
 
@@ -249,7 +251,7 @@ def _parse_list_rows(
             (count,) = first.unpack_from(data, offset)
             offset += first.size
             if width and count < 0:
-                raise ValueError(f"a list of {count} items")
+                raise ValueError(f"it has a list of {count} items")
             if is_wanted:
                 items.append(data[offset : offset + count * width])
                 sizes.append(count)

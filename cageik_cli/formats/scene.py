@@ -78,7 +78,7 @@ class SceneHints:
         return replace(self, fps=fps, start=start)
 
     @property
-    def describe(self) -> str:
+    def description(self) -> str:
         """The settings on one line; empty if there are none."""
         given = (
             self.fps is not None and f"{self.fps:g} frames per second",

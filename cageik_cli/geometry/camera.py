@@ -67,7 +67,7 @@ class Camera:
 
     Raises
     ------
-    InputError
+    SettingError
         When a matrix has another shape, is not finite or is singular, the last row of `view` is
         not (0, 0, 0, 1), that of `projection` neither that nor (0, 0, -1, 0), or the picture has
         no size.
@@ -84,8 +84,7 @@ class Camera:
         if not np.allclose(self.view[3], AFFINE_ROW, rtol=0, atol=ROW_TOL):
             raise SettingError(
                 f"the last row of view is {_format_row(self.view[3])}, expected 0, 0, 0, 1; "
-                f"matrices "
-                f"{_TRANSPOSE_HINT}"
+                f"matrices {_TRANSPOSE_HINT}"
             )
         for name, matrix in (("view", self.view[:3, :3]), ("projection", self.projection)):
             if not np.linalg.cond(_normalize_rows(matrix)) < MAX_CONDITION:
@@ -134,12 +133,12 @@ class Camera:
 
         Raises
         ------
-        InputError
+        SettingError
             When a point is behind the viewer, or as near as the eye.
         """
         clip = _to_homogeneous(points) @ (self.projection @ self.view).T
         if not (clip[..., 3] > 0).all():
-            raise SettingError("it is behind the camera; choose another view, or frame")
+            raise SettingError("the point is behind the camera; choose another view or frame")
         x, y, depth = np.moveaxis(clip[..., :3] / clip[..., 3:], -1, 0)
         return np.stack([(1 + x) / 2 * self.width, (1 - y) / 2 * self.height, depth], axis=-1)
 
@@ -167,7 +166,7 @@ class Camera:
 
         Raises
         ------
-        InputError
+        SettingError
             When a point is behind the viewer.
         """
         self.project(points)
@@ -188,7 +187,7 @@ class LookAt:
 
     Raises
     ------
-    InputError
+    SettingError
         When position and target are the same, or `up` is parallel to the viewing direction.
     """
 

@@ -119,12 +119,8 @@ class Poser:
         constraints: CageConstraints | None = None,
     ) -> None:
         validate_weights(alpha, beta)
-        self.binding, self.alpha, self.beta, self.constraints = (
-            binding,
-            alpha,
-            beta,
-            constraints or CageConstraints(),
-        )
+        self.binding, self.alpha, self.beta = binding, alpha, beta
+        self.constraints = constraints or CageConstraints()
         cage = binding.cage
         laplacian = uniform_laplacian(cage)
         self._neighbours = Neighbours(laplacian)

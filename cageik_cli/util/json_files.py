@@ -76,16 +76,7 @@ def read_json(path: Path, expected: JsonFormat) -> Any:
         raise FormatError("holds a number with thousands of digits; shorten it") from error
     except RecursionError as error:
         raise _make_depth_error(expected) from error
-    for steps, container in _iterate_containers(document):
-        if len(steps) > MAX_DEPTH:
-            raise _make_depth_error(expected)
-        if id(container) in repeated_keys:
-            fault = f"has {format_value(repeated_keys[id(container)][1])} twice; keep one of them"
-            raise _make_error(document, steps, fault, expected)
-        for step, value in _iterate_items(container):
-            if isinstance(value, float) and not math.isfinite(value):
-                fault = f"is {format_value(value)}, expected a finite number"
-                raise _make_error(document, (*steps, step), fault, expected)
+    _check_containers(document, repeated_keys, expected)
     return document
 
 
@@ -111,11 +102,11 @@ def _read_text(path: Path, expected: JsonFormat) -> str:
     try:
         size = path.stat().st_size
         if not path.is_file():
-            raise FileAccessError(f"is not a plain file; name {expected.name}")
+            raise FileAccessError(f"is not a plain file; give {expected.name}")
         if size > expected.max_bytes:
             raise FileAccessError(
                 f"is too large ({format_bytes(size)}, at most {format_bytes(expected.max_bytes)}); "
-                f"name {expected.name}"
+                f"give {expected.name}"
             )
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
@@ -124,8 +115,24 @@ def _read_text(path: Path, expected: JsonFormat) -> str:
         ) from error
     except UnicodeDecodeError as error:
         raise FormatError(
-            f"is not UTF-8 text at byte {error.start}; save it as UTF-8, or name {expected.name}"
+            f"is not UTF-8 text at byte {error.start}; save it as UTF-8, or give {expected.name}"
         ) from error
+
+
+def _check_containers(
+    document: Any, repeated_keys: dict[int, tuple[Any, str]], expected: JsonFormat
+) -> None:
+    """Refuse deep nesting, a repeated key of an object (by its id), and numbers not finite."""
+    for steps, container in _iterate_containers(document):
+        if len(steps) > MAX_DEPTH:
+            raise _make_depth_error(expected)
+        if id(container) in repeated_keys:
+            fault = f"has {format_value(repeated_keys[id(container)][1])} twice; keep one of them"
+            raise _make_error(document, steps, fault, expected)
+        for step, value in _iterate_items(container):
+            if isinstance(value, float) and not math.isfinite(value):
+                fault = f"is {format_value(value)}, expected a finite number"
+                raise _make_error(document, (*steps, step), fault, expected)
 
 
 def _iterate_containers(document: Any) -> Iterator[tuple[Steps, Any]]:
@@ -156,5 +163,5 @@ def _make_error(document: Any, steps: Steps, fault: str, expected: JsonFormat) -
 
 def _make_depth_error(expected: JsonFormat) -> FormatError:
     return FormatError(
-        f"holds lists or objects nested more than {MAX_DEPTH} levels deep; name {expected.name}"
+        f"holds lists or objects nested more than {MAX_DEPTH} levels deep; give {expected.name}"
     )

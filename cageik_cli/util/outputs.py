@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.util.errors import OutputError
-from cageik_cli.util.locks import open_locked as open_locked
-from cageik_cli.util.locks import remove_locked as remove_locked
 
 
 def check_writable(path: Path, overwrite: bool) -> None:
@@ -31,7 +29,7 @@ def check_writable(path: Path, overwrite: bool) -> None:
         raise OutputError(f"{path}: is not a plain file, expected the name of a file to write")
     if path.exists() and not overwrite:
         raise _make_exists_error(path)
-    _check_parent_exists(path)
+    _check_folder_exists(path, path.parent)
     partial = _unique_path(path)
     with _convert_os_errors(path):
         partial.touch(exist_ok=False)
@@ -75,7 +73,7 @@ def check_folder_writable(
             )
     if entries and not overwrite:
         raise _make_exists_error(path)
-    _check_parent_exists(path)
+    _check_folder_exists(path, place.parent)
     partial = _unique_path(place)
     with _convert_os_errors(path):
         partial.mkdir()
@@ -88,8 +86,9 @@ def _make_exists_error(path: Path) -> OutputError:
     )
 
 
-def _check_parent_exists(path: Path) -> None:
-    if not path.resolve().parent.is_dir():
+def _check_folder_exists(path: Path, folder: Path) -> None:
+    """Refuse the output `path` if the folder that it is renamed in does not exist."""
+    if not folder.is_dir():
         raise OutputError(f"{path}: the folder {path.parent} does not exist; create it first")
 
 

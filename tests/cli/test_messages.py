@@ -123,7 +123,7 @@ MESSAGES = {
     "not a result": (
         ["report"],
         1,
-        "Error: cages.h5: is not an HDF5 file; name one, or write it again",
+        "Error: cages.h5: is not an HDF5 file; give one, or write it again",
     ),
     "checkpoint as result": (
         ["report", "cages.h5.partial"],

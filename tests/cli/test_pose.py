@@ -327,7 +327,11 @@ def test_refusals(run, handles, clip, words, told):
     ("name", "place", "told"),
     [
         ("verts", (3, 0, 0), "Error: cages.h5: the cage of frame 3 is not finite"),
-        ("handles.json", None, "Error: handles.json: handle 'eye': screen.offset: frame 4: it is"),
+        (
+            "handles.json",
+            None,
+            "Error: handles.json: handle 'eye': screen.offset: frame 4: the point is",
+        ),
     ],
 )
 def test_the_file_at_fault_is_named(run, handles, clip, name, place, told):

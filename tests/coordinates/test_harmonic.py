@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 from cageik_cli.coordinates import harmonic
 from cageik_cli.coordinates.bem.boundary_equation import interior_weights, solve_boundary
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.harmonic import ACCURACIES, Accuracy, harmonic_weights
+from cageik_cli.coordinates.harmonic import Accuracy, harmonic_weights
+from cageik_cli.coordinates.settings import ACCURACIES
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError, SettingError
 from tests.shapes import TETRAHEDRON, ball, box, concave, finer, inside, rotation

@@ -224,5 +224,5 @@ def test_what_is_no_mesh_is_refused(tmp_path, name, content, says):
 def test_an_off_file_that_ends_inside_its_faces_is_refused(tmp_path):
     path = tmp_path / "short.off"
     path.write_text(OFF[:-8])
-    with pytest.raises(FormatError, match="announces 4 vertices and 2 faces, holds 4 and 1"):
+    with pytest.raises(FormatError, match="announces 4 vertices and 2 faces, but holds 4 and 1"):
         load_mesh(path)

@@ -55,7 +55,7 @@ def test_what_cannot_be_is_passed_by_with_a_note(name, value):
 
 
 def test_hints_in_words():
-    assert SceneHints().describe == ""
-    assert SceneHints(start=0).describe == "from frame 0"
+    assert SceneHints().description == ""
+    assert SceneHints(start=0).description == "from frame 0"
     words = "23.976 frames per second, from frame 1, Z up, 0.01 m per unit"
-    assert SceneHints(23.976, 1.0, "Z", 0.01).describe == words
+    assert SceneHints(23.976, 1.0, "Z", 0.01).description == words

@@ -183,7 +183,7 @@ def test_what_is_behind_the_viewer_is_refused(name):
     eye = -camera.view[:3, :3].T @ camera.view[:3, 3]
     behind = (eye + camera.view[2, :3])[None]
     for act in (camera.project, lambda p: camera.move_to_pixels(p, np.zeros((1, 2)))):
-        with pytest.raises(SettingError, match="it is behind the camera; choose another view"):
+        with pytest.raises(SettingError, match="the point is behind the camera; choose"):
             act(behind)
 
 

@@ -43,6 +43,15 @@ def test_an_output_that_can_be_leaves_no_trace(tmp_path):
     assert (tmp_path / "old.h5").read_text() == "old"
 
 
+@pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
+def test_a_link_to_nowhere_is_replaced(tmp_path):
+    link = tmp_path / "cages.h5"
+    link.symlink_to(tmp_path / "gone" / "cages.h5")
+    outputs.write_text(link, "new", overwrite=False)
+    assert link.read_text() == "new"
+    assert not link.is_symlink()
+
+
 @pytest.mark.skipif(os.name != "posix", reason="permissions are POSIX's")
 @pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])
 def test_permissions_are_those_of_any_new_file(tmp_path, mask):

@@ -191,7 +191,7 @@ class ArrayClipFile(ClipFile):
             ("holds", "positions without faces; give these by --rest"),
             ("frames", str(clip.frames.frame_count)),
             ("vertices", str(clip.frames.vertex_count)),
-            *([("scene", clip.scene.describe)] if clip.scene.describe else []),
+            *([("scene", clip.scene.description)] if clip.scene.description else []),
             *(("note", note) for note in clip.notes),
         ]
 

@@ -32,7 +32,7 @@ def read_bytes(path: Path) -> bytes:
         When it cannot be read.
     """
     if path.is_dir():
-        raise FileAccessError("is a folder, expected a file; name a file in it")
+        raise FileAccessError("is a folder, expected a file; give a file in it")
     try:
         return path.read_bytes()
     except OSError as error:

@@ -37,7 +37,7 @@ def open_file(path: Path) -> h5py.File:
     if not path.is_file():
         raise FileAccessError("is a folder, expected a file" if path.is_dir() else "no such file")
     if not h5py.is_hdf5(path):
-        raise FormatError("is not an HDF5 file; name one, or write it again")
+        raise FormatError("is not an HDF5 file; give one, or write it again")
     return h5py.File(path, "r")
 
 

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.base.settings import LAYOUTS as LAYOUTS
-from cageik_cli.formats.base.settings import ClipSettings as ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.geometry.mesh import TriMesh, validate_positions
 from cageik_cli.util.arrays import Floats, Integers
@@ -264,7 +263,7 @@ def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_
         raise ConnectivityError(
             f"triangle {k} joins vertices {_format_corners(faces[k])}, in {expected_name} "
             f"{_format_corners(expected.faces[k])} (counted from 0; {len(differs)} triangles "
-            f"differ); all must share one connectivity"
+            "differ); all must share one connectivity"
         )
 
 

@@ -178,6 +178,6 @@ def make_blender_notes(start: float) -> tuple[str, ...]:
     if start == 0:
         return ()
     return (
-        f"Blender's Mesh Cache puts the first frame at scene frame 0; set its Frame Start to "
+        "Blender's Mesh Cache puts the first frame at scene frame 0; set its Frame Start to "
         f"{start:g}",
     )

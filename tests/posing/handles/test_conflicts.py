@@ -177,5 +177,5 @@ def test_a_handle_behind_the_camera_is_named(tmp_path):
     face = next(k for k, f in enumerate(MESH.faces) if set(f) == set(found.corners))
     order = [list(found.corners).index(vertex) for vertex in MESH.faces[face]]
     chin = {"name": "chin", "face": face, "barycentric": found.barycentric[order].tolist()}
-    with pytest.raises(HandlesError, match=r"^handle 'nose': screen.offset: frame 6: it is behind"):
+    with pytest.raises(HandlesError, match=r"^handle 'nose': screen.offset: frame 6: the point is"):
         drag(read_set(tmp_path, nose, chin | {"pin": True}), behind)

@@ -125,5 +125,5 @@ def test_pixels_downwards_are_down():
 def test_a_frame_behind_the_camera_is_named(motion):
     positions = POSITIONS.copy()
     positions[[4, 7]] += [2, 4, 18]
-    with pytest.raises(HandlesError, match=r"^frame 104: it is behind the camera; choose"):
+    with pytest.raises(HandlesError, match=r"^frame 104: the point is behind the camera; choose"):
         motion(Track(np.array([[1.0, 2.0]])), STANDING).targets(FRAMES + 100, positions)

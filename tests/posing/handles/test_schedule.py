@@ -107,7 +107,7 @@ def test_a_point_behind_the_camera_is_named():
     positions = np.stack([POSITIONS, POSITIONS], axis=1)
     positions[6, 1] += [2, 4, 18]
     with pytest.raises(
-        HandlesError, match=r"^handle 'h1': screen.target: frame 6: it is behind the camera"
+        HandlesError, match=r"^handle 'h1': screen.target: frame 6: the point is behind the camera"
     ):
         drag.targets(FRAMES, positions)
 
