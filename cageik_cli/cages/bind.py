@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 from cageik_cli.cages.enclosure import Enclosure, check_enclosure
-from cageik_cli.coordinates.binding import Binding, BindSettings, reproduction_error
-from cageik_cli.coordinates.weights import ACCURACIES, Weights, ignore_progress
+from cageik_cli.coordinates.binding import Binding, reproduction_error
+from cageik_cli.coordinates.settings import ACCURACIES, BindSettings
+from cageik_cli.coordinates.weights import Weights, ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import NumericalError
 

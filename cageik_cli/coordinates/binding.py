@@ -5,8 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cageik_cli.coordinates.settings import COORDINATES as COORDINATES
-from cageik_cli.coordinates.settings import BindSettings as BindSettings
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 

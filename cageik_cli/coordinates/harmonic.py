@@ -27,7 +27,8 @@ from cageik_cli.coordinates.bem.boundary_equation import (
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.bem.error_estimate import estimate_error
 from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, exponents
-from cageik_cli.coordinates.weights import ACCURACIES, Accuracy, Weights, ignore_progress
+from cageik_cli.coordinates.settings import ACCURACIES, Accuracy
+from cageik_cli.coordinates.weights import Weights, ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.util.arrays import Floats

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-from cageik_cli.coordinates.settings import ACCURACIES as ACCURACIES
-from cageik_cli.coordinates.settings import Accuracy as Accuracy
 from cageik_cli.util.arrays import Floats
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from cageik_cli.formats.base.file_data import decompress, describe_source, read_bytes
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.frame_files import FrameFileReader, parse_mesh
-from cageik_cli.formats.base.mesh_data import LoadedMesh as LoadedMesh
+from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.registry import discover_plugins
 from cageik_cli.formats.base.writer import Animation, FrameFileWriter

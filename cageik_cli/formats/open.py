@@ -9,14 +9,11 @@ from pathlib import Path
 from natsort import natsort_keygen, ns
 
 from cageik_cli.formats.base.file_names import check_no_gaps, file_suffix
+from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.registry import discover_plugins
-from cageik_cli.formats.base.sequence import (
-    ClipRequest,
-    ClipSettings,
-    MeshSequence,
-    check_connectivity,
-)
-from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
+from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_connectivity
+from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError, error_context
 

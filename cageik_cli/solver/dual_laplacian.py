@@ -20,7 +20,7 @@ import scipy.linalg
 from cageik_cli.coordinates.binding import Binding, WeightQuality
 from cageik_cli.geometry.mesh import uniform_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
-from cageik_cli.solver.settings import SolveSettings as SolveSettings
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats, Workspace
 from cageik_cli.util.errors import FormatError, NumericalError
 

@@ -23,7 +23,7 @@ from cageik_cli import __version__
 from cageik_cli.solver.blocks import ClipSummary, SolvedBlock
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics
 from cageik_cli.util.errors import CheckpointError, FormatError, OutputError
-from cageik_cli.util.outputs import open_locked, remove_locked
+from cageik_cli.util.locks import open_locked, remove_locked
 
 DIGEST_BYTES = hashlib.sha256().digest_size
 _BLOCK_HEADER = struct.Struct("<QQQ")  # first frame, frames, bytes of the faults

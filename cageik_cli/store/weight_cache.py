@@ -25,9 +25,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding, BindSettings
+from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.outputs import open_locked, remove_locked
+from cageik_cli.util.locks import open_locked, remove_locked
 
 _MAGIC = b"cageik weights 1\n"
 _DIGEST_BYTES = hashlib.sha256().digest_size

@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.util.errors import OutputError
-from cageik_cli.util.locks import open_locked as open_locked
-from cageik_cli.util.locks import remove_locked as remove_locked
 
 
 def check_writable(path: Path, overwrite: bool) -> None:

@@ -8,10 +8,11 @@ import numpy as np
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.soundness import validate_cage
-from cageik_cli.coordinates.binding import BindSettings
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.file_data import describe_source, read_bytes
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
-from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
+from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.weight_cache import WeightCache

@@ -8,8 +8,9 @@ from typing import Any
 from cageik_cli import __version__
 from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts, diagnose
 from cageik_cli.cages.findings import Finding
-from cageik_cli.formats.base.sequence import ClipSettings
-from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
+from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import list_input_files, open_clip_and_rest
 from cageik_cli.util.text import format_block
 

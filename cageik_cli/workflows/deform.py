@@ -6,11 +6,14 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding, BindSettings, reconstruct
+from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding, reconstruct
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.connectivity import check_vertex_order
-from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
+from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
+from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation

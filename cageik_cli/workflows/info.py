@@ -8,7 +8,8 @@ import numpy as np
 from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
+from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import Scene

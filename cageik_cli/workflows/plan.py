@@ -9,14 +9,17 @@ from typing import Any
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.coordinates.binding import BindSettings
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
-from cageik_cli.formats.base.sequence import ClipSettings, MeshSequence
-from cageik_cli.formats.mesh_file import LoadedMesh, load_mesh
+from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import list_input_files, open_clip_and_rest
 from cageik_cli.formats.scene import Scene, SceneHints
 from cageik_cli.formats.vertex_weights import load_vertex_weights
-from cageik_cli.solver.dual_laplacian import SolveSettings, normalize_weights
+from cageik_cli.solver.dual_laplacian import normalize_weights
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result

@@ -1,12 +1,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.coordinates.binding import (
-    FRAMES_PER_PRODUCT,
-    Binding,
-    BindSettings,
-    reconstruct,
-)
+from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding, reconstruct
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.util.errors import SettingError
 from tests.shapes import box, octahedron
 

@@ -6,8 +6,8 @@ import trimesh
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.soundness import validate_cage
-from cageik_cli.coordinates.binding import COORDINATES, BindSettings
 from cageik_cli.coordinates.harmonic import ACCURACIES
+from cageik_cli.coordinates.settings import COORDINATES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.errors import CageikError, InputError, NumericalError

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.formats.mesh_file import LoadedMesh
+from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.base.sequence import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import SceneHints

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.formats.base.sequence import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.open import describe_contents, expand_arguments, open_sequence
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 

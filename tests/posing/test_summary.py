@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.binding import BindSettings
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.posing.edits import CageSkin, EditTarget, PosingSettings, build_layers, edit_frames
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.summary import PoseStatistics

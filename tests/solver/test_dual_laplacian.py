@@ -8,7 +8,8 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
 from cageik_cli.solver import dual_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, SolveSettings, normalize_weights
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, normalize_weights
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.errors import FormatError, NumericalError, SettingError
 from tests.shapes import ball, concave, finer, inside, octahedron, rotation
 

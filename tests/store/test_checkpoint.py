@@ -20,7 +20,7 @@ from cageik_cli.store.checkpoint import (
     to_bytes,
 )
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, OutputError
-from cageik_cli.util.outputs import open_locked
+from cageik_cli.util.locks import open_locked
 
 SPEC = RunSpec(
     frames=[f"frame_{k}_é.obj" for k in range(5)],

@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, COORDINATES, Binding, BindSettings
+from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding
+from cageik_cli.coordinates.settings import COORDINATES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store import weight_cache as module
 from cageik_cli.store.weight_cache import WeightCache, compute_key
-from cageik_cli.util.outputs import open_locked, remove_locked
+from cageik_cli.util.locks import open_locked, remove_locked
 from tests.shapes import TETRAHEDRON, ball, box
 from tests.store.entries import entry, same
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.binding import BindSettings
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.binding_file import read_binding

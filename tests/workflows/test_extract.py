@@ -11,7 +11,7 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.blocks import ARRAYS_PER_FRAME, MemoryPlan
-from cageik_cli.solver.dual_laplacian import SolveSettings
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.errors import InputError, NumericalError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.coordinates.binding import BindSettings
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.util.errors import CheckpointError, InputError

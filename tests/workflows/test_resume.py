@@ -14,7 +14,7 @@ import pytest
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.tables import format_csv, format_json
 from cageik_cli.report.views.text import format_text
-from cageik_cli.solver.dual_laplacian import SolveSettings
+from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.util.errors import CheckpointError, FileAccessError, InputError
 from cageik_cli.util.progress import ProgressListener

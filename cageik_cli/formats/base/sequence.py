@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.base.settings import LAYOUTS as LAYOUTS
-from cageik_cli.formats.base.settings import ClipSettings as ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.geometry.mesh import TriMesh, validate_positions
 from cageik_cli.util.arrays import Floats, Integers

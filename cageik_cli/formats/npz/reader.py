@@ -12,7 +12,8 @@ from cageik_cli.formats.base.clip_file import (
     check_zero_based,
     single_path,
 )
-from cageik_cli.formats.base.sequence import LAYOUTS, ClipRequest
+from cageik_cli.formats.base.sequence import ClipRequest
+from cageik_cli.formats.base.settings import LAYOUTS
 from cageik_cli.formats.npz.archive import FileArray, NpzArchive, open_npy
 from cageik_cli.formats.scene import SceneHints, parse_scene_metadata
 from cageik_cli.util.errors import FormatError, SettingError

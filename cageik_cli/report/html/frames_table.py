@@ -6,7 +6,7 @@ from typing import Any
 
 from cageik_cli.cages.bind import MIN_HARMONIC_WEIGHT
 from cageik_cli.coordinates.binding import WeightQuality
-from cageik_cli.coordinates.weights import ACCURACIES
+from cageik_cli.coordinates.settings import ACCURACIES
 from cageik_cli.report.figures import FrameRecord, format_change, format_length, format_percent
 from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import choose_vocabulary

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cageik_cli.formats.base import binary_frames as runs
-from cageik_cli.formats.base.sequence import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.npz.reader import FACE_NAMES, VERTEX_NAMES
 from cageik_cli.formats.open import open_sequence

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 
-from cageik_cli.formats.base.sequence import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd import reader as usd

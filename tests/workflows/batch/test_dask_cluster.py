@@ -19,14 +19,14 @@ import numpy as np
 import pytest
 
 import cageik_cli
-from cageik_cli.coordinates.binding import BindSettings
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.solver.blocks import BlockSolver, MemoryPlan
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import checkpoint_path
 from cageik_cli.util.errors import ClusterError, FileAccessError, InputError
-from cageik_cli.util.outputs import open_locked
+from cageik_cli.util.locks import open_locked
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch import dask_cluster as module
 from cageik_cli.workflows.batch.clip_task import bind_clip, check_clip, run_clip
