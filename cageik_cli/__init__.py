@@ -26,16 +26,15 @@ if TYPE_CHECKING:
     from cageik_cli.store.result import Result
     from cageik_cli.util.errors import CageikError
     from cageik_cli.workflows.api import (
-        CageAnimation,
         bind,
         check_cage,
-        extract,
         extract_to_file,
         load_clip,
         load_mesh,
         read_cages,
         read_result,
     )
+    from cageik_cli.workflows.extract_arrays import CageAnimation, extract
 
 __version__ = "0.1.0"
 
@@ -64,6 +63,7 @@ __all__ = [
 _HOMES = {
     "Anchor": "posing.anchors",
     "Binding": "coordinates.binding",
+    "CageAnimation": "workflows.extract_arrays",
     "CageikError": "util.errors",
     "Diagnosis": "cages.diagnosis",
     "MeshSequence": "formats.base.sequence",
@@ -71,6 +71,7 @@ _HOMES = {
     "Result": "store.result",
     "TriMesh": "geometry.mesh",
     "closest_point": "posing.anchors",
+    "extract": "workflows.extract_arrays",
     "point_at_vertex": "posing.anchors",
 }
 """Modules of the names that are not defined in `workflows.api`."""

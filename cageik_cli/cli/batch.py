@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cageik_cli.cli.batch_config import (
+from cageik_cli.cli.batch_plan import (
     PER_CLIP_OPTIONS,
     BatchOptions,
     SharedOptions,

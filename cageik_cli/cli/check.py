@@ -62,7 +62,8 @@ def check_command(
     """Diagnose a cage.
 
     The cage alone is checked, or the cage and the rest pose of FRAMES in it. Each finding has the
-    numbers of its vertices or faces. A cage that is not fit for a model is exit code 1.
+    numbers of its vertices or faces. The verdict is fit, usable (it binds, with warnings) or unfit
+    (exit code 1).
     """
     from cageik_cli.util.outputs import check_no_overlap, check_writable
     from cageik_cli.workflows.check import check_cage, format_check_json, format_check_text

@@ -48,7 +48,7 @@ def make_export_settings(
     click.option(
         "--skeleton",
         is_flag=True,
-        help="Write the rest pose with one joint per cage vertex and our weights as skin weights "
+        help="Write the rest pose with one joint per cage vertex and the weights as skin weights "
         "(.usd*).",
     ),
     click.option(

@@ -82,7 +82,7 @@ def edit(settings: EditSettings, progress: ProgressListener | None = None) -> Po
         When hard handles cannot all be met.
     """
     progress = progress or ProgressListener()
-    check_no_overlap([*settings.outputs()], [*settings.inputs()])
+    check_no_overlap(settings.outputs(), settings.inputs())
     check_writable(settings.output, settings.overwrite)
     check_hdf5_suffix(settings.output)
     with progress.stage("open"):

@@ -128,7 +128,7 @@ def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: Progres
 
 def _check_outputs(settings: PoseSettings) -> None:
     _check_target_kind(settings.target)
-    check_no_overlap([*settings.outputs()], [*settings.inputs()])
+    check_no_overlap(settings.outputs(), settings.inputs())
     for path in settings.outputs():
         check_mesh_output(path, settings.overwrite)
 

@@ -196,7 +196,7 @@ class ClipContext:
         """Make the block solver, of the clip and the weights."""
         solver = unpickle_with_weights(binding, self._solver)
         return BlockSolver(
-            self.sequence, solver, self.settings.on_bad_frame == "skip", ProgressListener()
+            self.sequence, solver, self.settings.skips_bad_frames, ProgressListener()
         )
 
 

@@ -83,7 +83,7 @@ def test_every_argument_of_a_command_has_an_option(name):
     for group in found:
         names |= group.option_names
     if name == "batch":
-        from cageik_cli.cli.batch_config import PER_CLIP_OPTIONS
+        from cageik_cli.cli.batch_plan import PER_CLIP_OPTIONS
 
         names |= {option.name for option in PER_CLIP_OPTIONS}
     assert names == options

@@ -1,0 +1,230 @@
+"""The plan of a batch: the clips that are found, each with the options that apply to it."""
+
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from cageik_cli.cli.batch_config import CONFIG_NAME, ClipTables, is_auxiliary_path
+from cageik_cli.cli.config import list_commands
+from cageik_cli.cli.extract import EXTRACT_OPTIONS, extract_command
+from cageik_cli.cli.options.limits import LIMIT_OPTIONS
+from cageik_cli.util.errors import CageikError, SettingError
+
+if TYPE_CHECKING:
+    from cageik_cli.cli.options.limits import LoadBaseline
+    from cageik_cli.report.limits import Limits
+    from cageik_cli.workflows.batch.discover import DiscoveredClip
+    from cageik_cli.workflows.batch.jobs import ClipJob
+    from cageik_cli.workflows.batch.run import BatchPlan
+    from cageik_cli.workflows.plan import ExtractSettings
+
+BATCH_OPTIONS = (
+    "output",
+    "exports",
+    "overwrite",
+    "resume",
+    "timings",
+    "jobs",
+    "quiet",
+    "config",
+    "verbose",
+)
+"""Options of `extract` that apply to the whole batch, or to no batch."""
+
+PER_CLIP_OPTIONS = [
+    option
+    for option in extract_command.params
+    if isinstance(option, click.Option) and option.name not in BATCH_OPTIONS
+]
+
+
+@dataclass(frozen=True, slots=True)
+class BatchOptions:
+    """The options of the batch itself, as they were typed."""
+
+    folders: tuple[Path, ...]
+    output: Path
+    exclude: tuple[str, ...]
+    resume: bool
+    overwrite: bool
+    pages: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SharedOptions:
+    """The options for all clips, by the names of parameters.
+
+    Attributes
+    ----------
+    command_line : dict
+        They win over the files of options beside clips.
+    config_file : dict
+        From the file of `--config`; files beside clips win over them.
+    """
+
+    command_line: dict[str, Any]
+    config_file: dict[str, Any]
+
+    @staticmethod
+    def from_context(context: click.Context) -> "SharedOptions":
+        """Collect them from what click has parsed; paths become absolute."""
+        names = [str(option.name) for option in PER_CLIP_OPTIONS]
+
+        def collect(source: ParameterSource) -> dict[str, Any]:
+            chosen = [name for name in names if context.get_parameter_source(name) is source]
+            values = {name: context.params[name] for name in chosen}
+            return {
+                name: str(value.absolute()) if isinstance(value, Path) else value
+                for name, value in values.items()
+            }
+
+        return SharedOptions(
+            collect(ParameterSource.COMMANDLINE), collect(ParameterSource.DEFAULT_MAP)
+        )
+
+    def find_auxiliary_files(self) -> set[Path]:
+        """Return the files that the options name and that are no frames."""
+        return {
+            Path(file).resolve()
+            for name, file in (self.config_file | self.command_line).items()
+            if is_auxiliary_path(extract_command, name) and file is not None
+        }
+
+
+def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
+    """Find the clips, and make one job for each.
+
+    Raises
+    ------
+    click.UsageError
+        When one of the folders is where the results would be.
+    InputError
+        When there is no clip, no clip can be started for one and the same reason, or the output
+        folder is in use.
+    """
+    from cageik_cli.report.baseline import read_baseline
+    from cageik_cli.report.overview import ClipEntry
+    from cageik_cli.util.text import to_unicode
+    from cageik_cli.workflows.batch.run import (
+        BatchPlan,
+        check_batch_folder,
+        check_folder_empty,
+    )
+
+    options = replace(options, output=options.output.absolute())
+    if not options.overwrite:
+        (check_batch_folder if options.resume else check_folder_empty)(options.output)
+    tables = ClipTables(extract_command, list_commands(click.get_current_context()), BATCH_OPTIONS)
+    found = _find_clips(options, shared, tables)
+    load_baseline = cache(read_baseline)
+    jobs, rejected = [], []
+    for clip in found:
+        try:
+            collected = tables.collect_options(clip.folder, clip.path)
+            given = replace(shared, config_file=shared.config_file | collected)
+            settings, limits = _make_clip_settings(clip, given, load_baseline)
+            jobs.append(_make_job(clip.name, settings, limits, options))
+        except (click.UsageError, CageikError) as error:
+            rejected.append(ClipEntry(clip.name, fault=to_unicode(_describe_fault(error))))
+    faults = {entry.fault for entry in rejected}
+    if not jobs and len(faults) == 1:
+        raise SettingError(f"none of {len(found)} clips can be started: {faults.pop()}")
+    order = tuple(clip.name for clip in found)
+    return BatchPlan(options.output, tuple(jobs), tuple(rejected), order)
+
+
+def _find_clips(
+    options: BatchOptions, shared: SharedOptions, tables: ClipTables
+) -> list["DiscoveredClip"]:
+    """Find the clips under the folders; files that options name are none."""
+    from cageik_cli.util.outputs import check_no_overlap
+    from cageik_cli.workflows.batch.discover import DiscoveryFilter, discover_clips, walk_folders
+    from cageik_cli.workflows.batch.run import REPORT_FILES
+
+    auxiliary_files = shared.find_auxiliary_files()
+    roots = [_make_absolute(folder) for folder in options.folders]
+    for root in roots:
+        _check_not_results(root, options.output)
+        for folder in walk_folders(root, options.output):
+            auxiliary_files |= tables.find_auxiliary_files(folder)
+    check_no_overlap([options.output / name for name in REPORT_FILES], list(auxiliary_files))
+    return discover_clips(
+        roots, DiscoveryFilter(frozenset(auxiliary_files), options.output, options.exclude)
+    )
+
+
+def _make_job(
+    name: str, settings: "ExtractSettings", limits: "Limits", options: BatchOptions
+) -> "ClipJob":
+    """Make the job of a clip, whose result goes to the folder of the batch.
+
+    Raises
+    ------
+    InputError
+        When another file has the name of the result, and may not be replaced.
+    """
+    from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob
+    from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER, check_is_result
+
+    place = options.output / CLIPS_FOLDER / f"{name}.h5"
+    if not options.overwrite:
+        check_is_result(place)
+    settings = replace(
+        settings,
+        output=place,
+        cache=settings.cache or options.output / WEIGHT_CACHE_FOLDER,
+        resume=options.resume or not options.overwrite,
+        overwrite=options.resume or options.overwrite,
+        jobs=1,
+    )
+    return ClipJob(name, settings, limits, options.pages)
+
+
+def _check_not_results(folder: Path, output: Path) -> None:
+    """Refuse to search for clips where the results go."""
+    from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER
+
+    place, results = folder.resolve(), output.resolve() / CLIPS_FOLDER
+    if place == output.resolve() or results in (place, *place.parents):
+        raise click.UsageError(
+            f"{folder}: is the folder of the results; choose another one with -o"
+        )
+
+
+def _make_absolute(folder: Path) -> Path:
+    """Make a path absolute, so that its parents are the folders above it."""
+    return folder.resolve() if ".." in folder.parts else folder.absolute()
+
+
+def _make_clip_settings(
+    clip: "DiscoveredClip",
+    options: SharedOptions,
+    load_baseline: "LoadBaseline",
+) -> tuple["ExtractSettings", "Limits"]:
+    """Make the settings and limits that `cageik extract` would make of the same options."""
+    given = options.config_file | options.command_line
+    if given.get("cage") is None and given.get("binding") is None:
+        raise click.UsageError(
+            f"no cage is given for it; add --cage, or name one in a {CONFIG_NAME} in its folder "
+            "or above"
+        )
+    parent = click.get_current_context().parent
+    with extract_command.make_context(
+        "extract", list(clip.frames), parent=parent, default_map=given
+    ) as context:
+        for name in options.command_line:
+            context.set_parameter_source(name, ParameterSource.COMMANDLINE)
+        limits = LIMIT_OPTIONS.make_record(context.params).load(load_baseline)
+        return EXTRACT_OPTIONS.make_record(context.params), limits.match_by_name()
+
+
+def _describe_fault(error: click.UsageError | CageikError) -> str:
+    """Say why a clip cannot be started; values of the command line were checked before."""
+    if isinstance(error, click.BadParameter) and error.param is not None:
+        option = max(error.param.opts, key=len)
+        return f"{option} of a {CONFIG_NAME} in its folder or above: {error.message.rstrip('.')}"
+    return error.message if isinstance(error, click.UsageError) else str(error)

@@ -1,0 +1,202 @@
+"""Extract the cages of a clip into arrays, without files."""
+
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cageik_cli.coordinates.binding import Binding, reconstruct
+from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.geometry.mesh import validate_positions
+from cageik_cli.solver.blocks import MemoryPlan
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, normalize_weights
+from cageik_cli.solver.metrics import METRIC_NAMES, FrameMetrics, check_finite, measure
+from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.util.arrays import Floats, Workspace
+from cageik_cli.util.errors import ConnectivityError
+from cageik_cli.util.threads import count_processors, limit_blas_threads
+
+ReportProgress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CageAnimation:
+    """The cages of a clip, and how well they reproduce it.
+
+    Attributes
+    ----------
+    binding : Binding
+    cages : (F, n, 3) float64
+        The cage of each frame.
+    metrics : FrameMetrics
+        `rms`, `max_deviation`, `worst_vertex` and volumes of each frame, arrays (F,), in the units
+        of the clip.
+
+    Examples
+    --------
+    >>> from cageik_cli import bind, extract, load_clip, load_mesh
+    >>> clip = load_clip("data_fixtures/walker/frames", selection=slice(0, 4))
+    >>> binding = bind(clip.first, load_mesh("data_fixtures/walker/cage.obj"), accuracy="preview")
+    >>> animation = extract(clip, binding)
+    >>> len(animation), animation.cages.shape
+    (4, (4, 80, 3))
+    >>> error = animation.reconstruct(3) - clip.read_frame(3)
+    >>> bool(abs((error**2).sum(axis=1).mean() ** 0.5 - animation.rms[3]) < 1e-12)
+    True
+    """
+
+    binding: Binding
+    cages: Floats
+    metrics: FrameMetrics
+
+    def __len__(self) -> int:
+        return len(self.cages)
+
+    def __repr__(self) -> str:
+        return (
+            f"<CageAnimation: {len(self)} cages of {self.cages.shape[1]} vertices, "
+            f"rms {self.rms_percent:.4f} % of the diagonal>"
+        )
+
+    @property
+    def rms(self) -> Floats:
+        """RMS distance of the reconstruction from each frame, (F,), in the units of the clip."""
+        return self.metrics.rms
+
+    @property
+    def rms_percent(self) -> float:
+        """RMS distance over the clip, in percent of the diagonal of the rest pose."""
+        return float(100 * np.sqrt(np.mean(self.rms**2)) / self.binding.rest.diagonal)
+
+    @property
+    def max_deviation(self) -> Floats:
+        """Largest distance of a vertex in each frame, (F,), in the units of the clip."""
+        return self.metrics.max_deviation
+
+    def reconstruct(self, frame: int) -> Floats:
+        """Return the mesh that the cage of a frame gives, (m, 3)."""
+        return np.asarray(reconstruct(self.binding.weights, self.cages[frame][None])[0])
+
+
+def extract(
+    clip: MeshSequence | ArrayLike,
+    binding: Binding,
+    *,
+    alpha: float = SolveSettings().alpha,
+    beta: float = SolveSettings().beta,
+    align: bool = True,
+    vertex_weights: ArrayLike | None = None,
+    memory: int = 1 << 30,
+    jobs: int | None = None,
+    progress: ReportProgress | None = None,
+) -> CageAnimation:
+    """Extract the cage of every frame into arrays.
+
+    The weights, all cages (24 n bytes per frame) and the figures are held in memory. The frames of
+    a clip are not: they are read in blocks. To write a result file, which `cageik report` and the
+    other commands read, use `extract_to_file`.
+
+    Parameters
+    ----------
+    clip : MeshSequence, or (F, m, 3) array
+        Frames with the vertices of `binding.rest`, in the same order.
+    binding : Binding
+    alpha, beta : float
+        Weights of the cage's Laplacian (higher is smoother) and of the vertices.
+    align : bool
+        Align each frame rigidly with the rest pose before the solve.
+    vertex_weights : (m,), optional
+        Weights of the vertices; 0 marks missing data.
+    memory : int
+        Limit in bytes for the weights and the frames in memory, not for the cages.
+    jobs : int, optional
+        Threads that read frames; as many as there are processors by default.
+    progress : callable, optional
+        Called with the number of frames done and the number of all frames.
+
+    Raises
+    ------
+    CageikError
+        When a frame cannot be read or does not fit the binding, or the solve fails.
+
+    Examples
+    --------
+    >>> from cageik_cli import bind, extract, load_clip, load_mesh
+    >>> clip = load_clip("data_fixtures/walker/frames")
+    >>> cage = load_mesh("data_fixtures/walker/cage.obj")
+    >>> animation = extract(clip, bind(clip.first, cage))
+    >>> animation.cages.shape
+    (48, 80, 3)
+    >>> round(animation.rms_percent, 2)
+    0.25
+
+    Frames may be an array:
+
+    >>> import numpy as np
+    >>> frames = np.stack([clip.read_frame(0), clip.read_frame(1)])
+    >>> extract(frames, animation.binding).cages.shape
+    (2, 80, 3)
+    """
+    jobs, count = jobs or count_processors(), len(binding.rest.vertices)
+    frames, weights = _Frames(clip, count), None
+    if vertex_weights is not None:
+        weights = normalize_weights(np.asarray(vertex_weights, np.float64), count)
+    plan = MemoryPlan.fit(memory, binding, jobs)
+    cages: list[Floats] = []
+    metrics: list[FrameMetrics] = []
+    done, workspace = 0, Workspace()
+    with limit_blas_threads(1), closing(frames.blocks(plan.block_size, jobs)) as blocks:
+        solver = DualLaplacianSolver(binding, SolveSettings(alpha, beta, align), weights)
+        for block in blocks:
+            solution = solver.solve(block, workspace)
+            rebuilt, counted = solution.reconstructions, solver.data_vertices
+            measured = measure(binding.rest, block, rebuilt, counted, workspace).metrics
+            check_finite(done, solution.cages, measured)
+            cages.append(solution.cages)
+            metrics.append(measured)
+            done += len(block)
+            if progress is not None:
+                progress(done, len(frames))
+    return CageAnimation(binding, np.concatenate(cages), _join_metrics(metrics))
+
+
+def _join_metrics(parts: Sequence[FrameMetrics]) -> FrameMetrics:
+    """Return the metrics of consecutive blocks as those of all their frames."""
+    columns = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in METRIC_NAMES
+    }
+    return FrameMetrics(**columns)
+
+
+class _Frames:
+    """The frames of a clip or of an array, in blocks of positions (k, m, 3)."""
+
+    def __init__(self, clip: MeshSequence | ArrayLike, count: int) -> None:
+        if isinstance(clip, MeshSequence):
+            self._clip: MeshSequence | Floats = clip
+            found = clip.first.vertices.shape
+        else:
+            self._clip = np.asarray(clip, np.float64)
+            found = self._clip.shape[1:]
+        if found != (count, 3) or not len(self._clip):
+            raise ConnectivityError(
+                f"frames have shape {('F', *found)}, expected (F, {count}, 3) as the binding has "
+                f"{count} vertices; bind the rest pose of this clip"
+            )
+
+    def __len__(self) -> int:
+        return len(self._clip)
+
+    def blocks(self, size: int, jobs: int) -> Generator[Floats]:
+        """Return the positions of all frames, at most `size` in a block."""
+        clip = self._clip
+        if isinstance(clip, MeshSequence):
+            with closing(clip.blocks(size, jobs)) as blocks:
+                for block in blocks:
+                    block.raise_read_errors()
+                    yield block.positions
+            return
+        for start in range(0, len(clip), size):
+            yield np.stack([validate_positions(frame) for frame in clip[start : start + size]])
