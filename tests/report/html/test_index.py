@@ -15,7 +15,7 @@ from tests.report.clips import make_500_clips
 from tests.report.hostile import NAMES, with_hostile_names
 from tests.report.markup import find_faults, parse_page
 
-FAULT = "frame_3.obj: line 7: `v 0.5` has 1 coordinates, expected 3; export it again"
+FAULT = "frame_3.obj: line 7: `v 0.5` has 1 coordinate, expected 3; export it again"
 
 
 @pytest.fixture
