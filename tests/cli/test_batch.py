@@ -390,6 +390,7 @@ def test_what_is_done_stays_when_a_batch_is_stopped(run_process, long, sent):
     assert not log.exists()
 
 
+@pytest.mark.slow
 def test_files_of_options_above_are_those_above_on_disk(run, anim, here, monkeypatch):
     Path("beside").mkdir()
     Path("beside/cageik.toml").write_text("[extract]\nnonsense = 1\n")
@@ -426,6 +427,7 @@ def test_options_that_contradict_a_binding_are_refused_as_extract_does(run, anim
     assert "b.h5 was made with harmonic" in outcome.err
 
 
+@pytest.mark.slow
 def test_pages_have_pictures_once_there_are_weights(run, anim, here):
     pages = ("batch", "anim", "-o", "out", "--exclude", "[rf]*")
     run(*pages, "--no-weights")
@@ -438,6 +440,7 @@ def test_pages_have_pictures_once_there_are_weights(run, anim, here):
     assert page.read_bytes() == bare
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="names are Unicode there")
 def test_names_of_any_bytes_are_told_where_a_clip_is_refused(run, anim, here):
     place = os.fsdecode(b"an\xffim")

@@ -122,6 +122,7 @@ def test_an_input_error_is_traced_too(run, folder):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("room", "kept"), [(500, False), (20_000, True)])
 def test_a_full_disk_leaves_the_old_result(run_process, fixtures_folder, tmp_path, room, kept):
     """A limit on the size of a file stands for the end of the disk."""
@@ -206,6 +207,7 @@ def test_a_closed_stream_changes_no_exit_code(run_process, folder, stream):
         assert "Traceback" not in outcome.out + outcome.err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="the shell's pipes")
 @pytest.mark.parametrize(
     "words", [["report"], ["report", "--json", "-"], ["report", "--csv", "-"], ["info", "cages.h5"]]

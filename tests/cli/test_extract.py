@@ -162,6 +162,7 @@ def test_verbose_says_what_was_read_and_asked(run, folder):
     assert json.loads(said["sources"])["cage"]["name"] == "cage.obj"
 
 
+@pytest.mark.slow
 def test_a_terminal_sees_a_bar_for_each_stage(folder):
     code, drawn = on_a_terminal(*TYPED)
     assert code == 0
@@ -232,6 +233,7 @@ def test_a_cache_that_cannot_be_used_fails_nothing(run, folder):
     assert Path("cages.h5").exists()
 
 
+@pytest.mark.slow
 def test_a_disk_with_room_for_the_result_alone(run_process, folder, cache, animation):
     """A limit on the size of a file stands for the end of the disk."""
     resource = pytest.importorskip("resource")

@@ -373,6 +373,7 @@ def test_hard_handles_that_cannot_be_met_are_refused_by_name(run, handles):
     assert run(*REST).code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "used"), [((), []), (("--plot", "p.png"), ["matplotlib"])], ids=["bare", "plot"]
 )
@@ -387,6 +388,7 @@ def test_only_pictures_need_the_library_that_draws(run_process, handles, words, 
     assert outcome.out == f"{used}\n"
 
 
+@pytest.mark.slow
 def test_the_picture_is_of_the_frame_that_was_moved_most(run, handles, clip):
     from PIL import Image
 

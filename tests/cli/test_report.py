@@ -106,6 +106,7 @@ def test_a_plot_keeps_away_from_other_files(run, results):
     assert not Path("f.svg").exists()
 
 
+@pytest.mark.slow
 def test_only_pictures_need_the_libraries_that_draw(run_process, results):
     for command in ("extract", "report"):
         code = (
@@ -127,6 +128,7 @@ def test_the_remedy_is_one_that_report_has(run, results):
     assert " -o" not in run("report", "--json", "there").err
 
 
+@pytest.mark.slow
 def test_the_page_is_that_of_the_record(run, results):
     outcome = run("report", "--html", "page.html", "-q")
     assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
@@ -166,6 +168,7 @@ def test_a_page_is_not_written_over_its_result(run, results):
     assert "cages.h5: is read or written by this command already" in outcome.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "used"),
     [

@@ -85,6 +85,7 @@ def mean_row_distance(weights, exact):
     return np.abs(weights - exact).sum(axis=1).mean()
 
 
+@pytest.mark.slow
 def test_weights_converge_as_panels_are_divided():
     """Halved panels gain more than the first order that the edges' singularities leave."""
     points = inside(concave(), 60, margin=0.03)
@@ -95,6 +96,7 @@ def test_weights_converge_as_panels_are_divided():
     assert errors[-1] < 4e-3
 
 
+@pytest.mark.slow
 def test_weights_converge_as_the_degree_is_raised():
     """About geometrically: every degree takes a share of the error."""
     points = inside(ball(1, 1.0), 60, margin=0.03)

@@ -23,6 +23,7 @@ def have_area(vertices, faces):
     return (np.cross(b - a, c - a) != 0).any(axis=2).all(axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("faces", SHARING.values(), ids=SHARING)
 @pytest.mark.parametrize("size", [2, 3, 4])
 def test_pairs_on_a_grid_are_judged_as_rational_arithmetic_does(faces, size):

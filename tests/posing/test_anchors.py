@@ -190,6 +190,7 @@ MESHES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES)
 @pytest.mark.parametrize("see", [distant_camera, parallel_camera])
 def test_picking_agrees_with_the_ray_caster_of_trimesh(mesh, see):

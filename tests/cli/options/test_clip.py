@@ -52,6 +52,7 @@ WORDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", WORDS.values(), ids=WORDS)
 def test_every_kind_gives_the_cages_of_the_frames(run, clips, words):
     _, expected = extracted(run, "frames")
@@ -60,6 +61,7 @@ def test_every_kind_gives_the_cages_of_the_frames(run, clips, words):
     np.testing.assert_allclose(cages, expected, rtol=0, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("typed", "numbers"),
     [

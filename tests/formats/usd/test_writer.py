@@ -122,6 +122,7 @@ except InputError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", USD_SUFFIXES)
 def test_a_full_disk_is_a_sentence(tmp_path, run_process, suffix):
     path = tmp_path / f"clip{suffix}"

@@ -21,6 +21,8 @@ from cageik_cli.report.plots.error_plot import (
 from cageik_cli.report.record import build_report
 from tests.report.drawings import lines, texts
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def report(closed):

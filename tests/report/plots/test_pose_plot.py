@@ -28,6 +28,8 @@ from tests.report.hostile import NAMES
 from tests.report.odd_poses import FACTORS
 from tests.shapes import ball, box
 
+pytestmark = pytest.mark.slow
+
 PIXELS = 240
 RIGHT, UP, NEARER = view_axes("Y", VIEW_TURN)
 

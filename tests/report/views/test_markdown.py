@@ -90,6 +90,7 @@ def test_names_of_frames_are_rendered_as_they_are():
         assert table_cells(format_markdown(build_overview([entry])))[0][4] == seen(name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["clip_", "ü|<>" * 60, "\U0001f600" * 290], ids=range(3))
 def test_any_number_of_clips_fits(name):
     """Failed clips and those over a limit come first; clips without room are counted."""

@@ -21,6 +21,7 @@ print(max(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] 
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="others are told nothing")
 def test_memory_is_kept_and_the_linear_algebra_has_one_thread(run_process, monkeypatch):
     monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")  # as Dask does
