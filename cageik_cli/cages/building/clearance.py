@@ -8,9 +8,6 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import nearest_on_surface
 from cageik_cli.util.arrays import Floats
 
-FINEST = 0.02
-"""Pieces of faces this small, in clearances, are no longer divided."""
-
 MOST_PIECES = 400_000
 """Pieces of faces looked at in one round, at most."""
 
@@ -32,11 +29,14 @@ class Nearness:
     points: Floats
 
 
-def find_near_points(surface: TriMesh, cage: TriMesh, clearance: float) -> Nearness:
+def find_near_points(
+    surface: TriMesh, cage: TriMesh, clearance: float, finest: float
+) -> Nearness:
     """Find where a surface is nearer to the cage than `clearance`.
 
     A distance changes by no more than the way: a piece of a face whose centroid is further away
-    than clearance and radius together is done with, the others are cut in four.
+    than clearance and radius together is done with, the others are cut in four, until their radius
+    is `finest` clearances.
     """
     pieces = surface.vertices[surface.faces]
     lowest, found = clearance, [np.empty((0, 3))]
@@ -45,7 +45,7 @@ def find_near_points(surface: TriMesh, cage: TriMesh, clearance: float) -> Nearn
         radius = np.linalg.norm(pieces - middle[:, None], axis=2).max(axis=1)
         distance = nearest_on_surface(cage, middle).distance
         bound = distance - radius
-        is_near, is_small = distance < clearance, radius < FINEST * clearance
+        is_near, is_small = distance < clearance, radius < finest * clearance
         found.append(middle[is_near])
         divided = ~is_near & ~is_small & (bound < clearance)
         if 4 * np.count_nonzero(divided) > MOST_PIECES:

@@ -5,7 +5,13 @@ import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 
-COARSE_ENOUGH = 1500
+STEP = 0.6
+"""Share of the vertices that a stage leaves."""
+
+FIRST_STAGE = 4.0
+"""How many times the vertices asked for the first stage has, at least."""
+
+UNTESTED = 1500
 """Vertices down to which collapses need no test: a fine shell hardly tangles, and tests are slow."""
 
 
@@ -14,13 +20,20 @@ def euler_characteristic(mesh: TriMesh) -> int:
     return len(mesh.vertices) - len(mesh.edges.ends) + len(mesh.faces)
 
 
-def decimate(shell: TriMesh, count: int) -> TriMesh | None:
-    """The shell with `count` vertices, or one more; None when it cannot be had."""
-    middle = max(COARSE_ENOUGH, 3 * count)
+def stages(count: int) -> list[int]:
+    """Vertex counts of the stages from a fine shell down to `count`."""
+    counts = [float(count)]
+    while counts[-1] < FIRST_STAGE * count:
+        counts.append(counts[-1] / STEP)
+    return [int(np.ceil(stage)) for stage in counts[::-1]]
+
+
+def collapse_shell(shell: TriMesh, count: int) -> TriMesh:
+    """The shell with `count` vertices, or more where edges cannot be collapsed."""
+    middle = max(UNTESTED, 2 * count)
     if len(shell.vertices) > 1.5 * middle:
         shell = _collapse(shell, middle, is_tested=False)
-    coarse = _collapse(shell, count, is_tested=True)
-    return coarse if len(coarse.vertices) <= count else None
+    return _collapse(shell, count, is_tested=True)
 
 
 def _collapse(shell: TriMesh, count: int, is_tested: bool) -> TriMesh:

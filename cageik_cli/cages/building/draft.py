@@ -6,7 +6,7 @@ import igl
 import numpy as np
 from scipy.spatial import cKDTree
 
-from cageik_cli.geometry.intersections import self_intersections
+from cageik_cli.cages.building.apart import keep_apart
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
@@ -81,7 +81,7 @@ class Draft:
 
     def angles(self, edit: Edit) -> Floats:
         """Corner angles of the faces that an edit adds, (a, 3), degrees."""
-        return corner_angles(self._patch(edit))
+        return corner_angles(self.patch(edit))
 
     def angles_before(self, edit: Edit) -> Floats:
         """Corner angles of the faces that an edit removes, (r, 3), degrees."""
@@ -128,7 +128,7 @@ class Draft:
         samples = self.near_samples(edit)
         if len(samples) == 0:
             return True
-        patch = self._patch(edit)
+        patch = self.patch(edit)
         if nearest_on_surface(patch, samples).distance.min() < self.clearance:
             return False
         # Old and new faces together bound what an edit sweeps over.
@@ -137,44 +137,49 @@ class Draft:
         return bool((np.abs(change) < 0.5).all())
 
     def missing(self, edit: Edit) -> tuple[Floats, Floats]:
-        """Towards where, and how far, the moved vertex has to go for each contact, (k, 3), (k,)."""
-        patch, samples = self._patch(edit), self.near_samples(edit)
+        """Contacts of the moved vertex: of `offsets`, those of samples that are too near."""
+        directions, lack = self.offsets(edit, self.near_samples(edit))
+        close = lack > 0
+        return directions[close], lack[close]
+
+    def offsets(self, edit: Edit, samples: Floats) -> tuple[Floats, Floats]:
+        """How the moved vertex moves the faces at it against samples, and what they lack.
+
+        Returns
+        -------
+        (k, 3)
+            The outward normal of the nearest face times the vertex's share in the nearest point.
+        (k,)
+            The clearance less the distance, which is negative outside.
+        """
         if len(samples) == 0:
             return np.empty((0, 3)), np.empty(0)
+        patch = self.patch(edit)
         signed, face, nearest, normal = igl.signed_distance(
             samples, patch.vertices, patch.faces, igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
         )
-        close = np.flatnonzero(signed > -self.clearance)
-        corners = patch.faces[face[close]]
-        a, b, c = (np.ascontiguousarray(patch.vertices[corners[:, k]]) for k in range(3))
-        if len(close) == 0:
-            return np.empty((0, 3)), np.empty(0)
-        weights = igl.barycentric_coordinates(nearest[close].copy(), a, b, c).reshape(-1, 3)
-        share = (weights * (corners == edit.vertex)).sum(axis=1)
-        lack = signed[close] + self.clearance
-        return share[:, None] * normal[close], lack
+        triangles = patch.faces[face]
+        a, b, c = (np.ascontiguousarray(patch.vertices[triangles[:, k]]) for k in range(3))
+        weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), a, b, c)
+        moved = np.searchsorted(np.unique(edit.added), edit.vertex)
+        share = (weights.reshape(-1, 3) * (triangles == moved)).sum(axis=1)
+        return share[:, None] * normal, signed + self.clearance
 
-    def _corners(self, edit: Edit) -> Floats:
-        """All places where the edit changes something, (k, 3)."""
-        around = np.unique(np.concatenate([edit.added, self.faces[edit.removed]]))
-        return np.concatenate([self.vertices[around], edit.position[None]])
-
-    def _patch(self, edit: Edit) -> TriMesh:
+    def patch(self, edit: Edit) -> TriMesh:
         """The faces that an edit adds."""
         used, faces = np.unique(edit.added, return_inverse=True)
         vertices = self.vertices[used]
         vertices[used == edit.vertex] = edit.position
         return TriMesh(vertices, faces.reshape(-1, 3))
 
+    def _corners(self, edit: Edit) -> Floats:
+        """All places where the edit changes something, (k, 3)."""
+        around = np.unique(np.concatenate([edit.added, self.faces[edit.removed]]))
+        return np.concatenate([self.vertices[around], edit.position[None]])
+
     def _stays_apart(self, edit: Edit) -> bool:
         """Whether new faces meet no face but at the vertices and edges that they share."""
         vertices = self.vertices.copy()
         vertices[edit.vertex] = edit.position
         rest = np.delete(self.faces, edit.removed, axis=0)
-        corners, added = vertices[rest], vertices[edit.added].reshape(-1, 3)
-        meets = (corners.max(axis=1) >= added.min(axis=0)).all(axis=1)
-        meets &= (corners.min(axis=1) <= added.max(axis=0)).all(axis=1)
-        faces = np.concatenate([edit.added, rest[meets]])
-        used, local = np.unique(faces, return_inverse=True)
-        pairs = self_intersections(TriMesh(vertices[used], local.reshape(-1, 3)))
-        return not (pairs < len(edit.added)).any()
+        return keep_apart(vertices, edit.added, rest)

@@ -1,12 +1,16 @@
 """The edits of a cage: move a vertex, flip an edge, collapse an edge."""
 
 import numpy as np
+from scipy.optimize import nnls
 
 from cageik_cli.cages.building.draft import Draft, Edit
 from cageik_cli.util.arrays import Floats
 
-SETTLING = 4
+SETTLING = 5
 """Steps in which a moved vertex looks for a place that keeps off the samples."""
+
+AHEAD = 0.01
+"""How much further than needed it goes, in clearances: planes change as it moves."""
 
 
 def move_vertex(draft: Draft, vertex: int, position: Floats) -> Edit:
@@ -46,15 +50,31 @@ def collapse_edge(draft: Draft, start: int, stop: int, position: Floats) -> Edit
 
 
 def settle(draft: Draft, edit: Edit) -> Edit:
-    """Move the edit's vertex outward until the samples near it have their clearance."""
+    """Move the edit's vertex as little as gives the samples near it their clearance, if it can.
+
+    Every step solves the problem for the planes of the nearest faces.
+    """
     for _ in range(SETTLING):
         directions, lack = draft.missing(edit)
         if len(lack) == 0:
             break
-        normal = directions.T @ directions + 1e-3 * np.eye(3)
-        step = np.linalg.solve(normal, directions.T @ (1.1 * lack))
+        step = least_move(directions, lack + AHEAD * draft.clearance)
         edit = Edit(edit.removed, edit.added, edit.vertex, edit.position + step)
     return edit
+
+
+def least_move(directions: Floats, lack: Floats) -> Floats:
+    """The shortest x, (3,), with directions @ x ≥ lack; zero if there is none.
+
+    Lawson and Hanson 1974, chapter 23: least distance programming, by its dual.
+    """
+    matrix = np.concatenate([directions.T, lack[None]])
+    target = np.array([0.0, 0, 0, 1])
+    dual, _ = nnls(matrix, target)
+    residual = matrix @ dual - target
+    if not abs(residual[3]) > 1e-9:
+        return np.zeros(3)
+    return np.asarray(-residual[:3] / residual[3])
 
 
 def _opposite(face: Floats, start: int, stop: int) -> int:

@@ -14,6 +14,10 @@ from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
 from cageik_cli.util.arrays import Floats
 
 
+FINEST = 0.02
+"""Radius of the smallest pieces of faces that the clearance is measured on, in clearances."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Demand:
     """What a cage must do.
@@ -75,7 +79,7 @@ def judge(cage: TriMesh, demand: Demand) -> Verdict:
     euler = len(cage.vertices) - len(cage.edges.ends) + len(cage.faces)
     clearance = 0.0
     if not faults:
-        near = find_near_points(demand.surface, cage, demand.clearance)
+        near = find_near_points(demand.surface, cage, demand.clearance, FINEST)
         clearance = near.clearance
         faults += _holding_faults(cage, demand, clearance)
     return Verdict(

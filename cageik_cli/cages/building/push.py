@@ -12,8 +12,14 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 
-ROUNDS = 40
+ROUNDS = 30
 """Pushes, at most."""
+
+PATIENCE = 6
+"""Pushes in which what is missing most must become less, or they end."""
+
+MOST_TANGLED = 60
+"""Pairs of faces that cross, above which a cage is not worth untangling."""
 
 SMOOTHNESS = 0.05
 """Weight of differences between the moves of neighbours, against one point's distance."""
@@ -24,8 +30,11 @@ STIFFNESS = 0.005
 LONGEST_STEP = 1.5
 """How far a vertex moves in one push, at most, over what is missing most."""
 
-MARGIN = 1.03
-"""Pushes aim at this many clearances, so that they come to an end."""
+MARGIN = 1.05
+"""Pushes aim at this many clearances, so that they come to an end,"""
+
+REACHED = 1.03
+"""which is with this many."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,9 +67,13 @@ def push_outward(cage: TriMesh, samples: Floats, clearance: float) -> TriMesh:
     """
     smooth = _smoothness(cage)
     vertices = cage.vertices
+    history: list[float] = []
     for _ in range(ROUNDS):
         contacts = find_contacts(TriMesh(vertices, cage.faces), samples, MARGIN * clearance)
-        if len(contacts.missing) == 0 or contacts.missing.max() < (MARGIN - 1) * clearance:
+        if len(contacts.missing) == 0 or contacts.missing.max() < (MARGIN - REACHED) * clearance:
+            break
+        history.append(float(contacts.missing.max()))
+        if len(history) > PATIENCE and history[-1] > 0.9 * history[-1 - PATIENCE]:
             break
         vertices = vertices + _step(contacts, smooth)
     return TriMesh(vertices, cage.faces)
@@ -114,13 +127,15 @@ def _smoothness(cage: TriMesh) -> sparse.csc_array:
     return sparse.csc_array(sparse.kron(form, sparse.eye_array(3)))
 
 
-def untangle(cage: TriMesh, samples: Floats, clearance: float, rounds: int = 8) -> TriMesh:
+def untangle(cage: TriMesh, samples: Floats, clearance: float, rounds: int = 5) -> TriMesh:
     """Push, and relax what then crosses, in turn, until nothing crosses or the rounds are over."""
     cage = push_outward(cage, samples, clearance)
+    before = MOST_TANGLED + 1
     for _ in range(rounds):
         pairs = self_intersections(cage)
-        if len(pairs) == 0:
+        if len(pairs) == 0 or len(pairs) >= before:
             break
+        before = len(pairs)
         cage = push_outward(_relax(cage, np.unique(cage.faces[pairs])), samples, clearance)
     return cage
 
