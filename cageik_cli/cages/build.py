@@ -41,8 +41,8 @@ FINE_CELL, COARSE_CELL = 0.007, 0.014
 COARSE_OFFSET = 0.016
 """Shells with this offset or more are made on the coarse grid: it is twice a cell's half."""
 
-REACH = 0.13
-"""Distances are exact up to here on the coarse grid, and half of it on the fine one."""
+FINE_REACH, COARSE_REACH = 0.04, 0.13
+"""Distances are exact up to here: offset and closing of every shell, and some cells."""
 
 LADDER = (
     ShellRecipe(0.006, 0.010),
@@ -215,7 +215,7 @@ class _Grids:
         """The grid on which a shell is made."""
         coarse = recipe.offset >= COARSE_OFFSET
         if coarse not in self._grids:
-            cell, reach = (COARSE_CELL, REACH) if coarse else (FINE_CELL, REACH / 2)
+            cell, reach = (COARSE_CELL, COARSE_REACH) if coarse else (FINE_CELL, FINE_REACH)
             self._grids[coarse] = measure_grid(self._unit.surface, cell, reach)
         return self._grids[coarse]
 

@@ -136,12 +136,6 @@ class Draft:
         change = winding_numbers(patch, samples) - winding_numbers(before, samples)
         return bool((np.abs(change) < 0.5).all())
 
-    def missing(self, edit: Edit) -> tuple[Floats, Floats]:
-        """Contacts of the moved vertex: of `offsets`, those of samples that are too near."""
-        directions, lack = self.offsets(edit, self.near_samples(edit))
-        close = lack > 0
-        return directions[close], lack[close]
-
     def offsets(self, edit: Edit, samples: Floats) -> tuple[Floats, Floats]:
         """How the moved vertex moves the faces at it against samples, and what they lack.
 

@@ -54,11 +54,13 @@ def settle(draft: Draft, edit: Edit) -> Edit:
 
     Every step solves the problem for the planes of the nearest faces.
     """
+    samples = draft.near_samples(edit)
     for _ in range(SETTLING):
-        directions, lack = draft.missing(edit)
-        if len(lack) == 0:
+        directions, lack = draft.offsets(edit, samples)
+        short = lack > 0
+        if not short.any():
             break
-        step = least_move(directions, lack + AHEAD * draft.clearance)
+        step = least_move(directions[short], lack[short] + AHEAD * draft.clearance)
         edit = Edit(edit.removed, edit.added, edit.vertex, edit.position + step)
     return edit
 

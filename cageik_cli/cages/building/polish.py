@@ -71,6 +71,36 @@ def tighten(draft: Draft, samples: Floats) -> int:
     )
 
 
+def refill(draft: Draft, count: int) -> None:
+    """Split edges until the draft has `count` vertices, the longest whose faces stay well shaped.
+
+    A new vertex lies on the cage: the surface stays what it is.
+    """
+    while draft.count < count:
+        ends = TriMesh(draft.vertices, draft.faces).edges.ends
+        length = np.linalg.norm(draft.vertices[ends[:, 0]] - draft.vertices[ends[:, 1]], axis=1)
+        valence = _valences(draft)
+        for start, stop in ends[np.argsort(-length, kind="stable")]:
+            if _splits_well(draft, int(start), int(stop), valence):
+                draft.split(int(start), int(stop))
+                break
+        else:
+            return
+
+
+def _splits_well(draft: Draft, start: int, stop: int, valence: Integers) -> bool:
+    """Whether halves of the faces at an edge keep their angles, and the others their valence."""
+    at = draft.faces_at(start)
+    corners = draft.faces[at[(draft.faces[at] == stop).any(axis=1)]]
+    across = corners[(corners != start) & (corners != stop)]
+    if valence[across].max() >= LARGEST_VALENCE:
+        return False
+    middle = draft.vertices[[start, stop]].mean(axis=0)
+    points = np.concatenate([draft.vertices, middle[None]])
+    halves = [[end, len(draft.vertices), tip] for tip in across for end in (start, stop)]
+    return bool(corner_angles(TriMesh(points, np.array(halves))).min() >= GOAL)
+
+
 def _pull(draft: Draft, vertex: int, beside: Floats) -> bool:
     """Move a vertex so that the faces at it fit the samples beside them better."""
     if len(beside) == 0:

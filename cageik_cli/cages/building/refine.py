@@ -6,8 +6,9 @@ from cageik_cli.cages.building.clearance import find_near_points
 from cageik_cli.cages.building.decimate import collapse_shell, stages
 from cageik_cli.cages.building.draft import Draft
 from cageik_cli.cages.building.judge import Demand
-from cageik_cli.cages.building.polish import lower_valences, mend_angles, tighten
+from cageik_cli.cages.building.polish import lower_valences, mend_angles, refill, tighten
 from cageik_cli.cages.building.push import push_outward, untangle
+from cageik_cli.cages.building.unit import thin_points
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 
@@ -23,9 +24,6 @@ COMPLETIONS = 4
 FINEST = 0.2
 """Radius of the pieces of faces that are looked at, in clearances: in such a piece the distance
 from an edge of the cage varies by a fiftieth of a clearance."""
-
-MOST_POINTS = 4000
-"""Points that are added in one of them, at most."""
 
 
 def refine_shell(shell: TriMesh, demand: Demand) -> TriMesh:
@@ -47,8 +45,9 @@ def finish(cage: TriMesh, demand: Demand) -> TriMesh:
     for _ in range(POLISHES):
         mend_angles(draft, demand.fewest)
         lower_valences(draft)
+        refill(draft, demand.most)
         tighten(draft, samples)
-    mend_angles(draft, demand.fewest)
+    mend_angles(draft, draft.count)
     return complete_clearance(draft.to_mesh(), demand, samples, rounds=COMPLETIONS)[0]
 
 
@@ -68,7 +67,7 @@ def complete_clearance(
         near = find_near_points(demand.surface, cage, AIM * demand.clearance, FINEST).points
         if len(near) == 0:
             break
-        near = near[:: 1 + len(near) // MOST_POINTS]
+        near = thin_points(near, demand.clearance)
         samples = np.concatenate([samples, near])
         cage = push_outward(cage, samples, demand.clearance)
     return cage, samples

@@ -9,8 +9,8 @@ from cageik_cli.geometry.shape import is_flat
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import InputError
 
-SPACING = 0.015
-"""Distance of surface points on faces that are larger than it, in diagonals."""
+SPACING = 0.01
+"""Distance of surface points, in diagonals."""
 
 MOST_SAMPLES = 150_000
 """Surface points are spaced further apart when there would be more."""
@@ -28,7 +28,7 @@ class UnitModel:
     surface : TriMesh
         Its faces, those without area made `SLIVER` wide. A vertex in no face has one of its own.
     samples : (s, 3) float64
-        Its vertices, and points at most `SPACING` apart on its faces.
+        Points of it, about `SPACING` apart.
     centre : (3,) float64
         Where the origin was, file units.
     scale : float
@@ -58,7 +58,8 @@ def normalize_model(model: TriMesh) -> UnitModel:
     low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
     centre = low + (high - low) / 2
     surface = _widen_slivers(TriMesh((model.vertices - centre) / model.diagonal, model.faces))
-    return UnitModel(surface, sample_surface(surface), centre, model.diagonal)
+    samples = thin_points(sample_surface(surface), SPACING)
+    return UnitModel(surface, samples, centre, model.diagonal)
 
 
 def sample_surface(surface: TriMesh) -> Floats:
@@ -73,6 +74,13 @@ def sample_surface(surface: TriMesh) -> Floats:
     for count in np.unique(parts[parts > 1]):
         points.append(_grid_points(corners[parts == count], int(count)))
     return np.concatenate(points)
+
+
+def thin_points(points: Floats, cell: float) -> Floats:
+    """The first of the points in each cell of a grid, in their order."""
+    cells = np.floor(points / cell).astype(np.int64)
+    first = np.unique(cells, axis=0, return_index=True)[1]
+    return points[np.sort(first)]
 
 
 def _grid_points(corners: Floats, parts: int) -> Floats:
