@@ -22,7 +22,7 @@ class Nearness:
         No point of the surface is nearer, units of the positions. Distances above the one asked
         for are not told apart.
     points : (k, 3) float64
-        Points of the surface that are nearer than asked for.
+        Points of the surface that are nearer than asked for, the nearest first.
     """
 
     clearance: float
@@ -39,7 +39,9 @@ def find_near_points(
     is `finest` clearances.
     """
     pieces = surface.vertices[surface.faces]
-    lowest, found = clearance, [np.empty((0, 3))]
+    distance = nearest_on_surface(cage, surface.vertices).distance
+    lowest = min(clearance, float(distance.min()))
+    found, depths = [surface.vertices[distance < clearance]], [distance[distance < clearance]]
     while len(pieces):
         middle = pieces.mean(axis=1)
         radius = np.linalg.norm(pieces - middle[:, None], axis=2).max(axis=1)
@@ -47,13 +49,15 @@ def find_near_points(
         bound = distance - radius
         is_near, is_small = distance < clearance, radius < finest * clearance
         found.append(middle[is_near])
+        depths.append(distance[is_near])
         divided = ~is_near & ~is_small & (bound < clearance)
         if 4 * np.count_nonzero(divided) > MOST_PIECES:
             divided[:] = False
         pieces = _quartered(pieces[divided])
         sure = np.where(is_near, distance, bound)[~divided]
         lowest = min(lowest, float(sure.min(initial=clearance)))
-    return Nearness(lowest, np.concatenate(found))
+    order = np.argsort(np.concatenate(depths), kind="stable")
+    return Nearness(lowest, np.concatenate(found)[order])
 
 
 def _quartered(pieces: Floats) -> Floats:

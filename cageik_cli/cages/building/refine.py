@@ -18,7 +18,7 @@ AIM = 1.03
 POLISHES = 2
 """Rounds of edits."""
 
-COMPLETIONS = 4
+COMPLETIONS = 6
 """Rounds in which points that are too near are found and pushed off."""
 
 FINEST = 0.2
@@ -67,7 +67,7 @@ def complete_clearance(
         near = find_near_points(demand.surface, cage, AIM * demand.clearance, FINEST).points
         if len(near) == 0:
             break
-        near = thin_points(near, demand.clearance)
+        near = thin_points(near, 0.5 * demand.clearance)
         samples = np.concatenate([samples, near])
         cage = push_outward(cage, samples, demand.clearance)
     return cage, samples
