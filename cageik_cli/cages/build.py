@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cageik_cli.cages.building.carry import Poses, choose_poses
 from cageik_cli.cages.building.decimate import euler_characteristic
 from cageik_cli.cages.building.distance_grid import DistanceGrid, measure_grid
-from cageik_cli.cages.building.hull import wrap_convex
+from cageik_cli.cages.building.egg import DRAWS, wrap_ellipsoid
 from cageik_cli.cages.building.judge import Demand, Verdict, judge
-from cageik_cli.cages.building.refine import refine_shell
+from cageik_cli.cages.building.refine import COMPLETIONS, complete_clearance, refine_shell
 from cageik_cli.cages.building.shell import Shell, ShellRecipe, make_shell
 from cageik_cli.cages.building.unit import UnitModel, normalize_model
 from cageik_cli.coordinates.weights import no_progress
@@ -31,6 +32,9 @@ GOOD_ANGLE = 10.0
 
 HANDLE_COST = 0.1
 """How much a handle costs, over the looseness."""
+
+POSED_RUNGS = 6
+"""Rungs of the ladder that are tried for an animation."""
 
 ENOUGH = 2
 """Valid candidates after which the ladder ends when none is measured."""
@@ -131,13 +135,26 @@ class BuiltCage:
     notes: tuple[str, ...]
 
 
-Measure = Callable[[TriMesh], float]
+@dataclass(frozen=True, slots=True, eq=False)
+class Clip:
+    """What a cage is built for.
+
+    Attributes
+    ----------
+    frames : (k, m, 3) float64
+        Poses of the model's vertices, file units; rigid motions between them do not matter.
+    measure : callable
+        The error of a cage on the animation, the less the better.
+    """
+
+    frames: Floats
+    measure: Callable[[TriMesh], float]
 
 
 def build_cage(
     model: TriMesh,
     settings: BuildSettings | None = None,
-    measure: Measure | None = None,
+    clip: Clip | None = None,
     progress: Callable[[int, int], None] = no_progress,
 ) -> BuiltCage:
     """Build the best cage of a ladder of candidates.
@@ -147,9 +164,10 @@ def build_cage(
     model : TriMesh
         Any triangles: open, in pieces, crossing themselves, without area.
     settings : BuildSettings, optional
-    measure : callable, optional
-        The error of a cage on an animation. All rungs are then tried, and the least error wins;
-        without it the tightest of the first few valid ones does.
+    clip : Clip, optional
+        An animation of the model that the cage is for: all rungs are then tried, without and with
+        its poses, and the least error wins. Without it the tightest of the first few valid ones
+        does.
     progress : callable
         Told (candidates done, candidates) after every one.
 
@@ -161,21 +179,18 @@ def build_cage(
         When no cage passes, which no model is known to bring about.
     """
     settings = settings or BuildSettings()
-    unit = normalize_model(model)
-    demand = _demand(unit, settings)
-    grids = _Grids(unit)
+    job = _Job.start(model, settings, clip)
     tried: list[Candidate] = []
-    for rung, recipe in enumerate(LADDER):
-        candidate = _try_shell(unit, demand, recipe, grids)
+    for step, (recipe, poses) in enumerate(job.ladder):
+        candidate = job.try_shell(recipe, poses)
         if candidate is not None:
-            tried.append(_measured(candidate, measure))
-        progress(rung + 1, len(LADDER) + 1)
-        valid = [known for known in tried if known.verdict.is_valid]
-        if measure is None and len(valid) >= ENOUGH:
+            tried.append(job.measured(candidate))
+        progress(step + 1, len(job.ladder) + 1)
+        if clip is None and sum(known.verdict.is_valid for known in tried) >= ENOUGH:
             break
     if not any(known.verdict.is_valid for known in tried):
-        tried.append(_measured(_try_hull(unit, demand), measure))
-    progress(len(LADDER) + 1, len(LADDER) + 1)
+        tried += [job.measured(loose) for loose in job.try_ellipsoids()]
+    progress(len(job.ladder) + 1, len(job.ladder) + 1)
     return choose_best(tried)
 
 
@@ -204,63 +219,77 @@ def rank(candidate: Candidate) -> float:
     return verdict.looseness * (1 + poor + HANDLE_COST * verdict.genus)
 
 
-class _Grids:
-    """The distance grids of a model, measured when they are first needed."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Job:
+    """What all candidates of a model share."""
 
-    def __init__(self, unit: UnitModel) -> None:
-        self._unit = unit
-        self._grids: dict[bool, DistanceGrid] = {}
+    unit: UnitModel
+    demand: Demand
+    ladder: tuple[tuple[ShellRecipe, Poses], ...]
+    clip: Clip | None
+    grids: dict[float, DistanceGrid]
 
-    def grid_for(self, recipe: ShellRecipe) -> DistanceGrid:
-        """The grid on which a shell is made."""
-        coarse = recipe.offset >= COARSE_OFFSET
-        if coarse not in self._grids:
-            cell, reach = (COARSE_CELL, COARSE_REACH) if coarse else (FINE_CELL, FINE_REACH)
-            self._grids[coarse] = measure_grid(self._unit.surface, cell, reach)
-        return self._grids[coarse]
+    @staticmethod
+    def start(model: TriMesh, settings: BuildSettings, clip: Clip | None) -> "_Job":
+        """Prepare a model."""
+        unit = normalize_model(model)
+        fewest = int(np.ceil(FEWEST_SHARE * settings.vertices))
+        still = Poses.none()
+        ladder = tuple((recipe, still) for recipe in LADDER)
+        if clip is not None:
+            rest, frames = (unit.to_units(points) for points in (model.vertices, clip.frames))
+            poses = choose_poses(rest, frames)
+            ladder = tuple((recipe, p) for recipe in LADDER[:POSED_RUNGS] for p in (poses, still))
+        demand = Demand(
+            unit.surface, unit.samples, settings.clearance, fewest, settings.vertices
+        )
+        return _Job(unit, demand, ladder, clip, {})
 
+    def try_shell(self, recipe: ShellRecipe, poses: Poses) -> Candidate | None:
+        """A candidate from a shell, None where the shell cannot be had."""
+        shell = make_shell(self._grid_for(recipe), recipe)
+        if shell is None:
+            return None
+        cage = refine_shell(shell.surface, self.demand, poses)
+        name = f"shell {100 * recipe.offset:.2g} % closed by {100 * recipe.closing:.2g} %"
+        if len(poses.posed):
+            name += f", {len(poses.posed)} poses"
+        return self._judged(name, cage, _shell_notes(shell, self.unit))
 
-def _demand(unit: UnitModel, settings: BuildSettings) -> Demand:
-    fewest = int(np.ceil(FEWEST_SHARE * settings.vertices))
-    return Demand(unit.surface, unit.samples, settings.clearance, fewest, settings.vertices)
+    def try_ellipsoids(self) -> list[Candidate]:
+        """Loose candidates: an ellipsoid drawn in, and where that fails, as it is."""
+        notes = (
+            "no cage that follows the model passed the tests; this is an ellipsoid drawn in, which "
+            "expresses less: more vertices or a smaller clearance may help",
+        )
+        tried: list[Candidate] = []
+        for name, draws in (("ellipsoid drawn in", DRAWS), ("ellipsoid", 0)):
+            cage = wrap_ellipsoid(self.demand, draws)
+            cage, _ = complete_clearance(cage, self.demand, self.demand.samples, COMPLETIONS)
+            tried.append(self._judged(name, cage, notes))
+            if tried[-1].verdict.is_valid:
+                break
+        return tried
 
+    def measured(self, candidate: Candidate) -> Candidate:
+        """The candidate with its error, if it is valid and there is a clip."""
+        if self.clip is None or not candidate.verdict.is_valid:
+            return candidate
+        return replace(candidate, error=float(self.clip.measure(candidate.cage)))
 
-def _try_shell(
-    unit: UnitModel, demand: Demand, recipe: ShellRecipe, grids: _Grids
-) -> Candidate | None:
-    """A candidate from a shell, None where the shell cannot be had."""
-    shell = make_shell(grids.grid_for(recipe), recipe)
-    if shell is None:
-        return None
-    cage = refine_shell(shell.surface, demand)
-    name = f"shell {100 * recipe.offset:.2g} % closed by {100 * recipe.closing:.2g} %"
-    return _judged(name, cage, unit, demand, _shell_notes(shell, unit))
+    def _judged(self, recipe: str, cage: TriMesh, notes: tuple[str, ...]) -> Candidate:
+        """Judge a cage as it is after rounding to file units."""
+        placed = TriMesh(self.unit.to_file_units(cage.vertices), cage.faces)
+        back = TriMesh(self.unit.to_units(placed.vertices), cage.faces)
+        return Candidate(recipe, placed, judge(back, self.demand), notes=notes)
 
-
-def _try_hull(unit: UnitModel, demand: Demand) -> Candidate:
-    """The convex candidate."""
-    cage = wrap_convex(unit.samples, 1.1 * demand.clearance, demand.most)
-    notes = (
-        "no cage that follows the model passed the tests; this one is convex, and expresses less: "
-        "more --vertices or a smaller --clearance may help",
-    )
-    return _judged("convex", cage, unit, demand, notes)
-
-
-def _judged(
-    recipe: str, cage: TriMesh, unit: UnitModel, demand: Demand, notes: tuple[str, ...]
-) -> Candidate:
-    """Judge a cage as it is after rounding to file units."""
-    placed = TriMesh(unit.to_file_units(cage.vertices), cage.faces)
-    back = TriMesh((placed.vertices - unit.centre) / unit.scale, cage.faces)
-    verdict = judge(back, demand)
-    return Candidate(recipe, placed, verdict, notes=notes)
-
-
-def _measured(candidate: Candidate, measure: Measure | None) -> Candidate:
-    if measure is None or not candidate.verdict.is_valid:
-        return candidate
-    return replace(candidate, error=measure(candidate.cage))
+    def _grid_for(self, recipe: ShellRecipe) -> DistanceGrid:
+        """The grid on which a shell is made, measured when it is first needed."""
+        fine = recipe.offset < COARSE_OFFSET
+        cell, reach = (FINE_CELL, FINE_REACH) if fine else (COARSE_CELL, COARSE_REACH)
+        if cell not in self.grids:
+            self.grids[cell] = measure_grid(self.unit.surface, cell, reach)
+        return self.grids[cell]
 
 
 def _shell_notes(shell: Shell, unit: UnitModel) -> tuple[str, ...]:

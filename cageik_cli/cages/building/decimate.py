@@ -11,7 +11,7 @@ STEP = 0.6
 FIRST_STAGE = 4.0
 """How many times the vertices asked for the first stage has, at least."""
 
-UNTESTED = 1500
+UNTESTED = 1200
 """Vertices down to which collapses need no test: a fine shell hardly tangles, and tests are slow."""
 
 
@@ -28,22 +28,11 @@ def stages(count: int) -> list[int]:
     return [int(np.ceil(stage)) for stage in counts[::-1]]
 
 
-def collapse_shell(shell: TriMesh, count: int) -> TriMesh:
-    """The shell with `count` vertices, or more where edges cannot be collapsed."""
-    middle = max(UNTESTED, 2 * count)
-    if len(shell.vertices) > 1.5 * middle:
-        shell = _collapse(shell, middle, is_tested=False)
-    return _collapse(shell, count, is_tested=True)
-
-
-def _collapse(shell: TriMesh, count: int, is_tested: bool) -> TriMesh:
-    """Collapse edges; those that would make faces meet are left when `is_tested`."""
+def thin_shell(shell: TriMesh, count: int) -> TriMesh:
+    """A fine shell made coarser, to `count` vertices, by libigl's quick collapses, untested."""
     faces = 2 * (count - euler_characteristic(shell))
     vertices, corners, _, _ = igl.qslim(
-        np.asfortranarray(shell.vertices),
-        np.asfortranarray(shell.faces.astype(np.int32)),
-        faces,
-        is_tested,
+        np.asfortranarray(shell.vertices), np.asfortranarray(shell.faces.astype(np.int32)), faces
     )
     used, corners = np.unique(corners, return_inverse=True)
     return TriMesh(vertices[used], corners.reshape(-1, 3))

@@ -14,8 +14,8 @@ from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
 from cageik_cli.util.arrays import Floats
 
 
-FINEST = 0.02
-"""Radius of the smallest pieces of faces that the clearance is measured on, in clearances."""
+LOOK = 2.0
+"""How far the clearance is looked for, in those asked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,8 +51,8 @@ class Verdict:
         Empty for a cage that may be handed out.
     genus : int
     clearance : float
-        Smallest distance of the surface from the cage, units of the surface; when it is no less
-        than was asked for, just that.
+        Smallest distance of the surface from the cage, units of the surface; infinite beyond twice
+        what was asked for, 0 if the cage itself is faulty.
     smallest_angle : float
         Degrees.
     largest_valence : int
@@ -79,8 +79,7 @@ def judge(cage: TriMesh, demand: Demand) -> Verdict:
     euler = len(cage.vertices) - len(cage.edges.ends) + len(cage.faces)
     clearance = 0.0
     if not faults:
-        near = find_near_points(demand.surface, cage, demand.clearance, FINEST)
-        clearance = near.clearance
+        clearance = find_near_points(demand.surface, cage, LOOK * demand.clearance).clearance
         faults += _holding_faults(cage, demand, clearance)
     return Verdict(
         faults=tuple(faults),

@@ -30,10 +30,10 @@ STIFFNESS = 0.005
 LONGEST_STEP = 1.5
 """How far a vertex moves in one push, at most, over what is missing most."""
 
-MARGIN = 1.05
+MARGIN = 1.03
 """Pushes aim at this many clearances, so that they come to an end,"""
 
-REACHED = 1.03
+REACHED = 1.015
 """which is with this many."""
 
 

@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from cageik_cli.cages.building.carry import Poses
 from cageik_cli.cages.building.clearance import find_near_points
-from cageik_cli.cages.building.decimate import collapse_shell, stages
+from cageik_cli.cages.building.collapse import collapse_edges
+from cageik_cli.cages.building.decimate import stages
 from cageik_cli.cages.building.draft import Draft
 from cageik_cli.cages.building.judge import Demand
 from cageik_cli.cages.building.polish import lower_valences, mend_angles, refill, tighten
@@ -12,8 +14,8 @@ from cageik_cli.cages.building.unit import thin_points
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 
-AIM = 1.03
-"""Clearances that edits keep, and that points of faces must have: a bound on a distance is lower."""
+AIM = 1.01
+"""Clearances that edits keep, and that all points of faces must have."""
 
 POLISHES = 2
 """Rounds of edits."""
@@ -21,17 +23,13 @@ POLISHES = 2
 COMPLETIONS = 6
 """Rounds in which points that are too near are found and pushed off."""
 
-FINEST = 0.2
-"""Radius of the pieces of faces that are looked at, in clearances: in such a piece the distance
-from an edge of the cage varies by a fiftieth of a clearance."""
 
-
-def refine_shell(shell: TriMesh, demand: Demand) -> TriMesh:
+def refine_shell(shell: TriMesh, demand: Demand, poses: Poses) -> TriMesh:
     """Make a cage of a shell; whether it is one is for the judge to say."""
     cage = shell
     for count in stages(demand.most):
         if count < len(cage.vertices):
-            cage = collapse_shell(cage, count)
+            cage = collapse_edges(cage, count, poses)
         cage = untangle(cage, demand.samples, demand.clearance)
     return finish(cage, demand)
 
@@ -64,7 +62,7 @@ def complete_clearance(
         The samples, with those points.
     """
     for _ in range(rounds):
-        near = find_near_points(demand.surface, cage, AIM * demand.clearance, FINEST).points
+        near = find_near_points(demand.surface, cage, AIM * demand.clearance).points
         if len(near) == 0:
             break
         near = thin_points(near, 0.5 * demand.clearance)

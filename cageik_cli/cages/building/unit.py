@@ -40,6 +40,10 @@ class UnitModel:
     centre: Floats
     scale: float
 
+    def to_units(self, points: Floats) -> Floats:
+        """Places in file units, (..., 3), in units of the model."""
+        return np.asarray((points - self.centre) / self.scale)
+
     def to_file_units(self, points: Floats) -> Floats:
         """Undo the move and the scale of (k, 3) points."""
         return np.asarray(points * self.scale + self.centre)
