@@ -35,9 +35,7 @@ def grid_faces(across, along, loops=(False, False)):
     if loops[1]:
         number = np.concatenate([number, number[:, :1]], axis=1)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    return np.concatenate(
-        [np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))]
-    )
+    return np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
 
 
 def torus(radius=1.0, thickness=0.3, across=48, along=16):
@@ -123,7 +121,9 @@ FAST = {
     "one triangle": lambda: TriMesh(np.eye(3), [[0, 1, 2]]),
     "a line": lambda: TriMesh(np.array([[0.0, 0, 0], [1, 2, 3], [2, 4, 6]]), [[0, 1, 2]]),
     "wavy sheet": lambda: sheet(30, 30, lambda u, v: 0.1 * np.sin(9 * u) * np.cos(7 * v)),
-    "long strip": lambda: moved(changed(sheet(4, 80), vertices=sheet(4, 80).vertices * [0.02, 1, 1])),
+    "long strip": lambda: moved(
+        changed(sheet(4, 80), vertices=sheet(4, 80).vertices * [0.02, 1, 1])
+    ),
     "two sheets close together": lambda: merged(sheet(), moved(sheet(), (0, 0, 0.003))),
     "crossed sheets": lambda: merged(
         moved(sheet(), (-0.5, -0.5, 0)), moved(sheet(), (-0.5, -0.5, 0.01), turn=5)
@@ -144,7 +144,9 @@ FAST = {
     "tiny": lambda: moved(concave(), scale=1e-12),
     "huge": lambda: moved(concave(), scale=1e12),
     "turned box": lambda: moved(box(), turn=3),
-    "a flat box": lambda: changed(finer(box(), 3), vertices=finer(box(), 3).vertices * [1, 1, 0.002]),
+    "a flat box": lambda: changed(
+        finer(box(), 3), vertices=finer(box(), 3).vertices * [1, 1, 0.002]
+    ),
     "a rod": lambda: changed(finer(box(), 4), vertices=finer(box(), 4).vertices * [0.01, 0.01, 1]),
     "open tube": lambda: tube((0, 0, 0), (1, 1, 1)),
     "three tubes": lambda: merged(

@@ -23,9 +23,7 @@ def find_bridges(grid: DistanceGrid, body: NDArray[np.bool_]) -> Floats | None:
     surface = body & ~ndimage.binary_erosion(body)
     nodes = np.argwhere(surface)
     of_node = parts[tuple(nodes.T)]
-    return _spanning_tree(
-        [grid.positions(nodes[of_node == part]) for part in range(1, count + 1)]
-    )
+    return _spanning_tree([grid.positions(nodes[of_node == part]) for part in range(1, count + 1)])
 
 
 def _spanning_tree(parts: list[Floats]) -> Floats:
@@ -59,7 +57,5 @@ def segment_distance(grid: DistanceGrid, segments: Floats) -> Floats:
         along = stop - start
         square = max(float(along @ along), 1e-300)
         share = np.clip((nodes - start) @ along / square, 0, 1)
-        np.minimum(
-            flat, np.linalg.norm(nodes - start - share[:, None] * along, axis=1), out=flat
-        )
+        np.minimum(flat, np.linalg.norm(nodes - start - share[:, None] * along, axis=1), out=flat)
     return nearest

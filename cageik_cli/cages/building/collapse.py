@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.cages.building.carry import Poses
-from cageik_cli.cages.building.coarsen import collapse_costs, vertex_quadrics
 from cageik_cli.cages.building.decimate import UNTESTED, thin_shell
+from cageik_cli.cages.building.quadrics import collapse_costs, vertex_quadrics
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.util.arrays import Floats, Integers
-
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +114,7 @@ class _Collapser:
         return True
 
     def _keeps_shape(self, a: int, b: int, place: Floats) -> bool:
-        """Whether the faces that are left neither turn over nor become needles, in the rest pose."""
+        """Whether faces neither turn over nor become needles in the rest pose."""
         left = sorted(self._at[a] ^ self._at[b])
         before = np.array([self._faces[f] for f in left])
         after = np.where(before == b, a, before)

@@ -12,7 +12,7 @@ FIRST_STAGE = 4.0
 """How many times the vertices asked for the first stage has, at least."""
 
 UNTESTED = 1200
-"""Vertices down to which collapses need no test: a fine shell hardly tangles, and tests are slow."""
+"""Vertices down to which collapses need no test: a fine shell hardly tangles."""
 
 
 def euler_characteristic(mesh: TriMesh) -> int:

@@ -77,7 +77,7 @@ class Draft:
     def neighbours(self, vertex: int) -> Integers:
         """The vertices that share an edge with one."""
         around = np.unique(self.faces[self.faces_at(vertex)])
-        return around[around != vertex]
+        return np.asarray(around[around != vertex])
 
     def angles(self, edit: Edit) -> Floats:
         """Corner angles of the faces that an edit adds, (a, 3), degrees."""

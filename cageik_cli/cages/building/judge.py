@@ -13,7 +13,6 @@ from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
 from cageik_cli.util.arrays import Floats
 
-
 LOOK = 2.0
 """How far the clearance is looked for, in those asked for."""
 

@@ -1,16 +1,19 @@
 """Better angles, fewer edges at a vertex, and a tighter fit, by edits that are tested."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
-from cageik_cli.cages.building.coarsen import LARGEST_VALENCE
 from cageik_cli.cages.building.draft import Draft, Edit
 from cageik_cli.cages.building.edits import collapse_edge, flip_edge, move_vertex, settle
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import nearest_on_surface
 from cageik_cli.util.arrays import Floats, Integers
+
+LARGEST_VALENCE = 10
+"""Edges at a vertex, at most."""
 
 GOAL = 14.0
 """Degrees at which an angle is left alone."""
@@ -59,7 +62,7 @@ def tighten(draft: Draft, samples: Floats) -> int:
     nearest = nearest_on_surface(cage, samples)
     order = np.argsort(nearest.face, kind="stable")
     bounds = np.searchsorted(nearest.face[order], np.arange(len(cage.faces) + 1))
-    by_face = [samples[order[a:b]] for a, b in zip(bounds, bounds[1:], strict=False)]
+    by_face = [samples[order[a:b]] for a, b in pairwise(bounds)]
     rings: list[list[int]] = [[] for _ in draft.vertices]
     for number, face in enumerate(cage.faces):
         for vertex in face:

@@ -69,5 +69,3 @@ def complete_clearance(
         samples = np.concatenate([samples, near])
         cage = push_outward(cage, samples, demand.clearance)
     return cage, samples
-
-

@@ -13,7 +13,6 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.util.arrays import Floats
 
-
 BRIDGE_RADIUS = 1.5
 """Radius of what joins parts that lie apart, over the shell's offset,"""
 
@@ -98,9 +97,7 @@ def _reach(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(parts == parts[0, 0, 0])
 
 
-def _closed_places(
-    grid: DistanceGrid, field: Floats, recipe: ShellRecipe
-) -> tuple[Floats, Floats]:
+def _closed_places(grid: DistanceGrid, field: Floats, recipe: ShellRecipe) -> tuple[Floats, Floats]:
     """Where hollows were filled and parts were joined, (h, 3) and (w, 3)."""
     added = (field < 0) & _reach(grid.distance > recipe.offset)
     wide = recipe.offset + recipe.closing

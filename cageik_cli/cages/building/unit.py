@@ -84,7 +84,7 @@ def thin_points(points: Floats, cell: float) -> Floats:
     """The first of the points in each cell of a grid, in their order."""
     cells = np.floor(points / cell).astype(np.int64)
     first = np.unique(cells, axis=0, return_index=True)[1]
-    return points[np.sort(first)]
+    return np.asarray(points[np.sort(first)])
 
 
 def _grid_points(corners: Floats, parts: int) -> Floats:
@@ -92,7 +92,7 @@ def _grid_points(corners: Floats, parts: int) -> Floats:
     i, j = np.divmod(np.arange((parts + 1) ** 2), parts + 1)
     kept = (i + j <= parts) & (np.maximum(np.maximum(i, j), parts - i - j) < parts)
     weights = np.stack([i, j, parts - i - j], axis=1)[kept] / parts
-    return np.einsum("pc,kcx->kpx", weights, corners).reshape(-1, 3)
+    return np.asarray(np.einsum("pc,kcx->kpx", weights, corners).reshape(-1, 3))
 
 
 def _widen_slivers(mesh: TriMesh) -> TriMesh:
