@@ -78,9 +78,9 @@ def measure_inflation(cage: TriMesh, model: TriMesh) -> float | None:
         return 0.0
     normals = vertex_normals(cage) * (model.diagonal / 100)
     low, high = 0.0, 100 * float(closest_points(cage, outside).distance.max()) / model.diagonal
-    while not _holds(cage, high * normals, samples):
+    while high > MAX_INFLATION or not _holds(cage, high * normals, samples):
         low, high = high, max(high * GROWTH, INFLATION_TOL)
-        if low > MAX_INFLATION:
+        if low > MAX_INFLATION / GROWTH:
             return None
     while high - low > INFLATION_TOL * high:
         middle = (low + high) / 2

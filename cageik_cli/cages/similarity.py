@@ -22,8 +22,20 @@ MAX_INFLATION = 5.0
 MAX_FITTED_INFLATION = 2.0
 """The same where scale or place were fitted, too, which makes chance matches likelier."""
 
+MIN_OUTSIDE_SHARE = 0.05
+"""With a smaller share of the model outside, parts of the cage are dented, not all misplaced."""
+
+MIN_FITTED_OUTSIDE_SHARE = 0.25
+"""The same where scale or place are to be fitted."""
+
 EXTENT_RATIOS = (0.9, 2.0)
 """A transformed cage is at least and at most so much larger than the model, along each axis."""
+
+MAX_FITTED_RATIO = 1.4
+"""The same where the scale was fitted: any cage holds any model when it is large enough."""
+
+EXTENT_SLACK = 0.1
+"""Along axes in which the model is thin, the cage may be larger by this, in diagonals."""
 
 MAX_POINTS = 400
 """Vertices of the model by which candidates are compared."""
@@ -53,15 +65,23 @@ def find_transform(cage: TriMesh, model: TriMesh) -> Transform | None:
     depth = _measure_depth(cage, points)
     if depth < MAX_INFLATION / 100 * model.diagonal and not _is_oversized(cage, model):
         return None
-    limit = np.inf if _is_oversized(cage, model) else depth / 2
+    share = float(np.mean(winding_numbers(cage, points) < 0.5))
+    if 0 < share < MIN_OUTSIDE_SHARE:
+        return None
+    # A loose cage that holds its model can only be in another unit.
+    may_fit = share >= MIN_FITTED_OUTSIDE_SHARE
+    candidates = [c for c in _list_candidates(cage, model) if may_fit or not c.is_fitted]
+    limit = depth / 2 if depth > 0 else np.inf
     found: list[tuple[float, Candidate]] = []
-    for candidate in sorted(_list_candidates(cage, model), key=lambda c: c.complexity):
+    for candidate in sorted(candidates, key=lambda c: c.complexity):
         if found and candidate.complexity > min(cost for cost, _ in found):
             break
         fitted = _fit_candidate(candidate, cage, points, model)
         moved = fitted.apply_to_mesh(cage)
         left = _measure_depth(moved, points)
-        if left < min(limit, _max_share(fitted) * model.diagonal) and _is_of_size(moved, model):
+        if left < min(limit, _max_share(fitted) * model.diagonal) and _is_of_size(
+            fitted, moved, model
+        ):
             found.append((_measure_cost(fitted, 100 * left / model.diagonal), fitted))
     return _take_best(found, cage, model)
 
@@ -173,9 +193,10 @@ def _is_oversized(cage: TriMesh, model: TriMesh) -> bool:
     return cage.diagonal > MAX_SIZE_RATIO * model.diagonal
 
 
-def _is_of_size(cage: TriMesh, model: TriMesh) -> bool:
+def _is_of_size(candidate: Candidate, cage: TriMesh, model: TriMesh) -> bool:
     """Whether a cage is about as large as the model along every axis."""
     outer, inner = np.ptp(cage.vertices, axis=0), np.ptp(model.vertices, axis=0)
     low, high = EXTENT_RATIOS
-    slack = 0.1 * model.diagonal
+    high = MAX_FITTED_RATIO if candidate.is_scaled else high
+    slack = EXTENT_SLACK * (high - 1) * model.diagonal
     return bool((outer >= low * inner).all() and (outer <= high * inner + slack).all())

@@ -97,7 +97,7 @@ class Candidate:
             mirrored = 1 if straight else 2
             turns = 1 if _find_up_change(self.rotation) else 2
             turns += mirrored * int(np.linalg.det(self.rotation) < 0)
-        scales = 0 if self.scale == 1 else 1 if self.scale in COMMON_SCALES else 2
+        scales = 0 if self.scale == 1 else 1 if self.scale in COMMON_SCALES else 3
         scales = 3 if self.is_scaled else scales
         return turns + scales + 2 * int(self.is_moved)
 

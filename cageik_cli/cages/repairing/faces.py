@@ -11,6 +11,7 @@ from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
 from cageik_cli.cages.repairing.record import RepairStep
 from cageik_cli.cages.repairing.tidy import (
     count_edge_uses,
+    count_topology_faults,
     drop_unreferenced,
     find_boundary_vertices,
     find_coincident,
@@ -21,7 +22,6 @@ from cageik_cli.cages.repairing.tidy import (
     label_patches,
     replace_corners,
 )
-from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
 from cageik_cli.geometry.surface import winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
@@ -79,12 +79,14 @@ def tidy_faces(draft: Draft, samples: Floats, max_hole_edges: int) -> Draft:
 def merge_vertices(draft: Draft) -> Draft:
     """Make one of vertices at one place: of all, or if that ties a knot, of those on open edges."""
     mesh = draft.mesh
-    before = _count_topology_faults(mesh)
+    if len(replace_corners(mesh, np.arange(len(mesh.vertices))).corners) == 0:
+        raise CageError("all faces of the cage have a vertex twice; nothing of it would be left")
+    before = count_topology_faults(mesh)
     for candidates in (np.arange(len(mesh.vertices)), find_boundary_vertices(mesh)):
         target = find_coincident(mesh.vertices, candidates)
         gone = np.flatnonzero(target != np.arange(len(target)))
         merged = replace_corners(mesh, target)
-        if len(merged.corners) and _count_topology_faults(merged) <= before:
+        if len(merged.corners) and count_topology_faults(merged) <= before:
             break
     else:
         gone, merged, target = NO_VERTICES, mesh, np.arange(len(mesh.vertices))
@@ -124,11 +126,11 @@ def drop_inner_walls(draft: Draft) -> Draft:
         labels = label_patches(mesh)
         if not (uses > 2).any() or labels.max() >= MAX_WALLS:
             return draft
-        before = _count_topology_faults(mesh)
+        before = count_topology_faults(mesh)
         best, most = None, 0.0
         for patch in range(labels.max() + 1):
             kept = labels != patch
-            if not kept.any() or _count_topology_faults(mesh.keep(kept)) >= before:
+            if not kept.any() or count_topology_faults(mesh.keep(kept)) >= before:
                 continue
             volume = _total_volume(mesh.keep(kept))
             if volume > most:
@@ -157,7 +159,7 @@ def close_holes(draft: Draft, max_edges: int) -> Draft:
     """Put faces over holes that have few edges and pass no vertex twice."""
     for loop in find_holes(draft.mesh):
         closed = close_hole(draft.mesh, loop)
-        fits = _count_topology_faults(closed) < _count_topology_faults(draft.mesh)
+        fits = count_topology_faults(closed) < count_topology_faults(draft.mesh)
         if len(loop) <= max_edges and fits and not find_repeated(closed).any():
             at = draft.origins[loop]
             message = f"closed a hole of {len(loop)} edges at {format_elements('vertex', at)}"
@@ -211,15 +213,6 @@ def _drop_faces(
     count = int(chosen.sum())
     message = f"deleted {format_elements('face', np.flatnonzero(chosen))} {what}"
     return draft.change(draft.mesh.keep(~chosen), RepairStep(kind, message, count, NO_VERTICES))
-
-
-def _count_topology_faults(mesh: PolygonMesh) -> int:
-    """Edges and vertices at which a cage is no closed manifold."""
-    uses, edge = count_edge_uses(mesh)
-    _, first = np.unique(edge, return_index=True)
-    wrong = int(np.count_nonzero(uses[first] != 2))
-    kinds = {found.kind: found.value for found in find_cage_faults(mesh.triangles)}
-    return wrong + int(kinds.get("pinched-vertex", 0))
 
 
 def _find_held(part: PolygonMesh, samples: Floats) -> NDArray[np.bool_]:

@@ -68,6 +68,31 @@ def count_edge_uses(mesh: PolygonMesh) -> tuple[Integers, Integers]:
     return np.bincount(edge)[edge], edge
 
 
+def count_topology_faults(mesh: PolygonMesh) -> int:
+    """Edges that have not two polygons, and parts of vertices that touch in a point."""
+    uses, edge = count_edge_uses(mesh)
+    _, first = np.unique(edge, return_index=True)
+    # Corners of one vertex on one edge are joined; a vertex has one such group for each fan.
+    size, after = len(mesh.corners), _find_next_places(mesh)
+    ends = np.concatenate([mesh.corners, mesh.next_corners])
+    key = np.concatenate([edge, edge]) * len(mesh.vertices) + ends
+    place = np.concatenate([np.arange(size), after])
+    order = np.argsort(key, kind="stable")
+    same = np.diff(key[order]) == 0
+    one, other = place[order][:-1][same], place[order][1:][same]
+    graph = sparse.coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
+    groups, _ = csgraph.connected_components(graph, directed=False)
+    return int(np.count_nonzero(uses[first] != 2)) + groups - len(np.unique(mesh.corners))
+
+
+def _find_next_places(mesh: PolygonMesh) -> Integers:
+    """Where the corner that follows each in its ring stands, (c,)."""
+    starts = np.cumsum(mesh.corner_counts) - mesh.corner_counts
+    after = np.arange(len(mesh.corners)) + 1
+    after[starts + mesh.corner_counts - 1] = starts
+    return after
+
+
 def find_boundary_vertices(mesh: PolygonMesh) -> Integers:
     """Vertices on edges that have not two polygons."""
     uses, _ = count_edge_uses(mesh)
