@@ -70,22 +70,25 @@ def measure_inflation(cage: TriMesh, model: TriMesh) -> float | None:
     -------
     float, optional
         Percent of the model's diagonal, found to hold all of the model's surface; 0 if the cage
-        holds it as it is, None if `MAX_INFLATION` does not.
+        holds it as it is, None if `MAX_INFLATION` does not, or the cage then crosses itself.
     """
     samples = sample_surface(model)
     outside = samples[winding_numbers(cage, samples) < 0.5]
     if len(outside) == 0:
         return 0.0
     normals = vertex_normals(cage) * (model.diagonal / 100)
-    low, high = 0.0, 100 * float(closest_points(cage, outside).distance.max()) / model.diagonal
-    while high > MAX_INFLATION or not _holds(cage, high * normals, samples):
-        low, high = high, max(high * GROWTH, INFLATION_TOL)
-        if low > MAX_INFLATION / GROWTH:
+    depth = 100 * float(closest_points(cage, outside).distance.max()) / model.diagonal
+    low, high = 0.0, max(depth, INFLATION_TOL)
+    while not _holds(cage, high * normals, outside):
+        low, high = high, high * GROWTH
+        if low > MAX_INFLATION:
             return None
     while high - low > INFLATION_TOL * high:
         middle = (low + high) / 2
-        low, high = (low, middle) if _holds(cage, middle * normals, samples) else (middle, high)
-    return high
+        low, high = (low, middle) if _holds(cage, middle * normals, outside) else (middle, high)
+    # Where the cage is thin, it may cross itself as it grows, and lose what it held.
+    held = high <= MAX_INFLATION and _holds(cage, high * normals, samples)
+    return high if held else None
 
 
 def inflate(cage: TriMesh, distance: float) -> TriMesh:

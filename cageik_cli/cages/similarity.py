@@ -40,6 +40,9 @@ EXTENT_SLACK = 0.1
 MAX_POINTS = 400
 """Vertices of the model by which candidates are compared."""
 
+MAX_FIT_POINTS = 4000
+"""Points of the model's surface to which the best candidates are fitted."""
+
 FIT_ROUNDS = 12
 """Steps in which the place, and the scale, of a candidate are fitted."""
 
@@ -92,6 +95,7 @@ def _take_best(
     """The candidate of least cost, of those that then need little inflation."""
     best, least = None, np.inf
     samples = sample_surface(model)
+    samples = samples[:: -(-len(samples) // MAX_FIT_POINTS)]
     for cost, candidate in sorted(found, key=lambda entry: entry[0]):
         if cost >= least:
             break

@@ -17,7 +17,7 @@ from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 
-MAX_ROUNDS = 12
+MAX_ROUNDS = 20
 """How often a cage is untangled and pushed, at most."""
 
 RETURN_SHARES = (1.0, 0.5)
@@ -81,9 +81,10 @@ def fit_shape(cage: TriMesh, target: Target, progress: Callable[[int, int], None
     for done in range(MAX_ROUNDS):
         if best.faults == 0:
             break
-        shape = _run_round(shape, target)
-        if shape.faults < best.faults:
-            best = shape
+        for step in (_untangle_shape, _push_shape):
+            shape = step(shape, target)
+            if shape.faults < best.faults:
+                best = shape
         target = replace(target, samples=_add_crossing_samples(shape.cage, target))
         progress(done + 1, MAX_ROUNDS)
     return _return_vertices(best, cage, target) if best.faults == 0 else best
@@ -96,15 +97,18 @@ def count_faults(cage: TriMesh, target: Target) -> int:
     return find_tangle(cage).size + outside + len(_find_crossing_faces(cage, target.model))
 
 
-def _run_round(shape: Shape, target: Target) -> Shape:
+def _untangle_shape(shape: Shape, target: Target) -> Shape:
     flat = untangle(shape.cage)
-    pushed = push_outward(flat, target.samples, target.clearance)
-    return Shape(
-        pushed,
-        shape.untangled + flat.vertices - shape.cage.vertices,
-        shape.pushed + pushed.vertices - flat.vertices,
-        count_faults(pushed, target),
-    )
+    moved = shape.untangled + flat.vertices - shape.cage.vertices
+    return Shape(flat, moved, shape.pushed, count_faults(flat, target))
+
+
+def _push_shape(shape: Shape, target: Target) -> Shape:
+    if shape.faults == 0:
+        return shape
+    pushed = push_outward(shape.cage, target.samples, target.clearance)
+    moved = shape.pushed + pushed.vertices - shape.cage.vertices
+    return Shape(pushed, shape.untangled, moved, count_faults(pushed, target))
 
 
 def _find_crossing_faces(cage: TriMesh, model: TriMesh) -> Floats:
