@@ -26,19 +26,19 @@ MIN_DIRECTION = 1e-9
 """A point nearer to the cage than this, in diagonals of the cage, is pushed along the normal."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Clearance:
     """How far points must keep from the cage, file units.
 
     Attributes
     ----------
-    least : float
-        Points nearer than this, or outside, are pushed for,
+    least : float or (s,) float64
+        Points nearer than this, or outside, are pushed for; each has its own, or all have one,
     target : float
         to this distance.
     """
 
-    least: float
+    least: float | Floats
     target: float
 
 

@@ -1,7 +1,7 @@
 """The steps of a repair that move vertices: untangle, push outward, go back where that is safe."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,16 +15,17 @@ from cageik_cli.cages.repairing.untangle import (
 )
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.arrays import Floats
+from cageik_cli.geometry.surface import closest_points
+from cageik_cli.util.arrays import Floats, Integers
 
 MAX_ROUNDS = 20
 """How often a cage is untangled and pushed, at most."""
 
-RETURN_SHARES = (1.0, 0.5)
-"""Shares of the way back to where it was that are tried for each vertex."""
+RETURN_SHARE = 0.5
+"""Share of the way back that is tried for vertices that cannot go all of it."""
 
-CROSSING_PARTS = 8
-"""Sides of faces of the model that cross the cage are divided in so many."""
+MAX_PARTS = 40
+"""Sides of faces of the model that cross the cage are divided in so many, at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,11 +38,15 @@ class Target:
     samples : (s, 3) float64
         Points of its surface.
     clearance : Clearance
+    firm : (k, 3) float64
+        Points of faces that crossed the cage: they are pushed for until they have the whole
+        clearance, for what crosses lies between them.
     """
 
     model: TriMesh
     samples: Floats
     clearance: Clearance
+    firm: Floats = field(default_factory=lambda: np.empty((0, 3)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +90,7 @@ def fit_shape(cage: TriMesh, target: Target, progress: Callable[[int, int], None
             shape = step(shape, target)
             if shape.faults < best.faults:
                 best = shape
-        target = replace(target, samples=_add_crossing_samples(shape.cage, target))
+        target = _add_crossing_samples(shape.cage, target)
         progress(done + 1, MAX_ROUNDS)
     return _return_vertices(best, cage, target) if best.faults == 0 else best
 
@@ -106,7 +111,10 @@ def _untangle_shape(shape: Shape, target: Target) -> Shape:
 def _push_shape(shape: Shape, target: Target) -> Shape:
     if shape.faults == 0:
         return shape
-    pushed = push_outward(shape.cage, target.samples, target.clearance)
+    clearance, counts = target.clearance, (len(target.samples), len(target.firm))
+    least = np.repeat([clearance.least, clearance.target], counts)
+    points = np.concatenate([target.samples, target.firm])
+    pushed = push_outward(shape.cage, points, Clearance(least, clearance.target))
     moved = shape.pushed + pushed.vertices - shape.cage.vertices
     return Shape(pushed, shape.untangled, moved, count_faults(pushed, target))
 
@@ -117,44 +125,77 @@ def _find_crossing_faces(cage: TriMesh, model: TriMesh) -> Floats:
     return model.vertices[model.faces[np.unique(pairs[:, 0])]]
 
 
-def _add_crossing_samples(cage: TriMesh, target: Target) -> Floats:
-    """The samples, and more of them on faces of the model that cross the cage."""
-    added = divide_triangles(_find_crossing_faces(cage, target.model), CROSSING_PARTS)
-    return np.concatenate([target.samples, added])
+def _add_crossing_samples(cage: TriMesh, target: Target) -> Target:
+    """With firm points on the faces of the model that cross the cage."""
+    corners = _find_crossing_faces(cage, target.model)
+    if len(corners) == 0:
+        return target
+    side = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
+    parts = int(np.clip(np.ceil(side / target.clearance.target), 2, MAX_PARTS))
+    return replace(
+        target,
+        firm=np.concatenate(
+            [target.firm, corners.reshape(-1, 3), divide_triangles(corners, parts)]
+        ),
+    )
 
 
 def _return_vertices(shape: Shape, original: TriMesh, target: Target) -> Shape:
-    """Move vertices back, one after the other, as far as the cage stays fit."""
-    order = np.argsort(-np.linalg.norm(shape.moves, axis=1), kind="stable")
-    for vertex in order[(shape.moves[order] != 0).any(axis=1)].tolist():
-        for share in RETURN_SHARES:
-            scale = np.ones(len(order))
-            scale[vertex] = 1 - share
-            moved = replace(
-                shape,
-                untangled=shape.untangled * scale[:, None],
-                pushed=shape.pushed * scale[:, None],
-            )
-            vertices = shape.cage.vertices.copy()
-            vertices[vertex] = original.vertices[vertex] + moved.moves[vertex]
-            moved = replace(moved, cage=TriMesh(vertices, original.faces))
-            if _stays_fit(shape.cage, moved.cage, vertex, target):
-                shape = moved
-                break
+    """Move vertices back to where they were, as many and as far as the cage stays fit."""
+    length = np.linalg.norm(shape.moves, axis=1)
+    order = np.argsort(length, kind="stable")
+    shape, stuck = _return_group(shape, original, target, order[length[order] > 0])
+    for vertex in reversed(stuck):
+        shape = _try_return(shape, original, target, np.array([vertex]), RETURN_SHARE) or shape
     return shape
 
 
-def _stays_fit(before: TriMesh, after: TriMesh, vertex: int, target: Target) -> bool:
-    """Whether a cage that was fit still is when one vertex was moved.
+def _return_group(
+    shape: Shape, original: TriMesh, target: Target, group: Integers
+) -> tuple[Shape, list[int]]:
+    """Move a group back together, or if that fails, its halves; and which vertices cannot go."""
+    if len(group) == 0:
+        return shape, []
+    returned = _try_return(shape, original, target, group, 1.0)
+    if returned is not None:
+        return returned, []
+    if len(group) == 1:
+        return shape, [int(group[0])]
+    stuck = []
+    for half in np.array_split(group, 2):
+        shape, more = _return_group(shape, original, target, half)
+        stuck += more
+    return shape, stuck
 
-    Only what is near the faces around the vertex, before or after, can have changed.
+
+def _try_return(
+    shape: Shape, original: TriMesh, target: Target, group: Integers, share: float
+) -> Shape | None:
+    """The shape with vertices moved back by a share of their moves; None if it is not fit."""
+    scale = np.ones((len(shape.moves), 1))
+    scale[group] = 1 - share
+    moved = replace(shape, untangled=shape.untangled * scale, pushed=shape.pushed * scale)
+    vertices = shape.cage.vertices.copy()
+    vertices[group] = original.vertices[group] + moved.moves[group]
+    after = TriMesh(vertices, original.faces)
+    return replace(moved, cage=after) if _stays_fit(shape.cage, after, group, target) else None
+
+
+def _stays_fit(before: TriMesh, after: TriMesh, group: Integers, target: Target) -> bool:
+    """Whether a cage that was fit still is when some vertices were moved.
+
+    Only what is near the faces around them, before or after, can have changed.
     """
-    box = find_star_box(after, vertex, before.vertices[vertex])
-    if find_local_tangle(after, *box).size:
-        return False
+    box = find_star_box(after, group, before.vertices[group])
     low, high = box[0] - target.clearance.target, box[1] + target.clearance.target
-    near = ((target.samples >= low) & (target.samples <= high)).all(axis=1)
-    if len(find_contacts(after, target.samples[near], target.clearance).missing):
+    samples = target.samples[((target.samples >= low) & (target.samples <= high)).all(axis=1)]
+    # The surface moves no further than its vertices: what is deeper stays inside.
+    longest = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
+    depth = closest_points(before, samples).distance
+    samples = samples[depth <= longest + target.clearance.target]
+    if len(find_contacts(after, samples, target.clearance).missing):
+        return False
+    if find_local_tangle(after, *box).size:
         return False
     corners = target.model.vertices[target.model.faces]
     around = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)

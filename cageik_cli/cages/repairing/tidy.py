@@ -82,7 +82,7 @@ def count_topology_faults(mesh: PolygonMesh) -> int:
     one, other = place[order][:-1][same], place[order][1:][same]
     graph = sparse.coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
     groups, _ = csgraph.connected_components(graph, directed=False)
-    return int(np.count_nonzero(uses[first] != 2)) + groups - len(np.unique(mesh.corners))
+    return int(np.count_nonzero(uses[first] != 2)) + int(groups) - len(np.unique(mesh.corners))
 
 
 def _find_next_places(mesh: PolygonMesh) -> Integers:
@@ -107,7 +107,10 @@ def find_fins(mesh: PolygonMesh) -> Booleans:
         uses, _ = count_edge_uses(rest)
         numbers, count = rest.polygon_numbers, len(rest.corner_counts)
         crowded = np.bincount(numbers[uses > 2], minlength=count) > 0
-        is_fin = crowded & (np.bincount(numbers[uses == 1], minlength=count) > 0)
+        open_sides = np.bincount(numbers[uses == 1], minlength=count)
+        is_fin = crowded & (open_sides > 0)
+        if fins.any():
+            is_fin |= open_sides == rest.corner_counts
         if not is_fin.any():
             return fins
         fins[np.flatnonzero(~fins)[is_fin]] = True

@@ -59,10 +59,10 @@ def find_local_tangle(cage: TriMesh, low: Floats, high: Floats) -> Tangle:
     return Tangle(numbers[find_tangle(TriMesh(cage.vertices, cage.faces[near])).faces])
 
 
-def find_star_box(cage: TriMesh, vertex: int, other: Floats) -> tuple[Floats, Floats]:
-    """The box of the faces around a vertex, and of `other`, where it was or goes."""
-    star = np.unique(cage.faces[(cage.faces == vertex).any(axis=1)])
-    points = np.concatenate([cage.vertices[star], other[None]])
+def find_star_box(cage: TriMesh, group: Integers, others: Floats) -> tuple[Floats, Floats]:
+    """The box of the faces around vertices, and of `others`, (k, 3), where these were or go."""
+    star = cage.faces[np.isin(cage.faces, group).any(axis=1)]
+    points = np.concatenate([cage.vertices[star].reshape(-1, 3), others])
     return points.min(axis=0), points.max(axis=0)
 
 
@@ -102,11 +102,11 @@ def _find_best_move(cage: TriMesh, tangle: Tangle) -> TriMesh | None:
     order = np.argsort(-share, kind="stable")[:MAX_CANDIDATES]
     best, most = None, 0.0
     for vertex in order[share[order] > 0].tolist():
-        furthest = _move_to_neighbours(cage, np.array([vertex]), max(STEPS))[vertex]
-        box = find_star_box(cage, vertex, furthest)
+        chosen = np.array([vertex])
+        box = find_star_box(cage, chosen, _move_to_neighbours(cage, chosen, max(STEPS))[chosen])
         before = find_local_tangle(cage, *box).size
         for step in STEPS:
-            moved = TriMesh(_move_to_neighbours(cage, np.array([vertex]), step), cage.faces)
+            moved = TriMesh(_move_to_neighbours(cage, chosen, step), cage.faces)
             gain = before - find_local_tangle(moved, *box).size
             way = float(np.linalg.norm(moved.vertices[vertex] - cage.vertices[vertex]))
             # A long move must be worth it; a short one is not free either.
