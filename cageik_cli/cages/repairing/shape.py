@@ -193,6 +193,9 @@ def _stays_fit(before: TriMesh, after: TriMesh, group: Integers, target: Target)
     longest = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
     depth = closest_points(before, samples).distance
     samples = samples[depth <= longest + target.clearance.target]
+    # Cheap, and true of most cages that are not fit: which side points are on costs more.
+    if (closest_points(after, samples).distance < target.clearance.least).any():
+        return False
     if len(find_contacts(after, samples, target.clearance).missing):
         return False
     if find_local_tangle(after, *box).size:
