@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from cageik_cli.cages.building.job import Job
 from cageik_cli.cages.building.records import BuildSettings, BuiltCage, Candidate, Clip
-from cageik_cli.coordinates.weights import no_progress
+from cageik_cli.coordinates.weights import ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import NumericalError
 
@@ -24,7 +24,7 @@ def build_cage(
     model: TriMesh,
     settings: BuildSettings | None = None,
     clip: Clip | None = None,
-    progress: Callable[[int, int], None] = no_progress,
+    progress: Callable[[int, int], None] = ignore_progress,
 ) -> BuiltCage:
     """Build the best cage of a ladder of candidates.
 
@@ -42,7 +42,7 @@ def build_cage(
 
     Raises
     ------
-    InputError
+    FormatError
         When the model is one point.
     NumericalError
         When no cage passes, which no model is known to bring about.

@@ -129,7 +129,7 @@ FAST = {
         moved(sheet(), (-0.5, -0.5, 0)), moved(sheet(), (-0.5, -0.5, 0.01), turn=5)
     ),
     "nested shells": lambda: merged(*(ball(3, size) for size in (0.5, 0.4, 0.3, 0.2))),
-    "inward ball": lambda: ball(3).flipped(),
+    "inward ball": lambda: ball(3).flip(),
     "half a ball": lambda: changed(ball(4), faces=ball(4).faces[:512]),
     "two balls far apart": lambda: merged(ball(3), moved(ball(3), (20, 3, 1))),
     "three balls in a row": lambda: merged(*(moved(ball(2), (1.2 * k, 0, 0)) for k in range(3))),

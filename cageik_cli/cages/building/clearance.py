@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import nearest_on_surface
+from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats
 
 
@@ -33,8 +33,8 @@ class Nearness:
 
 def find_near_points(surface: TriMesh, cage: TriMesh, limit: float) -> Nearness:
     """Find where a surface is nearer to the cage than `limit`."""
-    of_vertex = nearest_on_surface(cage, surface.vertices).distance
-    back = nearest_on_surface(surface, cage.vertices)
+    of_vertex = closest_points(cage, surface.vertices).distance
+    back = closest_points(surface, cage.vertices)
     between, places = _near_edges(surface, cage, of_vertex, limit)
     distance = np.concatenate([of_vertex, back.distance, between])
     points = np.concatenate([surface.vertices, back.position, places])

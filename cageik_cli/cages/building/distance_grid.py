@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from cageik_cli.cages.building.unit import sample_surface
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import nearest_on_surface
+from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 
 MOST_NODES = 1_500_000
@@ -51,7 +51,7 @@ def measure_grid(surface: TriMesh, cell: float, reach: float) -> DistanceGrid:
     slack = np.sqrt(3) * cell
     near = np.argwhere(coarse < reach + 2 * slack)
     distance = np.maximum(coarse - 2 * slack, reach)
-    exact = nearest_on_surface(surface, origin + cell * near).distance
+    exact = closest_points(surface, origin + cell * near).distance
     distance[tuple(near.T)] = exact
     return DistanceGrid(distance, origin, cell, reach)
 

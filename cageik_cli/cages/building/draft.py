@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from cageik_cli.cages.building.apart import keep_apart
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
-from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
+from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 
 
@@ -129,7 +129,7 @@ class Draft:
         if len(samples) == 0:
             return True
         patch = self.patch(edit)
-        if nearest_on_surface(patch, samples).distance.min() < self.clearance:
+        if closest_points(patch, samples).distance.min() < self.clearance:
             return False
         # Old and new faces together bound what an edit sweeps over.
         before = TriMesh(self.vertices, self.faces[edit.removed])

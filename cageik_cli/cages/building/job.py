@@ -15,7 +15,7 @@ from cageik_cli.cages.building.shell import Shell, ShellRecipe, make_shell
 from cageik_cli.cages.building.unit import UnitModel, normalize_model
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import first_few
+from cageik_cli.util.errors import join_truncated
 
 FEWEST_SHARE = 0.9
 """A cage has at least this share of the vertices asked for."""
@@ -132,4 +132,4 @@ def _shell_notes(shell: Shell, unit: UnitModel) -> tuple[str, ...]:
 
 def _places(points: Floats) -> str:
     """Some places, such as (1, 2, 3)."""
-    return first_few((f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in points), limit=3)
+    return join_truncated((f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in points), limit=3)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.cages.building.clearance import find_near_points
-from cageik_cli.cages.quality import SHARPEST, thin_findings
-from cageik_cli.cages.soundness import cage_findings
-from cageik_cli.geometry.intersections import crossings
+from cageik_cli.cages.quality import MIN_ANGLE, find_thin_parts
+from cageik_cli.cages.soundness import find_cage_faults
+from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
-from cageik_cli.geometry.surface import nearest_on_surface, winding_numbers
+from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats
 
 LOOK = 2.0
@@ -86,7 +86,7 @@ def judge(cage: TriMesh, demand: Demand) -> Verdict:
         clearance=clearance,
         smallest_angle=float(corner_angles(cage).min()),
         largest_valence=int(np.bincount(cage.edges.ends.ravel()).max()),
-        looseness=float(nearest_on_surface(cage, demand.samples).distance.mean()),
+        looseness=float(closest_points(cage, demand.samples).distance.mean()),
     )
 
 
@@ -95,13 +95,13 @@ def _own_faults(cage: TriMesh, demand: Demand) -> tuple[str, ...]:
     count = len(cage.vertices)
     if not demand.fewest <= count <= demand.most:
         return (f"has {count} vertices, expected {demand.fewest} to {demand.most}",)
-    findings = cage_findings(cage)
+    findings = find_cage_faults(cage)
     if findings:
         return tuple(finding.message.removeprefix("the cage ") for finding in findings)
     angle = corner_angles(cage).min()
-    if angle < SHARPEST:
-        return (f"has an angle of {angle:.2g} degrees, expected {SHARPEST:g} or more",)
-    return tuple(finding.message.removeprefix("the cage ") for finding in thin_findings(cage))
+    if angle < MIN_ANGLE:
+        return (f"has an angle of {angle:.2g} degrees, expected {MIN_ANGLE:g} or more",)
+    return tuple(finding.message.removeprefix("the cage ") for finding in find_thin_parts(cage))
 
 
 def _holding_faults(cage: TriMesh, demand: Demand, clearance: float) -> tuple[str, ...]:
@@ -109,7 +109,7 @@ def _holding_faults(cage: TriMesh, demand: Demand, clearance: float) -> tuple[st
     outside = np.count_nonzero(winding_numbers(cage, demand.samples) < 0.5)
     if outside:
         return (f"leaves {outside} of {len(demand.samples)} surface points outside",)
-    if len(pairs := crossings(demand.surface, cage, 0.0)):
+    if len(pairs := crossing_face_pairs(demand.surface, cage, 0.0)):
         return (f"is crossed by {len(np.unique(pairs[:, 0]))} faces of the model",)
     if clearance < demand.clearance:
         share = clearance / demand.clearance

@@ -9,7 +9,7 @@ from cageik_cli.cages.building.draft import Draft, Edit
 from cageik_cli.cages.building.edits import collapse_edge, flip_edge, move_vertex, settle
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
-from cageik_cli.geometry.surface import nearest_on_surface
+from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 
 LARGEST_VALENCE = 10
@@ -59,7 +59,7 @@ def lower_valences(draft: Draft) -> int:
 def tighten(draft: Draft, samples: Floats) -> int:
     """Move vertices towards the samples beside them, as far as the clearance allows; how many."""
     cage = TriMesh(draft.vertices, draft.faces)
-    nearest = nearest_on_surface(cage, samples)
+    nearest = closest_points(cage, samples)
     order = np.argsort(nearest.face, kind="stable")
     bounds = np.searchsorted(nearest.face[order], np.arange(len(cage.faces) + 1))
     by_face = [samples[order[a:b]] for a, b in pairwise(bounds)]
@@ -125,7 +125,7 @@ def _pull(draft: Draft, vertex: int, beside: Floats) -> bool:
 
 def _misfit(draft: Draft, edit: Edit, beside: Floats) -> float:
     """Mean square of the samples' distance from the faces of an edit."""
-    return float(np.mean(nearest_on_surface(draft.patch(edit), beside).distance ** 2))
+    return float(np.mean(closest_points(draft.patch(edit), beside).distance ** 2))
 
 
 def _take_best(draft: Draft, edits: list[Edit]) -> bool:

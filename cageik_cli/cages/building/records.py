@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from cageik_cli.cages.building.judge import Verdict
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import SettingError
 
 MIN_VERTICES = 8
 """Fewer vertices make no cage worth the name."""
@@ -32,11 +32,11 @@ class BuildSettings:
 
     def __post_init__(self) -> None:
         if self.vertices < MIN_VERTICES:
-            raise InputError(
+            raise SettingError(
                 f"a cage of {self.vertices} vertices was asked for, expected {MIN_VERTICES} or more"
             )
         if not 0 < self.clearance <= MAX_CLEARANCE:
-            raise InputError(
+            raise SettingError(
                 f"the clearance is {self.clearance:g} diagonals, expected more than 0 and at most "
                 f"{MAX_CLEARANCE:g}"
             )

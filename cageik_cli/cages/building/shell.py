@@ -144,4 +144,4 @@ def _outermost(surface: TriMesh) -> TriMesh:
     number = np.cumsum(kept) - 1
     faces = number[surface.faces[kept[surface.faces[:, 0]]]]
     shell = TriMesh(surface.vertices[kept], faces)
-    return shell if shell.volume > 0 else shell.flipped()
+    return shell if shell.volume > 0 else shell.flip()

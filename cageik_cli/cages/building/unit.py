@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import is_flat
+from cageik_cli.geometry.shape import degenerate_face_mask
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import FormatError
 
 SPACING = 0.01
 """Distance of surface points, in diagonals."""
@@ -54,11 +54,11 @@ def normalize_model(model: TriMesh) -> UnitModel:
 
     Raises
     ------
-    InputError
+    FormatError
         When all its vertices are at one place.
     """
     if not model.diagonal > 0:
-        raise InputError("the model is one point, expected a surface; give another mesh")
+        raise FormatError("the model is one point, expected a surface; give another mesh")
     low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
     centre = low + (high - low) / 2
     surface = _widen_slivers(TriMesh((model.vertices - centre) / model.diagonal, model.faces))
@@ -97,7 +97,7 @@ def _grid_points(corners: Floats, parts: int) -> Floats:
 
 def _widen_slivers(mesh: TriMesh) -> TriMesh:
     """Give every face without area, and every vertex in no face, a little triangle."""
-    flat = np.flatnonzero(is_flat(mesh))
+    flat = np.flatnonzero(degenerate_face_mask(mesh))
     lone = np.setdiff1d(np.arange(len(mesh.vertices)), mesh.faces)
     ends = np.concatenate([_longest_sides(mesh, flat), np.stack([lone, lone], axis=1)])
     if len(ends) == 0:
