@@ -4,42 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from cageik_cli.cages.building.judge import Verdict
+from cageik_cli.cages.settings import BuildSettings as BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import SettingError
-
-MIN_VERTICES = 8
-"""Fewer vertices make no cage worth the name."""
-
-MAX_CLEARANCE = 0.2
-"""The largest clearance, in diagonals."""
-
-
-@dataclass(frozen=True, slots=True)
-class BuildSettings:
-    """What is asked of a cage.
-
-    Attributes
-    ----------
-    vertices : int
-        At most; the cage has at least nine tenths of them.
-    clearance : float
-        How far it keeps off the model, in diagonals of the model.
-    """
-
-    vertices: int = 100
-    clearance: float = 0.004
-
-    def __post_init__(self) -> None:
-        if self.vertices < MIN_VERTICES:
-            raise SettingError(
-                f"a cage of {self.vertices} vertices was asked for, expected {MIN_VERTICES} or more"
-            )
-        if not 0 < self.clearance <= MAX_CLEARANCE:
-            raise SettingError(
-                f"the clearance is {self.clearance:g} diagonals, expected more than 0 and at most "
-                f"{MAX_CLEARANCE:g}"
-            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

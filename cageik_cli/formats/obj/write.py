@@ -95,3 +95,9 @@ def _make_triangle_template(mesh: TriMesh) -> bytes:
     """Return a format of vertices and triangles alone."""
     faces = b"f %d %d %d\n" * len(mesh.faces) % tuple((mesh.faces + 1).ravel().tolist())
     return b"v %.9g %.9g %.9g\n" * len(mesh.vertices) + faces
+
+
+def encode_exact_obj(mesh: TriMesh) -> bytes:
+    """Return the OBJ text of a mesh whose vertices are read back to the last bit."""
+    vertices = b"v %r %r %r\n" * len(mesh.vertices) % tuple(mesh.vertices.ravel().tolist())
+    return vertices + b"f %d %d %d\n" * len(mesh.faces) % tuple((mesh.faces + 1).ravel().tolist())
