@@ -173,6 +173,15 @@ def list_warnings(built: BuiltCage) -> tuple[str, ...]:
     )
 
 
+def describe_built_cage(built: BuiltCage) -> str:
+    """Return in one line what was built."""
+    verdict = built.chosen.verdict
+    return (
+        f"built, {_count(built.cage)}, genus {verdict.genus}, clearance "
+        f"{_format_clearance(built.chosen)}, by {built.chosen.recipe}"
+    )
+
+
 def _open_model(settings: CageSettings) -> LoadedMesh:
     """Read the model: a mesh, or the rest pose of a clip."""
     path = Path(settings.model)
