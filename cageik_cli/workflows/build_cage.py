@@ -151,7 +151,7 @@ def check_cage_output(path: Path, overwrite: bool) -> None:
 
 def load_built_cage(built: BuiltCage, name: str) -> LoadedMesh:
     """Return a built cage as if it were read from a file of this name."""
-    text = encode_exact_obj(built.cage)
+    text = encode_exact_obj(built.cage.vertices, built.cage.faces)
     return LoadedMesh(
         mesh=built.cage,
         fan_triangulated=built.cage,

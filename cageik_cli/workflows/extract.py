@@ -98,7 +98,7 @@ def _write_cage(plan: ExtractionPlan, cage: TriMesh) -> None:
     settings = plan.settings
     if settings.cage_output is not None:
         may_replace = settings.overwrite or settings.resume
-        write_bytes(settings.cage_output, encode_exact_obj(cage), may_replace)
+        write_bytes(settings.cage_output, encode_exact_obj(cage.vertices, cage.faces), may_replace)
 
 
 def _solve_and_write(
