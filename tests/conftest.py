@@ -12,6 +12,8 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import settings
 
+from cageik_cli.cages.building import job
+from cageik_cli.cages.building.shell import ShellRecipe
 from cageik_cli.cli import main
 from cageik_cli.coordinates import harmonic
 from cageik_cli.geometry.mesh import TriMesh
@@ -88,6 +90,13 @@ def coarse_panels(monkeypatch) -> None:
     """Linear densities on the cage's faces: quick, exact still on affine maps and on the cage."""
     monkeypatch.setattr("cageik_cli.coordinates.harmonic.MIN_PANELS", 1)
     monkeypatch.setitem(harmonic.ACCURACIES, "standard", harmonic.Accuracy(10.0, 1, 0.0, 0))
+
+
+@pytest.fixture
+def coarse_grids(monkeypatch) -> None:
+    """Build cages on coarse grids, from loose shells, in a second."""
+    monkeypatch.setattr(job, "COARSE_CELL", 0.03)
+    monkeypatch.setattr(job, "LADDER", (ShellRecipe(0.04, 0.08),))
 
 
 @pytest.fixture

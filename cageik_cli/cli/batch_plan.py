@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 BATCH_OPTIONS = (
     "output",
+    "cage_output",
     "exports",
     "overwrite",
     "resume",
@@ -207,11 +208,6 @@ def _make_clip_settings(
 ) -> tuple["ExtractSettings", "Limits"]:
     """Make the settings and limits that `cageik extract` would make of the same options."""
     given = options.config_file | options.command_line
-    if given.get("cage") is None and given.get("binding") is None:
-        raise click.UsageError(
-            f"no cage is given for it; add --cage, or name one in a {CONFIG_NAME} in its folder "
-            "or above"
-        )
     parent = click.get_current_context().parent
     with extract_command.make_context(
         "extract", list(clip.frames), parent=parent, default_map=given

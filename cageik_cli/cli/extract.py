@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.cli.options.clip import (
     CLIP_OPTIONS,
     SCENE_OPTIONS,
@@ -97,14 +98,19 @@ def make_extract_settings(
     overwrite: bool,
     memory: int,
     jobs: int,
+    cage_vertices: int,
+    cage_output: Path | None,
 ) -> "ExtractSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
     from cageik_cli.workflows.plan import ExtractSettings
 
-    if cage is None and binding is None:
-        raise click.UsageError("Missing option '--cage' (or '--binding', which contains a cage).")
     if binding is not None:
         _check_binding_settings(binding, bind)
+    with usage_errors():
+        build = BuildSettings(cage_vertices)
+    if cage_output is not None and (cage is not None or binding is not None):
+        given = "--binding" if cage is None else "--cage"
+        raise click.UsageError(f"--cage-out and {given} exclude each other; leave one out")
     return ExtractSettings(
         frames=frames,
         cage=cage,
@@ -124,6 +130,8 @@ def make_extract_settings(
         scene=scene,
         memory=memory,
         jobs=jobs,
+        build=build,
+        cage_output=cage_output,
     )
 
 
@@ -147,7 +155,24 @@ EXTRACT_OPTIONS = OptionGroup(
     "settings",
     make_extract_settings,
     click.argument("frames", nargs=-1, required=True),
-    click.option("--cage", type=PATH_TYPE, help="The cage around the rest pose."),
+    click.option(
+        "--cage",
+        type=PATH_TYPE,
+        help="The cage around the rest pose.  [default: one is built, as by cageik cage]",
+    ),
+    click.option(
+        "--cage-vertices",
+        type=int,
+        default=BuildSettings().vertices,
+        show_default=True,
+        help="Vertices of the cage that is built, at most.",
+    ),
+    click.option(
+        "--cage-out",
+        "cage_output",
+        type=PATH_TYPE,
+        help="Write the cage that is built to this .obj file.",
+    ),
     click.option(
         "--binding",
         type=PATH_TYPE,
@@ -220,6 +245,7 @@ def extract_command(
     .pc2, .anime, .usd*, .abc). FILE::CLIP names one of several clips in a file.
 
     \b
+    cageik extract frames --cage-vertices 150
     cageik extract frames --cage cage.obj --on-bad-frame skip
     cageik extract body.pc2 --rest body.obj --cage cage.obj --resume
     cageik extract shot.usdc::/hero/body --cage cage.obj --frames 0:48
@@ -244,6 +270,8 @@ def extract_command(
     else:
         lines = [format_text(report), *map(format_row, progress.make_rows())]
         lines += [one.message for one in summaries]
+        if settings.cage_output is not None:
+            lines.append(f"wrote {settings.cage_output}")
         click.echo("\n".join(lines), err=True)
         click.echo(f"wrote {settings.output}; next: cageik report {settings.output}", err=True)
     if get_verbosity():

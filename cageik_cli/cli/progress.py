@@ -17,6 +17,7 @@ from cageik_cli.util.text import format_row
 
 # What each stage's bar counts; the stages of a frame share one.
 _BARS = {
+    "cage": ("cage", "candidates"),
     "bind": ("bind", "vertices"),
     "read": ("frames", "frames"),
     "edit": ("edit", "frames"),

@@ -47,6 +47,7 @@ def load_mesh(path: Path) -> LoadedMesh:
             source=describe_source(path, data),
             notes=mesh.notes,
             obj_text=readers[suffix].keep_obj_text(content),
+            corner_counts=mesh.corner_counts,
         )
 
 

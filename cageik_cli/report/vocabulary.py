@@ -9,6 +9,8 @@ SETTING_MEANINGS = {
     "allow_conflicts": "use the mean when handles at one point have different targets",
     "alpha": "weight of the cage's Laplacian",
     "beta": "weight of the mesh vertices",
+    "cage_clearance": "smallest distance of the cage that was built from the model, in diagonals",
+    "cage_vertices": "vertices of the cage that was built, at most",
     "coordinates": "type of coordinates",
     "hard": "meet all handles exactly",
     "outside": "treatment of vertices outside the cage",

@@ -6,6 +6,8 @@ import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.obj.write import encode_exact_obj
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.blocks import BlockExecutor, BlockSolver, MemoryPlan, ThreadExecutor
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import StoredBinding
@@ -14,11 +16,13 @@ from cageik_cli.store.result import Result, checkpoint_path, read_result
 from cageik_cli.store.result_writer import ResultHeader, RunSummary, open_result_writer
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.plan import (
     ExtractionPlan,
     ExtractSettings,
+    build_missing_cage,
     check_output_path,
     load_or_compute_binding,
     plan_extraction,
@@ -71,9 +75,12 @@ def run_extraction(
     if plan.existing is not None:
         delete_checkpoint(checkpoint_path(plan.settings.output))
         progress.note("unchanged", "up to date, nothing to do")
+        _write_cage(plan, plan.existing.cage)
         return plan.existing
+    plan = build_missing_cage(plan, progress)
     with progress.stage("bind"):
         stored_binding = load_or_compute_binding(plan, progress)
+    _write_cage(plan, stored_binding.binding.cage)
     # One thread: the matrix is small, and threads that wait for each other take longer.
     with progress.stage("factor"), limit_blas_threads(1):
         solver = DualLaplacianSolver(
@@ -84,6 +91,14 @@ def run_extraction(
     block_solver = BlockSolver(plan.sequence, solver, plan.settings.skips_bad_frames, progress)
     _solve_and_write(plan, header, block_solver, executor)
     return read_result(plan.settings.output)
+
+
+def _write_cage(plan: ExtractionPlan, cage: TriMesh) -> None:
+    """Write the cage that was built, if that is asked for."""
+    settings = plan.settings
+    if settings.cage_output is not None:
+        may_replace = settings.overwrite or settings.resume
+        write_bytes(settings.cage_output, encode_exact_obj(cage.vertices, cage.faces), may_replace)
 
 
 def _solve_and_write(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli import __version__
+from cageik_cli.cages.build import BuildSettings, build_cage
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
@@ -28,6 +29,14 @@ from cageik_cli.util.errors import CheckpointError, InputError, SettingError, er
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
+from cageik_cli.workflows.build_cage import (
+    check_cage_output,
+    describe_built_cage,
+    load_built_cage,
+)
+
+BUILT_CAGE_NAME = "built cage"
+"""Name, in the sources of a result, of a cage that was built for it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +48,7 @@ class ExtractSettings:
     frames : tuple of str
         Files, folders and globs, or one file that holds a clip.
     cage : Path, optional
-        Needed unless there is a binding.
+        Without it, and without a binding, a cage is built around the rest pose.
     output : Path
     binding : Path, optional
         A binding file of this rest pose, and of `cage` if that is given; `bind` is then ignored.
@@ -66,6 +75,10 @@ class ExtractSettings:
         Bytes for the weights and blocks of frames.
     jobs : int
         Threads.
+    build : BuildSettings
+        Of the cage, if one is built.
+    cage_output : Path, optional
+        An OBJ file to which the cage that is built is written.
     """
 
     frames: tuple[str, ...]
@@ -86,6 +99,15 @@ class ExtractSettings:
     scene: SceneHints = field(default_factory=SceneHints)
     memory: int = 1 << 30
     jobs: int = 1
+    build: BuildSettings = field(default_factory=BuildSettings)
+    cage_output: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.cage_output is not None and not self.builds_cage:
+            raise SettingError(
+                f"{self.cage_output}: is for a cage that is built, but a cage is given; leave out "
+                "one of them"
+            )
 
     def inputs(self) -> list[Path]:
         """Return the files that are read."""
@@ -94,8 +116,13 @@ class ExtractSettings:
         return files + list_input_files(list(self.frames))
 
     def outputs(self) -> list[Path]:
-        """Return the file that is written."""
-        return [self.output]
+        """Return the files that are written."""
+        return [self.output, *([] if self.cage_output is None else [self.cage_output])]
+
+    @property
+    def builds_cage(self) -> bool:
+        """Whether a cage is built, as none is given."""
+        return self.cage is None and self.binding is None
 
     @property
     def skips_bad_frames(self) -> bool:
@@ -114,13 +141,14 @@ class ExtractionPlan:
         The clip.
     rest : LoadedMesh
     cage : LoadedMesh, optional
-        None when it comes with a binding.
+        None when it comes with a binding, or is not built yet.
     stored_binding : StoredBinding, optional
         The weights, if they are known already: those of the binding file, if one is named.
     vertex_weights : (m,) float64, optional
         Of mean one.
     sources : dict
-        Name and digest of each file that was read, all but the frames.
+        Name and digest of each file that was read, all but the frames; and of a cage that was
+        built.
     existing : Result, optional
         A complete result of this very plan at the output, to be kept as it is.
     """
@@ -149,6 +177,12 @@ class ExtractionPlan:
     def recorded_settings(self) -> dict[str, Any]:
         """Return the settings on which the numbers depend, as a result file records them."""
         settings, solve = self.settings, self.settings.solve
+        built = {}
+        if settings.builds_cage:
+            built = {
+                "cage_vertices": settings.build.vertices,
+                "cage_clearance": settings.build.clearance,
+            }
         return {
             "alpha": solve.alpha,
             "beta": solve.beta,
@@ -156,6 +190,7 @@ class ExtractionPlan:
             **asdict(self.bind_settings),
             "rest_frame": settings.rest_frame if settings.rest is None else None,
             "vertex_weights": settings.vertex_weights is not None,
+            **built,
         }
 
     @property
@@ -163,9 +198,14 @@ class ExtractionPlan:
         """Return a digest of what the weights depend on: plans of one key may share them.
 
         It does not cover the name of the file of the rest pose, since the frames of two clips have
-        different names, nor the number of threads.
+        different names, nor the number of threads. A cage that is built depends on the rest pose
+        and on how it is built alone.
         """
-        shared = {name: self.sources[name] for name in ("cage", "binding") if name in self.sources}
+        shared: dict[str, Any] = {
+            name: self.sources[name] for name in ("cage", "binding") if name in self.sources
+        }
+        if self.settings.builds_cage:
+            shared = {"build": asdict(self.settings.build)}
         recorded = asdict(self.bind_settings) | shared
         digest = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode())
         for array in (self.rest.mesh.vertices, self.rest.mesh.faces):
@@ -188,6 +228,8 @@ def check_output_path(settings: ExtractSettings) -> None:
     may_replace = settings.overwrite or settings.resume
     check_writable(settings.output, may_replace)
     check_hdf5_suffix(settings.output)
+    if settings.cage_output is not None:
+        check_cage_output(settings.cage_output, may_replace)
     checkpoint_file = checkpoint_path(settings.output)
     if checkpoint_file.exists() and not may_replace:
         done, count = checkpoint_progress(checkpoint_file)
@@ -225,6 +267,8 @@ def plan_extraction(
         sources = stored_binding.sources | sources
     elif cage is not None:
         sources["cage"] = cage.source
+    elif stored_binding is not None:
+        sources["cage"] = stored_binding.sources["cage"]
     weights = None
     if settings.vertex_weights is not None:
         loaded, sources["vertex_weights"] = load_vertex_weights(settings.vertex_weights)
@@ -232,6 +276,20 @@ def plan_extraction(
             weights = normalize_weights(loaded, len(rest.mesh.vertices))
     plan = ExtractionPlan(settings, sequence, rest, cage, stored_binding, weights, sources)
     return replace(plan, existing=_find_existing_result(plan)) if settings.resume else plan
+
+
+def build_missing_cage(plan: ExtractionPlan, progress: ProgressListener) -> ExtractionPlan:
+    """Return the plan with a cage: one is built if none is given, and no weights are known.
+
+    The same cage is built each time, so that a checkpoint of it can be continued.
+    """
+    if not plan.settings.builds_cage or plan.stored_binding is not None:
+        return plan
+    with progress.stage("cage"), error_context(plan.rest.source["name"]):
+        built = build_cage(plan.rest.mesh, plan.settings.build, progress=progress.update)
+    cage = load_built_cage(built, BUILT_CAGE_NAME)
+    progress.note("cage", describe_built_cage(built))
+    return replace(plan, cage=cage, sources=plan.sources | {"cage": cage.source})
 
 
 def load_or_compute_binding(plan: ExtractionPlan, progress: ProgressListener) -> StoredBinding:
@@ -242,7 +300,7 @@ def load_or_compute_binding(plan: ExtractionPlan, progress: ProgressListener) ->
         return plan.stored_binding
     if plan.cage is None:
         raise SettingError("neither a cage nor a binding is given; give one of them")
-    with error_context(settings.cage):
+    with error_context(settings.cage or plan.cage.source["name"]):
         weight_settings = WeightSettings(settings.bind, settings.cache, settings.jobs)
         return bind_cached(rest, plan.cage, weight_settings, progress)
 
@@ -276,7 +334,7 @@ def _check_same_run(result: Result, plan: ExtractionPlan) -> None:
         ("other settings", has_weights(result) != plan.settings.keep_weights),
         ("other frames", result.frames != plan.sequence.names),
         ("another scene", result.scene != plan.scene),
-        ("other files", result.sources != plan.collect_sources()),
+        ("other files", not _has_same_sources(result, plan)),
     )
     for what, differs in differences:
         if differs:
@@ -290,3 +348,11 @@ def _check_same_run(result: Result, plan: ExtractionPlan) -> None:
             f"{next(iter(result.skipped.values()))}; repair them and use --overwrite, or accept "
             "the gaps with --on-bad-frame skip"
         )
+
+
+def _has_same_sources(result: Result, plan: ExtractionPlan) -> bool:
+    """Return whether a result is of the plan's files; a cage that is built follows from them."""
+    expected = plan.collect_sources()
+    if plan.settings.builds_cage and "cage" in result.sources:
+        expected |= {"cage": result.sources["cage"]}
+    return result.sources == expected

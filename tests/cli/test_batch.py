@@ -106,10 +106,17 @@ def test_what_keeps_all_from_beginning_is_said_once(run, anim, here):
     assert "3 clips" in outcome.err
     assert "old.json: " in outcome.err
     assert not Path("out").exists()
-    Path("anim/cageik.toml").write_text("")
-    error = run(*BATCH).err
-    assert "3 clips" in error
-    assert "--cage" in error
+
+
+def test_clips_without_a_cage_get_one_each(run, anim, here, coarse_grids):
+    Path("anim/cageik.toml").write_text("[extract]\ncage-vertices = 20\n")
+    planned = run(*BATCH, "--dry-run")
+    assert planned.out.count("  cage           would be built, of 20 vertices") == 3
+    assert run(*BATCH).code == 0
+    assert [entry["fault"] for entry in report().values()] == [None] * 3
+    walk = read_result(Path("out/clips/walk.h5"))
+    assert walk.sources["cage"]["name"] == "built cage"
+    assert run(*BATCH, "--resume").err.count("unchanged, error") == 3
 
 
 def test_quiet_says_what_failed_alone(run, anim, here):
@@ -170,7 +177,6 @@ def test_options_for_some_clips(run, anim, here):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "cage"),
         ("[extract", "cannot be read as TOML"),
         ("a = " + "[" * 20_000, "cannot be read as TOML"),
         ('[extract]\noutput = "x.h5"\n', "cageik.toml: [extract] sets output"),
@@ -178,7 +184,7 @@ def test_options_for_some_clips(run, anim, here):
             '[extract]\ncage = "a"\naccuracy = "x"\n',
             "--accuracy of a cageik.toml in its folder or above: ",
         ),
-        ('cage = "cage.obj"\n', "walk/cageik.toml: cage is not a command"),
+        ('cage = "cage.obj"\n', "walk/cageik.toml: `cage` is not a table of options"),
         ("[extract]\nalfa = 1\n", "has no option alfa"),
         ('[extract]\ncage = "cage.obj"\nalpha = -1\n', "alpha"),
         ('[extract]\ncage = "none.obj"\n', "none.obj: cannot be read"),

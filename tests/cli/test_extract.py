@@ -343,3 +343,13 @@ def test_no_binding_is_written_over(run, folder):
     outcome = run("extract", "frames", *words)
     assert outcome.code == 1
     assert Path("binding.h5").read_bytes() == before
+
+
+def test_frames_alone_are_enough(run, folder, coarse_grids):
+    outcome = run("extract", "frames", "--cage-vertices", "20", "--cage-out", "built.obj")
+    assert outcome.code == 0
+    assert outcome.err.startswith("cages.h5: 5 frames of 18 vertices in a cage of 20")
+    assert "\n  cage           built, 20 vertices, 36 triangles, genus 0" in outcome.err
+    assert "\nwrote built.obj\n" in outcome.err
+    assert run("check", "--cage", "built.obj", "frames").code == 0
+    assert run("report", "cages.h5", "--html", "page.html").code == 0

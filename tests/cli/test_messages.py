@@ -155,10 +155,10 @@ MESSAGES = {
         "their targets are 1 apart; remove one, or use the mean of their targets with "
         "--allow-conflicts",
     ),
-    "no cage": (
-        ["extract", "frames"],
+    "a small cage": (
+        ["extract", "frames", "--cage-vertices", "3"],
         2,
-        "Error: Missing option '--cage' (or '--binding', which contains a cage).",
+        "Error: a cage of 3 vertices is asked for, expected 8 to 2000",
     ),
     "two rest poses": (
         [*EXTRACT, "--rest", "cage.obj", "--rest-frame", "1"],

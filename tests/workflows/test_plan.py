@@ -1,23 +1,48 @@
 """A plan is all that a run needs; making one writes nothing."""
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.store.binding_file import write_binding
-from cageik_cli.util.errors import CheckpointError, InputError
+from cageik_cli.util.errors import (
+    CheckpointError,
+    FormatError,
+    InputError,
+    OutputError,
+    SettingError,
+)
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows import extract as module
 from cageik_cli.workflows.extract import extract, run_extraction
 from cageik_cli.workflows.plan import (
     ExtractSettings,
+    build_missing_cage,
     check_output_path,
     load_or_compute_binding,
     plan_extraction,
 )
+
+
+class Notes(ProgressListener):
+    """Remembers what was noted."""
+
+    def __init__(self):
+        self.notes = []
+
+    def note(self, topic, text):
+        self.notes.append((topic, text))
+
+
+def fail(*_, **__):
+    raise AssertionError("computed")
 
 
 @pytest.fixture
@@ -118,3 +143,61 @@ def test_the_settings_of_a_binding_file_are_recorded(plain):
     assert plan.recorded_settings["coordinates"] == "mean-value"
     assert set(plan.sources) == {"binding", "cage", "rest"}
     assert plan.collect_sources()["frames"]["files"] == 5
+
+
+@pytest.mark.usefixtures("coarse_grids")
+def test_a_cage_is_built_when_none_is_given(plain):
+    listener = Notes()
+    settings = replace(plain, cage=None, build=BuildSettings(20), cage_output=Path("built.obj"))
+    result = extract(settings, listener)
+    assert (len(result.cage.vertices), result.settings["cage_vertices"]) == (20, 20)
+    digest = hashlib.sha256(Path("built.obj").read_bytes()).hexdigest()
+    assert result.sources["cage"] == {"name": "built cage", "sha256": digest}
+    (text,) = [text for topic, text in listener.notes if topic == "cage"]
+    assert text.startswith("built, 20 vertices, 36 triangles, genus 0")
+    named = extract(replace(plain, cage=Path("built.obj"), output=Path("named.h5")))
+    assert np.array_equal(result.metrics.rms, named.metrics.rms)
+    assert "cage_vertices" not in named.settings
+
+
+@pytest.mark.usefixtures("coarse_grids")
+def test_a_result_with_a_built_cage_is_kept_and_nothing_is_built(plain, monkeypatch):
+    settings = replace(plain, cage=None, build=BuildSettings(20), resume=True)
+    extract(settings)
+    monkeypatch.setattr("cageik_cli.workflows.plan.build_cage", fail)
+    extract(replace(settings, cage_output=Path("built.obj")))
+    assert len(load_mesh(Path("built.obj")).mesh.vertices) == 20
+    with pytest.raises(CheckpointError, match="other settings"):
+        extract(replace(settings, build=BuildSettings(21)))
+    with pytest.raises(CheckpointError, match="other settings"):
+        extract(replace(settings, cage=Path("cage.obj")))
+
+
+@pytest.mark.usefixtures("coarse_grids")
+def test_known_weights_come_with_the_cage_that_was_built(plain, monkeypatch):
+    settings = replace(plain, cage=None, build=BuildSettings(20))
+    progress = ProgressListener()
+    complete = build_missing_cage(plan_extraction(settings), progress)
+    stored = load_or_compute_binding(complete, progress)
+    monkeypatch.setattr("cageik_cli.workflows.plan.build_cage", fail)
+    result = run_extraction(plan_extraction(settings, stored))
+    assert result.sources["cage"] == complete.sources["cage"]
+    assert plan_extraction(settings).weights_key == complete.weights_key
+    other = replace(settings, build=BuildSettings(21))
+    assert plan_extraction(other).weights_key != complete.weights_key
+
+
+def test_the_file_of_a_built_cage_is_checked_before_any_work(plain):
+    with pytest.raises(SettingError, match=r"built\.obj: is for a cage that is built"):
+        replace(plain, cage_output=Path("built.obj"))
+    with pytest.raises(OutputError, match=r"cage\.obj: exists already"):
+        extract(replace(plain, cage=None, cage_output=Path("cage.obj")))
+    with pytest.raises(OutputError, match=r"cage\.ply: a built cage is written as \.obj"):
+        extract(replace(plain, cage=None, cage_output=Path("cage.ply")))
+
+
+def test_a_model_without_a_cage_names_its_frame(plain, animation, write_obj):
+    for path in Path("frames").iterdir():
+        write_obj(path, 0 * animation.rest.vertices, animation.rest.faces)
+    with pytest.raises(FormatError, match=r"frame_1\.obj: the model is one point"):
+        extract(replace(plain, cage=None))

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.tables import format_csv, format_json
 from cageik_cli.report.views.text import format_text
@@ -358,3 +359,15 @@ def test_a_gap_is_noted_once_for_several_exports(run, gapped):
     outcome = run(*TYPED, "--on-bad-frame", "skip", *exports)
     assert outcome.code == 0
     assert outcome.err.count("2 of 5 frames skipped (frame_2.obj, frame_4.obj)") == 1
+
+
+@pytest.mark.usefixtures("coarse_grids")
+def test_a_run_with_a_built_cage_goes_on_to_the_same_bytes(plain):
+    built = replace(plain, cage=None, build=BuildSettings(20))
+    whole = extract(replace(built, output=Path("whole.h5"))).path.read_bytes()
+    interrupted(built, 2)
+    with pytest.raises(CheckpointError, match="its cage_vertices was 20, not 21"):
+        extract(replace(built, build=BuildSettings(21), resume=True))
+    listener = Stopped()
+    assert extract(replace(built, resume=True), listener).path.read_bytes() == whole
+    assert ("resumed", "from frame 2 of 5") in listener.notes

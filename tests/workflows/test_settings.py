@@ -8,6 +8,7 @@ from cageik_cli.formats.write import Output
 from cageik_cli.util.errors import InputError
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.workflows.bind import BindRunSettings
+from cageik_cli.workflows.build_cage import CageSettings
 from cageik_cli.workflows.check import CheckSettings
 from cageik_cli.workflows.deform import DeformSettings
 from cageik_cli.workflows.edit import EditSettings
@@ -21,6 +22,12 @@ HANDLES, MESH = Path("handles.json"), Path("mesh.obj")
 
 CASES = {
     "bind": (BindRunSettings(CAGE, REST, OUT), [CAGE, REST], [OUT]),
+    "cage": (CageSettings("frames/frame_2.obj", OUT, rest=REST), [REST, FRAMES[1]], [OUT]),
+    "cage for frames": (
+        CageSettings(FRAMES[0], OUT, animation=("frames",)),
+        [FRAMES[0], *FRAMES],
+        [OUT],
+    ),
     "check": (CheckSettings(CAGE), [CAGE], []),
     "check frames": (CheckSettings(CAGE, ("frames",), REST), [CAGE, REST, *FRAMES], []),
     "deform": (DeformSettings(RESULT, Output(Path("a.npz"))), [RESULT], ["a.npz"]),

@@ -60,6 +60,8 @@ class LoadedMesh:
         What was changed, one sentence each.
     obj_text : bytes
         The OBJ file, unpacked; empty for other formats.
+    corner_counts : (p,) int64, optional
+        Corners of each polygon, in the order of the fans; absent when a frame of a clip.
     """
 
     mesh: TriMesh
@@ -67,3 +69,4 @@ class LoadedMesh:
     source: dict[str, str]
     notes: tuple[str, ...] = ()
     obj_text: bytes = b""
+    corner_counts: Integers | None = None

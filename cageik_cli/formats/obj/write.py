@@ -1,6 +1,7 @@
 """OBJ files with other positions; all other text of the original file is kept."""
 
 import codecs
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -95,3 +96,10 @@ def _make_triangle_template(mesh: TriMesh) -> bytes:
     """Return a format of vertices and triangles alone."""
     faces = b"f %d %d %d\n" * len(mesh.faces) % tuple((mesh.faces + 1).ravel().tolist())
     return b"v %.9g %.9g %.9g\n" * len(mesh.vertices) + faces
+
+
+def encode_exact_obj(vertices: Floats, polygons: Iterable[Integers]) -> bytes:
+    """Return the OBJ text of polygons whose vertices are read back to the last bit."""
+    lines = b"v %r %r %r\n" * len(vertices) % tuple(vertices.ravel().tolist())
+    faces = (" ".join(map(str, (ring + 1).tolist())) for ring in polygons)
+    return lines + "".join(f"f {face}\n" for face in faces).encode()

@@ -13,6 +13,7 @@ from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob, ClipState, Ou
 from cageik_cli.workflows.extract import run_extraction
 from cageik_cli.workflows.plan import (
     ExtractionPlan,
+    build_missing_cage,
     check_output_path,
     load_or_compute_binding,
     plan_extraction,
@@ -50,7 +51,9 @@ def check_clip(job: ClipJob) -> Outcome | str:
 def bind_clip(job: ClipJob) -> StoredBinding | None:
     """Return the weights that a job needs; None if that fails, for each job reports why itself."""
     try:
-        return load_or_compute_binding(plan_extraction(job.settings), ProgressListener())
+        progress = ProgressListener()
+        plan = build_missing_cage(plan_extraction(job.settings), progress)
+        return load_or_compute_binding(plan, progress)
     except CageikError:
         return None
 

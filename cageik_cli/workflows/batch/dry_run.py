@@ -7,7 +7,7 @@ from cageik_cli.util.errors import CageikError
 from cageik_cli.util.text import format_block
 from cageik_cli.workflows.batch.jobs import ClipJob
 from cageik_cli.workflows.batch.run import BatchPlan
-from cageik_cli.workflows.plan import plan_extraction
+from cageik_cli.workflows.plan import ExtractSettings, plan_extraction
 
 FAULT_LABEL = "would fail"
 
@@ -45,6 +45,12 @@ def _describe_job(job: ClipJob) -> list[tuple[str, str]]:
     vertices = len(sequence.first.vertices)
     return [
         ("frames", f"{len(sequence)} of {vertices} vertices, from {sequence.names[0]}"),
-        ("cage", str(settings.cage or settings.binding)),
+        ("cage", _describe_cage(settings)),
         ("result", f"{settings.output}, {state}"),
     ]
+
+
+def _describe_cage(settings: ExtractSettings) -> str:
+    if settings.builds_cage:
+        return f"would be built, of {settings.build.vertices} vertices"
+    return str(settings.cage or settings.binding)

@@ -29,7 +29,11 @@ WRONG = {
         [*TYPED, "--rest", "cage.obj", "--rest-frame", "0"],
         "--rest and --rest-frame",
     ),
-    "no cage": (["extract", "frames"], "Missing option '--cage'"),
+    "a cage that is given and built": (
+        [*TYPED, "--cage-out", "built.obj"],
+        "--cage-out and --cage exclude each other",
+    ),
+    "a small cage": (["extract", "frames", "--cage-vertices", "3"], "a cage of 3 vertices"),
     "a cache and none": (
         [*TYPED, "--cache", "a", "--no-cache"],
         "--cache and --no-cache exclude each other",

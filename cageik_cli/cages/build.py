@@ -1,0 +1,88 @@
+"""Build a cage around any model: a ladder of candidates, each judged by exact tests."""
+
+from collections.abc import Callable
+
+from cageik_cli.cages.building.job import Job
+from cageik_cli.cages.building.records import BuildSettings, BuiltCage, Candidate, Clip
+from cageik_cli.coordinates.weights import ignore_progress
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.errors import NumericalError
+
+__all__ = ["BuildSettings", "BuiltCage", "Candidate", "Clip", "build_cage"]
+
+GOOD_ANGLE = 10.0
+"""Degrees below which a cage ranks behind."""
+
+HANDLE_COST = 0.1
+"""How much a handle costs, over the looseness."""
+
+ENOUGH = 2
+"""Valid candidates after which the ladder ends when none is measured."""
+
+
+def build_cage(
+    model: TriMesh,
+    settings: BuildSettings | None = None,
+    clip: Clip | None = None,
+    progress: Callable[[int, int], None] = ignore_progress,
+) -> BuiltCage:
+    """Build the best cage of a ladder of candidates.
+
+    Parameters
+    ----------
+    model : TriMesh
+        Any triangles: open, in pieces, crossing themselves, without area.
+    settings : BuildSettings, optional
+    clip : Clip, optional
+        An animation of the model that the cage is for: all rungs are then tried, without and with
+        its poses, and the least error wins. Without it the tightest of the first few valid ones
+        does.
+    progress : callable
+        Told (candidates done, candidates) after every one.
+
+    Raises
+    ------
+    FormatError
+        When the model is one point.
+    NumericalError
+        When no cage passes, which no model is known to bring about.
+    """
+    settings = settings or BuildSettings()
+    job = Job.start(model, settings, clip)
+    tried: list[Candidate] = []
+    for step, (recipe, poses) in enumerate(job.ladder):
+        candidate = job.try_shell(recipe, poses)
+        if candidate is not None:
+            tried.append(job.measured(candidate))
+        progress(step + 1, len(job.ladder) + 1)
+        if clip is None and sum(known.verdict.is_valid for known in tried) >= ENOUGH:
+            break
+    if not any(known.verdict.is_valid for known in tried):
+        tried += [job.measured(loose) for loose in job.try_ellipsoids()]
+    progress(len(job.ladder) + 1, len(job.ladder) + 1)
+    return choose_best(tried)
+
+
+def choose_best(tried: list[Candidate]) -> BuiltCage:
+    """Take the valid candidate of the least error, or else the tightest.
+
+    Raises
+    ------
+    NumericalError
+        When none is valid.
+    """
+    valid = [candidate for candidate in tried if candidate.verdict.is_valid]
+    if not valid:
+        reason = tried[-1].verdict.faults[0] if tried else "nothing could be made of the model"
+        raise NumericalError(f"no cage passes the tests, the last one {reason}; please report it")
+    best = min(valid, key=rank)
+    return BuiltCage(best.cage, best, tuple(tried), best.notes)
+
+
+def rank(candidate: Candidate) -> float:
+    """What is least for the best candidate."""
+    if candidate.error is not None:
+        return candidate.error
+    verdict = candidate.verdict
+    poor = max(0.0, GOOD_ANGLE - verdict.smallest_angle) / GOOD_ANGLE
+    return verdict.looseness * (1 + poor + HANDLE_COST * verdict.genus)

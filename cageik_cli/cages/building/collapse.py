@@ -1,0 +1,151 @@
+"""Decimation that keeps faces in shape, with quadrics summed over poses.
+
+Garland and Heckbert 1997; for animations Mohr and Gleicher 2003: without poses, or with none that
+differ, the two are one.
+"""
+
+import heapq
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli.cages.building.carry import Poses
+from cageik_cli.cages.building.decimate import UNTESTED, thin_shell
+from cageik_cli.cages.building.quadrics import collapse_costs, vertex_quadrics
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import corner_angles
+from cageik_cli.util.arrays import Floats, Integers
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeLimits:
+    """What a collapse may do to the faces that are left.
+
+    Attributes
+    ----------
+    angle : float
+        Degrees that faces keep, unless they had less.
+    valence : int
+        Edges at a vertex, at most.
+    cosine : float
+        Between the normals of a face before and after, at least.
+    """
+
+    angle: float
+    valence: int
+    cosine: float
+
+
+LIMITS = (ShapeLimits(6.0, 10, 0.2), ShapeLimits(3.0, 11, 0.0), ShapeLimits(0.5, 14, -0.3))
+"""The later ones are for what the first leave no way to do."""
+
+
+def collapse_edges(cage: TriMesh, count: int, poses: Poses) -> TriMesh:
+    """Collapse edges until there are `count` vertices, or none is left that may be collapsed.
+
+    The cost of a collapse is the sum over the poses, each with its own best place, so that
+    vertices stay where any pose bends.
+    """
+    if len(cage.vertices) > 1.5 * max(UNTESTED, 2 * count):
+        cage = thin_shell(cage, max(UNTESTED, 2 * count))
+    for limits in LIMITS:
+        if len(cage.vertices) > count:
+            cage = _Collapser(cage, poses, limits).run(count)
+    return cage
+
+
+class _Collapser:
+    """A mesh in all poses, its quadrics, and a queue of the collapses that are possible."""
+
+    def __init__(self, cage: TriMesh, poses: Poses, limits: ShapeLimits) -> None:
+        self._limits = limits
+        self._places = np.concatenate([cage.vertices[None], poses.carry(cage.vertices)])
+        self._quadrics = np.array([vertex_quadrics(TriMesh(p, cage.faces)) for p in self._places])
+        self._around: list[set[int]] = [set() for _ in cage.vertices]
+        self._faces = [tuple(face) for face in cage.faces.tolist()]
+        self._at: list[set[int]] = [set() for _ in cage.vertices]
+        for number, face in enumerate(self._faces):
+            for vertex in face:
+                self._at[vertex].add(number)
+                self._around[vertex].update(other for other in face if other != vertex)
+        self._age = np.zeros(len(cage.vertices), np.int64)
+        self._queue: list[tuple[float, int, int, int, int]] = []
+        self._push(cage.edges.ends)
+
+    def run(self, count: int) -> TriMesh:
+        """Collapse until there are `count` vertices."""
+        left = len(self._around)
+        while left > count and self._queue:
+            _, a, b, age_a, age_b = heapq.heappop(self._queue)
+            if (self._age[a], self._age[b]) == (age_a, age_b) and self._collapse(a, b):
+                left -= 1
+        faces = np.array(sorted(set().union(*self._at)), np.int64)
+        corners = np.array(self._faces, np.int64)[faces]
+        used, corners = np.unique(corners, return_inverse=True)
+        return TriMesh(self._places[0, used], corners.reshape(-1, 3))
+
+    def _push(self, ends: Integers) -> None:
+        """Queue the collapses of edges, (e, 2)."""
+        cost = np.zeros(len(ends))
+        for quadrics, places in zip(self._quadrics, self._places, strict=True):
+            cost += collapse_costs(quadrics, places, ends)[0]
+        for (a, b), value in zip(ends.tolist(), cost.tolist(), strict=True):
+            item = (value, a, b, int(self._age[a]), int(self._age[b]))
+            heapq.heappush(self._queue, item)
+
+    def _collapse(self, a: int, b: int) -> bool:
+        """Merge b into a if the surface stays manifold and its faces keep their shape."""
+        common = self._around[a] & self._around[b]
+        valence = len(self._around[a]) + len(self._around[b]) - 4
+        if len(common) != 2 or min(len(self._around[c]) for c in common) <= 3:
+            return False
+        if valence > self._limits.valence:
+            return False
+        ends = np.array([[a, b]])
+        places = np.array(
+            [
+                collapse_costs(quadrics, places, ends)[1][0]
+                for quadrics, places in zip(self._quadrics, self._places, strict=True)
+            ]
+        )
+        if not self._keeps_shape(a, b, places[0]):
+            return False
+        self._merge(a, b, places)
+        return True
+
+    def _keeps_shape(self, a: int, b: int, place: Floats) -> bool:
+        """Whether faces neither turn over nor become needles in the rest pose."""
+        left = sorted(self._at[a] ^ self._at[b])
+        before = np.array([self._faces[f] for f in left])
+        after = np.where(before == b, a, before)
+        vertices = self._places[0]
+        old = vertices[before]
+        moved = np.where((after == a)[:, :, None], place, vertices[after])
+        normals = [np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (old, moved)]
+        lengths = [np.linalg.norm(normal, axis=1) for normal in normals]
+        cosine = (normals[0] * normals[1]).sum(axis=1)
+        if (cosine < self._limits.cosine * lengths[0] * lengths[1]).any() or lengths[1].min() == 0:
+            return False
+        flat = np.arange(3 * len(left)).reshape(-1, 3)
+        angles = [corner_angles(TriMesh(t.reshape(-1, 3), flat)).min() for t in (old, moved)]
+        return bool(angles[1] >= min(self._limits.angle, angles[0]))
+
+    def _merge(self, a: int, b: int, places: Floats) -> None:
+        self._places[:, a] = places
+        self._quadrics[:, a] += self._quadrics[:, b]
+        for number in self._at[a] & self._at[b]:
+            for vertex in self._faces[number]:
+                self._at[vertex].discard(number)
+        for number in self._at[b]:
+            self._faces[number] = tuple(a if v == b else v for v in self._faces[number])
+        self._at[a] |= self._at[b]
+        self._at[b] = set()
+        for other in self._around[b]:
+            self._around[other].discard(b)
+            if other != a:
+                self._around[other].add(a)
+                self._around[a].add(other)
+        self._around[b] = set()
+        self._age[[a, b]] += 1
+        ring = sorted(self._around[a])
+        self._push(np.array([[min(a, other), max(a, other)] for other in ring]))

@@ -1,0 +1,135 @@
+"""The ladder of candidates for one model, and how each is made."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cageik_cli.cages.building.carry import Poses, choose_poses
+from cageik_cli.cages.building.decimate import euler_characteristic
+from cageik_cli.cages.building.distance_grid import DistanceGrid, measure_grid
+from cageik_cli.cages.building.egg import DRAWS, wrap_ellipsoid
+from cageik_cli.cages.building.judge import Demand, judge
+from cageik_cli.cages.building.records import BuildSettings, Candidate, Clip
+from cageik_cli.cages.building.refine import COMPLETIONS, complete_clearance, refine_shell
+from cageik_cli.cages.building.shell import Shell, ShellRecipe, make_shell
+from cageik_cli.cages.building.unit import UnitModel, normalize_model
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import join_truncated
+
+FEWEST_SHARE = 0.9
+"""A cage has at least this share of the vertices asked for."""
+
+POSED_RUNGS = 6
+"""Rungs of the ladder that are tried for an animation."""
+
+FINE_CELL, COARSE_CELL = 0.007, 0.014
+"""Cells of the grids, in diagonals."""
+
+COARSE_OFFSET = 0.016
+"""Shells with this offset or more are made on the coarse grid: it is twice a cell's half."""
+
+FINE_REACH, COARSE_REACH = 0.04, 0.13
+"""Distances are exact up to here: offset and closing of every shell, and some cells."""
+
+LADDER = (
+    ShellRecipe(0.006, 0.010),
+    ShellRecipe(0.010, 0.020),
+    ShellRecipe(0.008, 0.014),
+    ShellRecipe(0.012, 0.015),
+    ShellRecipe(0.016, 0.020),
+    ShellRecipe(0.016, 0.035),
+    ShellRecipe(0.025, 0.050),
+    ShellRecipe(0.040, 0.080),
+)
+"""The shells, tight to loose."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """What all candidates of a model share."""
+
+    unit: UnitModel
+    demand: Demand
+    ladder: tuple[tuple[ShellRecipe, Poses], ...]
+    clip: Clip | None
+    grids: dict[float, DistanceGrid]
+
+    @staticmethod
+    def start(model: TriMesh, settings: BuildSettings, clip: Clip | None) -> "Job":
+        """Prepare a model."""
+        unit = normalize_model(model)
+        fewest = int(np.ceil(FEWEST_SHARE * settings.vertices))
+        still = Poses.none()
+        ladder = tuple((recipe, still) for recipe in LADDER)
+        if clip is not None:
+            rest, frames = (unit.to_units(points) for points in (model.vertices, clip.frames))
+            poses = choose_poses(rest, frames)
+            ladder = tuple((recipe, p) for recipe in LADDER[:POSED_RUNGS] for p in (poses, still))
+        demand = Demand(unit.surface, unit.samples, settings.clearance, fewest, settings.vertices)
+        return Job(unit, demand, ladder, clip, {})
+
+    def try_shell(self, recipe: ShellRecipe, poses: Poses) -> Candidate | None:
+        """A candidate from a shell, None where the shell cannot be had."""
+        shell = make_shell(self._grid_for(recipe), recipe)
+        if shell is None:
+            return None
+        cage = refine_shell(shell.surface, self.demand, poses)
+        name = f"shell {100 * recipe.offset:.2g} % closed by {100 * recipe.closing:.2g} %"
+        if len(poses.posed):
+            name += f", {len(poses.posed)} poses"
+        return self._judged(name, cage, _shell_notes(shell, self.unit))
+
+    def try_ellipsoids(self) -> list[Candidate]:
+        """Loose candidates: an ellipsoid drawn in, and where that fails, as it is."""
+        notes = (
+            "no cage that follows the model passed the tests; this is an ellipsoid drawn in, which "
+            "expresses less: more vertices or a smaller clearance may help",
+        )
+        tried: list[Candidate] = []
+        for name, draws in (("ellipsoid drawn in", DRAWS), ("ellipsoid", 0)):
+            cage = wrap_ellipsoid(self.demand, draws)
+            cage, _ = complete_clearance(cage, self.demand, self.demand.samples, COMPLETIONS)
+            tried.append(self._judged(name, cage, notes))
+            if tried[-1].verdict.is_valid:
+                break
+        return tried
+
+    def measured(self, candidate: Candidate) -> Candidate:
+        """The candidate with its error, if it is valid and there is a clip."""
+        if self.clip is None or not candidate.verdict.is_valid:
+            return candidate
+        return replace(candidate, error=float(self.clip.measure(candidate.cage)))
+
+    def _judged(self, recipe: str, cage: TriMesh, notes: tuple[str, ...]) -> Candidate:
+        """Judge a cage as it is after rounding to file units."""
+        placed = TriMesh(self.unit.to_file_units(cage.vertices), cage.faces)
+        back = TriMesh(self.unit.to_units(placed.vertices), cage.faces)
+        return Candidate(recipe, placed, judge(back, self.demand), notes=notes)
+
+    def _grid_for(self, recipe: ShellRecipe) -> DistanceGrid:
+        """The grid on which a shell is made, measured when it is first needed."""
+        fine = recipe.offset < COARSE_OFFSET
+        cell, reach = (FINE_CELL, FINE_REACH) if fine else (COARSE_CELL, COARSE_REACH)
+        if cell not in self.grids:
+            self.grids[cell] = measure_grid(self.unit.surface, cell, reach)
+        return self.grids[cell]
+
+
+def _shell_notes(shell: Shell, unit: UnitModel) -> tuple[str, ...]:
+    """What the shell had to close, where."""
+    notes = []
+    handles = 1 - euler_characteristic(shell.surface) // 2
+    for count, what, places in (
+        (len(shell.bridges), "parts of the model that lie apart were joined", shell.bridges),
+        (len(shell.hollows), "hollows with a narrow opening were filled", shell.hollows),
+        (handles, "handles are left where parts touch: they move together", shell.webs),
+    ):
+        if count:
+            notes.append(f"{what} ({count}), at {_places(unit.to_file_units(places))}")
+    return tuple(notes)
+
+
+def _places(points: Floats) -> str:
+    """Some places, such as (1, 2, 3)."""
+    return join_truncated((f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in points), limit=3)

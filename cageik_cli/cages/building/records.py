@@ -1,0 +1,72 @@
+"""What is asked of the builder, what was tried, and what came of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from cageik_cli.cages.building.judge import Verdict
+from cageik_cli.cages.settings import BuildSettings as BuildSettings
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.arrays import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A cage that was tried.
+
+    Attributes
+    ----------
+    recipe : str
+        How it was made.
+    cage : TriMesh
+        In file units; fit to be handed out only if the verdict says so.
+    verdict : Verdict
+        Lengths in diagonals of the model.
+    error : float or None
+        What `measure` gave, None where nothing was measured.
+    notes : tuple of str
+        What had to be done to the model's surface, a sentence each.
+    """
+
+    recipe: str
+    cage: TriMesh
+    verdict: Verdict
+    error: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BuiltCage:
+    """A cage around a model, and how it was come by.
+
+    Attributes
+    ----------
+    cage : TriMesh
+        Closed, manifold, outward, of one component, around the whole surface; file units.
+    chosen : Candidate
+        The one it is.
+    candidates : tuple of Candidate
+        All that were tried, in order.
+    notes : tuple of str
+        What the user should know, a sentence each, places in file units.
+    """
+
+    cage: TriMesh
+    chosen: Candidate
+    candidates: tuple[Candidate, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clip:
+    """What a cage is built for.
+
+    Attributes
+    ----------
+    frames : (k, m, 3) float64
+        Poses of the model's vertices, file units; rigid motions between them do not matter.
+    measure : callable
+        The error of a cage on the animation, the less the better.
+    """
+
+    frames: Floats
+    measure: Callable[[TriMesh], float]

@@ -1,0 +1,112 @@
+"""How much too small or too large a cage is for its model."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from cageik_cli.cages.repairing.samples import sample_surface
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import bounds_volume, corner_angles
+from cageik_cli.geometry.surface import closest_points, winding_numbers
+from cageik_cli.util.arrays import Floats
+
+MAX_INFLATION = 20.0
+"""Cages that must grow by more, percent of the model's diagonal, are not this model's."""
+
+INFLATION_TOL = 0.01
+"""The inflation is found to this share of itself."""
+
+GROWTH = 1.4
+"""Factor between the inflations that are tried first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Looseness:
+    """How a cage's room compares with its model.
+
+    Attributes
+    ----------
+    volume_ratio : float, optional
+        The cage's volume over the model's; None for an open model.
+    hull_ratio : float, optional
+        The cage's volume over that of the model's convex hull; None for a flat model.
+    mean_gap, max_gap : float
+        Distance of the cage's surface from the model's, percent of the model's diagonal.
+    """
+
+    volume_ratio: float | None
+    hull_ratio: float | None
+    mean_gap: float
+    max_gap: float
+
+
+def measure_looseness(cage: TriMesh, model: TriMesh) -> Looseness:
+    """Compare the room in a cage, closed and turned outward, with its model."""
+    closed = bounds_volume(model) and model.volume != 0
+    try:
+        hull = float(ConvexHull(model.vertices).volume)
+    except QhullError:
+        hull = 0.0
+    gaps = 100 * closest_points(model, sample_surface(cage)).distance / model.diagonal
+    return Looseness(
+        volume_ratio=abs(cage.volume / model.volume) if closed else None,
+        hull_ratio=cage.volume / hull if hull > 0 else None,
+        mean_gap=float(gaps.mean()),
+        max_gap=float(gaps.max()),
+    )
+
+
+def measure_inflation(cage: TriMesh, model: TriMesh) -> float | None:
+    """The smallest offset of all cage vertices along their normals that takes the model inside.
+
+    Parameters
+    ----------
+    cage : TriMesh
+        Closed and turned outward.
+    model : TriMesh
+
+    Returns
+    -------
+    float, optional
+        Percent of the model's diagonal, found to hold all of the model's surface; 0 if the cage
+        holds it as it is, None if `MAX_INFLATION` does not, or the cage then crosses itself.
+    """
+    samples = sample_surface(model)
+    outside = samples[winding_numbers(cage, samples) < 0.5]
+    if len(outside) == 0:
+        return 0.0
+    normals = vertex_normals(cage) * (model.diagonal / 100)
+    depth = 100 * float(closest_points(cage, outside).distance.max()) / model.diagonal
+    low, high = 0.0, max(depth, INFLATION_TOL)
+    while not _holds(cage, high * normals, outside):
+        low, high = high, high * GROWTH
+        if low > MAX_INFLATION:
+            return None
+    while high - low > INFLATION_TOL * high:
+        middle = (low + high) / 2
+        low, high = (low, middle) if _holds(cage, middle * normals, outside) else (middle, high)
+    # Where the cage is thin, it may cross itself as it grows, and lose what it held.
+    held = high <= MAX_INFLATION and _holds(cage, high * normals, samples)
+    return high if held else None
+
+
+def inflate(cage: TriMesh, distance: float) -> TriMesh:
+    """Move every vertex of a cage along its normal, file units."""
+    return TriMesh(cage.vertices + distance * vertex_normals(cage), cage.faces)
+
+
+def vertex_normals(mesh: TriMesh) -> Floats:
+    """Unit normals of vertices, (n, 3): those of their faces, weighted by their angles there."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    total = np.zeros_like(mesh.vertices)
+    np.add.at(total, mesh.faces, corner_angles(mesh)[:, :, None] * normals[:, None])
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(total / np.where(length > 0, length, 1.0))
+
+
+def _holds(cage: TriMesh, moves: Floats, samples: Floats) -> bool:
+    grown = TriMesh(cage.vertices + moves, cage.faces)
+    return bool((winding_numbers(grown, samples) >= 0.5).all())

@@ -1,0 +1,147 @@
+"""A cage whose faces may be quads: the rings of its polygons, and the triangles to compute with."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.arrays import Floats, Integers
+
+FOLD_TOL = 1e-9
+"""A fan is folded when it has a triangle turned against the polygon by more of its area."""
+
+
+@dataclass(frozen=True, eq=False)
+class PolygonMesh:
+    """Polygons whose corners follow one another, and their fans.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64
+        File units.
+    corners : (c,) int64
+        The rings of all polygons, one after the other.
+    corner_counts : (p,) int64
+        How many corners each polygon has, 3 or more.
+    """
+
+    vertices: Floats
+    corners: Integers
+    corner_counts: Integers
+
+    @staticmethod
+    def from_fans(mesh: TriMesh, corner_counts: Integers | None = None) -> "PolygonMesh":
+        """Find the rings of polygons that were cut into fans at their first corners.
+
+        Parameters
+        ----------
+        mesh : TriMesh
+            The fans follow one another, as `formats` gives them before it mends folded ones.
+        corner_counts : (p,) int64, optional
+            Of the polygons; all are triangles by default.
+
+        Raises
+        ------
+        ValueError
+            When the triangles are not such fans.
+        """
+        if corner_counts is None:
+            return PolygonMesh(mesh.vertices, mesh.faces.ravel(), np.full(len(mesh.faces), 3))
+        if corner_counts.min() < 3 or (corner_counts - 2).sum() != len(mesh.faces):
+            raise ValueError("the numbers of corners are not those of the mesh")
+        parts = np.split(mesh.faces, np.cumsum(corner_counts - 2)[:-1])
+        rings = [np.concatenate([fan[0, :2], fan[:, 2]]) for fan in parts]
+        found = PolygonMesh.from_rings(mesh.vertices, rings)
+        if not np.array_equal(found.triangles.faces, mesh.faces):
+            raise ValueError("the triangles are not fans of polygons")
+        return found
+
+    @staticmethod
+    def from_rings(vertices: Floats, rings: list[Integers]) -> "PolygonMesh":
+        """Put the rings of polygons one after the other."""
+        counts = np.array([len(ring) for ring in rings], np.int64)
+        corners = np.concatenate([np.empty(0, np.int64), *rings]).astype(np.int64)
+        return PolygonMesh(vertices, corners, counts)
+
+    @cached_property
+    def rings(self) -> list[Integers]:
+        """The corners of each polygon."""
+        return np.split(self.corners, np.cumsum(self.corner_counts)[:-1])
+
+    @cached_property
+    def polygon_numbers(self) -> Integers:
+        """The polygon of each corner, (c,)."""
+        return np.repeat(np.arange(len(self.corner_counts)), self.corner_counts)
+
+    @cached_property
+    def triangle_polygons(self) -> Integers:
+        """The polygon of each triangle, (f,)."""
+        return np.repeat(np.arange(len(self.corner_counts)), self.corner_counts - 2)
+
+    @cached_property
+    def next_corners(self) -> Integers:
+        """The corner that follows each in its ring, (c,)."""
+        starts = np.cumsum(self.corner_counts) - self.corner_counts
+        following = np.roll(self.corners, -1)
+        following[starts + self.corner_counts - 1] = self.corners[starts]
+        return following
+
+    @cached_property
+    def triangles(self) -> TriMesh:
+        """The fans of the polygons at their first corners."""
+        counts = self.corner_counts - 2
+        first = np.repeat(np.cumsum(self.corner_counts) - self.corner_counts, counts)
+        place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        fans = np.stack([first, first + place + 1, first + place + 2], axis=1)
+        return TriMesh(self.vertices, self.corners[fans])
+
+    @cached_property
+    def is_folded(self) -> NDArray[np.bool_]:
+        """Which polygons have a fan that folds over, (p,)."""
+        mesh = self.triangles
+        a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
+        areas = np.cross(b - a, c - a)
+        starts = np.cumsum(self.corner_counts - 2) - (self.corner_counts - 2)
+        whole = np.add.reduceat(areas, starts)
+        turned = np.einsum("fx,fx->f", areas, whole[self.triangle_polygons])
+        allowed = -FOLD_TOL * np.einsum("px,px->p", whole, whole)
+        return np.asarray(np.minimum.reduceat(turned, starts) < allowed, np.bool_)
+
+    def move(self, vertices: Floats) -> "PolygonMesh":
+        """The same polygons with their vertices elsewhere."""
+        return PolygonMesh(vertices, self.corners, self.corner_counts)
+
+    def keep(self, chosen: NDArray[np.bool_]) -> "PolygonMesh":
+        """Only the chosen polygons, all vertices."""
+        corners = self.corners[chosen[self.polygon_numbers]]
+        return PolygonMesh(self.vertices, corners, self.corner_counts[chosen])
+
+    def turn(self, chosen: NDArray[np.bool_]) -> "PolygonMesh":
+        """The chosen polygons seen from their other side; first corners and diagonals stay."""
+        rings = [
+            np.concatenate([ring[:1], ring[:0:-1]]) if turned else ring
+            for ring, turned in zip(self.rings, chosen, strict=True)
+        ]
+        return PolygonMesh.from_rings(self.vertices, rings)
+
+    def unfold(self) -> "PolygonMesh":
+        """Start folded fans at another corner; cut those that fold from every corner.
+
+        A reader of the file then cuts the polygons into the very triangles that were tested.
+        """
+        if not self.is_folded.any():
+            return self
+        rings: list[Integers] = []
+        for ring, folded in zip(self.rings, self.is_folded, strict=True):
+            rings += _unfold_ring(self.vertices, ring) if folded else [ring]
+        return PolygonMesh.from_rings(self.vertices, rings)
+
+
+def _unfold_ring(vertices: Floats, ring: Integers) -> list[Integers]:
+    for start in range(1, len(ring)):
+        turned = np.roll(ring, -start)
+        if not PolygonMesh.from_rings(vertices, [turned]).is_folded.any():
+            return [turned]
+    return list(PolygonMesh.from_rings(vertices, [ring]).triangles.faces)

@@ -1,0 +1,169 @@
+"""Faces and vertices that are one too many, and faces that are turned: found and mended.
+
+Each function takes polygons and gives new ones, with vertices where they were.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
+
+from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
+from cageik_cli.geometry.mesh import signed_volumes
+from cageik_cli.util.arrays import Floats, Integers
+
+MERGE_TOL = 1e-7
+"""Vertices nearer to each other than this, in diagonals, are at one place."""
+
+Booleans = NDArray[np.bool_]
+
+
+def find_coincident(vertices: Floats, candidates: Integers) -> Integers:
+    """The first vertex at the place of each, (n,); those that are no candidates stay themselves."""
+    reach = MERGE_TOL * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    pairs = cKDTree(vertices[candidates]).query_pairs(reach, output_type="ndarray")
+    ends = candidates[pairs].reshape(-1, 2)
+    size = len(vertices)
+    graph = sparse.coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
+    _, group = csgraph.connected_components(graph, directed=False)
+    _, first = np.unique(group, return_index=True)
+    return np.asarray(first[group], np.int64)
+
+
+def replace_corners(mesh: PolygonMesh, target: Integers) -> PolygonMesh:
+    """Name other vertices; a corner that then repeats the one before it goes.
+
+    Polygons that are left with fewer than three corners go, and so do those that touch themselves.
+    """
+    rings = []
+    for ring in mesh.rings:
+        named = target[ring]
+        named = named[named != np.roll(named, 1)]
+        if len(named) >= 3 and len(np.unique(named)) == len(named):
+            rings.append(named)
+    return PolygonMesh.from_rings(mesh.vertices, rings)
+
+
+def find_repeated(mesh: PolygonMesh) -> Booleans:
+    """Which polygons have the vertices of one before them, (p,)."""
+    keys = [tuple(sorted(ring.tolist())) for ring in mesh.rings]
+    first = dict(zip(reversed(keys), reversed(range(len(keys))), strict=True))
+    return np.array([first[key] != number for number, key in enumerate(keys)], bool)
+
+
+def drop_unreferenced(mesh: PolygonMesh) -> tuple[PolygonMesh, Integers]:
+    """Without the vertices in no face; the new number of each old vertex, −1 if it went."""
+    used = np.unique(mesh.corners)
+    numbers = np.full(len(mesh.vertices), -1)
+    numbers[used] = np.arange(len(used))
+    return PolygonMesh(mesh.vertices[used], numbers[mesh.corners], mesh.corner_counts), numbers
+
+
+def count_edge_uses(mesh: PolygonMesh) -> tuple[Integers, Integers]:
+    """How many polygons have the edge that begins at each corner, (c,), and its number, (c,)."""
+    ends = np.sort(np.stack([mesh.corners, mesh.next_corners], axis=1), axis=1)
+    _, edge = np.unique(ends, axis=0, return_inverse=True)
+    edge = edge.ravel()
+    return np.bincount(edge)[edge], edge
+
+
+def count_topology_faults(mesh: PolygonMesh) -> int:
+    """Edges that have not two polygons, and parts of vertices that touch in a point."""
+    uses, edge = count_edge_uses(mesh)
+    _, first = np.unique(edge, return_index=True)
+    # Corners of one vertex on one edge are joined; a vertex has one such group for each fan.
+    size, after = len(mesh.corners), _find_next_places(mesh)
+    ends = np.concatenate([mesh.corners, mesh.next_corners])
+    key = np.concatenate([edge, edge]) * len(mesh.vertices) + ends
+    place = np.concatenate([np.arange(size), after])
+    order = np.argsort(key, kind="stable")
+    same = np.diff(key[order]) == 0
+    one, other = place[order][:-1][same], place[order][1:][same]
+    graph = sparse.coo_array((np.ones(len(one)), (one, other)), shape=(size, size))
+    groups, _ = csgraph.connected_components(graph, directed=False)
+    return int(np.count_nonzero(uses[first] != 2)) + int(groups) - len(np.unique(mesh.corners))
+
+
+def _find_next_places(mesh: PolygonMesh) -> Integers:
+    """Where the corner that follows each in its ring stands, (c,)."""
+    starts = np.cumsum(mesh.corner_counts) - mesh.corner_counts
+    after = np.arange(len(mesh.corners)) + 1
+    after[starts + mesh.corner_counts - 1] = starts
+    return after
+
+
+def find_boundary_vertices(mesh: PolygonMesh) -> Integers:
+    """Vertices on edges that have not two polygons."""
+    uses, _ = count_edge_uses(mesh)
+    return np.unique(np.concatenate([mesh.corners[uses != 2], mesh.next_corners[uses != 2]]))
+
+
+def find_fins(mesh: PolygonMesh) -> Booleans:
+    """Polygons that stand on an edge which two others share, and are open elsewhere, (p,)."""
+    fins = np.zeros(len(mesh.corner_counts), bool)
+    while True:
+        rest = mesh.keep(~fins)
+        uses, _ = count_edge_uses(rest)
+        numbers, count = rest.polygon_numbers, len(rest.corner_counts)
+        crowded = np.bincount(numbers[uses > 2], minlength=count) > 0
+        open_sides = np.bincount(numbers[uses == 1], minlength=count)
+        is_fin = crowded & (open_sides > 0)
+        if fins.any():
+            is_fin |= open_sides == rest.corner_counts
+        if not is_fin.any():
+            return fins
+        fins[np.flatnonzero(~fins)[is_fin]] = True
+
+
+def label_patches(mesh: PolygonMesh) -> Integers:
+    """Number of the patch of each polygon, (p,): polygons joined by edges that only they have."""
+    first, second, _ = _find_neighbours(mesh)
+    size = len(mesh.corner_counts)
+    graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
+    return np.asarray(csgraph.connected_components(graph, directed=False)[1], np.int64)
+
+
+def find_turned(mesh: PolygonMesh) -> Booleans:
+    """Which polygons to turn so that neighbours face alike, (p,); the fewest of each patch.
+
+    Each polygon is two nodes, as it is and turned; neighbours that agree tie like to like. A
+    patch that has no sides, such as a Möbius strip, stays as it is.
+    """
+    first, second, agree = _find_neighbours(mesh)
+    size = len(mesh.corner_counts)
+    cross = np.where(agree, 0, size)
+    starts = np.concatenate([first, first + size])
+    stops = np.concatenate([second + cross, second + size - cross])
+    graph = sparse.coo_array((np.ones(len(starts)), (starts, stops)), shape=(2 * size,) * 2)
+    _, label = csgraph.connected_components(graph, directed=False)
+    as_is, turned = label[:size], label[size:]
+    votes = np.bincount(as_is, minlength=label.max() + 1)
+    return np.asarray((votes[turned] > votes[as_is]) | _breaks_tie(as_is, turned, votes), np.bool_)
+
+
+def _breaks_tie(as_is: Integers, turned: Integers, votes: Integers) -> Booleans:
+    """Of patches that are half this way, half that, turn the half with the larger label."""
+    return np.asarray((votes[turned] == votes[as_is]) & (as_is > turned), np.bool_)
+
+
+def find_inward(mesh: PolygonMesh) -> Booleans:
+    """Which polygons belong to closed components of negative volume, (p,)."""
+    uses, _ = count_edge_uses(mesh)
+    label = label_patches(mesh)
+    inward = np.zeros(len(label), bool)
+    for patch in range(label.max() + 1):
+        chosen = label == patch
+        faces = mesh.triangles.faces[chosen[mesh.triangle_polygons]]
+        if (uses[chosen[mesh.polygon_numbers]] == 2).all():
+            inward |= chosen & (signed_volumes(mesh.vertices[None], faces)[0] < 0)
+    return inward
+
+
+def _find_neighbours(mesh: PolygonMesh) -> tuple[Integers, Integers, Booleans]:
+    """Pairs of polygons that alone share an edge, and whether they pass it in opposite ways."""
+    uses, edge = count_edge_uses(mesh)
+    chosen = np.flatnonzero(uses == 2)
+    sides = chosen[np.argsort(edge[chosen], kind="stable")].reshape(-1, 2)
+    polygon, starts = mesh.polygon_numbers[sides], mesh.corners[sides]
+    return polygon[:, 0], polygon[:, 1], starts[:, 0] != starts[:, 1]

@@ -1,0 +1,42 @@
+"""Settings of a cage that is built, and their defaults. This module imports no numerics."""
+
+from dataclasses import dataclass
+
+from cageik_cli.util.errors import SettingError
+
+MIN_VERTICES = 8
+"""Fewer vertices make no useful cage."""
+
+MAX_VERTICES = 2000
+"""More vertices would make more faces than a cage may have."""
+
+MAX_CLEARANCE = 0.2
+"""The largest clearance, in diagonals."""
+
+
+@dataclass(frozen=True, slots=True)
+class BuildSettings:
+    """What is asked of a cage.
+
+    Attributes
+    ----------
+    vertices : int
+        At most; the cage has at least nine tenths of them.
+    clearance : float
+        Its smallest distance from the model, in diagonals of the model.
+    """
+
+    vertices: int = 100
+    clearance: float = 0.004
+
+    def __post_init__(self) -> None:
+        if not MIN_VERTICES <= self.vertices <= MAX_VERTICES:
+            raise SettingError(
+                f"a cage of {self.vertices} vertices is asked for, expected {MIN_VERTICES} to "
+                f"{MAX_VERTICES}"
+            )
+        if not 0 < self.clearance <= MAX_CLEARANCE:
+            raise SettingError(
+                f"the clearance is {100 * self.clearance:g} % of the diagonal, expected more than "
+                f"0 and at most {100 * MAX_CLEARANCE:g} %"
+            )

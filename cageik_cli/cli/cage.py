@@ -1,0 +1,202 @@
+"""`cageik cage`: a cage around a model."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cli.options.clip import (
+    CLIP_OPTIONS,
+    choose_rest_frame,
+    rest_frame_option,
+    rest_option,
+)
+from cageik_cli.cli.options.common import (
+    PATH_TYPE,
+    common_options,
+    get_verbosity,
+    is_on_command_line,
+    jobs_option,
+    overwrite_option,
+    usage_errors,
+    write_or_print,
+)
+from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.formats.base.settings import ClipSettings
+
+if TYPE_CHECKING:
+    from cageik_cli.workflows.build_cage import CageSettings
+    from cageik_cli.workflows.repair_cage import RepairCageSettings
+
+BUILD_ONLY = ("vertices", "clearance", "rest_frame", "animation")
+"""Options without effect on a repair, by their parameters' names."""
+
+
+class ClearanceType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
+    """Percent of the diagonal, such as 0.4 or 0.4%; the value is in diagonals."""
+
+    name = "percent"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Parse the text."""
+        match = re.fullmatch(r"(\d+\.?\d*|\.\d+)\s*%?", str(value).strip())
+        if not match:
+            self.fail(f"{value!r} is not a share of the diagonal such as 0.4%", param, ctx)
+        return float(match[1]) / 100
+
+
+def make_build_settings(vertices: int, clearance: float) -> BuildSettings:
+    """Make the settings of the builder; impossible values are wrong usage."""
+    with usage_errors():
+        return BuildSettings(vertices, clearance)
+
+
+BUILD_OPTIONS = OptionGroup(
+    "build",
+    make_build_settings,
+    click.option(
+        "--vertices",
+        type=int,
+        default=BuildSettings().vertices,
+        show_default=True,
+        help="Vertices of the cage, at most; it has at least 0.9 times as many.",
+    ),
+    click.option(
+        "--clearance",
+        type=ClearanceType(),
+        default=f"{100 * BuildSettings().clearance:g}%",
+        show_default=True,
+        help="Smallest distance between cage and model, in percent of the diagonal.",
+    ),
+)
+
+
+def make_cage_settings(
+    model: str | None,
+    repair: Path | None,
+    output: Path,
+    build: BuildSettings,
+    rest: Path | None,
+    rest_frame: int | None,
+    animation: tuple[str, ...],
+    clip: ClipSettings,
+    overwrite: bool,
+    jobs: int,
+) -> "CageSettings | RepairCageSettings":
+    """Make the settings of a build or a repair; values that contradict are wrong usage."""
+    from cageik_cli.workflows.build_cage import CageSettings
+
+    if repair is not None:
+        return _make_repair_settings(model, repair, rest, output, overwrite)
+    if model is None:
+        raise click.UsageError("Missing argument 'MODEL' (or '--repair', which names a cage).")
+    choose_rest_frame(rest, rest_frame)
+    return CageSettings(
+        model=model,
+        output=output,
+        build=build,
+        rest=rest,
+        rest_frame=rest_frame,
+        animation=animation,
+        clip=clip,
+        overwrite=overwrite,
+        jobs=jobs,
+    )
+
+
+def _make_repair_settings(
+    model: str | None, cage: Path, rest: Path | None, output: Path, overwrite: bool
+) -> "RepairCageSettings":
+    """Make the settings of a repair, whose model is MODEL or --rest."""
+    from cageik_cli.workflows.repair_cage import RepairCageSettings
+
+    for name in BUILD_ONLY:
+        if is_on_command_line(name):
+            raise click.UsageError(f"--repair keeps the cage; leave out {_name_option(name)}")
+    if (model is None) == (rest is None):
+        raise click.UsageError("--repair needs the model: give it with --rest, or as MODEL")
+    return RepairCageSettings(cage, rest or Path(str(model)), output, overwrite=overwrite)
+
+
+def _name_option(name: str) -> str:
+    return "--for" if name == "animation" else f"--{name.replace('_', '-')}"
+
+
+@click.command("cage")
+@OptionGroup(
+    "settings",
+    make_cage_settings,
+    click.argument("model", required=False),
+    click.option(
+        "--repair",
+        type=PATH_TYPE,
+        metavar="CAGE",
+        help="Make this cage fit for the model instead, with as little change as possible.",
+    ),
+    click.option("-o", "--output", type=PATH_TYPE, required=True, help="The cage, an .obj file."),
+    BUILD_OPTIONS,
+    rest_option,
+    rest_frame_option,
+    click.option(
+        "--for",
+        "animation",
+        multiple=True,
+        metavar="FRAMES",
+        help="Choose the cage with the smallest error on these frames; may be repeated.",
+    ),
+    CLIP_OPTIONS,
+    overwrite_option,
+    jobs_option,
+)
+@click.option("--json", "json_path", type=PATH_TYPE, help="Write the record as JSON; - is stdout.")
+@common_options
+def cage_command(
+    settings: "CageSettings | RepairCageSettings", json_path: Path | None, quiet: bool
+) -> None:
+    """Build a cage around a model, or repair one.
+
+    MODEL is a mesh, or a clip, of which the rest pose is taken. It may be open, have several parts
+    or cross itself. The cage is closed, has one component, and encloses the whole surface.
+
+    \b
+    cageik cage body.obj -o cage.obj --vertices 150
+    cageik cage body.obj -o cage.obj --for frames
+    cageik cage --repair mine.obj --rest body.obj -o cage.obj
+    """  # noqa: D301
+    from cageik_cli.cli.progress import show_progress
+    from cageik_cli.util.outputs import check_no_overlap, check_writable
+    from cageik_cli.workflows.build_cage import (
+        CageSettings,
+        build_cage_file,
+        format_cage_json,
+        format_cage_text,
+    )
+    from cageik_cli.workflows.repair_cage import (
+        format_repair_json,
+        format_repair_text,
+        repair_cage_file,
+    )
+
+    check_no_overlap([*settings.outputs(), json_path], settings.inputs())
+    if json_path is not None and str(json_path) != "-":
+        check_writable(json_path, settings.overwrite)
+    with show_progress(not quiet, None, settings.overwrite) as progress:
+        if isinstance(settings, CageSettings):
+            built = build_cage_file(settings, progress)
+            text = format_cage_text(built, is_detailed=get_verbosity() > 0)
+            record = format_cage_json(built)
+        else:
+            repaired = repair_cage_file(settings, progress)
+            text, record = format_repair_text(repaired), format_repair_json(repaired)
+    if json_path is not None:
+        write_or_print(record, json_path, settings.overwrite)
+    if not quiet:
+        click.echo(text, err=True)
+        click.echo(
+            f"wrote {settings.output}; next: cageik extract FRAMES --cage {settings.output}",
+            err=True,
+        )

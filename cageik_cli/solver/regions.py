@@ -1,0 +1,207 @@
+"""The regions of a model that an extraction reproduces worst, and what is likely to blame."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
+
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import corner_angles
+from cageik_cli.geometry.surface import closest_points
+from cageik_cli.solver.region_causes import Cause, Evidence, judge_cause
+from cageik_cli.util.arrays import Floats, Integers
+
+DEFAULT_SHARE = 0.5
+"""Vertices that deviate by more than this share of the largest deviation belong to regions."""
+
+MAX_REGIONS = 5
+"""Regions given, at most."""
+
+MAX_CAGE_FACES = 5
+"""Nearest cage faces of a region, at most."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SharedPlace:
+    """A ball in which limbs are known to share one loop of the cage.
+
+    Attributes
+    ----------
+    centre : (3,) float64
+    radius : float
+        File units.
+    """
+
+    centre: Floats
+    radius: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """Connected vertices that deviate much.
+
+    Attributes
+    ----------
+    centre : (3,) float64
+        Mean of its vertices in the rest pose, file units.
+    size : float
+        Diagonal of the box around them, file units.
+    vertices : (k,) int64
+    frame : int
+        The frame of the largest deviation.
+    max_deviation : float
+        File units.
+    worst_vertex : int
+    cage_faces : (c,) int64
+        The cage's faces nearest to the region, that of the worst vertex first.
+    cause : Cause
+    evidence : Evidence
+    """
+
+    centre: Floats
+    size: float
+    vertices: Integers
+    frame: int
+    max_deviation: float
+    worst_vertex: int
+    cage_faces: Integers
+    cause: Cause
+    evidence: Evidence
+
+
+@dataclass(slots=True, eq=False)
+class DeviationPeaks:
+    """The largest deviation of each vertex, gathered block by block.
+
+    Attributes
+    ----------
+    deviations : (m,) float64
+        File units; 0 for vertices without data.
+    frames : (m,) int64
+        The frame in which it was; −1 before any.
+    """
+
+    deviations: Floats
+    frames: Integers
+
+    @staticmethod
+    def create(vertex_count: int) -> "DeviationPeaks":
+        """Peaks before the first block."""
+        return DeviationPeaks(np.zeros(vertex_count), np.full(vertex_count, -1))
+
+    def add_block(self, squared_errors: Floats, first_frame: int) -> None:
+        """Take a block of frames in: |v̂_i − v_i|², (k, m), nan for vertices without data."""
+        squares = np.where(np.isnan(squared_errors), -1.0, squared_errors)
+        best = squares.argmax(axis=0)
+        largest = np.sqrt(np.maximum(np.take_along_axis(squares, best[None], axis=0)[0], 0.0))
+        better = largest > self.deviations
+        self.deviations[better] = largest[better]
+        self.frames[better] = first_frame + best[better]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundModel:
+    """A rest model, its cage, the weights that tie them, and what is known of the cage.
+
+    Attributes
+    ----------
+    rest, cage : TriMesh
+    weights : (m, n) float64
+    shared_places : sequence of SharedPlace
+        Where limbs share a loop of the cage, as `cages` finds it; nowhere by default.
+    """
+
+    rest: TriMesh
+    cage: TriMesh
+    weights: Floats
+    shared_places: Sequence[SharedPlace] = field(default=())
+
+
+def find_worst_regions(
+    model: BoundModel, peaks: DeviationPeaks, threshold: float | None = None
+) -> tuple[Region, ...]:
+    """Group the vertices that deviate by more than a threshold into connected regions.
+
+    Parameters
+    ----------
+    model : BoundModel
+    peaks : DeviationPeaks
+        Of one frame or of many.
+    threshold : float, optional
+        File units; a share of the largest deviation by default.
+
+    Returns
+    -------
+    tuple of Region
+        The worst first, `MAX_REGIONS` at most; none if nothing deviates.
+    """
+    if threshold is None:
+        threshold = DEFAULT_SHARE * float(peaks.deviations.max())
+    chosen = peaks.deviations > max(threshold, 0.0)
+    groups = _group_connected(model.rest, chosen)
+    groups.sort(key=lambda group: -peaks.deviations[group].max())
+    return tuple(_describe(model, peaks, group) for group in groups[:MAX_REGIONS])
+
+
+def _group_connected(mesh: TriMesh, chosen: np.ndarray) -> list[Integers]:
+    """The chosen vertices, those that edges join together."""
+    ends = mesh.edges.ends
+    ends = ends[chosen[ends].all(axis=1)]
+    size = len(mesh.vertices)
+    graph = sparse.coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
+    label = csgraph.connected_components(graph, directed=False)[1][chosen]
+    numbers = np.flatnonzero(chosen)
+    order = np.argsort(label, kind="stable")
+    starts = np.flatnonzero(np.diff(label[order])) + 1
+    return [group for group in np.split(numbers[order], starts) if len(group)]
+
+
+def _describe(model: BoundModel, peaks: DeviationPeaks, group: Integers) -> Region:
+    points = model.rest.vertices[group]
+    worst = int(group[peaks.deviations[group].argmax()])
+    faces = _find_cage_faces(model, points, group == worst)
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    centre = points.mean(axis=0)
+    evidence = _gather_evidence(model, group, centre, faces)
+    return Region(
+        centre=centre,
+        size=size,
+        vertices=group,
+        frame=int(peaks.frames[worst]),
+        max_deviation=float(peaks.deviations[worst]),
+        worst_vertex=worst,
+        cage_faces=faces,
+        cause=judge_cause(evidence, 100 * size / model.rest.diagonal),
+        evidence=evidence,
+    )
+
+
+def _find_cage_faces(model: BoundModel, points: Floats, is_worst: np.ndarray) -> Integers:
+    """The cage faces nearest to most points of a region, that of the worst point first."""
+    nearest = closest_points(model.cage, points).face
+    counts = np.bincount(nearest, minlength=len(model.cage.faces))
+    counts[nearest[is_worst]] = len(points) + 1
+    order = np.argsort(-counts, kind="stable")[:MAX_CAGE_FACES]
+    return order[counts[order] > 0].astype(np.int64)
+
+
+def _gather_evidence(
+    model: BoundModel, group: Integers, centre: Floats, faces: Integers
+) -> Evidence:
+    points, percent = model.rest.vertices[group], 100 / model.rest.diagonal
+    corners = model.cage.vertices[model.cage.faces[faces]]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    near = cKDTree(model.cage.vertices).query(points)[0]
+    return Evidence(
+        cage_distance=float(closest_points(model.cage, points).distance.mean() * percent),
+        vertex_distance=float(near.mean() * percent),
+        largest_weight=float(model.weights[group].max(axis=1).mean()),
+        smallest_angle=float(corner_angles(model.cage)[faces].min()),
+        edge_length=float(edges.mean() * percent),
+        in_shared_place=any(
+            np.linalg.norm(place.centre - centre) <= place.radius for place in model.shared_places
+        ),
+    )

@@ -1,0 +1,322 @@
+"""A cage built around a model: read the model, build, write the cage."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cageik_cli import __version__
+from cageik_cli.cages.bind import bind
+from cageik_cli.cages.build import BuildSettings, BuiltCage, Candidate, Clip, build_cage
+from cageik_cli.coordinates.binding import reconstruct
+from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.base.file_data import describe_source
+from cageik_cli.formats.base.file_names import file_suffix
+from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.base.sequence import check_connectivity
+from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
+from cageik_cli.formats.obj.write import encode_exact_obj
+from cageik_cli.formats.open import list_input_files, open_clip_and_rest, open_sequence
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import CageikError, OutputError, error_context
+from cageik_cli.util.outputs import check_writable, write_bytes
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import format_block
+from cageik_cli.util.threads import limit_blas_threads
+
+SCHEMA_VERSION = 1
+
+MAX_MEASURED_FRAMES = 32
+"""Frames of an animation on which candidates are compared, at most."""
+
+MIN_GOOD_ANGLE = 5.0
+"""Smaller angles, degrees, are a warning."""
+
+
+@dataclass(frozen=True, slots=True)
+class CageSettings:
+    """Around what to build a cage, and where to write it.
+
+    Attributes
+    ----------
+    model : str
+        A mesh, or a clip: a file, folder or glob.
+    output : Path
+        An OBJ file.
+    build : BuildSettings
+    rest : Path, optional
+        The rest pose of a clip; a frame of it if absent.
+    rest_frame : int, optional
+        Which frame then, from 0; the first if absent.
+    animation : tuple of str
+        The clip the cage is for; none if empty.
+    clip : ClipSettings
+        Which of the frames to take, and how to read them.
+    overwrite : bool
+    jobs : int
+        Threads.
+    """
+
+    model: str
+    output: Path
+    build: BuildSettings = field(default_factory=BuildSettings)
+    rest: Path | None = None
+    rest_frame: int | None = None
+    animation: tuple[str, ...] = ()
+    clip: ClipSettings = field(default_factory=lambda: ClipSettings(allow_gaps=True))
+    overwrite: bool = False
+    jobs: int = 1
+
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        rest = [] if self.rest is None else [self.rest]
+        frames = list_input_files(list(self.animation)) if self.animation else []
+        return [*rest, *list_input_files([self.model]), *frames]
+
+    def outputs(self) -> list[Path]:
+        """Return the file that is written."""
+        return [self.output]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CageResult:
+    """A cage that was built and written.
+
+    Attributes
+    ----------
+    settings : CageSettings
+    model : LoadedMesh
+    built : BuiltCage
+    cage : LoadedMesh
+        The cage as it is read from the file.
+    """
+
+    settings: CageSettings
+    model: LoadedMesh
+    built: BuiltCage
+    cage: LoadedMesh
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return what was changed in reading, one sentence each."""
+        return tuple(f"{self.model.source['name']}: {note}" for note in self.model.notes)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return what the user should know of the cage, one sentence each."""
+        return list_warnings(self.built)
+
+
+def build_cage_file(settings: CageSettings, progress: ProgressListener | None = None) -> CageResult:
+    """Build a cage around a model and write it.
+
+    Raises
+    ------
+    InputError
+        Naming the file at fault and what to do.
+    NumericalError
+        When no candidate passes the tests.
+    """
+    progress = progress or ProgressListener()
+    check_cage_output(settings.output, settings.overwrite)
+    with progress.stage("open"):
+        model = _open_model(settings)
+        poses = _read_poses(settings, model)
+    with progress.stage("cage"), error_context(model.source["name"]):
+        clip = None if poses is None else Clip(poses, _Measure(model.mesh, poses, settings.jobs))
+        built = build_cage(model.mesh, settings.build, clip, progress.update)
+    cage = load_built_cage(built, settings.output.name)
+    with progress.stage("write"):
+        write_bytes(settings.output, cage.obj_text, settings.overwrite)
+    return CageResult(settings, model, built, cage)
+
+
+def check_cage_output(path: Path, overwrite: bool) -> None:
+    """Refuse, before any work, a file that cannot be written.
+
+    Raises
+    ------
+    OutputError
+        When it is no OBJ file, exists, or its folder cannot be written.
+    """
+    if path.suffix.lower() != ".obj":
+        raise OutputError(
+            f"{path}: a built cage is written as .obj, which keeps all its digits; name an .obj "
+            "file"
+        )
+    check_writable(path, overwrite)
+
+
+def load_built_cage(built: BuiltCage, name: str) -> LoadedMesh:
+    """Return a built cage as if it were read from a file of this name."""
+    text = encode_exact_obj(built.cage.vertices, built.cage.faces)
+    return LoadedMesh(
+        mesh=built.cage,
+        fan_triangulated=built.cage,
+        source=describe_source(Path(name), text),
+        notes=list_warnings(built),
+        obj_text=text,
+    )
+
+
+def list_warnings(built: BuiltCage) -> tuple[str, ...]:
+    """Return what the user should know of a built cage, one sentence each."""
+    angle = built.chosen.verdict.smallest_angle
+    if angle >= MIN_GOOD_ANGLE:
+        return built.notes
+    return (
+        *built.notes,
+        f"the smallest angle is {angle:.2g} degrees, expected {MIN_GOOD_ANGLE:g} or more; weights "
+        "nearby are less accurate",
+    )
+
+
+def describe_built_cage(built: BuiltCage) -> str:
+    """Return in one line what was built."""
+    verdict = built.chosen.verdict
+    return (
+        f"built, {_count(built.cage)}, genus {verdict.genus}, clearance "
+        f"{_format_clearance(built.chosen)}, by {built.chosen.recipe}"
+    )
+
+
+def _open_model(settings: CageSettings) -> LoadedMesh:
+    """Read the model: a mesh, or the rest pose of a clip."""
+    path = Path(settings.model)
+    is_one_mesh = settings.rest is None and settings.rest_frame is None and not path.is_dir()
+    if is_one_mesh and file_suffix(path) in mesh_suffixes() and path.exists():
+        return load_mesh(path)
+    _, rest = open_clip_and_rest(
+        (settings.model,), settings.clip, settings.rest, settings.rest_frame or 0
+    )
+    return rest
+
+
+def _read_poses(settings: CageSettings, model: LoadedMesh) -> Floats | None:
+    """Read evenly spaced frames of the animation, (k, m, 3); None without an animation."""
+    if not settings.animation:
+        return None
+    sequence = open_sequence(list(settings.animation), settings.clip, model)
+    with error_context(model.source["name"]):
+        count, faces = len(model.fan_triangulated.vertices), model.fan_triangulated.faces
+        check_connectivity(count, faces, sequence.fan_triangulated, "the first frame")
+    chosen = np.linspace(0, len(sequence) - 1, min(len(sequence), MAX_MEASURED_FRAMES))
+    return np.stack([sequence.read_frame(int(k)) for k in np.rint(chosen)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measure:
+    """The error of a cage on frames of an animation."""
+
+    rest: TriMesh
+    frames: Floats
+    jobs: int
+
+    def __call__(self, cage: TriMesh) -> float:
+        """Return the rms distance, in percent of the diagonal; infinite for a poor cage."""
+        try:
+            binding = bind(self.rest, cage, BindSettings(accuracy="preview"), self.jobs)
+        except CageikError:
+            return float("inf")
+        with limit_blas_threads(1):
+            cages = DualLaplacianSolver(binding, SolveSettings()).solve(self.frames).cages
+        squares = ((reconstruct(binding.weights, cages) - self.frames) ** 2).sum(axis=2)
+        return float(100 * np.sqrt(squares.mean()) / self.rest.diagonal)
+
+
+def format_cage_text(result: CageResult, is_detailed: bool = False) -> str:
+    """Return the facts of the cage and the warnings; the candidates, too, if asked."""
+    built, verdict = result.built, result.built.chosen.verdict
+    rows = [
+        ("model", f"{result.model.source['name']}: {_count(result.model.mesh)}"),
+        ("cage", f"{_count(built.cage)}, genus {verdict.genus}"),
+        ("clearance", _format_clearance(built.chosen)),
+        ("shape", f"smallest angle {verdict.smallest_angle:.3g} degrees, largest valence "
+         f"{verdict.largest_valence}"),
+        ("recipe", f"{built.chosen.recipe}, best of {_count_valid(built)}"),
+    ]  # fmt: skip
+    if built.chosen.error is not None:
+        rows.append(("error", f"{built.chosen.error:.4f} % of the diagonal, at preview accuracy"))
+    rows += [("warning", warning) for warning in result.warnings]
+    rows += [("note", note) for note in result.notes]
+    if is_detailed:
+        rows += [("candidate", _describe_candidate(known)) for known in built.candidates]
+    return format_block(str(result.settings.output), rows)
+
+
+def format_cage_json(result: CageResult) -> str:
+    """Return the whole record, with all candidates."""
+    settings, built = result.settings, result.built
+    record = {
+        "schema": SCHEMA_VERSION,
+        "tool": {"name": "cageik", "version": __version__},
+        "settings": {
+            "vertices": settings.build.vertices,
+            "clearance_percent": 100 * settings.build.clearance,
+            "rest_frame": settings.rest_frame,
+        },
+        "model": result.model.source,
+        "cage": result.cage.source | _candidate_record(built.chosen),
+        "warnings": result.warnings,
+        "notes": result.notes,
+        "candidates": [_candidate_record(known) for known in built.candidates],
+    }
+    return json.dumps(record, indent=1, allow_nan=False) + "\n"
+
+
+def _candidate_record(candidate: Candidate) -> dict[str, Any]:
+    verdict = candidate.verdict
+    clearance = 100 * verdict.clearance
+    return {
+        "recipe": candidate.recipe,
+        "vertices": len(candidate.cage.vertices),
+        "faces": len(candidate.cage.faces),
+        "genus": verdict.genus,
+        "clearance_percent": clearance if np.isfinite(clearance) else None,
+        "smallest_angle": verdict.smallest_angle,
+        "largest_valence": verdict.largest_valence,
+        "looseness_percent": 100 * verdict.looseness,
+        "error_percent": _finite_or_none(candidate.error),
+        "is_valid": verdict.is_valid,
+        "faults": verdict.faults,
+    }
+
+
+def _finite_or_none(value: float | None) -> float | None:
+    return value if value is not None and np.isfinite(value) else None
+
+
+def _count(mesh: TriMesh) -> str:
+    return f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles"
+
+
+def _count_valid(built: BuiltCage) -> str:
+    valid = sum(known.verdict.is_valid for known in built.candidates)
+    count = len(built.candidates)
+    return f"{valid} valid of {count} candidate{'s' * (count != 1)}"
+
+
+def _format_clearance(candidate: Candidate) -> str:
+    verdict = candidate.verdict
+    mean = f"mean distance {100 * verdict.looseness:.3g} %"
+    if not np.isfinite(verdict.clearance):
+        return f"more than twice what was asked for, {mean} of the diagonal"
+    return f"{100 * verdict.clearance:.3g} % of the diagonal, {mean}"
+
+
+def _describe_candidate(candidate: Candidate) -> str:
+    verdict = candidate.verdict
+    facts = f"{candidate.recipe}: {len(candidate.cage.vertices)} vertices"
+    if not verdict.is_valid:
+        return f"{facts}; {verdict.faults[0]}"
+    facts += (
+        f", genus {verdict.genus}, mean distance {100 * verdict.looseness:.3g} %, smallest angle "
+        f"{verdict.smallest_angle:.3g} degrees"
+    )
+    return facts if candidate.error is None else f"{facts}, error {candidate.error:.4f} %"

@@ -1,0 +1,156 @@
+import numpy as np
+import pytest
+
+from cageik_cli.cages.repairing.holes import close_hole, find_holes
+from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
+from cageik_cli.cages.repairing.tidy import (
+    count_topology_faults,
+    drop_unreferenced,
+    find_coincident,
+    find_fins,
+    find_inward,
+    find_repeated,
+    find_turned,
+    replace_corners,
+)
+from cageik_cli.geometry.mesh import TriMesh
+from tests.shapes import TETRAHEDRON, ball, box
+
+
+def polygons(mesh, faces=None):
+    return PolygonMesh.from_fans(mesh if faces is None else TriMesh(mesh.vertices, faces))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_turned_faces_are_found_whichever_they_are(seed):
+    """The fewer of them are turned: those that were, or if they were most, the others."""
+    chosen = np.random.default_rng(seed).uniform(size=len(ball(2).faces)) < 0.3
+    mesh = polygons(ball(2)).turn(chosen)
+    np.testing.assert_array_equal(find_turned(mesh), chosen)
+    np.testing.assert_array_equal(find_turned(mesh.turn(np.ones(len(chosen), bool))), chosen)
+
+
+def test_components_are_turned_outward_one_by_one():
+    faces = np.concatenate([box().faces, box().faces[:, ::-1] + 8])
+    mesh = polygons(TriMesh(np.concatenate([box().vertices, 3 + box().vertices]), faces))
+    assert not find_turned(mesh).any()
+    np.testing.assert_array_equal(find_inward(mesh), np.arange(24) >= 12)
+
+
+def test_an_open_component_has_no_inside():
+    assert not find_inward(polygons(box(), box().faces[1:, ::-1])).any()
+
+
+def test_coincident_vertices_are_one_and_others_are_not():
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 1e-9], [1, 0, 1e-3], [0, 0, 0]])
+    assert find_coincident(vertices, np.arange(5)).tolist() == [0, 1, 0, 3, 0]
+    assert find_coincident(vertices, np.array([1, 2, 4])).tolist() == [0, 1, 2, 3, 2]
+
+
+def test_corners_that_become_one_go():
+    mesh = PolygonMesh.from_rings(
+        box().vertices, [np.array(ring) for ring in ([0, 1, 3, 2], [4, 5, 6])]
+    )
+    merged = replace_corners(mesh, np.array([0, 0, 2, 3, 4, 4, 6, 7]))
+    assert [ring.tolist() for ring in merged.rings] == [[0, 3, 2]]
+
+
+def test_a_polygon_that_would_touch_itself_goes():
+    mesh = PolygonMesh.from_rings(box().vertices, [np.array([0, 1, 3, 2]), np.array([4, 5, 6])])
+    merged = replace_corners(mesh, np.array([0, 1, 2, 0, 4, 5, 6, 7]))
+    assert [ring.tolist() for ring in merged.rings] == [[4, 5, 6]]
+
+
+def test_repetitions_are_found_from_either_side_and_corner():
+    faces = np.concatenate(
+        [box().faces, np.roll(box().faces[[2]], 1, axis=1), box().faces[[5], ::-1]]
+    )
+    assert np.flatnonzero(find_repeated(polygons(box(), faces))).tolist() == [12, 13]
+
+
+def test_vertices_in_no_face_go():
+    mesh, numbers = drop_unreferenced(polygons(box(), np.array([[1, 3, 5], [3, 5, 7]])))
+    assert numbers.tolist() == [-1, 0, -1, 1, -1, 2, -1, 3]
+    np.testing.assert_array_equal(mesh.vertices, box().vertices[[1, 3, 5, 7]])
+    assert mesh.corners.tolist() == [0, 1, 2, 1, 2, 3]
+
+
+def test_a_fin_of_two_faces_is_found():
+    vertices = np.concatenate([box().vertices, [[5.0, 0, 0], [6, 0, 0]]])
+    faces = np.concatenate([box().faces, [[*box().faces[0, :2], 8], [box().faces[0, 0], 8, 9]]])
+    assert np.flatnonzero(find_fins(polygons(TriMesh(vertices, faces)))).tolist() == [12, 13]
+
+
+def test_an_open_cage_has_no_fins():
+    assert not find_fins(polygons(box(), box().faces[2:])).any()
+
+
+@pytest.mark.parametrize(
+    ("mesh", "faults"),
+    [
+        (box(), 0),
+        (TriMesh(box().vertices, box().faces[1:]), 3),
+        (TriMesh(box().vertices, np.concatenate([box().faces, box().faces[:1]])), 3),
+    ],
+)
+def test_edges_without_two_faces_are_counted(mesh, faults):
+    assert count_topology_faults(polygons(mesh)) == faults
+
+
+def test_a_vertex_at_which_two_bodies_touch_is_counted():
+    """Two tetrahedra with one common corner."""
+    vertices = np.concatenate([TETRAHEDRON.vertices, -TETRAHEDRON.vertices[1:]])
+    other = np.where(TETRAHEDRON.faces == 0, 0, TETRAHEDRON.faces + 3)[:, ::-1]
+    mesh = TriMesh(vertices, np.concatenate([TETRAHEDRON.faces, other]))
+    assert count_topology_faults(polygons(mesh)) == 1
+
+
+def test_the_hole_of_a_missing_face_is_that_face():
+    mesh = polygons(box(), box().faces[1:])
+    (hole,) = find_holes(mesh)
+    assert set(hole.tolist()) == set(box().faces[0].tolist())
+    closed = close_hole(mesh, hole)
+    assert count_topology_faults(closed) == 0
+    assert closed.triangles.is_closed
+    assert closed.triangles.volume == pytest.approx(8)
+
+
+def test_a_hole_around_a_vertex_is_closed_flat():
+    """The top of an octahedron is gone: what is left is half of it."""
+    mesh = polygons(ball(0))
+    top = (mesh.triangles.faces == 4).any(axis=1)
+    (hole,) = find_holes(mesh.keep(~top))
+    closed = close_hole(mesh.keep(~top), hole).triangles
+    assert closed.is_closed
+    assert closed.volume == pytest.approx(ball(0).volume / 2)
+
+
+def test_the_least_area_is_taken():
+    """A hole of six edges in a sphere: no filling has less area than that by trying all."""
+    mesh = polygons(ball(2))
+    hub = int(np.bincount(ball(2).faces.ravel()).argmax())
+    around = (ball(2).faces == hub).any(axis=1)
+    (hole,) = find_holes(mesh.keep(~around))
+    assert len(hole) == 6
+    added = close_hole(mesh.keep(~around), hole).triangles.faces[-4:]
+
+    def area(faces):
+        a, b, c = (ball(2).vertices[faces[:, k]] for k in range(3))
+        return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+
+    fans = [np.roll(hole, k) for k in range(6)]
+    best = min(area(np.array([[f[0], f[k], f[k + 1]] for k in range(1, 5)])) for f in fans)
+    assert area(added) <= best * (1 + 1e-12)
+
+
+def test_holes_that_meet_in_a_vertex_are_left():
+    """Two faces gone that share one corner."""
+    faces = ball(1).faces
+    pairs = [
+        (i, j)
+        for i in range(len(faces))
+        for j in range(i)
+        if len(set(faces[i]) & set(faces[j])) == 1
+    ]
+    mesh = polygons(ball(1), np.delete(faces, pairs[0], axis=0))
+    assert find_holes(mesh) == []

@@ -1,0 +1,102 @@
+import numpy as np
+import pytest
+
+from cageik_cli.cages.plane_sections import cut_mesh, winds_around
+from cageik_cli.cages.sections import find_shared_sections
+from cageik_cli.geometry.mesh import TriMesh
+from tests.shapes import ball, box, concave, finer
+
+
+def trousers(gap):
+    """A block with two legs, 0.8 long, `gap` apart, made of cubes of a grid; outward."""
+    return extrude(
+        [[0, 0], [1, 0], [1, 0.8], [1 + gap, 0.8], [1 + gap, 0], [2 + gap, 0], [2 + gap, 2], [0, 2]]
+    )
+
+
+def extrude(outline):
+    """A prism over a polygon that goes around to the left, from z = 0 to 1."""
+    outline = np.array(outline, float)
+    count = len(outline)
+    vertices = np.concatenate(
+        [np.column_stack([outline, np.full(count, height)]) for height in (0.0, 1.0)]
+    )
+    cap = np.array([[0, 1, 2], [0, 2, 7], [2, 3, 6], [2, 6, 7], [3, 4, 5], [3, 5, 6]])
+    walls = [
+        face
+        for k in range(count)
+        for face in (
+            [k, (k + 1) % count, (k + 1) % count + count],
+            [k, (k + 1) % count + count, k + count],
+        )
+    ]
+    return TriMesh(vertices, np.concatenate([cap[:, ::-1], cap + count, walls]))
+
+
+def test_a_section_of_a_box_is_its_square():
+    section = cut_mesh(box(), 1, 0.3)
+    assert len(np.unique(section.loops)) == 1
+    np.testing.assert_allclose(section.segments[:, :, 1], 0.3)
+    length = np.linalg.norm(section.segments[:, 1] - section.segments[:, 0], axis=1)
+    assert length.sum() == pytest.approx(8)
+    assert winds_around(section.segments, np.array([0.9, 0.3, -0.9]), 1)
+    assert not winds_around(section.segments, np.array([1.1, 0.3, 0]), 1)
+
+
+def test_a_plane_through_vertices_cuts_whole_loops():
+    section = cut_mesh(ball(2), 2, 0.0)
+    assert len(np.unique(section.loops)) == 1
+    starts, stops = section.segments.sum(axis=0)
+    np.testing.assert_allclose(starts, stops, rtol=0, atol=1e-12)
+
+
+def test_legs_are_two_loops():
+    assert len(np.unique(cut_mesh(trousers(0.5), 1, 0.4).loops)) == 2
+    assert len(np.unique(cut_mesh(trousers(0.5), 1, 1.4).loops)) == 1
+
+
+def test_a_box_around_two_legs_is_one_loop_for_both():
+    model = finer(trousers(0.5), 3)
+    cage = TriMesh(1.5 * box().vertices + [1.25, 1, 0.5], box().faces)
+    place = find_shared_sections(cage, model)[0]
+    assert place.axis == 1
+    assert place.limbs == 2
+    assert place.gap == pytest.approx(0.5)
+    assert place.size == pytest.approx(np.hypot(2.5, 1))
+    np.testing.assert_allclose(place.centre[[0, 2]], [1.25, 0.5])
+    # As far as the surface does not join the legs nearby.
+    assert 0 < place.centre[1] < 0.8
+    assert 0.4 < place.length < 0.8
+
+
+def test_a_cage_with_legs_of_its_own_shares_nothing():
+    model = trousers(0.5)
+    centre = np.array([1.25, 1, 0.5])
+    grown = model.vertices + 0.1 * np.sign(model.vertices - centre)
+    inner = np.isin(model.vertices[:, 0], [1.0, 1.5])
+    grown[inner, 0] = np.where(model.vertices[inner, 0] == 1.0, 1.1, 1.4)
+    grown[inner & (model.vertices[:, 1] == 0.8), 1] = 0.7
+    cage = TriMesh(grown, model.faces)
+    assert find_shared_sections(cage, finer(model, 3)) == []
+
+
+def test_legs_too_near_for_a_cage_between_are_one():
+    cage = TriMesh(1.5 * box().vertices + [1.25, 1, 0.5], box().faces)
+    assert find_shared_sections(cage, finer(trousers(0.005), 3)) == []
+
+
+def test_a_body_without_limbs_shares_nothing():
+    assert find_shared_sections(box(1.0), ball(3)) == []
+    assert find_shared_sections(TriMesh(3 * box().vertices, box().faces), finer(concave(), 2)) == []
+
+
+def test_a_body_in_another_body_is_no_limb():
+    """A shell within a shell, and one beside: only parts of one body are limbs."""
+    outer, inner = ball(3), TriMesh(0.5 * ball(3).vertices, ball(3).faces)
+    beside = TriMesh(ball(3).vertices + np.array([1.2, 0, 0]), ball(3).faces)
+    count = len(outer.vertices)
+    model = TriMesh(
+        np.concatenate([outer.vertices, inner.vertices, beside.vertices]),
+        np.concatenate([outer.faces, inner.faces + count, beside.faces + 2 * count]),
+    )
+    assert find_shared_sections(box(3.0), model) == []

@@ -1,0 +1,83 @@
+"""`cageik cage`: what is typed, what is told, and what is refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.usefixtures("folder", "coarse_grids")
+TYPED = ("cage", "frames/frame_1.obj", "-o", "built.obj", "--vertices", "20")
+
+
+def test_a_cage_that_extract_takes(run):
+    outcome = run(*TYPED)
+    assert (outcome.code, outcome.out) == (0, "")
+    assert outcome.err.startswith("built.obj\n  model          frame_1.obj: 18 vertices")
+    assert outcome.err.endswith("wrote built.obj; next: cageik extract FRAMES --cage built.obj\n")
+    assert "candidate " not in outcome.err
+    assert run("check", "--cage", "built.obj", "frames").code == 0
+    assert run("extract", "frames", "--cage", "built.obj", "-q").code == 0
+
+
+def test_quiet_and_verbose(run):
+    assert run(*TYPED, "-q").err == ""
+    outcome = run(*TYPED, "-v", "--overwrite")
+    assert "  candidate      shell 4 % closed by 8 %: 20 vertices, genus 0" in outcome.err
+
+
+def test_json_on_stdout_is_alone_there(run):
+    outcome = run(*TYPED, "--json", "-", "--for", "frames")
+    record = json.loads(outcome.out)
+    assert len(record["candidates"]) == 2
+    assert record["cage"]["error_percent"] > 0
+    assert "error " in outcome.err
+
+
+def test_json_in_a_file(run):
+    Path("record.json").write_text("mine")
+    refused = run(*TYPED, "--json", "record.json")
+    assert refused.code == 1
+    assert "record.json: exists already" in refused.err
+    assert not Path("built.obj").exists()
+    assert run(*TYPED, "--json", "record.json", "--overwrite").code == 0
+    assert json.loads(Path("record.json").read_text())["schema"] == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--vertices", "7"), "a cage of 7 vertices"),
+        (("--vertices", "many"), "'many' is not a valid integer"),
+        (("--clearance", "0"), "the clearance is 0 %"),
+        (("--clearance", "30%"), "the clearance is 30 %"),
+        (("--clearance", "wide"), "'wide' is not a share of the diagonal"),
+        (("--rest", "cage.obj", "--rest-frame", "1"), "--rest and --rest-frame"),
+    ],
+)
+def test_wrong_usage_is_exit_code_2(run, words, says):
+    outcome = run(*TYPED, *words)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert says in outcome.err
+    assert not Path("built.obj").exists()
+
+
+@pytest.mark.parametrize("spelt", ["2%", "2 %", "2", "2.0"])
+def test_a_clearance_is_in_percent(run, spelt):
+    outcome = run(*TYPED, "--clearance", spelt, "--json", "-", "-q")
+    assert json.loads(outcome.out)["settings"]["clearance_percent"] == 2
+
+
+def test_what_exists_is_kept(run):
+    before = Path("cage.obj").read_bytes()
+    outcome = run("cage", "frames/frame_1.obj", "-o", "cage.obj")
+    assert outcome.code == 1
+    assert "cage.obj: exists already" in outcome.err
+    outcome = run("cage", "frames/frame_1.obj", "-o", "frames/frame_1.obj", "--overwrite")
+    assert outcome.code == 1
+    assert Path("cage.obj").read_bytes() == before
+
+
+def test_a_missing_model_is_exit_code_1(run):
+    outcome = run("cage", "nowhere.obj", "-o", "built.obj")
+    assert outcome.code == 1
+    assert "nowhere.obj: no such file" in outcome.err

@@ -1,0 +1,157 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.region_causes import (
+    COARSE_EDGE,
+    FAR_DISTANCE,
+    THIN_ANGLE,
+    WEAK_WEIGHT,
+    Cause,
+    Evidence,
+    judge_cause,
+)
+from cageik_cli.solver.regions import (
+    MAX_REGIONS,
+    BoundModel,
+    DeviationPeaks,
+    SharedPlace,
+    find_worst_regions,
+)
+from tests.shapes import ball, box
+
+REST = ball(3)
+
+
+def bound(cage=None, weight=0.9, places=()):
+    cage = cage or box()
+    weights = np.full((len(REST.vertices), len(cage.vertices)), 0.0)
+    weights[:, 0] = weight
+    return BoundModel(REST, cage, weights, places)
+
+
+def peaks(deviations, frames=None):
+    frames = np.zeros(len(REST.vertices), np.int64) if frames is None else frames
+    return DeviationPeaks(np.asarray(deviations, float), frames)
+
+
+def cap(axis, sign):
+    """The vertices of the ball within 0.1 of a pole."""
+    return sign * REST.vertices[:, axis] > 0.4
+
+
+def test_peaks_over_blocks_are_the_maxima_over_all_frames():
+    squares = np.random.default_rng(0).uniform(size=(17, len(REST.vertices)))
+    gathered = DeviationPeaks.create(len(REST.vertices))
+    for start in range(0, 17, 5):
+        gathered.add_block(squares[start : start + 5], start)
+    np.testing.assert_allclose(gathered.deviations, np.sqrt(squares.max(axis=0)))
+    np.testing.assert_array_equal(gathered.frames, squares.argmax(axis=0))
+
+
+def test_vertices_without_data_have_no_peak():
+    gathered = DeviationPeaks.create(3)
+    gathered.add_block(np.array([[1.0, np.nan, 0.25], [4.0, np.nan, 0.0]]), 10)
+    assert gathered.deviations.tolist() == [2, 0, 0.5]
+    assert gathered.frames.tolist() == [11, -1, 10]
+
+
+def test_two_caps_are_two_regions_the_worst_first():
+    deviations, frames = np.zeros(len(REST.vertices)), np.zeros(len(REST.vertices), np.int64)
+    deviations[cap(0, 1)], frames[cap(0, 1)] = 0.02, 7
+    deviations[cap(1, -1)], frames[cap(1, -1)] = 0.03, 4
+    worst = int(np.flatnonzero(cap(1, -1))[2])
+    deviations[worst] = 0.04
+    first, second = find_worst_regions(bound(), peaks(deviations, frames), 0.01)
+    assert first.max_deviation == 0.04
+    assert first.worst_vertex == worst
+    assert first.frame == 4
+    np.testing.assert_array_equal(first.vertices, np.flatnonzero(cap(1, -1)))
+    np.testing.assert_array_equal(second.vertices, np.flatnonzero(cap(0, 1)))
+    assert second.frame == 7
+    np.testing.assert_allclose(first.centre, REST.vertices[cap(1, -1)].mean(axis=0))
+    assert first.size == pytest.approx(np.linalg.norm(np.ptp(REST.vertices[cap(1, -1)], axis=0)))
+    # The faces of the box on that side: y = −1.
+    assert (box().vertices[box().faces[first.cage_faces]][:, :, 1] == -1).all()
+
+
+def test_the_default_threshold_is_a_share_of_the_largest():
+    deviations = np.where(cap(0, 1), 1.0, np.where(cap(1, 1), 0.4, 0.0))
+    (region,) = find_worst_regions(bound(), peaks(deviations))
+    np.testing.assert_array_equal(region.vertices, np.flatnonzero(cap(0, 1)))
+
+
+def test_nothing_deviates():
+    assert find_worst_regions(bound(), peaks(np.zeros(len(REST.vertices)))) == ()
+    assert find_worst_regions(bound(), peaks(np.full(len(REST.vertices), 0.1)), 0.2) == ()
+
+
+def test_no_more_than_the_most_are_given():
+    alone = np.zeros(len(REST.vertices))
+    neighbours = {tuple(sorted(edge)) for edge in REST.edges.ends.tolist()}
+    chosen = []
+    for vertex in range(len(alone)):
+        if all(tuple(sorted((vertex, other))) not in neighbours for other in chosen):
+            chosen.append(vertex)
+        if len(chosen) == MAX_REGIONS + 3:
+            break
+    alone[chosen] = 1 + np.arange(len(chosen))
+    regions = find_worst_regions(bound(), peaks(alone), 0.5)
+    assert [region.worst_vertex for region in regions] == chosen[::-1][:MAX_REGIONS]
+    assert all(region.size == 0 for region in regions)
+
+
+def test_a_place_that_limbs_share_is_blamed():
+    deviations = np.where(cap(0, 1), 1.0, 0.0)
+    places = [SharedPlace(np.array([0.5, 0, 0]), 0.2)]
+    (region,) = find_worst_regions(bound(places=places), peaks(deviations))
+    assert region.cause is Cause.SHARED_LOOP
+    places = [SharedPlace(np.array([-0.5, 0, 0]), 0.2)]
+    (region,) = find_worst_regions(bound(places=places), peaks(deviations))
+    assert region.cause is not Cause.SHARED_LOOP
+
+
+def test_a_cage_far_away_is_blamed_and_measured():
+    deviations = np.where(cap(0, 1), 1.0, 0.0)
+    (region,) = find_worst_regions(bound(), peaks(deviations))
+    assert region.cause is Cause.FAR_CAGE
+    depth = 1 - REST.vertices[cap(0, 1), 0].mean()
+    assert region.evidence.cage_distance == pytest.approx(100 * depth / REST.diagonal)
+
+
+SOUND = Evidence(
+    cage_distance=1.0,
+    vertex_distance=2.0,
+    largest_weight=0.6,
+    smallest_angle=30.0,
+    edge_length=5.0,
+    in_shared_place=False,
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "limit", "worse", "cause"),
+    [
+        ("cage_distance", FAR_DISTANCE, 1.1, Cause.FAR_CAGE),
+        ("vertex_distance", 15.0, 1.1, Cause.FAR_CAGE),
+        ("largest_weight", WEAK_WEIGHT, 0.9, Cause.WEAK_INFLUENCE),
+        ("smallest_angle", THIN_ANGLE, 0.9, Cause.THIN_FACES),
+        ("edge_length", 10.0, 1.1, Cause.COARSE_FACES),
+    ],
+)
+def test_each_cause_has_its_limit(name, limit, worse, cause):
+    """The region has a size of 10 %, so that its own size is a limit, too."""
+    assert COARSE_EDGE < 10
+    assert judge_cause(SOUND, 10.0) is Cause.UNKNOWN
+    assert judge_cause(replace(SOUND, **{name: worse * limit}), 10.0) is cause
+    assert judge_cause(replace(SOUND, **{name: limit / worse}), 10.0) is Cause.UNKNOWN
+
+
+def test_faces_of_the_cage_that_are_nearest_may_be_thin():
+    slab = TriMesh(box().vertices * [0.6, 0.6, 20.0], box().faces)
+    deviations = np.where(cap(0, 1), 1.0, 0.0)
+    (region,) = find_worst_regions(bound(cage=slab), peaks(deviations))
+    assert region.cause is Cause.THIN_FACES
+    assert region.evidence.smallest_angle == pytest.approx(np.degrees(np.arctan(0.6 / 20)))

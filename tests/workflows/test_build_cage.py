@@ -1,0 +1,152 @@
+"""A cage from a file to a file: what is built passes the check, and has the same bytes twice."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.util.errors import FileAccessError, FormatError, OutputError, SettingError
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.build_cage import (
+    CageSettings,
+    build_cage_file,
+    format_cage_json,
+    format_cage_text,
+)
+from tests.cages.independent import examine
+
+pytestmark = pytest.mark.usefixtures("folder", "coarse_grids")
+FRAME, OUT = "frames/frame_1.obj", Path("built.obj")
+SMALL = BuildSettings(20)
+
+
+@pytest.mark.slow
+def test_the_cage_of_the_walker_passes_a_second_opinion(fixtures_folder, tmp_path, monkeypatch):
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    frame = str(fixtures_folder / "walker/frames/walker_1.obj")
+    result = build_cage_file(CageSettings(frame, OUT))
+    cage, model = load_mesh(OUT).mesh, load_mesh(Path(frame)).mesh
+    opinion = examine(cage, model, 0.004)
+    assert (opinion.faults, 90 <= len(cage.vertices) <= 100) == ((), True)
+    assert opinion.smallest_angle >= 5
+    assert opinion.largest_valence <= 10
+    assert diagnose(cage, model).verdict == "fit"
+    assert result.warnings == ()
+
+
+def test_the_file_is_the_cage_to_the_bit_and_passes_the_check():
+    result = build_cage_file(CageSettings(FRAME, OUT, SMALL))
+    read = load_mesh(OUT)
+    assert read.source == result.cage.source
+    assert np.array_equal(read.mesh.vertices, result.built.cage.vertices)
+    assert np.array_equal(read.mesh.faces, result.built.cage.faces)
+    model = load_mesh(Path(FRAME)).mesh
+    assert diagnose(read.mesh, model).is_fit
+    assert examine(read.mesh, model, 0.004).faults == ()
+
+
+def test_two_runs_write_the_same_bytes():
+    build_cage_file(CageSettings(FRAME, OUT, SMALL))
+    build_cage_file(CageSettings(FRAME, Path("again.obj"), SMALL))
+    assert OUT.read_bytes() == Path("again.obj").read_bytes()
+
+
+def test_an_open_model_far_from_the_origin(animation, write_obj):
+    vertices = animation.rest.vertices + 1e6
+    write_obj(Path("open.obj"), vertices, animation.rest.faces[4:])
+    build_cage_file(CageSettings("open.obj", OUT, SMALL))
+    model = load_mesh(Path("open.obj")).mesh
+    assert diagnose(load_mesh(OUT).mesh, model).is_fit
+
+
+def test_a_frame_of_a_clip(animation):
+    build_cage_file(CageSettings("frames", OUT, SMALL, rest_frame=3))
+    build_cage_file(CageSettings("frames/frame_4.obj", Path("four.obj"), SMALL))
+    assert OUT.read_bytes() == Path("four.obj").read_bytes()
+
+
+def test_the_cage_for_an_animation_has_the_least_error():
+    settings = CageSettings(FRAME, OUT, SMALL, animation=("frames",))
+    result = build_cage_file(settings)
+    candidates = result.built.candidates
+    errors = [known.error for known in candidates if known.error is not None]
+    assert [", 4 poses" in known.recipe for known in candidates] == [True, False]
+    assert result.built.chosen.error == min(errors)
+    assert f"error          {min(errors):.4f} %" in format_cage_text(result)
+
+
+def test_an_animation_of_another_model_is_refused(animation, write_obj):
+    write_obj(Path("other.obj"), animation.cage.vertices / 4, animation.cage.faces)
+    with pytest.raises(Exception, match="8 vertices") as caught:
+        build_cage_file(CageSettings("other.obj", OUT, SMALL, animation=("frames",)))
+    assert caught.value.kind == "connectivity"
+    assert not OUT.exists()
+
+
+def test_progress_is_told():
+    told = []
+
+    class Listener(ProgressListener):
+        def update(self, done, total):
+            told.append((done, total))
+
+    build_cage_file(CageSettings(FRAME, OUT, SMALL), Listener())
+    assert told == [(1, 2), (2, 2)]
+
+
+def test_the_record_has_all_candidates():
+    result = build_cage_file(CageSettings(FRAME, OUT, SMALL))
+    record = json.loads(format_cage_json(result))
+    assert record["settings"] == {"vertices": 20, "clearance_percent": 0.4, "rest_frame": None}
+    assert record["cage"]["sha256"] == load_mesh(OUT).source["sha256"]
+    assert [known["is_valid"] for known in record["candidates"]] == [True]
+
+
+def test_a_loose_cage_is_told_with_a_warning(monkeypatch):
+    monkeypatch.setattr("cageik_cli.cages.building.job.make_shell", lambda *_: None)
+    result = build_cage_file(CageSettings(FRAME, OUT, SMALL))
+    assert "ellipsoid" in result.built.chosen.recipe
+    (warning,) = result.warnings
+    assert f"  warning        {warning}" in format_cage_text(result)
+    assert diagnose(load_mesh(OUT).mesh, load_mesh(Path(FRAME)).mesh).is_fit
+
+
+@pytest.mark.parametrize(
+    ("model", "output", "error", "says"),
+    [
+        ("nowhere.obj", OUT, FileAccessError, "nowhere.obj"),
+        (FRAME, Path("cage.obj"), OutputError, "cage.obj: exists already"),
+        (FRAME, Path("cage.ply"), OutputError, "cage.ply: a built cage is written as .obj"),
+    ],
+)
+def test_files_that_cannot_be_used(model, output, error, says):
+    with pytest.raises(error, match=says):
+        build_cage_file(CageSettings(model, output, SMALL))
+
+
+def test_a_model_with_nan_is_refused(animation, write_obj):
+    vertices = animation.rest.vertices.copy()
+    vertices[3] = np.nan
+    write_obj(Path("nan.obj"), vertices, animation.rest.faces)
+    with pytest.raises(FormatError, match=r"nan\.obj: vertex 3"):
+        build_cage_file(CageSettings("nan.obj", OUT))
+    assert not OUT.exists()
+
+
+def test_a_point_is_no_model(animation, write_obj):
+    write_obj(Path("point.obj"), 0 * animation.rest.vertices, animation.rest.faces)
+    with pytest.raises(FormatError, match=r"point\.obj: the model is one point"):
+        build_cage_file(CageSettings("point.obj", OUT))
+
+
+@pytest.mark.parametrize(
+    "values", [(7,), (2001,), (100, 0.0), (100, 0.3), (100, float("nan")), (100, -0.1)]
+)
+def test_impossible_settings_are_refused(values):
+    with pytest.raises(SettingError):
+        BuildSettings(*values)
