@@ -18,7 +18,7 @@ from cageik_cli.cli.lazy import LazyCommands
         {
             "batch": "Extract every clip under some folders.",
             "bind": "Compute and save the weights of a model.",
-            "cage": "Build a cage around a model.",
+            "cage": "Build a cage around a model, or repair one.",
             "check": "Diagnose a cage.",
             "deform": "Move a mesh by a cage animation.",
             "export": "Convert a cage animation to other formats.",

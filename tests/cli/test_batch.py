@@ -108,6 +108,7 @@ def test_what_keeps_all_from_beginning_is_said_once(run, anim, here):
     assert not Path("out").exists()
 
 
+@pytest.mark.slow
 def test_clips_without_a_cage_get_one_each(run, anim, here, coarse_grids):
     Path("anim/cageik.toml").write_text("[extract]\ncage-vertices = 20\n")
     planned = run(*BATCH, "--dry-run")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.usefixtures("folder", "coarse_grids")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("folder", "coarse_grids")]
 TYPED = ("cage", "frames/frame_1.obj", "-o", "built.obj", "--vertices", "20")
 
 

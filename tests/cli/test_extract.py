@@ -345,6 +345,7 @@ def test_no_binding_is_written_over(run, folder):
     assert Path("binding.h5").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_frames_alone_are_enough(run, folder, coarse_grids):
     outcome = run("extract", "frames", "--cage-vertices", "20", "--cage-out", "built.obj")
     assert outcome.code == 0

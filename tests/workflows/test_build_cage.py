@@ -19,7 +19,7 @@ from cageik_cli.workflows.build_cage import (
 )
 from tests.cages.independent import examine
 
-pytestmark = pytest.mark.usefixtures("folder", "coarse_grids")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("folder", "coarse_grids")]
 FRAME, OUT = "frames/frame_1.obj", Path("built.obj")
 SMALL = BuildSettings(20)
 

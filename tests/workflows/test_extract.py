@@ -12,7 +12,7 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.blocks import ARRAYS_PER_FRAME, MemoryPlan
 from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.util.errors import InputError, NumericalError, SettingError
+from cageik_cli.util.errors import InputError, NumericalError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.plan import ExtractSettings
@@ -160,11 +160,6 @@ def test_the_rest_pose_is_the_first_frame_another_or_a_mesh(plain, folder, anima
     assert result.metrics.rms.argmin() == 3
     assert result.metrics.rms[3] <= 1e-14 * result.rest.diagonal
     assert result.settings["rest_frame"] == 3
-
-
-def test_a_cage_or_a_binding_must_be_given(plain):
-    with pytest.raises(SettingError, match="neither a cage nor a binding"):
-        extract(replace(plain, cage=None))
 
 
 @pytest.mark.parametrize("index", [-1, 5])

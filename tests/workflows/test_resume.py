@@ -361,6 +361,7 @@ def test_a_gap_is_noted_once_for_several_exports(run, gapped):
     assert outcome.err.count("2 of 5 frames skipped (frame_2.obj, frame_4.obj)") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("coarse_grids")
 def test_a_run_with_a_built_cage_goes_on_to_the_same_bytes(plain):
     built = replace(plain, cage=None, build=BuildSettings(20))

@@ -11,6 +11,8 @@ from cageik_cli.geometry.surface import closest_points, winding_numbers
 from tests.cages.test_quality import across_the_corner
 from tests.shapes import ball, box, changed, concave
 
+pytestmark = pytest.mark.slow
+
 KEEP = Clearance(0.01, 0.02)
 
 
