@@ -38,8 +38,10 @@ def examine(cage, model, clearance, points=20_000):
     turns = _winding(vertices, faces, samples)
     if (np.abs(turns - 1) > 1e-6).any():
         faults.append(f"{np.count_nonzero(np.abs(turns - 1) > 1e-6)} points are not inside")
-    faults += [f"cage face {a} meets model face {b}" for a, b in
-               _crossing_faces(vertices, faces, surface, np.array(model.faces))]
+    faults += [
+        f"cage face {a} meets model face {b}"
+        for a, b in _crossing_faces(vertices, faces, surface, np.array(model.faces))
+    ]
     nearest = _distance(vertices, faces, samples).min() / diagonal
     if nearest < clearance * (1 - 1e-6):
         faults.append(f"clearance {nearest:.6f}, expected {clearance:.6f}")
@@ -93,7 +95,9 @@ def _box_pairs(a, b):
     """Pairs of triangles whose boxes meet."""
     low, high = b.min(axis=1), b.max(axis=1)
     for i, triangle in enumerate(a):
-        meets = (low <= triangle.max(axis=0)).all(axis=1) & (high >= triangle.min(axis=0)).all(axis=1)
+        meets = (low <= triangle.max(axis=0)).all(axis=1) & (high >= triangle.min(axis=0)).all(
+            axis=1
+        )
         yield from ((i, int(j)) for j in np.flatnonzero(meets))
 
 
@@ -143,8 +147,9 @@ def _spread_points(vertices, faces, count):
     """All vertices, and points spread over the faces by their area, from a fixed seed."""
     generator = np.random.default_rng(7)
     corners = vertices[faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]),
-                          axis=1)
+    area = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
     if area.sum() == 0:
         return vertices
     chosen = generator.choice(len(faces), count, p=area / area.sum())
@@ -156,7 +161,9 @@ def _winding(vertices, faces, points, block=2000):
     """Solid angles of all faces seen from points, over 4π (Van Oosterom and Strackee 1983)."""
     found = []
     for start in range(0, len(points), block):
-        a, b, c = (vertices[faces[:, k]][None] - points[start : start + block, None] for k in range(3))
+        a, b, c = (
+            vertices[faces[:, k]][None] - points[start : start + block, None] for k in range(3)
+        )
         la, lb, lc = (np.linalg.norm(t, axis=2) for t in (a, b, c))
         top = (a * np.cross(b, c)).sum(axis=2)
         dots = [(p * q).sum(axis=2) for p, q in ((a, b), (b, c), (c, a))]
@@ -177,7 +184,8 @@ def _distance(vertices, faces, points, block=2000):
     for triangle in corners:
         for start in range(0, len(order), block):
             some = order[start : start + block]
-            near = trimesh.triangles.closest_point(np.repeat(triangle[None], len(some), 0), points[some])
+            near = trimesh.triangles.closest_point(
+                np.repeat(triangle[None], len(some), 0), points[some]
+            )
             best[some] = np.minimum(best[some], np.linalg.norm(near - points[some], axis=1))
     return best
-
