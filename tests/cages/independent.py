@@ -45,7 +45,9 @@ def examine(cage, model, clearance, points=20_000):
     nearest = _distance(vertices, faces, samples).min() / diagonal
     if nearest < clearance * (1 - 1e-6):
         faults.append(f"clearance {nearest:.6f}, expected {clearance:.6f}")
-    edges = {tuple(sorted(edge)) for face in faces for edge in zip(face, np.roll(face, 1))}
+    edges = {
+        tuple(sorted(edge)) for face in faces for edge in zip(face, np.roll(face, 1), strict=True)
+    }
     corners = vertices[faces]
     volume = float(np.einsum("fx,fx->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2]) / 6)
     if volume <= 0:
@@ -62,12 +64,14 @@ def examine(cage, model, clearance, points=20_000):
 
 def _topology_faults(count, faces):
     """By dictionaries: every half edge once and its opposite, one fan at a vertex, one piece."""
-    halves = Counter((int(a), int(b)) for face in faces for a, b in zip(face, np.roll(face, -1)))
+    halves = Counter(
+        (int(a), int(b)) for face in faces for a, b in zip(face, np.roll(face, -1), strict=True)
+    )
     if any(number != 1 for number in halves.values()):
         yield "a half edge is used twice"
     if any((b, a) not in halves for a, b in halves):
         yield "an edge has one face"
-    follow = [dict() for _ in range(count)]
+    follow = [{} for _ in range(count)]
     for a, b, c in faces.tolist():
         for at, start, stop in ((a, b, c), (b, c, a), (c, a, b)):
             follow[at][start] = stop
@@ -89,6 +93,11 @@ def _topology_faults(count, faces):
             left.extend(set(follow[vertex]) - seen)
     if len(seen) < count:
         yield f"{count - len(seen)} vertices are in other components"
+
+
+def _sides(face):
+    a, b, c = face
+    return (a, b), (b, c), (c, a)
 
 
 def _box_pairs(a, b):
