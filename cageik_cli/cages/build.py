@@ -14,13 +14,13 @@ GOOD_ANGLE = 10.0
 """Degrees below which a cage ranks behind."""
 
 HANDLE_COST = 0.1
-"""How much a handle costs, over the looseness."""
+"""How much a handle costs: a shell may be looser by this share."""
 
 SHIFTS = (0.15, 0.12, 0.1, 0.08, 0.06, 0.05)
 """Shares of the vertices that are shifted to where the best candidate misses an animation."""
 
 ENOUGH = 2
-"""Valid candidates after which the ladder ends when none is measured."""
+"""Valid candidates after which the ladder ends, when none is measured or flawless."""
 
 
 def build_cage(
@@ -39,7 +39,7 @@ def build_cage(
     clip : Clip, optional
         An animation of the model that the cage is for: all rungs are then tried, without and with
         its poses, vertices of the best are shifted to where it misses, and the least error wins.
-        Without it the tightest of the first few valid ones does.
+        Without it the first that has no flaw is taken, or the better of the first two.
     progress : callable
         Told (candidates done, candidates) after every one.
 
@@ -58,7 +58,7 @@ def build_cage(
         if candidate is not None:
             tried.append(job.measured(candidate))
         progress(step + 1, len(job.ladder) + 1)
-        if clip is None and sum(known.verdict.is_valid for known in tried) >= ENOUGH:
+        if clip is None and _is_enough(tried):
             break
     if not any(known.verdict.is_valid for known in tried):
         tried += [job.measured(loose) for loose in job.try_ellipsoids()]
@@ -75,8 +75,15 @@ def _improve(job: Job, tried: list[Candidate]) -> None:
         tried.append(job.measured(job.try_shift(best, share)))
 
 
+def _is_enough(tried: list[Candidate]) -> bool:
+    """Whether the ladder can end: the rungs that follow are looser."""
+    valid = [candidate.verdict for candidate in tried if candidate.verdict.is_valid]
+    flawless = any(v.smallest_angle >= GOOD_ANGLE and v.genus == 0 for v in valid)
+    return flawless or len(valid) >= ENOUGH
+
+
 def choose_best(tried: list[Candidate]) -> BuiltCage:
-    """Take the valid candidate of the least error, or else the tightest.
+    """Take the valid candidate of the least error, or else from the tightest shell.
 
     Raises
     ------
@@ -97,4 +104,4 @@ def rank(candidate: Candidate) -> float:
         return candidate.error
     verdict = candidate.verdict
     poor = max(0.0, GOOD_ANGLE - verdict.smallest_angle) / GOOD_ANGLE
-    return verdict.looseness * (1 + poor + HANDLE_COST * verdict.genus)
+    return candidate.offset * (1 + poor + HANDLE_COST * verdict.genus)

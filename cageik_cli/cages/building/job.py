@@ -35,8 +35,8 @@ FINE_REACH, COARSE_REACH = 0.04, 0.13
 
 LADDER = (
     ShellRecipe(0.006, 0.010),
-    ShellRecipe(0.010, 0.020),
     ShellRecipe(0.008, 0.014),
+    ShellRecipe(0.010, 0.020),
     ShellRecipe(0.012, 0.015),
     ShellRecipe(0.016, 0.020),
     ShellRecipe(0.016, 0.035),
@@ -80,7 +80,7 @@ class Job:
         name = f"shell {100 * recipe.offset:.2g} % closed by {100 * recipe.closing:.2g} %"
         if len(poses.posed):
             name += f", {len(poses.posed)} poses"
-        return self._judged(name, cage, _shell_notes(shell, self.unit))
+        return self._judged(name, cage, _shell_notes(shell, self.unit), recipe.offset)
 
     def try_ellipsoids(self) -> list[Candidate]:
         """Loose candidates: an ellipsoid drawn in, and where that fails, as it is."""
@@ -92,7 +92,7 @@ class Job:
         for name, draws in (("ellipsoid drawn in", DRAWS), ("ellipsoid", 0)):
             cage = wrap_ellipsoid(self.demand, draws)
             cage, _ = complete_clearance(cage, self.demand, self.demand.samples, COMPLETIONS)
-            tried.append(self._judged(name, cage, notes))
+            tried.append(self._judged(name, cage, notes, np.inf))
             if tried[-1].verdict.is_valid:
                 break
         return tried
@@ -105,7 +105,7 @@ class Job:
         count = max(1, round(share * len(cage.vertices)))
         cage = shift_vertices(cage, self.demand, self.poses, residuals, count)
         recipe = f"{candidate.recipe}, {count} vertices shifted"
-        return self._judged(recipe, cage, candidate.notes)
+        return self._judged(recipe, cage, candidate.notes, candidate.offset)
 
     def measured(self, candidate: Candidate) -> Candidate:
         """The candidate with its error, if it is valid and there is a clip."""
@@ -113,11 +113,13 @@ class Job:
             return candidate
         return replace(candidate, measurement=self.clip.measure(candidate.cage))
 
-    def _judged(self, recipe: str, cage: TriMesh, notes: tuple[str, ...]) -> Candidate:
+    def _judged(
+        self, recipe: str, cage: TriMesh, notes: tuple[str, ...], offset: float
+    ) -> Candidate:
         """Judge a cage as it is after rounding to file units."""
         placed = TriMesh(self.unit.to_file_units(cage.vertices), cage.faces)
         back = TriMesh(self.unit.to_units(placed.vertices), cage.faces)
-        return Candidate(recipe, placed, judge(back, self.demand), notes=notes)
+        return Candidate(recipe, placed, judge(back, self.demand), offset, notes=notes)
 
     def _grid_for(self, recipe: ShellRecipe) -> DistanceGrid:
         """The grid on which a shell is made, measured when it is first needed."""

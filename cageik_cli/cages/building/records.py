@@ -86,6 +86,8 @@ class Candidate:
         In file units; fit to be handed out only if the verdict says so.
     verdict : Verdict
         Lengths in diagonals of the model.
+    offset : float
+        Of the shell it was made from, diagonals of the model; infinite without a shell.
     measurement : Measurement or None
         None where nothing was measured.
     notes : tuple of str
@@ -95,6 +97,7 @@ class Candidate:
     recipe: str
     cage: TriMesh
     verdict: Verdict
+    offset: float
     measurement: Measurement | None = None
     notes: tuple[str, ...] = ()
 

@@ -96,7 +96,8 @@ def _split_worst(draft: Draft, residuals: Residuals) -> bool:
 def _missed(draft: Draft, residuals: Residuals) -> Floats:
     """The sum of the squares of the points nearest to each face, (f,)."""
     face = nearest_on_surface(TriMesh(draft.vertices, draft.faces), residuals.points).face
-    return np.bincount(face, weights=residuals.squares, minlength=len(draft.faces))
+    sums = np.bincount(face, weights=residuals.squares, minlength=len(draft.faces))
+    return np.asarray(sums, np.float64)
 
 
 def _try_collapse(draft: Draft, start: int, stop: int, position: Floats) -> bool:
