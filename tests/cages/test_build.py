@@ -17,7 +17,13 @@ def assert_good(cage, model, count, clearance=0.004):
     return opinion
 
 
-@pytest.mark.parametrize("name", FAST)
+QUICK = ("octahedron", "one triangle", "two balls far apart", "far from the origin")
+"""The odd models that every run of the tests tries; the others take some seconds each."""
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in FAST]
+)
 def test_an_odd_model_gets_a_cage(name):
     model = FAST[name]()
     built = build_cage(model, BuildSettings(vertices=40))
