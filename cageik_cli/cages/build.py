@@ -3,21 +3,24 @@
 from collections.abc import Callable
 
 from cageik_cli.cages.building.job import Job
-from cageik_cli.cages.building.records import BuildSettings, BuiltCage, Candidate, Clip
+from cageik_cli.cages.building.records import BuildSettings, BuiltCage, Candidate, Clip, Measurement
 from cageik_cli.coordinates.weights import ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import NumericalError
 
-__all__ = ["BuildSettings", "BuiltCage", "Candidate", "Clip", "build_cage"]
+__all__ = ["BuildSettings", "BuiltCage", "Candidate", "Clip", "Measurement", "build_cage"]
 
 GOOD_ANGLE = 10.0
 """Degrees below which a cage ranks behind."""
 
 HANDLE_COST = 0.1
-"""How much a handle costs, over the looseness."""
+"""How much a handle costs: a shell may be looser by this share."""
+
+SHIFTS = (0.15, 0.12, 0.1, 0.08, 0.06, 0.05)
+"""Shares of the vertices that are shifted to where the best candidate misses an animation."""
 
 ENOUGH = 2
-"""Valid candidates after which the ladder ends when none is measured."""
+"""Valid candidates after which the ladder ends, when none is measured or flawless."""
 
 
 def build_cage(
@@ -35,10 +38,10 @@ def build_cage(
     settings : BuildSettings, optional
     clip : Clip, optional
         An animation of the model that the cage is for: all rungs are then tried, without and with
-        its poses, and the least error wins. Without it the tightest of the first few valid ones
-        does.
+        its poses, vertices of the best are shifted to where it misses, and the least error wins.
+        Without it the first that has no flaw is taken, or the better of the first two.
     progress : callable
-        Told (candidates done, candidates) after every one.
+        Called with (candidates done, candidates) after every one.
 
     Raises
     ------
@@ -50,21 +53,34 @@ def build_cage(
     settings = settings or BuildSettings()
     job = Job.start(model, settings, clip)
     tried: list[Candidate] = []
+    shifts = () if clip is None else SHIFTS
+    total = len(job.ladder) + len(shifts)
     for step, (recipe, poses) in enumerate(job.ladder):
         candidate = job.try_shell(recipe, poses)
         if candidate is not None:
             tried.append(job.measured(candidate))
-        progress(step + 1, len(job.ladder) + 1)
-        if clip is None and sum(known.verdict.is_valid for known in tried) >= ENOUGH:
+        progress(step + 1, total)
+        if clip is None and _is_enough(tried):
             break
     if not any(known.verdict.is_valid for known in tried):
         tried += [job.measured(loose) for loose in job.try_ellipsoids()]
-    progress(len(job.ladder) + 1, len(job.ladder) + 1)
+    for step, share in enumerate(shifts):
+        # Each shift starts from the best candidate so far.
+        tried.append(job.measured(job.try_shift(choose_best(tried).chosen, share)))
+        progress(len(job.ladder) + step + 1, total)
+    progress(total, total)
     return choose_best(tried)
 
 
+def _is_enough(tried: list[Candidate]) -> bool:
+    """Whether the ladder can end: the rungs that follow are looser."""
+    valid = [candidate.verdict for candidate in tried if candidate.verdict.is_valid]
+    flawless = any(v.smallest_angle >= GOOD_ANGLE and v.genus == 0 for v in valid)
+    return flawless or len(valid) >= ENOUGH
+
+
 def choose_best(tried: list[Candidate]) -> BuiltCage:
-    """Take the valid candidate of the least error, or else the tightest.
+    """Take the valid candidate of the least error, or else from the tightest shell.
 
     Raises
     ------
@@ -85,4 +101,4 @@ def rank(candidate: Candidate) -> float:
         return candidate.error
     verdict = candidate.verdict
     poor = max(0.0, GOOD_ANGLE - verdict.smallest_angle) / GOOD_ANGLE
-    return verdict.looseness * (1 + poor + HANDLE_COST * verdict.genus)
+    return candidate.offset * (1 + poor + HANDLE_COST * verdict.genus)

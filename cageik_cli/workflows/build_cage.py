@@ -9,7 +9,14 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.build import BuildSettings, BuiltCage, Candidate, Clip, build_cage
+from cageik_cli.cages.build import (
+    BuildSettings,
+    BuiltCage,
+    Candidate,
+    Clip,
+    Measurement,
+    build_cage,
+)
 from cageik_cli.coordinates.binding import reconstruct
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.file_data import describe_source
@@ -218,16 +225,17 @@ class _Measure:
     frames: Floats
     jobs: int
 
-    def __call__(self, cage: TriMesh) -> float:
+    def __call__(self, cage: TriMesh) -> Measurement:
         """Return the rms distance, in percent of the diagonal; infinite for a poor cage."""
         try:
             binding = bind(self.rest, cage, BindSettings(accuracy="preview"), self.jobs)
         except CageikError:
-            return float("inf")
+            return Measurement(float("inf"), np.zeros(len(self.rest.vertices)))
         with limit_blas_threads(1):
             cages = DualLaplacianSolver(binding, SolveSettings()).solve(self.frames).cages
         squares = ((reconstruct(binding.weights, cages) - self.frames) ** 2).sum(axis=2)
-        return float(100 * np.sqrt(squares.mean()) / self.rest.diagonal)
+        error = float(100 * np.sqrt(squares.mean()) / self.rest.diagonal)
+        return Measurement(error, squares.mean(axis=0))
 
 
 def format_cage_text(result: CageResult, is_detailed: bool = False) -> str:

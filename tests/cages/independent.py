@@ -95,6 +95,11 @@ def _topology_faults(count, faces):
         yield f"{count - len(seen)} vertices are in other components"
 
 
+def _sides(face):
+    a, b, c = face
+    return (a, b), (b, c), (c, a)
+
+
 def _box_pairs(a, b):
     """Pairs of triangles whose boxes meet."""
     low, high = b.min(axis=1), b.max(axis=1)

@@ -1,13 +1,14 @@
 """Whether a few new faces keep apart from others: exact, and quick for a handful of them.
 
-What touches without need counts as meeting, so that the answer may be no where the exact one is
-yes, never the other way round. `geometry/intersections.py` has the full answer for whole meshes.
+What is left to `geometry/intersections.py`, which has the full answer, is faces that share a plane.
 """
 
 import igl.predicates
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.geometry.intersections import self_intersections
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
 
@@ -56,10 +57,16 @@ def _pierce(vertices: Floats, faces: Integers, first: Integers, second: Integers
     if not doubtful.any():
         return False
     if ((before == 0) & (behind == 0)).any():
-        return True
+        return _meet_exactly(vertices, np.concatenate([faces[first], faces[second]]))
     p, q, a, b, c = (points[doubtful] for points in (p, q, a, b, c))
     turns = np.stack([_orient(p, q, *pair) for pair in ((a, b), (b, c), (c, a))])
     return bool(((turns.min(axis=0) >= 0) | (turns.max(axis=0) <= 0)).any())
+
+
+def _meet_exactly(vertices: Floats, faces: Integers) -> bool:
+    """Whether any two faces meet improperly: the full answer, for those that share a plane."""
+    used, local = np.unique(np.unique(faces, axis=0), return_inverse=True)
+    return len(self_intersections(TriMesh(vertices[used], local.reshape(-1, 3)))) > 0
 
 
 def _orient(a: Floats, b: Floats, c: Floats, d: Floats) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ from cageik_cli.cages.building.judge import Demand, judge
 from cageik_cli.cages.building.records import BuildSettings, Candidate, Clip
 from cageik_cli.cages.building.refine import COMPLETIONS, complete_clearance, refine_shell
 from cageik_cli.cages.building.shell import Shell, ShellRecipe, make_shell
+from cageik_cli.cages.building.shift import Residuals, shift_vertices
 from cageik_cli.cages.building.unit import UnitModel, normalize_model
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
@@ -20,7 +21,7 @@ from cageik_cli.util.errors import join_truncated
 FEWEST_SHARE = 0.9
 """A cage has at least this share of the vertices asked for."""
 
-POSED_RUNGS = 6
+POSED_RUNGS = 3
 """Rungs of the ladder that are tried for an animation."""
 
 FINE_CELL, COARSE_CELL = 0.007, 0.014
@@ -34,8 +35,8 @@ FINE_REACH, COARSE_REACH = 0.04, 0.13
 
 LADDER = (
     ShellRecipe(0.006, 0.010),
-    ShellRecipe(0.010, 0.020),
     ShellRecipe(0.008, 0.014),
+    ShellRecipe(0.010, 0.020),
     ShellRecipe(0.012, 0.015),
     ShellRecipe(0.016, 0.020),
     ShellRecipe(0.016, 0.035),
@@ -53,6 +54,7 @@ class Job:
     demand: Demand
     ladder: tuple[tuple[ShellRecipe, Poses], ...]
     clip: Clip | None
+    poses: Poses
     grids: dict[float, DistanceGrid]
 
     @staticmethod
@@ -60,14 +62,14 @@ class Job:
         """Prepare a model."""
         unit = normalize_model(model)
         fewest = int(np.ceil(FEWEST_SHARE * settings.vertices))
-        still = Poses.none()
+        still = poses = Poses.none()
         ladder = tuple((recipe, still) for recipe in LADDER)
         if clip is not None:
             rest, frames = (unit.to_units(points) for points in (model.vertices, clip.frames))
             poses = choose_poses(rest, frames)
             ladder = tuple((recipe, p) for recipe in LADDER[:POSED_RUNGS] for p in (poses, still))
         demand = Demand(unit.surface, unit.samples, settings.clearance, fewest, settings.vertices)
-        return Job(unit, demand, ladder, clip, {})
+        return Job(unit, demand, ladder, clip, poses, {})
 
     def try_shell(self, recipe: ShellRecipe, poses: Poses) -> Candidate | None:
         """A candidate from a shell, None where the shell cannot be had."""
@@ -78,7 +80,7 @@ class Job:
         name = f"shell {100 * recipe.offset:.2g} % closed by {100 * recipe.closing:.2g} %"
         if len(poses.posed):
             name += f", {len(poses.posed)} poses"
-        return self._judged(name, cage, _shell_notes(shell, self.unit))
+        return self._judged(name, cage, _shell_notes(shell, self.unit), recipe.offset)
 
     def try_ellipsoids(self) -> list[Candidate]:
         """Loose candidates: an ellipsoid drawn in, and where that fails, as it is."""
@@ -90,22 +92,34 @@ class Job:
         for name, draws in (("ellipsoid drawn in", DRAWS), ("ellipsoid", 0)):
             cage = wrap_ellipsoid(self.demand, draws)
             cage, _ = complete_clearance(cage, self.demand, self.demand.samples, COMPLETIONS)
-            tried.append(self._judged(name, cage, notes))
+            tried.append(self._judged(name, cage, notes, np.inf))
             if tried[-1].verdict.is_valid:
                 break
         return tried
+
+    def try_shift(self, candidate: Candidate, share: float) -> Candidate:
+        """A candidate with some of another's vertices where that misses most."""
+        assert candidate.measurement is not None
+        cage = TriMesh(self.unit.to_units(candidate.cage.vertices), candidate.cage.faces)
+        residuals = Residuals(self.poses.rest, candidate.measurement.squares)
+        count = max(1, round(share * len(cage.vertices)))
+        cage = shift_vertices(cage, self.demand, self.poses, residuals, count)
+        recipe = f"{candidate.recipe}, {count} vertices shifted"
+        return self._judged(recipe, cage, candidate.notes, candidate.offset)
 
     def measured(self, candidate: Candidate) -> Candidate:
         """The candidate with its error, if it is valid and there is a clip."""
         if self.clip is None or not candidate.verdict.is_valid:
             return candidate
-        return replace(candidate, error=float(self.clip.measure(candidate.cage)))
+        return replace(candidate, measurement=self.clip.measure(candidate.cage))
 
-    def _judged(self, recipe: str, cage: TriMesh, notes: tuple[str, ...]) -> Candidate:
+    def _judged(
+        self, recipe: str, cage: TriMesh, notes: tuple[str, ...], offset: float
+    ) -> Candidate:
         """Judge a cage as it is after rounding to file units."""
         placed = TriMesh(self.unit.to_file_units(cage.vertices), cage.faces)
         back = TriMesh(self.unit.to_units(placed.vertices), cage.faces)
-        return Candidate(recipe, placed, judge(back, self.demand), notes=notes)
+        return Candidate(recipe, placed, judge(back, self.demand), offset, notes=notes)
 
     def _grid_for(self, recipe: ShellRecipe) -> DistanceGrid:
         """The grid on which a shell is made, measured when it is first needed."""

@@ -84,15 +84,15 @@ def refill(draft: Draft, count: int) -> None:
         length = np.linalg.norm(draft.vertices[ends[:, 0]] - draft.vertices[ends[:, 1]], axis=1)
         valence = _valences(draft)
         for start, stop in ends[np.argsort(-length, kind="stable")]:
-            if _splits_well(draft, int(start), int(stop), valence):
+            if splits_well(draft, int(start), int(stop), valence, GOAL):
                 draft.split(int(start), int(stop))
                 break
         else:
             return
 
 
-def _splits_well(draft: Draft, start: int, stop: int, valence: Integers) -> bool:
-    """Whether halves of the faces at an edge keep their angles, and the others their valence."""
+def splits_well(draft: Draft, start: int, stop: int, valence: Integers, angle: float) -> bool:
+    """Whether halves of the faces at an edge have the angle, and the vertices across room."""
     at = draft.faces_at(start)
     corners = draft.faces[at[(draft.faces[at] == stop).any(axis=1)]]
     across = corners[(corners != start) & (corners != stop)]
@@ -101,7 +101,7 @@ def _splits_well(draft: Draft, start: int, stop: int, valence: Integers) -> bool
     middle = draft.vertices[[start, stop]].mean(axis=0)
     points = np.concatenate([draft.vertices, middle[None]])
     halves = [[end, len(draft.vertices), tip] for tip in across for end in (start, stop)]
-    return bool(corner_angles(TriMesh(points, np.array(halves))).min() >= GOAL)
+    return bool(corner_angles(TriMesh(points, np.array(halves))).min() >= angle)
 
 
 def _pull(draft: Draft, vertex: int, beside: Floats) -> bool:

@@ -10,6 +10,38 @@ from cageik_cli.util.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Measurement:
+    """How well a cage expresses an animation.
+
+    Attributes
+    ----------
+    error : float
+        The less the better; any unit.
+    squares : (m,) float64
+        Mean square over the frames of how far each vertex of the model is missed, any unit.
+    """
+
+    error: float
+    squares: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clip:
+    """What a cage is built for.
+
+    Attributes
+    ----------
+    frames : (k, m, 3) float64
+        Poses of the model's vertices, file units; rigid motions between them do not matter.
+    measure : callable
+        Of a cage in file units: how well it expresses the animation.
+    """
+
+    frames: Floats
+    measure: Callable[[TriMesh], Measurement]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
     """A cage that was tried.
 
@@ -21,8 +53,10 @@ class Candidate:
         In file units; fit to be handed out only if the verdict says so.
     verdict : Verdict
         Lengths in diagonals of the model.
-    error : float or None
-        What `measure` gave, None where nothing was measured.
+    offset : float
+        Of the shell it was made from, diagonals of the model; infinite without a shell.
+    measurement : Measurement or None
+        None where nothing was measured.
     notes : tuple of str
         What had to be done to the model's surface, a sentence each.
     """
@@ -30,8 +64,14 @@ class Candidate:
     recipe: str
     cage: TriMesh
     verdict: Verdict
-    error: float | None = None
+    offset: float
+    measurement: Measurement | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def error(self) -> float | None:
+        """The error on the animation, if it was measured."""
+        return self.measurement.error if self.measurement else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,19 +94,3 @@ class BuiltCage:
     chosen: Candidate
     candidates: tuple[Candidate, ...]
     notes: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Clip:
-    """What a cage is built for.
-
-    Attributes
-    ----------
-    frames : (k, m, 3) float64
-        Poses of the model's vertices, file units; rigid motions between them do not matter.
-    measure : callable
-        The error of a cage on the animation, the less the better.
-    """
-
-    frames: Floats
-    measure: Callable[[TriMesh], float]

@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+
+from cageik_cli.cages.building.draft import Draft
+from cageik_cli.cages.building.edits import (
+    collapse_edge,
+    flip_edge,
+    least_move,
+    move_vertex,
+    settle,
+)
+from cageik_cli.cages.soundness import find_cage_faults
+from tests.shapes import ball, box, finer, octahedron
+
+
+@pytest.fixture
+def draft():
+    """A cube of side 2 around a ball of radius 0.9."""
+    return Draft(finer(box(), 1), ball(4, 0.9).vertices, 0.05)
+
+
+def vertex_at(draft, place):
+    return int(np.linalg.norm(draft.vertices - place, axis=1).argmin())
+
+
+def test_a_move_that_keeps_clear_is_made(draft):
+    corner = vertex_at(draft, (1, 1, 1))
+    assert draft.take(move_vertex(draft, corner, np.array([0.93, 0.93, 0.93])))
+    np.testing.assert_array_equal(draft.vertices[corner], [0.93, 0.93, 0.93])
+    assert find_cage_faults(draft.to_mesh()) == ()
+
+
+@pytest.mark.parametrize("place", [(0.92, 0, 0), (0.5, 0, 0), (-3, 0, 0)])
+def test_a_move_into_the_clearance_or_over_samples_is_not_made(draft, place):
+    middle = vertex_at(draft, (1, 0, 0))
+    assert not draft.take(move_vertex(draft, middle, np.array(place, float)))
+    np.testing.assert_array_equal(draft.vertices[middle], [1, 0, 0])
+
+
+def test_a_move_that_makes_faces_meet_is_not_made(draft):
+    empty = Draft(draft.to_mesh(), np.full((1, 3), 50.0), 0.05)
+    middle = vertex_at(empty, (1, 0, 0))
+    assert not empty.take(move_vertex(empty, middle, np.array([-1.5, 0.1, 0.2])))
+
+
+def test_a_split_changes_neither_volume_nor_soundness(draft):
+    start, stop = draft.faces[0, :2]
+    before = draft.to_mesh()
+    draft.split(int(start), int(stop))
+    after = draft.to_mesh()
+    assert len(after.vertices) == len(before.vertices) + 1
+    assert after.volume == pytest.approx(before.volume)
+    assert after.is_closed
+
+
+def test_a_flip_turns_an_edge_and_keeps_the_surface_closed():
+    draft = Draft(ball(2), np.zeros((1, 3)), 0.0)
+    start, stop = map(int, draft.faces[0, :2])
+    edit = flip_edge(draft, start, stop)
+    assert draft.take(edit)
+    assert draft.to_mesh().is_closed
+    assert stop not in draft.neighbours(start)
+    assert find_cage_faults(draft.to_mesh()) == ()
+
+
+def test_an_edge_whose_other_diagonal_exists_is_not_flipped():
+    tetrahedron = Draft(octahedron(), np.zeros((1, 3)), 0.0)
+    merged = collapse_edge(tetrahedron, 0, 2, np.array([0.5, 0.5, 0]))
+    assert merged is None or tetrahedron.take(merged)
+    flips = [flip_edge(tetrahedron, a, b) for a, b in tetrahedron.to_mesh().edges.ends]
+    assert any(flip is None for flip in flips)
+
+
+def test_a_collapse_keeps_the_surface_closed_and_takes_one_vertex():
+    draft = Draft(ball(3), np.zeros((1, 3)), 0.0)
+    start, stop = map(int, draft.faces[10, :2])
+    count = draft.count
+    edit = collapse_edge(draft, start, stop, 1.05 * draft.vertices[start])
+    assert draft.take(edit)
+    assert draft.count == count - 1
+    assert find_cage_faults(draft.to_mesh()) == ()
+
+
+def test_a_vertex_settles_where_the_samples_have_their_clearance(draft):
+    middle = vertex_at(draft, (1, 0, 0))
+    edit = settle(draft, move_vertex(draft, middle, np.array([0.91, 0, 0])))
+    assert draft.keeps_clear(edit)
+    assert 0.95 <= edit.position[0] < 1
+
+
+def test_the_least_move_is_the_shortest_that_is_enough():
+    directions = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, -1]])
+    np.testing.assert_allclose(
+        least_move(directions, np.array([1.0, 2, -5])), [1, 2, 0], atol=1e-12
+    )
+    against = np.array([[1.0, 0, 0], [-1, 0, 0]])
+    np.testing.assert_array_equal(least_move(against, np.array([1.0, 1])), np.zeros(3))

@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+
+from cageik_cli.cages.building.decimate import euler_characteristic
+from cageik_cli.cages.building.distance_grid import measure_grid
+from cageik_cli.cages.building.shell import ShellRecipe, make_shell
+from cageik_cli.geometry.surface import closest_points, winding_numbers
+from tests.cages.torture import merged, moved, sheet, torus
+from tests.shapes import ball, changed
+
+
+def shell_of(mesh, offset=0.05, closing=0.05, cell=0.03):
+    return make_shell(measure_grid(mesh, cell, 0.3), ShellRecipe(offset, closing))
+
+
+def test_a_shell_keeps_its_offset_and_is_a_sphere_around_a_sphere():
+    shell = shell_of(ball(4))
+    assert euler_characteristic(shell.surface) == 2
+    radius = np.linalg.norm(shell.surface.vertices, axis=1)
+    np.testing.assert_allclose(radius, 0.555, atol=0.015)
+    assert shell.surface.volume > 0
+
+
+def test_a_shell_closes_around_a_sheet():
+    shell = shell_of(sheet())
+    assert (winding_numbers(shell.surface, sheet().vertices) > 0.5).all()
+    assert closest_points(shell.surface, sheet().vertices).distance.min() > 0.03
+
+
+def test_a_ring_keeps_its_hole_until_the_closing_fills_it():
+    assert euler_characteristic(shell_of(torus(0.5, 0.3)).surface) == 0
+    assert euler_characteristic(shell_of(torus(0.5, 0.3), 0.08, 0.2).surface) == 2
+
+
+def test_an_open_hollow_is_filled_only_when_its_mouth_is_narrow():
+    height = ball(4).vertices[ball(4).faces][..., 2].min(axis=1)
+    cup, bottle = (
+        shell_of(changed(ball(4), faces=ball(4).faces[height < rim])).surface
+        for rim in (0.2, 0.485)
+    )
+    assert winding_numbers(cup, np.zeros((1, 3)))[0] < 0.5
+    assert winding_numbers(bottle, np.zeros((1, 3)))[0] > 0.5
+
+
+def test_parts_that_lie_apart_are_joined_where_they_are_nearest():
+    shell = shell_of(merged(ball(3), moved(ball(3), (3, 0, 0))))
+    assert len(np.unique(shell.surface.components)) == 1
+    np.testing.assert_allclose(shell.bridges, [[1.5, 0, 0]], atol=0.15)
+
+
+def test_distances_on_the_grid_are_those_from_the_surface():
+    grid = measure_grid(ball(4), 0.05, 0.3)
+    nodes = np.argwhere(grid.distance < grid.reach)
+    expected = np.abs(np.linalg.norm(grid.positions(nodes), axis=1) - 0.5)
+    np.testing.assert_allclose(grid.distance[tuple(nodes.T)], expected, atol=0.003)
+    beyond = np.argwhere(grid.distance >= grid.reach)
+    far = np.abs(np.linalg.norm(grid.positions(beyond), axis=1) - 0.5)
+    assert far.min() == pytest.approx(grid.reach, abs=0.01)

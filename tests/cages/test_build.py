@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+from cageik_cli.cages.build import BuildSettings, Clip, Measurement, build_cage
+from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.errors import FormatError
+from tests.cages.independent import examine
+from tests.cages.torture import FAST, SLOW, merged, moved
+from tests.shapes import ball, box, changed, concave, finer
+
+
+def assert_good(cage, model, count, clearance=0.004):
+    opinion = examine(cage, model, clearance, points=4000)
+    assert opinion.faults == ()
+    assert 0.9 * count <= len(cage.vertices) <= count
+    return opinion
+
+
+QUICK = ("octahedron", "far from the origin")
+"""The odd models that every run of the tests tries; the others take some seconds each."""
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in FAST]
+)
+def test_an_odd_model_gets_a_cage(name):
+    model = FAST[name]()
+    built = build_cage(model, BuildSettings(vertices=40))
+    opinion = assert_good(built.cage, model, 40)
+    assert opinion.smallest_angle > 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SLOW)
+def test_a_hard_model_gets_a_cage(name):
+    model = SLOW[name]()
+    built = build_cage(model, BuildSettings(vertices=100))
+    assert_good(built.cage, model, 100)
+
+
+@pytest.mark.slow
+def test_a_built_cage_is_found_fit_by_the_check_that_users_run():
+    built = build_cage(ball(4), BuildSettings(vertices=60))
+    assert diagnose(built.cage, ball(4)).verdict == "fit"
+    assert built.chosen.verdict.smallest_angle >= 10
+    assert built.chosen.verdict.largest_valence <= 10
+
+
+@pytest.mark.slow
+def test_the_same_model_gives_the_same_cage_to_the_last_bit():
+    first, second = (build_cage(concave(), BuildSettings(vertices=30)).cage for _ in range(2))
+    np.testing.assert_array_equal(first.vertices, second.vertices)
+    np.testing.assert_array_equal(first.faces, second.faces)
+
+
+@pytest.mark.parametrize("clearance", [0.001, 0.03])
+@pytest.mark.slow
+def test_the_clearance_is_the_one_that_was_asked_for(clearance):
+    model = finer(concave(), 2)
+    built = build_cage(model, BuildSettings(vertices=50, clearance=clearance))
+    assert_good(built.cage, model, 50, clearance)
+
+
+@pytest.mark.slow
+def test_parts_that_were_joined_are_named_with_their_place():
+    model = merged(ball(3), moved(ball(3), (8, 0, 0)))
+    built = build_cage(moved(model, (100, 0, 0)), BuildSettings(vertices=50))
+    (note,) = (note for note in built.notes if "apart were joined" in note)
+    assert "(1), at (104, " in note
+
+
+@pytest.mark.usefixtures("coarse_grids")
+def test_every_candidate_is_kept_and_counted():
+    calls = []
+    built = build_cage(ball(3), BuildSettings(vertices=30), progress=lambda *p: calls.append(p))
+    assert calls[-1][0] == calls[-1][1]
+    assert built.chosen in built.candidates
+    assert all(candidate.recipe for candidate in built.candidates)
+
+
+@pytest.mark.slow
+def test_the_candidate_of_the_least_error_is_taken_for_a_clip():
+    model = finer(changed(box(), vertices=box().vertices * [0.2, 0.2, 1]), 4)
+    x, y, z = model.vertices.T
+    bent = np.stack([x + 0.3 * np.maximum(z, 0) ** 2, y, z], axis=1)
+    volumes = []
+
+    def measure(cage):
+        volumes.append(cage.volume)
+        return Measurement(cage.volume, np.maximum(z, 0))
+
+    built = build_cage(model, BuildSettings(vertices=40), Clip(bent[None], measure))
+    assert_good(built.cage, model, 40)
+    assert built.cage.volume == min(volumes)
+    assert {c.error for c in built.candidates if c.verdict.is_valid} == set(volumes)
+
+
+def test_a_model_that_is_one_point_is_refused():
+    with pytest.raises(FormatError, match="the model is one point, expected a surface"):
+        build_cage(TriMesh(np.ones((3, 3)), [[0, 1, 2]]))
+
+
+def test_positions_that_are_no_numbers_are_refused():
+    with pytest.raises(FormatError, match="vertex 1 is \\(nan, 1, 1\\)"):
+        build_cage(TriMesh([[0, 0, 0], [np.nan, 1, 1], [1, 0, 0]], [[0, 1, 2]]))
