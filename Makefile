@@ -31,13 +31,16 @@ $(READY): pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $(PLAIN) $@
 
-run: $(PLAIN)  ## Extract the cages of the walking figure and report on them
+run: $(PLAIN)  ## Extract the walking figure, in a cage by hand and in a built one, and report on both
 	@mkdir -p $(OUT)
 	$(BIN)/cageik extract data_fixtures/walker/frames/*.obj --cage data_fixtures/walker/cage.obj \
 		--output $(OUT)/walker.h5 --overwrite
 	$(BIN)/cageik report $(OUT)/walker.h5 --html $(OUT)/walker.html --plot $(OUT)/figure4.png \
 		--json $(OUT)/report.json --csv $(OUT)/frames.csv --overwrite
-	@echo "open $(abspath $(OUT))/walker.html"
+	$(BIN)/cageik extract data_fixtures/walker/frames/*.obj --output $(OUT)/walker-built.h5 \
+		--cage-out $(OUT)/built_cage.obj --overwrite
+	$(BIN)/cageik report $(OUT)/walker-built.h5 --html $(OUT)/walker-built.html --overwrite
+	@echo "open $(abspath $(OUT))/walker.html, or walker-built.html for the cage that was built"
 
 test: $(READY)  ## Run the quick tests, with the coverage of the package
 	$(BIN)/python -m pytest --numprocesses=auto --cov --cov-report=term-missing:skip-covered --cov-fail-under=95

@@ -1,6 +1,7 @@
 """A cage built around a model: read the model, build, write the cage."""
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -134,9 +135,8 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
     check_cage_output(settings.output, settings.overwrite)
     with progress.stage("open"):
         model = _open_model(settings)
-        poses = _read_poses(settings, model)
+        clip = _read_clip(settings, model)
     with progress.stage("cage"), error_context(model.source["name"]):
-        clip = None if poses is None else Clip(poses, _Measure(model.mesh, poses, settings.jobs))
         built = build_cage(model.mesh, settings.build, clip, progress.update)
     cage = load_built_cage(built, settings.output.name)
     with progress.stage("write"):
@@ -205,8 +205,8 @@ def _open_model(settings: CageSettings) -> LoadedMesh:
     return rest
 
 
-def _read_poses(settings: CageSettings, model: LoadedMesh) -> Floats | None:
-    """Read evenly spaced frames of the animation, (k, m, 3); None without an animation."""
+def _read_clip(settings: CageSettings, model: LoadedMesh) -> Clip | None:
+    """Read evenly spaced frames of the animation; None without an animation."""
     if not settings.animation:
         return None
     sequence = open_sequence(list(settings.animation), settings.clip, model)
@@ -214,28 +214,41 @@ def _read_poses(settings: CageSettings, model: LoadedMesh) -> Floats | None:
         count, faces = len(model.fan_triangulated.vertices), model.fan_triangulated.faces
         check_connectivity(count, faces, sequence.fan_triangulated, "the first frame")
     chosen = np.linspace(0, len(sequence) - 1, min(len(sequence), MAX_MEASURED_FRAMES))
-    return np.stack([sequence.read_frame(int(k)) for k in np.rint(chosen)])
+    frames = np.stack([sequence.read_frame(int(k)) for k in np.rint(chosen)])
+    return Clip(frames, measure_on_frames(model.mesh, frames, settings.jobs))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Measure:
-    """The error of a cage on frames of an animation."""
+def measure_on_frames(rest: TriMesh, frames: Floats, jobs: int) -> Callable[[TriMesh], Measurement]:
+    """Return a function that measures how well a cage expresses some frames.
 
-    rest: TriMesh
-    frames: Floats
-    jobs: int
+    Parameters
+    ----------
+    rest : TriMesh
+        m vertices.
+    frames : (k, m, 3) float64
+        File units.
+    jobs : int
+        Threads.
 
-    def __call__(self, cage: TriMesh) -> Measurement:
-        """Return the rms distance, in percent of the diagonal; infinite for a poor cage."""
+    Returns
+    -------
+    callable
+        Of a cage in file units; the error is the rms distance with harmonic weights of preview
+        accuracy, percent of the diagonal, infinite for a cage that does not bind.
+    """
+
+    def measure(cage: TriMesh) -> Measurement:
         try:
-            binding = bind(self.rest, cage, BindSettings(accuracy="preview"), self.jobs)
+            binding = bind(rest, cage, BindSettings(accuracy="preview"), jobs)
         except CageikError:
-            return Measurement(float("inf"), np.zeros(len(self.rest.vertices)))
+            return Measurement(float("inf"), np.zeros(len(rest.vertices)))
         with limit_blas_threads(1):
-            cages = DualLaplacianSolver(binding, SolveSettings()).solve(self.frames).cages
-        squares = ((reconstruct(binding.weights, cages) - self.frames) ** 2).sum(axis=2)
-        error = float(100 * np.sqrt(squares.mean()) / self.rest.diagonal)
+            cages = DualLaplacianSolver(binding, SolveSettings()).solve(frames).cages
+        squares = ((reconstruct(binding.weights, cages) - frames) ** 2).sum(axis=2)
+        error = float(100 * np.sqrt(squares.mean()) / rest.diagonal)
         return Measurement(error, squares.mean(axis=0))
+
+    return measure
 
 
 def format_cage_text(result: CageResult, is_detailed: bool = False) -> str:

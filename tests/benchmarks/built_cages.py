@@ -1,0 +1,94 @@
+"""How good built cages are, by an independent checker, and how well they express an animation.
+
+    python -m tests.benchmarks.built_cages FOLDER [FOLDER ...]
+
+A folder holds a model (`model.obj`) or a packed clip (`NAME.h5` with `verts`, `tris` and `rest`),
+and cages to compare with (`cage_60.obj`, ...). Each model gets cages of 60, 120 and 300 vertices;
+each clip gets two of each, without and with the animation, and their errors with harmonic weights
+on all frames are divided by that of the given cage. One line per cage.
+"""
+
+import sys
+from pathlib import Path
+from time import process_time
+
+import h5py
+import numpy as np
+
+from cageik_cli.cages.bind import bind
+from cageik_cli.cages.build import BuildSettings, Clip, build_cage
+from cageik_cli.cages.diagnosis import diagnose
+from cageik_cli.coordinates.binding import reconstruct
+from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import bounds_volume
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.workflows.build_cage import MAX_MEASURED_FRAMES, measure_on_frames
+from tests.cages.independent import examine
+
+COUNTS = (60, 120, 300)
+CLEARANCE = 0.004
+BLOCK = 16
+
+
+def main(*folders):
+    """Print one line per cage."""
+    print("| model | n | vertices | genus | clearance | angle | valence | volume | seconds | fit |")
+    for folder in map(Path, folders):
+        model, frames = read_folder(folder)
+        for count in COUNTS:
+            given = folder / f"cage_{count}.obj"
+            known = measure_error(model, load_mesh(given).mesh, frames) if given.exists() else None
+            measure_cage(f"{folder.name}", model, count, frames=None, clip=frames, known=known)
+            if frames is not None:
+                measure_cage(f"{folder.name} --for", model, count, frames, frames, known)
+
+
+def read_folder(folder):
+    """The rest mesh of a folder, and all frames if it has a clip."""
+    packed = sorted(folder.glob("*.h5"))
+    if not packed:
+        return load_mesh(folder / "model.obj").mesh, None
+    with h5py.File(packed[0]) as file:
+        return TriMesh(file["rest"][:].astype(float), file["tris"][:]), file["verts"][:]
+
+
+def measure_cage(name, model, count, frames, clip, known):
+    """Build a cage and print what it is like."""
+    start = process_time()
+    purpose = None
+    if frames is not None:
+        chosen = np.rint(np.linspace(0, len(frames) - 1, MAX_MEASURED_FRAMES)).astype(int)
+        poses = frames[chosen].astype(float)
+        purpose = Clip(poses, measure_on_frames(model, poses, jobs=1))
+    built = build_cage(model, BuildSettings(count, CLEARANCE), purpose)
+    seconds = process_time() - start
+    cage = built.cage
+    opinion = examine(cage, model, CLEARANCE)
+    volume = f"{cage.volume / model.volume:.3f}" if bounds_volume(model) else "open"
+    line = (
+        f"| {name} | {count} | {len(cage.vertices)} | {opinion.genus} | "
+        f"{100 * opinion.clearance:.3f} % | {opinion.smallest_angle:.1f} | "
+        f"{opinion.largest_valence} | {volume} | {seconds:.1f} | {diagnose(cage, model).verdict} |"
+    )
+    if known is not None:
+        error = measure_error(model, cage, clip)
+        line += f" error {error:.4f} %, given {known:.4f} %, ratio {error / known:.3f} |"
+    print(line, *opinion.faults, built.chosen.recipe, flush=True)
+
+
+def measure_error(model, cage, frames):
+    """Return the rms distance on all frames, percent of the diagonal, harmonic weights."""
+    binding = bind(model, cage)
+    solver = DualLaplacianSolver(binding, SolveSettings())
+    total = 0.0
+    for start in range(0, len(frames), BLOCK):
+        block = frames[start : start + BLOCK].astype(float)
+        cages = solver.solve(block).cages
+        total += ((reconstruct(binding.weights, cages) - block) ** 2).sum()
+    return 100 * np.sqrt(total / (len(frames) * len(model.vertices))) / model.diagonal
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
