@@ -3,12 +3,12 @@
 from collections.abc import Callable
 
 from cageik_cli.cages.building.job import Job
-from cageik_cli.cages.building.records import BuildSettings, BuiltCage, Candidate, Clip, Measurement
+from cageik_cli.cages.building.records import BuildSettings, BuiltCage, Candidate, Clip
 from cageik_cli.coordinates.weights import ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import NumericalError
 
-__all__ = ["BuildSettings", "BuiltCage", "Candidate", "Clip", "Measurement", "build_cage"]
+__all__ = ["BuildSettings", "BuiltCage", "Candidate", "Clip", "build_cage"]
 
 GOOD_ANGLE = 10.0
 """Degrees below which a cage ranks behind."""
@@ -16,8 +16,8 @@ GOOD_ANGLE = 10.0
 HANDLE_COST = 0.1
 """How much a handle costs: a shell may be looser by this share."""
 
-SHIFTS = (0.15, 0.12, 0.1, 0.08, 0.06, 0.05)
-"""Shares of the vertices that are shifted to where the best candidate misses an animation."""
+SHIFTED = 2
+"""The best candidates whose vertices are shifted to where they miss an animation."""
 
 ENOUGH = 2
 """Valid candidates after which the ladder ends, when none is measured or flawless."""
@@ -53,8 +53,8 @@ def build_cage(
     settings = settings or BuildSettings()
     job = Job.start(model, settings, clip)
     tried: list[Candidate] = []
-    shifts = () if clip is None else SHIFTS
-    total = len(job.ladder) + len(shifts)
+    shifts = 0 if clip is None else SHIFTED
+    total = len(job.ladder) + shifts
     for step, (recipe, poses) in enumerate(job.ladder):
         candidate = job.try_shell(recipe, poses)
         if candidate is not None:
@@ -64,9 +64,9 @@ def build_cage(
             break
     if not any(known.verdict.is_valid for known in tried):
         tried += [job.measured(loose) for loose in job.try_ellipsoids()]
-    for step, share in enumerate(shifts):
-        # Each shift starts from the best candidate so far.
-        tried.append(job.measured(job.try_shift(choose_best(tried).chosen, share)))
+    valid = sorted((known for known in tried if known.verdict.is_valid), key=rank)
+    for step, candidate in enumerate(valid[:shifts]):
+        tried.append(job.measured(job.try_shift(candidate)))
         progress(len(job.ladder) + step + 1, total)
     progress(total, total)
     return choose_best(tried)

@@ -15,7 +15,6 @@ from cageik_cli.cages.build import (
     BuiltCage,
     Candidate,
     Clip,
-    Measurement,
     build_cage,
 )
 from cageik_cli.coordinates.binding import reconstruct
@@ -218,7 +217,7 @@ def _read_clip(settings: CageSettings, model: LoadedMesh) -> Clip | None:
     return Clip(frames, measure_on_frames(model.mesh, frames, settings.jobs))
 
 
-def measure_on_frames(rest: TriMesh, frames: Floats, jobs: int) -> Callable[[TriMesh], Measurement]:
+def measure_on_frames(rest: TriMesh, frames: Floats, jobs: int) -> Callable[[TriMesh], float]:
     """Return a function that measures how well a cage expresses some frames.
 
     Parameters
@@ -237,16 +236,15 @@ def measure_on_frames(rest: TriMesh, frames: Floats, jobs: int) -> Callable[[Tri
         accuracy, percent of the diagonal, infinite for a cage that does not bind.
     """
 
-    def measure(cage: TriMesh) -> Measurement:
+    def measure(cage: TriMesh) -> float:
         try:
             binding = bind(rest, cage, BindSettings(accuracy="preview"), jobs)
         except CageikError:
-            return Measurement(float("inf"), np.zeros(len(rest.vertices)))
+            return float("inf")
         with limit_blas_threads(1):
             cages = DualLaplacianSolver(binding, SolveSettings()).solve(frames).cages
         squares = ((reconstruct(binding.weights, cages) - frames) ** 2).sum(axis=2)
-        error = float(100 * np.sqrt(squares.mean()) / rest.diagonal)
-        return Measurement(error, squares.mean(axis=0))
+        return float(100 * np.sqrt(squares.mean()) / rest.diagonal)
 
     return measure
 

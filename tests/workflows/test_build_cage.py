@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.cages.build import SHIFTS
+from cageik_cli.cages.build import SHIFTED
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.mesh_file import load_mesh
@@ -78,7 +78,7 @@ def test_the_cage_for_an_animation_has_the_least_error():
     errors = [known.error for known in candidates if known.error is not None]
     recipes = [known.recipe for known in candidates]
     assert [", 4 poses" in recipe for recipe in recipes[:2]] == [True, False]
-    assert len([recipe for recipe in recipes if "shifted" in recipe]) == len(SHIFTS)
+    assert len([recipe for recipe in recipes if "shifted" in recipe]) == min(SHIFTED, 2)
     assert result.built.chosen.error == min(errors)
     assert f"error          {min(errors):.4f} %" in format_cage_text(result)
 

@@ -57,22 +57,26 @@ class Poses:
         return carried
 
 
-def choose_poses(rest: Floats, frames: Floats) -> Poses:
-    """Take the frames that differ most from the rest pose and from each other.
+def align_poses(rest: Floats, frames: Floats) -> Floats:
+    """Return frames (k, m, 3), each moved rigidly onto the rest pose (m, 3)."""
+    centre = rest.mean(axis=0)
+    centred = frames - frames.mean(axis=1, keepdims=True)
+    turns = _best_turns(np.einsum("kmx,my->kxy", centred, rest - centre))
+    return np.asarray(np.einsum("kmx,kxy->kmy", centred, turns) + centre)
+
+
+def choose_poses(rest: Floats, aligned: Floats) -> Poses:
+    """Choose the frames that differ most from the rest pose and from each other.
 
     Parameters
     ----------
     rest : (m, 3)
-    frames : (k, m, 3)
-        In the units of the rest pose.
+    aligned : (k, m, 3)
+        As `align_poses` returns them.
     """
-    centre = rest.mean(axis=0)
-    centred = frames - frames.mean(axis=1, keepdims=True)
-    turns = _best_turns(np.einsum("kmx,my->kxy", centred, rest - centre))
-    aligned = np.einsum("kmx,kxy->kmy", centred, turns) + centre
     apart = ((aligned - rest) ** 2).sum(axis=(1, 2))
     chosen: list[int] = []
-    while len(chosen) < min(MOST_POSES, len(frames)) and apart.max() > 0:
+    while len(chosen) < min(MOST_POSES, len(aligned)) and apart.max() > 0:
         chosen.append(int(apart.argmax()))
         apart = np.minimum(apart, ((aligned - aligned[chosen[-1]]) ** 2).sum(axis=(1, 2)))
     return Poses(rest, aligned[chosen])

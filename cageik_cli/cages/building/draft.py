@@ -57,7 +57,7 @@ class Draft:
         self.vertices = cage.vertices.copy()
         self.faces = cage.faces.copy()
         self.clearance = clearance
-        self._samples = samples
+        self.samples = samples
         self._tree = cKDTree(samples)
 
     @property
@@ -119,7 +119,7 @@ class Draft:
         corners = self._corners(edit)
         low, high = corners.min(axis=0), corners.max(axis=0)
         middle, radius = (low + high) / 2, np.linalg.norm(high - low) / 2
-        near = self._samples[self._tree.query_ball_point(middle, radius + self.clearance)]
+        near = self.samples[self._tree.query_ball_point(middle, radius + self.clearance)]
         inside = ((near > low - self.clearance) & (near < high + self.clearance)).all(axis=1)
         return np.asarray(near[inside])
 

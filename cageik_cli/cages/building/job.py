@@ -4,15 +4,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cageik_cli.cages.building.carry import Poses, choose_poses
+from cageik_cli.cages.building.carry import Poses, align_poses, choose_poses
 from cageik_cli.cages.building.decimate import euler_characteristic
 from cageik_cli.cages.building.distance_grid import DistanceGrid, measure_grid
 from cageik_cli.cages.building.egg import DRAWS, wrap_ellipsoid
 from cageik_cli.cages.building.judge import Demand, judge
+from cageik_cli.cages.building.motion import Motion
 from cageik_cli.cages.building.records import BuildSettings, Candidate, Clip
 from cageik_cli.cages.building.refine import COMPLETIONS, complete_clearance, refine_shell
 from cageik_cli.cages.building.shell import Shell, ShellRecipe, make_shell
-from cageik_cli.cages.building.shift import Residuals, shift_vertices
+from cageik_cli.cages.building.shift import shift_vertices
 from cageik_cli.cages.building.unit import UnitModel, normalize_model
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
@@ -54,7 +55,7 @@ class Job:
     demand: Demand
     ladder: tuple[tuple[ShellRecipe, Poses], ...]
     clip: Clip | None
-    poses: Poses
+    motion: Motion | None
     grids: dict[float, DistanceGrid]
 
     @staticmethod
@@ -62,14 +63,15 @@ class Job:
         """Prepare a model."""
         unit = normalize_model(model)
         fewest = int(np.ceil(FEWEST_SHARE * settings.vertices))
-        still = poses = Poses.none()
+        still, motion = Poses.none(), None
         ladder = tuple((recipe, still) for recipe in LADDER)
         if clip is not None:
             rest, frames = (unit.to_units(points) for points in (model.vertices, clip.frames))
-            poses = choose_poses(rest, frames)
+            aligned = align_poses(rest, frames)
+            poses, motion = choose_poses(rest, aligned), Motion.reduce(rest, aligned)
             ladder = tuple((recipe, p) for recipe in LADDER[:POSED_RUNGS] for p in (poses, still))
         demand = Demand(unit.surface, unit.samples, settings.clearance, fewest, settings.vertices)
-        return Job(unit, demand, ladder, clip, poses, {})
+        return Job(unit, demand, ladder, clip, motion, {})
 
     def try_shell(self, recipe: ShellRecipe, poses: Poses) -> Candidate | None:
         """A candidate from a shell, None where the shell cannot be had."""
@@ -97,21 +99,19 @@ class Job:
                 break
         return tried
 
-    def try_shift(self, candidate: Candidate, share: float) -> Candidate:
-        """A candidate with some of another's vertices where that misses most."""
-        assert candidate.measurement is not None
+    def try_shift(self, candidate: Candidate) -> Candidate:
+        """Return a candidate with some vertices of another moved to where it misses the clip."""
+        assert self.motion is not None
         cage = TriMesh(self.unit.to_units(candidate.cage.vertices), candidate.cage.faces)
-        residuals = Residuals(self.poses.rest, candidate.measurement.squares)
-        count = max(1, round(share * len(cage.vertices)))
-        cage = shift_vertices(cage, self.demand, self.poses, residuals, count)
-        recipe = f"{candidate.recipe}, {count} vertices shifted"
+        cage, moved = shift_vertices(cage, self.demand, self.motion)
+        recipe = f"{candidate.recipe}, {moved} vertices shifted"
         return self._judged(recipe, cage, candidate.notes, candidate.offset)
 
     def measured(self, candidate: Candidate) -> Candidate:
         """The candidate with its error, if it is valid and there is a clip."""
         if self.clip is None or not candidate.verdict.is_valid:
             return candidate
-        return replace(candidate, measurement=self.clip.measure(candidate.cage))
+        return replace(candidate, error=self.clip.measure(candidate.cage))
 
     def _judged(
         self, recipe: str, cage: TriMesh, notes: tuple[str, ...], offset: float

@@ -1,6 +1,6 @@
 """Better angles, fewer edges at a vertex, and a tighter fit, by edits that are tested."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -56,8 +56,11 @@ def lower_valences(draft: Draft) -> int:
     return made
 
 
-def tighten(draft: Draft, samples: Floats) -> int:
-    """Move vertices towards the samples beside them, as far as the clearance allows; how many."""
+def tighten(draft: Draft, samples: Floats, chosen: Iterable[int] | None = None) -> int:
+    """Move vertices, all or those chosen, towards the samples beside them; return how many moved.
+
+    They move as far as the clearance allows.
+    """
     cage = TriMesh(draft.vertices, draft.faces)
     nearest = closest_points(cage, samples)
     order = np.argsort(nearest.face, kind="stable")
@@ -68,9 +71,9 @@ def tighten(draft: Draft, samples: Floats) -> int:
         for vertex in face:
             rings[vertex].append(number)
     return sum(
-        _pull(draft, vertex, np.concatenate([by_face[k] for k in ring]))
-        for vertex, ring in enumerate(rings)
-        if ring
+        _pull(draft, vertex, np.concatenate([by_face[k] for k in rings[vertex]]))
+        for vertex in (range(len(rings)) if chosen is None else sorted(chosen))
+        if rings[vertex]
     )
 
 

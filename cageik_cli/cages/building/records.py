@@ -10,22 +10,6 @@ from cageik_cli.util.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measurement:
-    """How well a cage expresses an animation.
-
-    Attributes
-    ----------
-    error : float
-        The less the better; any unit.
-    squares : (m,) float64
-        Mean square over the frames of how far each vertex of the model is missed, any unit.
-    """
-
-    error: float
-    squares: Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Clip:
     """What a cage is built for.
 
@@ -34,11 +18,11 @@ class Clip:
     frames : (k, m, 3) float64
         Poses of the model's vertices, file units; rigid motions between them do not matter.
     measure : callable
-        Of a cage in file units: how well it expresses the animation.
+        Of a cage in file units: its error on the animation, the less the better, in any unit.
     """
 
     frames: Floats
-    measure: Callable[[TriMesh], Measurement]
+    measure: Callable[[TriMesh], float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,8 +39,8 @@ class Candidate:
         Lengths in diagonals of the model.
     offset : float
         Of the shell it was made from, diagonals of the model; infinite without a shell.
-    measurement : Measurement or None
-        None where nothing was measured.
+    error : float, optional
+        On the animation; None where nothing was measured.
     notes : tuple of str
         What had to be done to the model's surface, a sentence each.
     """
@@ -65,13 +49,8 @@ class Candidate:
     cage: TriMesh
     verdict: Verdict
     offset: float
-    measurement: Measurement | None = None
+    error: float | None = None
     notes: tuple[str, ...] = ()
-
-    @property
-    def error(self) -> float | None:
-        """The error on the animation, if it was measured."""
-        return self.measurement.error if self.measurement else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,110 +1,146 @@
-"""Take vertices from where a cage does not need them to where its error is."""
+"""Move vertices of a cage from where a motion does not need them to where its error is."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from cageik_cli.cages.building.carry import Poses
 from cageik_cli.cages.building.draft import Draft
 from cageik_cli.cages.building.edits import collapse_edge, settle
 from cageik_cli.cages.building.judge import Demand
-from cageik_cli.cages.building.polish import (
-    LARGEST_VALENCE,
-    lower_valences,
-    mend_angles,
-    splits_well,
-    tighten,
-)
-from cageik_cli.cages.building.quadrics import collapse_costs, vertex_quadrics
+from cageik_cli.cages.building.motion import EditGains, Motion, measure_edits
+from cageik_cli.cages.building.polish import LARGEST_VALENCE, splits_well, tighten
 from cageik_cli.cages.building.refine import AIM, complete_clearance
+from cageik_cli.cages.quality import find_thin_parts
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import closest_points
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Integers
 
 SMALLEST_ANGLE = 10.0
 """Degrees that new faces keep, unless the old ones had less."""
 
+FIRST_SHARE = 0.08
+"""Share of the vertices that the first round moves; a round that fails halves it."""
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Residuals:
-    """Where a cage misses an animation.
+MAX_ROUNDS = 40
+"""Rounds, at most."""
+
+MAX_FAILURES = 4
+"""Rounds of one vertex that may fail, each with another split, before it ends."""
+
+WORTH = 0.5
+"""A vertex moves if the collapse costs at most this share of what the split gains."""
+
+
+def shift_vertices(cage: TriMesh, demand: Demand, motion: Motion) -> tuple[TriMesh, int]:
+    """Collapse edges that a motion needs least, and split as many others where it gains most.
+
+    Returns
+    -------
+    TriMesh
+        The cage, in the units of the demand.
+    int
+        How many vertices moved.
+    """
+    cage, samples = complete_clearance(cage, demand, demand.samples, rounds=2)
+    plain = measure_edits(cage, motion)
+    best, moved = measure_edits(cage, motion, plain.squares), 0
+    count, failures = max(1, round(FIRST_SHARE * len(cage.vertices))), 0
+    for _ in range(MAX_ROUNDS):
+        draft = Draft(cage, samples, AIM * demand.clearance)
+        made = _Round(draft, best, skipped=failures).run(count, demand.most)
+        after = draft.to_mesh()
+        if made and _is_no_thinner(after, cage):
+            gains = measure_edits(after, motion, best.squares)
+            if gains.error < best.error:
+                cage, best, moved, failures = after, gains, moved + made, 0
+                continue
+        failures += count == 1
+        count = (count + 1) // 2
+        if failures > MAX_FAILURES:
+            break
+    return complete_clearance(cage, demand, samples, rounds=6)[0], moved
+
+
+def _is_no_thinner(after: TriMesh, before: TriMesh) -> bool:
+    """Return whether sheets of a cage that nearly touch were as near before."""
+    nearest = [min((f.value for f in find_thin_parts(c)), default=np.inf) for c in (after, before)]
+    return bool(nearest[0] >= nearest[1])
+
+
+@dataclass(slots=True, eq=False)
+class _Round:
+    """Edits that do not touch each other, so that their gains add up nearly.
 
     Attributes
     ----------
-    points : (m, 3) float64
-        The model's vertices, units of the model.
-    squares : (m,) float64
-        Mean squares over the frames of how far each is missed, in any unit.
+    draft : Draft
+    gains : EditGains
+    skipped : int
+        Of the best splits, which failed before.
+    touched : set of int
+        Vertices whose faces were edited in this round.
     """
 
-    points: Floats
-    squares: Floats
+    draft: Draft
+    gains: EditGains
+    skipped: int
+    touched: set[int] = field(default_factory=set)
 
+    def run(self, count: int, most: int) -> int:
+        """Move up to `count` vertices, to `most` vertices in all; return how many were added."""
+        """Move up to `count` vertices; return how many were moved."""
+        order = np.argsort(-self.gains.gains, kind="stable")
+        splits = [k for k in order if self._is_splittable(*self.gains.splits[k])]
+        splits = splits[self.skipped :]
+        kept = {int(v) for k in splits[:count] for v in self._around_edge(*self.gains.splits[k])}
+        worth = WORTH * self.gains.gains[splits]
+        self._collapse_edges(worth[:count], kept)
+        done, free = 0, most - self.draft.count
+        for k in splits:
+            if done < free and self._split(*self.gains.splits[k]):
+                done += 1
+        tighten(self.draft, self.draft.samples, self.touched)
+        return done
 
-def shift_vertices(
-    cage: TriMesh, demand: Demand, poses: Poses, residuals: Residuals, count: int
-) -> TriMesh:
-    """Collapse `count` edges that matter least in the poses, and split as many that miss most."""
-    cage, samples = complete_clearance(cage, demand, demand.samples, rounds=2)
-    draft = Draft(cage, samples, AIM * demand.clearance)
-    _collapse_idle(draft, poses, residuals, draft.count - count)
-    while draft.count < demand.most and _split_worst(draft, residuals):
-        pass
-    for _ in range(2):
-        tighten(draft, samples)
-        mend_angles(draft, draft.count)
-    lower_valences(draft)
-    return complete_clearance(draft.to_mesh(), demand, samples, rounds=6)[0]
-
-
-def _collapse_idle(draft: Draft, poses: Poses, residuals: Residuals, count: int) -> None:
-    """Collapse edges down to `count` vertices, those first that bend least and are missed least."""
-    while draft.count > count:
-        mesh = TriMesh(draft.vertices, draft.faces)
-        ends = mesh.edges.ends
-        cost, places = collapse_costs(vertex_quadrics(mesh), draft.vertices, ends)
-        for posed in poses.carry(draft.vertices):
-            cost += collapse_costs(vertex_quadrics(TriMesh(posed, draft.faces)), posed, ends)[0]
-        missed = np.zeros(len(draft.vertices))
-        for k in range(3):
-            np.add.at(missed, draft.faces[:, k], _missed(draft, residuals))
-        cost *= 1 + missed[ends].sum(axis=1) / missed.mean()
-        for edge in np.argsort(cost, kind="stable"):
-            if _try_collapse(draft, int(ends[edge, 0]), int(ends[edge, 1]), places[edge]):
+    def _collapse_edges(self, worth: Floats, kept: set[int]) -> None:
+        """Collapse edges, apart from `kept` vertices, that cost less than splits are worth."""
+        made, losses = 0, self.gains.losses
+        for k in np.argsort(losses, kind="stable"):
+            if made == len(worth) or losses[k] > worth[made]:
                 break
-        else:
-            return
+            start, stop = map(int, self.gains.edges[k])
+            around = {*self.draft.neighbours(start).tolist(), *self.draft.neighbours(stop).tolist()}
+            if around & (kept | self.touched):
+                continue
+            if collapse_in_shape(self.draft, start, stop):
+                self.touched |= around
+                made += 1
+
+    def _is_splittable(self, start: int, stop: int) -> bool:
+        valence = np.bincount(self.draft.faces.ravel(), minlength=len(self.draft.vertices))
+        return splits_well(self.draft, int(start), int(stop), valence, SMALLEST_ANGLE)
+
+    def _split(self, start: int, stop: int) -> bool:
+        around = self._around_edge(start, stop)
+        if self.touched & set(around.tolist()) or not self._is_splittable(start, stop):
+            return False
+        self.touched |= {*around.tolist(), self.draft.split(int(start), int(stop))}
+        return True
+
+    def _around_edge(self, start: int, stop: int) -> Integers:
+        """The vertices of the faces at an edge."""
+        at = self.draft.faces_at(int(start))
+        return np.unique(self.draft.faces[at[(self.draft.faces[at] == stop).any(axis=1)]])
 
 
-def _split_worst(draft: Draft, residuals: Residuals) -> bool:
-    """Split the edge whose faces have the largest part of the error; whether there was one."""
-    edges = TriMesh(draft.vertices, draft.faces).edges
-    missed = _missed(draft, residuals)
-    score = np.zeros(len(edges.ends))
-    for side in range(3):
-        np.add.at(score, edges.side_edges[:, side], missed)
-    length = np.linalg.norm(np.diff(draft.vertices[edges.ends], axis=1)[:, 0], axis=1)
-    valence = np.bincount(draft.faces.ravel(), minlength=len(draft.vertices))
-    for edge in np.argsort(-score * length, kind="stable"):
-        start, stop = map(int, edges.ends[edge])
-        if splits_well(draft, start, stop, valence, SMALLEST_ANGLE):
-            draft.split(start, stop)
+def collapse_in_shape(draft: Draft, start: int, stop: int) -> bool:
+    """Collapse an edge to its middle or an end, if the cage stays sound and in shape."""
+    places = [draft.vertices[[start, stop]].mean(axis=0), *draft.vertices[[start, stop]]]
+    for place in places:
+        edit = collapse_edge(draft, start, stop, place)
+        if edit is None or len(edit.added) > LARGEST_VALENCE:
+            continue
+        needed = min(SMALLEST_ANGLE, float(draft.angles_before(edit).min()))
+        edit = settle(draft, edit)
+        if draft.angles(edit).min() >= needed and draft.take(edit):
             return True
     return False
-
-
-def _missed(draft: Draft, residuals: Residuals) -> Floats:
-    """The sum of the squares of the points nearest to each face, (f,)."""
-    face = closest_points(TriMesh(draft.vertices, draft.faces), residuals.points).face
-    sums = np.bincount(face, weights=residuals.squares, minlength=len(draft.faces))
-    return np.asarray(sums, np.float64)
-
-
-def _try_collapse(draft: Draft, start: int, stop: int, position: Floats) -> bool:
-    """Collapse an edge if the cage stays sound and in shape."""
-    edit = collapse_edge(draft, start, stop, position)
-    if edit is None or len(edit.added) > LARGEST_VALENCE:
-        return False
-    needed = min(SMALLEST_ANGLE, float(draft.angles_before(edit).min()))
-    edit = settle(draft, edit)
-    return bool(draft.angles(edit).min() >= needed) and draft.take(edit)
