@@ -42,7 +42,7 @@ from cageik_cli.solver.settings import SolveSettings
 if TYPE_CHECKING:
     from cageik_cli.store.result import Result
     from cageik_cli.workflows.export import ExportSettings
-    from cageik_cli.workflows.plan import ExtractSettings
+    from cageik_cli.workflows.extract_settings import ExtractSettings
 
 
 def make_solve_settings(alpha: float, beta: float, align: bool) -> SolveSettings:
@@ -102,7 +102,7 @@ def make_extract_settings(
     cage_output: Path | None,
 ) -> "ExtractSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
-    from cageik_cli.workflows.plan import ExtractSettings
+    from cageik_cli.workflows.extract_settings import ExtractSettings
 
     if binding is not None:
         _check_binding_settings(binding, bind)
