@@ -35,7 +35,7 @@ from cageik_cli.cli.options.limits import (
     exit_with_code,
 )
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.solver.settings import SolveSettings
 
@@ -85,7 +85,7 @@ def make_extract_settings(
     binding: Path | None,
     output: Path,
     rest: Path | None,
-    rest_frame: int | None,
+    rest_frame: RestFrame | None,
     bind: BindSettings,
     cache: Path | None,
     solve: SolveSettings,

@@ -23,10 +23,10 @@ from cageik_cli.formats.base.file_data import describe_source
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import check_connectivity
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
 from cageik_cli.formats.obj.write import encode_exact_obj
-from cageik_cli.formats.open import list_input_files, open_clip_and_rest, open_sequence
+from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
@@ -36,6 +36,7 @@ from cageik_cli.util.outputs import check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_block
 from cageik_cli.util.threads import limit_blas_threads
+from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 
 SCHEMA_VERSION = 1
 
@@ -59,8 +60,9 @@ class CageSettings:
     build : BuildSettings
     rest : Path, optional
         The rest pose of a clip; a frame of it if absent.
-    rest_frame : int, optional
-        Which frame then, from 0; the first if absent.
+    rest_frame : int or "auto", optional
+        Which frame then, from 0, or the one in which the least of the surface touches; the first if
+        absent.
     animation : tuple of str
         The clip the cage is for; none if empty.
     clip : ClipSettings
@@ -74,7 +76,7 @@ class CageSettings:
     output: Path
     build: BuildSettings = field(default_factory=BuildSettings)
     rest: Path | None = None
-    rest_frame: int | None = None
+    rest_frame: RestFrame | None = None
     animation: tuple[str, ...] = ()
     clip: ClipSettings = field(default_factory=lambda: ClipSettings(allow_gaps=True))
     overwrite: bool = False
@@ -102,12 +104,15 @@ class CageResult:
     built : BuiltCage
     cage : LoadedMesh
         The cage as it is read from the file.
+    rest_frame : int or None
+        The number of the frame that the model is; None for a file.
     """
 
     settings: CageSettings
     model: LoadedMesh
     built: BuiltCage
     cage: LoadedMesh
+    rest_frame: int | None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -133,7 +138,7 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
     progress = progress or ProgressListener()
     check_cage_output(settings.output, settings.overwrite)
     with progress.stage("open"):
-        model = _open_model(settings)
+        model, rest_frame = _open_model(settings)
         poses = _read_poses(settings, model)
     with progress.stage("cage"), error_context(model.source["name"]):
         clip = None if poses is None else Clip(poses, _Measure(model.mesh, poses, settings.jobs))
@@ -141,7 +146,7 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
     cage = load_built_cage(built, settings.output.name)
     with progress.stage("write"):
         write_bytes(settings.output, cage.obj_text, settings.overwrite)
-    return CageResult(settings, model, built, cage)
+    return CageResult(settings, model, built, cage, rest_frame)
 
 
 def check_cage_output(path: Path, overwrite: bool) -> None:
@@ -193,16 +198,16 @@ def describe_built_cage(built: BuiltCage) -> str:
     )
 
 
-def _open_model(settings: CageSettings) -> LoadedMesh:
-    """Read the model: a mesh, or the rest pose of a clip."""
+def _open_model(settings: CageSettings) -> tuple[LoadedMesh, int | None]:
+    """Read the model: a mesh, or the rest pose of a clip and its number."""
     path = Path(settings.model)
     is_one_mesh = settings.rest is None and settings.rest_frame is None and not path.is_dir()
     if is_one_mesh and file_suffix(path) in mesh_suffixes() and path.exists():
-        return load_mesh(path)
-    _, rest = open_clip_and_rest(
+        return load_mesh(path), None
+    _, rest, index = open_clip_and_choose_rest(
         (settings.model,), settings.clip, settings.rest, settings.rest_frame or 0
     )
-    return rest
+    return rest, index
 
 
 def _read_poses(settings: CageSettings, model: LoadedMesh) -> Floats | None:
@@ -267,7 +272,7 @@ def format_cage_json(result: CageResult) -> str:
         "settings": {
             "vertices": settings.build.vertices,
             "clearance_percent": 100 * settings.build.clearance,
-            "rest_frame": settings.rest_frame,
+            "rest_frame": result.rest_frame,
         },
         "model": result.model.source,
         "cage": result.cage.source | _candidate_record(built.chosen),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.open import list_input_files
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.solver.settings import SolveSettings
@@ -29,8 +29,8 @@ class ExtractSettings:
         The folder of the weight cache; none is used if absent.
     rest : Path, optional
         The rest pose; a frame of the clip if absent.
-    rest_frame : int
-        Which frame then, from 0.
+    rest_frame : int or "auto"
+        Which frame then, from 0; or the one in which the least of the surface touches.
     vertex_weights : Path, optional
         A file with one number per vertex of the model.
     bind : BindSettings
@@ -60,7 +60,7 @@ class ExtractSettings:
     binding: Path | None = None
     cache: Path | None = None
     rest: Path | None = None
-    rest_frame: int = 0
+    rest_frame: RestFrame = 0
     vertex_weights: Path | None = None
     bind: BindSettings = field(default_factory=BindSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)

@@ -14,7 +14,6 @@ from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.vertex_weights import load_vertex_weights
 from cageik_cli.solver.dual_laplacian import normalize_weights
@@ -32,6 +31,7 @@ from cageik_cli.workflows.build_cage import (
     load_built_cage,
 )
 from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 
 BUILT_CAGE_NAME = "built cage"
 """Name, in the sources of a result, of a cage that was built for it."""
@@ -44,6 +44,7 @@ class ExtractionPlan:
     Attributes
     ----------
     settings : ExtractSettings
+        With the number of the rest frame, if it was chosen.
     sequence : MeshSequence
         The clip.
     rest : LoadedMesh
@@ -164,9 +165,10 @@ def plan_extraction(
     InputError
         Naming the file at fault; or when there is another result that may not be overwritten.
     """
-    sequence, rest = open_clip_and_rest(
+    sequence, rest, rest_index = open_clip_and_choose_rest(
         settings.frames, settings.clip, settings.rest, settings.rest_frame
     )
+    settings = replace(settings, rest_frame=rest_index or 0)
     cage = load_mesh(settings.cage) if settings.cage is not None else None
     sources = {"rest": rest.source}
     if settings.binding is not None:

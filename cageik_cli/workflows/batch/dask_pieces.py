@@ -180,9 +180,8 @@ class ClipContext:
     def sequence(self) -> MeshSequence:
         """Open the clip, which must have the same frames as at the start of the run."""
         settings = self.settings
-        sequence, _ = open_clip_and_rest(
-            settings.frames, settings.clip, settings.rest, settings.rest_frame
-        )
+        # Any frame will do as rest pose: that of the run is in the solver.
+        sequence, _ = open_clip_and_rest(settings.frames, settings.clip, settings.rest, 0)
         if sequence.names != self._names:
             raise FileAccessError(
                 f"{settings.frames[0]}: has other frames than at the start of the run (found "
