@@ -20,6 +20,7 @@ from cageik_cli.cli.options.common import (
     PATH_TYPE,
     common_options,
     get_verbosity,
+    is_given,
     is_on_command_line,
     jobs_option,
     memory_option,
@@ -108,9 +109,8 @@ def make_extract_settings(
         _check_binding_settings(binding, bind)
     with usage_errors():
         build = BuildSettings(cage_vertices)
-    if cage_output is not None and (cage is not None or binding is not None):
-        given = "--binding" if cage is None else "--cage"
-        raise click.UsageError(f"--cage-out and {given} exclude each other; leave one out")
+    if cage is not None or binding is not None:
+        _check_no_cage_is_built("--binding" if cage is None else "--cage")
     return ExtractSettings(
         frames=frames,
         cage=cage,
@@ -133,6 +133,15 @@ def make_extract_settings(
         build=build,
         cage_output=cage_output,
     )
+
+
+def _check_no_cage_is_built(given: str) -> None:
+    """Refuse options of a cage that is built, beside one that is given."""
+    for name, option in (("cage_vertices", "--cage-vertices"), ("cage_output", "--cage-out")):
+        if is_given(name):
+            raise click.UsageError(
+                f"{option} is for a cage that is built; leave out {option} or {given}"
+            )
 
 
 def _check_binding_settings(binding: Path, requested: BindSettings) -> None:
