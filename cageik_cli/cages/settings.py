@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 from cageik_cli.util.errors import SettingError
 
+BUILDER_VERSION = 1
+"""Raised when the same model and settings give another cage, so that kept ones are not used."""
+
 MIN_VERTICES = 8
 """Fewer vertices make no useful cage."""
 

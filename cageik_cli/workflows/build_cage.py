@@ -143,7 +143,7 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
     with progress.stage("cage"), error_context(model.source["name"]):
         clip = None if poses is None else Clip(poses, _Measure(model.mesh, poses, settings.jobs))
         built = build_cage(model.mesh, settings.build, clip, progress.update)
-    cage = load_built_cage(built, settings.output.name)
+    cage = load_built_cage(built.cage, list_warnings(built), settings.output.name)
     with progress.stage("write"):
         write_bytes(settings.output, cage.obj_text, settings.overwrite)
     return CageResult(settings, model, built, cage, rest_frame)
@@ -165,14 +165,14 @@ def check_cage_output(path: Path, overwrite: bool) -> None:
     check_writable(path, overwrite)
 
 
-def load_built_cage(built: BuiltCage, name: str) -> LoadedMesh:
+def load_built_cage(cage: TriMesh, notes: tuple[str, ...], name: str) -> LoadedMesh:
     """Return a built cage as if it were read from a file of this name."""
-    text = encode_exact_obj(built.cage.vertices, built.cage.faces)
+    text = encode_exact_obj(cage.vertices, cage.faces)
     return LoadedMesh(
-        mesh=built.cage,
-        fan_triangulated=built.cage,
+        mesh=cage,
+        fan_triangulated=cage,
         source=describe_source(Path(name), text),
-        notes=list_warnings(built),
+        notes=notes,
         obj_text=text,
     )
 

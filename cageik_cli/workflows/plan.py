@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.cages.build import build_cage
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
@@ -25,16 +24,10 @@ from cageik_cli.util.errors import CheckpointError, InputError, SettingError, er
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
-from cageik_cli.workflows.build_cage import (
-    check_cage_output,
-    describe_built_cage,
-    load_built_cage,
-)
+from cageik_cli.workflows.build_cage import check_cage_output
+from cageik_cli.workflows.cached_cage import build_cached
 from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
-
-BUILT_CAGE_NAME = "built cage"
-"""Name, in the sources of a result, of a cage that was built for it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -190,14 +183,13 @@ def plan_extraction(
 def build_missing_cage(plan: ExtractionPlan, progress: ProgressListener) -> ExtractionPlan:
     """Return the plan with a cage: one is built if none is given, and no weights are known.
 
-    The same cage is built each time, so that a checkpoint of it can be continued.
+    The same model gives the same cage each time, so that a checkpoint of it can be continued.
     """
     if not plan.settings.builds_cage or plan.stored_binding is not None:
         return plan
     with progress.stage("cage"), error_context(plan.rest.source["name"]):
-        built = build_cage(plan.rest.mesh, plan.settings.build, progress=progress.update)
-    cage = load_built_cage(built, BUILT_CAGE_NAME)
-    progress.note("cage", describe_built_cage(built))
+        settings = plan.settings
+        cage = build_cached(plan.rest.mesh, settings.build, settings.cache, progress)
     return replace(plan, cage=cage, sources=plan.sources | {"cage": cage.source})
 
 
