@@ -8,17 +8,13 @@ from typing import Any
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.cages.bind import bind
 from cageik_cli.cages.build import (
     BuildSettings,
     BuiltCage,
     Candidate,
     Clip,
-    Measurement,
     build_cage,
 )
-from cageik_cli.coordinates.binding import reconstruct
-from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.file_data import describe_source
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
@@ -28,20 +24,14 @@ from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
 from cageik_cli.formats.obj.write import encode_exact_obj
 from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import CageikError, OutputError, error_context
+from cageik_cli.util.errors import OutputError, error_context
 from cageik_cli.util.outputs import check_writable, write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_block
-from cageik_cli.util.threads import limit_blas_threads
+from cageik_cli.workflows.measure_cage import make_measured_clip
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 
 SCHEMA_VERSION = 1
-
-MAX_MEASURED_FRAMES = 32
-"""Frames of an animation on which candidates are compared, at most."""
 
 MIN_GOOD_ANGLE = 5.0
 """Smaller angles, degrees, are a warning."""
@@ -139,9 +129,8 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
     check_cage_output(settings.output, settings.overwrite)
     with progress.stage("open"):
         model, rest_frame = _open_model(settings)
-        poses = _read_poses(settings, model)
+        clip = _read_animation(settings, model)
     with progress.stage("cage"), error_context(model.source["name"]):
-        clip = None if poses is None else Clip(poses, _Measure(model.mesh, poses, settings.jobs))
         built = build_cage(model.mesh, settings.build, clip, progress.update)
     cage = load_built_cage(built.cage, list_warnings(built), settings.output.name)
     with progress.stage("write"):
@@ -210,37 +199,15 @@ def _open_model(settings: CageSettings) -> tuple[LoadedMesh, int | None]:
     return rest, index
 
 
-def _read_poses(settings: CageSettings, model: LoadedMesh) -> Floats | None:
-    """Read evenly spaced frames of the animation, (k, m, 3); None without an animation."""
+def _read_animation(settings: CageSettings, model: LoadedMesh) -> Clip | None:
+    """Read some frames of the animation, if there is one."""
     if not settings.animation:
         return None
     sequence = open_sequence(list(settings.animation), settings.clip, model)
     with error_context(model.source["name"]):
         count, faces = len(model.fan_triangulated.vertices), model.fan_triangulated.faces
         check_connectivity(count, faces, sequence.fan_triangulated, "the first frame")
-    chosen = np.linspace(0, len(sequence) - 1, min(len(sequence), MAX_MEASURED_FRAMES))
-    return np.stack([sequence.read_frame(int(k)) for k in np.rint(chosen)])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Measure:
-    """The error of a cage on frames of an animation."""
-
-    rest: TriMesh
-    frames: Floats
-    jobs: int
-
-    def __call__(self, cage: TriMesh) -> Measurement:
-        """Return the rms distance, in percent of the diagonal; infinite for a poor cage."""
-        try:
-            binding = bind(self.rest, cage, BindSettings(accuracy="preview"), self.jobs)
-        except CageikError:
-            return Measurement(float("inf"), np.zeros(len(self.rest.vertices)))
-        with limit_blas_threads(1):
-            cages = DualLaplacianSolver(binding, SolveSettings()).solve(self.frames).cages
-        squares = ((reconstruct(binding.weights, cages) - self.frames) ** 2).sum(axis=2)
-        error = float(100 * np.sqrt(squares.mean()) / self.rest.diagonal)
-        return Measurement(error, squares.mean(axis=0))
+    return make_measured_clip(model.mesh, len(sequence), sequence.read_frame, settings.jobs)
 
 
 def format_cage_text(result: CageResult, is_detailed: bool = False) -> str:

@@ -30,7 +30,7 @@ def build_cached(
     if cache is None:
         entry = build()
     else:
-        entry = CageCache(cache, partial(progress.note, "cache")).get_or_build(
+        entry = CageCache(cache, partial(progress.note, "cage")).get_or_build(
             model, settings, build
         )
     progress.note("cage", entry.description)
