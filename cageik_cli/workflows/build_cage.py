@@ -15,19 +15,18 @@ from cageik_cli.cages.build import (
     Clip,
     build_cage,
 )
-from cageik_cli.formats.base.file_data import describe_source
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import check_connectivity
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
-from cageik_cli.formats.obj.write import encode_exact_obj
 from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import OutputError, error_context
-from cageik_cli.util.outputs import check_writable, write_bytes
+from cageik_cli.util.errors import error_context
+from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_block
+from cageik_cli.workflows.cached_cage import check_cage_output, load_built_cage
 from cageik_cli.workflows.measure_cage import make_measured_clip
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 
@@ -136,34 +135,6 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
     with progress.stage("write"):
         write_bytes(settings.output, cage.obj_text, settings.overwrite)
     return CageResult(settings, model, built, cage, rest_frame)
-
-
-def check_cage_output(path: Path, overwrite: bool) -> None:
-    """Refuse, before any work, a file that cannot be written.
-
-    Raises
-    ------
-    OutputError
-        When it is no OBJ file, exists, or its folder cannot be written.
-    """
-    if path.suffix.lower() != ".obj":
-        raise OutputError(
-            f"{path}: a built cage is written as .obj, which keeps all its digits; name an .obj "
-            "file"
-        )
-    check_writable(path, overwrite)
-
-
-def load_built_cage(cage: TriMesh, notes: tuple[str, ...], name: str) -> LoadedMesh:
-    """Return a built cage as if it were read from a file of this name."""
-    text = encode_exact_obj(cage.vertices, cage.faces)
-    return LoadedMesh(
-        mesh=cage,
-        fan_triangulated=cage,
-        source=describe_source(Path(name), text),
-        notes=notes,
-        obj_text=text,
-    )
 
 
 def list_warnings(built: BuiltCage) -> tuple[str, ...]:

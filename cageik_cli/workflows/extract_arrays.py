@@ -19,7 +19,6 @@ from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats, Workspace
 from cageik_cli.util.errors import ConnectivityError, SettingError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
-from cageik_cli.workflows.build_arrays import build_cage
 
 ReportProgress = Callable[[int, int], None]
 
@@ -189,6 +188,8 @@ def _bind_built_cage(
         return binding
     if not isinstance(clip, MeshSequence):
         raise SettingError("an array of frames has no faces to build a cage from; give a binding")
+    from cageik_cli.workflows.build_arrays import build_cage
+
     settings = BuildSettings() if cage_vertices is None else BuildSettings(cage_vertices)
     built = build_cage(clip.first, vertices=settings.vertices, clearance=settings.clearance)
     bound = bind(clip.first, built.cage, jobs=jobs)

@@ -24,8 +24,7 @@ from cageik_cli.util.errors import CheckpointError, InputError, SettingError, er
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
-from cageik_cli.workflows.build_cage import check_cage_output
-from cageik_cli.workflows.cached_cage import build_cached
+from cageik_cli.workflows.cached_cage import build_cached, check_cage_output
 from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.cages.contact import make_contact_meter
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.settings import AUTO, ClipSettings, RestFrame
@@ -68,6 +67,8 @@ def choose_rest_frame(sequence: MeshSequence) -> RestFrameChoice:
 
     Frames that cannot be read are not compared; the run reports them.
     """
+    from cageik_cli.cages.contact import make_contact_meter
+
     indices = _spread_indices(len(sequence))
     meter = make_contact_meter(sequence.first)
     if meter is None:
