@@ -19,12 +19,12 @@ MAX_CLEARANCE = 0.2
 
 @dataclass(frozen=True, slots=True)
 class BuildSettings:
-    """What is asked of a cage.
+    """The size and the clearance of a cage that is built.
 
     Attributes
     ----------
     vertices : int
-        At most; the cage has at least nine tenths of them.
+        Vertices of the cage, at most; it has at least nine tenths of them.
     clearance : float
         Its smallest distance from the model, in diagonals of the model.
     """

@@ -38,7 +38,7 @@ MIN_GOOD_ANGLE = 5.0
 
 @dataclass(frozen=True, slots=True)
 class CageSettings:
-    """Around what to build a cage, and where to write it.
+    """The model to build a cage around, and the file to write it to.
 
     Attributes
     ----------

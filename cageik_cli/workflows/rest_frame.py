@@ -67,7 +67,7 @@ def choose_rest_frame(sequence: MeshSequence) -> RestFrameChoice:
 
     Frames that cannot be read are not compared; the run reports them.
     """
-    from cageik_cli.cages.contact import make_contact_meter
+    from cageik_cli.cages.self_contact import make_contact_meter
 
     indices = _spread_indices(len(sequence))
     meter = make_contact_meter(sequence.first)

@@ -11,12 +11,12 @@ from cageik_cli.util.arrays import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
-    """How well a cage expresses an animation.
+    """The error of a cage on an animation.
 
     Attributes
     ----------
     error : float
-        The less the better; any unit.
+        Lower is better; any unit.
     squares : (m,) float64
         Mean square over the frames of how far each vertex of the model is missed, any unit.
     """
@@ -27,7 +27,7 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clip:
-    """What a cage is built for.
+    """The animation that a cage is built for.
 
     Attributes
     ----------
@@ -48,17 +48,17 @@ class Candidate:
     Attributes
     ----------
     recipe : str
-        How it was made.
+        The shell it was made from, and the changes since.
     cage : TriMesh
-        In file units; fit to be handed out only if the verdict says so.
+        File units; usable only if the verdict is valid.
     verdict : Verdict
         Lengths in diagonals of the model.
     offset : float
-        Of the shell it was made from, diagonals of the model; infinite without a shell.
+        Offset of that shell, diagonals of the model; infinite without a shell.
     measurement : Measurement or None
         None where nothing was measured.
     notes : tuple of str
-        What had to be done to the model's surface, a sentence each.
+        Changes to the surface of the model, a sentence each.
     """
 
     recipe: str
@@ -70,7 +70,7 @@ class Candidate:
 
     @property
     def error(self) -> float | None:
-        """The error on the animation, if it was measured."""
+        """Return the error on the animation, if it was measured."""
         return self.measurement.error if self.measurement else None
 
 

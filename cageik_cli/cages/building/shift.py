@@ -27,7 +27,7 @@ SMALLEST_ANGLE = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
-    """Where a cage misses an animation.
+    """The errors of a cage on an animation.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ def _collapse_idle(draft: Draft, poses: Poses, residuals: Residuals, count: int)
 
 
 def _split_worst(draft: Draft, residuals: Residuals) -> bool:
-    """Split the edge whose faces have the largest part of the error; whether there was one."""
+    """Split the edge whose faces miss most; return whether there was one."""
     edges = TriMesh(draft.vertices, draft.faces).edges
     missed = _missed(draft, residuals)
     score = np.zeros(len(edges.ends))
@@ -94,7 +94,7 @@ def _split_worst(draft: Draft, residuals: Residuals) -> bool:
 
 
 def _missed(draft: Draft, residuals: Residuals) -> Floats:
-    """The sum of the squares of the points nearest to each face, (f,)."""
+    """Return the sum of the squares of the points nearest to each face, (f,)."""
     face = closest_points(TriMesh(draft.vertices, draft.faces), residuals.points).face
     sums = np.bincount(face, weights=residuals.squares, minlength=len(draft.faces))
     return np.asarray(sums, np.float64)
