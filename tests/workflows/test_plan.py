@@ -187,6 +187,16 @@ def test_known_weights_come_with_the_cage_that_was_built(plain, monkeypatch):
     assert plan_extraction(other).weights_key != complete.weights_key
 
 
+def test_the_builder_is_imported_when_a_cage_is_built(run_process):
+    program = """
+import sys, cageik_cli.workflows.extract
+found = [name for name in sys.modules if name.startswith("cageik_cli.cages.building")]
+assert not found, found
+"""
+    outcome = run_process("-c", program)
+    assert (outcome.code, outcome.err) == (0, "")
+
+
 @pytest.mark.usefixtures("coarse_grids")
 @pytest.mark.parametrize("loose", [False, True])
 def test_a_cage_from_the_cache_gives_the_same_bytes(plain, cache, monkeypatch, loose):
