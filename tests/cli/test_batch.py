@@ -18,6 +18,7 @@ import pytest
 import cageik_cli.cli.batch as command
 import cageik_cli.report
 from cageik_cli.store.result import read_result
+from cageik_cli.workflows import cached_cage
 from cageik_cli.workflows.batch.clip_task import run_clip
 from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER
 
@@ -109,7 +110,17 @@ def test_what_keeps_all_from_beginning_is_said_once(run, anim, here):
 
 
 @pytest.mark.slow
-def test_clips_without_a_cage_get_one_each(run, anim, here, coarse_grids):
+def test_clips_without_a_cage_get_one_that_is_built_once(
+    run, anim, here, coarse_grids, monkeypatch
+):
+    built = []
+
+    def count(*given):
+        built.append(given)
+        return build(*given)
+
+    build = cached_cage._build
+    monkeypatch.setattr(cached_cage, "_build", count)
     Path("anim/cageik.toml").write_text("[extract]\ncage-vertices = 20\n")
     planned = run(*BATCH, "--dry-run")
     assert planned.out.count("  cage           would be built, of 20 vertices") == 3
@@ -118,6 +129,7 @@ def test_clips_without_a_cage_get_one_each(run, anim, here, coarse_grids):
     walk = read_result(Path("out/clips/walk.h5"))
     assert walk.sources["cage"]["name"] == "built cage"
     assert run(*BATCH, "--resume").err.count("unchanged, error") == 3
+    assert len(built) == 1  # their rest poses are the same
 
 
 def test_each_clip_may_have_the_cage_in_its_own_folder(run, anim, here, animation, write_obj):
