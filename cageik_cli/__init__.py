@@ -5,6 +5,7 @@ AMDO 2010. The command-line tool is `cageik`; the names below are the Python API
 
 - load: `load_clip`, `load_mesh`, `TriMesh`, `MeshSequence`
 - check and bind: `check_cage`, `Diagnosis`, `bind`, `Binding`
+- build a cage: `build_cage`, `BuiltCage`
 - extract: `extract` to arrays, `CageAnimation`; `extract_to_file`, `read_result`, `read_cages`,
   `Result`
 - pose: `Poser`, `Anchor`, `point_at_vertex`, `closest_point`
@@ -17,6 +18,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from cageik_cli.cages.build import BuiltCage
     from cageik_cli.cages.diagnosis import Diagnosis
     from cageik_cli.coordinates.binding import Binding
     from cageik_cli.formats.base.sequence import MeshSequence
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
         read_cages,
         read_result,
     )
+    from cageik_cli.workflows.build_arrays import build_cage
     from cageik_cli.workflows.extract_arrays import CageAnimation, extract
 
 __version__ = "0.1.0"
@@ -41,6 +44,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Anchor",
     "Binding",
+    "BuiltCage",
     "CageAnimation",
     "CageikError",
     "Diagnosis",
@@ -49,6 +53,7 @@ __all__ = [
     "Result",
     "TriMesh",
     "bind",
+    "build_cage",
     "check_cage",
     "closest_point",
     "extract",
@@ -63,6 +68,7 @@ __all__ = [
 _HOMES = {
     "Anchor": "posing.anchors",
     "Binding": "coordinates.binding",
+    "BuiltCage": "cages.build",
     "CageAnimation": "workflows.extract_arrays",
     "CageikError": "util.errors",
     "Diagnosis": "cages.diagnosis",
@@ -70,6 +76,7 @@ _HOMES = {
     "Poser": "posing.poser",
     "Result": "store.result",
     "TriMesh": "geometry.mesh",
+    "build_cage": "workflows.build_arrays",
     "closest_point": "posing.anchors",
     "extract": "workflows.extract_arrays",
     "point_at_vertex": "posing.anchors",

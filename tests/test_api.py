@@ -8,6 +8,7 @@ import pytest
 
 import cageik_cli
 from cageik_cli.util.errors import ConnectivityError, SettingError
+from cageik_cli.workflows.build_arrays import _read_clip
 
 
 @pytest.fixture(autouse=True)
@@ -18,7 +19,17 @@ def workspace(tmp_path, monkeypatch, fixtures_folder) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", cageik_cli.__all__)
+BUILDING = ("BuiltCage", "build_cage")
+"""Names whose examples build a cage, which takes seconds."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name in BUILDING else [])
+        for name in cageik_cli.__all__
+    ],
+)
 def test_every_public_name_has_an_example_that_runs(name):
     thing = getattr(cageik_cli, name)
     assert "Examples\n" in (thing.__doc__ or "")
@@ -138,6 +149,60 @@ def test_a_cage_that_is_open_is_not_fit(animation):
     diagnosis = cageik_cli.check_cage(opened)
     assert not diagnosis.is_fit
     assert repr(diagnosis).startswith("<Diagnosis: unfit, ")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder", "coarse_grids")
+def test_a_cage_is_built_where_none_is_given(run, animation):
+    clip = cageik_cli.load_clip("frames")
+    built = cageik_cli.build_cage(clip.first, vertices=20)
+    assert repr(built) == ("<BuiltCage: 20 vertices, 36 triangles, best of 1 candidate, 0 notes>")
+    found = cageik_cli.extract(clip, cage_vertices=20)
+    np.testing.assert_array_equal(found.binding.cage.vertices, built.cage.vertices)
+    cageik_cli.extract_to_file("frames", None, "api.h5", cage_vertices=20, rest_frame="auto")
+    words = ("--cage-vertices", "20", "--rest-frame", "auto", "-q")
+    assert run("extract", "frames", *words).code == 0
+    assert Path("api.h5").read_bytes() == Path("cages.h5").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder", "coarse_grids")
+def test_a_cage_for_frames_has_their_least_error(animation):
+    clip = cageik_cli.load_clip("frames")
+    built = cageik_cli.build_cage(clip.first, vertices=20, frames=clip)
+    errors = [known.error for known in built.candidates if known.error is not None]
+    assert built.chosen.error == min(errors)
+
+
+@pytest.mark.usefixtures("folder")
+def test_frames_for_a_cage_may_be_an_array(animation):
+    clip = cageik_cli.load_clip("frames")
+    found = [_read_clip(clip.first, frames, 1).frames for frames in (clip, animation.frames)]
+    np.testing.assert_array_equal(*found)
+
+
+@pytest.mark.slow
+def test_a_loose_cage_has_a_note(animation, monkeypatch, coarse_grids):
+    monkeypatch.setattr("cageik_cli.cages.building.job.make_shell", lambda *_: None)
+    (note,) = cageik_cli.build_cage(animation.rest, vertices=20).notes
+    assert "ellipsoid" in note
+
+
+def test_frames_of_another_mesh_are_refused(animation):
+    for frames in (animation.frames[:, :-1], animation.frames[:0], animation.frames[0]):
+        with pytest.raises(ConnectivityError, match="18 vertices"):
+            cageik_cli.build_cage(animation.rest, frames=frames)
+
+
+def test_a_cage_is_given_or_built(folder, binding, animation):
+    with pytest.raises(SettingError, match="cage_vertices is 20"):
+        cageik_cli.extract(animation.frames, binding, cage_vertices=20)
+    with pytest.raises(SettingError, match=r"cage_vertices is 20.*cage\.obj"):
+        cageik_cli.extract_to_file("frames", "cage.obj", "x.h5", cage_vertices=20)
+    with pytest.raises(SettingError, match="no faces"):
+        cageik_cli.extract(animation.frames)
+    with pytest.raises(SettingError, match="a cage of 7 vertices"):
+        cageik_cli.build_cage(animation.rest, vertices=7)
 
 
 def test_every_repr_is_one_line(binding, animation):

@@ -1,4 +1,4 @@
-"""Build a cage around any model: a ladder of candidates, each judged by exact tests."""
+"""Build a cage around any model: candidates from tight to loose, each judged by exact tests."""
 
 from collections.abc import Callable
 
@@ -11,10 +11,10 @@ from cageik_cli.util.errors import NumericalError
 __all__ = ["BuildSettings", "BuiltCage", "Candidate", "Clip", "build_cage"]
 
 GOOD_ANGLE = 10.0
-"""Degrees below which a cage ranks behind."""
+"""A smallest angle below this, degrees, makes a candidate rank lower."""
 
 HANDLE_COST = 0.1
-"""How much a handle costs: a shell may be looser by this share."""
+"""The cost of a handle: a candidate without it may have a shell looser by this share."""
 
 SHIFTED = 2
 """The best candidates whose vertices are shifted to where they miss an animation."""
@@ -37,9 +37,9 @@ def build_cage(
         Any triangles: open, in pieces, crossing themselves, without area.
     settings : BuildSettings, optional
     clip : Clip, optional
-        An animation of the model that the cage is for: all rungs are then tried, without and with
-        its poses, vertices of the best are shifted to where it misses, and the least error wins.
-        Without it the first that has no flaw is taken, or the better of the first two.
+        An animation of the model that the cage is for. All shells are then tried, without and with
+        its poses; vertices of the best are shifted to where its error is; the smallest error wins.
+        Without a clip, the first flawless candidate is taken, or the better of the first two.
     progress : callable
         Called with (candidates done, candidates) after every one.
 
@@ -48,7 +48,7 @@ def build_cage(
     FormatError
         When the model is one point.
     NumericalError
-        When no cage passes, which no model is known to bring about.
+        When no candidate passes; no such model is known.
     """
     settings = settings or BuildSettings()
     job = Job.start(model, settings, clip)
@@ -73,7 +73,7 @@ def build_cage(
 
 
 def _is_enough(tried: list[Candidate]) -> bool:
-    """Whether the ladder can end: the rungs that follow are looser."""
+    """Return whether the ladder can end, as the rungs that follow are looser."""
     valid = [candidate.verdict for candidate in tried if candidate.verdict.is_valid]
     flawless = any(v.smallest_angle >= GOOD_ANGLE and v.genus == 0 for v in valid)
     return flawless or len(valid) >= ENOUGH
@@ -96,7 +96,7 @@ def choose_best(tried: list[Candidate]) -> BuiltCage:
 
 
 def rank(candidate: Candidate) -> float:
-    """What is least for the best candidate."""
+    """Return the cost of a candidate: the best one has the lowest."""
     if candidate.error is not None:
         return candidate.error
     verdict = candidate.verdict

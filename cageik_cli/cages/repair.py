@@ -47,7 +47,7 @@ def repair_cage(
         How many corners each polygon of the cage has, in the order of the fans; all are triangles
         by default. Quads stay quads.
     progress : callable
-        Told (rounds done, rounds) while vertices move.
+        Called with (rounds done, rounds) while vertices move.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def _fit_draft(draft: Draft, target: Target, progress: Callable[[int, int], None
 def _describe_moves(
     kind: str, why: str, moves: Floats, origins: Integers, diagonal: float
 ) -> list[RepairStep]:
-    """The step that moved vertices, if any did; numbers are those of the cage given."""
+    """Return the step that moved vertices, if any did; numbers are those of the cage given."""
     length = np.linalg.norm(moves, axis=1)
     moved = np.flatnonzero(length > 0)
     if len(moved) == 0:

@@ -4,6 +4,9 @@ from dataclasses import dataclass
 
 from cageik_cli.util.errors import SettingError
 
+BUILDER_VERSION = 1
+"""Raised when the same model and settings give another cage, so that kept ones are not used."""
+
 MIN_VERTICES = 8
 """Fewer vertices make no useful cage."""
 
@@ -16,12 +19,12 @@ MAX_CLEARANCE = 0.2
 
 @dataclass(frozen=True, slots=True)
 class BuildSettings:
-    """What is asked of a cage.
+    """The size and the clearance of a cage that is built.
 
     Attributes
     ----------
     vertices : int
-        At most; the cage has at least nine tenths of them.
+        Vertices of the cage, at most; it has at least nine tenths of them.
     clearance : float
         Its smallest distance from the model, in diagonals of the model.
     """

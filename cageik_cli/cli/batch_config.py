@@ -1,8 +1,9 @@
 """The options of each clip of a batch, from `cageik.toml` files and the command line.
 
-A file in the clip's folder, or in one above it, may have a table `[extract]` for all clips there,
-and tables `[clips."walks/*"]` for clips whose path from that folder matches. The nearer file wins,
-in one file the later table, and the command line over all. Paths are from the folder of the file.
+A file in the clip's folder, or in one above it, may have options for all clips there, at its top
+or in a table `[extract]`, and tables `[clips."walks/*"]` for clips whose path from that folder
+matches. The nearer file wins, in one file the later table, and the command line over all. Paths are
+from the folder of the file; `{clip}` in them is the clip's own folder.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,10 +13,13 @@ from typing import Any
 
 import click
 
-from cageik_cli.cli.config import CLIPS_TABLE, check_tables, parse_options, read_tables
+from cageik_cli.cli.config import CLIPS_TABLE, check_tables, name_table, parse_options, read_tables
 
 CONFIG_NAME = "cageik.toml"
 EXTRACT_COMMAND = "extract"
+
+CLIP_FOLDER = "{clip}"
+"""Stands for the clip's own folder in paths."""
 
 
 class ClipTables:
@@ -52,12 +56,12 @@ class ClipTables:
             name = path.relative_to(file.parent).as_posix()
             for title, table in self._read_clip_tables(file):
                 pattern = title.removeprefix(f"{CLIPS_TABLE}.")
-                if title == EXTRACT_COMMAND or fnmatch(name, pattern):
-                    options |= self._resolve_options(file, title, table)
+                if title in ("", EXTRACT_COMMAND) or fnmatch(name, pattern):
+                    options |= self._resolve_options(file, title, table, folder)
         return options
 
     def find_auxiliary_files(self, folder: Path) -> set[Path]:
-        """Return every file that a table of this folder, or of one above it, names.
+        """Return every file that a table names for clips of this folder.
 
         A file of options that cannot be read is skipped here; its clips report the error.
         """
@@ -65,7 +69,8 @@ class ClipTables:
         for file in self._config_files(folder):
             try:
                 tables = [
-                    self._resolve_options(file, *table) for table in self._read_clip_tables(file)
+                    self._resolve_options(file, *table, folder)
+                    for table in self._read_clip_tables(file)
                 ]
             except click.UsageError:
                 continue
@@ -88,10 +93,9 @@ class ClipTables:
 
     def _read_clip_tables(self, file: Path) -> Iterator[tuple[str, Any]]:
         if file not in self._tables_by_file:
-            tables = read_tables(file)
-            check_tables(file, tables, self._commands)
-            self._tables_by_file[file] = tables
+            self._tables_by_file[file] = self._split_tables(file, read_tables(file))
         tables = self._tables_by_file[file]
+        yield "", tables[""]
         if EXTRACT_COMMAND in tables:
             yield EXTRACT_COMMAND, tables[EXTRACT_COMMAND]
         yield from (
@@ -99,19 +103,42 @@ class ClipTables:
             for pattern, table in tables.get(CLIPS_TABLE, {}).items()
         )
 
-    def _resolve_options(self, file: Path, title: str, table: Any) -> dict[str, Any]:
-        """Return the options of a table, with absolute paths."""
+    def _split_tables(self, file: Path, entries: dict[str, Any]) -> dict[str, Any]:
+        """Return the checked tables of a file, and under an empty name what is above them.
+
+        An option may have the name of a command.
+        """
+        names = {str(param.name) for param in self._command.params}
+        reserved = {*self._commands, CLIPS_TABLE} - names
+        top = {
+            name: value
+            for name, value in entries.items()
+            if not isinstance(value, dict) and name not in reserved
+        }
+        tables = {name: table for name, table in entries.items() if name not in top}
+        check_tables(file, tables, self._commands)
+        return {**tables, "": top}
+
+    def _resolve_options(self, file: Path, title: str, table: Any, folder: Path) -> dict[str, Any]:
+        """Return the options of a table for clips in `folder`, with absolute paths."""
         options = parse_options(file, title, table, self._command)
         for name in options:
             if name in self._batch_options:
                 raise click.BadParameter(
-                    f"{file}: [{title}] sets {name}, which applies to the whole batch; remove it, "
-                    "or use the option of cageik batch"
+                    f"{file}: {name_table(title)} sets {name}, which applies to the whole batch; "
+                    "remove it, or use the option of cageik batch"
                 )
         return {
-            name: str(file.parent / value) if is_path_option(self._command, name) else value
+            name: _resolve_path(file, value, folder)
+            if is_path_option(self._command, name)
+            else value
             for name, value in options.items()
         }
+
+
+def _resolve_path(file: Path, value: str, folder: Path) -> str:
+    """Return a path of a file of options, for clips in `folder`."""
+    return str(file.parent / value.replace(CLIP_FOLDER, str(folder.absolute())))
 
 
 def is_auxiliary_path(command: click.Command, name: str) -> bool:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cageik_cli.workflows.batch.discover import DiscoveredClip
     from cageik_cli.workflows.batch.jobs import ClipJob
     from cageik_cli.workflows.batch.run import BatchPlan
-    from cageik_cli.workflows.plan import ExtractSettings
+    from cageik_cli.workflows.extract_settings import ExtractSettings
 
 BATCH_OPTIONS = (
     "output",
@@ -122,7 +122,7 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
     tables = ClipTables(extract_command, list_commands(click.get_current_context()), BATCH_OPTIONS)
     found = _find_clips(options, shared, tables)
     load_baseline = cache(read_baseline)
-    jobs, rejected = [], []
+    jobs, rejected, is_wrong_usage = [], [], False
     for clip in found:
         try:
             collected = tables.collect_options(clip.folder, clip.path)
@@ -131,9 +131,10 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
             jobs.append(_make_job(clip.name, settings, limits, options))
         except (click.UsageError, CageikError) as error:
             rejected.append(ClipEntry(clip.name, fault=to_unicode(_describe_fault(error))))
-    faults = {entry.fault for entry in rejected}
-    if not jobs and len(faults) == 1:
-        raise SettingError(f"none of {len(found)} clips can be started: {faults.pop()}")
+            is_wrong_usage = isinstance(error, click.UsageError)
+    if not jobs and len({entry.fault for entry in rejected}) == 1:
+        message = f"none of {len(found)} clips can be started: {rejected[0].fault}"
+        raise click.UsageError(message) if is_wrong_usage else SettingError(message)
     order = tuple(clip.name for clip in found)
     return BatchPlan(options.output, tuple(jobs), tuple(rejected), order)
 

@@ -24,7 +24,7 @@ from cageik_cli.cli.options.common import (
     write_or_print,
 )
 from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.build_cage import CageSettings
@@ -81,7 +81,7 @@ def make_cage_settings(
     output: Path,
     build: BuildSettings,
     rest: Path | None,
-    rest_frame: int | None,
+    rest_frame: RestFrame | None,
     animation: tuple[str, ...],
     clip: ClipSettings,
     overwrite: bool,

@@ -19,7 +19,7 @@ from cageik_cli.cli.options.common import (
     write_or_print,
 )
 from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.check import CheckSettings
@@ -29,7 +29,7 @@ def make_check_settings(
     cage: Path,
     frames: tuple[str, ...],
     rest: Path | None,
-    rest_frame: int | None,
+    rest_frame: RestFrame | None,
     clip: ClipSettings,
     jobs: int,
 ) -> "CheckSettings":

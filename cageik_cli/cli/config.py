@@ -45,6 +45,8 @@ def read_tables(path: Path) -> dict[str, Any]:
 def parse_options(path: Path, title: str, table: Any, command: click.Command) -> dict[str, Any]:
     """Return the options that the table `title` of a file sets, by the names of parameters.
 
+    An empty title stands for what is above the first table.
+
     Raises
     ------
     click.BadParameter
@@ -62,13 +64,18 @@ def parse_options(path: Path, title: str, table: Any, command: click.Command) ->
         option = options.get(key.replace("-", "_"))
         if option is None:
             raise click.BadParameter(
-                f"{path}: [{title}] has no option {key}; {_suggest_option(key, options)}"
+                f"{path}: {name_table(title)} has no option {key}; {_suggest_option(key, options)}"
             )
         values = value if option.multiple and isinstance(value, list) else [value]
         if not all(_is_value_for(option, one) for one in values):
             raise click.BadParameter(f"{path}: {key} = {value!r} is not a value of --{key}")
         chosen[str(option.name)] = values if option.multiple else value
     return chosen
+
+
+def name_table(title: str) -> str:
+    """Name a table of a file in a message; an empty title stands for what is above the first."""
+    return f"[{title}]" if title else "the part above the tables"
 
 
 def _suggest_option(key: str, options: Iterable[str]) -> str:

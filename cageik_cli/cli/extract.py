@@ -20,6 +20,7 @@ from cageik_cli.cli.options.common import (
     PATH_TYPE,
     common_options,
     get_verbosity,
+    is_given,
     is_on_command_line,
     jobs_option,
     memory_option,
@@ -35,14 +36,14 @@ from cageik_cli.cli.options.limits import (
     exit_with_code,
 )
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.solver.settings import SolveSettings
 
 if TYPE_CHECKING:
     from cageik_cli.store.result import Result
     from cageik_cli.workflows.export import ExportSettings
-    from cageik_cli.workflows.plan import ExtractSettings
+    from cageik_cli.workflows.extract_settings import ExtractSettings
 
 
 def make_solve_settings(alpha: float, beta: float, align: bool) -> SolveSettings:
@@ -85,7 +86,7 @@ def make_extract_settings(
     binding: Path | None,
     output: Path,
     rest: Path | None,
-    rest_frame: int | None,
+    rest_frame: RestFrame | None,
     bind: BindSettings,
     cache: Path | None,
     solve: SolveSettings,
@@ -102,15 +103,14 @@ def make_extract_settings(
     cage_output: Path | None,
 ) -> "ExtractSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
-    from cageik_cli.workflows.plan import ExtractSettings
+    from cageik_cli.workflows.extract_settings import ExtractSettings
 
     if binding is not None:
         _check_binding_settings(binding, bind)
     with usage_errors():
         build = BuildSettings(cage_vertices)
-    if cage_output is not None and (cage is not None or binding is not None):
-        given = "--binding" if cage is None else "--cage"
-        raise click.UsageError(f"--cage-out and {given} exclude each other; leave one out")
+    if cage is not None or binding is not None:
+        _check_no_cage_is_built("--binding" if cage is None else "--cage")
     return ExtractSettings(
         frames=frames,
         cage=cage,
@@ -133,6 +133,15 @@ def make_extract_settings(
         build=build,
         cage_output=cage_output,
     )
+
+
+def _check_no_cage_is_built(given: str) -> None:
+    """Refuse options of a cage that is built, beside one that is given."""
+    for name, option in (("cage_vertices", "--cage-vertices"), ("cage_output", "--cage-out")):
+        if is_given(name):
+            raise click.UsageError(
+                f"{option} is for a cage that is built; leave out {option} or {given}"
+            )
 
 
 def _check_binding_settings(binding: Path, requested: BindSettings) -> None:

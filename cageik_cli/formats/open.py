@@ -191,10 +191,21 @@ def open_clip_and_rest(
             check_connectivity(count, faces, sequence.fan_triangulated, "the first frame")
         # Polygons are cut as in the first frame.
         return sequence, replace(rest, mesh=TriMesh(rest.mesh.vertices, sequence.first.faces))
-    if not 0 <= rest_index < len(sequence):
+    return sequence, load_rest_frame(sequence, rest_index)
+
+
+def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
+    """Read a frame of a clip as its rest pose.
+
+    Raises
+    ------
+    InputError
+        When there is no such frame, or it cannot be read.
+    """
+    if not 0 <= index < len(sequence):
         raise SettingError(
-            f"--rest-frame {rest_index}: the clip has {len(sequence)} frames, expected "
+            f"--rest-frame {index}: the clip has {len(sequence)} frames, expected "
             f"0 to {len(sequence) - 1}"
         )
-    frame = TriMesh(sequence.read_frame(rest_index), sequence.first.faces)
-    return sequence, LoadedMesh(frame, frame, {"name": sequence.names[rest_index]})
+    frame = TriMesh(sequence.read_frame(index), sequence.first.faces)
+    return LoadedMesh(frame, frame, {"name": sequence.names[index]})

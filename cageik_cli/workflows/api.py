@@ -11,20 +11,22 @@ import numpy as np
 
 from cageik_cli.cages import bind as cage_binding
 from cageik_cli.cages.diagnosis import Diagnosis, diagnose
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats import mesh_file
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store import result as result_file
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import SettingError
 from cageik_cli.util.threads import count_processors
 from cageik_cli.workflows import extract as file_extraction
-from cageik_cli.workflows.plan import ExtractSettings
+from cageik_cli.workflows.extract_settings import ExtractSettings
 
 FilePath = str | PathLike[str]
 
@@ -165,10 +167,12 @@ def bind(
 
 def extract_to_file(
     frames: FilePath | Sequence[FilePath],
-    cage: FilePath,
+    cage: FilePath | None,
     output: FilePath,
     *,
+    cage_vertices: int | None = None,
     rest: FilePath | None = None,
+    rest_frame: RestFrame = 0,
     coordinates: str = "harmonic",
     accuracy: str = "standard",
     outside: str = "refuse",
@@ -187,10 +191,16 @@ def extract_to_file(
     ----------
     frames : path, or sequence of paths
         As of `load_clip`.
-    cage, output : path
-        The cage's mesh, and the result file (.h5).
+    cage : path or None
+        The cage's mesh. If it is None, a cage is built around the rest pose; it is in the result.
+    output : path
+        The result file (.h5).
+    cage_vertices : int, optional
+        Vertices of the cage that is built, at most; 100 by default.
     rest : path, optional
-        The rest pose; the first frame by default.
+        The rest pose; a frame of the clip by default.
+    rest_frame : int or "auto"
+        Which frame then, from 0; "auto" is the frame in which the fewest parts touch.
     coordinates, accuracy, outside : str
         As of `bind`.
     alpha, beta, align
@@ -212,11 +222,18 @@ def extract_to_file(
     >>> extract_to_file(f"{walker}/frames", f"{walker}/cage.obj", "walker.h5")
     <Result: walker.h5, 48 frames of 1570 vertices in a cage of 80>
     """
+    if cage is not None and cage_vertices is not None:
+        raise SettingError(
+            f"cage_vertices is {cage_vertices}, but a cage is given ({fspath(cage)}); leave out "
+            "one of them"
+        )
     settings = ExtractSettings(
         frames=_list_names(frames),
-        cage=Path(cage),
+        cage=Path(cage) if cage is not None else None,
+        build=BuildSettings() if cage_vertices is None else BuildSettings(cage_vertices),
         output=Path(output),
         rest=Path(rest) if rest is not None else None,
+        rest_frame=rest_frame,
         bind=BindSettings(coordinates, accuracy, outside),
         solve=SolveSettings(alpha, beta, align),
         overwrite=overwrite,

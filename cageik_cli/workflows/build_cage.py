@@ -1,7 +1,6 @@
 """A cage built around a model: read the model, build, write the cage."""
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.cages.bind import bind
 from cageik_cli.cages.build import (
     BuildSettings,
     BuiltCage,
@@ -17,30 +15,22 @@ from cageik_cli.cages.build import (
     Clip,
     build_cage,
 )
-from cageik_cli.coordinates.binding import reconstruct
-from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.base.file_data import describe_source
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import check_connectivity
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
-from cageik_cli.formats.obj.write import encode_exact_obj
-from cageik_cli.formats.open import list_input_files, open_clip_and_rest, open_sequence
+from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import CageikError, OutputError, error_context
-from cageik_cli.util.outputs import check_writable, write_bytes
+from cageik_cli.util.errors import error_context
+from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_block
-from cageik_cli.util.threads import limit_blas_threads
+from cageik_cli.workflows.cached_cage import check_cage_output, load_built_cage
+from cageik_cli.workflows.measure_cage import make_measured_clip
+from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 
 SCHEMA_VERSION = 1
-
-MAX_MEASURED_FRAMES = 32
-"""Frames of an animation on which candidates are compared, at most."""
 
 MIN_GOOD_ANGLE = 5.0
 """Smaller angles, degrees, are a warning."""
@@ -48,7 +38,7 @@ MIN_GOOD_ANGLE = 5.0
 
 @dataclass(frozen=True, slots=True)
 class CageSettings:
-    """Around what to build a cage, and where to write it.
+    """The model to build a cage around, and the file to write it to.
 
     Attributes
     ----------
@@ -59,8 +49,9 @@ class CageSettings:
     build : BuildSettings
     rest : Path, optional
         The rest pose of a clip; a frame of it if absent.
-    rest_frame : int, optional
-        Which frame then, from 0; the first if absent.
+    rest_frame : int or "auto", optional
+        Which frame then, from 0, or the one in which the least of the surface touches; the first if
+        absent.
     animation : tuple of str
         The clip the cage is for; none if empty.
     clip : ClipSettings
@@ -74,7 +65,7 @@ class CageSettings:
     output: Path
     build: BuildSettings = field(default_factory=BuildSettings)
     rest: Path | None = None
-    rest_frame: int | None = None
+    rest_frame: RestFrame | None = None
     animation: tuple[str, ...] = ()
     clip: ClipSettings = field(default_factory=lambda: ClipSettings(allow_gaps=True))
     overwrite: bool = False
@@ -102,12 +93,15 @@ class CageResult:
     built : BuiltCage
     cage : LoadedMesh
         The cage as it is read from the file.
+    rest_frame : int or None
+        The number of the frame that the model is; None for a file.
     """
 
     settings: CageSettings
     model: LoadedMesh
     built: BuiltCage
     cage: LoadedMesh
+    rest_frame: int | None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -133,42 +127,14 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
     progress = progress or ProgressListener()
     check_cage_output(settings.output, settings.overwrite)
     with progress.stage("open"):
-        model = _open_model(settings)
-        clip = _read_clip(settings, model)
+        model, rest_frame = _open_model(settings)
+        clip = _read_animation(settings, model)
     with progress.stage("cage"), error_context(model.source["name"]):
         built = build_cage(model.mesh, settings.build, clip, progress.update)
-    cage = load_built_cage(built, settings.output.name)
+    cage = load_built_cage(built.cage, list_warnings(built), settings.output.name)
     with progress.stage("write"):
         write_bytes(settings.output, cage.obj_text, settings.overwrite)
-    return CageResult(settings, model, built, cage)
-
-
-def check_cage_output(path: Path, overwrite: bool) -> None:
-    """Refuse, before any work, a file that cannot be written.
-
-    Raises
-    ------
-    OutputError
-        When it is no OBJ file, exists, or its folder cannot be written.
-    """
-    if path.suffix.lower() != ".obj":
-        raise OutputError(
-            f"{path}: a built cage is written as .obj, which keeps all its digits; name an .obj "
-            "file"
-        )
-    check_writable(path, overwrite)
-
-
-def load_built_cage(built: BuiltCage, name: str) -> LoadedMesh:
-    """Return a built cage as if it were read from a file of this name."""
-    text = encode_exact_obj(built.cage.vertices, built.cage.faces)
-    return LoadedMesh(
-        mesh=built.cage,
-        fan_triangulated=built.cage,
-        source=describe_source(Path(name), text),
-        notes=list_warnings(built),
-        obj_text=text,
-    )
+    return CageResult(settings, model, built, cage, rest_frame)
 
 
 def list_warnings(built: BuiltCage) -> tuple[str, ...]:
@@ -192,61 +158,27 @@ def describe_built_cage(built: BuiltCage) -> str:
     )
 
 
-def _open_model(settings: CageSettings) -> LoadedMesh:
-    """Read the model: a mesh, or the rest pose of a clip."""
+def _open_model(settings: CageSettings) -> tuple[LoadedMesh, int | None]:
+    """Read the model: a mesh, or the rest pose of a clip and its number."""
     path = Path(settings.model)
     is_one_mesh = settings.rest is None and settings.rest_frame is None and not path.is_dir()
     if is_one_mesh and file_suffix(path) in mesh_suffixes() and path.exists():
-        return load_mesh(path)
-    _, rest = open_clip_and_rest(
+        return load_mesh(path), None
+    _, rest, index = open_clip_and_choose_rest(
         (settings.model,), settings.clip, settings.rest, settings.rest_frame or 0
     )
-    return rest
+    return rest, index
 
 
-def _read_clip(settings: CageSettings, model: LoadedMesh) -> Clip | None:
-    """Read evenly spaced frames of the animation; None without an animation."""
+def _read_animation(settings: CageSettings, model: LoadedMesh) -> Clip | None:
+    """Read some frames of the animation, if there is one."""
     if not settings.animation:
         return None
     sequence = open_sequence(list(settings.animation), settings.clip, model)
     with error_context(model.source["name"]):
         count, faces = len(model.fan_triangulated.vertices), model.fan_triangulated.faces
         check_connectivity(count, faces, sequence.fan_triangulated, "the first frame")
-    chosen = np.linspace(0, len(sequence) - 1, min(len(sequence), MAX_MEASURED_FRAMES))
-    frames = np.stack([sequence.read_frame(int(k)) for k in np.rint(chosen)])
-    return Clip(frames, measure_on_frames(model.mesh, frames, settings.jobs))
-
-
-def measure_on_frames(rest: TriMesh, frames: Floats, jobs: int) -> Callable[[TriMesh], float]:
-    """Return a function that measures how well a cage expresses some frames.
-
-    Parameters
-    ----------
-    rest : TriMesh
-        m vertices.
-    frames : (k, m, 3) float64
-        File units.
-    jobs : int
-        Threads.
-
-    Returns
-    -------
-    callable
-        Of a cage in file units; the error is the rms distance with harmonic weights of preview
-        accuracy, percent of the diagonal, infinite for a cage that does not bind.
-    """
-
-    def measure(cage: TriMesh) -> float:
-        try:
-            binding = bind(rest, cage, BindSettings(accuracy="preview"), jobs)
-        except CageikError:
-            return float("inf")
-        with limit_blas_threads(1):
-            cages = DualLaplacianSolver(binding, SolveSettings()).solve(frames).cages
-        squares = ((reconstruct(binding.weights, cages) - frames) ** 2).sum(axis=2)
-        return float(100 * np.sqrt(squares.mean()) / rest.diagonal)
-
-    return measure
+    return make_measured_clip(model.mesh, len(sequence), sequence.read_frame, settings.jobs)
 
 
 def format_cage_text(result: CageResult, is_detailed: bool = False) -> str:
@@ -278,7 +210,7 @@ def format_cage_json(result: CageResult) -> str:
         "settings": {
             "vertices": settings.build.vertices,
             "clearance_percent": 100 * settings.build.clearance,
-            "rest_frame": settings.rest_frame,
+            "rest_frame": result.rest_frame,
         },
         "model": result.model.source,
         "cage": result.cage.source | _candidate_record(built.chosen),

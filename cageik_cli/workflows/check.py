@@ -9,10 +9,11 @@ from cageik_cli import __version__
 from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts, diagnose
 from cageik_cli.cages.findings import Finding
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import list_input_files, open_clip_and_rest
+from cageik_cli.formats.open import list_input_files
 from cageik_cli.util.text import format_block
+from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 
 SCHEMA_VERSION = 1
 
@@ -31,8 +32,8 @@ class CheckSettings:
         Files, folders and globs, or one file that holds a clip; may be none.
     rest : Path, optional
         The rest pose; a frame of the clip if absent, or none without a clip.
-    rest_frame : int
-        Which frame then, from 0.
+    rest_frame : int or "auto"
+        Which frame then, from 0; or the one in which the least of the surface touches.
     jobs : int
         Threads.
     clip : ClipSettings
@@ -42,7 +43,7 @@ class CheckSettings:
     cage: Path
     frames: tuple[str, ...] = ()
     rest: Path | None = None
-    rest_frame: int = 0
+    rest_frame: RestFrame = 0
     jobs: int = 1
     clip: ClipSettings = field(default_factory=lambda: ClipSettings(allow_gaps=True))
 
@@ -81,7 +82,7 @@ def check_cage(settings: CheckSettings) -> CheckResult:
     """
     cage, rest = load_mesh(settings.cage), None
     if settings.frames:
-        _, rest = open_clip_and_rest(
+        _, rest, _ = open_clip_and_choose_rest(
             settings.frames, settings.clip, settings.rest, settings.rest_frame
         )
     elif settings.rest is not None:

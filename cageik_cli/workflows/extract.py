@@ -19,9 +19,9 @@ from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
+from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.plan import (
     ExtractionPlan,
-    ExtractSettings,
     build_missing_cage,
     check_output_path,
     load_or_compute_binding,

@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cageik_cli.cages.bind import bind
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding, reconstruct
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import validate_positions
@@ -15,7 +17,7 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, normalize_weig
 from cageik_cli.solver.metrics import METRIC_NAMES, FrameMetrics, check_finite, measure
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats, Workspace
-from cageik_cli.util.errors import ConnectivityError
+from cageik_cli.util.errors import ConnectivityError, SettingError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 ReportProgress = Callable[[int, int], None]
@@ -82,8 +84,9 @@ class CageAnimation:
 
 def extract(
     clip: MeshSequence | ArrayLike,
-    binding: Binding,
+    binding: Binding | None = None,
     *,
+    cage_vertices: int | None = None,
     alpha: float = SolveSettings().alpha,
     beta: float = SolveSettings().beta,
     align: bool = True,
@@ -102,7 +105,10 @@ def extract(
     ----------
     clip : MeshSequence, or (F, m, 3) array
         Frames with the vertices of `binding.rest`, in the same order.
-    binding : Binding
+    binding : Binding, optional
+        Without it, a cage is built around the first frame of the clip, and bound.
+    cage_vertices : int, optional
+        Vertices of the cage that is built, at most; 100 by default.
     alpha, beta : float
         Weights of the cage's Laplacian (higher is smoother) and of the vertices.
     align : bool
@@ -139,7 +145,9 @@ def extract(
     >>> extract(frames, animation.binding).cages.shape
     (2, 80, 3)
     """
-    jobs, count = jobs or count_processors(), len(binding.rest.vertices)
+    jobs = jobs or count_processors()
+    binding = _bind_built_cage(clip, binding, cage_vertices, jobs)
+    count = len(binding.rest.vertices)
     frames, weights = _Frames(clip, count), None
     if vertex_weights is not None:
         weights = normalize_weights(np.asarray(vertex_weights, np.float64), count)
@@ -160,6 +168,32 @@ def extract(
             if progress is not None:
                 progress(done, len(frames))
     return CageAnimation(binding, np.concatenate(cages), _join_metrics(metrics))
+
+
+def _bind_built_cage(
+    clip: MeshSequence | ArrayLike, binding: Binding | None, cage_vertices: int | None, jobs: int
+) -> Binding:
+    """Return the binding that is given; else build a cage and bind the first frame to it.
+
+    Raises
+    ------
+    SettingError
+        When both a binding and the size of a built cage are given, or the frames have no faces.
+    """
+    if binding is not None:
+        if cage_vertices is not None:
+            raise SettingError(
+                f"cage_vertices is {cage_vertices}, but a binding is given; leave out one of them"
+            )
+        return binding
+    if not isinstance(clip, MeshSequence):
+        raise SettingError("an array of frames has no faces to build a cage from; give a binding")
+    from cageik_cli.workflows.build_arrays import build_cage
+
+    settings = BuildSettings() if cage_vertices is None else BuildSettings(cage_vertices)
+    built = build_cage(clip.first, vertices=settings.vertices, clearance=settings.clearance)
+    bound = bind(clip.first, built.cage, jobs=jobs)
+    return replace(bound, notes=built.notes + bound.notes)
 
 
 def _join_metrics(parts: Sequence[FrameMetrics]) -> FrameMetrics:

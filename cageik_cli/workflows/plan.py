@@ -1,26 +1,21 @@
-"""What an extraction is to do: its settings, and the plan that is made of them and their files."""
+"""The plan of an extraction: what its settings and their files give before any work."""
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from cageik_cli import __version__
-from cageik_cli.cages.build import BuildSettings, build_cage
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import list_input_files, open_clip_and_rest
-from cageik_cli.formats.scene import Scene, SceneHints
+from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.vertex_weights import load_vertex_weights
 from cageik_cli.solver.dual_laplacian import normalize_weights
-from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
@@ -29,105 +24,9 @@ from cageik_cli.util.errors import CheckpointError, InputError, SettingError, er
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
-from cageik_cli.workflows.build_cage import (
-    check_cage_output,
-    describe_built_cage,
-    load_built_cage,
-)
-
-BUILT_CAGE_NAME = "built cage"
-"""Name, in the sources of a result, of a cage that was built for it."""
-
-
-@dataclass(frozen=True, slots=True)
-class ExtractSettings:
-    """What to extract, from what, to where.
-
-    Attributes
-    ----------
-    frames : tuple of str
-        Files, folders and globs, or one file that holds a clip.
-    cage : Path, optional
-        Without it, and without a binding, a cage is built around the rest pose.
-    output : Path
-    binding : Path, optional
-        A binding file of this rest pose, and of `cage` if that is given; `bind` is then ignored.
-    cache : Path, optional
-        The folder of the weight cache; none is used if absent.
-    rest : Path, optional
-        The rest pose; a frame of the clip if absent.
-    rest_frame : int
-        Which frame then, from 0.
-    vertex_weights : Path, optional
-        A file with one number per vertex of the model.
-    bind : BindSettings
-    solve : SolveSettings
-    clip : ClipSettings
-        Which of the frames to take, and how to read them.
-    overwrite, keep_weights : bool
-    resume : bool
-        Continue an interrupted run of the same plan; start if there is none.
-    on_bad_frame : str
-        "stop", or "skip": leave a gap for a frame that cannot be read, and report it.
-    scene : SceneHints
-        Time and space, where they differ from what the files of the clip say.
-    memory : int
-        Bytes for the weights and blocks of frames.
-    jobs : int
-        Threads.
-    build : BuildSettings
-        Of the cage, if one is built.
-    cage_output : Path, optional
-        An OBJ file to which the cage that is built is written.
-    """
-
-    frames: tuple[str, ...]
-    cage: Path | None
-    output: Path
-    binding: Path | None = None
-    cache: Path | None = None
-    rest: Path | None = None
-    rest_frame: int = 0
-    vertex_weights: Path | None = None
-    bind: BindSettings = field(default_factory=BindSettings)
-    solve: SolveSettings = field(default_factory=SolveSettings)
-    clip: ClipSettings = field(default_factory=ClipSettings)
-    overwrite: bool = False
-    resume: bool = False
-    on_bad_frame: str = "stop"
-    keep_weights: bool = True
-    scene: SceneHints = field(default_factory=SceneHints)
-    memory: int = 1 << 30
-    jobs: int = 1
-    build: BuildSettings = field(default_factory=BuildSettings)
-    cage_output: Path | None = None
-
-    def __post_init__(self) -> None:
-        if self.cage_output is not None and not self.builds_cage:
-            raise SettingError(
-                f"{self.cage_output}: is for a cage that is built, but a cage is given; leave out "
-                "one of them"
-            )
-
-    def inputs(self) -> list[Path]:
-        """Return the files that are read."""
-        named = (self.cage, self.binding, self.rest, self.vertex_weights)
-        files = [path for path in named if path is not None]
-        return files + list_input_files(list(self.frames))
-
-    def outputs(self) -> list[Path]:
-        """Return the files that are written."""
-        return [self.output, *([] if self.cage_output is None else [self.cage_output])]
-
-    @property
-    def builds_cage(self) -> bool:
-        """Whether a cage is built, as none is given."""
-        return self.cage is None and self.binding is None
-
-    @property
-    def skips_bad_frames(self) -> bool:
-        """Whether a frame that cannot be read becomes a gap."""
-        return self.on_bad_frame == "skip"
+from cageik_cli.workflows.cached_cage import build_cached, check_cage_output
+from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,6 +36,7 @@ class ExtractionPlan:
     Attributes
     ----------
     settings : ExtractSettings
+        With the number of the rest frame, if it was chosen.
     sequence : MeshSequence
         The clip.
     rest : LoadedMesh
@@ -257,9 +157,10 @@ def plan_extraction(
     InputError
         Naming the file at fault; or when there is another result that may not be overwritten.
     """
-    sequence, rest = open_clip_and_rest(
+    sequence, rest, rest_index = open_clip_and_choose_rest(
         settings.frames, settings.clip, settings.rest, settings.rest_frame
     )
+    settings = replace(settings, rest_frame=rest_index or 0)
     cage = load_mesh(settings.cage) if settings.cage is not None else None
     sources = {"rest": rest.source}
     if settings.binding is not None:
@@ -281,14 +182,13 @@ def plan_extraction(
 def build_missing_cage(plan: ExtractionPlan, progress: ProgressListener) -> ExtractionPlan:
     """Return the plan with a cage: one is built if none is given, and no weights are known.
 
-    The same cage is built each time, so that a checkpoint of it can be continued.
+    The same model gives the same cage each time, so that a checkpoint of it can be continued.
     """
     if not plan.settings.builds_cage or plan.stored_binding is not None:
         return plan
     with progress.stage("cage"), error_context(plan.rest.source["name"]):
-        built = build_cage(plan.rest.mesh, plan.settings.build, progress=progress.update)
-    cage = load_built_cage(built, BUILT_CAGE_NAME)
-    progress.note("cage", describe_built_cage(built))
+        settings = plan.settings
+        cage = build_cached(plan.rest.mesh, settings.build, settings.cache, progress)
     return replace(plan, cage=cage, sources=plan.sources | {"cage": cage.source})
 
 

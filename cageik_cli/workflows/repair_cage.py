@@ -13,7 +13,7 @@ from cageik_cli.util.errors import CageError, error_context
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_block
-from cageik_cli.workflows.build_cage import check_cage_output
+from cageik_cli.workflows.cached_cage import check_cage_output
 
 SCHEMA_VERSION = 1
 

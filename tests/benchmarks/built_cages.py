@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.cages.build import BuildSettings, Clip, build_cage
+from cageik_cli.cages.build import BuildSettings, build_cage
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.coordinates.binding import reconstruct
 from cageik_cli.formats.mesh_file import load_mesh
@@ -24,7 +24,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.workflows.build_cage import MAX_MEASURED_FRAMES, measure_on_frames
+from cageik_cli.workflows.measure_cage import make_measured_clip
 from tests.cages.independent import examine
 
 COUNTS = (60, 120, 300)
@@ -59,9 +59,7 @@ def measure_cage(name, model, count, frames, clip, known):
     start = process_time()
     purpose = None
     if frames is not None:
-        chosen = np.rint(np.linspace(0, len(frames) - 1, MAX_MEASURED_FRAMES)).astype(int)
-        poses = frames[chosen].astype(float)
-        purpose = Clip(poses, measure_on_frames(model, poses, jobs=1))
+        purpose = make_measured_clip(model, len(frames), lambda k: frames[k].astype(float), jobs=1)
     built = build_cage(model, BuildSettings(count, CLEARANCE), purpose)
     seconds = process_time() - start
     cage = built.cage

@@ -18,6 +18,7 @@ import pytest
 import cageik_cli.cli.batch as command
 import cageik_cli.report
 from cageik_cli.store.result import read_result
+from cageik_cli.workflows import cached_cage
 from cageik_cli.workflows.batch.clip_task import run_clip
 from cageik_cli.workflows.batch.run import WEIGHT_CACHE_FOLDER
 
@@ -109,7 +110,17 @@ def test_what_keeps_all_from_beginning_is_said_once(run, anim, here):
 
 
 @pytest.mark.slow
-def test_clips_without_a_cage_get_one_each(run, anim, here, coarse_grids):
+def test_clips_without_a_cage_get_one_that_is_built_once(
+    run, anim, here, coarse_grids, monkeypatch
+):
+    built = []
+
+    def count(*given):
+        built.append(given)
+        return build(*given)
+
+    build = cached_cage._build
+    monkeypatch.setattr(cached_cage, "_build", count)
     Path("anim/cageik.toml").write_text("[extract]\ncage-vertices = 20\n")
     planned = run(*BATCH, "--dry-run")
     assert planned.out.count("  cage           would be built, of 20 vertices") == 3
@@ -117,6 +128,43 @@ def test_clips_without_a_cage_get_one_each(run, anim, here, coarse_grids):
     assert [entry["fault"] for entry in report().values()] == [None] * 3
     walk = read_result(Path("out/clips/walk.h5"))
     assert walk.sources["cage"]["name"] == "built cage"
+    assert run(*BATCH, "--resume").err.count("unchanged, error") == 3
+    assert len(built) == 1  # their rest poses are the same
+
+
+def test_each_clip_may_have_the_cage_in_its_own_folder(run, anim, here, animation, write_obj):
+    Path("anim/cageik.toml").write_text('cage = "{clip}/around.obj"\n')
+    for size, place in ((1.0, "walk"), (1.1, "runs/fast")):
+        write_obj(
+            Path("anim", place, "around.obj"), size * animation.cage.vertices, animation.cage.faces
+        )
+    outcome = run(*BATCH)
+    assert (outcome.code, here) == (4, ["face.npz", "runs/fast", "walk"])
+    assert [name for name, entry in report().items() if entry["fault"]] == ["face.npz"]
+    assert report()["face.npz"]["fault"].endswith(
+        "anim/around.obj: cannot be read: No such file or directory"
+    )
+    fast = read_result(Path("out/clips/runs/fast.h5"))
+    np.testing.assert_array_equal(fast.cage.vertices, 1.1 * animation.cage.vertices)
+
+
+def test_a_clip_with_a_cage_has_no_size_of_one_that_is_built(run, anim, here):
+    Path("anim/walk/cageik.toml").write_text("cage-vertices = 20\n")
+    assert run(*BATCH).code == 4
+    faults = {name: entry["fault"] for name, entry in report().items() if entry["fault"]}
+    assert list(faults) == ["walk"]
+    assert "leave out --cage-vertices or --cage" in faults["walk"]
+    outcome = run(*BATCH, "--overwrite", "--cage", "anim/cage.obj", "--cage-vertices", "20")
+    assert outcome.code == 2
+    assert "none of 3 clips can be started: --cage-vertices is for" in outcome.err
+
+
+def test_the_rest_frame_of_each_clip_may_be_chosen(run, anim, here):
+    Path("anim/cageik.toml").write_text('cage = "cage.obj"\nrest-frame = "auto"\n')
+    assert run(*BATCH).code == 0
+    walk = read_result(Path("out/clips/walk.h5"))
+    assert walk.settings["rest_frame"] == 0
+    assert [note for note in walk.notes if "frame 0 is the rest pose" in note]
     assert run(*BATCH, "--resume").err.count("unchanged, error") == 3
 
 
@@ -185,7 +233,8 @@ def test_options_for_some_clips(run, anim, here):
             '[extract]\ncage = "a"\naccuracy = "x"\n',
             "--accuracy of a cageik.toml in its folder or above: ",
         ),
-        ('cage = "cage.obj"\n', "walk/cageik.toml: `cage` is not a table of options"),
+        ("cage = 5\n", "walk/cageik.toml: cage = 5 is not a value of --cage"),
+        ('cage = "none.obj"\n', "none.obj: cannot be read"),
         ("[extract]\nalfa = 1\n", "has no option alfa"),
         ('[extract]\ncage = "cage.obj"\nalpha = -1\n', "alpha"),
         ('[extract]\ncage = "none.obj"\n', "none.obj: cannot be read"),
@@ -422,7 +471,7 @@ def test_what_is_typed_wins_over_what_excludes_it(run, anim, here):
     assert run(*BATCH, "--cache", "mine").code == 0
     assert list(Path("mine").iterdir())
     outcome = run(*BATCH, "--overwrite", "--cache", "mine", "--no-cache")
-    assert outcome.code == 1
+    assert outcome.code == 2
     assert "--cache and --no-cache" in outcome.err
 
 
@@ -430,7 +479,7 @@ def test_options_that_contradict_a_binding_are_refused_as_extract_does(run, anim
     run("bind", "--cage", "anim/cage.obj", "--rest", "anim/walk/f_1.obj", "-o", "b.h5")
     assert run(*BATCH, "--binding", "b.h5", "--coordinates", "harmonic").code == 0
     outcome = run(*BATCH, "--overwrite", "--binding", "b.h5", "--coordinates", "mean-value")
-    assert outcome.code == 1
+    assert outcome.code == 2
     assert "b.h5 was made with harmonic" in outcome.err
 
 

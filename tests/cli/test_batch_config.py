@@ -53,6 +53,22 @@ def test_paths_are_from_the_files_folder():
     assert TABLES().find_auxiliary_files(root / "a/walk") == {Path(expected["cage"]).resolve()}
 
 
+def test_options_above_the_tables_are_those_of_all_clips():
+    write("cageik.toml", 'cage = "c.obj"\nfps = 25\nalpha = 1\n[extract]\nalpha = 2\n[report]\n')
+    assert given("walk") == {"cage": str(Path.cwd() / "c.obj"), "fps": 25, "alpha": 2}
+    write("walk/cageik.toml", "fps = 30\n")
+    assert given("walk")["fps"] == 30
+
+
+def test_a_path_may_be_in_the_folder_of_each_clip():
+    write("anim/cageik.toml", 'cage = "{clip}/cage.obj"\nvertex-weights = "of {clip}/w.txt"\n')
+    root = Path.cwd() / "anim"
+    for place in ("walk", "runs/fast"):
+        assert given(root / place)["cage"] == str(root / place / "cage.obj")
+        assert (root / place / "cage.obj").resolve() in TABLES().find_auxiliary_files(root / place)
+    assert given(root, root / "face.npz")["cage"] == str(root / "cage.obj")
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -63,7 +79,10 @@ def test_paths_are_from_the_files_folder():
         ),
         ("[extract]\ngamma = 1\n", r"\[extract\] has no option gamma; expected some of accuracy"),
         ('[extract]\noutput = "x.h5"\n', r"cageik\.toml: \[extract\] sets output"),
-        ('cage = "cage.obj"\n', r"cageik\.toml: cage is not a command; expected tables"),
+        ('output = "x.h5"\n', r"cageik\.toml: the part above the tables sets output"),
+        ("alfa = 1\n", r"cageik\.toml: the part above the tables has no option alfa; .* alpha"),
+        ("alpha = []\n", r"alpha = \[\] is not a value of --alpha"),
+        ("report = 1\n", r"cageik\.toml: `report` is not a table of options"),
         ('[clip."w*"]\nfps = 25\n', r'clip is not a command; .* or \[clips\."PATTERN"\]'),
         ('[extract]\nalpha = "a\\u0000"\n', "alpha = .* is not a value of --alpha"),
         ('[clips."w*"]\nfps = []\n', r"fps = \[\] is not a value of --fps"),

@@ -99,9 +99,14 @@ def read_workflow_faults(text):
 
 
 def read_toml_faults(text):
-    """Return the tables and keys of a file of options that no command has."""
-    faults = []
-    for table, values in tomllib.loads(text).items():
+    """Return the tables and keys of a file of options that no command has.
+
+    Keys above the first table are options of `extract`.
+    """
+    faults, entries = [], tomllib.loads(text)
+    above = {name: value for name, value in entries.items() if not isinstance(value, dict)}
+    tables = {name: table for name, table in entries.items() if name not in above}
+    for table, values in [("extract", above), *tables.items()]:
         if table not in TABLES:
             faults.append(f"[{table}]")
             continue

@@ -13,7 +13,7 @@ from cageik_cli.report.record import build_report
 from cageik_cli.store.result import Result, read_result
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.plan import ExtractSettings
+from cageik_cli.workflows.extract_settings import ExtractSettings
 
 
 @dataclass(frozen=True, eq=False)

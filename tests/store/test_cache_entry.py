@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.store.weight_cache import CorruptEntry, pack_entry, read_entry
+from cageik_cli.store.entry_cache import CorruptEntry, pack_entry, read_entry
+from cageik_cli.store.weight_cache import WEIGHTS
 from tests.store.entries import entry, same
 
 KEY, OTHER = "1" * 64, "2" * 64
@@ -18,46 +19,48 @@ def path(tmp_path):
 
 
 def test_what_is_packed_is_read(path):
-    path.write_bytes(b"".join(pack_entry(KEY, entry())))
-    assert same(read_entry(path, KEY), entry())
+    path.write_bytes(b"".join(pack_entry(WEIGHTS, KEY, entry())))
+    assert same(read_entry(WEIGHTS, path, KEY), entry())
 
 
 def test_arrays_are_packed_in_row_order():
     columns = replace(entry(), weights=np.asfortranarray(entry().weights))
     assert not columns.weights.flags.c_contiguous
-    assert b"".join(pack_entry(KEY, columns)) == b"".join(pack_entry(KEY, entry()))
+    assert b"".join(pack_entry(WEIGHTS, KEY, columns)) == b"".join(
+        pack_entry(WEIGHTS, KEY, entry())
+    )
 
 
 def test_any_flipped_bit_is_detected(path):
     """Those of the start each, of header and arrays every seventh."""
-    data = b"".join(pack_entry(KEY, entry()))
+    data = b"".join(pack_entry(WEIGHTS, KEY, entry()))
     for place in [*range(57), *range(57, len(data), 7), len(data) - 1]:
         other = bytearray(data)
         other[place] ^= 1 << place % 8
         path.write_bytes(other)
         with pytest.raises(CorruptEntry, match="is damaged"):
-            read_entry(path, KEY)
+            read_entry(WEIGHTS, path, KEY)
 
 
 def test_the_entry_of_another_key_is_refused(path):
-    path.write_bytes(b"".join(pack_entry(OTHER, entry())))
+    path.write_bytes(b"".join(pack_entry(WEIGHTS, OTHER, entry())))
     with pytest.raises(CorruptEntry, match="is the entry of another key"):
-        read_entry(path, KEY)
+        read_entry(WEIGHTS, path, KEY)
 
 
 def test_a_folder_is_not_an_entry(tmp_path):
     with pytest.raises(CorruptEntry, match="is not a plain file"):
-        read_entry(tmp_path, KEY)
+        read_entry(WEIGHTS, tmp_path, KEY)
 
 
 def test_a_missing_entry_cannot_be_read(path):
     with pytest.raises(FileNotFoundError):
-        read_entry(path, KEY)
+        read_entry(WEIGHTS, path, KEY)
 
 
 def test_the_header_is_plain_json():
     """Nothing in an entry is run when it is read."""
-    data = b"".join(pack_entry(KEY, entry()))
+    data = b"".join(pack_entry(WEIGHTS, KEY, entry()))
     assert data.startswith(b"cageik weights 1\n")
     length = int.from_bytes(data[49:57], "little")
     header = json.loads(data[57 : 57 + length])

@@ -18,7 +18,8 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding
 from cageik_cli.coordinates.settings import COORDINATES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.store import weight_cache as module
+from cageik_cli.store import entry_cache as module
+from cageik_cli.store import weight_cache
 from cageik_cli.store.weight_cache import WeightCache, compute_key
 from cageik_cli.util.locks import open_locked, remove_locked
 from tests.shapes import TETRAHEDRON, ball, box
@@ -114,14 +115,14 @@ def test_one_process_at_a_time_computes_an_entry(kept, monkeypatch):
     """Who waits takes what the other has written."""
     bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
     given = (TETRAHEDRON, TETRAHEDRON, SETTINGS)
-    path = kept.folder / f"{module.compute_key(*given)}.lock.partial"
+    path = kept.folder / f"{compute_key(*given)}.lock.partial"
     kept.folder.mkdir(parents=True)
     other, waited = open_locked(path), []
 
     def wait(seconds):
         waited.append(seconds)
         if len(waited) == 2:
-            kept.write(module.compute_key(*given), module._make_entry(bound, 1.0))
+            kept.write(compute_key(*given), weight_cache._make_entry(bound, 1.0))
             remove_locked(path, other)
 
     monkeypatch.setattr(module.time, "sleep", wait)
@@ -180,7 +181,7 @@ def test_the_key_covers_all_that_weights_depend_on(monkeypatch):
     monkeypatch.setitem(ALGORITHM_VERSIONS, "harmonic", ALGORITHM_VERSIONS["harmonic"] + 1)
     keys["algorithm"] = compute_key(ball(1), box(), SETTINGS)
     monkeypatch.undo()
-    monkeypatch.setattr(module, "__version__", "0.0.0")
+    monkeypatch.setattr(weight_cache, "__version__", "0.0.0")
     keys["version"] = compute_key(ball(1), box(), SETTINGS)
     assert len(set(keys.values())) == len(keys)
 

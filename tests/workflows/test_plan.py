@@ -22,8 +22,8 @@ from cageik_cli.util.errors import (
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows import extract as module
 from cageik_cli.workflows.extract import extract, run_extraction
+from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.plan import (
-    ExtractSettings,
     build_missing_cage,
     check_output_path,
     load_or_compute_binding,
@@ -164,7 +164,7 @@ def test_a_cage_is_built_when_none_is_given(plain):
 def test_a_result_with_a_built_cage_is_kept_and_nothing_is_built(plain, monkeypatch):
     settings = replace(plain, cage=None, build=BuildSettings(20), resume=True)
     extract(settings)
-    monkeypatch.setattr("cageik_cli.workflows.plan.build_cage", fail)
+    monkeypatch.setattr("cageik_cli.workflows.cached_cage._build", fail)
     extract(replace(settings, cage_output=Path("built.obj")))
     assert len(load_mesh(Path("built.obj")).mesh.vertices) == 20
     with pytest.raises(CheckpointError, match="other settings"):
@@ -179,12 +179,41 @@ def test_known_weights_come_with_the_cage_that_was_built(plain, monkeypatch):
     progress = ProgressListener()
     complete = build_missing_cage(plan_extraction(settings), progress)
     stored = load_or_compute_binding(complete, progress)
-    monkeypatch.setattr("cageik_cli.workflows.plan.build_cage", fail)
+    monkeypatch.setattr("cageik_cli.workflows.cached_cage._build", fail)
     result = run_extraction(plan_extraction(settings, stored))
     assert result.sources["cage"] == complete.sources["cage"]
     assert plan_extraction(settings).weights_key == complete.weights_key
     other = replace(settings, build=BuildSettings(21))
     assert plan_extraction(other).weights_key != complete.weights_key
+
+
+def test_the_builder_is_imported_when_a_cage_is_built(run_process):
+    program = """
+import sys, cageik_cli.workflows.extract
+found = [name for name in sys.modules if name.startswith("cageik_cli.cages.building")]
+assert not found, found
+"""
+    outcome = run_process("-c", program)
+    assert (outcome.code, outcome.err) == (0, "")
+
+
+@pytest.mark.usefixtures("coarse_grids")
+@pytest.mark.parametrize("loose", [False, True])
+def test_a_cage_from_the_cache_gives_the_same_bytes(plain, cache, monkeypatch, loose):
+    if loose:  # a cage with a warning
+        monkeypatch.setattr("cageik_cli.cages.building.job.make_shell", lambda *_: None)
+    settings = replace(plain, cage=None, build=BuildSettings(20), cache=cache)
+    plain_bytes = extract(replace(settings, cache=None)).path.read_bytes()
+    assert extract(replace(settings, overwrite=True)).path.read_bytes() == plain_bytes
+    monkeypatch.setattr("cageik_cli.workflows.cached_cage._build", fail)
+    listener = Notes()
+    result = extract(replace(settings, overwrite=True), listener)
+    assert result.path.read_bytes() == plain_bytes
+    assert [note.startswith("built cage: ") for note in result.notes] == [True] * loose
+    said = [text.split()[0] for topic, text in listener.notes if topic in ("cache", "cage")]
+    assert said == ["cache", "built,", "cache"]
+    with pytest.raises(AssertionError, match="computed"):
+        extract(replace(settings, build=BuildSettings(21), overwrite=True))
 
 
 def test_the_file_of_a_built_cage_is_checked_before_any_work(plain):

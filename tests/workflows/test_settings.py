@@ -13,7 +13,7 @@ from cageik_cli.workflows.check import CheckSettings
 from cageik_cli.workflows.deform import DeformSettings
 from cageik_cli.workflows.edit import EditSettings
 from cageik_cli.workflows.export import ExportSettings
-from cageik_cli.workflows.plan import ExtractSettings
+from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.pose import PoseSettings
 
 FRAMES = [f"frames/frame_{k}.obj" for k in range(1, 6)]

@@ -13,7 +13,7 @@ from cageik_cli.util.arrays import Floats, Integers
 
 
 def keep_apart(vertices: Floats, added: Integers, others: Integers) -> bool:
-    """Whether `added` faces (a, 3) meet each other and `others` (b, 3) at shared vertices alone."""
+    """Return whether `added` faces meet each other and `others` at shared vertices alone."""
     faces = np.concatenate([added, others])
     corners = vertices[faces]
     low, high = corners.min(axis=1), corners.max(axis=1)
@@ -30,7 +30,7 @@ def keep_apart(vertices: Floats, added: Integers, others: Integers) -> bool:
 
 
 def _fold_flat(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
-    """Whether faces that share a side lie in a plane, on one side of it."""
+    """Return whether faces that share a side lie in a plane, on one side of it."""
     a, b = vertices[faces[first]], faces[second]
     alone = ~(b[:, :, None] == faces[first][:, None]).any(axis=2)
     tip = vertices[b[alone]]
@@ -42,7 +42,7 @@ def _fold_flat(vertices: Floats, faces: Integers, first: Integers, second: Integ
 
 
 def _pierce(vertices: Floats, faces: Integers, first: Integers, second: Integers) -> bool:
-    """Whether a side of one of two faces meets the other, away from a vertex that both have."""
+    """Return whether a side of one face meets the other, away from vertices that both have."""
     sides, triangles = [], []
     for one, other in ((faces[first], faces[second]), (faces[second], faces[first])):
         for k in range(3):
@@ -64,13 +64,13 @@ def _pierce(vertices: Floats, faces: Integers, first: Integers, second: Integers
 
 
 def _meet_exactly(vertices: Floats, faces: Integers) -> bool:
-    """Whether any two faces meet improperly: the full answer, for those that share a plane."""
+    """Return whether any two faces meet improperly; for faces that share a plane, too."""
     used, local = np.unique(np.unique(faces, axis=0), return_inverse=True)
     return len(self_intersections(TriMesh(vertices[used], local.reshape(-1, 3)))) > 0
 
 
 def _orient(a: Floats, b: Floats, c: Floats, d: Floats) -> NDArray[np.int64]:
-    """The sign of the volume of tetrahedra, (k,); exact (Shewchuk 1997)."""
+    """Return the sign of the volume of tetrahedra, (k,); exact (Shewchuk 1997)."""
     if len(a) == 0:
         return np.empty(0, np.int64)
     rows = (np.ascontiguousarray(points) for points in (a, b, c, d))

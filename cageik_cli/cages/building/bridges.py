@@ -13,7 +13,7 @@ MOST_PARTS = 400
 
 
 def find_bridges(grid: DistanceGrid, body: NDArray[np.bool_]) -> Floats | None:
-    """Segments (b, 2, 3) that make one part of a body's parts, of the least total length.
+    """Return segments (b, 2, 3) that make one part of a body's parts, of the least total length.
 
     None when there is nothing to join, or too much.
     """
@@ -27,7 +27,7 @@ def find_bridges(grid: DistanceGrid, body: NDArray[np.bool_]) -> Floats | None:
 
 
 def _spanning_tree(parts: list[Floats]) -> Floats:
-    """The shortest segments between sets of points, added to a tree one by one (Prim 1957)."""
+    """Return the tree of shortest segments between sets of points (Prim 1957)."""
     nearest = np.full(len(parts), np.inf)
     segments = np.zeros((len(parts), 2, 3))
     left = np.arange(len(parts)) > 0
@@ -47,7 +47,7 @@ def _spanning_tree(parts: list[Floats]) -> Floats:
 
 
 def segment_distance(grid: DistanceGrid, segments: Floats) -> Floats:
-    """Distance of every node from the nearest segment, infinite if there is none."""
+    """Return distance of every node from the nearest segment, infinite if there is none."""
     nearest = np.full(grid.distance.shape, np.inf)
     if len(segments) == 0:
         return nearest

@@ -32,11 +32,11 @@ class Poses:
 
     @staticmethod
     def none() -> "Poses":
-        """No poses but the rest pose."""
+        """Return no poses but the rest pose."""
         return Poses(np.zeros((1, 3)), np.zeros((0, 1, 3)))
 
     def carry(self, points: Floats) -> Floats:
-        """Where points beside the rest pose go in the poses, (k, p, 3).
+        """Return where points beside the rest pose go in the poses, (k, p, 3).
 
         Each follows the best rigid motion of the model's vertices near it (Müller et al. 2005).
         """
@@ -83,7 +83,7 @@ def choose_poses(rest: Floats, aligned: Floats) -> Poses:
 
 
 def _best_turns(products: Floats) -> Floats:
-    """Rotations R for which rows x R come nearest to y, of Σ xᵀy, (p, 3, 3) (Kabsch 1976)."""
+    """Return the rotations R with rows x R nearest to y, from Σ xᵀy, (p, 3, 3) (Kabsch 1976)."""
     left, _, right = np.linalg.svd(products)
     left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
     return np.asarray(left @ right)

@@ -15,7 +15,7 @@ from cageik_cli.util.arrays import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nearness:
-    """What of a surface is near to a cage.
+    """The points of a surface that are near to a cage.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ def find_near_points(surface: TriMesh, cage: TriMesh, limit: float) -> Nearness:
 def _near_edges(
     surface: TriMesh, cage: TriMesh, of_vertex: Floats, limit: float
 ) -> tuple[Floats, Floats]:
-    """Distances below the limit between edges, (k,), and the places on the surface's, (k, 3).
+    """Return distances of edges below the limit, (k,), and their places on the surface, (k, 3).
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def _near_edges(
 
 
 def segment_distances(start: Floats, stop: Floats, a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Distance of segments (k, 3) from the segment a b, and where on them it is.
+    """Return distance of segments (k, 3) from the segment a b, and where on them it is.
 
     Ericson, Real-Time Collision Detection (2005), section 5.1.9.
     """

@@ -19,7 +19,7 @@ from cageik_cli.util.arrays import Floats, Integers
 
 @dataclass(frozen=True, slots=True)
 class ShapeLimits:
-    """What a collapse may do to the faces that are left.
+    """Limits on the faces that a collapse leaves.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class _Collapser:
         return True
 
     def _keeps_shape(self, a: int, b: int, place: Floats) -> bool:
-        """Whether faces neither turn over nor become needles in the rest pose."""
+        """Return whether faces neither turn over nor become needles in the rest pose."""
         left = sorted(self._at[a] ^ self._at[b])
         before = np.array([self._faces[f] for f in left])
         after = np.where(before == b, a, before)

@@ -16,12 +16,12 @@ UNTESTED = 1200
 
 
 def euler_characteristic(mesh: TriMesh) -> int:
-    """V − E + F: 2 − 2 genus of a closed surface of one component."""
+    """Return V − E + F: 2 − 2 genus of a closed surface of one component."""
     return len(mesh.vertices) - len(mesh.edges.ends) + len(mesh.faces)
 
 
 def stages(count: int) -> list[int]:
-    """Vertex counts of the stages from a fine shell down to `count`."""
+    """Return vertex counts of the stages from a fine shell down to `count`."""
     counts = [float(count)]
     while counts[-1] < FIRST_STAGE * count:
         counts.append(counts[-1] / STEP)
@@ -29,7 +29,7 @@ def stages(count: int) -> list[int]:
 
 
 def thin_shell(shell: TriMesh, count: int) -> TriMesh:
-    """A fine shell made coarser, to `count` vertices, by libigl's quick collapses, untested."""
+    """Thin a fine shell to `count` vertices by libigl's quick collapses, which are not tested."""
     faces = 2 * (count - euler_characteristic(shell))
     vertices, corners, _, _ = igl.qslim(
         np.asfortranarray(shell.vertices), np.asfortranarray(shell.faces.astype(np.int32)), faces

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from cageik_cli.cages.building.unit import sample_surface
+from cageik_cli.cages.building.unit import MAX_SAMPLES, SPACING
+from cageik_cli.cages.surface_points import sample_surface
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
@@ -35,7 +36,7 @@ class DistanceGrid:
     reach: float
 
     def positions(self, nodes: Integers) -> Floats:
-        """Places of nodes (k, 3)."""
+        """Return places of nodes (k, 3)."""
         return np.asarray(self.origin + self.cell * nodes)
 
 
@@ -57,8 +58,8 @@ def measure_grid(surface: TriMesh, cell: float, reach: float) -> DistanceGrid:
 
 
 def _coarse_distance(surface: TriMesh, origin: Floats, cell: float, shape: Integers) -> Floats:
-    """Distance from every node to the nearest node beside a point of the surface."""
-    samples = sample_surface(surface)
+    """Return distance from every node to the nearest node beside a point of the surface."""
+    samples = sample_surface(surface, SPACING, MAX_SAMPLES)
     node = np.rint((samples - origin) / cell).astype(np.int64)
     free = np.ones(tuple(shape), bool)
     free[tuple(node.T)] = False

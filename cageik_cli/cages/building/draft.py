@@ -15,7 +15,7 @@ from cageik_cli.util.arrays import Floats, Integers
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edit:
-    """Faces of a cage that give way to others, and a vertex that moves.
+    """Faces of a cage that others replace, and a vertex that moves.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Edit:
 
 
 class Draft:
-    """A cage that holds points with a clearance, and goes on doing so.
+    """A cage that keeps its clearance to points while it is edited.
 
     Parameters
     ----------
@@ -62,33 +62,33 @@ class Draft:
 
     @property
     def count(self) -> int:
-        """Vertices that are in a face."""
+        """Return vertices that are in a face."""
         return len(np.unique(self.faces))
 
     def to_mesh(self) -> TriMesh:
-        """The cage as it is, without the vertices that are in no face."""
+        """Return the cage as it is, without the vertices that are in no face."""
         used, faces = np.unique(self.faces, return_inverse=True)
         return TriMesh(self.vertices[used], faces.reshape(-1, 3))
 
     def faces_at(self, vertex: int) -> Integers:
-        """Numbers of the faces at a vertex."""
+        """Return numbers of the faces at a vertex."""
         return np.flatnonzero((self.faces == vertex).any(axis=1))
 
     def neighbours(self, vertex: int) -> Integers:
-        """The vertices that share an edge with one."""
+        """Return the vertices that share an edge with one."""
         around = np.unique(self.faces[self.faces_at(vertex)])
         return np.asarray(around[around != vertex])
 
     def angles(self, edit: Edit) -> Floats:
-        """Corner angles of the faces that an edit adds, (a, 3), degrees."""
+        """Return corner angles of the faces that an edit adds, (a, 3), degrees."""
         return corner_angles(self.patch(edit))
 
     def angles_before(self, edit: Edit) -> Floats:
-        """Corner angles of the faces that an edit removes, (r, 3), degrees."""
+        """Return corner angles of the faces that an edit removes, (r, 3), degrees."""
         return corner_angles(TriMesh(self.vertices, self.faces[edit.removed]))
 
     def take(self, edit: Edit) -> bool:
-        """Make the edit if the cage stays sound; whether it was made."""
+        """Make the edit if the cage stays sound; return whether it was made."""
         if not (self.keeps_clear(edit) and self._stays_apart(edit)):
             return False
         self.apply(edit)
@@ -115,7 +115,7 @@ class Draft:
         return middle
 
     def near_samples(self, edit: Edit) -> Floats:
-        """The samples that an edit may come near to, or leave outside, (k, 3)."""
+        """Return the samples that an edit may come near to, or leave outside, (k, 3)."""
         corners = self._corners(edit)
         low, high = corners.min(axis=0), corners.max(axis=0)
         middle, radius = (low + high) / 2, np.linalg.norm(high - low) / 2
@@ -124,7 +124,7 @@ class Draft:
         return np.asarray(near[inside])
 
     def keeps_clear(self, edit: Edit) -> bool:
-        """Whether new faces keep off the samples, and none changes sides."""
+        """Return whether new faces keep off the samples, and none changes sides."""
         samples = self.near_samples(edit)
         if len(samples) == 0:
             return True
@@ -137,7 +137,7 @@ class Draft:
         return bool((np.abs(change) < 0.5).all())
 
     def offsets(self, edit: Edit, samples: Floats) -> tuple[Floats, Floats]:
-        """How the moved vertex moves the faces at it against samples, and what they lack.
+        """Return how the moved vertex moves the faces at it against samples, and what they lack.
 
         Returns
         -------
@@ -160,19 +160,19 @@ class Draft:
         return share[:, None] * normal, signed + self.clearance
 
     def patch(self, edit: Edit) -> TriMesh:
-        """The faces that an edit adds."""
+        """Return the faces that an edit adds."""
         used, faces = np.unique(edit.added, return_inverse=True)
         vertices = self.vertices[used]
         vertices[used == edit.vertex] = edit.position
         return TriMesh(vertices, faces.reshape(-1, 3))
 
     def _corners(self, edit: Edit) -> Floats:
-        """All places where the edit changes something, (k, 3)."""
+        """Return all places where the edit changes something, (k, 3)."""
         around = np.unique(np.concatenate([edit.added, self.faces[edit.removed]]))
         return np.concatenate([self.vertices[around], edit.position[None]])
 
     def _stays_apart(self, edit: Edit) -> bool:
-        """Whether new faces meet no face but at the vertices and edges that they share."""
+        """Return whether new faces meet no face but at the vertices and edges that they share."""
         vertices = self.vertices.copy()
         vertices[edit.vertex] = edit.position
         rest = np.delete(self.faces, edit.removed, axis=0)

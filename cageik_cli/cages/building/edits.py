@@ -66,7 +66,7 @@ def settle(draft: Draft, edit: Edit) -> Edit:
 
 
 def least_move(directions: Floats, lack: Floats) -> Floats:
-    """The shortest x, (3,), with directions @ x ≥ lack; zero if there is none.
+    """Return the shortest x, (3,), with directions @ x ≥ lack; zero if there is none.
 
     Lawson and Hanson 1974, chapter 23: least distance programming, by its dual.
     """
@@ -80,5 +80,5 @@ def least_move(directions: Floats, lack: Floats) -> Floats:
 
 
 def _opposite(face: Floats, start: int, stop: int) -> int:
-    """The corner of a face that is not on an edge of it."""
+    """Return the corner of a face that is not on an edge of it."""
     return int(face[(face != start) & (face != stop)][0])

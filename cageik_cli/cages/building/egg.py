@@ -20,7 +20,7 @@ ROOM = 1.05
 
 
 def wrap_ellipsoid(demand: Demand, draws: int) -> TriMesh:
-    """A cage of as many vertices as may be, whatever the model is, drawn in `draws` times."""
+    """Return an ellipsoid of as many vertices as are allowed, drawn in `draws` times."""
     low, high = demand.surface.vertices.min(axis=0), demand.surface.vertices.max(axis=0)
     axes = np.maximum(high - low, FLATTEST * (high - low).max()) / 2
     unit, faces = _divide_sphere(demand.most)
@@ -39,7 +39,7 @@ def wrap_ellipsoid(demand: Demand, draws: int) -> TriMesh:
 
 
 def _divide_sphere(count: int) -> tuple[Floats, Integers]:
-    """Points spread evenly over the unit sphere on a spiral, and outward faces between them."""
+    """Spread points over the unit sphere on a spiral; return them and their outward faces."""
     k = np.arange(count) + 0.5
     z = 1 - 2 * k / count
     turn = np.pi * (1 + np.sqrt(5)) * k

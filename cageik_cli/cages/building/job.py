@@ -49,7 +49,7 @@ LADDER = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """What all candidates of a model share."""
+    """The data that all candidates of a model share."""
 
     unit: UnitModel
     demand: Demand
@@ -74,7 +74,7 @@ class Job:
         return Job(unit, demand, ladder, clip, motion, {})
 
     def try_shell(self, recipe: ShellRecipe, poses: Poses) -> Candidate | None:
-        """A candidate from a shell, None where the shell cannot be had."""
+        """Return a candidate from a shell; None if the grid carries no such shell."""
         shell = make_shell(self._grid_for(recipe), recipe)
         if shell is None:
             return None
@@ -85,7 +85,7 @@ class Job:
         return self._judged(name, cage, _shell_notes(shell, self.unit), recipe.offset)
 
     def try_ellipsoids(self) -> list[Candidate]:
-        """Loose candidates: an ellipsoid drawn in, and where that fails, as it is."""
+        """Return loose candidates: an ellipsoid drawn in, and where that fails, as it is."""
         notes = (
             "no cage that follows the model passed the tests; this is an ellipsoid drawn in, which "
             "expresses less: more vertices or a smaller clearance may help",
@@ -108,7 +108,7 @@ class Job:
         return self._judged(recipe, cage, candidate.notes, candidate.offset)
 
     def measured(self, candidate: Candidate) -> Candidate:
-        """The candidate with its error, if it is valid and there is a clip."""
+        """Return the candidate with its error, if it is valid and there is a clip."""
         if self.clip is None or not candidate.verdict.is_valid:
             return candidate
         return replace(candidate, error=self.clip.measure(candidate.cage))
@@ -122,7 +122,7 @@ class Job:
         return Candidate(recipe, placed, judge(back, self.demand), offset, notes=notes)
 
     def _grid_for(self, recipe: ShellRecipe) -> DistanceGrid:
-        """The grid on which a shell is made, measured when it is first needed."""
+        """Return the grid on which a shell is made, measured when it is first needed."""
         fine = recipe.offset < COARSE_OFFSET
         cell, reach = (FINE_CELL, FINE_REACH) if fine else (COARSE_CELL, COARSE_REACH)
         if cell not in self.grids:
@@ -131,7 +131,7 @@ class Job:
 
 
 def _shell_notes(shell: Shell, unit: UnitModel) -> tuple[str, ...]:
-    """What the shell had to close, where."""
+    """Return notes on what the shell closed, and where."""
     notes = []
     handles = 1 - euler_characteristic(shell.surface) // 2
     for count, what, places in (
@@ -145,5 +145,5 @@ def _shell_notes(shell: Shell, unit: UnitModel) -> tuple[str, ...]:
 
 
 def _places(points: Floats) -> str:
-    """Some places, such as (1, 2, 3)."""
+    """Return some places, such as (1, 2, 3)."""
     return join_truncated((f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in points), limit=3)

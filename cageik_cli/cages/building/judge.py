@@ -19,7 +19,7 @@ LOOK = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Demand:
-    """What a cage must do.
+    """The requirements on a cage.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Demand:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A cage in figures, and what speaks against it.
+    """The figures and the faults of a cage.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Verdict:
 
     @property
     def is_valid(self) -> bool:
-        """Whether nothing speaks against the cage."""
+        """Return whether the cage has no fault."""
         return not self.faults
 
 
@@ -91,7 +91,7 @@ def judge(cage: TriMesh, demand: Demand) -> Verdict:
 
 
 def _own_faults(cage: TriMesh, demand: Demand) -> tuple[str, ...]:
-    """What is wrong with the cage itself."""
+    """Return the faults of the cage itself."""
     count = len(cage.vertices)
     if not demand.fewest <= count <= demand.most:
         return (f"has {count} vertices, expected {demand.fewest} to {demand.most}",)
@@ -105,7 +105,7 @@ def _own_faults(cage: TriMesh, demand: Demand) -> tuple[str, ...]:
 
 
 def _holding_faults(cage: TriMesh, demand: Demand, clearance: float) -> tuple[str, ...]:
-    """What is wrong with the cage around the model."""
+    """Return the faults of the cage around the model."""
     outside = np.count_nonzero(winding_numbers(cage, demand.samples) < 0.5)
     if outside:
         return (f"leaves {outside} of {len(demand.samples)} surface points outside",)

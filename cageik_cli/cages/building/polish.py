@@ -35,7 +35,7 @@ PULL = 0.7
 
 
 def mend_angles(draft: Draft, fewest: int) -> int:
-    """Edit the faces whose smallest angle is below the goal, the worst first; how many edits."""
+    """Edit faces with angles below the goal, the worst first; return the number of edits."""
     angles = corner_angles(TriMesh(draft.vertices, draft.faces)).min(axis=1)
     worst = np.argsort(angles, kind="stable")
     made = 0
@@ -46,7 +46,7 @@ def mend_angles(draft: Draft, fewest: int) -> int:
 
 
 def lower_valences(draft: Draft) -> int:
-    """Flip edges at vertices that have too many; how many."""
+    """Flip edges at vertices that have too many; return how many were flipped."""
     made = 0
     for vertex in np.flatnonzero(_valences(draft) > LARGEST_VALENCE):
         for _ in range(6):
@@ -95,7 +95,7 @@ def refill(draft: Draft, count: int) -> None:
 
 
 def splits_well(draft: Draft, start: int, stop: int, valence: Integers, angle: float) -> bool:
-    """Whether halves of the faces at an edge have the angle, and the vertices across room."""
+    """Return whether halves of the faces at an edge have the angle, and vertices across room."""
     at = draft.faces_at(start)
     corners = draft.faces[at[(draft.faces[at] == stop).any(axis=1)]]
     across = corners[(corners != start) & (corners != stop)]
@@ -127,7 +127,7 @@ def _pull(draft: Draft, vertex: int, beside: Floats) -> bool:
 
 
 def _misfit(draft: Draft, edit: Edit, beside: Floats) -> float:
-    """Mean square of the samples' distance from the faces of an edit."""
+    """Return mean square of the samples' distance from the faces of an edit."""
     return float(np.mean(closest_points(draft.patch(edit), beside).distance ** 2))
 
 
@@ -144,13 +144,13 @@ def _take_best(draft: Draft, edits: list[Edit]) -> bool:
 
 
 def _gain(draft: Draft, edit: Edit) -> float:
-    """How much an edit raises the smallest angle where it is, up to the goal, degrees."""
+    """Return how much an edit raises the smallest angle where it is, up to the goal, degrees."""
     after = min(GOAL, float(draft.angles(edit).min()))
     return after - float(draft.angles_before(edit).min())
 
 
 def _angle_edits(draft: Draft, face: Integers, fewest: int) -> Iterator[Edit]:
-    """Edits that may better a face."""
+    """Return edits that may improve a face."""
     valence = _valences(draft)
     corners = draft.vertices[face]
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
@@ -170,7 +170,7 @@ def _angle_edits(draft: Draft, face: Integers, fewest: int) -> Iterator[Edit]:
 
 
 def _moves(draft: Draft, vertex: int) -> Iterator[Edit]:
-    """Moves of a vertex in its tangent plane, and outward."""
+    """Return moves of a vertex in its tangent plane, and outward."""
     around = draft.faces_at(vertex)
     corners = draft.vertices[draft.faces[around]]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
@@ -188,7 +188,7 @@ def _moves(draft: Draft, vertex: int) -> Iterator[Edit]:
 
 
 def _valences(draft: Draft) -> Integers:
-    """Faces at each vertex, which are as many as its edges."""
+    """Return faces at each vertex, which are as many as its edges."""
     return np.bincount(draft.faces.ravel(), minlength=len(draft.vertices))
 
 

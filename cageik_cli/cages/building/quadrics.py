@@ -10,7 +10,7 @@ from cageik_cli.util.arrays import Floats, Integers
 
 
 def vertex_quadrics(mesh: TriMesh) -> Floats:
-    """Sum over the faces at a vertex of area times p pᵀ, p the plane of the face, (n, 4, 4)."""
+    """Sum area times p pᵀ over the faces at each vertex, p the plane of the face, (n, 4, 4)."""
     corners = mesh.vertices[mesh.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     double = np.linalg.norm(normal, axis=1, keepdims=True)
@@ -24,7 +24,7 @@ def vertex_quadrics(mesh: TriMesh) -> Floats:
 
 
 def collapse_costs(quadrics: Floats, vertices: Floats, ends: Integers) -> tuple[Floats, Floats]:
-    """Cost and best place of every collapse, (e,) and (e, 3)."""
+    """Return cost and best place of every collapse, (e,) and (e, 3)."""
     total = quadrics[ends[:, 0]] + quadrics[ends[:, 1]]
     middle = vertices[ends].mean(axis=1)
     length = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)

@@ -1,4 +1,4 @@
-"""What is asked of the builder, what was tried, and what came of it."""
+"""The input of the builder, its candidates and its result."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from cageik_cli.util.arrays import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clip:
-    """What a cage is built for.
+    """The animation that a cage is built for.
 
     Attributes
     ----------
@@ -32,9 +32,9 @@ class Candidate:
     Attributes
     ----------
     recipe : str
-        How it was made.
+        The shell it was made from, and the changes since.
     cage : TriMesh
-        In file units; fit to be handed out only if the verdict says so.
+        File units; usable only if the verdict is valid.
     verdict : Verdict
         Lengths in diagonals of the model.
     offset : float
@@ -42,7 +42,7 @@ class Candidate:
     error : float, optional
         On the animation; None where nothing was measured.
     notes : tuple of str
-        What had to be done to the model's surface, a sentence each.
+        Changes to the surface of the model, a sentence each.
     """
 
     recipe: str
@@ -55,21 +55,34 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BuiltCage:
-    """A cage around a model, and how it was come by.
+    """A cage that was built around a model.
 
     Attributes
     ----------
     cage : TriMesh
         Closed, manifold, outward, of one component, around the whole surface; file units.
     chosen : Candidate
-        The one it is.
+        The candidate that was taken.
     candidates : tuple of Candidate
-        All that were tried, in order.
+        All candidates, in the order in which they were tried.
     notes : tuple of str
-        What the user should know, a sentence each, places in file units.
+        Warnings, a sentence each, with places in file units.
+
+    Examples
+    --------
+    >>> from cageik_cli import build_cage, load_mesh
+    >>> build_cage(load_mesh("data_fixtures/walker/frames/walker_1.obj"), vertices=40)
+    <BuiltCage: 40 vertices, 76 triangles, best of 1 candidate, 0 notes>
     """
 
     cage: TriMesh
     chosen: Candidate
     candidates: tuple[Candidate, ...]
     notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        tried, notes = len(self.candidates), len(self.notes)
+        return (
+            f"<BuiltCage: {len(self.cage.vertices)} vertices, {len(self.cage.faces)} triangles, "
+            f"best of {tried} candidate{'s' * (tried != 1)}, {notes} note{'s' * (notes != 1)}>"
+        )

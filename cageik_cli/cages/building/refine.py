@@ -25,7 +25,7 @@ COMPLETIONS = 6
 
 
 def refine_shell(shell: TriMesh, demand: Demand, poses: Poses) -> TriMesh:
-    """Make a cage of a shell; whether it is one is for the judge to say."""
+    """Make a cage of a shell; the judge decides whether it is valid."""
     cage = shell
     for count in stages(demand.most):
         if count < len(cage.vertices):
@@ -35,7 +35,7 @@ def refine_shell(shell: TriMesh, demand: Demand, poses: Poses) -> TriMesh:
 
 
 def finish(cage: TriMesh, demand: Demand) -> TriMesh:
-    """Better the angles and the fit, and see to the clearance on all of the surface."""
+    """Improve the angles and the fit, and complete the clearance on the whole surface."""
     if len(cage.vertices) > demand.most:
         return cage
     cage, samples = complete_clearance(cage, demand, demand.samples, rounds=1)

@@ -25,7 +25,7 @@ FEWEST_NODES = 8
 
 @dataclass(frozen=True, slots=True)
 class ShellRecipe:
-    """How far a shell keeps off, in diagonals.
+    """The distances of a shell, in diagonals.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class ShellRecipe:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shell:
-    """A shell, and what it had to close.
+    """A shell, and the places that it closes.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Shell:
 
 
 def make_shell(grid: DistanceGrid, recipe: ShellRecipe) -> Shell | None:
-    """The shell by a recipe, None if the grid cannot carry it as a closed manifold."""
+    """Return the shell by a recipe, None if the grid cannot carry it as a closed manifold."""
     field = shell_field(grid, recipe)
     bridges = find_bridges(grid, field < 0)
     if bridges is None:
@@ -77,7 +77,7 @@ def make_shell(grid: DistanceGrid, recipe: ShellRecipe) -> Shell | None:
 
 
 def shell_field(grid: DistanceGrid, recipe: ShellRecipe) -> Floats:
-    """A continuous function of the nodes, negative inside the shell.
+    """Return a continuous function of the nodes, negative inside the shell.
 
     What cannot be reached from outside, at a distance of offset + closing, is filled; the filled
     body loses a layer of the closing again, wherever the offset does not need it.
@@ -92,13 +92,13 @@ def shell_field(grid: DistanceGrid, recipe: ShellRecipe) -> Floats:
 
 
 def _reach(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The nodes that can be reached from the grid's corner through free ones."""
+    """Return the nodes that can be reached from the grid's corner through free ones."""
     parts, _ = ndimage.label(free)
     return np.asarray(parts == parts[0, 0, 0])
 
 
 def _closed_places(grid: DistanceGrid, field: Floats, recipe: ShellRecipe) -> tuple[Floats, Floats]:
-    """Where hollows were filled and parts were joined, (h, 3) and (w, 3)."""
+    """Return where hollows were filled and parts were joined, (h, 3) and (w, 3)."""
     added = (field < 0) & _reach(grid.distance > recipe.offset)
     wide = recipe.offset + recipe.closing
     return (
@@ -108,7 +108,7 @@ def _closed_places(grid: DistanceGrid, field: Floats, recipe: ShellRecipe) -> tu
 
 
 def _centres(grid: DistanceGrid, chosen: NDArray[np.bool_]) -> Floats:
-    """Centres of the connected parts of more than a few nodes, the largest first, (k, 3)."""
+    """Return centres of the connected parts of more than a few nodes, the largest first, (k, 3)."""
     parts, count = ndimage.label(chosen)
     if count == 0:
         return np.empty((0, 3))
@@ -120,7 +120,7 @@ def _centres(grid: DistanceGrid, chosen: NDArray[np.bool_]) -> Floats:
 
 
 def _march(grid: DistanceGrid, field: Floats) -> TriMesh | None:
-    """The surface where the field is zero, by marching cubes; None if it is not manifold."""
+    """Return the surface where the field is zero, by marching cubes; None if it is not manifold."""
     # A node on the surface would make faces without area.
     field = np.where(np.abs(field) < 1e-3 * grid.cell, 1e-3 * grid.cell, field)
     # libigl counts nodes with x first.
@@ -135,7 +135,7 @@ def _march(grid: DistanceGrid, field: Floats) -> TriMesh | None:
 
 
 def _outermost(surface: TriMesh) -> TriMesh:
-    """The component with the largest box, faces turned outward."""
+    """Return the component with the largest box, faces turned outward."""
     part = surface.components
     size = np.zeros(part.max() + 1)
     for k in range(len(size)):

@@ -31,7 +31,7 @@ WORTH = 0.5
 
 
 def shift_vertices(cage: TriMesh, demand: Demand, motion: Motion) -> tuple[TriMesh, int]:
-    """Collapse edges that a motion needs least, and split as many others where it gains most.
+    """Collapse the edges that a motion needs least, and split as many where it gains most.
 
     Returns
     -------
@@ -87,7 +87,6 @@ class _Round:
 
     def run(self, count: int, most: int) -> int:
         """Move up to `count` vertices, to `most` vertices in all; return how many were added."""
-        """Move up to `count` vertices; return how many were moved."""
         order = np.argsort(-self.gains.gains, kind="stable")
         splits = [k for k in order if self._is_splittable(*self.gains.splits[k])]
         splits = splits[self.skipped :]
@@ -127,7 +126,7 @@ class _Round:
         return True
 
     def _around_edge(self, start: int, stop: int) -> Integers:
-        """The vertices of the faces at an edge."""
+        """Return the vertices of the faces at an edge."""
         at = self.draft.faces_at(int(start))
         return np.unique(self.draft.faces[at[(self.draft.faces[at] == stop).any(axis=1)]])
 

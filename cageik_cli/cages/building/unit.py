@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cageik_cli.cages.surface_points import sample_surface
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import degenerate_face_mask
 from cageik_cli.util.arrays import Floats, Integers
@@ -12,7 +13,7 @@ from cageik_cli.util.errors import FormatError
 SPACING = 0.01
 """Distance of surface points, in diagonals."""
 
-MOST_SAMPLES = 150_000
+MAX_SAMPLES = 150_000
 """Surface points are spaced further apart when there would be more."""
 
 SLIVER = 1e-7
@@ -41,7 +42,7 @@ class UnitModel:
     scale: float
 
     def to_units(self, points: Floats) -> Floats:
-        """Places in file units, (..., 3), in units of the model."""
+        """Return places in file units, (..., 3), in units of the model."""
         return np.asarray((points - self.centre) / self.scale)
 
     def to_file_units(self, points: Floats) -> Floats:
@@ -62,37 +63,15 @@ def normalize_model(model: TriMesh) -> UnitModel:
     low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
     centre = low + (high - low) / 2
     surface = _widen_slivers(TriMesh((model.vertices - centre) / model.diagonal, model.faces))
-    samples = thin_points(sample_surface(surface), SPACING)
+    samples = thin_points(sample_surface(surface, SPACING, MAX_SAMPLES), SPACING)
     return UnitModel(surface, samples, centre, model.diagonal)
 
 
-def sample_surface(surface: TriMesh) -> Floats:
-    """The vertices of a surface, and points on the faces that are larger than `SPACING`."""
-    corners = surface.vertices[surface.faces]
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(normals, axis=1).sum() / 2
-    spacing = max(SPACING, float(np.sqrt(area / MOST_SAMPLES)))
-    parts = np.ceil(sides / spacing).astype(np.int64)
-    points = [surface.vertices]
-    for count in np.unique(parts[parts > 1]):
-        points.append(_grid_points(corners[parts == count], int(count)))
-    return np.concatenate(points)
-
-
 def thin_points(points: Floats, cell: float) -> Floats:
-    """The first of the points in each cell of a grid, in their order."""
+    """Return the first of the points in each cell of a grid, in their order."""
     cells = np.floor(points / cell).astype(np.int64)
     first = np.unique(cells, axis=0, return_index=True)[1]
     return np.asarray(points[np.sort(first)])
-
-
-def _grid_points(corners: Floats, parts: int) -> Floats:
-    """Points on triangles (k, 3, 3) whose sides are divided in `parts`, without the corners."""
-    i, j = np.divmod(np.arange((parts + 1) ** 2), parts + 1)
-    kept = (i + j <= parts) & (np.maximum(np.maximum(i, j), parts - i - j) < parts)
-    weights = np.stack([i, j, parts - i - j], axis=1)[kept] / parts
-    return np.asarray(np.einsum("pc,kcx->kpx", weights, corners).reshape(-1, 3))
 
 
 def _widen_slivers(mesh: TriMesh) -> TriMesh:
@@ -112,7 +91,7 @@ def _widen_slivers(mesh: TriMesh) -> TriMesh:
 
 
 def add_segments(mesh: TriMesh | None, vertices: Floats, ends: Floats) -> TriMesh:
-    """The mesh (or the vertices alone) with a thin triangle for every segment (k, 2, 3)."""
+    """Return the mesh (or the vertices alone) with a thin triangle for every segment (k, 2, 3)."""
     along = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1, keepdims=True)
     along = np.where(length > SLIVER, along / np.where(length > 0, length, 1), [[1.0, 0, 0]])
@@ -127,7 +106,7 @@ def add_segments(mesh: TriMesh | None, vertices: Floats, ends: Floats) -> TriMes
 
 
 def _longest_sides(mesh: TriMesh, faces: Integers) -> Integers:
-    """The ends of the longest side of each of these faces, (k, 2)."""
+    """Return the ends of the longest side of each of these faces, (k, 2)."""
     corners = mesh.faces[faces]
     ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
     lengths = np.linalg.norm(mesh.vertices[ends[:, :, 0]] - mesh.vertices[ends[:, :, 1]], axis=2)

@@ -51,7 +51,7 @@ class Draft:
 
     @property
     def origins(self) -> Integers:
-        """The number in the cage given of each vertex, the first of those merged."""
+        """Return the number in the cage given of each vertex, the first of those merged."""
         numbers = np.arange(len(self.vertex_map))[::-1]
         origins = np.full(len(self.mesh.vertices), -1)
         kept = self.vertex_map[::-1] >= 0
@@ -59,12 +59,12 @@ class Draft:
         return origins
 
     def change(self, mesh: PolygonMesh, step: RepairStep) -> "Draft":
-        """The draft after a step that leaves the numbers of the vertices."""
+        """Return the draft after a step that leaves the numbers of the vertices."""
         return replace(self, mesh=mesh, steps=(*self.steps, step))
 
 
 def tidy_faces(draft: Draft, samples: Floats, max_hole_edges: int) -> Draft:
-    """Run every step on the faces, in an order in which causes go before what follows of them."""
+    """Run every step on the faces: causes come before their effects."""
     draft = merge_vertices(draft)
     draft = drop_repeated_faces(draft)
     draft = drop_fins(draft)
@@ -77,7 +77,7 @@ def tidy_faces(draft: Draft, samples: Floats, max_hole_edges: int) -> Draft:
 
 
 def merge_vertices(draft: Draft) -> Draft:
-    """Make one of vertices at one place: of all, or if that ties a knot, of those on open edges."""
+    """Merge vertices at one place: all, or those on open edges if all would not stay manifold."""
     mesh = draft.mesh
     if len(replace_corners(mesh, np.arange(len(mesh.vertices))).corners) == 0:
         raise CageError("all faces of the cage have a vertex twice; nothing of it would be left")
@@ -220,7 +220,7 @@ def _find_held(part: PolygonMesh, samples: Floats) -> NDArray[np.bool_]:
 
 
 def _total_volume(mesh: PolygonMesh) -> float:
-    """The absolute volume of a cage with its faces turned alike."""
+    """Return the absolute volume of a cage with its faces turned alike."""
     alike = mesh.turn(find_turned(mesh))
     return float(abs(signed_volumes(alike.vertices[None], alike.triangles.faces)[0]))
 
@@ -234,5 +234,5 @@ def _plural(noun: str, count: int) -> str:
 
 
 def start_draft(cage: TriMesh, corner_counts: Integers | None) -> Draft:
-    """A draft of a cage as it was given."""
+    """Return a draft of a cage as it was given."""
     return Draft(PolygonMesh.from_fans(cage, corner_counts), np.arange(len(cage.vertices)))

@@ -10,7 +10,7 @@ from cageik_cli.util.arrays import Floats, Integers
 
 
 def find_holes(mesh: PolygonMesh) -> list[Integers]:
-    """The loops of open edges, each turned as the face that would close it.
+    """Return the loops of open edges, each turned as the face that would close it.
 
     Loops that pass a vertex twice are left out.
     """
@@ -42,7 +42,7 @@ def close_hole(mesh: PolygonMesh, loop: Integers) -> PolygonMesh:
 
 
 def _fill_polygon(points: Floats) -> Integers:
-    """The triangles of least total area over a polygon (k, 3): numbers of corners, (k − 2, 3).
+    """Return the triangles of least area over a polygon (k, 3): numbers of corners, (k − 2, 3).
 
     Dynamic programming over its chords, Barequet and Sharir 1995.
     """

@@ -20,7 +20,7 @@ from cageik_cli.util.arrays import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """What speaks against a cage.
+    """The faults of a cage.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Judgement:
 
     @property
     def is_fit(self) -> bool:
-        """Whether the cage is sound and holds the whole surface of the model."""
+        """Return whether the cage is sound and holds the whole surface of the model."""
         return not self.faults
 
 

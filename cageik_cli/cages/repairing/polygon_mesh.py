@@ -67,22 +67,22 @@ class PolygonMesh:
 
     @cached_property
     def rings(self) -> list[Integers]:
-        """The corners of each polygon."""
+        """Return the corners of each polygon."""
         return np.split(self.corners, np.cumsum(self.corner_counts)[:-1])
 
     @cached_property
     def polygon_numbers(self) -> Integers:
-        """The polygon of each corner, (c,)."""
+        """Return the polygon of each corner, (c,)."""
         return np.repeat(np.arange(len(self.corner_counts)), self.corner_counts)
 
     @cached_property
     def triangle_polygons(self) -> Integers:
-        """The polygon of each triangle, (f,)."""
+        """Return the polygon of each triangle, (f,)."""
         return np.repeat(np.arange(len(self.corner_counts)), self.corner_counts - 2)
 
     @cached_property
     def next_corners(self) -> Integers:
-        """The corner that follows each in its ring, (c,)."""
+        """Return the corner that follows each in its ring, (c,)."""
         starts = np.cumsum(self.corner_counts) - self.corner_counts
         following = np.roll(self.corners, -1)
         following[starts + self.corner_counts - 1] = self.corners[starts]
@@ -90,7 +90,7 @@ class PolygonMesh:
 
     @cached_property
     def triangles(self) -> TriMesh:
-        """The fans of the polygons at their first corners."""
+        """Return the fans of the polygons at their first corners."""
         counts = self.corner_counts - 2
         first = np.repeat(np.cumsum(self.corner_counts) - self.corner_counts, counts)
         place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -99,7 +99,7 @@ class PolygonMesh:
 
     @cached_property
     def is_folded(self) -> NDArray[np.bool_]:
-        """Which polygons have a fan that folds over, (p,)."""
+        """Return which polygons have a fan that folds over, (p,)."""
         mesh = self.triangles
         a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
         areas = np.cross(b - a, c - a)
@@ -110,16 +110,16 @@ class PolygonMesh:
         return np.asarray(np.minimum.reduceat(turned, starts) < allowed, np.bool_)
 
     def move(self, vertices: Floats) -> "PolygonMesh":
-        """The same polygons with their vertices elsewhere."""
+        """Return the same polygons with their vertices elsewhere."""
         return PolygonMesh(vertices, self.corners, self.corner_counts)
 
     def keep(self, chosen: NDArray[np.bool_]) -> "PolygonMesh":
-        """Only the chosen polygons, all vertices."""
+        """Return only the chosen polygons, all vertices."""
         corners = self.corners[chosen[self.polygon_numbers]]
         return PolygonMesh(self.vertices, corners, self.corner_counts[chosen])
 
     def turn(self, chosen: NDArray[np.bool_]) -> "PolygonMesh":
-        """The chosen polygons seen from their other side; first corners and diagonals stay."""
+        """Turn the chosen polygons over; first corners and diagonals stay."""
         rings = [
             np.concatenate([ring[:1], ring[:0:-1]]) if turned else ring
             for ring, turned in zip(self.rings, chosen, strict=True)

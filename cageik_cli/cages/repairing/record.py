@@ -13,7 +13,7 @@ from cageik_cli.util.arrays import Floats, Integers
 
 @dataclass(frozen=True, slots=True)
 class RepairSettings:
-    """How far a repair may go.
+    """The limits of a repair.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class RepairSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RepairStep:
-    """One thing that was done.
+    """One change of a repair.
 
     Attributes
     ----------
@@ -88,20 +88,20 @@ class RepairedCage:
 
     @property
     def cage(self) -> TriMesh:
-        """The triangles to compute with, outward if the cage is fit."""
+        """Return the triangles to compute with, outward if the cage is fit."""
         return self.mesh.triangles
 
     @property
     def is_fit(self) -> bool:
-        """Whether the cage is sound and holds the whole surface of the model."""
+        """Return whether the cage is sound and holds the whole surface of the model."""
         return not self.faults
 
     @property
     def max_move(self) -> float:
-        """How far the vertex that was moved furthest was, file units."""
+        """Return how far the vertex that was moved furthest was, file units."""
         return float(np.linalg.norm(self.moves, axis=1).max())
 
     @property
     def moved_vertices(self) -> Integers:
-        """Numbers of the vertices that were moved, in the repaired cage."""
+        """Return numbers of the vertices that were moved, in the repaired cage."""
         return np.flatnonzero((self.moves != 0).any(axis=1))

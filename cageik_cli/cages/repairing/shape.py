@@ -6,13 +6,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cageik_cli.cages.repairing.push import Clearance, find_contacts, push_outward
-from cageik_cli.cages.repairing.samples import divide_triangles
 from cageik_cli.cages.repairing.untangle import (
     find_local_tangle,
     find_star_box,
     find_tangle,
     untangle,
 )
+from cageik_cli.cages.surface_points import divide_triangles
 from cageik_cli.geometry.intersections import crossing_face_pairs
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points
@@ -30,7 +30,7 @@ MAX_PARTS = 40
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Target:
-    """What a cage must hold.
+    """The points and faces that a cage must hold.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """Positions of a cage, and how they came about.
+    """Positions of a cage, and the moves that led to them.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Shape:
 
     @property
     def moves(self) -> Floats:
-        """How far each vertex was moved, (n, 3)."""
+        """Return how far each vertex was moved, (n, 3)."""
         return self.untangled + self.pushed
 
 
@@ -96,7 +96,7 @@ def fit_shape(cage: TriMesh, target: Target, progress: Callable[[int, int], None
 
 
 def count_faults(cage: TriMesh, target: Target) -> int:
-    """Faces of the cage that cross others, points outside, and crossing faces of the model."""
+    """Count crossing faces of the cage, points outside, and crossing faces of the model."""
     reach = replace(target.clearance, least=0.0)
     outside = len(find_contacts(cage, target.samples, reach).missing)
     return find_tangle(cage).size + outside + len(_find_crossing_faces(cage, target.model))
@@ -120,13 +120,13 @@ def _push_shape(shape: Shape, target: Target) -> Shape:
 
 
 def _find_crossing_faces(cage: TriMesh, model: TriMesh) -> Floats:
-    """Corners of the model's faces that cross the cage, (k, 3, 3)."""
+    """Return corners of the model's faces that cross the cage, (k, 3, 3)."""
     pairs = crossing_face_pairs(model, cage, 0.0)
     return model.vertices[model.faces[np.unique(pairs[:, 0])]]
 
 
 def _add_crossing_samples(cage: TriMesh, target: Target) -> Target:
-    """With firm points on the faces of the model that cross the cage."""
+    """Add firm points on the faces of the model that cross the cage."""
     corners = _find_crossing_faces(cage, target.model)
     if len(corners) == 0:
         return target
@@ -171,7 +171,7 @@ def _return_group(
 def _try_return(
     shape: Shape, original: TriMesh, target: Target, group: Integers, share: float
 ) -> Shape | None:
-    """The shape with vertices moved back by a share of their moves; None if it is not fit."""
+    """Move vertices back by a share of their moves; return None if that shape is not fit."""
     scale = np.ones((len(shape.moves), 1))
     scale[group] = 1 - share
     moved = replace(shape, untangled=shape.untangled * scale, pushed=shape.pushed * scale)
@@ -182,7 +182,7 @@ def _try_return(
 
 
 def _stays_fit(before: TriMesh, after: TriMesh, group: Integers, target: Target) -> bool:
-    """Whether a cage that was fit still is when some vertices were moved.
+    """Return whether a cage that was fit still is when some vertices were moved.
 
     Only what is near the faces around them, before or after, can have changed.
     """

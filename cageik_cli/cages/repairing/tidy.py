@@ -20,7 +20,7 @@ Booleans = NDArray[np.bool_]
 
 
 def find_coincident(vertices: Floats, candidates: Integers) -> Integers:
-    """The first vertex at the place of each, (n,); those that are no candidates stay themselves."""
+    """Return the first vertex at the place of each, (n,); others than candidates stay."""
     reach = MERGE_TOL * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     pairs = cKDTree(vertices[candidates]).query_pairs(reach, output_type="ndarray")
     ends = candidates[pairs].reshape(-1, 2)
@@ -46,14 +46,14 @@ def replace_corners(mesh: PolygonMesh, target: Integers) -> PolygonMesh:
 
 
 def find_repeated(mesh: PolygonMesh) -> Booleans:
-    """Which polygons have the vertices of one before them, (p,)."""
+    """Return which polygons have the vertices of one before them, (p,)."""
     keys = [tuple(sorted(ring.tolist())) for ring in mesh.rings]
     first = dict(zip(reversed(keys), reversed(range(len(keys))), strict=True))
     return np.array([first[key] != number for number, key in enumerate(keys)], bool)
 
 
 def drop_unreferenced(mesh: PolygonMesh) -> tuple[PolygonMesh, Integers]:
-    """Without the vertices in no face; the new number of each old vertex, −1 if it went."""
+    """Drop the vertices in no face; return the new number of each old vertex, −1 if dropped."""
     used = np.unique(mesh.corners)
     numbers = np.full(len(mesh.vertices), -1)
     numbers[used] = np.arange(len(used))
@@ -61,7 +61,7 @@ def drop_unreferenced(mesh: PolygonMesh) -> tuple[PolygonMesh, Integers]:
 
 
 def count_edge_uses(mesh: PolygonMesh) -> tuple[Integers, Integers]:
-    """How many polygons have the edge that begins at each corner, (c,), and its number, (c,)."""
+    """Count the polygons at the edge that begins at each corner, (c,); return its number, too."""
     ends = np.sort(np.stack([mesh.corners, mesh.next_corners], axis=1), axis=1)
     _, edge = np.unique(ends, axis=0, return_inverse=True)
     edge = edge.ravel()
@@ -69,7 +69,7 @@ def count_edge_uses(mesh: PolygonMesh) -> tuple[Integers, Integers]:
 
 
 def count_topology_faults(mesh: PolygonMesh) -> int:
-    """Edges that have not two polygons, and parts of vertices that touch in a point."""
+    """Return edges that have not two polygons, and parts of vertices that touch in a point."""
     uses, edge = count_edge_uses(mesh)
     _, first = np.unique(edge, return_index=True)
     # Corners of one vertex on one edge are joined; a vertex has one such group for each fan.
@@ -86,7 +86,7 @@ def count_topology_faults(mesh: PolygonMesh) -> int:
 
 
 def _find_next_places(mesh: PolygonMesh) -> Integers:
-    """Where the corner that follows each in its ring stands, (c,)."""
+    """Return where the corner that follows each in its ring stands, (c,)."""
     starts = np.cumsum(mesh.corner_counts) - mesh.corner_counts
     after = np.arange(len(mesh.corners)) + 1
     after[starts + mesh.corner_counts - 1] = starts
@@ -94,13 +94,13 @@ def _find_next_places(mesh: PolygonMesh) -> Integers:
 
 
 def find_boundary_vertices(mesh: PolygonMesh) -> Integers:
-    """Vertices on edges that have not two polygons."""
+    """Return vertices on edges that have not two polygons."""
     uses, _ = count_edge_uses(mesh)
     return np.unique(np.concatenate([mesh.corners[uses != 2], mesh.next_corners[uses != 2]]))
 
 
 def find_fins(mesh: PolygonMesh) -> Booleans:
-    """Polygons that stand on an edge which two others share, and are open elsewhere, (p,)."""
+    """Find polygons on an edge which two others share, that are open elsewhere, (p,)."""
     fins = np.zeros(len(mesh.corner_counts), bool)
     while True:
         rest = mesh.keep(~fins)
@@ -117,7 +117,7 @@ def find_fins(mesh: PolygonMesh) -> Booleans:
 
 
 def label_patches(mesh: PolygonMesh) -> Integers:
-    """Number of the patch of each polygon, (p,): polygons joined by edges that only they have."""
+    """Number the patch of each polygon, (p,): two polygons that alone share an edge share it."""
     first, second, _ = _find_neighbours(mesh)
     size = len(mesh.corner_counts)
     graph = sparse.coo_array((np.ones(len(first)), (first, second)), shape=(size, size))
@@ -125,7 +125,7 @@ def label_patches(mesh: PolygonMesh) -> Integers:
 
 
 def find_turned(mesh: PolygonMesh) -> Booleans:
-    """Which polygons to turn so that neighbours face alike, (p,); the fewest of each patch.
+    """Return which polygons to turn so that neighbours face alike, (p,); the fewest of each patch.
 
     Each polygon is two nodes, as it is and turned; neighbours that agree tie like to like. A
     patch that has no sides, such as a Möbius strip, stays as it is.
@@ -143,12 +143,12 @@ def find_turned(mesh: PolygonMesh) -> Booleans:
 
 
 def _breaks_tie(as_is: Integers, turned: Integers, votes: Integers) -> Booleans:
-    """Of patches that are half this way, half that, turn the half with the larger label."""
+    """Return whether a patch is turned that ties with its counterpart: the larger label is."""
     return np.asarray((votes[turned] == votes[as_is]) & (as_is > turned), np.bool_)
 
 
 def find_inward(mesh: PolygonMesh) -> Booleans:
-    """Which polygons belong to closed components of negative volume, (p,)."""
+    """Return which polygons belong to closed components of negative volume, (p,)."""
     uses, _ = count_edge_uses(mesh)
     label = label_patches(mesh)
     inward = np.zeros(len(label), bool)
@@ -161,7 +161,7 @@ def find_inward(mesh: PolygonMesh) -> Booleans:
 
 
 def _find_neighbours(mesh: PolygonMesh) -> tuple[Integers, Integers, Booleans]:
-    """Pairs of polygons that alone share an edge, and whether they pass it in opposite ways."""
+    """Find pairs of polygons that alone share an edge, and whether they pass it oppositely."""
     uses, edge = count_edge_uses(mesh)
     chosen = np.flatnonzero(uses == 2)
     sides = chosen[np.argsort(edge[chosen], kind="stable")].reshape(-1, 2)

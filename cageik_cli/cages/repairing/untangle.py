@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cageik_cli.cages.relaxation import move_to_neighbours
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import degenerate_face_mask
@@ -36,7 +37,7 @@ class Tangle:
 
     @property
     def size(self) -> int:
-        """How much is wrong: 0 for a cage that is free of it."""
+        """Return how much is wrong: 0 for a cage that is free of it."""
         return len(self.faces)
 
 
@@ -47,7 +48,7 @@ def find_tangle(cage: TriMesh) -> Tangle:
 
 
 def find_local_tangle(cage: TriMesh, low: Floats, high: Floats) -> Tangle:
-    """The tangle of the faces alone that reach into the box between `low` and `high`, (3,) each.
+    """Find the tangle of the faces that reach into the box between `low` and `high`, (3,).
 
     Of vertices that move within a box, nothing else changes.
     """
@@ -60,7 +61,7 @@ def find_local_tangle(cage: TriMesh, low: Floats, high: Floats) -> Tangle:
 
 
 def find_star_box(cage: TriMesh, group: Integers, others: Floats) -> tuple[Floats, Floats]:
-    """The box of the faces around vertices, and of `others`, (k, 3), where these were or go."""
+    """Return the box of the faces around vertices and of `others`, their other places (k, 3)."""
     star = cage.faces[np.isin(cage.faces, group).any(axis=1)]
     points = np.concatenate([cage.vertices[star].reshape(-1, 3), others])
     return points.min(axis=0), points.max(axis=0)
@@ -80,7 +81,7 @@ def untangle(cage: TriMesh) -> TriMesh:
         if tangle.size == 0:
             break
         chosen = np.unique(cage.faces[tangle.faces])
-        cage = TriMesh(_move_to_neighbours(cage, chosen, 0.5), cage.faces)
+        cage = TriMesh(move_to_neighbours(cage, chosen, 0.5), cage.faces)
     return best
 
 
@@ -97,16 +98,16 @@ def _move_single_vertices(cage: TriMesh) -> TriMesh:
 
 
 def _find_best_move(cage: TriMesh, tangle: Tangle) -> TriMesh | None:
-    """The move of one vertex that resolves most crossings for its length; None if none does."""
+    """Find the move of a vertex that resolves most crossings for its length; None without one."""
     share = np.bincount(cage.faces[tangle.faces].ravel(), minlength=len(cage.vertices))
     order = np.argsort(-share, kind="stable")[:MAX_CANDIDATES]
     best, most = None, 0.0
     for vertex in order[share[order] > 0].tolist():
         chosen = np.array([vertex])
-        box = find_star_box(cage, chosen, _move_to_neighbours(cage, chosen, max(STEPS))[chosen])
+        box = find_star_box(cage, chosen, move_to_neighbours(cage, chosen, max(STEPS))[chosen])
         before = find_local_tangle(cage, *box).size
         for step in STEPS:
-            moved = TriMesh(_move_to_neighbours(cage, chosen, step), cage.faces)
+            moved = TriMesh(move_to_neighbours(cage, chosen, step), cage.faces)
             gain = before - find_local_tangle(moved, *box).size
             way = float(np.linalg.norm(moved.vertices[vertex] - cage.vertices[vertex]))
             # A long move must be worth it; a short one is not free either.
@@ -114,17 +115,3 @@ def _find_best_move(cage: TriMesh, tangle: Tangle) -> TriMesh | None:
             if gain > 0 and merit > most:
                 best, most = moved, merit
     return best
-
-
-def _move_to_neighbours(cage: TriMesh, chosen: Integers, step: float) -> Floats:
-    """The vertices, the chosen ones moved a share of the way to the mean of their neighbours."""
-    ends = cage.edges.ends
-    both = np.concatenate([ends, ends[:, ::-1]])
-    both = both[np.isin(both[:, 0], chosen)]
-    count = np.bincount(both[:, 0], minlength=len(cage.vertices))
-    total = np.zeros_like(cage.vertices)
-    np.add.at(total, both[:, 0], cage.vertices[both[:, 1]])
-    vertices = cage.vertices.copy()
-    mean = total[chosen] / np.maximum(count[chosen], 1)[:, None]
-    vertices[chosen] += step * (mean - vertices[chosen])
-    return vertices

@@ -8,7 +8,7 @@ import click
 
 from cageik_cli.cli.options.common import PATH_TYPE, usage_errors
 from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.formats.base.settings import LAYOUTS, ClipSettings
+from cageik_cli.formats.base.settings import AUTO, LAYOUTS, ClipSettings, RestFrame
 from cageik_cli.formats.scene import UP_AXES, SceneHints
 
 
@@ -86,12 +86,34 @@ SCENE_OPTIONS = OptionGroup(
 rest_option = click.option(
     "--rest", type=PATH_TYPE, help="Mesh of the rest pose.  [default: the first frame]"
 )
+
+
+class RestFrameType(click.ParamType):  # type: ignore[type-arg]  # as above
+    """The number of a frame, or `auto`."""
+
+    name = "rest frame"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> RestFrame:
+        """Parse the text."""
+        if value == AUTO:
+            return AUTO
+        if not re.fullmatch(r"-?\d{1,9}", str(value).strip()):
+            self.fail(f"{value!r} is not the number of a frame, or {AUTO}", param, ctx)
+        return int(value)
+
+
 rest_frame_option = click.option(
-    "--rest-frame", type=int, help="Number of the frame that is the rest pose, from 0."
+    "--rest-frame",
+    type=RestFrameType(),
+    metavar=f"K|{AUTO}",
+    help="Number of the frame that is the rest pose, from 0, or auto: the frame in which the "
+    "fewest parts touch.",
 )
 
 
-def choose_rest_frame(rest: Path | None, rest_frame: int | None) -> int:
+def choose_rest_frame(rest: Path | None, rest_frame: RestFrame | None) -> RestFrame:
     """Return the frame that is the rest pose, if no file is.
 
     Raises

@@ -157,6 +157,12 @@ def is_on_command_line(name: str) -> bool:
     return source is ParameterSource.COMMANDLINE
 
 
+def is_given(name: str) -> bool:
+    """Tell whether an option was given on the command line or in a file of options."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source in (ParameterSource.COMMANDLINE, ParameterSource.DEFAULT_MAP)
+
+
 def choose_cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
     """Return the folder of the weight cache; None for none.
 

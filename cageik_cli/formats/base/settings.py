@@ -1,9 +1,16 @@
 """How a clip is read: the choices and their defaults. This module imports no numerics."""
 
 from dataclasses import dataclass, field
+from typing import Final, Literal
 
 LAYOUTS = ("fvx", "vxf", "fxv")
 """Orders of an array's axes: f frames, v vertices, x coordinates."""
+
+AUTO: Final = "auto"
+"""As the number of the rest pose: the frame in which the least of the surface touches."""
+
+RestFrame = int | Literal["auto"]
+"""Which frame is the rest pose: its number from 0, or `AUTO`."""
 
 
 @dataclass(frozen=True, slots=True)

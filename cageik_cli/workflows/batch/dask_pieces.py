@@ -22,7 +22,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.clip_task import bind_clip
 from cageik_cli.workflows.batch.dask_worker import configure_worker
 from cageik_cli.workflows.batch.jobs import ClipJob
-from cageik_cli.workflows.plan import ExtractSettings
+from cageik_cli.workflows.extract_settings import ExtractSettings
 
 MIN_PIECE_SECONDS = 0.5
 """Seconds of work in a piece, at least; the scheduler takes a hundredth of it per task."""
@@ -180,9 +180,8 @@ class ClipContext:
     def sequence(self) -> MeshSequence:
         """Open the clip, which must have the same frames as at the start of the run."""
         settings = self.settings
-        sequence, _ = open_clip_and_rest(
-            settings.frames, settings.clip, settings.rest, settings.rest_frame
-        )
+        # Any frame will do as rest pose: that of the run is in the solver.
+        sequence, _ = open_clip_and_rest(settings.frames, settings.clip, settings.rest, 0)
         if sequence.names != self._names:
             raise FileAccessError(
                 f"{settings.frames[0]}: has other frames than at the start of the run (found "

@@ -31,8 +31,21 @@ WRONG = {
     ),
     "a cage that is given and built": (
         [*TYPED, "--cage-out", "built.obj"],
-        "--cage-out and --cage exclude each other",
+        "--cage-out is for a cage that is built; leave out --cage-out or --cage",
     ),
+    "the size of a cage that is given": (
+        [*TYPED, "--cage-vertices", "100"],
+        "--cage-vertices is for a cage that is built; leave out --cage-vertices or --cage",
+    ),
+    "the size of a cage of a binding": (
+        ["extract", "frames", "--binding", "binding.h5", "--cage-vertices", "100"],
+        "leave out --cage-vertices or --binding",
+    ),
+    "a rest frame of another name": (
+        [*TYPED, "--rest-frame", "best"],
+        "'best' is not the number of a frame, or auto",
+    ),
+    "a part of a rest frame": ([*TYPED, "--rest-frame", "1.5"], "'1.5' is not the number"),
     "a small cage": (["extract", "frames", "--cage-vertices", "3"], "a cage of 3 vertices"),
     "a cache and none": (
         [*TYPED, "--cache", "a", "--no-cache"],
@@ -216,7 +229,7 @@ def test_a_file_without_this_command_changes_nothing(run, folder):
         ("[extract]\nalpha = 'much'\n", "'much' is not a valid float"),
         ("[extract]\nalpha = -1\n", "alpha is -1.0"),
         ("[extract]\njobs = 0\n", "0 is not in the range"),
-        ("[extract]\nrest-frame = 'x'\n", "'x' is not a valid integer"),
+        ("[extract]\nrest-frame = 'x'\n", "'x' is not the number of a frame"),
         ("[extract]\nmemory = -5\n", "-5 is not a size"),
         ("[extract]\noverwrite = 'maybe'\n", "'maybe' is not a valid boolean"),
         ("[extract]\nalpha = [1]\n", "alpha"),

@@ -19,12 +19,13 @@ import numpy as np
 import pytest
 
 import cageik_cli
+from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.solver.blocks import BlockSolver, MemoryPlan
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.store.checkpoint import checkpoint_progress
-from cageik_cli.store.result import checkpoint_path
+from cageik_cli.store.result import checkpoint_path, read_result
 from cageik_cli.util.errors import ClusterError, FileAccessError, InputError
 from cageik_cli.util.locks import open_locked
 from cageik_cli.util.progress import ProgressListener
@@ -38,7 +39,8 @@ from cageik_cli.workflows.batch.dask_pieces import (
     unpickle_with_weights,
 )
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
-from cageik_cli.workflows.plan import ExtractSettings, load_or_compute_binding, plan_extraction
+from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.plan import load_or_compute_binding, plan_extraction
 
 pytestmark = pytest.mark.slow
 
@@ -161,6 +163,29 @@ def test_weights_are_computed_once_and_sent_once(job, animation, write_obj, tmp_
 
 def received(dask_worker):
     return [str(key) for entry in dask_worker.transfer_incoming_log for key in entry["keys"]]
+
+
+def test_a_cage_is_built_once_for_clips_of_one_rest_pose(workers, job, tmp_path):
+    workers.scheduler.transition_log.clear()
+    options = {"cage": None, "build": BuildSettings(20), "cache": tmp_path / "kept"}
+    jobs = [job("a", **options), job("b", 7, **options), job("c", **options)]
+    found = outcomes(workers, jobs)
+    assert {outcome.state for outcome in found.values()} == {ClipState.DONE}, found
+    assert len(tasks_done(workers, "weights-")) == 1
+    assert len(list((tmp_path / "kept").glob("*.cage"))) == 1
+    results = [read_result(each.settings.output) for each in jobs]
+    assert len({result.sources["cage"]["sha256"] for result in results}) == 1
+    for each in jobs:
+        assert each.settings.output.read_bytes() == local_bytes(each)
+    again = outcomes(workers, jobs)
+    assert {outcome.state for outcome in again.values()} == {ClipState.UNCHANGED}
+
+
+def test_the_rest_frame_of_a_clip_in_pieces_is_chosen(workers, job):
+    chosen = job("chosen", 60, rest_frame="auto")
+    found = outcomes(workers, [chosen], piece_seconds=0.0)
+    assert found["chosen"].state is ClipState.DONE, found
+    assert chosen.settings.output.read_bytes() == local_bytes(chosen)
 
 
 def test_existing_results_are_kept(workers, job):

@@ -1,0 +1,183 @@
+"""How much of a model touches itself in a pose: parts near in space and far along the surface."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
+
+from cageik_cli.geometry.mesh import Edges, TriMesh
+from cageik_cli.util.arrays import Floats, Integers
+
+NEAR = 0.03
+"""Parts touch when they are nearer to each other than this, in diagonals,"""
+
+FAR = 0.12
+"""and further apart than this along the surface."""
+
+MAX_SAMPLES = 3000
+"""Points of the surface that stand for it, at most: about 0.02 apart on a body."""
+
+MAX_EDGE = 0.03
+"""Faces with longer edges are divided, in diagonals,"""
+
+MAX_FACES = 60_000
+"""as long as there are no more faces than this."""
+
+BLOCK = 500
+"""Points whose distances along the surface are held at once."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactMeter:
+    """Measures poses of one model.
+
+    Attributes
+    ----------
+    points : (s, m) sparse
+        The sampled points of the surface, from the m vertices of a pose.
+    shares : (s,) float64
+        The share of the surface that each point stands for; their sum is one.
+    joined : (p,) int64
+        Pairs of points that are near along the surface, as `i s + j` with i < j, ascending.
+    reach : float
+        Points of other parts nearer than this touch, file units.
+    """
+
+    points: sparse.csr_array
+    shares: Floats
+    joined: Integers
+    reach: float
+
+    def measure(self, frame: Floats) -> float:
+        """Return how much of the surface touches another part, from 0 to 1.
+
+        A point counts fully at distance 0 from another part, and less up to the reach.
+
+        Parameters
+        ----------
+        frame : (m, 3)
+            Positions of the model's vertices, file units.
+        """
+        points = np.asarray(self.points @ frame)
+        pairs = cKDTree(points).query_pairs(self.reach, output_type="ndarray")
+        keys = pairs[:, 0] * len(points) + pairs[:, 1]
+        # `np.isin` would sort again what is sorted, and take ten times as long.
+        after = np.searchsorted(self.joined, keys, side="right")
+        pairs = pairs[after == np.searchsorted(self.joined, keys)]
+        gaps = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+        nearest = np.full(len(points), self.reach)
+        np.minimum.at(nearest, pairs, gaps[:, None])
+        return float(self.shares @ (1 - nearest / self.reach))
+
+
+def make_contact_meter(model: TriMesh) -> ContactMeter | None:
+    """Sample the surface of a model, and find which samples are near along it.
+
+    Vertices at one place count as joined, so that seams do not part the surface.
+
+    Returns
+    -------
+    The meter, or None for a model without area.
+    """
+    weights, faces = _join_seams(model)
+    if len(faces) == 0:
+        return None
+    weights, faces = _divide_edges(model, weights, faces)
+    surface = TriMesh(np.asarray(weights @ model.vertices), faces)
+    samples, shares = _sample_vertices(surface)
+    if len(samples) == 0:
+        return None
+    links = _link_samples(surface, samples)
+    joined = _find_near_pairs(links, FAR * model.diagonal)
+    return ContactMeter(weights[samples], shares, joined, NEAR * model.diagonal)
+
+
+def _join_seams(model: TriMesh) -> tuple[sparse.csr_array, Integers]:
+    """Take vertices at one place as one.
+
+    Returns
+    -------
+    weights : (k, m) sparse
+        The vertices after that, from those of the model.
+    faces : (t, 3) int64
+        Those that keep three corners.
+    """
+    _, first, places = np.unique(model.vertices, axis=0, return_index=True, return_inverse=True)
+    faces = places.reshape(-1)[model.faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    return sparse.csr_array(sparse.eye_array(len(model.vertices), format="csr")[first]), faces
+
+
+def _divide_edges(
+    model: TriMesh, weights: sparse.csr_array, faces: Integers
+) -> tuple[sparse.csr_array, Integers]:
+    """Divide each face in four until edges are short; return what `_join_seams` does."""
+    while 4 * len(faces) <= MAX_FACES:
+        edges = Edges.from_faces(faces)
+        ends, sides = edges.ends, edges.side_edges
+        vertices = weights @ model.vertices
+        lengths = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+        if lengths.max() <= MAX_EDGE * model.diagonal:
+            break
+        middles = sides + weights.shape[0]
+        weights = sparse.vstack([weights, 0.5 * (weights[ends[:, 0]] + weights[ends[:, 1]])])
+        weights = sparse.csr_array(weights)
+        (a, b, c), (p, q, r) = faces.T, middles.T
+        quarters = ((a, r, q), (b, p, r), (c, q, p), (p, q, r))
+        faces = np.concatenate([np.stack(corners, axis=1) for corners in quarters])
+    return weights, faces
+
+
+def _sample_vertices(surface: TriMesh) -> tuple[Integers, Floats]:
+    """Choose vertices evenly by area; return their numbers, and the share each stands for."""
+    corners = surface.vertices[surface.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.cumsum(np.linalg.norm(normals, axis=1))
+    if not areas[-1] > 0:
+        return np.zeros(0, np.int64), np.zeros(0)
+    steps = (np.arange(MAX_SAMPLES) + 0.5) / MAX_SAMPLES
+    chosen = np.searchsorted(areas, steps * areas[-1])
+    samples, counts = np.unique(surface.faces[chosen, 0], return_counts=True)
+    return samples, counts / MAX_SAMPLES
+
+
+def _link_samples(surface: TriMesh, samples: Integers) -> sparse.csr_array:
+    """Return the graph of the samples: those whose regions meet, and the way between them."""
+    ends = surface.edges.ends
+    corners = surface.vertices[ends]
+    lengths = np.linalg.norm(corners[:, 0] - corners[:, 1], axis=1)
+    distances, _, owners = csgraph.dijkstra(
+        _make_graph(ends, lengths, len(surface.vertices)),
+        False,
+        samples,
+        return_predecessors=True,
+        min_only=True,
+    )
+    reached = (owners[ends] >= 0).all(axis=1)
+    ends, lengths = ends[reached], lengths[reached] + distances[ends[reached]].sum(axis=1)
+    linked = np.sort(np.searchsorted(samples, owners[ends]), axis=1)
+    order = np.lexsort((lengths, linked[:, 1], linked[:, 0]))
+    linked, lengths = linked[order], lengths[order]
+    linked, first = np.unique(linked, axis=0, return_index=True)
+    apart = linked[:, 0] != linked[:, 1]
+    return _make_graph(linked[apart], lengths[first[apart]], len(samples))
+
+
+def _find_near_pairs(links: sparse.csr_array, limit: float) -> Integers:
+    """Return the pairs of samples at most `limit` apart, as `ContactMeter.joined` has them."""
+    count, found = links.shape[0], []
+    for start in range(0, count, BLOCK):
+        sources = np.arange(start, min(start + BLOCK, count))
+        distances = csgraph.dijkstra(links, False, sources, limit=limit)
+        first, second = np.nonzero(np.isfinite(distances))
+        first += start
+        found.append((first * count + second)[first < second])
+    return np.concatenate(found)
+
+
+def _make_graph(ends: Integers, lengths: Floats, count: int) -> sparse.csr_array:
+    """Return the graph of `count` nodes, whose edges are named once each."""
+    lengths = np.maximum(lengths, np.finfo(np.float64).tiny)  # an entry of 0 is no edge
+    return sparse.csr_array((lengths, (ends[:, 0], ends[:, 1])), shape=(count, count))

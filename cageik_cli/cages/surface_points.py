@@ -1,0 +1,41 @@
+"""Points all over a surface: its vertices, and points on its large faces."""
+
+import numpy as np
+
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.arrays import Floats
+
+
+def sample_surface(surface: TriMesh, spacing: float, max_points: int) -> Floats:
+    """Return the vertices of a surface, and points on faces with longer sides than the spacing.
+
+    Parameters
+    ----------
+    surface : TriMesh
+    spacing : float
+        Points on a face are no further apart than this, file units.
+    max_points : int
+        They are further apart where there would be more than so many, the vertices aside.
+
+    Returns
+    -------
+    (s, 3), the vertices first.
+    """
+    corners = surface.vertices[surface.faces]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1).sum() / 2
+    spacing = max(spacing, float(np.sqrt(area / max_points)))
+    parts = np.ceil(np.minimum(sides / spacing, max_points**0.5)).astype(np.int64)
+    points = [surface.vertices]
+    for count in np.unique(parts[parts > 1]).tolist():
+        points.append(divide_triangles(corners[parts == count], count))
+    return np.concatenate(points)
+
+
+def divide_triangles(corners: Floats, parts: int) -> Floats:
+    """Return points on triangles (k, 3, 3) with sides divided in `parts`, without the corners."""
+    i, j = np.divmod(np.arange((parts + 1) ** 2), parts + 1)
+    kept = (i + j <= parts) & (np.maximum(np.maximum(i, j), parts - i - j) < parts)
+    weights = np.stack([i, j, parts - i - j], axis=1)[kept] / parts
+    return np.asarray(np.einsum("pc,kcx->kpx", weights, corners).reshape(-1, 3))

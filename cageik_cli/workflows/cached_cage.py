@@ -1,0 +1,85 @@
+"""The cage of a run that is given none: built around the rest pose, or taken from the cache.
+
+The builder is imported when a cage is built: it takes as long to import as the rest of a run.
+"""
+
+from functools import partial
+from pathlib import Path
+
+from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.formats.base.file_data import describe_source
+from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.obj.write import encode_exact_obj
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.store.cage_cache import CageCache, CageEntry
+from cageik_cli.util.errors import OutputError
+from cageik_cli.util.outputs import check_writable
+from cageik_cli.util.progress import ProgressListener
+
+BUILT_CAGE_NAME = "built cage"
+"""Name, in the sources of a result, of a cage that was built for it."""
+
+
+def build_cached(
+    model: TriMesh, settings: BuildSettings, cache: Path | None, progress: ProgressListener
+) -> LoadedMesh:
+    """Build the cage of a model, or take it from the cache if there is a folder for that.
+
+    The cage and its notes have the same bytes either way.
+
+    Raises
+    ------
+    FormatError, NumericalError
+        As `cages.build.build_cage`.
+    """
+    build = partial(_build, model, settings, progress)
+    if cache is None:
+        entry = build()
+    else:
+        entry = CageCache(cache, partial(progress.note, "cage")).get_or_build(
+            model, settings, build
+        )
+    progress.note("cage", entry.description)
+    return load_built_cage(TriMesh(entry.vertices, entry.faces), entry.notes, BUILT_CAGE_NAME)
+
+
+def check_cage_output(path: Path, overwrite: bool) -> None:
+    """Refuse, before any work, a file that cannot be written.
+
+    Raises
+    ------
+    OutputError
+        When it is no OBJ file, exists, or its folder cannot be written.
+    """
+    if path.suffix.lower() != ".obj":
+        raise OutputError(
+            f"{path}: a built cage is written as .obj, which keeps all its digits; name an .obj "
+            "file"
+        )
+    check_writable(path, overwrite)
+
+
+def load_built_cage(cage: TriMesh, notes: tuple[str, ...], name: str) -> LoadedMesh:
+    """Return a built cage as if it were read from a file of this name."""
+    text = encode_exact_obj(cage.vertices, cage.faces)
+    return LoadedMesh(
+        mesh=cage,
+        fan_triangulated=cage,
+        source=describe_source(Path(name), text),
+        notes=notes,
+        obj_text=text,
+    )
+
+
+def _build(model: TriMesh, settings: BuildSettings, progress: ProgressListener) -> CageEntry:
+    """Build the cage, and describe it."""
+    from cageik_cli.cages.build import build_cage
+    from cageik_cli.workflows.build_cage import describe_built_cage, list_warnings
+
+    built = build_cage(model, settings, progress=progress.update)
+    return CageEntry(
+        vertices=built.cage.vertices,
+        faces=built.cage.faces,
+        description=describe_built_cage(built),
+        notes=list_warnings(built),
+    )

@@ -1,0 +1,103 @@
+"""The settings of an extraction: from what, to where, and how."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.base.settings import ClipSettings, RestFrame
+from cageik_cli.formats.open import list_input_files
+from cageik_cli.formats.scene import SceneHints
+from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.util.errors import SettingError
+
+
+@dataclass(frozen=True, slots=True)
+class ExtractSettings:
+    """What to extract, from what, to where.
+
+    Attributes
+    ----------
+    frames : tuple of str
+        Files, folders and globs, or one file that holds a clip.
+    cage : Path, optional
+        Without it, and without a binding, a cage is built around the rest pose.
+    output : Path
+    binding : Path, optional
+        A binding file of this rest pose, and of `cage` if that is given; `bind` is then ignored.
+    cache : Path, optional
+        The folder of the weight cache; none is used if absent.
+    rest : Path, optional
+        The rest pose; a frame of the clip if absent.
+    rest_frame : int or "auto"
+        Which frame then, from 0; or the one in which the least of the surface touches.
+    vertex_weights : Path, optional
+        A file with one number per vertex of the model.
+    bind : BindSettings
+    solve : SolveSettings
+    clip : ClipSettings
+        Which of the frames to take, and how to read them.
+    overwrite, keep_weights : bool
+    resume : bool
+        Continue an interrupted run of the same plan; start if there is none.
+    on_bad_frame : str
+        "stop", or "skip": leave a gap for a frame that cannot be read, and report it.
+    scene : SceneHints
+        Time and space, where they differ from what the files of the clip say.
+    memory : int
+        Bytes for the weights and blocks of frames.
+    jobs : int
+        Threads.
+    build : BuildSettings
+        Of the cage, if one is built.
+    cage_output : Path, optional
+        An OBJ file to which the cage that is built is written.
+    """
+
+    frames: tuple[str, ...]
+    cage: Path | None
+    output: Path
+    binding: Path | None = None
+    cache: Path | None = None
+    rest: Path | None = None
+    rest_frame: RestFrame = 0
+    vertex_weights: Path | None = None
+    bind: BindSettings = field(default_factory=BindSettings)
+    solve: SolveSettings = field(default_factory=SolveSettings)
+    clip: ClipSettings = field(default_factory=ClipSettings)
+    overwrite: bool = False
+    resume: bool = False
+    on_bad_frame: str = "stop"
+    keep_weights: bool = True
+    scene: SceneHints = field(default_factory=SceneHints)
+    memory: int = 1 << 30
+    jobs: int = 1
+    build: BuildSettings = field(default_factory=BuildSettings)
+    cage_output: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.cage_output is not None and not self.builds_cage:
+            raise SettingError(
+                f"{self.cage_output}: is for a cage that is built, but a cage is given; leave out "
+                "one of them"
+            )
+
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        named = (self.cage, self.binding, self.rest, self.vertex_weights)
+        files = [path for path in named if path is not None]
+        return files + list_input_files(list(self.frames))
+
+    def outputs(self) -> list[Path]:
+        """Return the files that are written."""
+        return [self.output, *([] if self.cage_output is None else [self.cage_output])]
+
+    @property
+    def builds_cage(self) -> bool:
+        """Whether a cage is built, as none is given."""
+        return self.cage is None and self.binding is None
+
+    @property
+    def skips_bad_frames(self) -> bool:
+        """Whether a frame that cannot be read becomes a gap."""
+        return self.on_bad_frame == "skip"
