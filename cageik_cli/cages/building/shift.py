@@ -8,7 +8,13 @@ from cageik_cli.cages.building.draft import Draft
 from cageik_cli.cages.building.edits import collapse_edge, settle
 from cageik_cli.cages.building.judge import Demand
 from cageik_cli.cages.building.motion import EditGains, Motion, measure_edits
-from cageik_cli.cages.building.polish import LARGEST_VALENCE, splits_well, tighten
+from cageik_cli.cages.building.polish import (
+    LARGEST_VALENCE,
+    lower_valences,
+    mend_angles,
+    splits_well,
+    tighten,
+)
 from cageik_cli.cages.building.refine import AIM, complete_clearance
 from cageik_cli.cages.quality import find_thin_parts
 from cageik_cli.geometry.mesh import TriMesh
@@ -20,11 +26,14 @@ SMALLEST_ANGLE = 10.0
 FIRST_SHARE = 0.08
 """Share of the vertices that the first round moves; a round that fails halves it."""
 
-MAX_ROUNDS = 40
+MAX_ROUNDS = 80
 """Rounds, at most."""
 
-MAX_FAILURES = 4
+MAX_FAILURES = 8
 """Rounds of one vertex that may fail, each with another split, before it ends."""
+
+GAIN = 0.995
+"""A polish goes on if it lowers the error to this share."""
 
 WORTH = 0.5
 """A vertex moves if the collapse costs at most this share of what the split gains."""
@@ -56,8 +65,20 @@ def shift_vertices(cage: TriMesh, demand: Demand, motion: Motion) -> tuple[TriMe
         failures += count == 1
         count = (count + 1) // 2
         if failures > MAX_FAILURES:
-            break
+            polished = _polish(Draft(cage, samples, AIM * demand.clearance))
+            gains = measure_edits(polished, motion, best.squares)
+            if not (gains.error < GAIN * best.error and _is_no_thinner(polished, cage)):
+                break
+            cage, best, failures = polished, gains, 0
     return complete_clearance(cage, demand, samples, rounds=6)[0], moved
+
+
+def _polish(draft: Draft) -> TriMesh:
+    """Return the cage with better angles and a tighter fit."""
+    tighten(draft, draft.samples)
+    mend_angles(draft, draft.count)
+    lower_valences(draft)
+    return draft.to_mesh()
 
 
 def _is_no_thinner(after: TriMesh, before: TriMesh) -> bool:
