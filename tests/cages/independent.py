@@ -56,7 +56,7 @@ def examine(cage, model, clearance, points=20_000):
         faults=tuple(faults),
         genus=1 - (len(vertices) - len(edges) + len(faces)) // 2,
         clearance=float(nearest),
-        smallest_angle=float(np.degrees(trimesh.triangles.angles(corners).min())),
+        smallest_angle=float(np.degrees(trimesh.triangles.angles(corners / diagonal).min())),
         largest_valence=max(Counter(vertex for edge in edges for vertex in edge).values()),
         volume=volume,
     )

@@ -18,11 +18,11 @@ def assert_good(cage, model, count, clearance=0.004):
 
 
 QUICK = ("octahedron", "far from the origin")
-"""The odd models that every run of the tests tries; the others take some seconds each."""
+"""The odd models that every run of the tests tries; `make fuzz` tries all."""
 
 
 @pytest.mark.parametrize(
-    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in FAST]
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.fuzz) for name in FAST]
 )
 def test_an_odd_model_gets_a_cage(name):
     model = FAST[name]()
@@ -31,7 +31,7 @@ def test_an_odd_model_gets_a_cage(name):
     assert opinion.smallest_angle > 2
 
 
-@pytest.mark.slow
+@pytest.mark.fuzz
 @pytest.mark.parametrize("name", SLOW)
 def test_a_hard_model_gets_a_cage(name):
     model = SLOW[name]()

@@ -13,7 +13,7 @@ from cageik_cli.cages.building.carry import Poses
 from cageik_cli.cages.building.decimate import UNTESTED, thin_shell
 from cageik_cli.cages.building.quadrics import collapse_costs, vertex_quadrics
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import corner_angles
+from cageik_cli.geometry.shape import corner_angles, cross
 from cageik_cli.util.arrays import Floats, Integers
 
 
@@ -121,7 +121,7 @@ class _Collapser:
         vertices = self._places[0]
         old = vertices[before]
         moved = np.where((after == a)[:, :, None], place, vertices[after])
-        normals = [np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (old, moved)]
+        normals = [cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]) for t in (old, moved)]
         lengths = [np.linalg.norm(normal, axis=1) for normal in normals]
         cosine = (normals[0] * normals[1]).sum(axis=1)
         if (cosine < self._limits.cosine * lengths[0] * lengths[1]).any() or lengths[1].min() == 0:

@@ -8,6 +8,7 @@ from cageik_cli.cages.building.carry import Poses, align_poses, choose_poses
 from cageik_cli.cages.building.decimate import euler_characteristic
 from cageik_cli.cages.building.distance_grid import DistanceGrid, measure_grid
 from cageik_cli.cages.building.egg import DRAWS, wrap_ellipsoid
+from cageik_cli.cages.building.influence import replace_weak_vertices
 from cageik_cli.cages.building.judge import Demand, judge
 from cageik_cli.cages.building.motion import Motion
 from cageik_cli.cages.building.records import BuildSettings, Candidate, Clip
@@ -82,7 +83,15 @@ class Job:
         name = f"shell {100 * recipe.offset:.2g} % closed by {100 * recipe.closing:.2g} %"
         if len(poses.posed):
             name += f", {len(poses.posed)} poses"
-        return self._judged(name, cage, _shell_notes(shell, self.unit), recipe.offset)
+        notes = _shell_notes(shell, self.unit)
+        candidate = self._judged(name, cage, notes, recipe.offset)
+        if not candidate.verdict.is_valid:
+            return candidate
+        stronger = replace_weak_vertices(cage, self.demand)
+        if stronger is cage:
+            return candidate
+        replaced = self._judged(name, stronger, notes, recipe.offset)
+        return replaced if replaced.verdict.is_valid else candidate
 
     def try_ellipsoids(self) -> list[Candidate]:
         """Return loose candidates: an ellipsoid drawn in, and where that fails, as it is."""

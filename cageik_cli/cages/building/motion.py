@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.coordinates.harmonic import harmonic_weights
-from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -100,7 +100,7 @@ def measure_edits(cage: TriMesh, motion: Motion, squares: Floats | None = None) 
     hats, own = weights[:, count:], weights[:, :count].copy()
     for side in range(2):
         np.add.at(own.T, chosen[:, side], 0.5 * hats.T)
-    inverse = np.linalg.inv(_normal_matrix(own, edges))
+    inverse = np.linalg.inv(_normal_matrix(own, uniform_laplacian(cage)))
     cages = inverse @ (own.T @ motion.displacements)
     residual = motion.displacements - own @ cages
     product = own.T @ hats
@@ -159,10 +159,7 @@ def _choose_splits(cage: TriMesh, points: Floats, squares: Floats) -> Integers:
     return np.asarray(edges.ends[chosen])
 
 
-def _normal_matrix(weights: Floats, edges: Integers) -> Floats:
-    """Hᵀ H + a Lᵀ L, with the uniform Laplacian L, scaled as in an extraction."""
+def _normal_matrix(weights: Floats, laplacian: Floats) -> Floats:
+    """Return Hᵀ H + a Lᵀ L, scaled as in an extraction."""
     points, count = weights.shape
-    joined = np.zeros((count, count))
-    joined[edges[:, 0], edges[:, 1]] = joined[edges[:, 1], edges[:, 0]] = 1
-    laplacian = np.eye(count) - joined / joined.sum(axis=1, keepdims=True)
     return np.asarray(weights.T @ weights + ALPHA * points / count * laplacian.T @ laplacian)

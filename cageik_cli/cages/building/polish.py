@@ -8,7 +8,7 @@ import numpy as np
 from cageik_cli.cages.building.draft import Draft, Edit
 from cageik_cli.cages.building.edits import collapse_edge, flip_edge, move_vertex, settle
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import corner_angles
+from cageik_cli.geometry.shape import corner_angles, cross
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -17,6 +17,9 @@ LARGEST_VALENCE = 10
 
 GOAL = 14.0
 """Degrees at which an angle is left alone."""
+
+KEPT_ANGLE = 10.0
+"""Degrees that new faces keep where vertices are taken away, unless the old ones had less."""
 
 GAIN = 0.3
 """Degrees that an edit for the angles must win."""
@@ -92,6 +95,20 @@ def refill(draft: Draft, count: int) -> None:
                 break
         else:
             return
+
+
+def collapse_in_shape(draft: Draft, start: int, stop: int, share: float) -> bool:
+    """Collapse an edge to a point on it, if the cage stays sound and in shape.
+
+    The point is at a share of the way from the start to the stop.
+    """
+    place = (1 - share) * draft.vertices[start] + share * draft.vertices[stop]
+    edit = collapse_edge(draft, start, stop, place)
+    if edit is None or len(edit.added) > LARGEST_VALENCE:
+        return False
+    needed = min(KEPT_ANGLE, float(draft.angles_before(edit).min()))
+    edit = settle(draft, edit)
+    return bool(draft.angles(edit).min() >= needed) and draft.take(edit)
 
 
 def splits_well(draft: Draft, start: int, stop: int, valence: Integers, angle: float) -> bool:
@@ -173,11 +190,11 @@ def _moves(draft: Draft, vertex: int) -> Iterator[Edit]:
     """Return moves of a vertex in its tangent plane, and outward."""
     around = draft.faces_at(vertex)
     corners = draft.vertices[draft.faces[around]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
+    normal = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
     normal /= max(np.linalg.norm(normal), 1e-300)
-    across = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    across = cross(normal, np.eye(3)[np.abs(normal).argmin()])
     across /= np.linalg.norm(across)
-    along = np.cross(normal, across)
+    along = cross(normal, across)
     here = draft.vertices[vertex]
     length = np.linalg.norm(draft.vertices[draft.neighbours(vertex)] - here, axis=1).mean()
     for step in STEPS:

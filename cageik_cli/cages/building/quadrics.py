@@ -6,13 +6,14 @@ Garland and Heckbert 1997.
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import cross
 from cageik_cli.util.arrays import Floats, Integers
 
 
 def vertex_quadrics(mesh: TriMesh) -> Floats:
     """Sum area times p pᵀ over the faces at each vertex, p the plane of the face, (n, 4, 4)."""
     corners = mesh.vertices[mesh.faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     double = np.linalg.norm(normal, axis=1, keepdims=True)
     normal /= np.maximum(double, 1e-300)
     plane = np.concatenate([normal, -(normal * corners[:, 0]).sum(axis=1, keepdims=True)], axis=1)

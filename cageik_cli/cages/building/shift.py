@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cageik_cli.cages.building.draft import Draft
-from cageik_cli.cages.building.edits import collapse_edge, settle
 from cageik_cli.cages.building.judge import Demand
 from cageik_cli.cages.building.motion import EditGains, Motion, measure_edits
 from cageik_cli.cages.building.polish import (
-    LARGEST_VALENCE,
+    KEPT_ANGLE,
+    collapse_in_shape,
     lower_valences,
     mend_angles,
     splits_well,
@@ -19,9 +19,6 @@ from cageik_cli.cages.building.refine import AIM, complete_clearance
 from cageik_cli.cages.quality import find_thin_parts
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
-
-SMALLEST_ANGLE = 10.0
-"""Degrees that new faces keep, unless the old ones had less."""
 
 FIRST_SHARE = 0.08
 """Share of the vertices that the first round moves; a round that fails halves it."""
@@ -131,13 +128,13 @@ class _Round:
             around = {*self.draft.neighbours(start).tolist(), *self.draft.neighbours(stop).tolist()}
             if around & (kept | self.touched):
                 continue
-            if collapse_in_shape(self.draft, start, stop):
+            if any(collapse_in_shape(self.draft, start, stop, share) for share in (0.5, 0, 1)):
                 self.touched |= around
                 made += 1
 
     def _is_splittable(self, start: int, stop: int) -> bool:
         valence = np.bincount(self.draft.faces.ravel(), minlength=len(self.draft.vertices))
-        return splits_well(self.draft, int(start), int(stop), valence, SMALLEST_ANGLE)
+        return splits_well(self.draft, int(start), int(stop), valence, KEPT_ANGLE)
 
     def _split(self, start: int, stop: int) -> bool:
         around = self._around_edge(start, stop)
@@ -150,17 +147,3 @@ class _Round:
         """Return the vertices of the faces at an edge."""
         at = self.draft.faces_at(int(start))
         return np.unique(self.draft.faces[at[(self.draft.faces[at] == stop).any(axis=1)]])
-
-
-def collapse_in_shape(draft: Draft, start: int, stop: int) -> bool:
-    """Collapse an edge to its middle or an end, if the cage stays sound and in shape."""
-    places = [draft.vertices[[start, stop]].mean(axis=0), *draft.vertices[[start, stop]]]
-    for place in places:
-        edit = collapse_edge(draft, start, stop, place)
-        if edit is None or len(edit.added) > LARGEST_VALENCE:
-            continue
-        needed = min(SMALLEST_ANGLE, float(draft.angles_before(edit).min()))
-        edit = settle(draft, edit)
-        if draft.angles(edit).min() >= needed and draft.take(edit):
-            return True
-    return False
