@@ -138,7 +138,8 @@ class _Round:
 
     def _split(self, start: int, stop: int) -> bool:
         around = self._around_edge(start, stop)
-        if self.touched & set(around.tolist()) or not self._is_splittable(start, stop):
+        # An edge that was collapsed has no faces any more, but its ends are touched.
+        if self.touched & {start, stop, *around.tolist()} or not self._is_splittable(start, stop):
             return False
         self.touched |= {*around.tolist(), self.draft.split(int(start), int(stop))}
         return True
