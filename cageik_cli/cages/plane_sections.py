@@ -113,7 +113,7 @@ def measure_box(points: Floats) -> float:
 def _label_loops(ends: Integers) -> Integers:
     """The loop of each segment, (s,), by the edges (s, 2, 2) on which they end."""
     flat = np.sort(ends.reshape(-1, 2), axis=1)
-    keys = flat[:, 0] * (int(flat.max(initial=0)) + 1) + flat[:, 1]
+    keys: Integers = flat[:, 0] * (int(flat.max(initial=0)) + 1) + flat[:, 1]
     _, edge = np.unique(keys, return_inverse=True)
-    joined = edge.reshape(-1, 2)
+    joined: Integers = edge.reshape(-1, 2)
     return find_groups(joined, int(edge.max(initial=-1)) + 1)[joined[:, 0]]

@@ -63,7 +63,7 @@ class CacheEntry:
     panels : int
     estimated_error : float
     projected : int
-    notes : tuple of str
+    notes, cage_warnings : tuple of str
         As in `Binding`.
     seconds : float
         The time that it took to compute.
@@ -75,6 +75,7 @@ class CacheEntry:
     estimated_error: float
     projected: int
     notes: tuple[str, ...]
+    cage_warnings: tuple[str, ...]
     seconds: float
 
 
@@ -90,6 +91,7 @@ def pack_entry(key: str, entry: CacheEntry) -> list[memoryview]:
         "estimated_error": entry.estimated_error,
         "projected": entry.projected,
         "notes": entry.notes,
+        "cage_warnings": entry.cage_warnings,
         "seconds": entry.seconds,
     }
     text = json.dumps(header).encode()
@@ -125,6 +127,7 @@ def read_entry(path: Path, key: str) -> CacheEntry:
         faces=faces.astype(np.int64, copy=False),
         weights=weights.astype(np.float64, copy=False),
         notes=tuple(header.pop("notes")),
+        cage_warnings=tuple(header.pop("cage_warnings")),
         **header,
     )
 
@@ -197,6 +200,7 @@ class WeightCache:
             estimated_error=entry.estimated_error,
             projected=entry.projected,
             notes=entry.notes,
+            cage_warnings=entry.cage_warnings,
         )
 
     def _lookup(self, key: str) -> CacheEntry | None:
@@ -311,8 +315,8 @@ class WeightCache:
 def compute_key(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
     """Return the key of a binding: a digest of all that its weights, notes and figures depend on.
 
-    It does not cover the faces of the rest pose, since weights belong to points, nor the number of
-    threads, which does not change weights.
+    It covers the faces of the rest pose, on which warnings depend; not the number of threads, which
+    does not change weights.
     """
     recorded = {
         "version": __version__,
@@ -320,12 +324,13 @@ def compute_key(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
         **asdict(settings),
         "rest": len(rest.vertices),
         "cage": len(cage.vertices),
-        "faces": len(cage.faces),
+        "faces": [len(rest.faces), len(cage.faces)],
     }
     digest = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode() + b"\n")
     for array in (rest.vertices, cage.vertices):
         digest.update(as_bytes(array, "<f8"))
-    digest.update(as_bytes(cage.faces, "<i8"))
+    for faces in (rest.faces, cage.faces):
+        digest.update(as_bytes(faces, "<i8"))
     return digest.hexdigest()
 
 
@@ -337,5 +342,6 @@ def _make_entry(binding: Binding, seconds: float) -> CacheEntry:
         estimated_error=binding.estimated_error,
         projected=binding.projected,
         notes=binding.notes,
+        cage_warnings=binding.cage_warnings,
         seconds=seconds,
     )

@@ -34,6 +34,7 @@ from cageik_cli.workflows.build_cage import (
     describe_built_cage,
     load_built_cage,
 )
+from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
 
 BUILT_CAGE_NAME = "built cage"
 """Name, in the sources of a result, of a cage that was built for it."""
@@ -168,6 +169,11 @@ class ExtractionPlan:
         return self.settings.scene.override(self.sequence.scene.override(Scene()))
 
     @property
+    def rest_file(self) -> Path | None:
+        """Return the mesh file of the rest pose; None if it is in a file of many frames."""
+        return self.settings.rest or find_rest_file(self.sequence, self.settings.rest_frame)
+
+    @property
     def bind_settings(self) -> BindSettings:
         """Return how the weights are computed, or were when they come from a binding file."""
         stored = self.stored_binding
@@ -300,7 +306,10 @@ def load_or_compute_binding(plan: ExtractionPlan, progress: ProgressListener) ->
         return plan.stored_binding
     if plan.cage is None:
         raise SettingError("neither a cage nor a binding is given; give one of them")
-    with error_context(settings.cage or plan.cage.source["name"]):
+    with (
+        error_context(settings.cage or plan.cage.source["name"]),
+        suggest_repair(settings.cage, plan.rest_file),
+    ):
         weight_settings = WeightSettings(settings.bind, settings.cache, settings.jobs)
         return bind_cached(rest, plan.cage, weight_settings, progress)
 

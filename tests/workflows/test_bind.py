@@ -83,7 +83,7 @@ def test_changes_of_a_mesh_are_noted(plain, folder):
     stored = bind_files(plain, listener)
     assert stored.binding.notes == (
         "6 polygons cut into triangles to compute with",
-        "the cage's faces turn inward; it is used turned outward",
+        "warning: the cage's faces turn inward; it is used turned outward",
     )
     assert listener.notes == [
         ("note", "frame_1.obj: 6 polygons cut into triangles to compute with")
