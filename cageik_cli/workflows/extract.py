@@ -18,6 +18,7 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import locate_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.plan import (
@@ -200,8 +201,8 @@ def _collect_notes(
     rest = plan.rest
     cage = stored_binding.sources["cage"]["name"]
     notes = [
-        *(f"{cage}: {note}" for note in stored_binding.binding.notes),
-        *(f"{rest.source['name']}: {note}" for note in rest.notes),
+        *(locate_note(cage, note) for note in stored_binding.binding.notes),
+        *(locate_note(rest.source["name"], note) for note in rest.notes),
         *plan.sequence.notes,
     ]
     if not rest.mesh.is_closed:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.workflows.cached_cage import build_cached, check_cage_output
 from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 
 
@@ -66,6 +68,11 @@ class ExtractionPlan:
     def scene(self) -> Scene:
         """Return time and space: as set, else as the clip says, else the defaults."""
         return self.settings.scene.override(self.sequence.scene.override(Scene()))
+
+    @property
+    def rest_file(self) -> Path | None:
+        """Return the mesh file of the rest pose; None if it is in a file of many frames."""
+        return self.settings.rest or find_rest_file(self.sequence, int(self.settings.rest_frame))
 
     @property
     def bind_settings(self) -> BindSettings:
@@ -200,7 +207,10 @@ def load_or_compute_binding(plan: ExtractionPlan, progress: ProgressListener) ->
         return plan.stored_binding
     if plan.cage is None:
         raise SettingError("neither a cage nor a binding is given; give one of them")
-    with error_context(settings.cage or plan.cage.source["name"]):
+    with (
+        error_context(settings.cage or plan.cage.source["name"]),
+        suggest_repair(settings.cage, plan.rest_file),
+    ):
         weight_settings = WeightSettings(settings.bind, settings.cache, settings.jobs)
         return bind_cached(rest, plan.cage, weight_settings, progress)
 

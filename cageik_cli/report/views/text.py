@@ -19,7 +19,7 @@ from cageik_cli.report.limits import (
 from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.util.errors import join_truncated
-from cageik_cli.util.text import format_block, single_line
+from cageik_cli.util.text import format_block, label_note, single_line
 
 
 def format_text(report: Report) -> str:
@@ -39,7 +39,7 @@ def format_text(report: Report) -> str:
         *_quality_rows(report, words),
         *_skipped_rows(report),
         *(format_check_row(check, words) for check in report.gates),
-        *(("note", note) for note in report.notes),
+        *map(label_note, report.notes),
     ]
     return format_block(headline, rows)
 
