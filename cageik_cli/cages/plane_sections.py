@@ -34,10 +34,8 @@ class Section:
 
 def cut_mesh(mesh: TriMesh, axis: int, position: float) -> Section:
     """Cut a mesh; vertices in the plane count as above it."""
-    above = mesh.vertices[:, axis] >= position
-    side = above[mesh.faces]
-    faces = np.flatnonzero(side.any(axis=1) & ~side.all(axis=1))
-    side = side[faces]
+    faces = find_cut_faces(mesh, axis, position)
+    side = mesh.vertices[mesh.faces[faces], axis] >= position
     # The corner that is alone on its side first: its two edges are the ones that are cut.
     lone = np.where(side.sum(axis=1) == 1, side.argmax(axis=1), (~side).argmax(axis=1))
     turns = (lone[:, None] + np.arange(3)) % 3
@@ -50,6 +48,13 @@ def cut_mesh(mesh: TriMesh, axis: int, position: float) -> Section:
     height, other = one[..., axis] - position, two[..., axis] - position
     segments = one + (height / (height - other))[..., None] * (two - one)
     return Section(segments, faces, _label_loops(ends))
+
+
+def find_cut_faces(mesh: TriMesh, axis: int, position: float) -> Integers:
+    """The faces with vertices on both sides of a plane."""
+    above = mesh.vertices[:, axis] >= position
+    one, two, three = (above[mesh.faces[:, k]] for k in range(3))
+    return np.flatnonzero((one != two) | (one != three))
 
 
 def find_groups(pairs: Integers, size: int) -> Integers:
@@ -80,7 +85,7 @@ def measure_box(points: Floats) -> float:
 
 def _label_loops(ends: Integers) -> Integers:
     """The loop of each segment, (s,), by the edges (s, 2, 2) on which they end."""
-    flat = np.sort(ends.reshape(-1, 2), axis=1)
-    _, edge = np.unique(flat, axis=0, return_inverse=True)
+    low, high = np.sort(ends.reshape(-1, 2), axis=1).T
+    _, edge = np.unique(low * (high.max(initial=0) + 1) + high, return_inverse=True)
     joined = edge.reshape(-1, 2)
     return find_groups(joined, int(edge.max(initial=-1)) + 1)[joined[:, 0]]

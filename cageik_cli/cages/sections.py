@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from cageik_cli.cages.plane_sections import (
     Section,
     cut_mesh,
+    find_cut_faces,
     find_groups,
     is_closed,
     measure_box,
@@ -63,13 +64,21 @@ class SharedSection:
     gap: float
 
 
-def find_shared_sections(cage: TriMesh, model: TriMesh) -> list[SharedSection]:
+NEAR_STEPS = 1.5
+"""Sections are near a point if they are so many distances between sections away, or less."""
+
+
+def find_shared_sections(
+    cage: TriMesh, model: TriMesh, near: Floats | None = None
+) -> list[SharedSection]:
     """Find where two or more limbs of the model go through one loop of the cage.
 
     Parameters
     ----------
     cage, model : TriMesh
         The cage holds the model.
+    near : (k, 3) float64, optional
+        Only the sections near these points are made, which is faster; all by default.
 
     Returns
     -------
@@ -85,7 +94,10 @@ def find_shared_sections(cage: TriMesh, model: TriMesh) -> list[SharedSection]:
         before: list[list[SharedSection]] = []
         for k in range(SECTIONS):
             position = low + (k + 0.5) * step
-            now = _find_at(cage, model, axis, position)
+            is_wanted = near is None or (
+                (np.abs(near[:, axis] - position) <= NEAR_STEPS * step).any()
+            )
+            now = _find_at(cage, model, axis, position) if is_wanted else []
             runs = [_continue_run(place, before) for place in now]
             found += [run for run in runs if len(run) == 1]
             before = runs
@@ -95,9 +107,11 @@ def find_shared_sections(cage: TriMesh, model: TriMesh) -> list[SharedSection]:
 
 def _find_at(cage: TriMesh, model: TriMesh, axis: int, position: float) -> list[SharedSection]:
     """The places in one section."""
-    outer, inner = cut_mesh(cage, axis, position), cut_mesh(model, axis, position)
-    limbs = _label_limbs(model, axis, position)
+    inner = cut_mesh(model, axis, position)
     loops = _find_limb_loops(inner, axis, MIN_LOOP_SIZE * model.diagonal)
+    if len(loops) < 2:
+        return []
+    outer = cut_mesh(cage, axis, position)
     places = []
     for number in np.unique(outer.loops):
         border = outer.segments[outer.loops == number]
@@ -105,10 +119,12 @@ def _find_at(cage: TriMesh, model: TriMesh, axis: int, position: float) -> list[
             continue
         held = [loop for loop in loops if winds_around(border, inner.segments[loop][0, 0], axis)]
         vertices = model.faces[[inner.faces[loop[0]] for loop in held], 0]
-        for body in np.unique(model.components[vertices]):
+        bodies, counts = np.unique(model.components[vertices], return_counts=True)
+        for body in bodies[counts > 1]:
             chosen = np.flatnonzero(model.components[vertices] == body)
             parts = [inner.segments[held[k]][:, 0] for k in chosen]
-            parts = _join_parts(parts, limbs[vertices[chosen]], MIN_GAP * model.diagonal)
+            limbs = _label_limbs(model, axis, position)[vertices[chosen]]
+            parts = _join_parts(parts, limbs, MIN_GAP * model.diagonal)
             if len(parts) > 1:
                 places.append(_describe(parts, axis))
     return places
@@ -140,10 +156,9 @@ def _label_limbs(model: TriMesh, axis: int, position: float) -> Integers:
     """Which vertices the surface joins near a plane: equal numbers, (m,)."""
     height = model.vertices[:, axis] - position
     near = np.abs(height) < LIMB_LENGTH * model.diagonal
-    side = height[model.faces] >= 0
-    near[model.faces[side.any(axis=1) & ~side.all(axis=1)]] = True
-    ends = model.edges.ends
-    return find_groups(ends[near[ends].all(axis=1)], len(near))
+    near[model.faces[find_cut_faces(model, axis, position)]] = True
+    one, two = model.edges.ends.T
+    return find_groups(model.edges.ends[near[one] & near[two]], len(near))
 
 
 def _join_parts(parts: list[Floats], limbs: Integers, min_gap: float) -> list[Floats]:

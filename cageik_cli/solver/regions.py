@@ -11,8 +11,18 @@ from scipy.spatial import cKDTree
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import closest_points
+from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.solver.region_causes import Cause, Evidence, judge_cause
 from cageik_cli.util.arrays import Floats, Integers
+
+MAX_RMS_RATIO = 10.0
+"""Regions are given if the largest deviation is more than so many times the rms of the clip,"""
+
+MAX_DEVIATION = 0.03
+"""or more than so many diagonals of the rest model,"""
+
+MIN_DEVIATION = 1e-5
+"""unless it is smaller than so many diagonals: it may be rounding of the input."""
 
 DEFAULT_SHARE = 0.5
 """Vertices that deviate by more than this share of the largest deviation belong to regions."""
@@ -72,36 +82,6 @@ class Region:
     evidence: Evidence
 
 
-@dataclass(slots=True, eq=False)
-class DeviationPeaks:
-    """The largest deviation of each vertex, gathered block by block.
-
-    Attributes
-    ----------
-    deviations : (m,) float64
-        File units; 0 for vertices without data.
-    frames : (m,) int64
-        The frame in which it was; −1 before any.
-    """
-
-    deviations: Floats
-    frames: Integers
-
-    @staticmethod
-    def create(vertex_count: int) -> "DeviationPeaks":
-        """Peaks before the first block."""
-        return DeviationPeaks(np.zeros(vertex_count), np.full(vertex_count, -1))
-
-    def add_block(self, squared_errors: Floats, first_frame: int) -> None:
-        """Take a block of frames in: |v̂_i − v_i|², (k, m), nan for vertices without data."""
-        squares = np.where(np.isnan(squared_errors), -1.0, squared_errors)
-        best = squares.argmax(axis=0)
-        largest = np.sqrt(np.maximum(np.take_along_axis(squares, best[None], axis=0)[0], 0.0))
-        better = largest > self.deviations
-        self.deviations[better] = largest[better]
-        self.frames[better] = first_frame + best[better]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class BoundModel:
     """A rest model, its cage, the weights that tie them, and what is known of the cage.
@@ -118,6 +98,12 @@ class BoundModel:
     cage: TriMesh
     weights: Floats
     shared_places: Sequence[SharedPlace] = field(default=())
+
+
+def has_bad_regions(rms: float, max_deviation: float, diagonal: float) -> bool:
+    """Whether the largest deviation of a clip is so large that its regions are worth a look."""
+    limit = min(MAX_RMS_RATIO * rms, MAX_DEVIATION * diagonal)
+    return max_deviation > max(limit, MIN_DEVIATION * diagonal)
 
 
 def find_worst_regions(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.solver.region_causes import (
     COARSE_EDGE,
     FAR_DISTANCE,
@@ -16,7 +17,6 @@ from cageik_cli.solver.region_causes import (
 from cageik_cli.solver.regions import (
     MAX_REGIONS,
     BoundModel,
-    DeviationPeaks,
     SharedPlace,
     find_worst_regions,
 )
@@ -40,22 +40,6 @@ def peaks(deviations, frames=None):
 def cap(axis, sign):
     """The vertices of the ball within 0.1 of a pole."""
     return sign * REST.vertices[:, axis] > 0.4
-
-
-def test_peaks_over_blocks_are_the_maxima_over_all_frames():
-    squares = np.random.default_rng(0).uniform(size=(17, len(REST.vertices)))
-    gathered = DeviationPeaks.create(len(REST.vertices))
-    for start in range(0, 17, 5):
-        gathered.add_block(squares[start : start + 5], start)
-    np.testing.assert_allclose(gathered.deviations, np.sqrt(squares.max(axis=0)))
-    np.testing.assert_array_equal(gathered.frames, squares.argmax(axis=0))
-
-
-def test_vertices_without_data_have_no_peak():
-    gathered = DeviationPeaks.create(3)
-    gathered.add_block(np.array([[1.0, np.nan, 0.25], [4.0, np.nan, 0.0]]), 10)
-    assert gathered.deviations.tolist() == [2, 0, 0.5]
-    assert gathered.frames.tolist() == [11, -1, 10]
 
 
 def test_two_caps_are_two_regions_the_worst_first():
