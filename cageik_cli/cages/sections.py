@@ -64,7 +64,7 @@ class SharedSection:
     gap: float
 
 
-NEAR_STEPS = 1.5
+NEAR_STEPS = 1.0
 """Sections are near a point if they are so many distances between sections away, or less."""
 
 
@@ -153,12 +153,17 @@ def _find_limb_loops(section: Section, axis: int, min_size: float) -> list[Integ
 
 
 def _label_limbs(model: TriMesh, axis: int, position: float) -> Integers:
-    """Which vertices the surface joins near a plane: equal numbers, (m,)."""
+    """Which vertices the surface joins near a plane: equal numbers, (m,); −1 for others."""
     height = model.vertices[:, axis] - position
     near = np.abs(height) < LIMB_LENGTH * model.diagonal
     near[model.faces[find_cut_faces(model, axis, position)]] = True
     one, two = model.edges.ends.T
-    return find_groups(model.edges.ends[near[one] & near[two]], len(near))
+    joined = near[one] & near[two]
+    kept = np.flatnonzero(near)
+    number = np.cumsum(near) - 1
+    groups = np.full(len(near), -1)
+    groups[kept] = find_groups(number[model.edges.ends[joined]], len(kept))
+    return groups
 
 
 def _join_parts(parts: list[Floats], limbs: Integers, min_gap: float) -> list[Floats]:

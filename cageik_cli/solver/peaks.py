@@ -26,13 +26,21 @@ class DeviationPeaks:
 
     @staticmethod
     def of_frames(squared_errors: Floats, frames: Integers) -> "DeviationPeaks":
-        """Find the peaks of the frames with these numbers: |v̂ − v|², (k, m), nan for no data."""
-        if not len(frames):
-            return DeviationPeaks.none(squared_errors.shape[1])
-        best = np.nan_to_num(squared_errors, nan=-1.0).argmax(axis=0)
-        squares = np.take_along_axis(squared_errors, best[None], axis=0)[0]
-        deviations = np.sqrt(np.nan_to_num(squares))
-        return DeviationPeaks(deviations, np.where(deviations > 0, frames[best], -1))
+        """Find the peaks of the frames with these numbers.
+
+        Parameters
+        ----------
+        squared_errors : (k, m) float64
+            |v̂ − v|²; nan in all frames for vertices without data.
+        frames : (k,) int64
+        """
+        squares = np.zeros(squared_errors.shape[1])
+        found = np.full(len(squares), -1)
+        for row, frame in zip(squared_errors, frames, strict=True):
+            is_larger = row > squares  # not where it is nan
+            np.copyto(squares, row, where=is_larger)
+            np.copyto(found, frame, where=is_larger)
+        return DeviationPeaks(np.sqrt(squares), found)
 
     @staticmethod
     def none(vertex_count: int) -> "DeviationPeaks":

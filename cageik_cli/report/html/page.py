@@ -138,7 +138,7 @@ def _build_region_values(report: Report) -> dict[str, Any]:
                 "centre": format_centre(region),
                 "size": format_size(region),
                 "vertices": region.vertices,
-                "frame": f"{region.frame} (frame {region.frame_index})",
+                "frame": region.frame,
                 "deviation": format_percent(region.max_deviation_percent),
                 "faces": ", ".join(map(str, region.cage_faces)),
                 "cause": CAUSES[Cause(region.cause)].text,
