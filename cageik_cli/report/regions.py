@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from cageik_cli.report.figures import ReportSummary, format_count, format_percent
+from cageik_cli.report.figures import ReportSummary, format_percent
 from cageik_cli.report.vocabulary import CAUSES
 from cageik_cli.solver.region_causes import Cause
 from cageik_cli.solver.regions import MAX_DEVIATION, MAX_RMS_RATIO, has_bad_regions
@@ -101,13 +101,12 @@ def explain_regions(summary: ReportSummary) -> str:
 
 
 def describe_region(region: RegionRecord) -> str:
-    """Describe a region in one line."""
+    """Describe a region in one line, its probable cause at the end."""
     faces = ", ".join(map(str, region.cage_faces))
     noun = "cage face" if len(region.cage_faces) == 1 else "cage faces"
     return (
-        f"{format_percent(region.max_deviation_percent)} % in {region.frame}, around "
-        f"{format_centre(region)}, size {format_size(region)} "
-        f"({format_count(region.vertices, 'vertex')}), {noun} {faces}; probable cause: "
+        f"{format_percent(region.max_deviation_percent)} % in {region.frame}, at "
+        f"{format_centre(region)}, size {format_size(region)}, {noun} {faces}: "
         f"{CAUSES[Cause(region.cause)].text}"
     )
 

@@ -106,7 +106,7 @@ def _parse_region(record: dict[str, Any]) -> StoredRegion:
     if not isinstance(record, dict) or set(record) != names:
         raise ValueError(f"expected objects of {', '.join(sorted(names))}")
     x, y, z = map(float, record["centre"])
-    evidence = record["evidence"]
+    evidence = dict(record["evidence"])
     in_shared_place = evidence.pop("in_shared_place")
     measured = {name: float(value) for name, value in evidence.items()}
     return StoredRegion(

@@ -19,6 +19,7 @@ from cageik_cli.solver.regions import (
     BoundModel,
     SharedPlace,
     find_worst_regions,
+    has_bad_regions,
 )
 from tests.shapes import ball, box
 
@@ -139,3 +140,19 @@ def test_faces_of_the_cage_that_are_nearest_may_be_thin():
     (region,) = find_worst_regions(bound(cage=slab), peaks(deviations))
     assert region.cause is Cause.THIN_FACES
     assert region.evidence.smallest_angle == pytest.approx(np.degrees(np.arctan(0.6 / 20)))
+
+
+@pytest.mark.parametrize(
+    ("rms", "largest", "is_bad"),
+    [
+        (0.02, 0.061, True),  # above 3 % of a diagonal of 2
+        (0.02, 0.06, False),
+        (0.001, 0.0101, True),  # above ten times the rms
+        (0.001, 0.01, False),
+        (1e-9, 1.9e-5, False),  # rounding
+        (1e-9, 2.1e-5, True),
+        (0.0, 0.0, False),
+    ],
+)
+def test_regions_are_told_of_large_deviations_alone(rms, largest, is_bad):
+    assert has_bad_regions(rms, largest, 2.0) is is_bad

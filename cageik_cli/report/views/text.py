@@ -115,7 +115,7 @@ def _region_rows(report: Report) -> list[tuple[str, str]]:
     if not report.regions:
         return []
     return [
-        ("worst regions", explain_regions(report.summary)),
+        ("worst regions", f"{explain_regions(report.summary)}; with probable causes:"),
         *((f"region {k}", describe_region(one)) for k, one in enumerate(report.regions, 1)),
         *(("to do", text) for text in list_remedies(report.regions)),
     ]
