@@ -14,7 +14,7 @@ PIXELS = 64
 MIN_SHARE = 0.8
 """A view is as good as the best if it shows so much of what that shows."""
 
-CLOSE_UP_WIDTH = 2.5
+CLOSE_UP_WIDTH = 2.0
 """Width of a close-up, in sizes of the region,"""
 
 MIN_CLOSE_UP = 0.25

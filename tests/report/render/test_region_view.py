@@ -5,6 +5,7 @@ import pytest
 
 from cageik_cli.report.render.model_views import REGION_TURNS, VIEW_TURN, view_axes
 from cageik_cli.report.render.region_view import (
+    CLOSE_UP_WIDTH,
     MIN_CLOSE_UP,
     choose_view,
     find_region_vertices,
@@ -64,6 +65,6 @@ def test_a_close_up_holds_the_region_and_something_around_it():
     points = np.array([[0.0, 0, 0], [2, 0, 0]])
     centre, extent = fit_close_up(points, 1.0, 10.0)
     np.testing.assert_array_equal(centre, [1, 0, 0])
-    assert extent == 2.5
+    assert 2 * extent == CLOSE_UP_WIDTH * 2
     _, extent = fit_close_up(points[:1], 0.0, 10.0)
     assert extent == MIN_CLOSE_UP * 10 / 2
