@@ -1,7 +1,7 @@
 """Read result files, with every check."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from cageik_cli.store.hdf5_fields import (
     read_meshes,
     read_notes,
     read_quality,
+    read_scene,
     read_sources,
     read_text_attr,
     read_version,
@@ -256,7 +257,7 @@ def read_result(path: Path) -> Result:
         return Result(
             path=path,
             version=read_version(file),
-            scene=_read_scene(file),
+            scene=read_scene(file),
             settings=read_json_attr(file, "settings", dict),
             sources=read_sources(file),
             quality=read_quality(file, SolveQuality),
@@ -315,19 +316,6 @@ def _read_column(file: h5py.File, name: str, frames: int) -> Any:
         return read_array(file, f"metrics/{name}", "iu", (frames,))
     with np.errstate(over="ignore", invalid="ignore"):  # values that do not fit are found later
         return read_array(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
-
-
-def _read_scene(file: h5py.File) -> Scene:
-    values = {field.name: file.attrs.get(field.name) for field in fields(Scene)}
-    for name, value in values.items():
-        if name == "up_axis" and isinstance(value, str):
-            continue
-        if not isinstance(value, np.floating | np.integer):
-            raise FormatError(
-                f"attribute `{name}` is {value!r}, expected a number; extract it again"
-            )
-        values[name] = float(value)
-    return Scene(**values)
 
 
 def _read_frame_names(file: h5py.File, count: int) -> tuple[str, ...]:

@@ -7,7 +7,6 @@ import numpy as np
 from PIL import Image
 
 from cageik_cli.report.render.raster import ParallelCamera, rasterize, rasterize_lines
-from cageik_cli.report.render.region_view import choose_view, find_region_vertices, fit_close_up
 from cageik_cli.report.render.shading import (
     SAMPLES_PER_PIXEL,
     Picture,
@@ -18,20 +17,19 @@ from cageik_cli.report.render.shading import (
     rasterize_surface,
     render,
 )
+from cageik_cli.report.render.viewpoints import (
+    REGION_TURNS,
+    VIEW_TURN,
+    choose_view,
+    find_region_vertices,
+    fit_close_up,
+    view_axes,
+)
 from cageik_cli.store.result import KeyFrames, Result, read_key_frames, read_weights
 from cageik_cli.util.arrays import Floats, Integers
 
 MODEL_COLOUR, CAGE_COLOUR = "#f0ede8", "#1f6fd0"
 """Colours of a model drawn in its cage, and of the cage."""
-
-VIEW_TURN, VIEW_TILT = 32.0, 14.0
-"""Degrees of the viewpoint to the right of the front, and above it."""
-
-REGION_TURNS = tuple(VIEW_TURN + turn for turn in (0, -64, 58, -122, 103, -167, 148, 180))
-"""From where the worst region may be looked at, the usual view first."""
-
-UPRIGHT_AXES = {"Y": np.eye(3), "Z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
-"""Rows: right, up and front of an upright model, by its up axis."""
 
 LINE_WIDTH = 1.3
 """Pixels."""
@@ -41,15 +39,6 @@ DEPTH_TOL = 0.006
 
 FRONT_OPACITY, HIDDEN_OPACITY = 0.95, 0.28
 """Opacity of lines before all surfaces, and behind one."""
-
-
-def view_axes(up_axis: str, turn: float) -> Floats:
-    """Return right, up and backward of a view from `turn` degrees right of the front, as rows."""
-    turn_angle, tilt_angle = np.radians((turn, VIEW_TILT))
-    (c, s), (d, e) = ((np.cos(angle), np.sin(angle)) for angle in (turn_angle, tilt_angle))
-    around = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
-    over = np.array([[1, 0, 0], [0, d, -e], [0, e, d]])
-    return np.asarray(over @ around @ UPRIGHT_AXES[up_axis])
 
 
 def project_surface(camera: ParallelCamera, vertices: Floats, faces: Integers) -> VisibleSurface:

@@ -1,4 +1,4 @@
-"""Where a camera must be to see a region of a model."""
+"""Where the camera of a picture is: the usual view, and those that show a region of a model."""
 
 from collections.abc import Mapping
 
@@ -7,6 +7,15 @@ from numpy.typing import NDArray
 
 from cageik_cli.report.render.raster import ParallelCamera, rasterize
 from cageik_cli.util.arrays import Floats, Integers
+
+VIEW_TURN, VIEW_TILT = 32.0, 14.0
+"""Degrees of the viewpoint to the right of the front, and above it."""
+
+REGION_TURNS = tuple(VIEW_TURN + turn for turn in (0, -64, 58, -122, 103, -167, 148, 180))
+"""From where the worst region may be looked at, the usual view first."""
+
+UPRIGHT_AXES = {"Y": np.eye(3), "Z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
+"""Rows: right, up and front of an upright model, by its up axis."""
 
 PIXELS = 64
 """Width and height of the pictures that choose a view."""
@@ -19,6 +28,15 @@ CLOSE_UP_WIDTH = 2.0
 
 MIN_CLOSE_UP = 0.25
 """but at least so many diagonals of the model."""
+
+
+def view_axes(up_axis: str, turn: float) -> Floats:
+    """Return right, up and backward of a view from `turn` degrees right of the front, as rows."""
+    turn_angle, tilt_angle = np.radians((turn, VIEW_TILT))
+    (c, s), (d, e) = ((np.cos(angle), np.sin(angle)) for angle in (turn_angle, tilt_angle))
+    around = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+    over = np.array([[1, 0, 0], [0, d, -e], [0, e, d]])
+    return np.asarray(over @ around @ UPRIGHT_AXES[up_axis])
 
 
 def find_region_vertices(

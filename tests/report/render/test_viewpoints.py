@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-from cageik_cli.report.render.model_views import REGION_TURNS, VIEW_TURN, view_axes
-from cageik_cli.report.render.region_view import (
+from cageik_cli.report.render.viewpoints import (
     CLOSE_UP_WIDTH,
     MIN_CLOSE_UP,
+    REGION_TURNS,
+    VIEW_TURN,
     choose_view,
     find_region_vertices,
     fit_close_up,
+    view_axes,
 )
 from tests.shapes import ball
 
