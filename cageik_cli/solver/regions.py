@@ -1,7 +1,7 @@
 """The regions of a model that an extraction reproduces worst, and what is likely to blame."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -84,20 +84,11 @@ class Region:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoundModel:
-    """A rest model, its cage, the weights that tie them, and what is known of the cage.
-
-    Attributes
-    ----------
-    rest, cage : TriMesh
-    weights : (m, n) float64
-    shared_places : sequence of SharedPlace
-        Where limbs share a loop of the cage, as `cages` finds it; nowhere by default.
-    """
+    """A rest model, its cage, and the weights that tie them, (m, n)."""
 
     rest: TriMesh
     cage: TriMesh
     weights: Floats
-    shared_places: Sequence[SharedPlace] = field(default=())
 
 
 def has_bad_regions(rms: float, max_deviation: float, diagonal: float) -> bool:
@@ -132,6 +123,32 @@ def find_worst_regions(
     return tuple(_describe(model, peaks, group) for group in groups[:MAX_REGIONS])
 
 
+def blame_shared_places(
+    regions: Sequence[Region], places: Sequence[SharedPlace], diagonal: float
+) -> tuple[Region, ...]:
+    """Judge the causes of regions again, where limbs share a loop of the cage.
+
+    Parameters
+    ----------
+    regions : sequence of Region
+    places : sequence of SharedPlace
+        As `cages` finds them.
+    diagonal : float
+        Of the rest model, file units.
+    """
+    return tuple(_judge_in_places(region, places, diagonal) for region in regions)
+
+
+def _judge_in_places(region: Region, places: Sequence[SharedPlace], diagonal: float) -> Region:
+    is_inside = any(
+        np.linalg.norm(place.centre - region.centre) <= place.radius for place in places
+    )
+    evidence = replace(region.evidence, in_shared_place=is_inside)
+    return replace(
+        region, evidence=evidence, cause=judge_cause(evidence, 100 * region.size / diagonal)
+    )
+
+
 def _group_connected(mesh: TriMesh, chosen: np.ndarray) -> list[Integers]:
     """The chosen vertices, those that edges join together."""
     ends = mesh.edges.ends
@@ -150,10 +167,9 @@ def _describe(model: BoundModel, peaks: DeviationPeaks, group: Integers) -> Regi
     worst = int(group[peaks.deviations[group].argmax()])
     faces = _find_cage_faces(model, points, group == worst)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    centre = points.mean(axis=0)
-    evidence = _gather_evidence(model, group, centre, faces)
+    evidence = _gather_evidence(model, group, faces)
     return Region(
-        centre=centre,
+        centre=points.mean(axis=0),
         size=size,
         vertices=group,
         frame=int(peaks.frames[worst]),
@@ -174,9 +190,7 @@ def _find_cage_faces(model: BoundModel, points: Floats, is_worst: np.ndarray) ->
     return order[counts[order] > 0].astype(np.int64)
 
 
-def _gather_evidence(
-    model: BoundModel, group: Integers, centre: Floats, faces: Integers
-) -> Evidence:
+def _gather_evidence(model: BoundModel, group: Integers, faces: Integers) -> Evidence:
     points, percent = model.rest.vertices[group], 100 / model.rest.diagonal
     corners = model.cage.vertices[model.cage.faces[faces]]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
@@ -187,7 +201,5 @@ def _gather_evidence(
         largest_weight=float(model.weights[group].max(axis=1).mean()),
         smallest_angle=float(corner_angles(model.cage)[faces].min()),
         edge_length=float(edges.mean() * percent),
-        in_shared_place=any(
-            np.linalg.norm(place.centre - centre) <= place.radius for place in model.shared_places
-        ),
+        in_shared_place=False,
     )

@@ -1,15 +1,15 @@
 """The regions of a clip that deviate most, found when its frames are solved."""
 
-from dataclasses import replace
-
 import numpy as np
 
+from cageik_cli.cages.sections import find_shared_sections
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.solver.blocks import ClipSummary
 from cageik_cli.solver.regions import (
     BoundModel,
     Region,
     SharedPlace,
+    blame_shared_places,
     find_worst_regions,
     has_bad_regions,
 )
@@ -24,15 +24,11 @@ def find_clip_regions(binding: Binding, summary: ClipSummary) -> tuple[Region, .
     model = BoundModel(binding.rest, binding.cage, binding.weights)
     regions = find_worst_regions(model, summary.peaks)
     places = _find_shared_places(binding, regions)
-    if not places:
-        return regions
-    return find_worst_regions(replace(model, shared_places=places), summary.peaks)
+    return blame_shared_places(regions, places, binding.rest.diagonal)
 
 
 def _find_shared_places(binding: Binding, regions: tuple[Region, ...]) -> list[SharedPlace]:
     """The places at these regions where limbs share a loop of the cage."""
-    from cageik_cli.cages.sections import find_shared_sections
-
     centres = np.array([region.centre for region in regions])
     sections = find_shared_sections(binding.cage, binding.rest, near=centres)
     return [

@@ -18,6 +18,7 @@ from cageik_cli.solver.regions import (
     MAX_REGIONS,
     BoundModel,
     SharedPlace,
+    blame_shared_places,
     find_worst_regions,
     has_bad_regions,
 )
@@ -26,11 +27,11 @@ from tests.shapes import ball, box
 REST = ball(3)
 
 
-def bound(cage=None, weight=0.9, places=()):
+def bound(cage=None, weight=0.9):
     cage = cage or box()
     weights = np.full((len(REST.vertices), len(cage.vertices)), 0.0)
     weights[:, 0] = weight
-    return BoundModel(REST, cage, weights, places)
+    return BoundModel(REST, cage, weights)
 
 
 def peaks(deviations, frames=None):
@@ -90,12 +91,14 @@ def test_no_more_than_the_most_are_given():
 
 def test_a_place_that_limbs_share_is_blamed():
     deviations = np.where(cap(0, 1), 1.0, 0.0)
-    places = [SharedPlace(np.array([0.5, 0, 0]), 0.2)]
-    (region,) = find_worst_regions(bound(places=places), peaks(deviations))
-    assert region.cause is Cause.SHARED_LOOP
-    places = [SharedPlace(np.array([-0.5, 0, 0]), 0.2)]
-    (region,) = find_worst_regions(bound(places=places), peaks(deviations))
-    assert region.cause is not Cause.SHARED_LOOP
+    regions = find_worst_regions(bound(), peaks(deviations))
+    (far,) = blame_shared_places(regions, [SharedPlace(np.array([-0.5, 0, 0]), 0.2)], REST.diagonal)
+    assert far.cause is regions[0].cause is not Cause.SHARED_LOOP
+    places = [SharedPlace(np.array([-0.5, 0, 0]), 0.2), SharedPlace(np.array([0.5, 0, 0]), 0.2)]
+    (inside,) = blame_shared_places(regions, places, REST.diagonal)
+    assert inside.cause is Cause.SHARED_LOOP
+    assert inside.evidence.in_shared_place
+    assert blame_shared_places([inside], [], REST.diagonal)[0].cause is regions[0].cause
 
 
 def test_a_cage_far_away_is_blamed_and_measured():
