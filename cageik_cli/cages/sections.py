@@ -35,6 +35,9 @@ MIN_RUN = 2
 MIN_GAP = 0.008
 """Limbs nearer to each other than this, in diagonals, count as one: no cage fits between."""
 
+NEAR_STEPS = 1.0
+"""Sections are near a point if they are so many distances between sections away, or less."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedSection:
@@ -64,13 +67,17 @@ class SharedSection:
     gap: float
 
 
-def find_shared_sections(cage: TriMesh, model: TriMesh) -> list[SharedSection]:
+def find_shared_sections(
+    cage: TriMesh, model: TriMesh, near: Floats | None = None
+) -> list[SharedSection]:
     """Find where two or more limbs of the model go through one loop of the cage.
 
     Parameters
     ----------
     cage, model : TriMesh
         The cage holds the model.
+    near : (k, 3) float64, optional
+        Only the sections near these points are made, which is faster; all by default.
 
     Returns
     -------
@@ -86,7 +93,11 @@ def find_shared_sections(cage: TriMesh, model: TriMesh) -> list[SharedSection]:
         slicers = Slicer.prepare(cage, axis), Slicer.prepare(model, axis)
         before: list[list[SharedSection]] = []
         for k in range(SECTIONS):
-            now = _find_at(*slicers, low + (k + 0.5) * step)
+            position = low + (k + 0.5) * step
+            is_wanted = near is None or (
+                (np.abs(near[:, axis] - position) <= NEAR_STEPS * step).any()
+            )
+            now = _find_at(*slicers, position) if is_wanted else []
             runs = [_continue_run(place, before) for place in now]
             found += [run for run in runs if len(run) == 1]
             before = runs
@@ -155,13 +166,17 @@ def _find_limb_loops(section: Section, axis: int, min_size: float) -> list[Integ
 
 
 def _label_limbs(model: Slicer, position: float) -> Integers:
-    """Which vertices the surface joins near a plane: equal numbers, (m,)."""
+    """Which vertices the surface joins near a plane: equal numbers, (m,); −1 for others."""
     mesh = model.mesh
     height = mesh.vertices[:, model.axis] - position
     near = np.abs(height) < LIMB_LENGTH * mesh.diagonal
     near[mesh.faces[model.find_cut_faces(position)]] = True
     one, two = mesh.edges.ends[:, 0], mesh.edges.ends[:, 1]
-    return find_groups(mesh.edges.ends[near[one] & near[two]], len(near))
+    number = np.cumsum(near) - 1
+    groups = np.full(len(near), -1)
+    joined = number[mesh.edges.ends[near[one] & near[two]]]
+    groups[near] = find_groups(joined, int(near.sum()))
+    return groups
 
 
 def _join_parts(parts: list[Floats], limbs: Integers, min_gap: float) -> list[Floats]:

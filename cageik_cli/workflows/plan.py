@@ -70,9 +70,16 @@ class ExtractionPlan:
         return self.settings.scene.override(self.sequence.scene.override(Scene()))
 
     @property
+    def rest_index(self) -> int | None:
+        """Return the number of the rest pose in the clip; None if it is a file of its own."""
+        return int(self.settings.rest_frame) if self.settings.rest is None else None
+
+    @property
     def rest_file(self) -> Path | None:
         """Return the mesh file of the rest pose; None if it is in a file of many frames."""
-        return self.settings.rest or find_rest_file(self.sequence, int(self.settings.rest_frame))
+        if self.rest_index is None:
+            return self.settings.rest
+        return find_rest_file(self.sequence, self.rest_index)
 
     @property
     def bind_settings(self) -> BindSettings:
@@ -95,7 +102,7 @@ class ExtractionPlan:
             "beta": solve.beta,
             "align": solve.align,
             **asdict(self.bind_settings),
-            "rest_frame": settings.rest_frame if settings.rest is None else None,
+            "rest_frame": self.rest_index,
             "vertex_weights": settings.vertex_weights is not None,
             **built,
         }

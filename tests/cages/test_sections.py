@@ -69,6 +69,19 @@ def test_a_box_around_two_legs_is_one_loop_for_both():
     assert 0.4 < place.length < 0.8
 
 
+def test_places_near_points_are_found_alone():
+    model = finer(trousers(0.5), 3)
+    cage = TriMesh(1.5 * box().vertices + [1.25, 1, 0.5], box().faces)
+    (place,) = find_shared_sections(cage, model, near=np.array([[1.25, 0.4, 0.5]]))
+    assert (place.axis, place.limbs) == (1, 2)
+    step = 2 / 24
+    assert abs(place.centre[1] - 0.4) <= step
+    assert place.length <= 2 * step
+    # Sections through the block above hold one limb; those across x hold one leg.
+    assert find_shared_sections(cage, model, near=np.array([[0.5, 1.6, 0.5]])) == []
+    assert find_shared_sections(cage, model, near=np.empty((0, 3))) == []
+
+
 def test_a_cage_with_legs_of_its_own_shares_nothing():
     model = trousers(0.5)
     centre = np.array([1.25, 1, 0.5])

@@ -15,15 +15,10 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.plots.cage_marks import FaultMark
 from cageik_cli.report.plots.pose_marks import place_names
 from cageik_cli.report.plots.style import INK, make_drawable, measure_text_width, use_fixed_style
-from cageik_cli.report.render.model_views import (
-    VIEW_TURN,
-    parse_colour,
-    project_surface,
-    render_with_cage,
-    view_axes,
-)
+from cageik_cli.report.render.model_views import parse_colour, project_surface, render_with_cage
 from cageik_cli.report.render.raster import ParallelCamera, rasterize
 from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, Picture, downsample, overlay
+from cageik_cli.report.render.viewpoints import VIEW_TURN, view_axes
 from cageik_cli.util.arrays import Floats
 
 PANEL_SIDE, ROW_HEIGHT, EDGE = 345.6, 15.0, 12.0
