@@ -3,11 +3,13 @@
 from collections.abc import Callable
 
 from cageik_cli.cages.enclosure import Enclosure, check_enclosure
+from cageik_cli.cages.room import find_room_faults
 from cageik_cli.coordinates.binding import Binding, reproduction_error
 from cageik_cli.coordinates.settings import ACCURACIES, BindSettings
 from cageik_cli.coordinates.weights import Weights, ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import NumericalError
+from cageik_cli.util.text import mark_warning
 
 MIN_HARMONIC_WEIGHT = -0.05
 """Harmonic weights below it give a warning; those of sound cages stay above −0.02."""
@@ -58,7 +60,8 @@ def bind(
         panels=weights.panels,
         estimated_error=weights.error,
         projected=len(enclosure.projected_indices),
-        notes=enclosure.notes + _weight_warnings(weights, settings),
+        notes=enclosure.notes + tuple(map(mark_warning, _list_weight_warnings(weights, settings))),
+        cage_warnings=_list_cage_warnings(enclosure, rest),
     )
     if not weights.error <= MAX_ESTIMATED_ERROR:
         raise NumericalError(
@@ -92,7 +95,17 @@ def _compute_weights(
     return harmonic_weights(cage, points, settings.accuracy, jobs, progress)
 
 
-def _weight_warnings(weights: Weights, settings: BindSettings) -> tuple[str, ...]:
+def _list_cage_warnings(enclosure: Enclosure, rest: TriMesh) -> tuple[str, ...]:
+    """Return warnings about the room in the cage, unless vertices are outside it.
+
+    `cageik check` looks more thoroughly; this takes a hundredth of the time of the weights.
+    """
+    if len(enclosure.projected_indices):
+        return ()
+    return tuple(finding.sentence for finding in find_room_faults(enclosure.cage, rest, False))
+
+
+def _list_weight_warnings(weights: Weights, settings: BindSettings) -> tuple[str, ...]:
     """Return warnings about harmonic weights, one sentence each."""
     if settings.coordinates != "harmonic":
         return ()

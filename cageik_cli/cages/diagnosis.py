@@ -12,14 +12,15 @@ from cageik_cli.cages.enclosure import (
     locate_vertices,
 )
 from cageik_cli.cages.findings import SEVERITIES, Finding
+from cageik_cli.cages.misfit import MAX_OUTSIDE_SHARE, MAX_UNINFLATED, explain_misfit
 from cageik_cli.cages.quality import (
     find_low_clearance,
     find_needle_faces,
-    find_oversized_cage,
     find_surface_crossings,
     find_thin_parts,
     find_weak_vertices,
 )
+from cageik_cli.cages.room import find_room_faults
 from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.coordinates.harmonic import MAX_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
@@ -28,6 +29,9 @@ from cageik_cli.util.arrays import Floats, Integers
 
 MAX_WEAKEST_LISTED = 3
 """How many of the least influential cage vertices are listed."""
+
+UNREPAIRABLE = {"point", "too-many-faces", "swapped", "no-volume"}
+"""Kinds of findings that no repair can mend."""
 
 NO_NUMBERS: Integers = np.empty(0, np.int64)
 
@@ -72,6 +76,10 @@ class RestFacts:
         Smallest distance of the other vertices from the cage, percent of the diagonal.
     clearance_vertex, clearance_face : int, optional
         The vertex and the cage face of this distance.
+    transform : str, optional
+        How the cage differs if it holds the model without that: `in centimetres instead of metres`.
+    inflation : float, optional
+        By how much a cage is too small everywhere, percent of the diagonal.
     weakest_vertices : tuple of int
         The least influential cage vertices, if the cage binds.
     weakest_weights : tuple of float
@@ -85,6 +93,8 @@ class RestFacts:
     clearance: float | None = None
     clearance_vertex: int | None = None
     clearance_face: int | None = None
+    transform: str | None = None
+    inflation: float | None = None
     weakest_vertices: tuple[int, ...] = ()
     weakest_weights: tuple[float, ...] = ()
 
@@ -127,7 +137,21 @@ class Diagnosis:
     def verdict(self) -> str:
         """`unfit` (does not bind), `usable` (binds, with warnings) or `fit`."""
         severities = {finding.severity for finding in self.findings}
-        return next((known for known in ("unfit", "usable") if known in severities), "fit")
+        if "unfit" in severities:
+            return "unfit"
+        return "usable" if "warning" in severities else "fit"
+
+    @property
+    def is_repairable(self) -> bool:
+        """Whether the cage is unfit, but `cageik cage --repair` may make it fit."""
+        kinds = {finding.kind for finding in self.findings}
+        if self.is_fit or kinds & UNREPAIRABLE:
+            return False
+        rest = self.rest
+        if rest is None or (rest.outside or 0) <= MAX_OUTSIDE_SHARE * rest.vertices:
+            return True
+        worst = max(f.value for f in self.findings if f.kind == "outside")
+        return rest.transform is not None or worst < MAX_UNINFLATED
 
 
 def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None) -> Diagnosis:
@@ -189,9 +213,14 @@ def _diagnose_rest(
     placement = locate_vertices(_turn_outward(cage), rest)
     findings = [*find_surface_crossings(placement, rest)]
     if outside := find_outside_vertices(placement, rest):
-        findings.append(outside)
+        misfit = explain_misfit(placement.closest.mesh, rest, outside.percent, outside.share)
+        facts = replace(facts, transform=misfit.transform, inflation=misfit.inflation)
+        findings.append(outside.make_finding(misfit.remedy))
     else:
-        findings += [*find_oversized_cage(cage, rest), *find_low_clearance(placement, rest)]
+        findings += [
+            *find_room_faults(placement.closest.mesh, rest),
+            *find_low_clearance(placement, rest),
+        ]
     return _add_clearance(facts, placement), findings
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.cages.findings import Finding
+from cageik_cli.cages.misfit import MAX_OUTSIDE_SHARE, explain_misfit
 from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import (
@@ -20,8 +21,20 @@ from cageik_cli.util.errors import CageError, join_truncated
 TOUCH_TOL = 1e-8
 """A vertex outside by at most this, in diagonals, counts as on the cage."""
 
-MAX_OUTSIDE_SHARE = 0.5
-"""With a larger share of vertices outside, none are projected: it is another model's cage."""
+REST_NAME = "the rest pose"
+"""What messages call the model."""
+
+
+class OutsideError(CageError):
+    """Vertices of a model are outside the cage.
+
+    Attributes
+    ----------
+    outside : OutsideVertices, optional
+        Which; unknown once the error has got a context.
+    """
+
+    outside: "OutsideVertices | None" = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +57,58 @@ class Enclosure:
     points: Floats
     projected_indices: Integers
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OutsideVertices:
+    """The vertices of a model that are outside its cage, by more than rounding.
+
+    Attributes
+    ----------
+    numbers : (k,) int64
+    count : int
+        Of all vertices of the model.
+    worst : int
+        The one that is furthest outside.
+    percent : float
+        By how much, percent of the diagonal.
+    """
+
+    numbers: Integers
+    count: int
+    worst: int
+    percent: float
+
+    @property
+    def share(self) -> float:
+        """The share of the vertices."""
+        return len(self.numbers) / self.count
+
+    @property
+    def is_misplaced(self) -> bool:
+        """Whether so many are outside that the cage must be for another rest pose."""
+        return self.share > MAX_OUTSIDE_SHARE
+
+    def describe(self, name: str) -> str:
+        """Say which vertices of a mesh of this name they are."""
+        return (
+            f"{len(self.numbers)} of {self.count} vertices of {name} are outside the cage, the "
+            f"worst, {self.worst}, by {self.percent:.3g} % of the diagonal: numbers "
+            f"{join_truncated(self.numbers)} (from 0)"
+        )
+
+    def make_finding(self, remedy: str) -> Finding:
+        """Make the finding of a check."""
+        return Finding(
+            kind="outside",
+            severity="unfit",
+            message=self.describe(REST_NAME),
+            remedy=remedy,
+            elements="vertices",
+            numbers=self.numbers,
+            value=self.percent,
+            mesh="rest",
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,8 +147,8 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> En
     Raises
     ------
     CageError
-        When the cage is not sound, or vertices are outside; asks whether cage and model are
-        swapped if their sizes suggest it.
+        When the cage is not sound, or vertices are outside (`OutsideError`); asks whether cage and
+        model are swapped if their sizes suggest it.
     """
     try:
         outward, notes = validate_cage(cage)
@@ -91,10 +156,13 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> En
     except CageError as error:
         if len(cage.vertices) <= len(rest.vertices):
             raise
-        raise CageError(
+        swapped = type(error)(
             f"{error}; the cage has {len(cage.vertices)} vertices and the model "
             f"{len(rest.vertices)}: are they swapped?"
-        ) from error
+        )
+        if isinstance(swapped, OutsideError) and isinstance(error, OutsideError):
+            swapped.outside = error.outside
+        raise swapped from error
 
 
 def locate_vertices(cage: TriMesh, rest: TriMesh) -> Placement:
@@ -107,55 +175,14 @@ def locate_vertices(cage: TriMesh, rest: TriMesh) -> Placement:
     )
 
 
-def find_outside_vertices(placement: Placement, rest: TriMesh) -> Finding | None:
-    """Return a finding of the vertices of the rest pose that are outside; None if none are."""
-    outside = placement.outside_indices
-    if len(outside) == 0:
+def find_outside_vertices(placement: Placement, rest: TriMesh) -> OutsideVertices | None:
+    """Find the vertices of the rest pose that are outside; None if none are."""
+    numbers = placement.outside_indices
+    if len(numbers) == 0:
         return None
-    worst = outside[placement.closest.distance[outside].argmax()]
+    worst = numbers[placement.closest.distance[numbers].argmax()]
     percent = 100 * placement.closest.distance[worst] / rest.diagonal
-    return Finding(
-        kind="outside",
-        severity="unfit",
-        message=(
-            f"{len(outside)} of {len(rest.vertices)} vertices of the rest pose are outside the "
-            f"cage, the worst, {worst}, by {percent:.3g} % of the diagonal: numbers "
-            f"{join_truncated(outside)} (from 0)"
-        ),
-        remedy=_likely_cause(placement.closest.mesh, rest)
-        if _is_misplaced(placement)
-        else "enlarge the cage there, give the rest pose it was made for, or take the "
-        "nearest points of the cage with --outside project",
-        elements="vertices",
-        numbers=outside,
-        value=float(percent),
-    )
-
-
-def _is_misplaced(placement: Placement) -> bool:
-    """Whether so many vertices are outside that the cage must be for another rest pose."""
-    return len(placement.outside_indices) > MAX_OUTSIDE_SHARE * len(placement.outside)
-
-
-def _likely_cause(cage: TriMesh, rest: TriMesh) -> str:
-    """Return the likely cause when most of a model is outside the cage."""
-    ratio = cage.diagonal / rest.diagonal
-    if not 0.2 < ratio < 5:
-        return (
-            f"the cage is {ratio:.3g} times as large as the model: export both in the same unit, "
-            "or move the model into the cage"
-        )
-    low = np.maximum(cage.vertices.min(axis=0), rest.vertices.min(axis=0))
-    high = np.minimum(cage.vertices.max(axis=0), rest.vertices.max(axis=0))
-    if (low > high).any():
-        return (
-            "their bounding boxes do not overlap: move the cage to the model, or give the rest "
-            "pose that it was made for"
-        )
-    return (
-        "most of the model is outside: give the rest pose the cage was made for, or "
-        "export both with the same axes and scale"
-    )
+    return OutsideVertices(numbers, len(rest.vertices), int(worst), float(percent))
 
 
 def find_missing_extent(rest: TriMesh) -> Finding | None:
@@ -180,13 +207,21 @@ def _project_outside(
     if no_extent := find_missing_extent(rest):
         raise CageError(no_extent.sentence)
     placement = locate_vertices(cage, rest)
-    if found := find_outside_vertices(placement, rest):
-        if policy == "refuse" or _is_misplaced(placement):
-            raise CageError(found.sentence)
+    if outside := find_outside_vertices(placement, rest):
+        if policy == "refuse" or outside.is_misplaced:
+            raise _make_outside_error(cage, rest, outside)
         notes = (
             *notes,
-            f"{found.message}; they have the weights of the nearest points of the cage",
+            f"{outside.describe('the model')}; they have the weights of the nearest points of the "
+            "cage",
         )
     moved = placement.outside[:, None]
     points = np.where(moved, placement.closest.position, rest.vertices)
     return Enclosure(cage, points, placement.outside_indices, notes)
+
+
+def _make_outside_error(cage: TriMesh, rest: TriMesh, outside: OutsideVertices) -> OutsideError:
+    misfit = explain_misfit(cage, rest, outside.percent, outside.share)
+    error = OutsideError(outside.make_finding(misfit.remedy).sentence)
+    error.outside, error.is_repairable = outside, misfit.is_repairable
+    return error

@@ -8,8 +8,11 @@ from numpy.typing import ArrayLike
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import join_truncated
 
-SEVERITIES = ("unfit", "usable", "note")
+SEVERITIES = ("unfit", "warning", "note")
 """From the worst: it does not bind; it binds, but something will be poor; a remark."""
+
+Point = tuple[float, float, float]
+"""A place, file units."""
 
 _PLURALS = {
     "vertex": "vertices",
@@ -37,6 +40,11 @@ class Finding:
         All elements, from 0; an edge is its two vertices.
     value : float
         The measured value: the number of elements, unless the message has another one.
+    mesh : str
+        Of which mesh the elements are: `cage`, `rest`, or `both` for pairs of a face of the rest
+        pose and one of the cage.
+    place : tuple of float, optional
+        Where it is, if it has no elements, file units.
     """
 
     kind: str
@@ -46,6 +54,8 @@ class Finding:
     elements: str
     numbers: Integers
     value: float
+    mesh: str = "cage"
+    place: Point | None = None
 
     @property
     def sentence(self) -> str:

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from cageik_cli.cages.repairing.samples import sample_surface
 from cageik_cli.geometry.mesh import TriMesh
@@ -21,6 +20,13 @@ GROWTH = 1.4
 """Factor between the inflations that are tried first."""
 
 
+MAX_HELD_SAMPLES = 50_000
+"""Points of a model's surface by which an inflation is judged, about as many at most."""
+
+MAX_GAP_SAMPLES = 1500
+"""Points of a cage from which the distance to the model is measured, about as many at most."""
+
+
 @dataclass(frozen=True, slots=True)
 class Looseness:
     """How a cage's room compares with its model.
@@ -29,31 +35,23 @@ class Looseness:
     ----------
     volume_ratio : float, optional
         The cage's volume over the model's; None for an open model.
-    hull_ratio : float, optional
-        The cage's volume over that of the model's convex hull; None for a flat model.
-    mean_gap, max_gap : float
-        Distance of the cage's surface from the model's, percent of the model's diagonal.
+    mean_gap : float
+        Mean distance of the cage's surface from the model's, percent of the model's diagonal.
     """
 
     volume_ratio: float | None
-    hull_ratio: float | None
     mean_gap: float
-    max_gap: float
 
 
 def measure_looseness(cage: TriMesh, model: TriMesh) -> Looseness:
     """Compare the room in a cage, closed and turned outward, with its model."""
     closed = bounds_volume(model) and model.volume != 0
-    try:
-        hull = float(ConvexHull(model.vertices).volume)
-    except QhullError:
-        hull = 0.0
-    gaps = 100 * closest_points(model, sample_surface(cage)).distance / model.diagonal
+    samples = sample_surface(cage)
+    samples = samples[:: -(-len(samples) // MAX_GAP_SAMPLES)]
+    gaps = closest_points(model, samples).distance
     return Looseness(
         volume_ratio=abs(cage.volume / model.volume) if closed else None,
-        hull_ratio=cage.volume / hull if hull > 0 else None,
-        mean_gap=float(gaps.mean()),
-        max_gap=float(gaps.max()),
+        mean_gap=float(100 * gaps.mean() / model.diagonal),
     )
 
 
@@ -69,25 +67,29 @@ def measure_inflation(cage: TriMesh, model: TriMesh) -> float | None:
     Returns
     -------
     float, optional
-        Percent of the model's diagonal, found to hold all of the model's surface; 0 if the cage
-        holds it as it is, None if `MAX_INFLATION` does not, or the cage then crosses itself.
+        Percent of the model's diagonal, found to hold points all over the model; 0 if the cage
+        holds them as it is, None if `MAX_INFLATION` does not, or the cage then crosses itself.
     """
     samples = sample_surface(model)
+    samples = samples[:: -(-len(samples) // MAX_HELD_SAMPLES)]
     outside = samples[winding_numbers(cage, samples) < 0.5]
     if len(outside) == 0:
         return 0.0
     normals = vertex_normals(cage) * (model.diagonal / 100)
     depth = 100 * float(closest_points(cage, outside).distance.max()) / model.diagonal
-    low, high = 0.0, max(depth, INFLATION_TOL)
-    while not _holds(cage, high * normals, outside):
-        low, high = high, high * GROWTH
+    left, low, high = outside, 0.0, max(depth, INFLATION_TOL)
+    while len(found := _find_outside(cage, high * normals, left, outside)):
+        left, low, high = found, high, high * GROWTH
         if low > MAX_INFLATION:
             return None
     while high - low > INFLATION_TOL * high:
         middle = (low + high) / 2
-        low, high = (low, middle) if _holds(cage, middle * normals, outside) else (middle, high)
+        if len(found := _find_outside(cage, middle * normals, left, outside)):
+            left, low = found, middle
+        else:
+            high = middle
     # Where the cage is thin, it may cross itself as it grows, and lose what it held.
-    held = high <= MAX_INFLATION and _holds(cage, high * normals, samples)
+    held = high <= MAX_INFLATION and not len(_find_outside(cage, high * normals, samples))
     return high if held else None
 
 
@@ -107,6 +109,15 @@ def vertex_normals(mesh: TriMesh) -> Floats:
     return np.asarray(total / np.where(length > 0, length, 1.0))
 
 
-def _holds(cage: TriMesh, moves: Floats, samples: Floats) -> bool:
+def _find_outside(cage: TriMesh, moves: Floats, *samples: Floats) -> Floats:
+    """The samples, (k, 3), that a cage with moved vertices does not hold.
+
+    Of several sets the first with such samples counts: the likeliest, to save the others.
+    """
     grown = TriMesh(cage.vertices + moves, cage.faces)
-    return bool((winding_numbers(grown, samples) >= 0.5).all())
+    left = np.empty((0, 3))
+    for points in samples:
+        left = points[winding_numbers(grown, points) < 0.5]
+        if len(left):
+            break
+    return left

@@ -1,6 +1,7 @@
 """Plane sections of a mesh: the loops in which a plane across an axis cuts it."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from scipy import sparse
@@ -32,12 +33,43 @@ class Section:
     loops: Integers
 
 
-def cut_mesh(mesh: TriMesh, axis: int, position: float) -> Section:
-    """Cut a mesh; vertices in the plane count as above it."""
-    above = mesh.vertices[:, axis] >= position
-    side = above[mesh.faces]
-    faces = np.flatnonzero(side.any(axis=1) & ~side.all(axis=1))
-    side = side[faces]
+@dataclass(frozen=True, slots=True, eq=False)
+class Slicer:
+    """A mesh that is cut often across one axis.
+
+    Attributes
+    ----------
+    mesh : TriMesh
+    axis : int
+        0, 1, 2 for x, y, z.
+    low, high : (f,) float64
+        Where each face begins and ends along the axis.
+    """
+
+    mesh: TriMesh
+    axis: int
+    low: Floats
+    high: Floats
+
+    @classmethod
+    def prepare(cls, mesh: TriMesh, axis: int) -> Self:
+        """Find where the faces are."""
+        a, b, c = (mesh.vertices[mesh.faces[:, k], axis] for k in range(3))
+        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+        return cls(mesh, axis, low, high)
+
+    def find_cut_faces(self, position: float) -> Integers:
+        """The faces with vertices on both sides; vertices in the plane count as above it."""
+        return np.flatnonzero((self.low < position) & (self.high >= position))
+
+    def cut(self, position: float) -> Section:
+        """Cut the mesh."""
+        return cut_faces(self.mesh, self.axis, position, self.find_cut_faces(position))
+
+
+def cut_faces(mesh: TriMesh, axis: int, position: float, faces: Integers) -> Section:
+    """Cut the faces that have vertices on both sides of a plane."""
+    side = mesh.vertices[mesh.faces[faces], axis] >= position
     # The corner that is alone on its side first: its two edges are the ones that are cut.
     lone = np.where(side.sum(axis=1) == 1, side.argmax(axis=1), (~side).argmax(axis=1))
     turns = (lone[:, None] + np.arange(3)) % 3
@@ -81,6 +113,7 @@ def measure_box(points: Floats) -> float:
 def _label_loops(ends: Integers) -> Integers:
     """The loop of each segment, (s,), by the edges (s, 2, 2) on which they end."""
     flat = np.sort(ends.reshape(-1, 2), axis=1)
-    _, edge = np.unique(flat, axis=0, return_inverse=True)
-    joined = edge.reshape(-1, 2)
+    keys: Integers = flat[:, 0] * (int(flat.max(initial=0)) + 1) + flat[:, 1]
+    _, edge = np.unique(keys, return_inverse=True)
+    joined: Integers = edge.reshape(-1, 2)
     return find_groups(joined, int(edge.max(initial=-1)) + 1)[joined[:, 0]]

@@ -23,9 +23,6 @@ MIN_CLEARANCE = 1e-4
 MIN_INFLUENCE = 0.05
 """A cage vertex whose weights are all smaller has hardly any influence on the model."""
 
-MAX_SIZE_RATIO = 5.0
-"""A larger ratio of the diagonals of cage and model suggests different units."""
-
 
 def find_needle_faces(cage: TriMesh) -> Iterator[Finding]:
     """Find faces with a small angle; degenerate faces are another finding."""
@@ -35,7 +32,7 @@ def find_needle_faces(cage: TriMesh) -> Iterator[Finding]:
         worst = sharp[angles[sharp].argmin()]
         yield Finding(
             kind="needle",
-            severity="usable",
+            severity="warning",
             message=f"the cage has angles below {MIN_ANGLE:g} degrees at "
             f"{format_elements('face', sharp)}, the smallest {angles[worst]:.2g} degrees at face "
             f"{worst}",
@@ -54,7 +51,7 @@ def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
         pairs = np.unique(np.sort(sheets, axis=1), axis=0)
         yield Finding(
             kind="thin",
-            severity="usable",
+            severity="warning",
             message=f"the cage has sheets closer to each other than {MIN_SHEET_RATIO:g} face "
             f"widths at {format_elements('face pair', pairs)}, the closest at "
             f"{nearness[worst]:.2g} between faces {sheets[worst, 0]} and {sheets[worst, 1]}",
@@ -62,22 +59,6 @@ def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
             elements="face pairs",
             numbers=pairs,
             value=float(nearness[worst]),
-        )
-
-
-def find_oversized_cage(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
-    """Find a cage that encloses the model but is far too large for it."""
-    ratio = cage.diagonal / rest.diagonal
-    if ratio > MAX_SIZE_RATIO:
-        yield Finding(
-            kind="large",
-            severity="usable",
-            message=f"the cage is {ratio:.3g} times as large as the model, expected at most "
-            f"{MAX_SIZE_RATIO:g}",
-            remedy="export both in the same unit, or fit the cage to the model",
-            elements="",
-            numbers=np.empty(0, np.int64),
-            value=float(ratio),
         )
 
 
@@ -89,7 +70,7 @@ def find_low_clearance(placement: Placement, rest: TriMesh) -> Iterator[Finding]
         worst = near[clearance[near].argmin()]
         yield Finding(
             kind="clearance",
-            severity="usable",
+            severity="warning",
             message=f"vertices of the rest pose are closer to the cage than "
             f"{100 * MIN_CLEARANCE:g} % of the diagonal: {format_elements('vertex', near)}, the "
             f"closest, with {100 * clearance[worst]:.2g} %, is vertex {worst} at face "
@@ -98,6 +79,7 @@ def find_low_clearance(placement: Placement, rest: TriMesh) -> Iterator[Finding]
             elements="vertices",
             numbers=near,
             value=float(100 * clearance[worst]),
+            mesh="rest",
         )
 
 
@@ -109,13 +91,14 @@ def find_surface_crossings(placement: Placement, rest: TriMesh) -> Iterator[Find
     if len(pairs):
         yield Finding(
             kind="surface-crossing",
-            severity="usable",
+            severity="warning",
             message="faces of the rest pose cross the cage although their vertices are inside, at "
             f"{format_elements('pair of a rest and a cage face', pairs)}",
             remedy="move the cage outward there",
             elements="face pairs",
             numbers=pairs,
             value=float(len(pairs)),
+            mesh="both",
         )
 
 
@@ -126,7 +109,7 @@ def find_weak_vertices(largest_weights: Floats) -> Iterator[Finding]:
         worst = weak[largest_weights[weak].argmin()]
         yield Finding(
             kind="weak-vertex",
-            severity="usable",
+            severity="warning",
             message=f"the cage has vertices whose weights are all below {MIN_INFLUENCE:g}: "
             f"{format_elements('vertex', weak)}, the smallest, {largest_weights[worst]:.2g}, at "
             f"vertex {worst}",

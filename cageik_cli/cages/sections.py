@@ -1,5 +1,6 @@
 """Plane sections of a cage and its model: where limbs share one loop of the cage."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -8,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from cageik_cli.cages.plane_sections import (
     Section,
-    cut_mesh,
+    Slicer,
     find_groups,
     is_closed,
     measure_box,
@@ -33,6 +34,9 @@ MIN_RUN = 2
 
 MIN_GAP = 0.008
 """Limbs nearer to each other than this, in diagonals, count as one: no cage fits between."""
+
+NEAR_STEPS = 1.0
+"""Sections are near a point if they are so many distances between sections away, or less."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,13 +67,17 @@ class SharedSection:
     gap: float
 
 
-def find_shared_sections(cage: TriMesh, model: TriMesh) -> list[SharedSection]:
+def find_shared_sections(
+    cage: TriMesh, model: TriMesh, near: Floats | None = None
+) -> list[SharedSection]:
     """Find where two or more limbs of the model go through one loop of the cage.
 
     Parameters
     ----------
     cage, model : TriMesh
         The cage holds the model.
+    near : (k, 3) float64, optional
+        Only the sections near these points are made, which is faster; all by default.
 
     Returns
     -------
@@ -82,10 +90,14 @@ def find_shared_sections(cage: TriMesh, model: TriMesh) -> list[SharedSection]:
     for axis in range(3):
         low, high = model.vertices[:, axis].min(), model.vertices[:, axis].max()
         step = (high - low) / SECTIONS
+        slicers = Slicer.prepare(cage, axis), Slicer.prepare(model, axis)
         before: list[list[SharedSection]] = []
         for k in range(SECTIONS):
             position = low + (k + 0.5) * step
-            now = _find_at(cage, model, axis, position)
+            is_wanted = near is None or (
+                (np.abs(near[:, axis] - position) <= NEAR_STEPS * step).any()
+            )
+            now = _find_at(*slicers, position) if is_wanted else []
             runs = [_continue_run(place, before) for place in now]
             found += [run for run in runs if len(run) == 1]
             before = runs
@@ -93,25 +105,42 @@ def find_shared_sections(cage: TriMesh, model: TriMesh) -> list[SharedSection]:
     return sorted(places, key=lambda place: -place.length)
 
 
-def _find_at(cage: TriMesh, model: TriMesh, axis: int, position: float) -> list[SharedSection]:
+def _find_at(cage: Slicer, model: Slicer, position: float) -> list[SharedSection]:
     """The places in one section."""
-    outer, inner = cut_mesh(cage, axis, position), cut_mesh(model, axis, position)
-    limbs = _label_limbs(model, axis, position)
-    loops = _find_limb_loops(inner, axis, MIN_LOOP_SIZE * model.diagonal)
+    axis, mesh = model.axis, model.mesh
+    inner = model.cut(position)
+    loops = _find_limb_loops(inner, axis, MIN_LOOP_SIZE * mesh.diagonal)
+    if len(loops) < 2:
+        return []
+    groups = list(_group_loops(loops, inner, cage.cut(position), model))
+    if not groups:
+        return []
+    limbs = _label_limbs(model, position)
     places = []
+    for group in groups:
+        vertices = mesh.faces[[inner.faces[loop[0]] for loop in group], 0]
+        parts = [inner.segments[loop][:, 0] for loop in group]
+        parts = _join_parts(parts, limbs[vertices], MIN_GAP * mesh.diagonal)
+        if len(parts) > 1:
+            places.append(_describe(parts, axis))
+    return places
+
+
+def _group_loops(
+    loops: list[Integers], inner: Section, outer: Section, model: Slicer
+) -> Iterator[list[Integers]]:
+    """Yield the loops of one body of the model, two or more, that are in one loop of the cage."""
+    axis, mesh = model.axis, model.mesh
     for number in np.unique(outer.loops):
         border = outer.segments[outer.loops == number]
         if not is_closed(border):
             continue
         held = [loop for loop in loops if winds_around(border, inner.segments[loop][0, 0], axis)]
-        vertices = model.faces[[inner.faces[loop[0]] for loop in held], 0]
-        for body in np.unique(model.components[vertices]):
-            chosen = np.flatnonzero(model.components[vertices] == body)
-            parts = [inner.segments[held[k]][:, 0] for k in chosen]
-            parts = _join_parts(parts, limbs[vertices[chosen]], MIN_GAP * model.diagonal)
-            if len(parts) > 1:
-                places.append(_describe(parts, axis))
-    return places
+        bodies = mesh.components[mesh.faces[[inner.faces[loop[0]] for loop in held], 0]]
+        for body in np.unique(bodies):
+            chosen = np.flatnonzero(bodies == body)
+            if len(chosen) > 1:
+                yield [held[k] for k in chosen]
 
 
 def _find_limb_loops(section: Section, axis: int, min_size: float) -> list[Integers]:
@@ -136,14 +165,18 @@ def _find_limb_loops(section: Section, axis: int, min_size: float) -> list[Integ
     ]
 
 
-def _label_limbs(model: TriMesh, axis: int, position: float) -> Integers:
-    """Which vertices the surface joins near a plane: equal numbers, (m,)."""
-    height = model.vertices[:, axis] - position
-    near = np.abs(height) < LIMB_LENGTH * model.diagonal
-    side = height[model.faces] >= 0
-    near[model.faces[side.any(axis=1) & ~side.all(axis=1)]] = True
-    ends = model.edges.ends
-    return find_groups(ends[near[ends].all(axis=1)], len(near))
+def _label_limbs(model: Slicer, position: float) -> Integers:
+    """Which vertices the surface joins near a plane: equal numbers, (m,); −1 for others."""
+    mesh = model.mesh
+    height = mesh.vertices[:, model.axis] - position
+    near = np.abs(height) < LIMB_LENGTH * mesh.diagonal
+    near[mesh.faces[model.find_cut_faces(position)]] = True
+    one, two = mesh.edges.ends[:, 0], mesh.edges.ends[:, 1]
+    number = np.cumsum(near) - 1
+    groups = np.full(len(near), -1)
+    joined = number[mesh.edges.ends[near[one] & near[two]]]
+    groups[near] = find_groups(joined, int(near.sum()))
+    return groups
 
 
 def _join_parts(parts: list[Floats], limbs: Integers, min_gap: float) -> list[Floats]:

@@ -7,9 +7,14 @@ from itertools import permutations, product
 import numpy as np
 
 from cageik_cli.cages.looseness import measure_inflation
-from cageik_cli.cages.quality import MAX_SIZE_RATIO
 from cageik_cli.cages.repairing.samples import sample_surface
-from cageik_cli.cages.transform_names import UNIT_SCALES, Candidate, Transform, name_candidate
+from cageik_cli.cages.transform_names import (
+    COMMON_SCALES,
+    UNIT_SCALES,
+    Candidate,
+    Transform,
+    name_candidate,
+)
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats
@@ -32,10 +37,14 @@ EXTENT_RATIOS = (0.9, 2.0)
 """A transformed cage is at least and at most so much larger than the model, along each axis."""
 
 MAX_FITTED_RATIO = 1.4
-"""The same where the scale was fitted: any cage holds any model when it is large enough."""
+"""The same where the scale was fitted, or is between rare units: any cage holds any model
+when it is large enough."""
 
 EXTENT_SLACK = 0.1
 """Along axes in which the model is thin, the cage may be larger by this, in diagonals."""
+
+MAX_SIZE_RATIO = 5.0
+"""A larger ratio of the diagonals of cage and model suggests different units."""
 
 MAX_POINTS = 400
 """Vertices of the model by which candidates are compared."""
@@ -201,6 +210,7 @@ def _is_of_size(candidate: Candidate, cage: TriMesh, model: TriMesh) -> bool:
     """Whether a cage is about as large as the model along every axis."""
     outer, inner = np.ptp(cage.vertices, axis=0), np.ptp(model.vertices, axis=0)
     low, high = EXTENT_RATIOS
-    high = MAX_FITTED_RATIO if candidate.is_scaled else high
+    is_common = candidate.scale in (1.0, *COMMON_SCALES)
+    high = high if is_common and not candidate.is_scaled else MAX_FITTED_RATIO
     slack = EXTENT_SLACK * (high - 1) * model.diagonal
     return bool((outer >= low * inner).all() and (outer <= high * inner + slack).all())

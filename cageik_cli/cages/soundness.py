@@ -12,6 +12,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask, face_areas
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import CageError, join_truncated
+from cageik_cli.util.text import mark_warning
 
 MIN_VOLUME_RATIO = 1e-9
 """Smallest volume of a cage, relative to its area times its diagonal."""
@@ -42,9 +43,11 @@ def validate_cage(cage: TriMesh) -> tuple[TriMesh, tuple[str, ...]]:
     findings = find_cage_faults(cage)
     for finding in findings:
         if finding.severity == "unfit":
-            raise CageError(finding.sentence)
+            error = CageError(finding.sentence)
+            error.is_repairable = True
+            raise error
     if findings:
-        return cage.flip(), tuple(finding.message for finding in findings)
+        return cage.flip(), tuple(mark_warning(finding.message) for finding in findings)
     return cage, ()
 
 
@@ -173,7 +176,7 @@ def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
     elif surface.volume < 0:
         yield Finding(
             kind="inward",
-            severity="usable",
+            severity="warning",
             message="the cage's faces turn inward; it is used turned outward",
             remedy="recalculate its normals to avoid this warning",
             elements="",

@@ -116,7 +116,7 @@ def name_candidate(candidate: Candidate, diagonal: float) -> str:
     elif candidate.scale != 1:
         parts.append(_name_unit(candidate.scale))
     if np.linalg.norm(candidate.offset) > MIN_MOVE * diagonal:
-        x, y, z = (f"{-value:.3g}" for value in candidate.offset)
+        x, y, z = (f"{0 - value:.3g}" for value in candidate.offset)
         parts.append(f"moved by ({x}, {y}, {z})")
     return ", ".join(part for part in parts if part)
 

@@ -1,5 +1,6 @@
 """`cageik check`: whether a cage is fit to hold a model."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,7 @@ from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.check import CheckSettings
+    from cageik_cli.workflows.check import CheckResult, CheckSettings
 
 
 def make_check_settings(
@@ -42,6 +43,23 @@ def make_check_settings(
     return CheckSettings(cage, frames, rest, index, jobs, clip)
 
 
+@dataclass(frozen=True, slots=True)
+class CheckViews:
+    """The files that a check writes; each may be absent."""
+
+    json_path: Path | None
+    plot: Path | None
+    marked: Path | None
+
+
+def make_check_views(json_path: Path | None, plot: Path | None, marked: Path | None) -> CheckViews:
+    """Make the files of a check; another suffix is wrong usage."""
+    for name, path, suffix in (("--plot", plot, ".png"), ("--marked", marked, ".ply")):
+        if path is not None and path.suffix.lower() != suffix:
+            raise click.UsageError(f"{name} {path}: expected a name that ends in {suffix}")
+    return CheckViews(json_path, plot, marked)
+
+
 @click.command("check")
 @OptionGroup(
     "settings",
@@ -53,29 +71,71 @@ def make_check_settings(
     CLIP_OPTIONS,
     jobs_option,
 )
-@click.option("--json", "json_path", type=PATH_TYPE, help="Write the record as JSON; - is stdout.")
+@OptionGroup(
+    "views",
+    make_check_views,
+    click.option(
+        "--json", "json_path", type=PATH_TYPE, help="Write the record as JSON; - is stdout."
+    ),
+    click.option(
+        "--plot", type=PATH_TYPE, help="Draw cage and rest pose with the faults numbered (.png)."
+    ),
+    click.option(
+        "--marked",
+        type=PATH_TYPE,
+        help="Write cage and rest pose as one mesh with the faults as vertex colours (.ply).",
+    ),
+)
 @overwrite_option
 @common_options
 def check_command(
-    settings: "CheckSettings", json_path: Path | None, overwrite: bool, quiet: bool
+    settings: "CheckSettings", views: CheckViews, overwrite: bool, quiet: bool
 ) -> None:
     """Diagnose a cage.
 
     The cage alone is checked, or the cage and the rest pose of FRAMES in it. Each finding has the
     numbers of its vertices or faces. The verdict is fit, usable (it binds, with warnings) or unfit
-    (exit code 1).
+    (exit code 1). --plot and --marked show those that have a place: vertices and faces with a fault
+    have its colour, the number in the picture is that of the list which is then printed. The mesh
+    of --marked is the cage followed by the rest pose.
     """
     from cageik_cli.util.outputs import check_no_overlap, check_writable
-    from cageik_cli.workflows.check import check_cage, format_check_json, format_check_text
+    from cageik_cli.workflows.check import (
+        check_cage,
+        format_check_json,
+        format_check_text,
+        format_marks_text,
+    )
 
-    check_no_overlap([json_path], settings.inputs())
+    json_path = views.json_path
     is_on_stdout = str(json_path) == "-"
-    if json_path is not None and not is_on_stdout:
-        check_writable(json_path, overwrite)
+    outputs = [json_path, views.plot, views.marked]
+    check_no_overlap(outputs, settings.inputs())
+    for path in outputs:
+        if path is not None and str(path) != "-":
+            check_writable(path, overwrite)
     result = check_cage(settings)
     if json_path is not None:
         write_or_print(format_check_json(result), json_path, overwrite)
+    _write_pictures(result, views, overwrite)
     if not quiet:
         click.echo(format_check_text(result), err=is_on_stdout)
+        if views.plot is not None or views.marked is not None:
+            click.echo(format_marks_text(result), err=is_on_stdout)
     if result.diagnosis.verdict == "unfit":
         raise click.exceptions.Exit(1)
+
+
+def _write_pictures(result: "CheckResult", views: CheckViews, overwrite: bool) -> None:
+    """Write the picture and the coloured mesh; what draws them is slow to import."""
+    from cageik_cli.util.outputs import write_bytes
+
+    cage, rest, marks = result.cage.mesh, result.rest_mesh, result.marks
+    if views.plot is not None:
+        from cageik_cli.report.plots.cage_plot import render_check_png
+
+        write_bytes(views.plot, render_check_png(cage, rest, marks), overwrite)
+    if views.marked is not None:
+        from cageik_cli.report.views.marked_ply import encode_marked_ply
+
+        write_bytes(views.marked, encode_marked_ply(cage, rest, marks), overwrite)

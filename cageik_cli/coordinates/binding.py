@@ -9,7 +9,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 
-ALGORITHM_VERSIONS = {"harmonic": 4, "mean-value": 1}
+ALGORITHM_VERSIONS = {"harmonic": 5, "mean-value": 2}
 """Raise a number when weights, notes or refusals change, so that caches are not used."""
 
 
@@ -61,6 +61,8 @@ class Binding:
         As in `WeightQuality`.
     notes : tuple of str
         Changes of the cage, and warnings about the weights, one sentence each.
+    cage_warnings : tuple of str
+        What is poor about the cage if it is this model's own: not for other meshes in it.
 
     Examples
     --------
@@ -82,6 +84,7 @@ class Binding:
     estimated_error: float = 0.0
     projected: int = 0
     notes: tuple[str, ...] = ()
+    cage_warnings: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         settings = [self.settings.coordinates]

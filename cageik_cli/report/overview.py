@@ -9,6 +9,7 @@ from cageik_cli import __version__
 from cageik_cli.report.figures import ClipRecord, FrameRecord, ReportSummary
 from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.record import SCHEMA_VERSION, Report
+from cageik_cli.report.regions import RegionRecord
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.solver.dual_laplacian import SolveQuality
 
@@ -52,6 +53,8 @@ class ClipEntry:
     notes : tuple of str
     edited_from : str, optional
         As in the clip's report.
+    regions : tuple of RegionRecord, optional
+        As in the clip's report.
     """
 
     name: str
@@ -65,6 +68,7 @@ class ClipEntry:
     gates: tuple[LimitCheck, ...] = ()
     notes: tuple[str, ...] = ()
     edited_from: str | None = None
+    regions: tuple[RegionRecord, ...] | None = None
 
     @property
     def has_failed(self) -> bool:
@@ -130,6 +134,7 @@ def build_clip_entry(
         gates=report.gates,
         notes=report.notes,
         edited_from=report.edited_from,
+        regions=report.regions,
     )
 
 

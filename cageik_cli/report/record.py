@@ -13,6 +13,7 @@ from cageik_cli.report.figures import (
     WorstVertex,
 )
 from cageik_cli.report.limits import LimitCheck, Limits, check_limits, missing_in_baseline
+from cageik_cli.report.regions import RegionRecord, build_regions, list_region_notes
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
@@ -33,7 +34,8 @@ class Report:
     """One result's report; `report.json` is this record.
 
     `edited_from` names the result that was edited; None for an extracted one. The metrics of an
-    edit measure how far it moved the mesh.
+    edit measure how far it moved the mesh. `regions` are the worst ones, none if the largest
+    deviation is within the usual; None for an edit, and for results of earlier versions.
     """
 
     schema: int
@@ -49,6 +51,7 @@ class Report:
     vertices: VertexMetrics
     frames: tuple[FrameRecord, ...]
     gates: tuple[LimitCheck, ...]
+    regions: tuple[RegionRecord, ...] | None = None
 
 
 def build_report(result: Result, limits: Limits | None = None, name: str | None = None) -> Report:
@@ -73,7 +76,11 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         edited_from=result.edited_from,
         sources=result.sources,
         settings=result.settings,
-        notes=(*result.notes, *missing_in_baseline(result_name, summary, limits)),
+        notes=(
+            *result.notes,
+            *list_region_notes(result, summary),
+            *missing_in_baseline(result_name, summary, limits),
+        ),
         clip=ClipRecord(
             frames=len(frames),
             vertices=len(rest.vertices),
@@ -87,6 +94,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         vertices=_build_vertex_metrics(result),
         frames=frames,
         gates=check_limits(result_name, summary, limits),
+        regions=build_regions(result),
     )
 
 

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from cageik_cli.solver.region_causes import Cause
+
 SETTING_MEANINGS = {
     "accuracy": "accuracy of the harmonic weights",
     "align": "move each frame rigidly onto the rest pose before it is solved",
@@ -21,6 +23,44 @@ SETTING_MEANINGS = {
     "snap": "move handles given by position to the nearest point of the surface",
     "vertex_weights": "whether vertices have weights of their own",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class CauseWords:
+    """The probable cause of a large deviation, and what to do about it, as sentences begin."""
+
+    text: str
+    remedy: str
+
+
+CAUSES = {
+    Cause.SHARED_LOOP: CauseWords(
+        "limbs share one loop of the cage",
+        "limbs in one loop: the cage cannot move them apart; give each limb its own part of the "
+        "cage, by more vertices or by hand",
+    ),
+    Cause.THIN_FACES: CauseWords(
+        "thin faces of the cage",
+        "thin faces: move their vertices apart, or use cageik cage --repair",
+    ),
+    Cause.FAR_CAGE: CauseWords(
+        "the cage is far away",
+        "cage far away: bring the cage nearer to the model, and add vertices there",
+    ),
+    Cause.WEAK_INFLUENCE: CauseWords(
+        "no cage vertex has much influence",
+        "little influence: add cage vertices there, or a loop of them across the limb",
+    ),
+    Cause.COARSE_FACES: CauseWords(
+        "cage faces larger than the region",
+        "large faces: divide the cage faces that are named",
+    ),
+    Cause.UNKNOWN: CauseWords(
+        "not known, the cage looks fit",
+        "cause not known: try more cage vertices; if it stays, look at the input of that frame",
+    ),
+}
+"""Words for the causes of large deviations."""
 
 _SIZE_MEANING = (
     "Size",
@@ -90,8 +130,15 @@ MEANINGS = (
     (
         "Worst, median and best frame",
         "",
-        "By the RMS error of the frame. Vertices are coloured by |v̂ − v|; all poses share one "
-        "colour scale.",
+        "By the RMS error of the frame; the rest pose itself is not the best frame. Vertices are "
+        "coloured by |v̂ − v|; all poses share one colour scale.",
+    ),
+    (
+        "Worst region",
+        "",
+        "Connected vertices whose largest deviation, over all frames, is more than half the "
+        "largest of the clip. Regions are given if that is more than 10 rms or 3 % of D. The cause "
+        "is a guess, from the cage and the weights around the region.",
     ),
 )
 """Term, formula and explanation, for results of `extract`."""

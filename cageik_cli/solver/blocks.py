@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import Block, FramePrefetcher, MeshSequence
@@ -19,6 +20,7 @@ from cageik_cli.solver.metrics import (
     check_finite,
     measure,
 )
+from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.util.arrays import Floats, Integers, Workspace, fit_frames
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import to_unicode
@@ -38,6 +40,8 @@ class SolvedBlock:
     metrics : FrameMetrics
     squared_errors : (m,) float64
         Sum of |v̂ − v|² of each vertex over frames that were not skipped; nan for missing data.
+    peaks : DeviationPeaks
+        The largest |v̂ − v| of each vertex over the same frames.
     digests : tuple of bytes
         SHA-256 of the file of each frame; zeros if it cannot be read.
     skipped : dict
@@ -48,6 +52,7 @@ class SolvedBlock:
     cages: Floats
     metrics: FrameMetrics
     squared_errors: Floats
+    peaks: DeviationPeaks
     digests: tuple[bytes, ...]
     skipped: dict[int, str]
 
@@ -67,15 +72,24 @@ def make_solved_block(
     """Return the cages and metrics of a block, with gaps for frames that could not be read."""
     faults = {k: to_unicode(str(error)) for k, error in block.read_errors.items()}
     metrics, squares = errors.metrics, errors.squared_errors
+    frames = np.arange(block.start, block.start + len(cages))
     if faults:
         gaps = np.array(list(faults)) - block.start
-        squares = np.delete(squares, gaps, axis=0)
+        squares, frames = np.delete(squares, gaps, axis=0), np.delete(frames, gaps)
         columns = {name: getattr(metrics, name).copy() for name in METRIC_NAMES}
         for name, column in columns.items():
             column[gaps] = -1 if name in INTEGER_METRICS else np.nan
         cages, metrics = cages.copy(), FrameMetrics(**columns)
         cages[gaps] = np.nan
-    return SolvedBlock(block.start, cages, metrics, squares.sum(axis=0), digests, faults)
+    return SolvedBlock(
+        start=block.start,
+        cages=cages,
+        metrics=metrics,
+        squared_errors=squares.sum(axis=0),
+        peaks=DeviationPeaks.of_frames(squares, frames),
+        digests=digests,
+        skipped=faults,
+    )
 
 
 MAX_BLOCK_FRAMES = 16
@@ -219,17 +233,21 @@ class ClipSummary:
         The reason for each skipped frame, by its number in the clip.
     digests : list of bytes
         SHA-256 of the file of each frame.
+    peaks : DeviationPeaks
+        The largest |v̂ − v| of each vertex; of no vertices before the first block.
     """
 
     def __init__(self) -> None:
         self.skipped: dict[int, str] = {}
         self.digests: list[bytes] = []
+        self.peaks = DeviationPeaks.none(0)
         self._squared_errors = np.zeros(())
         self._rms: list[Floats] = []
 
     def update(self, block: SolvedBlock) -> None:
         """Add the next block."""
         self.skipped |= block.skipped
+        self.peaks = self.peaks.merge(block.peaks) if self.frames_done else block.peaks
         self.digests += block.digests
         self._squared_errors = self._squared_errors + block.squared_errors
         self._rms.append(block.metrics.rms)
@@ -245,11 +263,22 @@ class ClipSummary:
         return np.sqrt(self._squared_errors / max(1, self.frames_done - len(self.skipped)))
 
     @property
-    def key_frames(self) -> Integers:
-        """Return the numbers of the worst, the median and the best frame by rms, (3,) int64."""
-        ranked = np.argsort(np.concatenate(self._rms), kind="stable")
+    def frame_rms(self) -> Floats:
+        """Return the rms of each frame, (F,); nan for skipped ones."""
+        return np.concatenate(self._rms)
+
+    def find_key_frames(self, is_rest: NDArray[np.bool_] | None = None) -> Integers:
+        """Return the numbers of the worst, the median and the best frame by rms, (3,) int64.
+
+        The best is none of those that are the rest pose, `is_rest` (F,), if there are others.
+        """
+        ranked = np.argsort(self.frame_rms, kind="stable")
         ranked = ranked[: self.frames_done - len(self.skipped)]
-        return ranked[[-1, (len(ranked) - 1) // 2, 0]] if len(ranked) else ranked
+        if not len(ranked):
+            return ranked
+        others = ranked if is_rest is None else ranked[~is_rest[ranked]]
+        best = others[0] if len(others) else ranked[0]
+        return np.array([ranked[-1], ranked[(len(ranked) - 1) // 2], best])
 
 
 def summarize_blocks(blocks: Iterable[SolvedBlock]) -> ClipSummary:

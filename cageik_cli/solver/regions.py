@@ -1,7 +1,7 @@
 """The regions of a model that an extraction reproduces worst, and what is likely to blame."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -11,8 +11,18 @@ from scipy.spatial import cKDTree
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import closest_points
+from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.solver.region_causes import Cause, Evidence, judge_cause
 from cageik_cli.util.arrays import Floats, Integers
+
+MAX_RMS_RATIO = 10.0
+"""Regions are given if the largest deviation is more than so many times the rms of the clip,"""
+
+MAX_DEVIATION = 0.03
+"""or more than so many diagonals of the rest model,"""
+
+MIN_DEVIATION = 1e-5
+"""unless it is smaller than so many diagonals: it may be rounding of the input."""
 
 DEFAULT_SHARE = 0.5
 """Vertices that deviate by more than this share of the largest deviation belong to regions."""
@@ -72,52 +82,19 @@ class Region:
     evidence: Evidence
 
 
-@dataclass(slots=True, eq=False)
-class DeviationPeaks:
-    """The largest deviation of each vertex, gathered block by block.
-
-    Attributes
-    ----------
-    deviations : (m,) float64
-        File units; 0 for vertices without data.
-    frames : (m,) int64
-        The frame in which it was; −1 before any.
-    """
-
-    deviations: Floats
-    frames: Integers
-
-    @staticmethod
-    def create(vertex_count: int) -> "DeviationPeaks":
-        """Peaks before the first block."""
-        return DeviationPeaks(np.zeros(vertex_count), np.full(vertex_count, -1))
-
-    def add_block(self, squared_errors: Floats, first_frame: int) -> None:
-        """Take a block of frames in: |v̂_i − v_i|², (k, m), nan for vertices without data."""
-        squares = np.where(np.isnan(squared_errors), -1.0, squared_errors)
-        best = squares.argmax(axis=0)
-        largest = np.sqrt(np.maximum(np.take_along_axis(squares, best[None], axis=0)[0], 0.0))
-        better = largest > self.deviations
-        self.deviations[better] = largest[better]
-        self.frames[better] = first_frame + best[better]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class BoundModel:
-    """A rest model, its cage, the weights that tie them, and what is known of the cage.
-
-    Attributes
-    ----------
-    rest, cage : TriMesh
-    weights : (m, n) float64
-    shared_places : sequence of SharedPlace
-        Where limbs share a loop of the cage, as `cages` finds it; nowhere by default.
-    """
+    """A rest model, its cage, and the weights that tie them, (m, n)."""
 
     rest: TriMesh
     cage: TriMesh
     weights: Floats
-    shared_places: Sequence[SharedPlace] = field(default=())
+
+
+def has_bad_regions(rms: float, max_deviation: float, diagonal: float) -> bool:
+    """Whether the largest deviation of a clip is so large that its regions are worth a look."""
+    limit = min(MAX_RMS_RATIO * rms, MAX_DEVIATION * diagonal)
+    return max_deviation > max(limit, MIN_DEVIATION * diagonal)
 
 
 def find_worst_regions(
@@ -146,6 +123,32 @@ def find_worst_regions(
     return tuple(_describe(model, peaks, group) for group in groups[:MAX_REGIONS])
 
 
+def blame_shared_places(
+    regions: Sequence[Region], places: Sequence[SharedPlace], diagonal: float
+) -> tuple[Region, ...]:
+    """Judge the causes of regions again, where limbs share a loop of the cage.
+
+    Parameters
+    ----------
+    regions : sequence of Region
+    places : sequence of SharedPlace
+        As `cages` finds them.
+    diagonal : float
+        Of the rest model, file units.
+    """
+    return tuple(_judge_in_places(region, places, diagonal) for region in regions)
+
+
+def _judge_in_places(region: Region, places: Sequence[SharedPlace], diagonal: float) -> Region:
+    is_inside = any(
+        np.linalg.norm(place.centre - region.centre) <= place.radius for place in places
+    )
+    evidence = replace(region.evidence, in_shared_place=is_inside)
+    return replace(
+        region, evidence=evidence, cause=judge_cause(evidence, 100 * region.size / diagonal)
+    )
+
+
 def _group_connected(mesh: TriMesh, chosen: np.ndarray) -> list[Integers]:
     """The chosen vertices, those that edges join together."""
     ends = mesh.edges.ends
@@ -164,10 +167,9 @@ def _describe(model: BoundModel, peaks: DeviationPeaks, group: Integers) -> Regi
     worst = int(group[peaks.deviations[group].argmax()])
     faces = _find_cage_faces(model, points, group == worst)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    centre = points.mean(axis=0)
-    evidence = _gather_evidence(model, group, centre, faces)
+    evidence = _gather_evidence(model, group, faces)
     return Region(
-        centre=centre,
+        centre=points.mean(axis=0),
         size=size,
         vertices=group,
         frame=int(peaks.frames[worst]),
@@ -188,9 +190,7 @@ def _find_cage_faces(model: BoundModel, points: Floats, is_worst: np.ndarray) ->
     return order[counts[order] > 0].astype(np.int64)
 
 
-def _gather_evidence(
-    model: BoundModel, group: Integers, centre: Floats, faces: Integers
-) -> Evidence:
+def _gather_evidence(model: BoundModel, group: Integers, faces: Integers) -> Evidence:
     points, percent = model.rest.vertices[group], 100 / model.rest.diagonal
     corners = model.cage.vertices[model.cage.faces[faces]]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
@@ -201,7 +201,5 @@ def _gather_evidence(
         largest_weight=float(model.weights[group].max(axis=1).mean()),
         smallest_angle=float(corner_angles(model.cage)[faces].min()),
         edge_length=float(edges.mean() * percent),
-        in_shared_place=any(
-            np.linalg.norm(place.centre - centre) <= place.radius for place in model.shared_places
-        ),
+        in_shared_place=False,
     )

@@ -22,12 +22,14 @@ import numpy as np
 from cageik_cli import __version__
 from cageik_cli.solver.blocks import ClipSummary, SolvedBlock
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics
+from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.util.errors import CheckpointError, FormatError, OutputError
 from cageik_cli.util.locks import open_locked, remove_locked
 
 DIGEST_BYTES = hashlib.sha256().digest_size
 _BLOCK_HEADER = struct.Struct("<QQQ")  # first frame, frames, bytes of the faults
-MAGIC = b"cageik.partial 1\n"
+FORMAT = b"cageik.partial "
+MAGIC = FORMAT + b"2\n"
 
 MAX_HEAD_BYTES = 128
 """The line with the digest and the length of the spec is shorter."""
@@ -253,6 +255,8 @@ def _read_spec(path: Path, file: io.FileIO) -> RunSpec | None:
     """Read the spec, which leaves the file at its first block; None if the spec is cut short."""
     begin = file.read(len(MAGIC))
     if not MAGIC.startswith(begin):
+        if begin.startswith(FORMAT):
+            raise _make_version_error(path)
         raise FormatError(f"{path}: is not a checkpoint; move it away")
     digest, _, size = file.read(MAX_HEAD_BYTES).partition(b"\n")[0].partition(b" ")
     length = int(size) if size.isdigit() else 0
@@ -262,10 +266,12 @@ def _read_spec(path: Path, file: io.FileIO) -> RunSpec | None:
         return None
     held = json.loads(text)
     if set(held) != {field.name for field in fields(RunSpec)}:
-        raise CheckpointError(
-            f"{path}: is of another version of cageik; start over with --overwrite"
-        )
+        raise _make_version_error(path)
     return RunSpec(**held)
+
+
+def _make_version_error(path: Path) -> CheckpointError:
+    return CheckpointError(f"{path}: is of another version of cageik; start over with --overwrite")
 
 
 def _read_blocks(file: io.FileIO, spec: RunSpec, done: int = 0) -> Iterator[SolvedBlock]:
@@ -307,6 +313,8 @@ def to_bytes(block: SolvedBlock) -> bytes:
             np.ascontiguousarray(block.cages, "<f8").tobytes(),
             *(column.tobytes() for column in columns),
             np.ascontiguousarray(block.squared_errors, "<f8").tobytes(),
+            np.ascontiguousarray(block.peaks.deviations, "<f8").tobytes(),
+            np.ascontiguousarray(block.peaks.frames, "<i8").tobytes(),
             faults,
         ]
     )
@@ -322,10 +330,13 @@ def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
         name: np.frombuffer(stream.read(8 * count), _cast_column(name, np.empty(0)).dtype)
         for name in METRIC_NAMES
     }
-    squares = np.frombuffer(stream.read(8 * vertices), "<f8")
+    squares, deviations, frames = (
+        np.frombuffer(stream.read(8 * vertices), kind) for kind in ("<f8", "<f8", "<i8")
+    )
     faults = {int(k): text for k, text in json.loads(stream.read(length)).items()}
     cages = cages.reshape(count, cage_vertices, 3)
-    return SolvedBlock(start, cages, FrameMetrics(**columns), squares, digests, faults)
+    peaks = DeviationPeaks(deviations, frames)
+    return SolvedBlock(start, cages, FrameMetrics(**columns), squares, peaks, digests, faults)
 
 
 def _cast_column(name: str, column: np.ndarray) -> np.ndarray:

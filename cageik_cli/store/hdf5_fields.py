@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from cageik_cli.formats.base.hdf5 import read_array
+from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError
@@ -148,6 +149,26 @@ def read_quality(file: h5py.File, record_type: type[Record]) -> Record:
             f"attribute `quality` does not hold {', '.join(sorted(expected))}; write it again"
         )
     return record_type(**figures)
+
+
+def read_scene(file: h5py.File) -> Scene:
+    """Read the attributes that describe the scene.
+
+    Raises
+    ------
+    InputError
+        When one is missing, or not a number.
+    """
+    values = {field.name: file.attrs.get(field.name) for field in fields(Scene)}
+    for name, value in values.items():
+        if name == "up_axis" and isinstance(value, str):
+            continue
+        if not isinstance(value, np.floating | np.integer):
+            raise FormatError(
+                f"attribute `{name}` is {value!r}, expected a number; extract it again"
+            )
+        values[name] = float(value)
+    return Scene(**values)
 
 
 def write_deflated(file: h5py.File, name: str, matrix: Floats) -> None:

@@ -1,7 +1,7 @@
 """Read result files, with every check."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +26,12 @@ from cageik_cli.store.hdf5_fields import (
     read_meshes,
     read_notes,
     read_quality,
+    read_scene,
     read_sources,
     read_text_attr,
     read_version,
 )
+from cageik_cli.store.regions import RegionCounts, StoredRegion, read_regions
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError
 from cageik_cli.util.text import to_unicode
@@ -38,8 +40,8 @@ FORMAT = "cageik.result"
 SCHEMA = 1
 CHECKPOINT_SUFFIX = ".partial"
 
-KEY_FRAME_COUNT = 3
-"""Frames that are kept in full: the worst, the median and the best."""
+MIN_KEY_FRAMES, MAX_KEY_FRAMES = 3, 4
+"""Frames that are kept in full: the worst, the median, the best, and that of the worst region."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +73,9 @@ class Result:
     edited_from : str, optional
         The name of the result that was edited: metrics then compare the mesh before the edit, v,
         with the edited one, v̂. None for a result that was extracted.
+    regions : tuple of StoredRegion, optional
+        The worst regions, the worst first; none if the largest deviation is within the usual. None
+        if the result was edited, or written by a version that did not look for them.
 
     Examples
     --------
@@ -97,6 +102,7 @@ class Result:
     vertex_rms: Floats
     skipped: dict[int, str] = field(default_factory=dict)
     edited_from: str | None = None
+    regions: tuple[StoredRegion, ...] | None = None
 
     def __repr__(self) -> str:
         return (
@@ -109,14 +115,16 @@ class Result:
 class KeyFrames:
     """The worst, the median and the best frame: reconstructions and their errors.
 
+    A fourth is that of the worst region, if it is not among them.
+
     Attributes
     ----------
-    indices : (3,) int64
+    indices : (k,) int64
         Their numbers in the clip.
-    cages : (3, n, 3) float64
-    reconstructed : (3, m, 3) float64
+    cages : (k, n, 3) float64
+    reconstructed : (k, m, 3) float64
         v̂, the weights times the cages.
-    errors : (3, m, 3) float64
+    errors : (k, m, 3) float64
         v − v̂, in diagonals of the rest model.
     """
 
@@ -202,8 +210,13 @@ def read_key_frames(result: Result, weights: Floats) -> KeyFrames:
     """
     m, n, count = *weights.shape, len(result.frames)
     with open_checked(result.path) as file:
-        frames = read_array(file, "poses/frame", "iu", (KEY_FRAME_COUNT,)).astype(np.int64)
-        misses = read_array(file, "poses/misses", "f", (KEY_FRAME_COUNT, m, 3)).astype(np.float64)
+        frames = read_array(file, "poses/frame", "iu", (None,)).astype(np.int64)
+        if not MIN_KEY_FRAMES <= len(frames) <= MAX_KEY_FRAMES:
+            raise FormatError(
+                f"`poses/frame` names {len(frames)} frames, expected {MIN_KEY_FRAMES} or "
+                f"{MAX_KEY_FRAMES}; extract it again"
+            )
+        misses = read_array(file, "poses/misses", "f", (len(frames), m, 3)).astype(np.float64)
         if not ((frames >= 0) & (frames < count)).all():
             raise FormatError(
                 f"`poses/frame` names frames that are not in the clip ({count} frames); extract it "
@@ -244,7 +257,7 @@ def read_result(path: Path) -> Result:
         return Result(
             path=path,
             version=read_version(file),
-            scene=_read_scene(file),
+            scene=read_scene(file),
             settings=read_json_attr(file, "settings", dict),
             sources=read_sources(file),
             quality=read_quality(file, SolveQuality),
@@ -256,6 +269,7 @@ def read_result(path: Path) -> Result:
             vertex_rms=_read_vertex_rms(file, len(rest.vertices)),
             skipped=skipped,
             edited_from=read_text_attr(file, "edited_from"),
+            regions=read_regions(file, RegionCounts(frames, len(rest.vertices), len(cage.faces))),
         )
 
 
@@ -302,19 +316,6 @@ def _read_column(file: h5py.File, name: str, frames: int) -> Any:
         return read_array(file, f"metrics/{name}", "iu", (frames,))
     with np.errstate(over="ignore", invalid="ignore"):  # values that do not fit are found later
         return read_array(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
-
-
-def _read_scene(file: h5py.File) -> Scene:
-    values = {field.name: file.attrs.get(field.name) for field in fields(Scene)}
-    for name, value in values.items():
-        if name == "up_axis" and isinstance(value, str):
-            continue
-        if not isinstance(value, np.floating | np.integer):
-            raise FormatError(
-                f"attribute `{name}` is {value!r}, expected a number; extract it again"
-            )
-        values[name] = float(value)
-    return Scene(**values)
 
 
 def _read_frame_names(file: h5py.File, count: int) -> tuple[str, ...]:

@@ -14,7 +14,9 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.scene import Scene
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics
+from cageik_cli.solver.regions import Region
 from cageik_cli.store.hdf5_fields import create_hdf5, to_json, write_deflated, write_meshes
+from cageik_cli.store.regions import write_regions
 from cageik_cli.store.result import FORMAT, SCHEMA
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.outputs import DeferredErrorFile, atomic_file
@@ -61,10 +63,13 @@ class RunSummary:
     vertex_rms : (m,) float64
         sqrt(mean |v̂ − v|²) of each vertex over the frames that were not skipped; nan for missing
         data.
-    key_frames : (3,) int64
-        Numbers of the worst, the median and the best frame, by rms.
-    key_frame_errors : (3, m, 3) float64
+    key_frames : (3,) or (4,) int64
+        Numbers of the worst, the median and the best frame, by rms; then that of the worst region,
+        if it is another.
+    key_frame_errors : (3 or 4, m, 3) float64
         Their v − v̂, which a report draws without reading frames.
+    regions : tuple of Region, optional
+        The worst regions; None for a result that was edited, which has no errors.
     """
 
     sources: dict[str, Any]
@@ -72,6 +77,7 @@ class RunSummary:
     vertex_rms: Floats
     key_frames: Integers
     key_frame_errors: Floats
+    regions: tuple[Region, ...] | None = None
 
 
 class ResultWriter:
@@ -122,6 +128,8 @@ class ResultWriter:
             )
             self._file.create_dataset("poses/misses", data=misses, dtype="f4")
         self._file.create_dataset("metrics/vertex_rms", data=summary.vertex_rms, dtype="f8")
+        if summary.regions is not None:
+            write_regions(self._file, summary.regions)
         skipped = {str(k): text for k, text in summary.skipped.items()}
         self._file.attrs["sources"] = to_json(summary.sources)
         self._file.attrs["skipped"] = to_json(skipped)

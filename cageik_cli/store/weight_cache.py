@@ -27,7 +27,7 @@ class CacheEntry:
     panels : int
     estimated_error : float
     projected : int
-    notes : tuple of str
+    notes, cage_warnings : tuple of str
         As in `Binding`.
     seconds : float
         The time that it took to compute.
@@ -39,6 +39,7 @@ class CacheEntry:
     estimated_error: float
     projected: int
     notes: tuple[str, ...]
+    cage_warnings: tuple[str, ...]
     seconds: float
 
 
@@ -69,6 +70,7 @@ class WeightCache(EntryCache[CacheEntry]):
                 estimated_error=entry.estimated_error,
                 projected=entry.projected,
                 notes=entry.notes,
+                cage_warnings=entry.cage_warnings,
             )
 
         key = compute_key(rest, cage, settings)
@@ -78,8 +80,8 @@ class WeightCache(EntryCache[CacheEntry]):
 def compute_key(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
     """Return the key of a binding: a digest of all that its weights, notes and figures depend on.
 
-    It does not cover the faces of the rest pose, since weights belong to points, nor the number of
-    threads, which does not change weights.
+    It covers the faces of the rest pose, on which warnings depend; not the number of threads, which
+    does not change weights.
     """
     recorded = {
         "version": __version__,
@@ -87,12 +89,13 @@ def compute_key(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
         **asdict(settings),
         "rest": len(rest.vertices),
         "cage": len(cage.vertices),
-        "faces": len(cage.faces),
+        "faces": [len(rest.faces), len(cage.faces)],
     }
     digest = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode() + b"\n")
     for array in (rest.vertices, cage.vertices):
         digest.update(as_bytes(array, "<f8"))
-    digest.update(as_bytes(cage.faces, "<i8"))
+    for faces in (rest.faces, cage.faces):
+        digest.update(as_bytes(faces, "<i8"))
     return digest.hexdigest()
 
 
@@ -104,5 +107,6 @@ def _make_entry(binding: Binding, seconds: float) -> CacheEntry:
         estimated_error=binding.estimated_error,
         projected=binding.projected,
         notes=binding.notes,
+        cage_warnings=binding.cage_warnings,
         seconds=seconds,
     )

@@ -51,9 +51,16 @@ class ConnectivityError(InputError):
 
 
 class CageError(InputError):
-    """A cage is not fit to hold the model."""
+    """A cage is not fit to hold the model.
+
+    Attributes
+    ----------
+    is_repairable : bool
+        Whether `cageik cage --repair` may make it fit.
+    """
 
     kind = "cage"
+    is_repairable: bool = False
 
 
 class HandlesError(InputError):

@@ -19,6 +19,8 @@ from cageik_cli.store.weight_cache import WeightCache
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import mark_warning
+from cageik_cli.workflows.repair_hint import suggest_repair
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +34,14 @@ class WeightSettings:
         The folder of the weight cache; none is used if absent.
     jobs : int
         Threads.
+    is_own_cage : bool
+        Whether the cage is for this model, and is judged as such; not for other meshes in it.
     """
 
     bind: BindSettings = field(default_factory=BindSettings)
     cache: Path | None = None
     jobs: int = 1
+    is_own_cage: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +89,11 @@ def bind_files(
         rest, cage = load_mesh(settings.rest), load_mesh(settings.cage)
         for note in rest.notes:
             progress.note("note", f"{rest.source['name']}: {note}")
-    with progress.stage("bind"), error_context(settings.cage):
+    with (
+        progress.stage("bind"),
+        error_context(settings.cage),
+        suggest_repair(settings.cage, settings.rest),
+    ):
         stored = bind_cached(rest, cage, settings.weights, progress)
     with progress.stage("write"):
         write_binding(settings.output, stored, settings.overwrite)
@@ -106,7 +115,10 @@ def bind_cached(
         binding = cache.get_or_compute(rest.mesh, cage.mesh, settings.bind, compute)
         progress.update(len(rest.mesh.vertices), len(rest.mesh.vertices))
     sources = {"cage": cage.source, "rest": rest.source}
-    return StoredBinding(replace(binding, notes=cage.notes + binding.notes), sources)
+    notes = cage.notes + binding.notes
+    if settings.is_own_cage:
+        notes += tuple(map(mark_warning, binding.cage_warnings))
+    return StoredBinding(replace(binding, notes=notes), sources)
 
 
 def load_matching_binding(path: Path, rest: LoadedMesh, cage: LoadedMesh | None) -> StoredBinding:

@@ -12,13 +12,13 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import list_input_files
-from cageik_cli.util.text import format_block
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.report.plots.cage_marks import FaultMark, list_marks
+from cageik_cli.util.text import format_block, format_row
+from cageik_cli.workflows.repair_hint import find_rest_file, format_repair_command
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 
 SCHEMA_VERSION = 1
-
-SEVERITY_LABELS = {"usable": "warning"}
-"""Labels of findings whose severity reads badly as one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +59,31 @@ class CheckSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CheckResult:
-    """The meshes that were checked, and their diagnosis."""
+    """The meshes that were checked, and their diagnosis.
+
+    Attributes
+    ----------
+    cage : LoadedMesh
+    rest : LoadedMesh, optional
+    diagnosis : Diagnosis
+    repair_command : str, optional
+        To be typed; None if the cage is fit, or no repair can help.
+    """
 
     cage: LoadedMesh
     rest: LoadedMesh | None
     diagnosis: Diagnosis
+    repair_command: str | None = None
+
+    @property
+    def rest_mesh(self) -> TriMesh | None:
+        """Return the mesh of the rest pose, if there is one."""
+        return None if self.rest is None else self.rest.mesh
+
+    @property
+    def marks(self) -> tuple[FaultMark, ...]:
+        """Return the faults that have a place, numbered as in pictures."""
+        return list_marks(self.diagnosis.findings, self.cage.mesh, self.rest_mesh)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -80,16 +100,20 @@ def check_cage(settings: CheckSettings) -> CheckResult:
     InputError
         Naming the file that cannot be read.
     """
-    cage, rest = load_mesh(settings.cage), None
+    cage, rest, rest_file = load_mesh(settings.cage), None, settings.rest
     if settings.frames:
-        _, rest, _ = open_clip_and_choose_rest(
+        clip, rest, index = open_clip_and_choose_rest(
             settings.frames, settings.clip, settings.rest, settings.rest_frame
         )
+        if index is not None:
+            rest_file = find_rest_file(clip, index)
     elif settings.rest is not None:
         rest = load_mesh(settings.rest)
-    return CheckResult(
-        cage, rest, diagnose(cage.mesh, rest.mesh if rest is not None else None, settings.jobs)
-    )
+    diagnosis = diagnose(cage.mesh, rest.mesh if rest is not None else None, settings.jobs)
+    command = None
+    if diagnosis.is_repairable:
+        command = format_repair_command(settings.cage, rest_file)
+    return CheckResult(cage, rest, diagnosis, command)
 
 
 def format_check_text(result: CheckResult) -> str:
@@ -98,12 +122,25 @@ def format_check_text(result: CheckResult) -> str:
     rows = _cage_rows(diagnosis.cage)
     if result.rest is not None and diagnosis.rest is not None:
         rows += _rest_rows(result.rest.source["name"], diagnosis.rest)
-    rows += [
-        (SEVERITY_LABELS.get(finding.severity, finding.severity), finding.sentence)
-        for finding in diagnosis.findings
-    ]
+    rows += [(finding.severity, finding.sentence) for finding in diagnosis.findings]
     rows += [("note", note) for note in result.notes]
-    return format_block(f"{result.cage.source['name']}: {diagnosis.verdict}", rows)
+    if result.repair_command is not None:
+        rows.append(("to repair", result.repair_command))
+    return format_block(f"{result.cage.source['name']}: {_format_verdict(diagnosis)}", rows)
+
+
+def format_marks_text(result: CheckResult) -> str:
+    """Return the list of the faults that have a place, by their numbers in pictures."""
+    rows = [(f"fault {mark.number}", mark.text) for mark in result.marks]
+    return "\n".join(map(format_row, rows or [("faults", "none that has a place")]))
+
+
+def _format_verdict(diagnosis: Diagnosis) -> str:
+    """Return the verdict, with the number of warnings if those decide it."""
+    if diagnosis.verdict != "usable":
+        return diagnosis.verdict
+    count = sum(finding.severity == "warning" for finding in diagnosis.findings)
+    return f"usable, {count} warning{'s' * (count != 1)}"
 
 
 def format_check_json(result: CheckResult) -> str:
@@ -116,6 +153,7 @@ def format_check_json(result: CheckResult) -> str:
         "cage": result.cage.source | asdict(diagnosis.cage),
         "rest": _rest_record(result),
         "notes": result.notes,
+        "repair_command": result.repair_command,
         "findings": [_finding_record(finding) for finding in diagnosis.findings],
     }
     return json.dumps(record, indent=1, allow_nan=False) + "\n"

@@ -2,10 +2,11 @@
 
 import re
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from cageik_cli.cages.enclosure import OutsideError
 from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding, reconstruct
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.connectivity import check_vertex_order
@@ -21,6 +22,7 @@ from cageik_cli.store.result import Result, read_cages, read_result, read_weight
 from cageik_cli.util.arrays import Floats, fit_frames
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
 from cageik_cli.workflows.export import report_skipped_frames
@@ -160,12 +162,30 @@ def _load_or_compute_binding(
     )
     if weights is not None:
         return Binding(result.rest, result.cage, weights, result_settings)
-    weight_settings = WeightSettings(bind_settings, settings.cache, settings.jobs)
-    with progress.stage("bind"), error_context(settings.mesh or settings.result):
+    weight_settings = WeightSettings(
+        bind_settings, settings.cache, settings.jobs, is_own_cage=settings.mesh is None
+    )
+    with progress.stage("bind"), error_context(settings.mesh or settings.result), _name(mesh):
         binding = bind_cached(mesh, _make_rest_cage(result), weight_settings, progress).binding
     for note in mesh.notes + binding.notes:
-        progress.note("note", f"{mesh.source['name']}: {note}")
+        label, text = label_note(note)
+        progress.note(label, f"{mesh.source['name']}: {text}")
     return binding
+
+
+@contextmanager
+def _name(mesh: LoadedMesh) -> Iterator[None]:
+    """Call the mesh by its name where it is outside the cage, which is not made for it."""
+    try:
+        yield
+    except OutsideError as error:
+        if error.outside is None:
+            raise
+        remedy = "move it into the rest cage"
+        if not error.outside.is_misplaced:
+            remedy += ", or take the nearest points of the cage with --outside project"
+        message = f"{error.outside.describe(mesh.source['name'])}; {remedy}"
+        raise OutsideError(message) from error
 
 
 def _read_bind_settings(result: Result) -> BindSettings:

@@ -23,6 +23,7 @@ from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.solver.blocks import MemoryPlan, SolvedBlock, summarize_blocks
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
+from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.store.result import Result, read_cages, read_result, read_weights
 from cageik_cli.store.result_writer import (
     ResultHeader,
@@ -103,14 +104,13 @@ def edit(settings: EditSettings, progress: ProgressListener | None = None) -> Po
         limit_blas_threads(1),
     ):
         summary = summarize_blocks(edit_run.write_blocks(file, size, progress))
-        posed = [edit_run.edit_frame(frame) for frame in summary.key_frames.tolist()]
+        key_frames = summary.find_key_frames()
+        posed = [edit_run.edit_frame(frame) for frame in key_frames.tolist()]
         offsets = np.concatenate([block.meshes_before - block.meshes_after for block in posed])
         sources = _collect_sources(settings, result)
         with progress.stage("write"):
             file.complete(
-                RunSummary(
-                    sources, summary.skipped, summary.vertex_rms, summary.key_frames, offsets
-                )
+                RunSummary(sources, summary.skipped, summary.vertex_rms, key_frames, offsets)
             )
     pose_summary = edit_run.statistics.summarize(result.frames)
     return PoseResult(pose_summary, take_snapshot(layers, target, posed[0], pose_summary))
@@ -178,6 +178,7 @@ class _EditRun:
             cages=all_cages,
             metrics=FrameMetrics(**columns),
             squared_errors=block.squared_displacements.sum(axis=0),
+            peaks=DeviationPeaks.of_frames(block.squared_displacements, frames[known]),
             digests=(b"",) * len(cages),
             skipped={k: self.result.skipped[k] for k in frames[~known].tolist()},
         )

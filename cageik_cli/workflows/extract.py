@@ -8,8 +8,15 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.obj.write import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.blocks import BlockExecutor, BlockSolver, MemoryPlan, ThreadExecutor
+from cageik_cli.solver.blocks import (
+    BlockExecutor,
+    BlockSolver,
+    ClipSummary,
+    MemoryPlan,
+    ThreadExecutor,
+)
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.regions import MIN_DEVIATION, Region
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
 from cageik_cli.store.result import Result, checkpoint_path, read_result
@@ -18,6 +25,7 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import locate_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.plan import (
@@ -27,6 +35,7 @@ from cageik_cli.workflows.plan import (
     load_or_compute_binding,
     plan_extraction,
 )
+from cageik_cli.workflows.regions import find_clip_regions
 from cageik_cli.workflows.resume import open_checkpoint, resume_from_checkpoint
 
 
@@ -127,7 +136,8 @@ def _write_result(plan: ExtractionPlan, header: ResultHeader, checkpoint: Checkp
     output, summary = plan.settings.output, checkpoint.summary
     if len(summary.skipped) == len(header.frames):
         raise FileAccessError(f"no frame can be read, the first: {summary.skipped[0]}")
-    key_frames = summary.key_frames
+    regions = find_clip_regions(header.binding, summary)
+    key_frames = _find_key_frames(plan, summary, regions)
     replaces = plan.settings.overwrite or plan.settings.resume
     temporary = output.with_name(f"{output.name}.whole.partial")
     with open_result_writer(output, header, replaces, temporary) as result:
@@ -146,10 +156,28 @@ def _write_result(plan: ExtractionPlan, header: ResultHeader, checkpoint: Checkp
                 sources=plan.collect_sources(),
                 skipped=summary.skipped,
                 vertex_rms=summary.vertex_rms,
-                key_frames=key_frames,
+                key_frames=np.array(key_frames),
                 key_frame_errors=np.array(errors),
+                regions=regions,
             )
         )
+
+
+def _find_key_frames(
+    plan: ExtractionPlan, summary: ClipSummary, regions: tuple[Region, ...]
+) -> list[int]:
+    """Return the worst, the median and the best frame, and that of the worst region.
+
+    Where some frames deviate, those that the rest cage gives exactly are the rest pose: they say
+    nothing of the best frame.
+    """
+    is_rest = summary.frame_rms <= MIN_DEVIATION * plan.rest.mesh.diagonal
+    if (is_rest | np.isnan(summary.frame_rms)).all():
+        is_rest = np.zeros_like(is_rest)
+    if plan.rest_index is not None:
+        is_rest[plan.rest_index] = True
+    frames: list[int] = summary.find_key_frames(is_rest).tolist()
+    return frames + [region.frame for region in regions[:1] if region.frame not in frames]
 
 
 def _reread_frame(sequence: MeshSequence, index: int, digest: bytes) -> Floats:
@@ -200,8 +228,8 @@ def _collect_notes(
     rest = plan.rest
     cage = stored_binding.sources["cage"]["name"]
     notes = [
-        *(f"{cage}: {note}" for note in stored_binding.binding.notes),
-        *(f"{rest.source['name']}: {note}" for note in rest.notes),
+        *(locate_note(cage, note) for note in stored_binding.binding.notes),
+        *(locate_note(rest.source["name"], note) for note in rest.notes),
         *plan.sequence.notes,
     ]
     if not rest.mesh.is_closed:

@@ -20,7 +20,7 @@ from cageik_cli.store.binding_file import StoredBinding, is_binding, read_bindin
 from cageik_cli.store.checkpoint import checkpoint_progress, is_checkpoint
 from cageik_cli.store.result import Result, is_result, read_result
 from cageik_cli.util.errors import join_truncated
-from cageik_cli.util.text import format_block
+from cageik_cli.util.text import format_block, label_note, locate_note
 
 
 def describe_files(arguments: list[str], layout: str | None = None) -> str:
@@ -61,7 +61,7 @@ def format_binding_rows(stored: StoredBinding) -> list[tuple[str, str]]:
         format_accuracy_row(quality, binding.settings.accuracy),
         *([("projected", f"{quality.projected} vertices outside")] if quality.projected else []),
         *((f"from {key}", str(source.get("name"))) for key, source in stored.sources.items()),
-        *(("note", f"{stored.sources['cage']['name']}: {note}") for note in binding.notes),
+        *(label_note(locate_note(stored.sources["cage"]["name"], note)) for note in binding.notes),
     ]
 
 
@@ -99,7 +99,7 @@ def _result_rows(result: Result) -> list[tuple[str, str]]:
         ("settings", ", ".join(f"{key} {value}" for key, value in result.settings.items())),
         *((f"from {key}", str(source.get("name"))) for key, source in result.sources.items()),
         *_skipped_rows(result),
-        *(("note", note) for note in result.notes),
+        *map(label_note, result.notes),
     ]
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.workflows.cached_cage import build_cached, check_cage_output
 from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 
 
@@ -68,6 +70,18 @@ class ExtractionPlan:
         return self.settings.scene.override(self.sequence.scene.override(Scene()))
 
     @property
+    def rest_index(self) -> int | None:
+        """Return the number of the rest pose in the clip; None if it is a file of its own."""
+        return int(self.settings.rest_frame) if self.settings.rest is None else None
+
+    @property
+    def rest_file(self) -> Path | None:
+        """Return the mesh file of the rest pose; None if it is in a file of many frames."""
+        if self.rest_index is None:
+            return self.settings.rest
+        return find_rest_file(self.sequence, self.rest_index)
+
+    @property
     def bind_settings(self) -> BindSettings:
         """Return how the weights are computed, or were when they come from a binding file."""
         stored = self.stored_binding
@@ -88,7 +102,7 @@ class ExtractionPlan:
             "beta": solve.beta,
             "align": solve.align,
             **asdict(self.bind_settings),
-            "rest_frame": settings.rest_frame if settings.rest is None else None,
+            "rest_frame": self.rest_index,
             "vertex_weights": settings.vertex_weights is not None,
             **built,
         }
@@ -200,7 +214,10 @@ def load_or_compute_binding(plan: ExtractionPlan, progress: ProgressListener) ->
         return plan.stored_binding
     if plan.cage is None:
         raise SettingError("neither a cage nor a binding is given; give one of them")
-    with error_context(settings.cage or plan.cage.source["name"]):
+    with (
+        error_context(settings.cage or plan.cage.source["name"]),
+        suggest_repair(settings.cage, plan.rest_file),
+    ):
         weight_settings = WeightSettings(settings.bind, settings.cache, settings.jobs)
         return bind_cached(rest, plan.cage, weight_settings, progress)
 

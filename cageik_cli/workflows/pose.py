@@ -27,8 +27,10 @@ from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.text import label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
+from cageik_cli.workflows.repair_hint import suggest_repair
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,11 +153,12 @@ def _load_bound_model(settings: PoseSettings, progress: ProgressListener) -> _Bo
     if settings.cage is None:
         raise SettingError(f"{settings.target}: is a model without a cage; give one with --cage")
     rest, cage = load_mesh(settings.target), load_mesh(settings.cage)
-    with error_context(settings.cage):
+    with error_context(settings.cage), suggest_repair(settings.cage, settings.target):
         binding = bind_cached(rest, cage, settings.weights, progress).binding
     for mesh, notes in ((rest, rest.notes), (cage, binding.notes)):
         for note in notes:
-            progress.note("note", f"{mesh.source['name']}: {note}")
+            label, text = label_note(note)
+            progress.note(label, f"{mesh.source['name']}: {text}")
     return _BoundModel(binding, rest.obj_text, cage.obj_text)
 
 

@@ -71,21 +71,21 @@ def test_facts_of_a_box_around_a_ball():
 def test_an_inward_cage_is_usable():
     found = diagnose(box().flip(), ball(1, 0.5))
     assert found.verdict == "usable"
-    assert kinds(found) == [("usable", "inward")]
+    assert kinds(found) == [("warning", "inward")]
     assert found.cage.volume == pytest.approx(-8)
     assert found.rest.outside == 0
 
 
 def test_a_model_on_its_cage_is_usable():
     found = diagnose(box(), finer(box(), 1))
-    assert kinds(found) == [("usable", "clearance")]
+    assert kinds(found) == [("warning", "clearance")]
     assert found.rest.clearance == pytest.approx(0, abs=1e-12)
     assert found.findings[0].numbers.tolist() == list(range(26))
 
 
 def test_a_cage_in_another_unit_is_usable():
     found = diagnose(box(100.0), ball(1, 0.5))
-    assert kinds(found) == [("usable", "large")]
+    assert kinds(found) == [("warning", "large")]
     assert found.findings[0].value == pytest.approx(box(100.0).diagonal / ball(1, 0.5).diagonal)
 
 
@@ -119,7 +119,7 @@ def test_findings_are_sorted_from_the_worst():
     assert kinds(found) == [
         ("unfit", "unreferenced-vertex"),
         ("unfit", "outside"),
-        ("usable", "inward"),
+        ("warning", "inward"),
     ]
     beyond = np.flatnonzero(rest.vertices[:, 0] > 1)
     np.testing.assert_array_equal(found.findings[1].numbers, beyond)

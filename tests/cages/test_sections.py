@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.plane_sections import cut_mesh, winds_around
+from cageik_cli.cages.plane_sections import Slicer, winds_around
 from cageik_cli.cages.sections import find_shared_sections
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import ball, box, concave, finer
@@ -34,7 +34,7 @@ def extrude(outline):
 
 
 def test_a_section_of_a_box_is_its_square():
-    section = cut_mesh(box(), 1, 0.3)
+    section = Slicer.prepare(box(), 1).cut(0.3)
     assert len(np.unique(section.loops)) == 1
     np.testing.assert_allclose(section.segments[:, :, 1], 0.3)
     length = np.linalg.norm(section.segments[:, 1] - section.segments[:, 0], axis=1)
@@ -44,15 +44,15 @@ def test_a_section_of_a_box_is_its_square():
 
 
 def test_a_plane_through_vertices_cuts_whole_loops():
-    section = cut_mesh(ball(2), 2, 0.0)
+    section = Slicer.prepare(ball(2), 2).cut(0.0)
     assert len(np.unique(section.loops)) == 1
     starts, stops = section.segments.sum(axis=0)
     np.testing.assert_allclose(starts, stops, rtol=0, atol=1e-12)
 
 
 def test_legs_are_two_loops():
-    assert len(np.unique(cut_mesh(trousers(0.5), 1, 0.4).loops)) == 2
-    assert len(np.unique(cut_mesh(trousers(0.5), 1, 1.4).loops)) == 1
+    assert len(np.unique(Slicer.prepare(trousers(0.5), 1).cut(0.4).loops)) == 2
+    assert len(np.unique(Slicer.prepare(trousers(0.5), 1).cut(1.4).loops)) == 1
 
 
 def test_a_box_around_two_legs_is_one_loop_for_both():
@@ -67,6 +67,19 @@ def test_a_box_around_two_legs_is_one_loop_for_both():
     # As far as the surface does not join the legs nearby.
     assert 0 < place.centre[1] < 0.8
     assert 0.4 < place.length < 0.8
+
+
+def test_places_near_points_are_found_alone():
+    model = finer(trousers(0.5), 3)
+    cage = TriMesh(1.5 * box().vertices + [1.25, 1, 0.5], box().faces)
+    (place,) = find_shared_sections(cage, model, near=np.array([[1.25, 0.4, 0.5]]))
+    assert (place.axis, place.limbs) == (1, 2)
+    step = 2 / 24
+    assert abs(place.centre[1] - 0.4) <= step
+    assert place.length <= 2 * step
+    # Sections through the block above hold one limb; those across x hold one leg.
+    assert find_shared_sections(cage, model, near=np.array([[0.5, 1.6, 0.5]])) == []
+    assert find_shared_sections(cage, model, near=np.empty((0, 3))) == []
 
 
 def test_a_cage_with_legs_of_its_own_shares_nothing():

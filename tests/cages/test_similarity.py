@@ -127,13 +127,11 @@ def test_looseness_of_boxes():
     """Volumes are cubes of sizes; gaps are between the distances of faces and of corners."""
     looseness = measure_looseness(box(2.0), box(1.0))
     assert looseness.volume_ratio == pytest.approx(8)
-    assert looseness.hull_ratio == pytest.approx(8)
-    assert looseness.max_gap == pytest.approx(100 * np.sqrt(3) / box().diagonal)
-    assert 100 / box().diagonal <= looseness.mean_gap <= looseness.max_gap
+    assert 1 <= looseness.mean_gap * box().diagonal / 100 <= np.sqrt(3)
 
 
-def test_an_open_or_flat_model_has_no_volume_ratio():
+def test_an_open_model_has_no_volume_ratio():
     sheet = TriMesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     looseness = measure_looseness(box(2.0), sheet)
     assert looseness.volume_ratio is None
-    assert looseness.hull_ratio is None
+    assert looseness.mean_gap > 0

@@ -307,7 +307,7 @@ def test_a_rest_pose_may_be_a_frame(run, anim, here):
 def test_a_dry_run_changes_nothing(run, anim, here):
     run(*BATCH)
     left = Path("out/clips/walk.h5.partial")
-    left.write_bytes(b"cageik.partial 1\n")
+    left.write_bytes(b"cageik.partial 2\n")
     run(*BATCH, "--resume", "--dry-run")
     assert left.exists()
     run(*BATCH, "--resume")

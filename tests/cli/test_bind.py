@@ -87,9 +87,7 @@ def test_options_reach_the_file(run, folder, animation, write_obj):
     _, rows = rows_of(outcome.err)
     assert rows["settings"] == "coordinates harmonic, accuracy preview, outside project"
     assert rows["projected"] == "6 vertices outside"
-    assert rows["note"].startswith(
-        "cage.obj: 6 of 18 vertices of the rest pose are outside the cage"
-    )
+    assert rows["note"].startswith("cage.obj: 6 of 18 vertices of the model are outside the cage")
     assert rows["accuracy"].startswith("preview: ")
     with h5py.File("b.h5") as file:
         assert json.loads(file.attrs["settings"])["outside"] == "project"

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+import trimesh
 
 TYPED = ("check", "frames", "--cage", "cage.obj")
 UNFIT = (
@@ -22,7 +23,7 @@ def test_a_fit_cage_is_exit_code_0(run, folder):
 def test_a_usable_cage_is_exit_code_0(run, fixtures_folder):
     outcome = run("check", "--cage", fixtures_folder / "broken/cage_inside_out/cage.obj")
     assert (outcome.code, outcome.err) == (0, "")
-    assert outcome.out.startswith("cage.obj: usable\n")
+    assert outcome.out.startswith("cage.obj: usable, 1 warning\n")
 
 
 @pytest.mark.parametrize("case", UNFIT)
@@ -36,7 +37,10 @@ def test_an_unfit_cage_is_exit_code_1_in_the_words_of_extract(
     refused = run("extract", *TYPED[1:], "-o", tmp_path / "cages.h5")
     assert refused.code == 1
     sentence = refused.err.removeprefix("Error: cage.obj: ").split("; the cage has")[0].strip()
+    sentence, _, command = sentence.partition("; to repair the cage: ")
     assert sentence in outcome.out
+    assert command in outcome.out
+    assert bool(command) == (case not in ("swapped", "cage_self_crossing"))
 
 
 def test_json_on_stdout_is_alone_there(run, folder):
@@ -126,3 +130,51 @@ def test_a_frame_in_a_folder_is_not_written_over(run, folder):
     assert outcome.code == 1
     assert "is read or written by this command already" in outcome.err
     assert frame.read_bytes() == before
+
+
+@pytest.fixture
+def small_cage(folder, write_obj):
+    """A cage through which vertices and faces of the rest pose go."""
+    from tests.shapes import box
+
+    return write_obj(folder / "small.obj", 0.75 * box().vertices, box().faces)
+
+
+def test_a_picture_and_coloured_vertices_show_the_faults(run, small_cage):
+    typed = ("check", "frames", "--cage", small_cage, "--plot", "faults.png")
+    outcome = run(*typed, "--marked", "faults.ply")
+    assert outcome.code == 1
+    assert "fault 1        outside: 6 vertices (0, 1, 2, ...)" in outcome.out
+    assert Path("faults.png").read_bytes().startswith(b"\x89PNG")
+    mesh = trimesh.load("faults.ply", process=False)
+    assert mesh.vertices.shape == (8 + 18, 3)
+    colours = mesh.visual.vertex_colors[:, :3]
+    assert (colours[8:14] == [214, 47, 39]).all()
+    assert not (colours[14:] == [214, 47, 39]).all(axis=1).any()
+    first = Path("faults.png").read_bytes(), Path("faults.ply").read_bytes()
+    again = run(*typed, "--marked", "faults.ply")
+    assert "faults.png: exists already" in again.err
+    run(*typed, "--marked", "faults.ply", "--overwrite")
+    assert (Path("faults.png").read_bytes(), Path("faults.ply").read_bytes()) == first
+
+
+def test_a_fit_cage_can_be_drawn_too(run, folder):
+    outcome = run("check", "--cage", "cage.obj", "--plot", "a.png", "--marked", "a.ply")
+    assert outcome.code == 0
+    assert "none that has a place" in outcome.out
+    assert len(trimesh.load("a.ply", process=False).vertices) == 8
+
+
+@pytest.mark.parametrize("option", [("--plot", "a.jpg"), ("--marked", "a.obj")])
+def test_pictures_of_another_format_are_wrong_usage(run, folder, option):
+    outcome = run(*TYPED, *option)
+    assert outcome.code == 2
+    assert option[1] in outcome.err
+
+
+def test_a_picture_is_not_written_over_an_input_or_another_output(run, folder):
+    Path("cage.ply").write_text("x")
+    for words in (("--cage", "cage.ply", "--marked", "cage.ply"),):
+        outcome = run("check", *words, "--overwrite")
+        assert outcome.code == 1
+        assert "cage.ply: is read or written" in outcome.err

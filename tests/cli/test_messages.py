@@ -37,7 +37,7 @@ SETUPS = {
     "missing frame": lambda write_obj: Path("frames/frame_3.obj").unlink(),
     "unsupported file": lambda write_obj: Path("cage.fbx").write_text("scene"),
     "open cage": lambda write_obj: write_box(write_obj, faces=slice(1, None)),
-    "small cage": lambda write_obj: write_box(write_obj, size=0.5),
+    "small cage": lambda write_obj: write_box(write_obj, size=0.97),
     "result exists": lambda write_obj: Path("cages.h5").write_text("old"),
     "not a result": lambda write_obj: Path("cages.h5").write_text("old"),
     "checkpoint as result": lambda write_obj: Path("cages.h5.partial").write_text("old"),
@@ -82,15 +82,17 @@ MESSAGES = {
         EXTRACT,
         1,
         "Error: cage.obj: the cage is open: no second face at 3 edges (0-3, 0-1, 1-3); close "
-        "the hole",
+        "the hole; to repair the cage: cageik cage --repair cage.obj --rest frames/frame_1.obj -o "
+        "cage_repaired.obj",
     ),
     "small cage": (
         EXTRACT,
         1,
-        "Error: cage.obj: 18 of 18 vertices of the rest pose are outside the cage, the "
-        "worst, 0, by 14.4 % of the diagonal: numbers 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, ... "
-        "(from 0); most of the model is outside: give the rest pose the cage was made for, "
-        "or export both with the same axes and scale",
+        "Error: cage.obj: 6 of 18 vertices of the rest pose are outside the cage, the worst, 0, by "
+        "0.866 % of the diagonal: numbers 0, 1, 2, 3, 4, 5 (from 0); the cage is not inflated: "
+        "inflate it by 1.6 % of the diagonal (0.0554) along its normals, or take the nearest "
+        "points of the cage with --outside project; to repair the cage: cageik cage --repair "
+        "cage.obj --rest frames/frame_1.obj -o cage_repaired.obj",
     ),
     "vertex weights": (
         [*EXTRACT, "--vertex-weights", "w.npy"],

@@ -5,7 +5,9 @@ import shutil
 import h5py
 import numpy as np
 
+from cageik_cli.formats.obj.write import encode_exact_obj
 from tests.docs.pages import ROOT
+from tests.shapes import box
 
 WALKER = ROOT / "data_fixtures" / "walker"
 
@@ -28,6 +30,17 @@ def add_model(folder):
     shutil.copy(WALKER / "cage.obj", folder)
     text = (WALKER / "handles.json").read_text()
     (folder / "handles.json").write_text(text.replace("1040", "10400"))
+
+
+def add_box(folder):
+    """Make `frames`, every second one of the walking figure, and `box.obj` around the first."""
+    (folder / "frames").mkdir()
+    for number in range(1, 49, 2):
+        shutil.copy(WALKER / "frames" / f"walker_{number}.obj", folder / "frames")
+    vertices = _read_vertices(WALKER / "frames" / "walker_1.obj")
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    corners = (low + high) / 2 + 0.55 * (high - low) * box().vertices
+    (folder / "box.obj").write_bytes(encode_exact_obj(corners, box().faces))
 
 
 def add_animations(folder):
@@ -68,5 +81,6 @@ def _read_rows(path, keyword, number):
 SCENES = {
     "damaged frames": add_damaged_frames,
     "model": add_model,
+    "box": add_box,
     "animations": add_animations,
 }

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.solver.region_causes import (
     COARSE_EDGE,
     FAR_DISTANCE,
@@ -16,20 +17,21 @@ from cageik_cli.solver.region_causes import (
 from cageik_cli.solver.regions import (
     MAX_REGIONS,
     BoundModel,
-    DeviationPeaks,
     SharedPlace,
+    blame_shared_places,
     find_worst_regions,
+    has_bad_regions,
 )
 from tests.shapes import ball, box
 
 REST = ball(3)
 
 
-def bound(cage=None, weight=0.9, places=()):
+def bound(cage=None, weight=0.9):
     cage = cage or box()
     weights = np.full((len(REST.vertices), len(cage.vertices)), 0.0)
     weights[:, 0] = weight
-    return BoundModel(REST, cage, weights, places)
+    return BoundModel(REST, cage, weights)
 
 
 def peaks(deviations, frames=None):
@@ -40,22 +42,6 @@ def peaks(deviations, frames=None):
 def cap(axis, sign):
     """The vertices of the ball within 0.1 of a pole."""
     return sign * REST.vertices[:, axis] > 0.4
-
-
-def test_peaks_over_blocks_are_the_maxima_over_all_frames():
-    squares = np.random.default_rng(0).uniform(size=(17, len(REST.vertices)))
-    gathered = DeviationPeaks.create(len(REST.vertices))
-    for start in range(0, 17, 5):
-        gathered.add_block(squares[start : start + 5], start)
-    np.testing.assert_allclose(gathered.deviations, np.sqrt(squares.max(axis=0)))
-    np.testing.assert_array_equal(gathered.frames, squares.argmax(axis=0))
-
-
-def test_vertices_without_data_have_no_peak():
-    gathered = DeviationPeaks.create(3)
-    gathered.add_block(np.array([[1.0, np.nan, 0.25], [4.0, np.nan, 0.0]]), 10)
-    assert gathered.deviations.tolist() == [2, 0, 0.5]
-    assert gathered.frames.tolist() == [11, -1, 10]
 
 
 def test_two_caps_are_two_regions_the_worst_first():
@@ -105,12 +91,14 @@ def test_no_more_than_the_most_are_given():
 
 def test_a_place_that_limbs_share_is_blamed():
     deviations = np.where(cap(0, 1), 1.0, 0.0)
-    places = [SharedPlace(np.array([0.5, 0, 0]), 0.2)]
-    (region,) = find_worst_regions(bound(places=places), peaks(deviations))
-    assert region.cause is Cause.SHARED_LOOP
-    places = [SharedPlace(np.array([-0.5, 0, 0]), 0.2)]
-    (region,) = find_worst_regions(bound(places=places), peaks(deviations))
-    assert region.cause is not Cause.SHARED_LOOP
+    regions = find_worst_regions(bound(), peaks(deviations))
+    (far,) = blame_shared_places(regions, [SharedPlace(np.array([-0.5, 0, 0]), 0.2)], REST.diagonal)
+    assert far.cause is regions[0].cause is not Cause.SHARED_LOOP
+    places = [SharedPlace(np.array([-0.5, 0, 0]), 0.2), SharedPlace(np.array([0.5, 0, 0]), 0.2)]
+    (inside,) = blame_shared_places(regions, places, REST.diagonal)
+    assert inside.cause is Cause.SHARED_LOOP
+    assert inside.evidence.in_shared_place
+    assert blame_shared_places([inside], [], REST.diagonal)[0].cause is regions[0].cause
 
 
 def test_a_cage_far_away_is_blamed_and_measured():
@@ -155,3 +143,19 @@ def test_faces_of_the_cage_that_are_nearest_may_be_thin():
     (region,) = find_worst_regions(bound(cage=slab), peaks(deviations))
     assert region.cause is Cause.THIN_FACES
     assert region.evidence.smallest_angle == pytest.approx(np.degrees(np.arctan(0.6 / 20)))
+
+
+@pytest.mark.parametrize(
+    ("rms", "largest", "is_bad"),
+    [
+        (0.02, 0.061, True),  # above 3 % of a diagonal of 2
+        (0.02, 0.06, False),
+        (0.001, 0.0101, True),  # above ten times the rms
+        (0.001, 0.01, False),
+        (1e-9, 1.9e-5, False),  # rounding
+        (1e-9, 2.1e-5, True),
+        (0.0, 0.0, False),
+    ],
+)
+def test_regions_are_told_of_large_deviations_alone(rms, largest, is_bad):
+    assert has_bad_regions(rms, largest, 2.0) is is_bad

@@ -9,7 +9,7 @@ from tests.shapes import box
 def entry(seed=0, rows=5):
     """One of a box, with as many rows of weights."""
     weights = np.random.default_rng(seed).dirichlet(np.ones(8), rows)
-    return CacheEntry(box().faces, weights, 60, 1e-3, 2, ("ä note", "another"), 1.5)
+    return CacheEntry(box().faces, weights, 60, 1e-3, 2, ("ä note", "another"), ("ü",), 1.5)
 
 
 def same(found, expected):

@@ -9,6 +9,7 @@ import pytest
 from cageik_cli.formats.base.sequence import Block
 from cageik_cli.solver.blocks import SolvedBlock, make_solved_block, summarize_blocks
 from cageik_cli.solver.metrics import FrameErrors, FrameMetrics
+from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.store.checkpoint import (
     MAGIC,
     Checkpoint,
@@ -40,7 +41,8 @@ def block_of(start, count, faults=()):
     digests = tuple(bytes([start + k]) * 32 for k in range(count))
     cages = generator.normal(size=(count, 4, 3))
     squares = generator.uniform(1, 2, 6)
-    return SolvedBlock(start, cages, FrameMetrics(**columns), squares, digests, dict(faults))
+    peaks = DeviationPeaks(generator.uniform(1, 2, 6), generator.integers(start, start + count, 6))
+    return SolvedBlock(start, cages, FrameMetrics(**columns), squares, peaks, digests, dict(faults))
 
 
 BLOCKS = [block_of(0, 2), block_of(2, 2, {3: "frame_3: not a mesh ü"}), block_of(4, 1)]
@@ -51,6 +53,8 @@ def assert_same(found, expected):
     assert (found.digests, found.skipped) == (expected.digests, expected.skipped)
     np.testing.assert_array_equal(found.cages, expected.cages)
     np.testing.assert_array_equal(found.squared_errors, expected.squared_errors)
+    np.testing.assert_array_equal(found.peaks.deviations, expected.peaks.deviations)
+    np.testing.assert_array_equal(found.peaks.frames, expected.peaks.frames)
     for field in fields(FrameMetrics):
         one, other = (getattr(block.metrics, field.name) for block in (found, expected))
         np.testing.assert_array_equal(one, other)
@@ -187,7 +191,9 @@ def test_the_summary_does_not_depend_on_interruptions(log, kept):
     checkpoint.close()
     assert (found.skipped, found.digests) == (expected.skipped, expected.digests)
     np.testing.assert_array_equal(found.vertex_rms, expected.vertex_rms)
-    np.testing.assert_array_equal(found.key_frames, expected.key_frames)
+    np.testing.assert_array_equal(found.find_key_frames(), expected.find_key_frames())
+    np.testing.assert_array_equal(found.peaks.deviations, expected.peaks.deviations)
+    np.testing.assert_array_equal(found.peaks.frames, expected.peaks.frames)
 
 
 def test_blocks_are_read_once_to_be_recovered_and_once_to_be_composed(log, monkeypatch):
@@ -320,6 +326,8 @@ def test_an_unreadable_frame_becomes_a_gap():
     squares = np.array([[1.0, 2.0], [10.0, 10.0], [3.0, 5.0]])
     found = make_solved_block(read, block.cages, FrameErrors(block.metrics, squares), block.digests)
     np.testing.assert_array_equal(found.squared_errors, [4.0, 7.0])
+    np.testing.assert_array_equal(found.peaks.deviations, np.sqrt([3.0, 5.0]))
+    assert found.peaks.frames.tolist() == [4, 4]
     assert found.skipped == {3: "frame_3: missing"}
     assert np.isnan(found.cages[1]).all()
     assert np.isnan(found.metrics.rms[1])

@@ -178,6 +178,7 @@ INGREDIENTS = {
 def test_the_key_covers_all_that_weights_depend_on(monkeypatch):
     keys = {name: compute_key(*things) for name, things in INGREDIENTS.items()}
     keys |= {name: compute_key(ball(1), box(), BindSettings(name)) for name in COORDINATES}
+    keys["rest faces"] = compute_key(TriMesh(ball(1).vertices, [[2, 1, 0]]), box(), SETTINGS)
     monkeypatch.setitem(ALGORITHM_VERSIONS, "harmonic", ALGORITHM_VERSIONS["harmonic"] + 1)
     keys["algorithm"] = compute_key(ball(1), box(), SETTINGS)
     monkeypatch.undo()
@@ -187,9 +188,8 @@ def test_the_key_covers_all_that_weights_depend_on(monkeypatch):
 
 
 def test_the_key_covers_nothing_else():
-    """Neither of the model's faces, nor of how arrays lie in memory."""
+    """Not of how arrays lie in memory."""
     key = compute_key(ball(1), box(), SETTINGS)
-    assert compute_key(TriMesh(ball(1).vertices, [[2, 1, 0]]), box(), SETTINGS) == key
     columns = np.asfortranarray(ball(1).vertices)
     columns.flags.writeable = False
     strided = TriMesh(columns, ball(1).faces)

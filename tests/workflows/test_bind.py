@@ -8,6 +8,7 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.binding_file import read_binding
@@ -16,9 +17,11 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import (
     BindRunSettings,
     WeightSettings,
+    bind_cached,
     bind_files,
     load_matching_binding,
 )
+from tests.shapes import ball, box
 
 
 class Listener(ProgressListener):
@@ -83,7 +86,7 @@ def test_changes_of_a_mesh_are_noted(plain, folder):
     stored = bind_files(plain, listener)
     assert stored.binding.notes == (
         "6 polygons cut into triangles to compute with",
-        "the cage's faces turn inward; it is used turned outward",
+        "warning: the cage's faces turn inward; it is used turned outward",
     )
     assert listener.notes == [
         ("note", "frame_1.obj: 6 polygons cut into triangles to compute with")
@@ -160,3 +163,14 @@ def test_a_missing_binding_is_refused(made):
     _, rest, cage = made
     with pytest.raises(InputError, match=r"^nowhere\.h5: .*No such file"):
         load_matching_binding(Path("nowhere.h5"), rest, cage)
+
+
+def test_warnings_about_a_cage_are_the_same_from_the_cache(tmp_path):
+    rest, cage = ball(4), box(2.0)
+    meshes = [LoadedMesh(mesh, mesh, {"name": name}) for mesh, name in ((rest, "r"), (cage, "c"))]
+    settings = WeightSettings(BindSettings("mean-value"), tmp_path)
+    cold, warm = (bind_cached(*meshes, settings, Listener()).binding.notes for _ in range(2))
+    assert cold == warm
+    assert cold[0].startswith("warning: the cage is loose")
+    of_other_mesh = replace(settings, is_own_cage=False)
+    assert bind_cached(*meshes, of_other_mesh, Listener()).binding.notes == ()

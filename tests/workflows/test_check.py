@@ -87,9 +87,10 @@ def test_a_missing_rest_frame_is_refused(folder):
 def test_findings_are_rows_with_the_worst_first(folder, cage_file):
     small = box(0.75).flip()
     _, rows = rows_of(format_check_text(check_cage(CheckSettings(cage_file(small), ("frames",)))))
-    assert [label for label, _ in rows[-2:]] == ["unfit", "warning"]
-    assert rows[-2][1].startswith("6 of 18 vertices of the rest pose are outside the cage")
-    assert "--outside project" in rows[-2][1]
+    assert rows[-3][0] == "unfit"
+    assert [label for label, _ in rows[-2:]] == ["warning", "to repair"]
+    assert rows[-3][1].startswith("6 of 18 vertices of the rest pose are outside the cage")
+    assert "the cage is scaled by" in rows[-3][1]
     assert dict(rows)["clearance"] == "none (6 vertices are outside)"
     assert "influence" not in dict(rows)
 
@@ -122,7 +123,9 @@ def test_json_is_the_whole_record(folder, cage_file):
     path = cage_file(type(loose)(np.vstack([loose.vertices, extra]), loose.faces))
     checked = check_cage(CheckSettings(path, ("frames",)))
     record = json.loads(format_check_json(checked))
-    assert list(record) == ["schema", "tool", "verdict", "cage", "rest", "notes", "findings"]
+    assert list(record) == [
+        "schema", "tool", "verdict", "cage", "rest", "notes", "repair_command", "findings"
+    ]  # fmt: skip
     assert (record["schema"], record["verdict"]) == (1, "unfit")
     assert record["tool"] == {"name": "cageik", "version": __version__}
     assert record["cage"]["name"] == "cage.obj"
@@ -139,6 +142,8 @@ def test_json_is_the_whole_record(folder, cage_file):
         "elements": "vertices",
         "numbers": list(range(8, 20)),
         "value": 12.0,
+        "mesh": "cage",
+        "place": None,
     }
 
 

@@ -17,6 +17,9 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import winding_numbers
 from cageik_cli.util.arrays import Floats
 
+OUTWARD = "move the cage outward there"
+"""What to do."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
@@ -46,7 +49,8 @@ def judge_cage(cage: TriMesh, model: TriMesh, samples: Floats) -> Judgement:
         return Judgement(faults, ())
     placement = locate_vertices(cage, model)
     outside = find_outside_vertices(placement, model)
-    holding = [*([outside] if outside else []), *find_surface_crossings(placement, model)]
+    holding = [outside.make_finding(OUTWARD)] if outside else []
+    holding += [*find_surface_crossings(placement, model)]
     if not holding:
         holding += _find_outside_samples(cage, samples)
     warnings = [*find_needle_faces(cage), *find_thin_parts(cage)]
@@ -66,5 +70,4 @@ def _find_outside_samples(cage: TriMesh, samples: Floats) -> list[Finding]:
         f"the first at ({x:.4g}, {y:.4g}, {z:.4g})"
     )
     numbers, value = np.empty(0, np.int64), float(len(outside))
-    remedy = "move the cage outward there"
-    return [Finding("surface-outside", "unfit", message, remedy, "", numbers, value)]
+    return [Finding("surface-outside", "unfit", message, OUTWARD, "", numbers, value)]

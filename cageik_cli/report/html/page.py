@@ -31,6 +31,12 @@ from cageik_cli.report.limits import (
 )
 from cageik_cli.report.plots.error_plot import build_page_plot
 from cageik_cli.report.record import Report
+from cageik_cli.report.regions import (
+    explain_regions,
+    format_centre,
+    format_size,
+    list_remedies,
+)
 from cageik_cli.report.render.model_views import (
     Pictures,
     PosePictures,
@@ -38,13 +44,20 @@ from cageik_cli.report.render.model_views import (
     render_pictures,
 )
 from cageik_cli.report.views.tables import format_json
-from cageik_cli.report.vocabulary import SETTING_MEANINGS, Vocabulary, choose_vocabulary
+from cageik_cli.report.vocabulary import (
+    CAUSES,
+    SETTING_MEANINGS,
+    Vocabulary,
+    choose_vocabulary,
+)
+from cageik_cli.solver.region_causes import Cause
 from cageik_cli.store.result import Result
 
 SECTIONS = (
     ("verdict", "Verdict"),
     ("per-frame", "{measure} per frame"),
     ("poses", "Poses"),
+    ("regions", "Worst regions"),
     ("histogram", "Histogram"),
     ("worst-vertices", "{worst} vertices"),
     ("weights", "Weights"),
@@ -84,12 +97,13 @@ def render_page(report: Report, pictures: Pictures | None) -> str:
         report=report,
         digest=compute_record_digest(report),
         words=words,
-        sections=_list_sections(words),
+        sections=_list_sections(report, words),
         verdict=make_overall_verdict(report.gates),
         limit_rows=[_build_limit_row(check, words) for check in report.gates],
         plot=_build_plot_values(report),
         pictures=pictures,
         **(_build_picture_values(pictures, words) if pictures else {}),
+        regions=_build_region_values(report),
         histogram=_build_histogram_values(report.vertices),
         quality=build_quality_rows(report),
         **_build_provenance(report),
@@ -105,10 +119,34 @@ def render_page(report: Report, pictures: Pictures | None) -> str:
     )
 
 
-def _list_sections(words: Vocabulary) -> list[tuple[str, str]]:
+def _list_sections(report: Report, words: Vocabulary) -> list[tuple[str, str]]:
     """List the anchors and the titles of the sections."""
     names = {"measure": words.measure.capitalize(), "worst": words.worst.capitalize()}
-    return [(anchor, title.format(**names)) for anchor, title in SECTIONS]
+    return [
+        (anchor, title.format(**names))
+        for anchor, title in SECTIONS
+        if anchor != "regions" or report.regions
+    ]
+
+
+def _build_region_values(report: Report) -> dict[str, Any]:
+    """Collect the rows of the table of worst regions, and what to do about them."""
+    return {
+        "why": explain_regions(report.summary),
+        "rows": [
+            {
+                "centre": format_centre(region),
+                "size": format_size(region),
+                "vertices": region.vertices,
+                "frame": region.frame,
+                "deviation": format_percent(region.max_deviation_percent),
+                "faces": ", ".join(map(str, region.cage_faces)),
+                "cause": CAUSES[Cause(region.cause)].text,
+            }
+            for region in report.regions or ()
+        ],
+        "remedies": list_remedies(report.regions or ()),
+    }
 
 
 def _build_provenance(report: Report) -> dict[str, Any]:
@@ -213,6 +251,10 @@ def _build_picture_values(pictures: Pictures, words: Vocabulary) -> dict[str, An
             }
             for pose in pictures.poses
         ],
+        "close_up": []
+        if pictures.region is None
+        else _list_pose_views(pictures.region, "Worst region, close up", words),
+        "is_turned": pictures.region is not None,
         "rest_views": [
             (
                 side,

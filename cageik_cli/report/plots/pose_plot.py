@@ -27,13 +27,12 @@ from cageik_cli.report.plots.pose_marks import (
 from cageik_cli.report.plots.style import make_drawable, measure_text_width, use_fixed_style
 from cageik_cli.report.render.model_views import (
     DEPTH_TOL,
-    VIEW_TURN,
     project_surface,
     render_with_cage,
-    view_axes,
 )
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, downsample
+from cageik_cli.report.render.viewpoints import VIEW_TURN, view_axes
 from cageik_cli.report.views.pose_text import format_miss
 from cageik_cli.util.arrays import Floats
 

@@ -17,17 +17,19 @@ from cageik_cli.report.render.shading import (
     rasterize_surface,
     render,
 )
-from cageik_cli.store.result import Result, read_key_frames, read_weights
+from cageik_cli.report.render.viewpoints import (
+    REGION_TURNS,
+    VIEW_TURN,
+    choose_view,
+    find_region_vertices,
+    fit_close_up,
+    view_axes,
+)
+from cageik_cli.store.result import KeyFrames, Result, read_key_frames, read_weights
 from cageik_cli.util.arrays import Floats, Integers
 
 MODEL_COLOUR, CAGE_COLOUR = "#f0ede8", "#1f6fd0"
 """Colours of a model drawn in its cage, and of the cage."""
-
-VIEW_TURN, VIEW_TILT = 32.0, 14.0
-"""Degrees of the viewpoint to the right of the front, and above it."""
-
-UPRIGHT_AXES = {"Y": np.eye(3), "Z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
-"""Rows: right, up and front of an upright model, by its up axis."""
 
 LINE_WIDTH = 1.3
 """Pixels."""
@@ -37,15 +39,6 @@ DEPTH_TOL = 0.006
 
 FRONT_OPACITY, HIDDEN_OPACITY = 0.95, 0.28
 """Opacity of lines before all surfaces, and behind one."""
-
-
-def view_axes(up_axis: str, turn: float) -> Floats:
-    """Return right, up and backward of a view from `turn` degrees right of the front, as rows."""
-    turn_angle, tilt_angle = np.radians((turn, VIEW_TILT))
-    (c, s), (d, e) = ((np.cos(angle), np.sin(angle)) for angle in (turn_angle, tilt_angle))
-    around = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
-    over = np.array([[1, 0, 0], [0, d, -e], [0, e, d]])
-    return np.asarray(over @ around @ UPRIGHT_AXES[up_axis])
 
 
 def project_surface(camera: ParallelCamera, vertices: Floats, faces: Integers) -> VisibleSurface:
@@ -99,6 +92,28 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RegionView:
+    """How to look at the worst region.
+
+    Attributes
+    ----------
+    pose : Pose
+        The frame in which it deviates most.
+    centre : (3,) float64
+        Middle of the region in that frame.
+    extent : float
+        Half the width of a close-up, file units.
+    turn : float
+        Degrees to the right of the front from which it is seen.
+    """
+
+    pose: Pose
+    centre: Floats
+    extent: float
+    turn: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PoseSet:
     """The meshes that a page draws.
 
@@ -111,6 +126,8 @@ class PoseSet:
         RMS of each vertex over the frames, percent of the diagonal; nan for missing data.
     up_axis : str
         "Y" or "Z".
+    region : RegionView, optional
+        The worst region, which all poses are seen from the side of; None if there is none.
     """
 
     faces: Integers
@@ -118,6 +135,7 @@ class PoseSet:
     poses: tuple[Pose, ...]
     vertex_rms: Floats
     up_axis: str
+    region: RegionView | None = None
 
 
 def load_poses(result: Result) -> PoseSet | None:
@@ -136,25 +154,43 @@ def load_poses(result: Result) -> PoseSet | None:
     deviation = _deviation_percent((reconstruction - rest.vertices) / diagonal)
     poses = [Pose("rest", "rest pose", rest.vertices, reconstruction, cage.vertices, deviation)]
     key_frames = read_key_frames(result, weights)
-    for k, label in enumerate(FRAME_LABELS):
-        name, reconstruction, misses = (
-            result.frames[key_frames.indices[k]],
-            key_frames.reconstructed[k],
-            key_frames.errors[k],
-        )
-        original = reconstruction + diagonal * misses
-        poses.append(
-            Pose(
-                label,
-                name,
-                original,
-                reconstruction,
-                key_frames.cages[k],
-                _deviation_percent(misses),
-            )
-        )
-    vertex_rms = 100 * result.vertex_rms / diagonal
-    return PoseSet(rest.faces, cage.faces, tuple(poses), vertex_rms, result.scene.up_axis)
+    poses += [_make_pose(result, key_frames, k, label) for k, label in enumerate(FRAME_LABELS)]
+    return PoseSet(
+        faces=rest.faces,
+        cage_faces=cage.faces,
+        poses=tuple(poses),
+        vertex_rms=100 * result.vertex_rms / diagonal,
+        up_axis=result.scene.up_axis,
+        region=_find_region_view(result, key_frames),
+    )
+
+
+def _make_pose(result: Result, key_frames: KeyFrames, k: int, label: str) -> Pose:
+    """Make the pose of a frame that is kept in full."""
+    misses, reconstruction = key_frames.errors[k], key_frames.reconstructed[k]
+    return Pose(
+        label=label,
+        name=result.frames[key_frames.indices[k]],
+        original=reconstruction + result.rest.diagonal * misses,
+        reconstruction=reconstruction,
+        cage=key_frames.cages[k],
+        deviation=_deviation_percent(misses),
+    )
+
+
+def _find_region_view(result: Result, key_frames: KeyFrames) -> RegionView | None:
+    """Find where to see the worst region from; None if there is none, or its frame is not kept."""
+    region = next(iter(result.regions or ()), None)
+    kept = key_frames.indices.tolist()
+    if region is None or region.frame not in kept:
+        return None
+    pose, rest = _make_pose(result, key_frames, kept.index(region.frame), "region"), result.rest
+    deviation = np.where(np.isfinite(result.vertex_rms), pose.deviation, np.nan)
+    chosen = find_region_vertices(rest.vertices, deviation, region.worst_vertex, region.size)
+    centre, extent = fit_close_up(pose.reconstruction[chosen], region.size, rest.diagonal)
+    views = {turn: view_axes(result.scene.up_axis, turn) for turn in REGION_TURNS}
+    turn = choose_view(pose.reconstruction, rest.faces, chosen, views)
+    return RegionView(pose, centre, extent, turn)
 
 
 def _deviation_percent(misses: Floats) -> Floats:
@@ -213,6 +249,8 @@ class Pictures:
     colours : tuple of str
         Colours of both scales, from 0 to their ends in even steps, as #rrggbb. Missing data is
         grey.
+    region : PosePictures, optional
+        The worst region, close up.
     """
 
     poses: tuple[PosePictures, ...]
@@ -220,6 +258,7 @@ class Pictures:
     max_deviation_percent: float
     max_rms_percent: float
     colours: tuple[str, ...]
+    region: PosePictures | None = None
 
 
 def render_pictures(poses: PoseSet, pixels: int = 360) -> Pictures:
@@ -228,16 +267,38 @@ def render_pictures(poses: PoseSet, pixels: int = 360) -> Pictures:
     max_deviation = _choose_scale_end(
         np.concatenate([pose.deviation[known] for pose in poses.poses])
     )
+    samples = SAMPLES_PER_PIXEL * pixels
     max_rms = _choose_scale_end(poses.vertex_rms[known])
     return Pictures(
-        poses=tuple(_render_pose(poses, pose, max_deviation, pixels) for pose in poses.poses),
+        poses=tuple(
+            _render_pose(poses, pose, max_deviation, _fit_pose(poses, pose, samples))
+            for pose in poses.poses
+        ),
         rest_views=tuple(
             _render_rest(poses, turn, max_rms, pixels) for turn in (VIEW_TURN, VIEW_TURN + 180)
         ),
         max_deviation_percent=max_deviation,
         max_rms_percent=max_rms,
         colours=COLOUR_SCALE,
+        region=_render_close_up(poses, max_deviation, samples),
     )
+
+
+def _fit_pose(poses: PoseSet, pose: Pose, size: int) -> ParallelCamera:
+    """Fit a camera to a pose, on the side of the worst region."""
+    points = np.concatenate([pose.original, pose.reconstruction, pose.cage])
+    turn = VIEW_TURN if poses.region is None else poses.region.turn
+    return ParallelCamera.fit(view_axes(poses.up_axis, turn), points, size)
+
+
+def _render_close_up(poses: PoseSet, top: float, size: int) -> PosePictures | None:
+    """Draw the worst region, from where it is seen."""
+    view = poses.region
+    if view is None:
+        return None
+    axes = view_axes(poses.up_axis, view.turn)
+    camera = ParallelCamera(axes, view.centre, view.extent, size)
+    return _render_pose(poses, view.pose, top, camera)
 
 
 def _choose_scale_end(values: Floats) -> float:
@@ -249,11 +310,7 @@ def _choose_scale_end(values: Floats) -> float:
     return float(f"{power * next((k for k in SCALE_ENDS if k * power >= wanted), 10):.2g}")
 
 
-def _render_pose(poses: PoseSet, pose: Pose, top: float, pixels: int) -> PosePictures:
-    points = np.concatenate([pose.original, pose.reconstruction, pose.cage])
-    camera = ParallelCamera.fit(
-        view_axes(poses.up_axis, VIEW_TURN), points, SAMPLES_PER_PIXEL * pixels
-    )
+def _render_pose(poses: PoseSet, pose: Pose, top: float, camera: ParallelCamera) -> PosePictures:
     original = project_surface(camera, pose.original, poses.faces)
     reconstruction = project_surface(camera, pose.reconstruction, poses.faces)
     deviation = np.where(np.isfinite(poses.vertex_rms), pose.deviation, np.nan)

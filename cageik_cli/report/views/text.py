@@ -17,9 +17,10 @@ from cageik_cli.report.limits import (
     make_verdict,
 )
 from cageik_cli.report.record import Report
+from cageik_cli.report.regions import describe_region, explain_regions, list_remedies
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.util.errors import join_truncated
-from cageik_cli.util.text import format_block, single_line
+from cageik_cli.util.text import format_block, label_note, single_line
 
 
 def format_text(report: Report) -> str:
@@ -38,8 +39,9 @@ def format_text(report: Report) -> str:
         ("size", f"{summary.floats_per_frame} floats per frame {describe_size(clip)}"),
         *_quality_rows(report, words),
         *_skipped_rows(report),
+        *_region_rows(report),
         *(format_check_row(check, words) for check in report.gates),
-        *(("note", note) for note in report.notes),
+        *map(label_note, report.notes),
     ]
     return format_block(headline, rows)
 
@@ -106,6 +108,17 @@ def _skipped_rows(report: Report) -> list[tuple[str, str]]:
     total = format_count(len(report.frames), "frame")
     names = join_truncated((frame.name for frame in frames), 5)
     return [("skipped", f"{len(frames)} of {total}: {names}; {frames[0].skipped}")]
+
+
+def _region_rows(report: Report) -> list[tuple[str, str]]:
+    """Say that the largest deviation is unusual, where, and what to do."""
+    if not report.regions:
+        return []
+    return [
+        ("worst regions", f"{explain_regions(report.summary)}; with probable causes:"),
+        *((f"region {k}", describe_region(one)) for k, one in enumerate(report.regions, 1)),
+        *(("to do", text) for text in list_remedies(report.regions)),
+    ]
 
 
 def _published_metrics_rows(summary: ReportSummary) -> list[tuple[str, str]]:

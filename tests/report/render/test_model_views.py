@@ -8,9 +8,9 @@ from cageik_cli.report.render.model_views import (
     parse_colour,
     project_surface,
     render_with_cage,
-    view_axes,
 )
 from cageik_cli.report.render.raster import ParallelCamera
+from cageik_cli.report.render.viewpoints import view_axes
 from tests.shapes import ball, box
 
 SIZE = 200

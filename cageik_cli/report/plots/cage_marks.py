@@ -1,0 +1,100 @@
+"""The faults of a check as marks on the cage and the model: points, colours and a list."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli.cages.findings import Finding
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.report.render.model_views import parse_colour
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import join_truncated
+
+FAULT_COLOURS = ("#d62f27", "#e08214", "#7b3fa0", "#0f8b8d", "#c2185b", "#5d7a1f", "#8c510a")
+"""Colours of faults, in their order; after the last the first comes again."""
+
+PLAIN_COLOURS = {"cage": "#9dbbe0", "rest": "#e2d6c8"}
+"""Colours of what has no fault."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaultMark:
+    """One fault that has a place.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    colour : str
+        As #rrggbb.
+    text : str
+        What it is, with the first numbers.
+    cage, rest : (k,) int64
+        Vertices of the meshes that it concerns.
+    points : (p, 3) float64
+        Where it is.
+    """
+
+    number: int
+    colour: str
+    text: str
+    cage: Integers
+    rest: Integers
+    points: Floats
+
+
+def list_marks(
+    findings: tuple[Finding, ...], cage: TriMesh, rest: TriMesh | None
+) -> tuple[FaultMark, ...]:
+    """List the findings that have a place, numbered in their order."""
+    placed = [found for found in findings if len(found.numbers) or found.place is not None]
+    return tuple(
+        _make_mark(number, found, cage, rest) for number, found in enumerate(placed, start=1)
+    )
+
+
+def colour_vertices(marks: tuple[FaultMark, ...], mesh: str, count: int) -> Floats:
+    """Colours of all vertices of the `cage` or the `rest`, (count, 3); the first fault counts."""
+    colours = np.tile(parse_colour(PLAIN_COLOURS[mesh]), (count, 1))
+    for mark in reversed(marks):
+        colours[mark.cage if mesh == "cage" else mark.rest] = parse_colour(mark.colour)
+    return colours
+
+
+def _make_mark(number: int, found: Finding, cage: TriMesh, rest: TriMesh | None) -> FaultMark:
+    of_mesh = dict(_find_vertices(found, cage, rest))
+    none: Integers = np.empty(0, np.int64)
+    on_cage, on_rest = of_mesh.get("cage", none), of_mesh.get("rest", none)
+    # Pairs of faces of both meshes are shown on the cage.
+    points = cage.vertices[on_cage]
+    if len(on_rest) and not len(on_cage) and rest is not None:
+        points = rest.vertices[on_rest]
+    if found.place is not None:
+        points = np.array([found.place])
+    colour = FAULT_COLOURS[(number - 1) % len(FAULT_COLOURS)]
+    return FaultMark(number, colour, _describe(found), on_cage, on_rest, points)
+
+
+def _find_vertices(
+    found: Finding, cage: TriMesh, rest: TriMesh | None
+) -> Iterator[tuple[str, Integers]]:
+    """Yield the vertices of each mesh that a finding concerns."""
+    if found.mesh == "both":
+        if rest is not None and len(found.numbers):
+            yield "rest", np.unique(rest.faces[found.numbers[:, 0]])
+            yield "cage", np.unique(cage.faces[found.numbers[:, 1]])
+        return
+    mesh = cage if found.mesh == "cage" or rest is None else rest
+    numbers = np.unique(found.numbers)
+    is_of_faces = found.elements.startswith("face")
+    yield found.mesh, np.unique(mesh.faces[numbers]) if is_of_faces else numbers
+
+
+def _describe(found: Finding) -> str:
+    kind = found.kind.replace("-", " ")
+    if found.place is not None:
+        x, y, z = found.place
+        return f"{kind} at ({x:.3g}, {y:.3g}, {z:.3g})"
+    names = ["-".join(map(str, np.ravel(number))) for number in found.numbers.tolist()]
+    return f"{kind}: {len(names)} {found.elements} ({join_truncated(names, 3)})"

@@ -1,0 +1,128 @@
+"""The worst regions of a clip: their record, and how they are told."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from cageik_cli.report.figures import ReportSummary, format_percent
+from cageik_cli.report.vocabulary import CAUSES
+from cageik_cli.solver.region_causes import Cause
+from cageik_cli.solver.regions import MAX_DEVIATION, MAX_RMS_RATIO, has_bad_regions
+from cageik_cli.store.result import Result
+
+REGIONS_UNKNOWN = (
+    "the result does not say where the largest deviations are, since it was written without worst "
+    "regions; extract it again to see them"
+)
+"""The note on a result with large deviations that was written by an earlier version."""
+
+
+@dataclass(frozen=True, slots=True)
+class RegionRecord:
+    """A region of the model that deviates much.
+
+    Attributes
+    ----------
+    centre : tuple of float
+        In the rest pose, file units.
+    size, size_percent : float
+        Diagonal of the box around it, in file units and in percent of the model's diagonal.
+    vertices : int
+    frame : str
+        The name of the frame of the largest deviation.
+    frame_index : int
+    max_deviation, max_deviation_percent : float
+        In file units and in percent of the diagonal.
+    worst_vertex : int
+    cage_faces : tuple of int
+        The nearest ones, that of the worst vertex first.
+    cause : str
+        The probable cause, one of `CAUSES`.
+    evidence : dict
+        What the cause was judged by.
+    """
+
+    centre: tuple[float, float, float]
+    size: float
+    size_percent: float
+    vertices: int
+    frame: str
+    frame_index: int
+    max_deviation: float
+    max_deviation_percent: float
+    worst_vertex: int
+    cage_faces: tuple[int, ...]
+    cause: str
+    evidence: dict[str, Any]
+
+
+def build_regions(result: Result) -> tuple[RegionRecord, ...] | None:
+    """Build the records of a result's worst regions; None if it does not hold them."""
+    if result.regions is None:
+        return None
+    percent = 100 / result.rest.diagonal
+    return tuple(
+        RegionRecord(
+            centre=region.centre,
+            size=region.size,
+            size_percent=percent * region.size,
+            vertices=region.vertices,
+            frame=result.frames[region.frame],
+            frame_index=region.frame,
+            max_deviation=region.max_deviation,
+            max_deviation_percent=percent * region.max_deviation,
+            worst_vertex=region.worst_vertex,
+            cage_faces=region.cage_faces,
+            cause=str(region.cause),
+            evidence=asdict(region.evidence),
+        )
+        for region in result.regions
+    )
+
+
+def list_region_notes(result: Result, summary: ReportSummary) -> list[str]:
+    """List the note on regions that are not known, though the largest deviation is unusual."""
+    is_unknown = result.regions is None and result.edited_from is None
+    diagonal = result.rest.diagonal
+    if is_unknown and has_bad_regions(summary.rms, summary.max_deviation, diagonal):
+        return [REGIONS_UNKNOWN]
+    return []
+
+
+def explain_regions(summary: ReportSummary) -> str:
+    """Say why regions are told at all."""
+    largest, reasons = summary.max_deviation_percent, []
+    if summary.max_deviation > MAX_RMS_RATIO * summary.rms:
+        reasons.append(f"{MAX_RMS_RATIO:g} times the rms")
+    if largest > 100 * MAX_DEVIATION:
+        reasons.append(f"{100 * MAX_DEVIATION:g} % of the diagonal")
+    return (
+        f"the largest deviation, {format_percent(largest)} %, is more than {' and '.join(reasons)}"
+    )
+
+
+def describe_region(region: RegionRecord) -> str:
+    """Describe a region in one line, its probable cause at the end."""
+    faces = ", ".join(map(str, region.cage_faces))
+    noun = "cage face" if len(region.cage_faces) == 1 else "cage faces"
+    return (
+        f"{format_percent(region.max_deviation_percent)} % in {region.frame}, at "
+        f"{format_centre(region)}, size {format_size(region)}, {noun} {faces}: "
+        f"{CAUSES[Cause(region.cause)].text}"
+    )
+
+
+def format_centre(region: RegionRecord) -> str:
+    """Format the centre of a region as in all views."""
+    return f"({', '.join(f'{round(place, 4) + 0.0:.4g}' for place in region.centre)})"
+
+
+def format_size(region: RegionRecord) -> str:
+    """Format the size of a region, percent of the diagonal, as in all views."""
+    return f"{region.size_percent:.1f} %"
+
+
+def list_remedies(regions: tuple[RegionRecord, ...]) -> list[str]:
+    """List what to do about regions, once for each cause, that of the worst region first."""
+    return [
+        CAUSES[Cause(cause)].remedy for cause in dict.fromkeys(region.cause for region in regions)
+    ]

@@ -1,0 +1,36 @@
+"""The regions of a clip that deviate most, found when its frames are solved."""
+
+import numpy as np
+
+from cageik_cli.cages.sections import find_shared_sections
+from cageik_cli.coordinates.binding import Binding
+from cageik_cli.solver.blocks import ClipSummary
+from cageik_cli.solver.regions import (
+    BoundModel,
+    Region,
+    SharedPlace,
+    blame_shared_places,
+    find_worst_regions,
+    has_bad_regions,
+)
+
+
+def find_clip_regions(binding: Binding, summary: ClipSummary) -> tuple[Region, ...]:
+    """Find the worst regions of a clip; none if its largest deviation is within the usual."""
+    rms = float(np.sqrt(np.nanmean(summary.frame_rms**2)))
+    largest = float(summary.peaks.deviations.max())
+    if not has_bad_regions(rms, largest, binding.rest.diagonal):
+        return ()
+    model = BoundModel(binding.rest, binding.cage, binding.weights)
+    regions = find_worst_regions(model, summary.peaks)
+    places = _find_shared_places(binding, regions)
+    return blame_shared_places(regions, places, binding.rest.diagonal)
+
+
+def _find_shared_places(binding: Binding, regions: tuple[Region, ...]) -> list[SharedPlace]:
+    """The places at these regions where limbs share a loop of the cage."""
+    centres = np.array([region.centre for region in regions])
+    sections = find_shared_sections(binding.cage, binding.rest, near=centres)
+    return [
+        SharedPlace(section.centre, (section.size + section.length) / 2) for section in sections
+    ]

@@ -1,0 +1,183 @@
+"""The worst regions in every view, and nothing where there are none."""
+
+import json
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli.report.html.page import render_page, render_result_page
+from cageik_cli.report.overview import build_clip_entry, build_overview
+from cageik_cli.report.record import build_report
+from cageik_cli.report.regions import REGIONS_UNKNOWN, describe_region
+from cageik_cli.report.render.model_views import load_poses, render_pictures
+from cageik_cli.report.views.markdown import format_markdown
+from cageik_cli.report.views.tables import format_json
+from cageik_cli.report.views.text import format_text
+from cageik_cli.report.vocabulary import CAUSES
+from cageik_cli.solver.region_causes import Cause
+from tests.report.html.test_page import pictures_of_one_point
+from tests.report.markup import find_faults, parse_page
+from tests.report.views.test_markdown import list_items
+
+
+@pytest.fixture(scope="module")
+def result(closed):
+    """A result whose largest deviation is above 3 % of the diagonal."""
+    assert closed.result.regions
+    return closed.result
+
+
+@pytest.fixture(scope="module")
+def report(result):
+    return build_report(result)
+
+
+def within_the_usual(result):
+    """The same result with a tenth of its deviations, and no regions."""
+    metrics = replace(result.metrics, max_deviation=0.01 * result.metrics.max_deviation)
+    return replace(result, metrics=metrics, regions=())
+
+
+def test_the_record_has_the_regions_in_percent_too(result, report):
+    for region, stored in zip(report.regions, result.regions, strict=True):
+        percent = 100 / result.rest.diagonal
+        assert region.size_percent == pytest.approx(percent * stored.size)
+        assert region.max_deviation_percent == pytest.approx(percent * stored.max_deviation)
+        assert (region.frame, region.frame_index) == (result.frames[stored.frame], stored.frame)
+        assert region.cause in set(Cause)
+    first = json.loads(format_json([report]))["regions"][0]
+    assert report.regions[0].max_deviation_percent == report.summary.max_deviation_percent
+    assert first["cage_faces"] == list(report.regions[0].cage_faces)
+    assert first["evidence"]["smallest_angle"] > 0
+
+
+def test_the_text_has_a_row_for_each_region(report):
+    rows = [(line[2:16].strip(), line[17:]) for line in format_text(report).splitlines()[1:]]
+    names = [name for name, _ in rows]
+    start = names.index("worst regions")
+    assert "3 % of the diagonal" in rows[start][1]
+    count = len(report.regions)
+    assert names[start + 1 : start + 1 + count] == [f"region {k + 1}" for k in range(count)]
+    first, text = report.regions[0], rows[start + 1][1]
+    assert text.startswith(f"{first.max_deviation_percent:.4f} % in {first.frame}, at (")
+    assert f"size {first.size_percent:.1f} %" in text
+    assert ", ".join(map(str, first.cage_faces)) in text
+    assert text.endswith(CAUSES[Cause(first.cause)].text)
+    assert CAUSES[Cause(first.cause)].remedy in dict(rows)["to do"]
+    assert all(len(line) < 160 for line in format_text(report).splitlines())
+
+
+def test_the_reason_is_the_limit_that_is_exceeded(report):
+    def explain(rms, largest):
+        summary = replace(
+            report.summary, rms=rms, max_deviation=largest, max_deviation_percent=100 * largest / 2
+        )
+        return dict(
+            line[2:].split("  ", 1)
+            for line in format_text(replace(report, summary=summary)).splitlines()
+            if "worst regions" in line
+        )["worst regions"]
+
+    assert "more than 10 times the rms;" in explain(0.001, 0.02)
+    assert "more than 3 % of the diagonal;" in explain(0.02, 0.1)
+    assert "more than 10 times the rms and 3 % of the diagonal;" in explain(0.001, 0.1)
+
+
+@pytest.mark.parametrize("cause", list(Cause))
+def test_every_cause_has_words(report, cause):
+    region = replace(report.regions[0], cause=str(cause), cage_faces=(3,))
+    told = replace(report, regions=(region,))
+    assert describe_region(region).endswith(f"cage face 3: {CAUSES[cause].text}")
+    assert CAUSES[cause].remedy in format_text(told)
+    assert CAUSES[cause].text in parse_page(render_page(told, None)).by_id("regions").text
+
+
+def test_a_result_within_the_usual_says_nothing(result):
+    report = build_report(within_the_usual(result))
+    page = render_page(report, pictures_of_one_point())
+    assert report.regions == ()
+    assert "region" not in format_text(report)
+    assert REGIONS_UNKNOWN not in report.notes
+    assert 'id="regions"' not in page
+    assert 'href="#regions"' not in page
+    assert "Worst regions" not in format_markdown(build_overview([build_clip_entry(report)]))
+
+
+def test_an_earlier_result_says_that_it_does_not_know(result):
+    report = build_report(replace(result, regions=None))
+    assert report.regions is None
+    assert report.notes == (*result.notes, REGIONS_UNKNOWN)
+    assert "extract it again" in format_text(report)
+    assert REGIONS_UNKNOWN in render_page(report, None)
+    usual = replace(within_the_usual(result), regions=None)
+    assert REGIONS_UNKNOWN not in build_report(usual).notes
+
+
+def test_an_edit_has_no_regions_and_does_not_miss_them(edited):
+    report = build_report(edited)
+    assert report.regions is None
+    assert REGIONS_UNKNOWN not in report.notes
+
+
+def test_the_page_has_a_table_and_a_close_up(result, report):
+    text = render_result_page(result, report)
+    section = parse_page(text).by_id("regions")
+    rows = [[cell.text for cell in row.all("th", "td")] for row in section.all("tr")][1:]
+    assert [row[0] for row in rows] == [str(k + 1) for k in range(len(report.regions))]
+    assert rows[0][1] == f"{report.regions[0].max_deviation_percent:.4f}"
+    assert rows[0][2] == report.regions[0].frame
+    assert [image.attributes["alt"] for image in section.all("img")] == [
+        "Worst region, close up: the input",
+        "Worst region, close up: the reconstruction, coloured by deviation",
+        "Worst region, close up: the cage",
+    ]
+    assert 'href="#regions"' in text
+    assert find_faults(text) == []
+    assert render_result_page(result, report) == text
+
+
+def test_a_page_without_pictures_has_the_table(report):
+    section = parse_page(render_page(report, None)).by_id("regions")
+    assert list(section.all("img")) == []
+    assert len(list(section.all("tr"))) == 1 + len(report.regions)
+
+
+def test_the_camera_looks_at_the_worst_region(result):
+    poses = load_poses(result)
+    view, worst = poses.region, result.regions[0]
+    assert view.pose.name == result.frames[worst.frame]
+    off = np.linalg.norm(view.pose.reconstruction[worst.worst_vertex] - view.centre)
+    assert off < view.extent
+    close, plain = render_pictures(poses, 40), render_pictures(replace(poses, region=None), 40)
+    assert close.region is not None
+    assert plain.region is None
+    assert close.rest_views == plain.rest_views
+
+
+def test_all_poses_are_seen_from_the_side_of_the_worst_region(result):
+    poses = load_poses(result)
+    turns = [
+        render_pictures(replace(poses, region=replace(poses.region, turn=turn)), 40)
+        for turn in (32.0, 212.0)
+    ]
+    # The rest pose, a ball, looks the same from everywhere.
+    for one, other in zip(turns[0].poses[1:], turns[1].poses[1:], strict=True):
+        assert one.original != other.original
+    assert turns[0].poses == render_pictures(replace(poses, region=None), 40).poses
+
+
+def test_without_its_frame_a_region_has_no_close_up(result, tmp_path):
+    shortened = tmp_path / "cages.h5"
+    shortened.write_bytes(result.path.read_bytes())
+    with h5py.File(shortened, "r+") as file:
+        file["poses/frame"][:] = 0
+    assert load_poses(replace(result, path=shortened)).region is None
+    assert load_poses(replace(result, regions=())).region is None
+
+
+def test_markdown_names_the_worst_region_of_each_clip(report):
+    text = format_markdown(build_overview([build_clip_entry(report, "a.h5")]))
+    part = text[text.index("### Worst regions") :].split("\n###")[0]
+    assert list_items(part) == [f"cages.h5: {describe_region(report.regions[0])}"]

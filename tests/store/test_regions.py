@@ -1,0 +1,104 @@
+"""The worst regions in a result: read as they were written, or refused."""
+
+import json
+from dataclasses import asdict
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli.solver.region_causes import Cause, Evidence
+from cageik_cli.solver.regions import MAX_REGIONS, Region
+from cageik_cli.store.regions import RegionCounts, read_regions, write_regions
+from cageik_cli.util.errors import FormatError
+
+COUNTS = RegionCounts(frames=7, vertices=20, cage_faces=12)
+EVIDENCE = Evidence(1.5, 2.5, 0.25, 30.0, 8.0, True)
+
+
+def region(**changes):
+    values = {
+        "centre": np.array([0.1, -2.0, 1e-17]),
+        "size": 1 / 3,
+        "vertices": np.array([3, 5, 19]),
+        "frame": 6,
+        "max_deviation": 0.1,
+        "worst_vertex": 19,
+        "cage_faces": np.array([11, 0, 4]),
+        "cause": Cause.SHARED_LOOP,
+        "evidence": EVIDENCE,
+    }
+    return Region(**values | changes)
+
+
+@pytest.fixture
+def file(tmp_path):
+    with h5py.File(tmp_path / "result.h5", "w") as opened:
+        yield opened
+
+
+def test_what_is_written_is_read(file):
+    write_regions(file, (region(), region(size=0.0, cause=Cause.UNKNOWN)))
+    first, second = read_regions(file, COUNTS)
+    assert first.centre == (0.1, -2.0, 1e-17)
+    assert (first.size, first.vertices, first.frame) == (1 / 3, 3, 6)
+    assert (first.max_deviation, first.worst_vertex) == (0.1, 19)
+    assert first.cage_faces == (11, 0, 4)
+    assert first.cause is Cause.SHARED_LOOP
+    assert first.evidence == EVIDENCE
+    assert (second.size, second.cause) == (0, Cause.UNKNOWN)
+
+
+def test_none_are_not_the_same_as_not_known(file):
+    assert read_regions(file, COUNTS) is None
+    write_regions(file, ())
+    assert read_regions(file, COUNTS) == ()
+
+
+def damage(file, **changes):
+    """Replace fields of the one region in a file; None leaves a field out."""
+    write_regions(file, (region(),))
+    held = json.loads(file.attrs["regions"])
+    held[0] = {k: v for k, v in (held[0] | changes).items() if v is not None}
+    file.attrs["regions"] = json.dumps(held)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"frame": 7}, "frames .*7"),
+        ({"frame": -1}, "frames .*-1"),
+        ({"worst_vertex": 20}, "vertices .*20"),
+        ({"cage_faces": [12]}, "cage faces .*12"),
+        ({"cage_faces": []}, "without cage faces"),
+        ({"cage_faces": [1] * 6}, "cage faces"),
+        ({"vertices": 0}, "without vertices"),
+        ({"size": -1.0}, "-1.0"),
+        ({"max_deviation": 1e61}, "1e\\+61"),
+        ({"centre": [0, 0, 1e61]}, "too far away"),
+        ({"centre": [0, 0]}, "describe"),
+        ({"centre": "abc"}, "describe"),
+        ({"cause": "magic"}, "magic"),
+        ({"cause": None}, "describe"),
+        ({"evidence": {}}, "in_shared_place"),
+        ({"evidence": asdict(EVIDENCE) | {"more": 1}}, "more"),
+        ({"evidence": 5}, "describe"),
+    ],
+)
+def test_damaged_regions_are_refused(file, changes, says):
+    damage(file, **changes)
+    with pytest.raises(FormatError, match=rf"`regions` .*{says}.*; extract it again"):
+        read_regions(file, COUNTS)
+
+
+@pytest.mark.parametrize("text", ["{}", "[5]", "[null]", "nothing", "[{}]"])
+def test_what_does_not_hold_regions_is_refused(file, text):
+    file.attrs["regions"] = text
+    with pytest.raises(FormatError, match="`regions`"):
+        read_regions(file, COUNTS)
+
+
+def test_too_many_regions_are_refused(file):
+    write_regions(file, [region()] * (MAX_REGIONS + 1))
+    with pytest.raises(FormatError, match=f"{MAX_REGIONS + 1} regions"):
+        read_regions(file, COUNTS)
