@@ -155,6 +155,8 @@ class Draft:
         triangles = patch.faces[face]
         a, b, c = (np.ascontiguousarray(patch.vertices[triangles[:, k]]) for k in range(3))
         weights = igl.barycentric_coordinates(np.ascontiguousarray(nearest), a, b, c)
+        # A face without area has neither: it says nothing about where to move.
+        weights, normal = (np.where(np.isfinite(part), part, 0.0) for part in (weights, normal))
         moved = np.searchsorted(np.unique(edit.added), edit.vertex)
         share = (weights.reshape(-1, 3) * (triangles == moved)).sum(axis=1)
         return share[:, None] * normal, signed + self.clearance

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.cages.building.draft import Draft
+from cageik_cli.cages.building.draft import Draft, Edit
 from cageik_cli.cages.building.edits import (
     collapse_edge,
     flip_edge,
@@ -95,3 +95,14 @@ def test_the_least_move_is_the_shortest_that_is_enough():
     )
     against = np.array([[1.0, 0, 0], [-1, 0, 0]])
     np.testing.assert_array_equal(least_move(against, np.array([1.0, 1])), np.zeros(3))
+
+
+def test_faces_without_area_give_no_offsets():
+    cage = ball(1, 1.0)
+    draft = Draft(cage, np.array([[0.0, 0.0, 0.9]]), 0.2)
+    start, stop = cage.edges.ends[0].tolist()
+    edit = collapse_edge(draft, start, stop, cage.vertices[start])
+    flat = Edit(edit.removed, np.array([[start, stop, stop]]), start, edit.position)
+    directions, lack = draft.offsets(flat, np.array([[0.0, 0.0, 0.9]]))
+    assert np.isfinite(directions).all()
+    assert np.isfinite(lack).all()
