@@ -103,6 +103,10 @@ fixtures: $(READY)  ## Make data_fixtures again, byte for byte, and the pictures
 	$(BIN)/python data_fixtures/make_fixtures.py
 	$(BIN)/python data_fixtures/make_picture.py
 	$(BIN)/python data_fixtures/make_pose_pictures.py
+	@mkdir -p $(OUT)
+	$(BIN)/cageik cage data_fixtures/walker/frames/walker_1.obj -o $(OUT)/built_cage.obj --overwrite
+	$(BIN)/cageik check --cage $(OUT)/built_cage.obj --rest data_fixtures/walker/frames/walker_1.obj \
+		--plot data_fixtures/pictures/built_cage.png --overwrite
 
 clean:  ## Remove what was built and written here
 	rm -rf $(VENV) $(BLENDER_VENV) $(OUT) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .coverage .hypothesis
