@@ -16,7 +16,7 @@ GOOD_ANGLE = 10.0
 HANDLE_COST = 0.1
 """The cost of a handle: a candidate without it may have a shell looser by this share."""
 
-SHIFTED = 2
+SHIFTED = 3
 """The best candidates whose vertices are shifted to where they miss an animation."""
 
 ENOUGH = 2

@@ -35,12 +35,12 @@ BLOCK = 16
 def main(*folders):
     """Print one line per cage."""
     print("| model | n | vertices | genus | clearance | angle | valence | volume | seconds | fit |")
-    for folder in map(Path, folders):
-        model, frames = read_folder(folder)
-        for count in COUNTS:
+    for count in COUNTS:
+        for folder in map(Path, folders):
+            model, frames = read_folder(folder)
             given = folder / f"cage_{count}.obj"
             known = measure_error(model, load_mesh(given).mesh, frames) if given.exists() else None
-            measure_cage(f"{folder.name}", model, count, frames=None, clip=frames, known=known)
+            measure_cage(folder.name, model, count, frames=None, clip=frames, known=known)
             if frames is not None:
                 measure_cage(f"{folder.name} --for", model, count, frames, frames, known)
 

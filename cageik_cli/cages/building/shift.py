@@ -26,13 +26,13 @@ FIRST_SHARE = 0.08
 MAX_ROUNDS = 80
 """Rounds, at most."""
 
-MAX_FAILURES = 8
-"""Rounds of one vertex that may fail, each with another split, before it ends."""
+SKIPPED = ((0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (2, 1), (1, 2), (3, 0), (0, 3))
+"""How many of the best splits and collapses are left out, after each round of one that failed."""
 
 GAIN = 0.995
 """A polish goes on if it lowers the error to this share."""
 
-WORTH = 0.5
+WORTH = 0.9
 """A vertex moves if the collapse costs at most this share of what the split gains."""
 
 
@@ -52,7 +52,7 @@ def shift_vertices(cage: TriMesh, demand: Demand, motion: Motion) -> tuple[TriMe
     count, failures = max(1, round(FIRST_SHARE * len(cage.vertices))), 0
     for _ in range(MAX_ROUNDS):
         draft = Draft(cage, samples, AIM * demand.clearance)
-        made = _Round(draft, best, skipped=failures).run(count, demand.most)
+        made = _Round(draft, best, SKIPPED[failures]).run(count, demand.most)
         after = draft.to_mesh()
         if made and _is_no_thinner(after, cage):
             gains = measure_edits(after, motion, best.squares)
@@ -61,7 +61,7 @@ def shift_vertices(cage: TriMesh, demand: Demand, motion: Motion) -> tuple[TriMe
                 continue
         failures += count == 1
         count = (count + 1) // 2
-        if failures > MAX_FAILURES:
+        if failures == len(SKIPPED):
             polished = _polish(Draft(cage, samples, AIM * demand.clearance))
             gains = measure_edits(polished, motion, best.squares)
             if not (gains.error < GAIN * best.error and _is_no_thinner(polished, cage)):
@@ -92,22 +92,22 @@ class _Round:
     ----------
     draft : Draft
     gains : EditGains
-    skipped : int
-        Of the best splits, which failed before.
+    skipped : (int, int)
+        How many of the best splits and collapses are left out.
     touched : set of int
         Vertices whose faces were edited in this round.
     """
 
     draft: Draft
     gains: EditGains
-    skipped: int
+    skipped: tuple[int, int]
     touched: set[int] = field(default_factory=set)
 
     def run(self, count: int, most: int) -> int:
         """Move up to `count` vertices, to `most` vertices in all; return how many were added."""
         order = np.argsort(-self.gains.gains, kind="stable")
         splits = [k for k in order if self._is_splittable(*self.gains.splits[k])]
-        splits = splits[self.skipped :]
+        splits = splits[self.skipped[0] :]
         kept = {int(v) for k in splits[:count] for v in self._around_edge(*self.gains.splits[k])}
         worth = WORTH * self.gains.gains[splits]
         self._collapse_edges(worth[:count], kept)
@@ -120,13 +120,16 @@ class _Round:
 
     def _collapse_edges(self, worth: Floats, kept: set[int]) -> None:
         """Collapse edges, apart from `kept` vertices, that cost less than splits are worth."""
-        made, losses = 0, self.gains.losses
+        made, left_out, losses = 0, self.skipped[1], self.gains.losses
         for k in np.argsort(losses, kind="stable"):
             if made == len(worth) or losses[k] > worth[made]:
                 break
             start, stop = map(int, self.gains.edges[k])
             around = {*self.draft.neighbours(start).tolist(), *self.draft.neighbours(stop).tolist()}
             if around & (kept | self.touched):
+                continue
+            if left_out > 0:
+                left_out -= 1
                 continue
             if any(collapse_in_shape(self.draft, start, stop, share) for share in (0.5, 0, 1)):
                 self.touched |= around
