@@ -12,6 +12,9 @@ MIN_FLATNESS = 1e-9
 CORRECTIONS = 2
 """Steps of the correction; the second removes the rounding of the first."""
 
+AFFINE_TOL = 1e-13
+"""Weights nearer to affine exactness than this are left as they are."""
+
 
 def complement_basis(cage: TriMesh) -> Floats:
     """Return an orthonormal basis of the vectors orthogonal to 1 and to the cage's coordinates.
@@ -33,6 +36,8 @@ def complement_basis(cage: TriMesh) -> Floats:
 def restore_affine(weights: Floats, rest: TriMesh, cage: TriMesh) -> Floats:
     """Return the nearest weights, (m, n), whose rows sum to one and give the rest vertices.
 
+    Weights that do so already, to rounding, are returned as they are.
+
     Raises
     ------
     CageError
@@ -42,7 +47,10 @@ def restore_affine(weights: Floats, rest: TriMesh, cage: TriMesh) -> Floats:
     target = _evaluate(rest.vertices, cage)
     inverse = np.linalg.pinv(functions)
     for _ in range(CORRECTIONS):
-        weights = weights + (target - weights @ functions) @ inverse
+        missing = target - weights @ functions
+        if np.abs(missing).max() <= AFFINE_TOL:
+            break
+        weights = weights + missing @ inverse
     return weights
 
 

@@ -1,6 +1,6 @@
 """The displacements that weights are fitted to, in memory once, and subsets of their frames."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from cageik_cli.util.arrays import Floats, Integers
 
 FRAMES_PER_BLOCK = 16
-ROWS_PER_PRODUCT = 4096
-"""Sizes of blocks; constant, because the last digits depend on them."""
+"""Frames per block; constant, because the last digits depend on it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,44 +18,70 @@ class Displacements:
 
     Attributes
     ----------
-    columns : (m, 3K) float32 or float64
-        Of all frames in memory, frame by frame.
+    parts : tuple of (m, 3b) float32 or float64
+        Of all frames in memory, frame by frame; each part but the last has `FRAMES_PER_BLOCK`.
+        Scaled by the roots of their shares, so that sums of squares weigh the frames.
     frames : (k,) int64
         The frames that count, in ascending order; the others are as if they were not there.
+    shares : (K,) float64
+        How many frames of the clips each frame in memory stands for.
     """
 
-    columns: NDArray[np.floating]
+    parts: tuple[NDArray[np.floating], ...]
     frames: Integers
+    shares: Floats
 
     @staticmethod
     def of(columns: NDArray[np.floating]) -> "Displacements":
-        """Return displacements of which all frames count."""
-        return Displacements(columns, np.arange(columns.shape[1] // 3))
+        """Return displacements (m, 3k), all frames of which count."""
+        count = columns.shape[1] // 3
+        return Displacements.join(np.split(columns, count, axis=1), np.ones(count))
+
+    @staticmethod
+    def join(frames: Sequence[NDArray[np.floating]], shares: Floats) -> "Displacements":
+        """Return the displacements of frames, (m, 3) each, that stand for `shares` frames."""
+        parts = []
+        for start in range(0, len(frames), FRAMES_PER_BLOCK):
+            part = np.hstack(frames[start : start + FRAMES_PER_BLOCK])
+            scales = np.sqrt(shares[start : start + FRAMES_PER_BLOCK])
+            part *= np.repeat(scales, 3).astype(part.dtype)
+            parts.append(part)
+        return Displacements(tuple(parts), np.arange(len(frames)), shares)
 
     def __len__(self) -> int:
         return len(self.frames)
 
+    @property
+    def weight(self) -> float:
+        """Return how many frames of the clips the frames that count stand for."""
+        return float(self.shares[self.frames].sum())
+
     def take(self, frames: Integers) -> "Displacements":
         """Return the displacements of some of the frames in memory; shares the memory."""
-        return replace(self, frames=np.asarray(frames, np.int64))
+        return replace(self, frames=np.sort(np.asarray(frames, np.int64)))
 
     def blocks(self) -> Iterator[Floats]:
         """Yield the displacements of the frames that count, (m, 3b) float64, in blocks."""
-        for start in range(0, len(self), FRAMES_PER_BLOCK):
-            chosen = _list_columns(self.frames[start : start + FRAMES_PER_BLOCK])
-            yield self.columns[:, chosen].astype(np.float64, order="C", copy=False)
+        for first, part in zip(self._starts(), self.parts, strict=True):
+            chosen = self._choose_columns(first, part)
+            if len(chosen):
+                columns = part if len(chosen) == part.shape[1] else part[:, chosen]
+                yield np.ascontiguousarray(columns, np.float64)
 
     def multiply(self, factor: Floats) -> Floats:
         """Return D times `factor`, (3k, b), as (m, b)."""
-        spread = np.zeros((self.columns.shape[1], factor.shape[1]))
-        spread[_list_columns(self.frames)] = factor
-        product = np.empty((len(self.columns), factor.shape[1]))
-        for start in range(0, len(product), ROWS_PER_PRODUCT):
-            rows = slice(start, start + ROWS_PER_PRODUCT)
-            np.matmul(self.columns[rows].astype(np.float64, copy=False), spread, out=product[rows])
+        product = np.zeros((len(self.parts[0]), factor.shape[1]))
+        done = 0
+        for block in self.blocks():
+            product += block @ factor[done : done + block.shape[1]]
+            done += block.shape[1]
         return product
 
+    def _starts(self) -> range:
+        return range(0, FRAMES_PER_BLOCK * len(self.parts), FRAMES_PER_BLOCK)
 
-def _list_columns(frames: Integers) -> Integers:
-    """Return the columns of x, y and z of frames."""
-    return (3 * frames[:, None] + np.arange(3)).ravel()
+    def _choose_columns(self, first: int, part: NDArray[np.floating]) -> Integers:
+        """Return the columns that count in a part which begins with frame `first`."""
+        last = first + part.shape[1] // 3
+        local = self.frames[(self.frames >= first) & (self.frames < last)] - first
+        return np.asarray((3 * local[:, None] + np.arange(3)).ravel())

@@ -17,10 +17,10 @@ import numpy as np
 
 from cageik_cli.coordinates.fitting.displacements import Displacements
 from cageik_cli.coordinates.fitting.systems import (
-    COLUMNS_PER_BLOCK,
     Precision,
     ShiftedSystem,
     SurfaceLaplacian,
+    count_columns,
 )
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap
@@ -98,8 +98,10 @@ class WeightProblem:
         if not scale:
             return Correction(np.zeros((len(self.rest_weights), basis.shape[1])), basis)
 
+        width = count_columns(len(self.rest_weights))
+
         def solve_columns(first: int) -> Floats:
-            block = slice(first, first + COLUMNS_PER_BLOCK)
+            block = slice(first, first + width)
             right = self.project_residual(motion, basis[:, block])
             right /= scale
             guess = None if start is None else start.express(basis[:, block])
@@ -107,10 +109,10 @@ class WeightProblem:
             return system.solve(right, guess, solving.precision)
 
         columns = np.empty((len(self.rest_weights), basis.shape[1]))
-        starts = range(0, basis.shape[1], COLUMNS_PER_BLOCK)
+        starts = range(0, basis.shape[1], width)
         with OrderedMap(solve_columns, starts, solving.jobs, solving.jobs) as solved:
             for first, block in zip(starts, solved, strict=True):
-                columns[:, first : first + COLUMNS_PER_BLOCK] = block
+                columns[:, first : first + width] = block
         return Correction(columns, basis)
 
     def make_system(self, shifts: Floats) -> ShiftedSystem:
@@ -155,6 +157,18 @@ class Solving:
 
     precision: Precision = Precision()
     jobs: int = 1
+
+
+WEIGHT_MATRICES = 3
+"""Arrays (m, n) in memory at most: H, and two of the changes before and after or the weights."""
+
+WORK_COLUMNS = 7
+"""Arrays of a block of columns per thread."""
+
+
+def estimate_memory(m: int, n: int, jobs: int) -> int:
+    """Return the bytes that a fit of (m, n) weights takes beside the displacements."""
+    return 8 * m * (WEIGHT_MATRICES * n + WORK_COLUMNS * jobs * count_columns(m))
 
 
 def diagonalize(cages: Floats, subspace: Floats) -> tuple[Floats, Floats]:

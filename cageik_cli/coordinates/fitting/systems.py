@@ -12,8 +12,14 @@ from scipy import sparse
 from cageik_cli.geometry.mesh import TriMesh, sparse_laplacian
 from cageik_cli.util.arrays import Floats
 
-COLUMNS_PER_BLOCK = 20
-"""Columns that are solved together."""
+MAX_BLOCK_COLUMNS = 20
+MAX_BLOCK_ENTRIES = 1 << 21
+"""Largest number of columns, and of their entries, that are solved together."""
+
+
+def count_columns(m: int) -> int:
+    """Return how many columns of `m` entries are solved together."""
+    return max(1, min(MAX_BLOCK_COLUMNS, MAX_BLOCK_ENTRIES // m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,11 +51,9 @@ class SurfaceLaplacian:
 
     def measure(self, weights: Floats) -> float:
         """Return the Frobenius norm of Λ times weights (m, n): their roughness."""
-        blocks = range(0, weights.shape[1], COLUMNS_PER_BLOCK)
-        parts = [
-            np.square(self.forward @ weights[:, start : start + COLUMNS_PER_BLOCK]).sum()
-            for start in blocks
-        ]
+        width = count_columns(len(weights))
+        starts = range(0, weights.shape[1], width)
+        parts = [np.square(self.forward @ weights[:, s : s + width]).sum() for s in starts]
         return float(np.sqrt(np.sum(parts)))
 
 
@@ -62,10 +66,11 @@ class Precision:
     tolerance : float
         Residual of each column relative to its right-hand side, in the preconditioned norm.
     max_steps : int
+        Few suffice between two cage solves, as each begins where the last has ended.
     """
 
     tolerance: float = 1e-3
-    max_steps: int = 30
+    max_steps: int = 5
 
 
 EXACT = Precision(1e-14, 10_000)

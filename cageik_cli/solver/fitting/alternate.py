@@ -12,9 +12,30 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats
 
-MAX_ROUNDS = 8
-MIN_GAIN = 0.01
-"""Rounds end when the error of the fitted frames falls by less than this share."""
+HISTORY = 5
+"""Rounds that the extrapolation looks back at."""
+
+HISTORY_TOL = 1e-6
+"""Directions of the history with smaller singular values, relative to the largest, are left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """When the rounds end, and how each is solved.
+
+    Attributes
+    ----------
+    solving : Solving
+        Of the weights in each round.
+    max_rounds : int
+    min_gain : float
+        Rounds end when two of them lower the error of the fitted frames by less than twice this
+        share.
+    """
+
+    solving: Solving = Solving()
+    max_rounds: int = 10
+    min_gain: float = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,13 +62,16 @@ class CageSolve:
     def solve(self, weights: Floats, target: Displacements) -> "SolvedMotion":
         """Solve for the displacements of the cage, and measure the error of the vertices."""
         solver = self.prepare(weights)
-        cages, squares, count = [], 0.0, 0
+        cages, squares, vertices = [], 0.0, 1
         for columns in target.blocks():
             cages.append(solver.solve_displacements(columns))
-            error = (weights @ cages[-1] - columns)[solver.data_vertices]
-            squares += float(np.square(error).sum())
-            count += error.size // 3
-        return SolvedMotion(Motion(target, np.hstack(cages)), float(np.sqrt(squares / count)))
+            error = weights @ cages[-1]
+            error -= columns
+            error = error[solver.data_vertices]
+            squares += float(np.vdot(error, error))
+            vertices = len(error)
+        rms = np.sqrt(squares / (vertices * target.weight))
+        return SolvedMotion(Motion(target, np.hstack(cages)), float(rms))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +80,31 @@ class SolvedMotion:
 
     motion: Motion
     rms: float
+
+
+class Extrapolation:
+    """Anderson's acceleration of the rounds, in the displacements of the cages.
+
+    A round maps the cages that the weights are fitted to onto the cages of those weights. The next
+    round begins where a linear model of the last few rounds expects the map's fixed point
+    (Anderson 1965; Walker and Ni 2011).
+    """
+
+    def __init__(self) -> None:
+        self._given: list[Floats] = []
+        self._found: list[Floats] = []
+
+    def advance(self, given: Floats, found: Floats) -> Floats:
+        """Return the cages of the next round, (n, 3k), from those of this one."""
+        self._given = [*self._given, given.ravel()][-HISTORY:]
+        self._found = [*self._found, found.ravel()][-HISTORY:]
+        if len(self._found) == 1:
+            return found
+        images = np.stack(self._found)
+        residuals = images - np.stack(self._given)
+        changes = np.diff(residuals, axis=0).T
+        shares = np.linalg.lstsq(changes, residuals[-1], rcond=HISTORY_TOL)[0]
+        return np.asarray(found - (shares @ np.diff(images, axis=0)).reshape(found.shape))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +135,7 @@ def alternate(
     cage_solve: CageSolve,
     target: Displacements,
     step: Step,
-    start: Correction | None = None,
+    effort: "Effort",
 ) -> Alternation:
     """Fit weights and cages by turns until the error hardly falls.
 
@@ -97,21 +146,21 @@ def alternate(
     target : Displacements
     step : callable
         The fit of the weights.
-    start : Correction, optional
-        A first guess.
+    effort : Effort
     """
-    correction, weights = start, problem.rest_weights
-    if start is not None:
-        weights = start.add_to(weights)
+    correction, weights = None, problem.rest_weights
     solved = cage_solve.solve(weights, target)
     errors = [solved.rms]
-    for _ in range(MAX_ROUNDS):
+    extrapolation = Extrapolation()
+    given = solved.motion.cages
+    for _ in range(effort.max_rounds):
         del weights  # the step needs the memory
-        correction = step(solved.motion, correction)
+        correction = step(Motion(target, given), correction)
         weights = correction.add_to(problem.rest_weights)
         solved = cage_solve.solve(weights, target)
         errors.append(solved.rms)
-        if errors[-1] >= (1 - MIN_GAIN) * errors[-2]:
+        if len(errors) > 2 and errors[-1] >= (1 - 2 * effort.min_gain) * errors[-3]:
             break
+        given = extrapolation.advance(given, solved.motion.cages)
     assert correction is not None
     return Alternation(correction, solved, tuple(errors))
