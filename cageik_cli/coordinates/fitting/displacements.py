@@ -56,6 +56,11 @@ class Displacements:
         """Return how many frames of the clips the frames that count stand for."""
         return float(self.shares[self.frames].sum())
 
+    @property
+    def nbytes(self) -> int:
+        """Return the bytes that all frames in memory take."""
+        return sum(part.nbytes for part in self.parts)
+
     def take(self, frames: Integers) -> "Displacements":
         """Return the displacements of some of the frames in memory; shares the memory."""
         return replace(self, frames=np.sort(np.asarray(frames, np.int64)))
@@ -76,6 +81,10 @@ class Displacements:
             product += block @ factor[done : done + block.shape[1]]
             done += block.shape[1]
         return product
+
+    def multiply_left(self, factor: Floats) -> Floats:
+        """Return `factor`, (b, m), times D, as (b, 3k)."""
+        return np.hstack([factor @ block for block in self.blocks()])
 
     def _starts(self) -> range:
         return range(0, FRAMES_PER_BLOCK * len(self.parts), FRAMES_PER_BLOCK)

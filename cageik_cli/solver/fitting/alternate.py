@@ -34,8 +34,8 @@ class Effort:
     """
 
     solving: Solving = Solving()
-    max_rounds: int = 10
-    min_gain: float = 0.005
+    max_rounds: int = 12
+    min_gain: float = 0.003
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,37 +130,43 @@ Step = Callable[[Motion, Correction | None], Correction]
 """One fit of the weights to given cages, from the last change."""
 
 
-def alternate(
-    problem: WeightProblem,
-    cage_solve: CageSolve,
-    target: Displacements,
-    step: Step,
-    effort: "Effort",
-) -> Alternation:
-    """Fit weights and cages by turns until the error hardly falls.
+@dataclass(frozen=True, slots=True, eq=False)
+class Alternator:
+    """Fits weights and cages by turns until the error hardly falls.
 
-    Parameters
+    Attributes
     ----------
     problem : WeightProblem
     cage_solve : CageSolve
-    target : Displacements
-    step : callable
-        The fit of the weights.
     effort : Effort
     """
-    correction, weights = None, problem.rest_weights
-    solved = cage_solve.solve(weights, target)
-    errors = [solved.rms]
-    extrapolation = Extrapolation()
-    given = solved.motion.cages
-    for _ in range(effort.max_rounds):
-        del weights  # the step needs the memory
-        correction = step(Motion(target, given), correction)
-        weights = correction.add_to(problem.rest_weights)
-        solved = cage_solve.solve(weights, target)
-        errors.append(solved.rms)
-        if len(errors) > 2 and errors[-1] >= (1 - 2 * effort.min_gain) * errors[-3]:
-            break
-        given = extrapolation.advance(given, solved.motion.cages)
-    assert correction is not None
-    return Alternation(correction, solved, tuple(errors))
+
+    problem: WeightProblem
+    cage_solve: CageSolve
+    effort: Effort
+
+    def run(
+        self, target: Displacements, step: Step, start: Correction | None = None
+    ) -> Alternation:
+        """Fit to `target`, each round by `step`, from a first guess."""
+        rest_weights = self.problem.rest_weights
+        correction, weights = start, rest_weights if start is None else start.add_to(rest_weights)
+        solved = self.cage_solve.solve(weights, target)
+        errors, extrapolation = [solved.rms], Extrapolation()
+        given = solved.motion.cages
+        for _ in range(self.effort.max_rounds):
+            del weights  # the step needs the memory
+            correction = step(Motion(target, given), correction)
+            weights = correction.add_to(rest_weights)
+            solved = self.cage_solve.solve(weights, target)
+            errors.append(solved.rms)
+            if not self._is_gaining(errors):
+                break
+            given = extrapolation.advance(given, solved.motion.cages)
+        assert correction is not None
+        return Alternation(correction, solved, tuple(errors))
+
+    def _is_gaining(self, errors: list[float]) -> bool:
+        """Return whether the last two rounds have lowered the error enough."""
+        bound = 1 - 2 * self.effort.min_gain
+        return len(errors) < 3 or errors[-1] < bound * errors[-3]

@@ -185,24 +185,28 @@ def spread_points(points: Floats, count: int) -> Integers:
 
     Returns
     -------
-    (min(count, p),) int64. The first choice is the point farthest from the origin; each next one
-    is the farthest from all before it (Gonzalez 1985); of equal ones, the first.
+    (min(count, p),) int64, fewer if there are not so many different points. The first choice is
+    the point farthest from the origin; each next one is the farthest from all before it (Gonzalez
+    1985); of equal ones, the first.
     """
     if count >= len(points):
         return np.arange(len(points))
     distances = np.einsum("pd,pd->p", points, points)
-    chosen = []
-    for _ in range(count):
-        chosen.append(int(np.argmax(distances)))
+    chosen = [int(np.argmax(distances))]
+    distances[:] = np.inf
+    while len(chosen) < count:
         offsets = points - points[chosen[-1]]
         np.minimum(distances, np.einsum("pd,pd->p", offsets, offsets), out=distances)
-        distances[chosen[-1]] = -1
+        if not distances.max():
+            break
+        chosen.append(int(np.argmax(distances)))
     return np.sort(np.array(chosen, np.int64))
 
 
 def count_nearest(points: Floats, chosen: Integers) -> Floats:
     """Return how many points, (p, d), have each of the chosen ones as their nearest; float64."""
-    nearest = np.argmin(
-        np.stack([np.square(points - points[k]).sum(axis=1) for k in chosen]), axis=0
-    )
+    if len(chosen) == len(points):
+        return np.ones(len(points))
+    distances = [np.square(points - points[k]).sum(axis=1) for k in chosen]
+    nearest = np.argmin(distances, axis=0)
     return np.bincount(nearest, minlength=len(chosen)).astype(np.float64)
