@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import scipy.linalg
 
-from cageik_cli.coordinates.binding import Binding, WeightQuality
+from cageik_cli.coordinates.binding import Binding, WeightQuality, measure_offsets
 from cageik_cli.geometry.mesh import uniform_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
 from cageik_cli.solver.settings import SolveSettings
@@ -55,11 +55,14 @@ class Solution:
     ----------
     cages : (k, n, 3) float64
     reconstructions : (k, m, 3) float64
-        `weights @ cage` of each frame.
+        `weights @ cage` of each frame, and the turned offsets of a binding that has them.
+    rotations : (k, 3, 3) float64
+        `points @ R` turns points of the rest pose to the frame.
     """
 
     cages: Floats
     reconstructions: Floats
+    rotations: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,6 +124,7 @@ class DualLaplacianSolver:
         self._rest = binding.rest.vertices - self._origin
         self._rest_cage = binding.cage.vertices - self._origin
         self._weights = binding.weights
+        self._offsets = measure_offsets(binding) if binding.has_offsets else None
         # Only their ratio matters; the larger is scaled to 1, so that nothing overflows.
         alpha, beta = np.array([settings.alpha, settings.beta]) / max(settings.alpha, settings.beta)
         self._data_scale = beta / m
@@ -145,7 +149,9 @@ class DualLaplacianSolver:
         np.matmul(self._weights, frames_to_columns(turned), out=columns)
         moved = workspace.array("moved", *frames.shape)
         np.add(columns_to_frames(columns), aligned.centres[:, None], out=moved)
-        return Solution(turned + aligned.centres[:, None], moved)
+        if self._offsets is not None:
+            moved += self._offsets @ aligned.rotations
+        return Solution(turned + aligned.centres[:, None], moved, aligned.rotations)
 
     def align(self, frames: Floats, workspace: Workspace | None = None) -> AlignedFrames:
         """Move `frames`, (k, m, 3), onto the rest pose, and return their displacements from it.

@@ -187,7 +187,9 @@ class Fitter:
             fixed_floats=model.fixed_floats,
             curve=tuple(curve),
         )
-        return FittedWeights(replace(self._binding, weights=model.weights), model, report)
+        has_offsets = model.sparse_weights is not None
+        binding = replace(self._binding, weights=model.weights, has_offsets=has_offsets)
+        return FittedWeights(binding, model, report)
 
     def _make_model(self, strength: float, jobs: int) -> ModelFit:
         """Return the fit of the model that the settings ask for."""

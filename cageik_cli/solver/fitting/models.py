@@ -9,6 +9,7 @@ from cageik_cli.coordinates.fitting.displacements import Displacements
 from cageik_cli.coordinates.fitting.low_rank import refit, truncate
 from cageik_cli.coordinates.fitting.problem import Correction, Motion
 from cageik_cli.solver.fitting.alternate import Alternation, Alternator
+from cageik_cli.solver.fitting.influences import fit_influences, loosen, to_sparse
 from cageik_cli.solver.settings import FitSettings
 from cageik_cli.util.arrays import Floats
 
@@ -45,7 +46,8 @@ def choose_model(alternator: Alternator, complement: Floats, settings: FitSettin
         rank = settings.rank
         return lambda target: fit_low_rank(alternator, complement, target, rank)
     if settings.influences is not None:
-        raise NotImplementedError
+        count = settings.influences
+        return lambda target: fit_few(alternator, complement, target, count)
     return lambda target: fit_dense(alternator, complement, target)
 
 
@@ -81,3 +83,13 @@ def fit_low_rank(
     correction = alternator.run(target, step, start).correction
     weights = correction.add_to(problem.rest_weights)
     return FittedModel(weights, correction.columns.size + correction.basis.size, correction)
+
+
+def fit_few(
+    alternator: Alternator, complement: Floats, target: Displacements, count: int
+) -> FittedModel:
+    """Fit weights with at most `count` influences, not negative, from weights that have all."""
+    whole = fit_dense(loosen(alternator), complement, target).weights
+    n = whole.shape[1]
+    matrix = to_sparse(fit_influences(alternator, target, whole, count), n)
+    return FittedModel(matrix.toarray(), matrix.nnz, sparse_weights=matrix)
