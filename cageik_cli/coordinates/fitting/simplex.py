@@ -121,7 +121,7 @@ def minimize_on_simplex(matrices: Floats, linear: Floats, start: Floats, steps: 
         following = np.where(uphill, 1, (1 + np.sqrt(1 + 4 * momentum**2)) / 2)
         ahead = found + np.where(uphill, 0, (momentum - 1) / following) * moved
         momentum = following
-    return found
+    return np.asarray(found)
 
 
 def project_to_simplex(points: Floats) -> Floats:
@@ -136,4 +136,4 @@ def project_to_simplex(points: Floats) -> Floats:
     excess = np.cumsum(descending, axis=1) - 1
     last = (descending * counts > excess).sum(axis=1, keepdims=True)
     shift = np.take_along_axis(excess, last - 1, axis=1) / last
-    return np.maximum(points - shift, 0)
+    return np.asarray(np.maximum(points - shift, 0))

@@ -42,7 +42,7 @@ class SurfaceLaplacian:
     def from_mesh(mesh: TriMesh) -> "SurfaceLaplacian":
         """Build the operator of the edges of `mesh`."""
         forward = sparse_laplacian(mesh)
-        squares = np.bincount(forward.indices, forward.data**2, len(mesh.vertices))
+        squares = np.asarray(forward.power(2).sum(axis=0), np.float64)
         return SurfaceLaplacian(forward, sparse.csr_array(forward.T), squares)
 
     def apply(self, columns: Floats) -> Floats:

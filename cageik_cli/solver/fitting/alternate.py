@@ -1,7 +1,7 @@
 """Weights and cages fitted to each other by turns."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,7 +33,7 @@ class Effort:
         share.
     """
 
-    solving: Solving = Solving()
+    solving: Solving = field(default_factory=Solving)
     max_rounds: int = 12
     min_gain: float = 0.003
 

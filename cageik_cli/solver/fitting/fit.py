@@ -10,6 +10,7 @@ from cageik_cli.coordinates.fitting.affine import complement_basis, restore_affi
 from cageik_cli.coordinates.fitting.problem import Solving, WeightProblem, estimate_memory
 from cageik_cli.coordinates.fitting.systems import SurfaceLaplacian
 from cageik_cli.solver.fitting.alternate import Alternator, CageSolve, Effort
+from cageik_cli.solver.fitting.bound import RankBound, bound_rank
 from cageik_cli.solver.fitting.held_out import (
     Comparison,
     HeldOut,
@@ -21,8 +22,11 @@ from cageik_cli.solver.fitting.sample import FrameReader, Sample, SampleSettings
 from cageik_cli.solver.settings import DEFAULT_REGULARIZATION, FitSettings, SolveSettings
 from cageik_cli.util.arrays import Floats
 
-AUTO_CURVE = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
-"""Strengths of the regularization that are tried, the smoothest weights first."""
+AUTO_CURVE = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
+"""Strengths of the regularization that are tried, two at a time, the smoothest weights first."""
+
+AUTO_GAIN = 0.03
+"""The search ends when the weaker of two strengths lowers the held-out error by less."""
 
 AUTO_MARGIN = 1.05
 """The strongest regularization is chosen whose held-out error is within this of the best."""
@@ -67,6 +71,8 @@ class FitReport:
         clip, measured on the blocks between them; None if the clips are too short.
     unseen_third : Comparison or None
         Weights fitted to the first two thirds of each clip, measured on the last.
+    bound : RankBound
+        The error of the best possible model with as many points, on the frames of the sample.
     negative_per_row : float
         Mean over vertices of the sum of a row's negative weights, as a positive number.
     min_weight : float
@@ -86,6 +92,7 @@ class FitReport:
     fitted: Comparison
     held_out_blocks: Comparison | None
     unseen_third: Comparison | None
+    bound: RankBound
     negative_per_row: float
     min_weight: float
     roughness: float
@@ -151,9 +158,7 @@ class Fitter:
     conditions : FitConditions
     """
 
-    def __init__(
-        self, binding: Binding, settings: FitSettings, conditions: FitConditions
-    ) -> None:
+    def __init__(self, binding: Binding, settings: FitSettings, conditions: FitConditions) -> None:
         self._binding, self._settings, self._conditions = binding, settings, conditions
         self._cage_solve = CageSolve(binding, conditions.solve, conditions.vertex_weights)
         self._complement = complement_basis(binding.cage)
@@ -181,6 +186,7 @@ class Fitter:
             fitted=held_out.measure(model.weights, sample.target),
             held_out_blocks=blocks,
             unseen_third=third,
+            bound=bound_rank(solver, sample.target, self._binding.weights.shape[1]),
             negative_per_row=float(-np.minimum(model.weights, 0).sum(axis=1).mean()),
             min_weight=float(model.weights.min()),
             roughness=self._compare_roughness(model.weights),
@@ -197,7 +203,9 @@ class Fitter:
         is_exact = self._settings.rank is None
         weights = self._binding.weights
         problem = WeightProblem(
-            restore_affine(weights, self._binding.rest, self._binding.cage) if is_exact else weights,
+            restore_affine(weights, self._binding.rest, self._binding.cage)
+            if is_exact
+            else weights,
             self._surface,
             self._conditions.vertex_weights,
             strength,
@@ -214,7 +222,7 @@ class Fitter:
         return HeldOut(self._cage_solve, sample, 2 if has_memory and self._jobs > 1 else 1)
 
     def _search_regularization(self, sample: Sample) -> list[tuple[float, float]]:
-        """Measure regularizations on held-out blocks, until the error rises."""
+        """Measure regularizations on held-out blocks, while the error falls."""
         held_out = self._plan_held_out(sample)
         mask = hold_out_blocks(sample)
         curve: list[tuple[float, float]] = []
@@ -225,7 +233,7 @@ class Fitter:
                 if found is None:
                     return []
                 curve.append((strength, found.fitted.rms))
-            if curve[-1][1] > min(error for _, error in curve):
+            if curve[-1][1] > (1 - AUTO_GAIN) * curve[-2][1]:
                 break
         return curve
 

@@ -22,6 +22,7 @@ SEEN_SHARE = 2 / 3
 MANY = 99
 """The percentile that is reported."""
 
+
 @dataclass(frozen=True, slots=True)
 class FitError:
     """Distances of reconstructions from frames, in percent of the rest pose's diagonal.
@@ -131,5 +132,8 @@ class HeldOut:
     def measure(self, weights: Floats, target: Displacements) -> Comparison:
         """Measure `weights`, (m, n), and those of the binding."""
         unfitted = self.cage_solve.binding.weights
-        errors = (measure_weights(self.cage_solve, w, target) for w in (weights, unfitted))
-        return Comparison(*errors, frames=len(target))
+        return Comparison(
+            measure_weights(self.cage_solve, weights, target),
+            measure_weights(self.cage_solve, unfitted, target),
+            len(target),
+        )

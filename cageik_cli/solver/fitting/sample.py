@@ -150,7 +150,7 @@ class _Reader:
     def read(
         self, places: Sequence[tuple[int, int]], keep: Callable[[Floats], Floats]
     ) -> Iterator[_Read]:
-        """Yield what `keep` returns of the displacements, (m, 3), of each frame that can be read."""
+        """Yield what `keep` returns of the displacements, (m, 3), of each readable frame."""
         count = 0
         jobs = self._settings.jobs
         with OrderedMap(self._read_or_error, places, jobs, jobs) as frames:
