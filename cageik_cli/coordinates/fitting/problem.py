@@ -11,7 +11,7 @@ eigenvalues s g_i, the columns of F = E Q separate, also with vertex weights Ω:
     (μ ΛᵀΛ + g_i Ω + λ) f_i = Ω (D − H B) Bᵀ q_i / s.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -155,7 +155,7 @@ class Motion:
 class Solving:
     """How the systems are solved: to which precision, by how many threads."""
 
-    precision: Precision = Precision()
+    precision: Precision = field(default_factory=Precision)
     jobs: int = 1
 
 

@@ -1,6 +1,6 @@
 """Weights and cages fitted to each other by turns."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np

@@ -21,6 +21,7 @@ from cageik_cli.solver.fitting.models import FittedModel, ModelFit, choose_model
 from cageik_cli.solver.fitting.sample import FrameReader, Sample, SampleSettings, sample_frames
 from cageik_cli.solver.settings import DEFAULT_REGULARIZATION, FitSettings, SolveSettings
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.threads import limit_blas_threads
 
 AUTO_CURVE = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
 """Strengths of the regularization that are tried, two at a time, the smoothest weights first."""
@@ -145,7 +146,8 @@ def fit_weights(
         When the system of the cages is singular.
     """
     settings, conditions = settings or FitSettings(), conditions or FitConditions()
-    return Fitter(binding, settings, conditions).fit(clips)
+    with limit_blas_threads(1):  # its last digits depend on the number of threads
+        return Fitter(binding, settings, conditions).fit(clips)
 
 
 class Fitter:
@@ -174,28 +176,40 @@ class Fitter:
             curve = self._search_regularization(sample)
             strength = choose_regularization(curve)
         model = self._make_model(strength, self._jobs)(sample.target)
+        binding = replace(
+            self._binding, weights=model.weights, has_offsets=model.sparse_weights is not None
+        )
+        return FittedWeights(binding, model, self._report(strength, curve, model, sample))
+
+    def _report(
+        self,
+        strength: float,
+        curve: Sequence[tuple[float, float]],
+        model: FittedModel,
+        sample: Sample,
+    ) -> FitReport:
+        """Measure a model, and fits to parts of the sample on the other parts."""
+        weights = model.weights
         held_out = self._plan_held_out(sample)
         fit_seen = self._make_model(strength, self._jobs // held_out.jobs)
         cases = [(mask(sample), fit_seen) for mask in (hold_out_blocks, hold_out_last_third)]
         blocks, third = held_out.compare(cases)
-        report = FitReport(
+        solver = self._cage_solve.prepare(self._binding.weights)
+        return FitReport(
             regularization=strength,
             smoothness=self._settings.smoothness,
             frames=sum(sample.lengths),
             fitted_frames=len(sample),
-            fitted=held_out.measure(model.weights, sample.target),
+            fitted=held_out.measure(weights, sample.target),
             held_out_blocks=blocks,
             unseen_third=third,
-            bound=bound_rank(solver, sample.target, self._binding.weights.shape[1]),
-            negative_per_row=float(-np.minimum(model.weights, 0).sum(axis=1).mean()),
-            min_weight=float(model.weights.min()),
-            roughness=self._compare_roughness(model.weights),
+            bound=bound_rank(solver, sample.target, weights.shape[1]),
+            negative_per_row=float(np.maximum(-weights, 0).sum(axis=1).mean()),
+            min_weight=float(weights.min()),
+            roughness=self._compare_roughness(weights),
             fixed_floats=model.fixed_floats,
             curve=tuple(curve),
         )
-        has_offsets = model.sparse_weights is not None
-        binding = replace(self._binding, weights=model.weights, has_offsets=has_offsets)
-        return FittedWeights(binding, model, report)
 
     def _make_model(self, strength: float, jobs: int) -> ModelFit:
         """Return the fit of the model that the settings ask for."""

@@ -10,7 +10,7 @@ from cageik_cli.coordinates.fitting.displacements import Displacements
 from cageik_cli.coordinates.fitting.problem import estimate_memory
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats, Integers, fit_frames
-from cageik_cli.util.errors import InputError
+from cageik_cli.util.errors import ConnectivityError, InputError
 from cageik_cli.util.threads import OrderedMap
 
 MAX_FITTED_FRAMES = 100
@@ -160,9 +160,19 @@ class _Reader:
                         raise frame
                     continue
                 count += 1
+                self._check_shape(place, frame)
                 yield _Read(place, keep(self._solver.align(frame[None]).columns))
         if not count:
             raise InputError("no frame can be read; weights are fitted to at least one frame")
+
+    def _check_shape(self, place: tuple[int, int], frame: Floats) -> None:
+        expected = self._solver.binding.rest.vertices.shape
+        if frame.shape != expected:
+            clip, number = place
+            raise ConnectivityError(
+                f"frame {number} of clip {clip} has shape {frame.shape}, the binding's rest pose "
+                f"{expected}; fit weights to clips of the model that is bound"
+            )
 
     def _read_or_error(self, place: tuple[int, int]) -> Floats | InputError:
         clip, frame = place
