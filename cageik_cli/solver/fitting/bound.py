@@ -18,8 +18,8 @@ from cageik_cli.util.arrays import Floats, Integers
 BASIS_TOL = 1e-7
 """Directions of the sample with smaller singular values, relative to the largest, are left out."""
 
-SPARE_DIRECTIONS = 2
-"""The basis has this many times n directions at most."""
+SPARE_DIRECTIONS = 64
+"""The basis has n directions and so many more, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class BoundAccumulator:
 
     def __init__(self, solver: DualLaplacianSolver, sample: Displacements, points: int) -> None:
         self._solver, self._points = solver, points
-        self._basis = _span(sample, solver, SPARE_DIRECTIONS * points)
+        self._basis = _span(sample, solver, points + SPARE_DIRECTIONS)
         self._moments = np.zeros((self._basis.shape[1],) * 2)
         self._outside, self._count = 0.0, 0
 

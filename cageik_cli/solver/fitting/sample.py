@@ -16,6 +16,9 @@ from cageik_cli.util.threads import OrderedMap
 MAX_FITTED_FRAMES = 100
 """Frames that weights are fitted to; more hardly lower the error of the others."""
 
+STILL_TOL = 1e-12
+"""Frames that move less than this share of their coordinates do not move."""
+
 DESCRIPTOR_VERTICES = 64
 """Vertices whose displacements describe a pose."""
 
@@ -161,7 +164,10 @@ class _Reader:
                     continue
                 count += 1
                 self._check_shape(place, frame)
-                yield _Read(place, keep(self._solver.align(frame[None]).columns))
+                columns = self._solver.align(frame[None]).columns
+                if np.abs(columns).max() <= STILL_TOL * np.abs(frame).max():
+                    columns[:] = 0  # weights would be fitted to rounding
+                yield _Read(place, keep(columns))
         if not count:
             raise InputError("no frame can be read; weights are fitted to at least one frame")
 
