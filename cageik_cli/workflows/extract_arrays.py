@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cageik_cli.coordinates.binding import Binding, reconstruct
+from cageik_cli.coordinates.binding import Binding, measure_offsets, reconstruct
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import validate_positions
 from cageik_cli.solver.blocks import MemoryPlan
@@ -33,6 +33,8 @@ class CageAnimation:
     metrics : FrameMetrics
         `rms`, `max_deviation`, `worst_vertex` and volumes of each frame, arrays (F,), in the units
         of the clip.
+    rotations : (F, 3, 3) float64
+        `points @ R` turns points of the rest pose to each frame.
 
     Examples
     --------
@@ -50,6 +52,7 @@ class CageAnimation:
     binding: Binding
     cages: Floats
     metrics: FrameMetrics
+    rotations: Floats
 
     def __len__(self) -> int:
         return len(self.cages)
@@ -77,7 +80,10 @@ class CageAnimation:
 
     def reconstruct(self, frame: int) -> Floats:
         """Return the mesh that the cage of a frame gives, (m, 3)."""
-        return np.asarray(reconstruct(self.binding.weights, self.cages[frame][None])[0])
+        mesh = np.asarray(reconstruct(self.binding.weights, self.cages[frame][None])[0])
+        if self.binding.has_offsets:
+            mesh += measure_offsets(self.binding) @ self.rotations[frame]
+        return mesh
 
 
 def extract(
@@ -145,6 +151,7 @@ def extract(
         weights = normalize_weights(np.asarray(vertex_weights, np.float64), count)
     plan = MemoryPlan.fit(memory, binding, jobs)
     cages: list[Floats] = []
+    rotations: list[Floats] = []
     metrics: list[FrameMetrics] = []
     done, workspace = 0, Workspace()
     with limit_blas_threads(1), closing(frames.blocks(plan.block_size, jobs)) as blocks:
@@ -155,11 +162,14 @@ def extract(
             measured = measure(binding.rest, block, rebuilt, counted, workspace).metrics
             check_finite(done, solution.cages, measured)
             cages.append(solution.cages)
+            rotations.append(solution.rotations)
             metrics.append(measured)
             done += len(block)
             if progress is not None:
                 progress(done, len(frames))
-    return CageAnimation(binding, np.concatenate(cages), _join_metrics(metrics))
+    return CageAnimation(
+        binding, np.concatenate(cages), _join_metrics(metrics), np.concatenate(rotations)
+    )
 
 
 def _join_metrics(parts: Sequence[FrameMetrics]) -> FrameMetrics:

@@ -19,7 +19,7 @@ AFFINE_TOL = 1e-13
 def complement_basis(cage: TriMesh) -> Floats:
     """Return an orthonormal basis of the vectors orthogonal to 1 and to the cage's coordinates.
 
-    Rows of weights may change by these vectors without a change of their sum or of `weights @ cage`.
+    Rows of weights may change by these vectors; their sums and `weights @ cage` stay the same.
 
     Returns
     -------
