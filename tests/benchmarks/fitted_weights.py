@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from cageik_cli import Binding, TriMesh, bind, load_mesh
-from cageik_cli.solver.fitting.fit import FitConditions, Fitter, FittedWeights, fit_weights
+from cageik_cli.solver.fitting.fit import FitConditions, FittedWeights, Fitter, fit_weights
 from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.solver.settings import FitSettings
 from cageik_cli.util.threads import count_processors, limit_blas_threads
