@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cageik_cli.coordinates.fitting.displacements import Displacements
+from cageik_cli.coordinates.fitting.displacements import FRAMES_PER_BLOCK, Displacements
 from cageik_cli.coordinates.fitting.systems import (
     Precision,
     ShiftedSystem,
@@ -162,13 +162,14 @@ class Solving:
 WEIGHT_MATRICES = 3
 """Arrays (m, n) in memory at most: H, and two of the changes before and after or the weights."""
 
-WORK_COLUMNS = 7
+WORK_ARRAYS = 9
 """Arrays of a block of columns per thread."""
 
 
 def estimate_memory(m: int, n: int, jobs: int) -> int:
     """Return the bytes that a fit of (m, n) weights takes beside the displacements."""
-    return 8 * m * (WEIGHT_MATRICES * n + WORK_COLUMNS * jobs * count_columns(m))
+    per_thread = WORK_ARRAYS * count_columns(m) + 2 * 3 * FRAMES_PER_BLOCK
+    return 8 * m * (WEIGHT_MATRICES * n + jobs * per_thread)
 
 
 def diagonalize(cages: Floats, subspace: Floats) -> tuple[Floats, Floats]:

@@ -215,7 +215,7 @@ class Fitter:
             held_out_blocks=blocks,
             unseen_third=third,
             bound=bound_rank(solver, sample.target, weights.shape[1]),
-            negative_per_row=float(np.maximum(-weights, 0).sum(axis=1).mean()),
+            negative_per_row=abs(float(np.minimum(weights, 0).sum())) / len(weights),
             min_weight=float(weights.min()),
             roughness=self._compare_roughness(weights),
             fixed_floats=model.fixed_floats,
