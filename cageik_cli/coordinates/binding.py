@@ -61,6 +61,9 @@ class Binding:
         As in `WeightQuality`.
     notes : tuple of str
         Changes of the cage, and warnings about the weights, one sentence each.
+    has_offsets : bool
+        Whether `weights @ cage.vertices` is not the rest pose, as of weights with few influences.
+        A frame is then W c + R (X - W C), with R the rotation of the rest pose to the frame.
 
     Examples
     --------
@@ -82,6 +85,7 @@ class Binding:
     estimated_error: float = 0.0
     projected: int = 0
     notes: tuple[str, ...] = ()
+    has_offsets: bool = False
 
     def __repr__(self) -> str:
         settings = [self.settings.coordinates]
@@ -109,6 +113,13 @@ def reproduction_error(points: Floats, binding: Binding) -> float:
     reconstruction = binding.weights @ (binding.cage.vertices - origin)
     distances = np.linalg.norm(reconstruction - (points - origin), axis=1)
     return float(distances.max() / binding.rest.diagonal)
+
+
+def measure_offsets(binding: Binding) -> Floats:
+    """Return what `weights @ cage` lacks to the rest vertices, X - W C, (m, 3)."""
+    origin = binding.cage.vertices.mean(axis=0)
+    reconstruction = binding.weights @ (binding.cage.vertices - origin)
+    return np.asarray((binding.rest.vertices - origin) - reconstruction)
 
 
 FRAMES_PER_PRODUCT = 4
