@@ -122,6 +122,19 @@ def measure_offsets(binding: Binding) -> Floats:
     return np.asarray((binding.rest.vertices - origin) - reconstruction)
 
 
+def reconstruct_frames(binding: Binding, cages: Floats, rotations: Floats | None) -> Floats:
+    """Return the meshes (k, m, 3) of cages (k, n, 3), with turned offsets if there are any.
+
+    `rotations`, (k, 3, 3), turn the rest pose to each frame: `points @ R`. Only a binding that has
+    offsets needs them.
+    """
+    meshes = reconstruct(binding.weights, cages)
+    if binding.has_offsets:
+        assert rotations is not None
+        meshes += measure_offsets(binding) @ rotations
+    return meshes
+
+
 FRAMES_PER_PRODUCT = 4
 """Frames per matrix product; constant, because the last digits depend on it."""
 

@@ -16,11 +16,13 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding, WeightQuality, measure_offsets
 from cageik_cli.geometry.mesh import uniform_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
 from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.vertex_bound import spread_vertices
 from cageik_cli.util.arrays import Floats, Workspace
 from cageik_cli.util.errors import FormatError, NumericalError
 
@@ -29,6 +31,9 @@ MAX_CONDITION = 1e12
 
 REFINE_ABOVE_CONDITION = 1e6
 """Above it, a step of refinement recovers digits that the normal matrix has lost."""
+
+MAX_SAMPLED_LENGTH = 1e30
+"""Longer displacements, in diagonals, are not what a bound of the error is for."""
 
 MAX_WEIGHTED_ENTRIES = 1 << 22
 """Largest number of entries of H that are weighted at once."""
@@ -58,11 +63,15 @@ class Solution:
         `weights @ cage` of each frame, and the turned offsets of a binding that has them.
     rotations : (k, 3, 3) float64
         `points @ R` turns points of the rest pose to the frame.
+    sampled : (s, 3k) float32
+        Aligned displacements of the solver's `sampled_vertices`, in diagonals of the rest pose, so
+        that they fit single precision in any units.
     """
 
     cages: Floats
     reconstructions: Floats
     rotations: Floats
+    sampled: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,6 +110,8 @@ class DualLaplacianSolver:
         Vertices that are data: all but those of weight 0.
     missing_count : int
         Number of vertices of weight 0.
+    sampled_vertices : (s,) int64
+        Vertices that are data, spread over their numbers: what is possible is measured on them.
 
     Raises
     ------
@@ -120,6 +131,8 @@ class DualLaplacianSolver:
         self.data_vertices = (
             np.flatnonzero(self._vertex_weights) if self.missing_count else slice(None)
         )
+        self.sampled_vertices = spread_vertices(np.arange(m)[self.data_vertices], n)
+        self._diagonal = binding.rest.diagonal
         self._origin = self._vertex_weights @ binding.rest.vertices / m
         self._rest = binding.rest.vertices - self._origin
         self._rest_cage = binding.cage.vertices - self._origin
@@ -144,6 +157,8 @@ class DualLaplacianSolver:
         workspace = workspace or Workspace()
         aligned = self.align(frames, workspace)
         columns = aligned.columns
+        sampled = columns[self.sampled_vertices] / self._diagonal
+        np.clip(sampled, -MAX_SAMPLED_LENGTH, MAX_SAMPLED_LENGTH, out=sampled)
         displaced = columns_to_frames(self.solve_displacements(columns))
         turned = (self._rest_cage + displaced) @ aligned.rotations
         np.matmul(self._weights, frames_to_columns(turned), out=columns)
@@ -151,7 +166,8 @@ class DualLaplacianSolver:
         np.add(columns_to_frames(columns), aligned.centres[:, None], out=moved)
         if self._offsets is not None:
             moved += self._offsets @ aligned.rotations
-        return Solution(turned + aligned.centres[:, None], moved, aligned.rotations)
+        centred, rotations = turned + aligned.centres[:, None], aligned.rotations
+        return Solution(centred, moved, rotations, sampled.astype(np.float32))
 
     def align(self, frames: Floats, workspace: Workspace | None = None) -> AlignedFrames:
         """Move `frames`, (k, m, 3), onto the rest pose, and return their displacements from it.

@@ -4,11 +4,17 @@ import hashlib
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding
+from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.obj.write import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.blocks import BlockExecutor, BlockSolver, MemoryPlan, ThreadExecutor
+from cageik_cli.solver.blocks import (
+    BlockExecutor,
+    BlockSolver,
+    MemoryPlan,
+    SolvedBlock,
+    ThreadExecutor,
+)
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
@@ -131,15 +137,14 @@ def _write_result(plan: ExtractionPlan, header: ResultHeader, checkpoint: Checkp
     replaces = plan.settings.overwrite or plan.settings.resume
     temporary = output.with_name(f"{output.name}.whole.partial")
     with open_result_writer(output, header, replaces, temporary) as result:
-        key_cages: dict[int, Floats] = {}
+        key_meshes: dict[int, Floats] = {}
+        binding = header.binding
         for block in checkpoint.blocks():
-            result.append(block.cages, block.metrics)
+            result.append(block.cages, block.rotations, block.metrics)
             inside = [k for k in key_frames if block.start <= k < block.stop]
-            key_cages |= {k: block.get_cage(k) for k in inside}
-        weights = header.binding.weights
+            key_meshes |= {k: _rebuild_frame(binding, block, k) for k in inside}
         errors = [
-            _reread_frame(plan.sequence, k, summary.digests[k]) - weights @ key_cages[k]
-            for k in key_frames
+            _reread_frame(plan.sequence, k, summary.digests[k]) - key_meshes[k] for k in key_frames
         ]
         result.complete(
             RunSummary(
@@ -148,8 +153,15 @@ def _write_result(plan: ExtractionPlan, header: ResultHeader, checkpoint: Checkp
                 vertex_rms=summary.vertex_rms,
                 key_frames=key_frames,
                 key_frame_errors=np.array(errors),
+                bound=summary.measure_bound(len(binding.cage.vertices)),
             )
         )
+
+
+def _rebuild_frame(binding: Binding, block: SolvedBlock, frame: int) -> Floats:
+    """Return the mesh, (m, 3), that the cage of a frame gives."""
+    one = slice(frame - block.start, frame - block.start + 1)
+    return np.asarray(reconstruct_frames(binding, block.cages[one], block.rotations[one])[0])
 
 
 def _reread_frame(sequence: MeshSequence, index: int, digest: bytes) -> Floats:
@@ -173,6 +185,7 @@ def _make_header(
         settings=plan.recorded_settings,
         notes=_collect_notes(plan, stored_binding, solver.missing_count),
         keep_weights=plan.settings.keep_weights,
+        fit=stored_binding.fit,
     )
 
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.coordinates.binding import Binding, measure_offsets, reconstruct
+from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import validate_positions
 from cageik_cli.solver.blocks import MemoryPlan
@@ -82,10 +82,8 @@ class CageAnimation:
 
     def reconstruct(self, frame: int) -> Floats:
         """Return the mesh that the cage of a frame gives, (m, 3)."""
-        mesh = np.asarray(reconstruct(self.binding.weights, self.cages[frame][None])[0])
-        if self.binding.has_offsets:
-            mesh += measure_offsets(self.binding) @ self.rotations[frame]
-        return mesh
+        cages, rotations = self.cages[[frame]], self.rotations[[frame]]
+        return np.asarray(reconstruct_frames(self.binding, cages, rotations)[0])
 
 
 def extract(

@@ -10,15 +10,22 @@ from cageik_cli.coordinates.fitting.affine import complement_basis, restore_affi
 from cageik_cli.coordinates.fitting.problem import Solving, WeightProblem, estimate_memory
 from cageik_cli.coordinates.fitting.systems import SurfaceLaplacian
 from cageik_cli.solver.fitting.alternate import Alternator, CageSolve, Effort
-from cageik_cli.solver.fitting.bound import RankBound, bound_rank
+from cageik_cli.solver.fitting.bound import bound_rank
 from cageik_cli.solver.fitting.held_out import (
-    Comparison,
     HeldOut,
+    count_copies,
     hold_out_blocks,
     hold_out_last_third,
 )
 from cageik_cli.solver.fitting.models import FittedModel, ModelFit, choose_model
-from cageik_cli.solver.fitting.sample import FrameReader, Sample, SampleSettings, sample_frames
+from cageik_cli.solver.fitting.record import FitReport
+from cageik_cli.solver.fitting.sample import (
+    MAX_FIT_JOBS,
+    FrameReader,
+    Sample,
+    SampleSettings,
+    sample_frames,
+)
 from cageik_cli.solver.settings import DEFAULT_REGULARIZATION, FitSettings, SolveSettings
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import limit_blas_threads
@@ -54,54 +61,6 @@ class FitConditions:
     vertex_weights: Floats | None = None
     sampling: SampleSettings = field(default_factory=SampleSettings)
     effort: Effort = field(default_factory=Effort)
-
-
-@dataclass(frozen=True, slots=True)
-class FitReport:
-    """What fitted weights gain, and what they cost.
-
-    Attributes
-    ----------
-    regularization, smoothness : float
-        λ and μ.
-    frames : int
-        Frames of all clips.
-    fitted_frames : int
-        Frames of the sample that the weights were fitted to.
-    fitted : Comparison
-        On these frames.
-    held_out_blocks : Comparison or None
-        Weights fitted to every other of `HELD_OUT_BLOCKS` blocks of consecutive frames of each
-        clip, measured on the blocks between them; None if the clips are too short.
-    unseen_third : Comparison or None
-        Weights fitted to the first two thirds of each clip, measured on the last.
-    bound : RankBound
-        The error of the best possible model with as many points, on the frames of the sample.
-    negative_per_row : float
-        Mean over vertices of the sum of a row's negative weights, as a positive number.
-    min_weight : float
-        The smallest weight.
-    roughness : float
-        The norm of ΛW relative to that of the binding's own weights.
-    fixed_floats : int
-        Numbers that must be stored with the cage animation.
-    curve : tuple of (float, float)
-        Regularizations tried and their errors on held-out blocks, rms in percent of the diagonal.
-    """
-
-    regularization: float
-    smoothness: float
-    frames: int
-    fitted_frames: int
-    fitted: Comparison
-    held_out_blocks: Comparison | None
-    unseen_third: Comparison | None
-    bound: RankBound
-    negative_per_row: float
-    min_weight: float
-    roughness: float
-    fixed_floats: int
-    curve: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,7 +127,7 @@ class Fitter:
         self._cage_solve = CageSolve(binding, conditions.solve, conditions.vertex_weights)
         self._complement = complement_basis(binding.cage)
         self._surface = SurfaceLaplacian.from_mesh(binding.rest)
-        self._jobs = conditions.sampling.jobs
+        self._jobs = min(conditions.sampling.jobs, MAX_FIT_JOBS)
 
     def fit(self, clips: Sequence[FrameReader]) -> FittedWeights:
         """Fit the weights to `clips`, and measure them."""
@@ -205,14 +164,16 @@ class Fitter:
         fit_seen = self._make_model(strength, self._jobs // held_out.jobs, is_held_out=True)
         cases = [(mask(sample), fit_seen) for mask in (hold_out_blocks, hold_out_last_third)]
         blocks, third = held_out.compare(cases)
+        fitted = held_out.measure(weights, sample.target)
         solver = self._cage_solve.prepare(self._binding.weights)
         return FitReport(
             regularization=strength,
             smoothness=self._settings.smoothness,
             frames=sum(sample.lengths),
             fitted_frames=len(sample),
-            fitted=held_out.measure(weights, sample.target),
+            fitted=fitted,
             held_out_blocks=blocks,
+            copied_frames=count_copies(sample, hold_out_blocks(sample), solver, fitted.fitted.rms),
             unseen_third=third,
             bound=bound_rank(solver, sample.target, weights.shape[1]),
             negative_per_row=abs(float(np.minimum(weights, 0).sum())) / len(weights),

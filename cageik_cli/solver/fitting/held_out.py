@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.fitting.displacements import Displacements
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.alternate import CageSolve
 from cageik_cli.solver.fitting.models import ModelFit
-from cageik_cli.solver.fitting.sample import Sample
+from cageik_cli.solver.fitting.sample import Sample, choose_vertices
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap
 
@@ -93,6 +94,33 @@ def hold_out_last_third(sample: Sample) -> NDArray[np.bool_]:
     """Return which frames of the sample are in the last third of their clip, (k,) bool."""
     lengths = np.array(sample.lengths)[sample.clips]
     return np.asarray(sample.frames >= np.ceil(SEEN_SHARE * lengths))
+
+
+def count_copies(
+    sample: Sample, is_held: NDArray[np.bool_], solver: DualLaplacianSolver, percent: float
+) -> int:
+    """Count held-out frames of a sample that are near to a frame which is not held out.
+
+    Parameters
+    ----------
+    sample : Sample
+    is_held : (k,) bool
+    solver : DualLaplacianSolver
+        Its missing vertices do not count.
+    percent : float
+        Root mean square distance of the vertices, in percent of the rest pose's diagonal, below
+        which frames are near.
+    """
+    vertices = choose_vertices(solver)
+    columns = np.hstack([block[vertices] for block in sample.target.blocks()])
+    poses = columns.reshape(len(vertices), -1, 3).transpose(1, 0, 2).reshape(len(sample), -1)
+    poses /= np.sqrt(sample.target.shares)[:, None]
+    radius = percent / 100 * solver.binding.rest.diagonal * np.sqrt(len(vertices))
+    seen = poses[~is_held]
+    if not len(seen):
+        return 0
+    nearest = [np.linalg.norm(seen - pose, axis=1).min() for pose in poses[is_held]]
+    return int(np.count_nonzero(np.array(nearest) < radius))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

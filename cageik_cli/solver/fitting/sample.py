@@ -16,6 +16,9 @@ from cageik_cli.util.threads import OrderedMap
 MAX_FITTED_FRAMES = 100
 """Frames that weights are fitted to; more hardly lower the error of the others."""
 
+MAX_FIT_JOBS = 4
+"""Threads of a fit; memory is planned for them all, so that the sample does not depend on jobs."""
+
 STILL_TOL = 1e-12
 """Frames that move less than this share of their coordinates do not move."""
 
@@ -111,11 +114,11 @@ def sample_frames(
         When a frame cannot be read and must not be skipped, or no frame can be read.
     """
     m, n = solver.binding.weights.shape
-    left = settings.memory - estimate_memory(m, n, settings.jobs)
+    left = settings.memory - estimate_memory(m, n, MAX_FIT_JOBS)
     places = [(c, f) for c, clip in enumerate(clips) for f in range(len(clip))]
     reader = _Reader(clips, solver, settings)
     lengths = tuple(map(len, clips))
-    vertices = _choose_vertices(solver)
+    vertices = choose_vertices(solver)
     if fit_frames(left, m, 2) >= len(places):  # the frames, and the chosen ones of them
         read = list(reader.read(places, lambda columns: columns))
         poses = np.stack([frame.value[vertices].ravel() for frame in read])
@@ -188,7 +191,7 @@ class _Reader:
             return error
 
 
-def _choose_vertices(solver: DualLaplacianSolver) -> Integers:
+def choose_vertices(solver: DualLaplacianSolver) -> Integers:
     """Choose data vertices that are spread over the rest pose."""
     rest = solver.binding.rest.vertices
     numbers = np.arange(len(rest))[solver.data_vertices]
