@@ -84,8 +84,7 @@ def run_extraction(
         _write_cage(plan, plan.existing.cage)
         return plan.existing
     plan = build_missing_cage(plan, progress)
-    with progress.stage("bind"):
-        stored_binding = load_or_compute_binding(plan, progress)
+    stored_binding = load_or_compute_binding(plan, progress)
     _write_cage(plan, stored_binding.binding.cage)
     # One thread: the matrix is small, and threads that wait for each other take longer.
     with progress.stage("factor"), limit_blas_threads(1):
