@@ -12,11 +12,14 @@ from cageik_cli.cli.options.common import (
     common_options,
     get_verbosity,
     jobs_option,
+    memory_option,
     overwrite_option,
     timings_option,
 )
+from cageik_cli.cli.options.fit import FIT_STRENGTH_OPTIONS, make_fit_settings
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.solver.settings import FitSettings
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.bind import BindRunSettings, WeightSettings
@@ -34,13 +37,46 @@ WEIGHT_OPTIONS = OptionGroup(
 )
 
 
+def make_clip_fit(
+    clips: tuple[str, ...],
+    fit_regularization: float | str,
+    fit_smoothness: float,
+    fit_rank: int | None,
+    influences: int | None,
+) -> FitSettings | None:
+    """Make the settings of a fit to clips; None without clips."""
+    return make_fit_settings(bool(clips), fit_regularization, fit_smoothness, fit_rank, influences)
+
+
 def make_bind_run_settings(
-    cage: Path, rest: Path, output: Path, weights: "WeightSettings", overwrite: bool
+    cage: Path,
+    rest: Path,
+    output: Path,
+    weights: "WeightSettings",
+    overwrite: bool,
+    clips: tuple[str, ...],
+    fit: FitSettings | None,
+    vertex_weights: Path | None,
+    memory: int,
 ) -> "BindRunSettings":
-    """Make the settings of a run."""
+    """Make the settings of a run; options of a fit without one are wrong usage."""
     from cageik_cli.workflows.bind import BindRunSettings
 
-    return BindRunSettings(cage, rest, output, weights, overwrite)
+    if fit is None and vertex_weights is not None:
+        raise click.UsageError(
+            "--vertex-weights is for weights that are fitted; add --fit, or leave it out"
+        )
+    return BindRunSettings(
+        cage=cage,
+        rest=rest,
+        output=output,
+        weights=weights,
+        overwrite=overwrite,
+        clips=clips,
+        fit=fit or FitSettings(),
+        vertex_weights=vertex_weights,
+        memory=memory,
+    )
 
 
 @click.command("bind")
@@ -58,6 +94,20 @@ def make_bind_run_settings(
         help="The binding file.",
     ),
     WEIGHT_OPTIONS,
+    click.option(
+        "--fit",
+        "clips",
+        metavar="CLIP",
+        multiple=True,
+        help="Fit the weights to this clip: a folder, a glob or a file; may be repeated.",
+    ),
+    OptionGroup("fit", make_clip_fit, *FIT_STRENGTH_OPTIONS),
+    click.option(
+        "--vertex-weights",
+        type=PATH_TYPE,
+        help="Per-vertex weights of a fit (text or .npy); 0 marks missing data.",
+    ),
+    memory_option,
     overwrite_option,
 )
 @timings_option
@@ -66,7 +116,10 @@ def bind_command(settings: "BindRunSettings", timings: Path | None, quiet: bool)
     """Compute and save the weights of a model.
 
     `cageik extract --binding` and `cageik pose` take the binding file.
-    """
+
+    \b
+    cageik bind --cage cage.obj --rest rest.obj --fit walk --fit run -o hero.h5
+    """  # noqa: D301
     from cageik_cli.cli.progress import show_progress
     from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.util.text import format_block

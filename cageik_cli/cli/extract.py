@@ -28,6 +28,7 @@ from cageik_cli.cli.options.common import (
     timings_option,
     usage_errors,
 )
+from cageik_cli.cli.options.fit import FIT_STRENGTH_OPTIONS, make_fit_settings
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.limits import (
     LIMIT_OPTIONS,
@@ -38,7 +39,7 @@ from cageik_cli.cli.options.limits import (
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.settings import FitSettings, SolveSettings
 
 if TYPE_CHECKING:
     from cageik_cli.store.result import Result
@@ -80,6 +81,14 @@ SOLVE_OPTIONS = OptionGroup(
 )
 
 
+FIT_OPTIONS = OptionGroup(
+    "fit",
+    make_fit_settings,
+    click.option("--fit", "is_fitted", is_flag=True, help="Fit the weights to the clip."),
+    *FIT_STRENGTH_OPTIONS,
+)
+
+
 def make_extract_settings(
     frames: tuple[str, ...],
     cage: Path | None,
@@ -101,6 +110,7 @@ def make_extract_settings(
     jobs: int,
     cage_vertices: int,
     cage_output: Path | None,
+    fit: FitSettings | None,
 ) -> "ExtractSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
     from cageik_cli.workflows.extract_settings import ExtractSettings
@@ -111,28 +121,30 @@ def make_extract_settings(
         build = BuildSettings(cage_vertices)
     if cage is not None or binding is not None:
         _check_no_cage_is_built("--binding" if cage is None else "--cage")
-    return ExtractSettings(
-        frames=frames,
-        cage=cage,
-        output=output,
-        binding=binding,
-        cache=cache,
-        rest=rest,
-        rest_frame=choose_rest_frame(rest, rest_frame),
-        vertex_weights=vertex_weights,
-        bind=bind,
-        solve=solve,
-        clip=clip,
-        overwrite=overwrite,
-        resume=resume,
-        on_bad_frame=on_bad_frame,
-        keep_weights=not no_weights,
-        scene=scene,
-        memory=memory,
-        jobs=jobs,
-        build=build,
-        cage_output=cage_output,
-    )
+    with usage_errors():
+        return ExtractSettings(
+            frames=frames,
+            cage=cage,
+            output=output,
+            binding=binding,
+            cache=cache,
+            rest=rest,
+            rest_frame=choose_rest_frame(rest, rest_frame),
+            vertex_weights=vertex_weights,
+            bind=bind,
+            solve=solve,
+            clip=clip,
+            overwrite=overwrite,
+            resume=resume,
+            on_bad_frame=on_bad_frame,
+            keep_weights=not no_weights,
+            scene=scene,
+            memory=memory,
+            jobs=jobs,
+            build=build,
+            cage_output=cage_output,
+            fit=fit,
+        )
 
 
 def _check_no_cage_is_built(given: str) -> None:
@@ -200,6 +212,7 @@ EXTRACT_OPTIONS = OptionGroup(
     BIND_OPTIONS,
     CACHE_OPTIONS,
     SOLVE_OPTIONS,
+    FIT_OPTIONS,
     click.option(
         "--vertex-weights",
         type=PATH_TYPE,
@@ -254,6 +267,7 @@ def extract_command(
     .pc2, .anime, .usd*, .abc). FILE::CLIP names one of several clips in a file.
 
     \b
+    cageik extract frames --fit
     cageik extract frames --cage-vertices 150
     cageik extract frames --cage cage.obj --on-bad-frame skip
     cageik extract body.pc2 --rest body.obj --cage cage.obj --resume

@@ -63,6 +63,9 @@ class Binding:
         Changes of the cage, and warnings about the weights, one sentence each.
     cage_warnings : tuple of str
         What is poor about the cage if it is this model's own: not for other meshes in it.
+    has_offsets : bool
+        Whether `weights @ cage.vertices` is not the rest pose, as of weights with few influences.
+        A frame is then W c + R (X - W C), with R the rotation of the rest pose to the frame.
 
     Examples
     --------
@@ -85,6 +88,7 @@ class Binding:
     projected: int = 0
     notes: tuple[str, ...] = ()
     cage_warnings: tuple[str, ...] = ()
+    has_offsets: bool = False
 
     def __repr__(self) -> str:
         settings = [self.settings.coordinates]
@@ -112,6 +116,26 @@ def reproduction_error(points: Floats, binding: Binding) -> float:
     reconstruction = binding.weights @ (binding.cage.vertices - origin)
     distances = np.linalg.norm(reconstruction - (points - origin), axis=1)
     return float(distances.max() / binding.rest.diagonal)
+
+
+def measure_offsets(binding: Binding) -> Floats:
+    """Return what `weights @ cage` lacks to the rest vertices, X - W C, (m, 3)."""
+    origin = binding.cage.vertices.mean(axis=0)
+    reconstruction = binding.weights @ (binding.cage.vertices - origin)
+    return np.asarray((binding.rest.vertices - origin) - reconstruction)
+
+
+def reconstruct_frames(binding: Binding, cages: Floats, rotations: Floats | None) -> Floats:
+    """Return the meshes (k, m, 3) of cages (k, n, 3), with turned offsets if there are any.
+
+    `rotations`, (k, 3, 3), turn the rest pose to each frame: `points @ R`. Only a binding that has
+    offsets needs them.
+    """
+    meshes = reconstruct(binding.weights, cages)
+    if binding.has_offsets:
+        assert rotations is not None
+        meshes += measure_offsets(binding) @ rotations
+    return meshes
 
 
 FRAMES_PER_PRODUCT = 4

@@ -207,10 +207,18 @@ def uniform_laplacian(mesh: TriMesh) -> Floats:
     Rows sum to zero; `L @ vertices` are the differential coordinates δ (Savoye and Franco 2010,
     section 3; uniform weights do not change when the cage is posed).
     """
+    return np.asarray(sparse_laplacian(mesh).toarray())
+
+
+def sparse_laplacian(mesh: TriMesh) -> sparse.csr_array:
+    """Build the same Laplacian, (n, n), sparse; the row of a lone vertex is zero."""
     ends, n = mesh.edges.ends, len(mesh.vertices)
-    adjacency = np.zeros((n, n))
-    adjacency[ends[:, 0], ends[:, 1]] = adjacency[ends[:, 1], ends[:, 0]] = 1.0
-    return np.asarray(np.eye(n) - adjacency / adjacency.sum(axis=1, keepdims=True))
+    rows, columns = np.concatenate([ends, ends[:, ::-1]]).T
+    degrees = np.bincount(rows, minlength=n)
+    entries = np.concatenate([(degrees > 0).astype(np.float64), -1 / degrees[rows]])
+    diagonal = np.arange(n)
+    places = np.concatenate([diagonal, rows]), np.concatenate([diagonal, columns])
+    return sparse.csr_array((entries, places), shape=(n, n))
 
 
 def _validate_faces(faces: ArrayLike, vertex_count: int) -> Integers:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Binding, reconstruct
+from cageik_cli.coordinates.binding import Binding, measure_offsets, reconstruct
 from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
 from cageik_cli.posing.handles.model import Handles, PlacementSettings, PosedSurface
 from cageik_cli.posing.handles.placement import place_handles
@@ -49,6 +49,8 @@ class PosingSettings:
 class CageSkin:
     """The deformation of a model by cages: `base_mesh + weights @ (cages - base_cage)`.
 
+    Of a binding that has offsets, the base mesh turns with each frame of an animation.
+
     Attributes
     ----------
     weights : (m, n) float64
@@ -56,11 +58,14 @@ class CageSkin:
     base_mesh : (m, 3) float64
         The mesh that `base_cage` gives exactly, whatever `weights @ base_cage` is. If both are
         zeros, meshes are `weights @ cages`.
+    rotations : (F, 3, 3) float64, optional
+        Of the base mesh to each frame: `points @ R`. It does not turn by default.
     """
 
     weights: Floats
     base_cage: Floats
     base_mesh: Floats
+    rotations: Floats | None = None
 
     @classmethod
     def for_rest_pose(cls, binding: Binding) -> "CageSkin":
@@ -68,23 +73,32 @@ class CageSkin:
         return cls(binding.weights, binding.cage.vertices, binding.rest.vertices)
 
     @classmethod
-    def for_reconstruction(cls, binding: Binding) -> "CageSkin":
-        """Return a skin that gives the reconstructions of a result, `weights @ cages`."""
-        m, n = binding.weights.shape
-        return cls(binding.weights, np.zeros((n, 3)), np.zeros((m, 3)))
+    def for_reconstruction(cls, binding: Binding, rotations: Floats | None = None) -> "CageSkin":
+        """Return a skin that gives the reconstructions of a result, `weights @ cages`.
 
-    def deform(self, cages: Floats) -> Floats:
-        """Return the meshes (k, m, 3) of cages (k, n, 3)."""
+        With the rotations of its frames, (F, 3, 3), they have the offsets of the binding, too.
+        """
+        m, n = binding.weights.shape
+        base = measure_offsets(binding) if binding.has_offsets else np.zeros((m, 3))
+        return cls(binding.weights, np.zeros((n, 3)), base, rotations)
+
+    def deform(self, frames: Integers, cages: Floats) -> Floats:
+        """Return the meshes (k, m, 3) of the cages (k, n, 3) of frames (k,)."""
         meshes = reconstruct(self.weights, cages - self.base_cage)
-        meshes += self.base_mesh
+        meshes += self._turn(self.base_mesh, frames)
         return meshes
 
-    def anchor_positions(self, anchors: Sequence[Anchor], cages: Floats) -> Floats:
-        """Return the positions of anchors on the meshes of cages (k, n, 3), as (k, l, 3)."""
+    def anchor_positions(
+        self, anchors: Sequence[Anchor], frames: Integers, cages: Floats
+    ) -> Floats:
+        """Return the positions of anchors on the meshes of the cages of frames, as (k, l, 3)."""
         rows = anchor_matrix(anchors, self.weights)
-        return np.asarray(
-            anchor_positions(anchors, self.base_mesh) + rows @ (cages - self.base_cage)
-        )
+        base = self._turn(anchor_positions(anchors, self.base_mesh), frames)
+        return np.asarray(base + rows @ (cages - self.base_cage))
+
+    def _turn(self, points: Floats, frames: Integers) -> Floats:
+        """Return points of the base mesh, (p, 3), in each frame: (k, p, 3), or as they are."""
+        return points if self.rotations is None else np.asarray(points @ self.rotations[frames])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,7 +236,7 @@ def apply_layers(
     """
     starts, targets = [], []
     for layer in layers:
-        start = skin.anchor_positions(layer.schedule.anchors, cages)
+        start = skin.anchor_positions(layer.schedule.anchors, frames, cages)
         with _set_context(layer.name):
             displacements = layer.schedule.displacements(frames, start)
         cages = layer.poser.edit_cages(cages, displacements, layer.rigidity)
@@ -242,10 +256,10 @@ def _make_pose_function(
     """Return a function that gives the mesh of a frame, (m, 3), after the layers."""
 
     def pose(frame: int) -> Floats:
-        cages = edit_target.cage_at(frame)[None]
+        frames, cages = np.array([frame]), edit_target.cage_at(frame)[None]
         if layers:
-            cages = apply_layers(layers, edit_target.skin, np.array([frame]), cages).cages
-        return np.asarray(edit_target.skin.deform(cages)[0])
+            cages = apply_layers(layers, edit_target.skin, frames, cages).cages
+        return np.asarray(edit_target.skin.deform(frames, cages)[0])
 
     return pose
 
@@ -285,7 +299,7 @@ def edit_frames(
 ) -> EditedFrames:
     """Apply layers to the cages (k, n, 3) of frames (k,), and measure the changes."""
     edit = apply_layers(layers, edit_target.skin, frames, cages)
-    meshes = edit_target.skin.deform(cages)
+    meshes = edit_target.skin.deform(frames, cages)
     after = meshes.copy()
     is_changed = (edit.cages != cages).any(axis=(1, 2))
     # Only the difference is added: nothing cancels, and unchanged frames stay bit for bit.
@@ -298,8 +312,8 @@ def edit_frames(
         edit=edit,
         meshes_before=meshes,
         meshes_after=after,
-        anchors_before=edit_target.skin.anchor_positions(anchors, cages),
-        anchors_after=edit_target.skin.anchor_positions(anchors, edit.cages),
+        anchors_before=edit_target.skin.anchor_positions(anchors, frames, cages),
+        anchors_after=edit_target.skin.anchor_positions(anchors, frames, edit.cages),
         metrics=measured.metrics,
         squared_displacements=measured.squared_errors,
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import Block, FramePrefetcher, MeshSequence
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.solver.metrics import (
     INTEGER_METRICS,
     METRIC_NAMES,
@@ -21,6 +21,7 @@ from cageik_cli.solver.metrics import (
     measure,
 )
 from cageik_cli.solver.peaks import DeviationPeaks
+from cageik_cli.solver.vertex_bound import VertexBound, VertexBoundAccumulator
 from cageik_cli.util.arrays import Floats, Integers, Workspace, fit_frames
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import to_unicode
@@ -36,7 +37,8 @@ class SolvedBlock:
     start : int
         Number of the first frame.
     cages : (k, n, 3) float64
-        nan for skipped frames.
+    rotations : (k, 3, 3) float64
+        Of the rest pose to each frame. Both are nan for skipped frames.
     metrics : FrameMetrics
     squared_errors : (m,) float64
         Sum of |v̂ − v|² of each vertex over frames that were not skipped; nan for missing data.
@@ -46,15 +48,20 @@ class SolvedBlock:
         SHA-256 of the file of each frame; zeros if it cannot be read.
     skipped : dict
         The reason for each skipped frame, by its number in the clip.
+    sampled : (s, 3k) float32
+        Displacements of some vertices, aligned with the rest pose and in its diagonals; zeros for
+        skipped frames.
     """
 
     start: int
     cages: Floats
+    rotations: Floats
     metrics: FrameMetrics
     squared_errors: Floats
     peaks: DeviationPeaks
     digests: tuple[bytes, ...]
     skipped: dict[int, str]
+    sampled: NDArray[np.float32]
 
     @property
     def stop(self) -> int:
@@ -67,28 +74,33 @@ class SolvedBlock:
 
 
 def make_solved_block(
-    block: Block, cages: Floats, errors: FrameErrors, digests: tuple[bytes, ...]
+    block: Block, solution: Solution, errors: FrameErrors, digests: tuple[bytes, ...]
 ) -> SolvedBlock:
     """Return the cages and metrics of a block, with gaps for frames that could not be read."""
     faults = {k: to_unicode(str(error)) for k, error in block.read_errors.items()}
     metrics, squares = errors.metrics, errors.squared_errors
-    frames = np.arange(block.start, block.start + len(cages))
+    frames = np.arange(block.start, block.start + len(solution.cages))
+    cages, rotations, sampled = solution.cages, solution.rotations, solution.sampled
     if faults:
         gaps = np.array(list(faults)) - block.start
         squares, frames = np.delete(squares, gaps, axis=0), np.delete(frames, gaps)
         columns = {name: getattr(metrics, name).copy() for name in METRIC_NAMES}
         for name, column in columns.items():
             column[gaps] = -1 if name in INTEGER_METRICS else np.nan
-        cages, metrics = cages.copy(), FrameMetrics(**columns)
-        cages[gaps] = np.nan
+        cages, rotations, sampled = cages.copy(), rotations.copy(), sampled.copy()
+        cages[gaps] = rotations[gaps] = np.nan
+        sampled.reshape(len(sampled), -1, 3)[:, gaps] = 0
+        metrics = FrameMetrics(**columns)
     return SolvedBlock(
         start=block.start,
         cages=cages,
+        rotations=rotations,
         metrics=metrics,
         squared_errors=squares.sum(axis=0),
         peaks=DeviationPeaks.of_frames(squares, frames),
         digests=digests,
         skipped=faults,
+        sampled=sampled,
     )
 
 
@@ -176,7 +188,7 @@ class BlockSolver:
             measured = measure(rest, block.positions, rebuilt, counted, workspace)
         check_finite(block.start, solution.cages, measured.metrics)
         digests = tuple(map(self.sequence.digest_or_zeros, range(block.start, block.stop)))
-        return make_solved_block(block, solution.cages, measured, digests)
+        return make_solved_block(block, solution, measured, digests)
 
 
 class BlockExecutor(Protocol):
@@ -243,6 +255,7 @@ class ClipSummary:
         self.peaks = DeviationPeaks.none(0)
         self._squared_errors = np.zeros(())
         self._rms: list[Floats] = []
+        self._bound = VertexBoundAccumulator()
 
     def update(self, block: SolvedBlock) -> None:
         """Add the next block."""
@@ -251,6 +264,7 @@ class ClipSummary:
         self.digests += block.digests
         self._squared_errors = self._squared_errors + block.squared_errors
         self._rms.append(block.metrics.rms)
+        self._bound.update(block.sampled)
 
     @property
     def frames_done(self) -> int:
@@ -261,6 +275,13 @@ class ClipSummary:
     def vertex_rms(self) -> Floats:
         """Return sqrt(mean |v̂ − v|²), (m,), over solved frames; nan for missing data."""
         return np.sqrt(self._squared_errors / max(1, self.frames_done - len(self.skipped)))
+
+    def measure_bound(self, points: int) -> VertexBound | None:
+        """Return the error of the best possible cage animation of a cage of `points` vertices.
+
+        None without sampled displacements.
+        """
+        return self._bound.finish(points, self.frames_done - len(self.skipped))
 
     @property
     def frame_rms(self) -> Floats:

@@ -16,11 +16,13 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Binding, WeightQuality
+from cageik_cli.coordinates.binding import Binding, WeightQuality, measure_offsets
 from cageik_cli.geometry.mesh import uniform_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
 from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.vertex_bound import spread_vertices
 from cageik_cli.util.arrays import Floats, Workspace
 from cageik_cli.util.errors import FormatError, NumericalError
 
@@ -29,6 +31,9 @@ MAX_CONDITION = 1e12
 
 REFINE_ABOVE_CONDITION = 1e6
 """Above it, a step of refinement recovers digits that the normal matrix has lost."""
+
+MAX_SAMPLED_LENGTH = 1e30
+"""Longer displacements, in diagonals, are not what a bound of the error is for."""
 
 MAX_WEIGHTED_ENTRIES = 1 << 22
 """Largest number of entries of H that are weighted at once."""
@@ -55,11 +60,36 @@ class Solution:
     ----------
     cages : (k, n, 3) float64
     reconstructions : (k, m, 3) float64
-        `weights @ cage` of each frame.
+        `weights @ cage` of each frame, and the turned offsets of a binding that has them.
+    rotations : (k, 3, 3) float64
+        `points @ R` turns points of the rest pose to the frame.
+    sampled : (s, 3k) float32
+        Aligned displacements of the solver's `sampled_vertices`, in diagonals of the rest pose, so
+        that they fit single precision in any units.
     """
 
     cages: Floats
     reconstructions: Floats
+    rotations: Floats
+    sampled: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AlignedFrames:
+    """Displacements of k frames from the rest pose, and the motions that aligned them.
+
+    Attributes
+    ----------
+    columns : (m, 3k) float64
+        R (v − centre) − (rest − origin) of each frame.
+    rotations : (k, 3, 3) float64
+        R; `points @ R` turns points of the rest pose to the frame.
+    centres : (k, 3) float64
+    """
+
+    columns: Floats
+    rotations: Floats
+    centres: Floats
 
 
 class DualLaplacianSolver:
@@ -80,6 +110,8 @@ class DualLaplacianSolver:
         Vertices that are data: all but those of weight 0.
     missing_count : int
         Number of vertices of weight 0.
+    sampled_vertices : (s,) int64
+        Vertices that are data, spread over their numbers: what is possible is measured on them.
 
     Raises
     ------
@@ -99,10 +131,13 @@ class DualLaplacianSolver:
         self.data_vertices = (
             np.flatnonzero(self._vertex_weights) if self.missing_count else slice(None)
         )
+        self.sampled_vertices = spread_vertices(np.arange(m)[self.data_vertices], n)
+        self._diagonal = binding.rest.diagonal
         self._origin = self._vertex_weights @ binding.rest.vertices / m
         self._rest = binding.rest.vertices - self._origin
         self._rest_cage = binding.cage.vertices - self._origin
         self._weights = binding.weights
+        self._offsets = measure_offsets(binding) if binding.has_offsets else None
         # Only their ratio matters; the larger is scaled to 1, so that nothing overflows.
         alpha, beta = np.array([settings.alpha, settings.beta]) / max(settings.alpha, settings.beta)
         self._data_scale = beta / m
@@ -120,6 +155,26 @@ class DualLaplacianSolver:
         With `workspace`, the reconstructions are valid until it is used again.
         """
         workspace = workspace or Workspace()
+        aligned = self.align(frames, workspace)
+        columns = aligned.columns
+        sampled = columns[self.sampled_vertices] / self._diagonal
+        np.clip(sampled, -MAX_SAMPLED_LENGTH, MAX_SAMPLED_LENGTH, out=sampled)
+        displaced = columns_to_frames(self.solve_displacements(columns))
+        turned = (self._rest_cage + displaced) @ aligned.rotations
+        np.matmul(self._weights, frames_to_columns(turned), out=columns)
+        moved = workspace.array("moved", *frames.shape)
+        np.add(columns_to_frames(columns), aligned.centres[:, None], out=moved)
+        if self._offsets is not None:
+            moved += self._offsets @ aligned.rotations
+        centred, rotations = turned + aligned.centres[:, None], aligned.rotations
+        return Solution(centred, moved, rotations, sampled.astype(np.float32))
+
+    def align(self, frames: Floats, workspace: Workspace | None = None) -> AlignedFrames:
+        """Move `frames`, (k, m, 3), onto the rest pose, and return their displacements from it.
+
+        With `workspace`, the columns are valid until it is used again.
+        """
+        workspace = workspace or Workspace()
         centres = np.tile(self._origin, (len(frames), 1))
         rotations = np.tile(np.eye(3), (len(frames), 1, 1))
         if self._align:
@@ -132,14 +187,10 @@ class DualLaplacianSolver:
         np.matmul(centred, rotations.swapaxes(1, 2), out=moved)
         moved -= self._rest
         columns = workspace.array("columns", len(self._rest), 3 * len(frames))
-        _columns_to_frames(columns)[...] = moved
-        displaced = _columns_to_frames(self._solve_displacements(columns))
-        turned = (self._rest_cage + displaced) @ rotations
-        np.matmul(self._weights, _frames_to_columns(turned), out=columns)
-        np.add(_columns_to_frames(columns), centres[:, None], out=moved)
-        return Solution(turned + centres[:, None], moved)
+        columns_to_frames(columns)[...] = moved
+        return AlignedFrames(columns, rotations, centres)
 
-    def _solve_displacements(self, target: Floats) -> Floats:
+    def solve_displacements(self, target: Floats) -> Floats:
         """Return the cage displacements (n, 3k) that fit vertex displacements (m, 3k) best.
 
         Refinement computes the residual over the vertices, without the normal matrix (Björck 1987,
@@ -176,13 +227,13 @@ class DualLaplacianSolver:
         return np.asarray(self._data_scale * data)
 
 
-def _frames_to_columns(points: Floats) -> Floats:
+def frames_to_columns(points: Floats) -> Floats:
     """Return the points of k frames, (k, p, 3), as columns (p, 3k)."""
     k, p, _ = points.shape
     return points.transpose(1, 0, 2).reshape(p, 3 * k)
 
 
-def _columns_to_frames(columns: Floats) -> Floats:
+def columns_to_frames(columns: Floats) -> Floats:
     """Return columns (p, 3k) as points of k frames, (k, p, 3); a view."""
     return columns.reshape(len(columns), -1, 3).transpose(1, 0, 2)
 

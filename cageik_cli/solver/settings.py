@@ -28,3 +28,50 @@ class SolveSettings:
                 raise SettingError(f"{name} is {value}, expected a finite number, zero or above")
         if self.alpha == self.beta == 0:
             raise SettingError("alpha and beta are both 0, expected at least one above 0")
+
+
+FIT_VERSION = 1
+"""Raise it when fitted weights or their reports change, so that caches are not used."""
+
+DEFAULT_REGULARIZATION = 0.1
+DEFAULT_SMOOTHNESS = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class FitSettings:
+    """Settings of weights that are fitted to clips.
+
+    Attributes
+    ----------
+    regularization : float or None
+        λ, the pull to the binding's own weights, above 0; None chooses it by frames held out.
+    smoothness : float
+        μ, the smoothness over the surface of the change of the weights, 0 or above.
+    rank : int, optional
+        Rank of the change of the weights; any by default.
+    influences : int, optional
+        Cage vertices per vertex, with weights that are not negative; all by default.
+    """
+
+    regularization: float | None = DEFAULT_REGULARIZATION
+    smoothness: float = DEFAULT_SMOOTHNESS
+    rank: int | None = None
+    influences: int | None = None
+
+    def __post_init__(self) -> None:
+        value = self.regularization
+        if value is not None and not (isfinite(value) and value > 0):
+            raise SettingError(f"fit regularization is {value}, expected a finite number above 0")
+        if not (isfinite(self.smoothness) and self.smoothness >= 0):
+            raise SettingError(
+                f"fit smoothness is {self.smoothness}, expected a finite number, zero or above"
+            )
+        for name in ("rank", "influences"):
+            count = getattr(self, name)
+            if count is not None and count < 1:
+                raise SettingError(f"fit {name} is {count}, expected 1 or more")
+        if self.rank is not None and self.influences is not None:
+            raise SettingError(
+                f"fit rank is {self.rank} and influences are {self.influences}; a fit has one of "
+                "them: leave one out"
+            )

@@ -12,7 +12,14 @@ from cageik_cli.cages.bind import MAX_REPRODUCTION_ERROR
 from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.coordinates.binding import Binding, WeightQuality
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.base.hdf5 import open_checked, read_array
+from cageik_cli.formats.base.hdf5 import open_checked
+from cageik_cli.store.fit_fields import (
+    StoredFit,
+    read_fit,
+    read_offset_mark,
+    read_weights,
+    write_weights,
+)
 from cageik_cli.store.hdf5_fields import (
     check_format,
     create_hdf5,
@@ -24,7 +31,6 @@ from cageik_cli.store.hdf5_fields import (
     read_sources,
     read_version,
     to_json,
-    write_deflated,
     write_meshes,
 )
 from cageik_cli.util.errors import FormatError
@@ -48,11 +54,14 @@ class StoredBinding:
         Name and digest of the cage and of the rest pose.
     version : str
         Of the program that wrote it.
+    fit : StoredFit, optional
+        Of weights that are fitted to clips.
     """
 
     binding: Binding
     sources: dict[str, Any]
     version: str = __version__
+    fit: StoredFit | None = None
 
 
 def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:
@@ -66,7 +75,7 @@ def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:
     binding = stored.binding
     with atomic_file(path, overwrite) as sink, create_hdf5(sink) as file:
         write_meshes(file, binding.rest, binding.cage)
-        write_deflated(file, "weights", binding.weights)
+        write_weights(file, binding, stored.fit)
         file.attrs.update(format=FORMAT, schema=SCHEMA, version=stored.version)
         file.attrs["settings"] = to_json(asdict(binding.settings))
         file.attrs["quality"] = to_json(asdict(binding.quality))
@@ -99,15 +108,17 @@ def read_binding(path: Path) -> StoredBinding:
         binding = Binding(
             rest=rest,
             cage=cage,
-            weights=read_array(file, "weights", "f", shape).astype(np.float64, copy=False),
+            weights=read_weights(file, *shape),
             settings=_read_settings(file),
             panels=_read_count(quality, "panels"),
             estimated_error=quality.estimated_error,
             projected=_read_count(quality, "projected"),
             notes=read_notes(file),
+            has_offsets=read_offset_mark(file),
         )
         _check_weights(binding, quality)
-        return StoredBinding(binding, _read_binding_sources(file), read_version(file))
+        sources, fit = _read_binding_sources(file), read_fit(file, *shape)
+        return StoredBinding(binding, sources, read_version(file), fit)
 
 
 def read_bind_settings(path: Path) -> BindSettings:
@@ -151,9 +162,6 @@ def _read_count(quality: WeightQuality, name: str) -> int:
 
 def _check_weights(binding: Binding, stated: WeightQuality) -> None:
     """Refuse weights that cannot be trusted, or do not have the `stated` quality."""
-    if not np.isfinite(binding.weights).all():
-        row = int(np.argmin(np.isfinite(binding.weights).all(axis=1)))
-        raise FormatError(f"`weights` are not finite at vertex {row}; bind again")
     found = binding.quality
     for name in ("partition_of_unity", "linear_precision", "min_weight"):
         value, expected = getattr(found, name), getattr(stated, name)
@@ -163,9 +171,8 @@ def _check_weights(binding: Binding, stated: WeightQuality) -> None:
                 f"{expected:.3g}); bind again"
             )
     # Vertices outside the cage have the weights of other points than themselves.
-    trusted = ("partition_of_unity",) if found.projected else (
-        "partition_of_unity", "linear_precision"
-    )  # fmt: skip
+    is_exact = not (found.projected or binding.has_offsets)
+    trusted = ("partition_of_unity", *(["linear_precision"] if is_exact else []))
     for name in trusted:
         if not getattr(found, name) <= MAX_REPRODUCTION_ERROR:
             raise FormatError(

@@ -48,7 +48,7 @@ STALE_SECONDS = 3600.0
 """Seconds after which an unfinished file is taken for one that a killed process left."""
 
 _DIGEST_BYTES = hashlib.sha256().digest_size
-_ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.(weights|cage)")
+_ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.(weights|cage|fit)")
 _PARTIAL_NAME = re.compile(r"[0-9a-f]{64}\.\w+\.partial")
 
 

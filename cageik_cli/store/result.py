@@ -8,10 +8,12 @@ from typing import Any
 import h5py
 import numpy as np
 
+from cageik_cli.coordinates.binding import Binding, measure_offsets
 from cageik_cli.formats.base.hdf5 import get_dataset, open_checked, read_array
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import SolveQuality
+from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import (
     INTEGER_METRICS,
     METRIC_NAMES,
@@ -19,6 +21,9 @@ from cageik_cli.solver.metrics import (
     are_lengths,
     find_invalid_metric,
 )
+from cageik_cli.solver.vertex_bound import VertexBound
+from cageik_cli.store import fit_fields
+from cageik_cli.store.fit_fields import StoredFit, read_fit_record, read_offset_mark
 from cageik_cli.store.hdf5_fields import (
     check_format,
     has_format,
@@ -31,14 +36,18 @@ from cageik_cli.store.hdf5_fields import (
     read_text_attr,
     read_version,
 )
+from cageik_cli.store.json_records import parse_record
 from cageik_cli.store.regions import RegionCounts, StoredRegion, read_regions
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError
+from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError, error_context
 from cageik_cli.util.text import to_unicode
 
 FORMAT = "cageik.result"
 SCHEMA = 1
 CHECKPOINT_SUFFIX = ".partial"
+
+ROTATION_TOL = 1e-9
+"""Largest entry of RRᵀ − I of a rotation R."""
 
 MIN_KEY_FRAMES, MAX_KEY_FRAMES = 3, 4
 """Frames that are kept in full: the worst, the median, the best, and that of the worst region."""
@@ -70,6 +79,12 @@ class Result:
         that are missing data.
     skipped : dict
         By number in the clip, why a frame was skipped.
+    fit : FitRecord, optional
+        How the weights were fitted to clips, and how well they fit.
+    has_offsets : bool
+        As of `Binding`.
+    bound : VertexBound, optional
+        The error of the best possible cage animation of the clip.
     edited_from : str, optional
         The name of the result that was edited: metrics then compare the mesh before the edit, v,
         with the edited one, v̂. None for a result that was extracted.
@@ -103,6 +118,9 @@ class Result:
     skipped: dict[int, str] = field(default_factory=dict)
     edited_from: str | None = None
     regions: tuple[StoredRegion, ...] | None = None
+    fit: FitRecord | None = None
+    has_offsets: bool = False
+    bound: VertexBound | None = None
 
     def __repr__(self) -> str:
         return (
@@ -123,7 +141,7 @@ class KeyFrames:
         Their numbers in the clip.
     cages : (k, n, 3) float64
     reconstructed : (k, m, 3) float64
-        v̂, the weights times the cages.
+        v̂, the weights times the cages, and the turned offsets if there are any.
     errors : (k, m, 3) float64
         v − v̂, in diagonals of the rest model.
     """
@@ -175,7 +193,7 @@ def _interpolate_gap(cages: h5py.Dataset, known: Integers, frame: int) -> Floats
 def has_weights(result: Result) -> bool:
     """Return whether a result was written with its weights."""
     with open_checked(result.path) as file:
-        return "weights" in file
+        return fit_fields.holds_weights(file)
 
 
 def read_weights(result: Result) -> Floats | None:
@@ -188,19 +206,65 @@ def read_weights(result: Result) -> Floats | None:
     """
     shape = (len(result.rest.vertices), len(result.cage.vertices))
     with open_checked(result.path) as file:
-        if "weights" not in file:
-            return None
-        weights = read_array(file, "weights", "f", shape).astype(np.float64, copy=False)
-        largest = np.maximum(weights.max(axis=1), -weights.min(axis=1))
-        wrong = np.flatnonzero(~are_lengths(largest))
-        if len(wrong):
+        return fit_fields.read_weights(file, *shape) if fit_fields.holds_weights(file) else None
+
+
+def read_fit(result: Result) -> StoredFit | None:
+    """Read the fit of a result's weights, and their form; None if they are not fitted.
+
+    Raises
+    ------
+    InputError
+        When it is damaged, or does not fit the meshes.
+    """
+    with open_checked(result.path) as file:
+        return fit_fields.read_fit(file, len(result.rest.vertices), len(result.cage.vertices))
+
+
+def read_binding(result: Result) -> Binding | None:
+    """Read the binding of a result; None if it was written without weights.
+
+    Its settings are not read.
+
+    Raises
+    ------
+    InputError
+        As `read_weights` does.
+    """
+    weights = read_weights(result)
+    if weights is None:
+        return None
+    return Binding(result.rest, result.cage, weights, has_offsets=result.has_offsets)
+
+
+def read_rotations(result: Result) -> Floats:
+    """Read the rotations from the rest pose to each frame, (F, 3, 3); `points @ R` turns points.
+
+    A skipped frame has that of the nearest frame.
+
+    Raises
+    ------
+    InputError
+        When they are missing, or not rotations.
+    """
+    count = len(result.frames)
+    known = np.setdiff1d(np.arange(count), list(result.skipped))
+    with open_checked(result.path) as file:
+        rotations = read_array(file, "rotations", "f", (count, 3, 3)).astype(np.float64, copy=False)
+        with np.errstate(over="ignore", invalid="ignore"):
+            products = rotations @ rotations.swapaxes(1, 2)
+            wrong = ~(np.abs(products - np.eye(3)) < ROTATION_TOL).all(axis=(1, 2))
+            wrong |= ~(np.linalg.det(np.where(np.isfinite(rotations), rotations, 0)) > 0)
+        wrong[list(result.skipped)] = False
+        if wrong.any():
             raise FormatError(
-                f"`weights` are not finite, or too large, at vertex {wrong[0]}; extract it again"
+                f"`rotations` of frame {int(np.argmax(wrong))} are not a rotation; extract it again"
             )
-        return weights
+    nearest = known[np.abs(known[None] - np.arange(count)[:, None]).argmin(axis=1)]
+    return np.asarray(rotations[nearest])
 
 
-def read_key_frames(result: Result, weights: Floats) -> KeyFrames:
+def read_key_frames(result: Result, binding: Binding) -> KeyFrames:
     """Read the frames that are kept in full in a result with weights.
 
     Raises
@@ -208,7 +272,8 @@ def read_key_frames(result: Result, weights: Floats) -> KeyFrames:
     InputError
         When they are missing, or not frames of the result.
     """
-    m, n, count = *weights.shape, len(result.frames)
+    m, n, count = *binding.weights.shape, len(result.frames)
+    rotations = read_rotations(result) if binding.has_offsets else np.empty((count, 0))
     with open_checked(result.path) as file:
         frames = read_array(file, "poses/frame", "iu", (None,)).astype(np.int64)
         if not MIN_KEY_FRAMES <= len(frames) <= MAX_KEY_FRAMES:
@@ -226,7 +291,10 @@ def read_key_frames(result: Result, weights: Floats) -> KeyFrames:
         posed = np.stack([np.asarray(cages[k], np.float64) for k in frames])
         if not all(are_lengths(np.abs(held)).all() for held in (posed, misses)):
             raise FormatError("`poses` are not finite, or too large; extract it again")
-    return KeyFrames(frames, posed, weights @ posed, misses)
+    rebuilt = binding.weights @ posed
+    if binding.has_offsets:
+        rebuilt += measure_offsets(binding) @ rotations[frames]
+    return KeyFrames(frames, posed, rebuilt, misses)
 
 
 def is_result(path: Path) -> bool:
@@ -270,6 +338,9 @@ def read_result(path: Path) -> Result:
             skipped=skipped,
             edited_from=read_text_attr(file, "edited_from"),
             regions=read_regions(file, RegionCounts(frames, len(rest.vertices), len(cage.faces))),
+            fit=read_fit_record(file),
+            has_offsets=read_offset_mark(file),
+            bound=_read_bound(file),
         )
 
 
@@ -316,6 +387,15 @@ def _read_column(file: h5py.File, name: str, frames: int) -> Any:
         return read_array(file, f"metrics/{name}", "iu", (frames,))
     with np.errstate(over="ignore", invalid="ignore"):  # values that do not fit are found later
         return read_array(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
+
+
+def _read_bound(file: h5py.File) -> VertexBound | None:
+    if "bound" not in file.attrs:
+        return None
+    held = read_json_attr(file, "bound", dict)
+    with error_context("attribute `bound`"):
+        bound: VertexBound = parse_record(VertexBound, held, "bound")
+    return bound
 
 
 def _read_frame_names(file: h5py.File, count: int) -> tuple[str, ...]:

@@ -15,7 +15,9 @@ from cageik_cli.formats.scene import Scene
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics
 from cageik_cli.solver.regions import Region
-from cageik_cli.store.hdf5_fields import create_hdf5, to_json, write_deflated, write_meshes
+from cageik_cli.solver.vertex_bound import VertexBound
+from cageik_cli.store.fit_fields import StoredFit, write_weights
+from cageik_cli.store.hdf5_fields import create_hdf5, to_json, write_meshes
 from cageik_cli.store.regions import write_regions
 from cageik_cli.store.result import FORMAT, SCHEMA
 from cageik_cli.util.arrays import Floats, Integers
@@ -39,6 +41,8 @@ class ResultHeader:
     keep_weights : bool
     edited_from : str, optional
         The name of the result that was edited.
+    fit : StoredFit, optional
+        Of weights that are fitted to clips.
     """
 
     binding: Binding
@@ -49,6 +53,7 @@ class ResultHeader:
     notes: tuple[str, ...]
     keep_weights: bool
     edited_from: str | None = None
+    fit: StoredFit | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +75,8 @@ class RunSummary:
         Their v − v̂, which a report draws without reading frames.
     regions : tuple of Region, optional
         The worst regions; None for a result that was edited, which has no errors.
+    bound : VertexBound, optional
+        The error of the best possible cage animation.
     """
 
     sources: dict[str, Any]
@@ -78,6 +85,7 @@ class RunSummary:
     key_frames: Integers
     key_frame_errors: Floats
     regions: tuple[Region, ...] | None = None
+    bound: VertexBound | None = None
 
 
 class ResultWriter:
@@ -87,11 +95,12 @@ class ResultWriter:
         self._file, self._sink = file, sink
         self._frames_done = 0
         self._frame_count = len(header.frames)
-        self._weights = header.binding.weights if header.keep_weights else None
+        self._header = header
         binding = header.binding
         cage, rest = binding.cage, binding.rest
         self._diagonal = rest.diagonal
         file.create_dataset("verts", (self._frame_count, *cage.vertices.shape), "f8")
+        file.create_dataset("rotations", (self._frame_count, 3, 3), "f8")
         write_meshes(file, rest, cage)
         file.create_dataset("frames/name", data=header.frames, dtype=h5py.string_dtype())
         for name in METRIC_NAMES:
@@ -106,10 +115,11 @@ class ResultWriter:
             file.attrs["edited_from"] = header.edited_from
         file.attrs["complete"] = False
 
-    def append(self, cages: Floats, metrics: FrameMetrics) -> None:
-        """Write the next k frames: cages (k, n, 3) and their metrics, which are finite."""
+    def append(self, cages: Floats, rotations: Floats, metrics: FrameMetrics) -> None:
+        """Write the next k frames: cages (k, n, 3), rotations (k, 3, 3) and metrics, all finite."""
         done = slice(self._frames_done, self._frames_done + len(cages))
         self._file["verts"][done] = cages
+        self._file["rotations"][done] = rotations
         for name in METRIC_NAMES:
             self._file[f"metrics/{name}"][done] = getattr(metrics, name)
         self._sink.raise_deferred_error()
@@ -119,8 +129,9 @@ class ResultWriter:
         """Write the weights, the key frames and the summary, and mark the file as complete."""
         if self._frames_done != self._frame_count:
             raise ValueError(f"{self._frames_done} of {self._frame_count} frames were appended")
-        if self._weights is not None:
-            write_deflated(self._file, "weights", self._weights)
+        header = self._header
+        write_weights(self._file, header.binding, header.fit, header.keep_weights)
+        if header.keep_weights:
             self._file.create_dataset("poses/frame", data=summary.key_frames, dtype="i8")
             # In diagonals, so that they fit single precision in any units.
             misses = np.clip(
@@ -131,6 +142,8 @@ class ResultWriter:
         if summary.regions is not None:
             write_regions(self._file, summary.regions)
         skipped = {str(k): text for k, text in summary.skipped.items()}
+        if summary.bound is not None:
+            self._file.attrs["bound"] = to_json(asdict(summary.bound))
         self._file.attrs["sources"] = to_json(summary.sources)
         self._file.attrs["skipped"] = to_json(skipped)
         self._file.attrs["complete"] = True

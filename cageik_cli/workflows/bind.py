@@ -9,17 +9,23 @@ import numpy as np
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.base.connectivity import check_vertex_order
 from cageik_cli.formats.base.file_data import describe_source, read_bytes
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import list_input_files, open_sequence
+from cageik_cli.formats.vertex_weights import load_vertex_weights
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.dual_laplacian import normalize_weights
+from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.weight_cache import WeightCache
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import mark_warning
+from cageik_cli.workflows.fit import FitRequest, fit_binding
 from cageik_cli.workflows.repair_hint import suggest_repair
 
 
@@ -53,6 +59,14 @@ class BindRunSettings:
     cage, rest, output : Path
     weights : WeightSettings
     overwrite : bool
+    clips : tuple of str
+        Clips that the weights are fitted to, each a folder, a glob or a file; none by default.
+    fit : FitSettings
+        How they are fitted.
+    vertex_weights : Path, optional
+        A file with one number per vertex of the model, for the fit.
+    memory : int
+        Bytes for the weights and the frames that they are fitted to.
     """
 
     cage: Path
@@ -60,10 +74,16 @@ class BindRunSettings:
     output: Path
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
+    clips: tuple[str, ...] = ()
+    fit: FitSettings = field(default_factory=FitSettings)
+    vertex_weights: Path | None = None
+    memory: int = 1 << 30
 
     def inputs(self) -> list[Path]:
         """Return the files that are read."""
-        return [self.cage, self.rest]
+        weights = [] if self.vertex_weights is None else [self.vertex_weights]
+        clips = [path for clip in self.clips for path in list_input_files([clip])]
+        return [self.cage, self.rest, *weights, *clips]
 
     def outputs(self) -> list[Path]:
         """Return the file that is written."""
@@ -95,9 +115,40 @@ def bind_files(
         suggest_repair(settings.cage, settings.rest),
     ):
         stored = bind_cached(rest, cage, settings.weights, progress)
+    if settings.clips:
+        with progress.stage("fit"):
+            stored = _fit_to_clips(stored, rest, settings, progress)
     with progress.stage("write"):
         write_binding(settings.output, stored, settings.overwrite)
     return stored
+
+
+def _fit_to_clips(
+    stored: StoredBinding, rest: LoadedMesh, settings: BindRunSettings, progress: ProgressListener
+) -> StoredBinding:
+    """Fit the weights to the clips of the settings."""
+    clips = []
+    for name in settings.clips:
+        clip = open_sequence([name], rest=rest)
+        with error_context(name):
+            check_vertex_order(clip, rest.fan_triangulated, "the rest pose")
+        for note in clip.notes:
+            progress.note("note", note)
+        clips.append(clip)
+    weights = None
+    if settings.vertex_weights is not None:
+        loaded, _ = load_vertex_weights(settings.vertex_weights)
+        with error_context(settings.vertex_weights):
+            weights = normalize_weights(loaded, len(rest.mesh.vertices))
+    request = FitRequest(
+        settings=settings.fit,
+        solve=SolveSettings(),
+        vertex_weights=weights,
+        memory=settings.memory,
+        jobs=settings.weights.jobs,
+        cache=settings.weights.cache,
+    )
+    return fit_binding(stored, clips, request, progress)
 
 
 def bind_cached(

@@ -3,11 +3,11 @@
 import re
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cageik_cli.cages.enclosure import OutsideError
-from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding, reconstruct
+from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding, reconstruct_frames
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.connectivity import check_vertex_order
 from cageik_cli.formats.base.mesh_data import LoadedMesh
@@ -18,9 +18,17 @@ from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
-from cageik_cli.store.result import Result, read_cages, read_result, read_weights
+from cageik_cli.store.result import (
+    Result,
+    has_weights,
+    read_binding,
+    read_cages,
+    read_fit,
+    read_result,
+    read_rotations,
+)
 from cageik_cli.util.arrays import Floats, fit_frames
-from cageik_cli.util.errors import error_context
+from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import label_note
 from cageik_cli.util.threads import limit_blas_threads
@@ -114,10 +122,37 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
     cages = (
         read_cages(result, size) if clip is None else _read_cage_blocks(clip, size, settings.jobs)
     )
-    frames = (reconstruct(binding.weights, block) for block in cages)
+    rotations = _read_needed_rotations(settings, result, binding, animation.frame_count)
+    frames = _deform_blocks(binding, cages, rotations)
     # One thread: the last digits depend on how many, and the writer takes longer anyway.
     with limit_blas_threads(1):
         return write_animation(settings.output, animation, frames, progress)
+
+
+def _read_needed_rotations(
+    settings: DeformSettings, result: Result, binding: Binding, count: int
+) -> Floats | None:
+    """Read the rotations of the rest pose to each of `count` frames, if the weights need them."""
+    if not binding.has_offsets:
+        return None
+    if count != len(result.frames):
+        raise SettingError(
+            f"{settings.cages}: has {count} cages, expected {len(result.frames)} as the result, "
+            "whose weights have few influences: they turn with its frames; give as many cages"
+        )
+    return read_rotations(result)
+
+
+def _deform_blocks(
+    binding: Binding, blocks: Iterator[Floats], rotations: Floats | None
+) -> Iterator[Floats]:
+    """Yield the meshes of blocks of cages."""
+    start = 0
+    for cages in blocks:
+        stop = start + len(cages)
+        turns = None if rotations is None else rotations[start:stop]
+        yield reconstruct_frames(binding, cages, turns)
+        start = stop
 
 
 def choose_block_size(memory: int, vertices: int) -> int:
@@ -157,11 +192,11 @@ def _load_or_compute_binding(
         settings.accuracy or result_settings.accuracy,
         settings.outside or result_settings.outside,
     )
-    weights = (
-        read_weights(result) if settings.mesh is None and bind_settings == result_settings else None
-    )
-    if weights is not None:
-        return Binding(result.rest, result.cage, weights, result_settings)
+    is_own = settings.mesh is None and bind_settings == result_settings
+    if is_own and has_weights(result):
+        binding = read_binding(result)
+        assert binding is not None
+        return binding
     weight_settings = WeightSettings(
         bind_settings, settings.cache, settings.jobs, is_own_cage=settings.mesh is None
     )
@@ -170,6 +205,34 @@ def _load_or_compute_binding(
     for note in mesh.notes + binding.notes:
         label, text = label_note(note)
         progress.note(label, f"{mesh.source['name']}: {text}")
+    if result.fit is None:
+        return binding
+    return _apply_fit(binding, result, is_own, progress)
+
+
+def _apply_fit(
+    binding: Binding, result: Result, is_own: bool, progress: ProgressListener
+) -> Binding:
+    """Return a binding of computed weights with what a fit has changed, where it can be known.
+
+    Raises
+    ------
+    SettingError
+        When the weights of the result are fitted, not in it, and wanted.
+    """
+    fit = read_fit(result)
+    if is_own and fit is not None and fit.low_rank is not None:
+        return replace(binding, weights=fit.low_rank.add_to(binding.weights))
+    if is_own:
+        raise SettingError(
+            f"{result.path}: its weights are fitted to a clip and not in it, so they cannot be "
+            "computed again; extract it again without --no-weights, or with --fit-rank"
+        )
+    progress.note(
+        "note",
+        f"the cages of {result.path.name} are for weights that were fitted to its model; this mesh "
+        f"has {binding.settings.coordinates} weights, which follow them less closely",
+    )
     return binding
 
 

@@ -24,7 +24,14 @@ from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.solver.blocks import MemoryPlan, SolvedBlock, summarize_blocks
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
 from cageik_cli.solver.peaks import DeviationPeaks
-from cageik_cli.store.result import Result, read_cages, read_result, read_weights
+from cageik_cli.store.result import (
+    Result,
+    read_binding,
+    read_cages,
+    read_fit,
+    read_result,
+    read_rotations,
+)
 from cageik_cli.store.result_writer import (
     ResultHeader,
     ResultWriter,
@@ -89,13 +96,19 @@ def edit(settings: EditSettings, progress: ProgressListener | None = None) -> Po
     with progress.stage("open"):
         handles = read_handles(settings.handles)
         result = read_result(settings.result)
-        target = _build_target(result)
+        rotations = read_rotations(result)
+        target = _build_target(result, rotations)
     # One thread: the last digits depend on how many.
     with progress.stage("pose"), error_context(settings.handles), limit_blas_threads(1):
         layers = build_layers(handles, target, settings.posing)
     report_layer_notes(layers, settings.handles, progress)
     edit_run = _EditRun(
-        result, settings.handles, target, layers, PoseStatistics(layers, result.rest.diagonal)
+        result=result,
+        handles=settings.handles,
+        target=target,
+        rotations=rotations,
+        layers=layers,
+        statistics=PoseStatistics(layers, result.rest.diagonal),
     )
     size = MemoryPlan.fit(settings.memory, target.binding, jobs=1).block_size
     header = _build_header(settings, result, target.binding)
@@ -127,6 +140,8 @@ class _EditRun:
     handles : Path
         The handles file, which messages name when a frame cannot be edited.
     target : EditTarget
+    rotations : (F, 3, 3) float64
+        Of the rest pose to each frame; edits do not change them.
     layers : list of Layer
     statistics : PoseStatistics
     """
@@ -134,6 +149,7 @@ class _EditRun:
     result: Result
     handles: Path
     target: EditTarget
+    rotations: Floats
     layers: list[Layer]
     statistics: PoseStatistics
 
@@ -146,7 +162,7 @@ class _EditRun:
             with progress.stage("edit"):
                 block = self._edit_block(cages, start)
             with progress.stage("write"):
-                file.append(block.cages, block.metrics)
+                file.append(block.cages, block.rotations, block.metrics)
             yield block
             start += len(cages)
             progress.update(start, len(self.result.frames))
@@ -168,6 +184,8 @@ class _EditRun:
         self.statistics.update(block)
         all_cages, columns = np.full_like(cages, np.nan), {}
         all_cages[known] = block.edit.cages
+        rotations = self.rotations[frames]
+        rotations[~known] = np.nan
         for name in METRIC_NAMES:
             found = getattr(block.metrics, name)
             gap = -1 if name in INTEGER_METRICS else np.nan
@@ -176,28 +194,29 @@ class _EditRun:
         return SolvedBlock(
             start=start,
             cages=all_cages,
+            rotations=rotations,
             metrics=FrameMetrics(**columns),
             squared_errors=block.squared_displacements.sum(axis=0),
             peaks=DeviationPeaks.of_frames(block.squared_displacements, frames[known]),
             digests=(b"",) * len(cages),
             skipped={k: self.result.skipped[k] for k in frames[~known].tolist()},
+            sampled=np.empty((0, 3 * len(cages)), np.float32),
         )
 
 
-def _build_target(result: Result) -> EditTarget:
+def _build_target(result: Result, rotations: Floats) -> EditTarget:
     """Make the edit target of a result, which needs its weights."""
-    weights = read_weights(result)
-    if weights is None:
+    binding = read_binding(result)
+    if binding is None:
         raise SettingError(
             f"{result.path}: has no weights, which handles need; extract it again without "
             "--no-weights"
         )
-    binding = Binding(result.rest, result.cage, weights)
 
     def cage(frame: int) -> Floats:
         return np.asarray(next(read_cages(result, 1, frame))[0])
 
-    skin = CageSkin.for_reconstruction(binding)
+    skin = CageSkin.for_reconstruction(binding, rotations if binding.has_offsets else None)
     return EditTarget(binding, skin, cage, result.frames, result.scene.up_axis)
 
 
@@ -227,6 +246,7 @@ def _build_header(settings: EditSettings, result: Result, binding: Binding) -> R
         notes=(*result.notes, note),
         keep_weights=True,
         edited_from=to_unicode(settings.result.name),
+        fit=read_fit(result),
     )
 
 

@@ -108,4 +108,9 @@ def _make_skeleton_factory(result: Result, max_influences: int | None) -> Writer
             f"{result.path}: has no weights, which a skeleton needs; extract it again without "
             "--no-weights"
         )
+    if result.has_offsets:
+        raise SettingError(
+            f"{result.path}: its weights have few influences, and joints that only translate do "
+            "not turn their rest pose with the frames; extract it without --influences"
+        )
     return partial(SkeletonWriter, rest=result.rest, weights=weights, max_influences=max_influences)

@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding
+from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.obj.write import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
@@ -13,6 +13,7 @@ from cageik_cli.solver.blocks import (
     BlockSolver,
     ClipSummary,
     MemoryPlan,
+    SolvedBlock,
     ThreadExecutor,
 )
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
@@ -87,8 +88,7 @@ def run_extraction(
         _write_cage(plan, plan.existing.cage)
         return plan.existing
     plan = build_missing_cage(plan, progress)
-    with progress.stage("bind"):
-        stored_binding = load_or_compute_binding(plan, progress)
+    stored_binding = load_or_compute_binding(plan, progress)
     _write_cage(plan, stored_binding.binding.cage)
     # One thread: the matrix is small, and threads that wait for each other take longer.
     with progress.stage("factor"), limit_blas_threads(1):
@@ -141,15 +141,14 @@ def _write_result(plan: ExtractionPlan, header: ResultHeader, checkpoint: Checkp
     replaces = plan.settings.overwrite or plan.settings.resume
     temporary = output.with_name(f"{output.name}.whole.partial")
     with open_result_writer(output, header, replaces, temporary) as result:
-        key_cages: dict[int, Floats] = {}
+        key_meshes: dict[int, Floats] = {}
+        binding = header.binding
         for block in checkpoint.blocks():
-            result.append(block.cages, block.metrics)
+            result.append(block.cages, block.rotations, block.metrics)
             inside = [k for k in key_frames if block.start <= k < block.stop]
-            key_cages |= {k: block.get_cage(k) for k in inside}
-        weights = header.binding.weights
+            key_meshes |= {k: _rebuild_frame(binding, block, k) for k in inside}
         errors = [
-            _reread_frame(plan.sequence, k, summary.digests[k]) - weights @ key_cages[k]
-            for k in key_frames
+            _reread_frame(plan.sequence, k, summary.digests[k]) - key_meshes[k] for k in key_frames
         ]
         result.complete(
             RunSummary(
@@ -159,6 +158,7 @@ def _write_result(plan: ExtractionPlan, header: ResultHeader, checkpoint: Checkp
                 key_frames=np.array(key_frames),
                 key_frame_errors=np.array(errors),
                 regions=regions,
+                bound=summary.measure_bound(len(binding.cage.vertices)),
             )
         )
 
@@ -178,6 +178,12 @@ def _find_key_frames(
         is_rest[plan.rest_index] = True
     frames: list[int] = summary.find_key_frames(is_rest).tolist()
     return frames + [region.frame for region in regions[:1] if region.frame not in frames]
+
+
+def _rebuild_frame(binding: Binding, block: SolvedBlock, frame: int) -> Floats:
+    """Return the mesh, (m, 3), that the cage of a frame gives."""
+    one = slice(frame - block.start, frame - block.start + 1)
+    return np.asarray(reconstruct_frames(binding, block.cages[one], block.rotations[one])[0])
 
 
 def _reread_frame(sequence: MeshSequence, index: int, digest: bytes) -> Floats:
@@ -201,6 +207,7 @@ def _make_header(
         settings=plan.recorded_settings,
         notes=_collect_notes(plan, stored_binding, solver.missing_count),
         keep_weights=plan.settings.keep_weights,
+        fit=stored_binding.fit,
     )
 
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.coordinates.binding import Binding, reconstruct
+from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import validate_positions
 from cageik_cli.solver.blocks import MemoryPlan
@@ -35,6 +35,8 @@ class CageAnimation:
     metrics : FrameMetrics
         `rms`, `max_deviation`, `worst_vertex` and volumes of each frame, arrays (F,), in the units
         of the clip.
+    rotations : (F, 3, 3) float64
+        `points @ R` turns points of the rest pose to each frame.
 
     Examples
     --------
@@ -52,6 +54,7 @@ class CageAnimation:
     binding: Binding
     cages: Floats
     metrics: FrameMetrics
+    rotations: Floats
 
     def __len__(self) -> int:
         return len(self.cages)
@@ -79,7 +82,8 @@ class CageAnimation:
 
     def reconstruct(self, frame: int) -> Floats:
         """Return the mesh that the cage of a frame gives, (m, 3)."""
-        return np.asarray(reconstruct(self.binding.weights, self.cages[frame][None])[0])
+        cages, rotations = self.cages[[frame]], self.rotations[[frame]]
+        return np.asarray(reconstruct_frames(self.binding, cages, rotations)[0])
 
 
 def extract(
@@ -153,6 +157,7 @@ def extract(
         weights = normalize_weights(np.asarray(vertex_weights, np.float64), count)
     plan = MemoryPlan.fit(memory, binding, jobs)
     cages: list[Floats] = []
+    rotations: list[Floats] = []
     metrics: list[FrameMetrics] = []
     done, workspace = 0, Workspace()
     with limit_blas_threads(1), closing(frames.blocks(plan.block_size, jobs)) as blocks:
@@ -163,11 +168,14 @@ def extract(
             measured = measure(binding.rest, block, rebuilt, counted, workspace).metrics
             check_finite(done, solution.cages, measured)
             cages.append(solution.cages)
+            rotations.append(solution.rotations)
             metrics.append(measured)
             done += len(block)
             if progress is not None:
                 progress(done, len(frames))
-    return CageAnimation(binding, np.concatenate(cages), _join_metrics(metrics))
+    return CageAnimation(
+        binding, np.concatenate(cages), _join_metrics(metrics), np.concatenate(rotations)
+    )
 
 
 def _bind_built_cage(

@@ -8,7 +8,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.open import list_input_files
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.util.errors import SettingError
 
 
@@ -52,6 +52,8 @@ class ExtractSettings:
         Of the cage, if one is built.
     cage_output : Path, optional
         An OBJ file to which the cage that is built is written.
+    fit : FitSettings, optional
+        Fit the weights to the clip; they are not fitted by default.
     """
 
     frames: tuple[str, ...]
@@ -74,12 +76,29 @@ class ExtractSettings:
     jobs: int = 1
     build: BuildSettings = field(default_factory=BuildSettings)
     cage_output: Path | None = None
+    fit: FitSettings | None = None
 
     def __post_init__(self) -> None:
         if self.cage_output is not None and not self.builds_cage:
             raise SettingError(
                 f"{self.cage_output}: is for a cage that is built, but a cage is given; leave out "
                 "one of them"
+            )
+        self._check_fit()
+
+    def _check_fit(self) -> None:
+        """Refuse a fit of weights that are given, or that would be lost."""
+        if self.fit is None:
+            return
+        if self.binding is not None:
+            raise SettingError(
+                f"{self.binding}: brings its weights, which --fit would replace; leave out one of "
+                "them, or fit the binding by cageik bind --fit"
+            )
+        if not self.keep_weights and self.fit.rank is None:
+            raise SettingError(
+                "--no-weights leaves out fitted weights, which cannot be computed again; leave it "
+                "out, or store few numbers by --fit-rank"
             )
 
     def inputs(self) -> list[Path]:

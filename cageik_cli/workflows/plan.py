@@ -17,6 +17,7 @@ from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.vertex_weights import load_vertex_weights
 from cageik_cli.solver.dual_laplacian import normalize_weights
+from cageik_cli.solver.settings import FitSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
@@ -27,6 +28,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.workflows.cached_cage import build_cached, check_cage_output
 from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.fit import FitRequest, fit_binding
 from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 
@@ -88,6 +90,14 @@ class ExtractionPlan:
         return self.settings.bind if stored is None else stored.binding.settings
 
     @property
+    def fit_settings(self) -> FitSettings | None:
+        """Return how the weights are fitted, or were when they come from a binding file."""
+        stored = self.stored_binding
+        if stored is None or self.settings.fit is not None:
+            return self.settings.fit
+        return None if stored.fit is None else stored.fit.record.settings
+
+    @property
     def recorded_settings(self) -> dict[str, Any]:
         """Return the settings on which the numbers depend, as a result file records them."""
         settings, solve = self.settings, self.settings.solve
@@ -105,6 +115,7 @@ class ExtractionPlan:
             "rest_frame": self.rest_index,
             "vertex_weights": settings.vertex_weights is not None,
             **built,
+            **describe_fit(self.fit_settings),
         }
 
     @property
@@ -120,15 +131,41 @@ class ExtractionPlan:
         }
         if self.settings.builds_cage:
             shared = {"build": asdict(self.settings.build)}
+        if self.settings.fit is not None:
+            shared |= self._describe_fitted_clip()
         recorded = asdict(self.bind_settings) | shared
         digest = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode())
         for array in (self.rest.mesh.vertices, self.rest.mesh.faces):
             digest.update(np.ascontiguousarray(array).data)
         return digest.hexdigest()
 
+    def _describe_fitted_clip(self) -> dict[str, Any]:
+        """Return what fitted weights depend on beside the rest pose and the cage."""
+        settings = self.settings
+        return {
+            "fit": asdict(settings.fit) if settings.fit is not None else None,
+            "solve": asdict(settings.solve),
+            "weighted": self.sources.get("vertex_weights"),
+            "memory": settings.memory,
+            "skips": settings.skips_bad_frames,
+            "clip": (settings.frames, repr(settings.clip), self.sequence.names),
+        }
+
     def collect_sources(self) -> dict[str, Any]:
         """Return name and digest of each file that was read, the frames included."""
         return self.sources | {"frames": self.sequence.describe_source()}
+
+
+def describe_fit(settings: FitSettings | None) -> dict[str, Any]:
+    """Return the settings of a fit as a result file records them; empty without one."""
+    if settings is None:
+        return {}
+    return {
+        "fit_regularization": settings.regularization or "auto",
+        "fit_smoothness": settings.smoothness,
+        "fit_rank": settings.rank,
+        "influences": settings.influences,
+    }
 
 
 def check_output_path(settings: ExtractSettings) -> None:
@@ -207,19 +244,34 @@ def build_missing_cage(plan: ExtractionPlan, progress: ProgressListener) -> Extr
 
 
 def load_or_compute_binding(plan: ExtractionPlan, progress: ProgressListener) -> StoredBinding:
-    """Return the weights: those that are known, else of the cache, else computed."""
+    """Return the weights: those that are known, else of the cache, else computed; then fitted."""
     rest, settings = plan.rest, plan.settings
     if plan.stored_binding is not None:
-        progress.update(len(rest.mesh.vertices), len(rest.mesh.vertices))
+        with progress.stage("bind"):
+            progress.update(len(rest.mesh.vertices), len(rest.mesh.vertices))
         return plan.stored_binding
     if plan.cage is None:
         raise SettingError("neither a cage nor a binding is given; give one of them")
     with (
+        progress.stage("bind"),
         error_context(settings.cage or plan.cage.source["name"]),
         suggest_repair(settings.cage, plan.rest_file),
     ):
         weight_settings = WeightSettings(settings.bind, settings.cache, settings.jobs)
-        return bind_cached(rest, plan.cage, weight_settings, progress)
+        stored = bind_cached(rest, plan.cage, weight_settings, progress)
+    if settings.fit is None:
+        return stored
+    request = FitRequest(
+        settings=settings.fit,
+        solve=settings.solve,
+        vertex_weights=plan.vertex_weights,
+        memory=settings.memory,
+        jobs=settings.jobs,
+        skips_bad_frames=settings.skips_bad_frames,
+        cache=settings.cache,
+    )
+    with progress.stage("fit"):
+        return fit_binding(stored, [plan.sequence], request, progress)
 
 
 def _find_existing_result(plan: ExtractionPlan) -> Result | None:

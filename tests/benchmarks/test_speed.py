@@ -92,7 +92,7 @@ def test_solving_against_a_plain_product_and_lstsq():
     rows = np.ascontiguousarray(weights.T)
     with limit_blas_threads(1):
         plain = best_of(9, lambda: weights @ (rows @ columns))
-        products = best_of(9, lambda: solver._weights @ solver._solve_displacements(columns))
+        products = best_of(9, lambda: solver._weights @ solver.solve_displacements(columns))
         whole = best_of(9, lambda: solver.solve(frames))
     flops = 4 * m * n * 3 * k
     print(

@@ -1,6 +1,7 @@
 """Edits over each other: what a later one sees, and what none of them touches."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from cageik_cli.posing.edits import (
 )
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.util.errors import HandlesError, SettingError
-from tests.shapes import ball, box
+from tests.shapes import ball, box, rotation
 
 COUNT = 6
 NAMES = [f"f_{k}" for k in range(COUNT)]
@@ -59,12 +60,12 @@ def moving(offset, **others):
 
 def test_a_skin_at_rest_gives_the_rest_pose_bit_for_bit(binding):
     skin = CageSkin.for_rest_pose(binding)
-    meshes = skin.deform(binding.cage.vertices[None])
+    meshes = skin.deform(np.zeros(1, int), binding.cage.vertices[None])
     np.testing.assert_array_equal(meshes[0], binding.rest.vertices)
 
 
 def test_a_skin_for_reconstruction_is_weights_times_cages(binding, cages):
-    meshes = CageSkin.for_reconstruction(binding).deform(cages)
+    meshes = CageSkin.for_reconstruction(binding).deform(np.arange(COUNT), cages)
     np.testing.assert_allclose(meshes, binding.weights @ cages, rtol=0, atol=1e-15)
 
 
@@ -72,8 +73,27 @@ def test_a_skin_for_reconstruction_is_weights_times_cages(binding, cages):
 def test_anchors_are_where_their_vertices_are(binding, cages, layers, make):
     anchors = collect_anchors(layers(moving([1, 0, 0])))
     skin = make(binding)
-    positions = skin.anchor_positions(anchors, cages)
-    np.testing.assert_allclose(positions[:, 0], skin.deform(cages)[:, 1], rtol=0, atol=1e-14)
+    frames = np.arange(COUNT)
+    positions = skin.anchor_positions(anchors, frames, cages)
+    meshes = skin.deform(frames, cages)
+    np.testing.assert_allclose(positions[:, 0], meshes[:, 1], rtol=0, atol=1e-14)
+
+
+def test_offsets_turn_with_the_frames(binding, cages, layers):
+    """Weights that do not reproduce the rest pose give it for the rest cage, turned."""
+    few = replace(binding, weights=np.round(binding.weights, 1), has_offsets=True)
+    turns = np.array([rotation(k) for k in range(COUNT)])
+    skin = CageSkin.for_reconstruction(few, turns)
+    frames = np.arange(COUNT)
+    turned = few.cage.vertices @ turns
+    np.testing.assert_allclose(
+        skin.deform(frames, turned), few.rest.vertices @ turns, rtol=0, atol=1e-13
+    )
+    anchors = collect_anchors(layers(moving([1, 0, 0])))
+    found = skin.anchor_positions(anchors, frames[2:], cages[2:])
+    np.testing.assert_allclose(
+        found[:, 0], skin.deform(frames[2:], cages[2:])[:, 1], rtol=0, atol=1e-13
+    )
 
 
 def test_frames_that_no_layer_changes_keep_their_cages(clip, cages, layers):

@@ -59,6 +59,7 @@ def test_the_schema(path):
         attributes = dict(file.attrs)
     assert attributes.pop("format") == "cageik.binding"
     assert attributes.pop("schema") == 1
+    assert not attributes.pop("has_offsets")
     assert attributes.pop("version") == __version__
     assert {name: json.loads(text) for name, text in attributes.items()} == {
         "settings": {"coordinates": "harmonic", "accuracy": "fine", "outside": "project"},
@@ -112,7 +113,7 @@ def test_a_full_disk_is_an_error_that_names_the_file(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(store, "write_deflated", full)
+    monkeypatch.setattr(store, "write_weights", full)
     with pytest.raises(InputError, match=r"b\.h5: .*No space left on device"):
         store.write_binding(tmp_path / "b.h5", STORED, overwrite=False)
     assert not list(tmp_path.iterdir())
@@ -198,8 +199,8 @@ DAMAGES = {
     "weights cut": (replaced("weights", WEIGHTS[:17]), "`weights` has shape (17, 4)"),
     "weights turned": (replaced("weights", WEIGHTS.T), "`weights` has shape (4, 18)"),
     "weights whole": (replaced("weights", np.eye(18, 4, dtype=int)), "`weights` holds int64"),
-    "a weight nan": (value("weights", (7, 2), np.nan), "`weights` are not finite at vertex 7"),
-    "a weight inf": (value("weights", (7, 2), np.inf), "`weights` are not finite at vertex 7"),
+    "a weight nan": (value("weights", (7, 2), np.nan), "too large, at vertex 7"),
+    "a weight inf": (value("weights", (7, 2), np.inf), "too large, at vertex 7"),
     "a weight other": (
         value("weights", (7, 2), WEIGHTS[7, 2] + 1e-9),
         "partition_of_unity is 1e-09",

@@ -8,6 +8,7 @@ import pytest
 
 from cageik_cli.formats.base.sequence import Block
 from cageik_cli.solver.blocks import SolvedBlock, make_solved_block, summarize_blocks
+from cageik_cli.solver.dual_laplacian import Solution
 from cageik_cli.solver.metrics import FrameErrors, FrameMetrics
 from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.store.checkpoint import (
@@ -42,7 +43,17 @@ def block_of(start, count, faults=()):
     cages = generator.normal(size=(count, 4, 3))
     squares = generator.uniform(1, 2, 6)
     peaks = DeviationPeaks(generator.uniform(1, 2, 6), generator.integers(start, start + count, 6))
-    return SolvedBlock(start, cages, FrameMetrics(**columns), squares, peaks, digests, dict(faults))
+    return SolvedBlock(
+        start=start,
+        cages=cages,
+        rotations=generator.normal(size=(count, 3, 3)),
+        metrics=FrameMetrics(**columns),
+        squared_errors=squares,
+        peaks=peaks,
+        digests=digests,
+        skipped=dict(faults),
+        sampled=generator.normal(size=(5, 3 * count)).astype(np.float32),
+    )
 
 
 BLOCKS = [block_of(0, 2), block_of(2, 2, {3: "frame_3: not a mesh ü"}), block_of(4, 1)]
@@ -55,6 +66,8 @@ def assert_same(found, expected):
     np.testing.assert_array_equal(found.squared_errors, expected.squared_errors)
     np.testing.assert_array_equal(found.peaks.deviations, expected.peaks.deviations)
     np.testing.assert_array_equal(found.peaks.frames, expected.peaks.frames)
+    np.testing.assert_array_equal(found.rotations, expected.rotations)
+    np.testing.assert_array_equal(found.sampled, expected.sampled)
     for field in fields(FrameMetrics):
         one, other = (getattr(block.metrics, field.name) for block in (found, expected))
         np.testing.assert_array_equal(one, other)
@@ -324,7 +337,11 @@ def test_an_unreadable_frame_becomes_a_gap():
     block = block_of(2, 3)
     read = Block(2, np.zeros((3, 1, 3)), {3: InputError("frame_3: missing")})
     squares = np.array([[1.0, 2.0], [10.0, 10.0], [3.0, 5.0]])
-    found = make_solved_block(read, block.cages, FrameErrors(block.metrics, squares), block.digests)
+    solution = Solution(block.cages, np.zeros((3, 1, 3)), block.rotations, block.sampled)
+    found = make_solved_block(read, solution, FrameErrors(block.metrics, squares), block.digests)
+    assert np.isnan(found.rotations[1]).all()
+    assert found.sampled[:, 3:6].tolist() == [[0, 0, 0]] * 5
+    np.testing.assert_array_equal(found.sampled[:, :3], block.sampled[:, :3])
     np.testing.assert_array_equal(found.squared_errors, [4.0, 7.0])
     np.testing.assert_array_equal(found.peaks.deviations, np.sqrt([3.0, 5.0]))
     assert found.peaks.frames.tolist() == [4, 4]

@@ -18,13 +18,14 @@ from cageik_cli.store import hdf5_fields as parts
 from cageik_cli.store import result as store
 from cageik_cli.store import result_writer
 from cageik_cli.util.errors import InputError, NumericalError
-from tests.shapes import TETRAHEDRON, ball
+from tests.shapes import TETRAHEDRON, ball, rotation
 
 SCENE = Scene(30.0, 101.0, "Z", 0.01)
 FRAMES, SETTINGS, SOURCES = 5, {"alpha": 0.5, "align": True}, {"cage": {"name": "é", "sha256": ""}}
 NAMES = tuple(f"frame_{k}_é.obj" for k in range(FRAMES))
 GENERATOR = np.random.default_rng(1)
 CAGES = GENERATOR.normal(size=(FRAMES, 4, 3))
+ROTATIONS = np.array([rotation(k) for k in range(FRAMES)])
 
 
 def _binding():
@@ -64,7 +65,7 @@ def header(keep_weights=True):
 def written(path, cuts=(0, 2, 5), overwrite=False, **options):
     with result_writer.open_result_writer(path, header(**options), overwrite) as result:
         for first, last in pairwise(cuts):
-            result.append(CAGES[first:last], part(slice(first, last)))
+            result.append(CAGES[first:last], ROTATIONS[first:last], part(slice(first, last)))
         result.complete(ENDING)
     return path
 
@@ -78,6 +79,7 @@ def test_the_schema(path):
     rest, cage = BINDING.rest, BINDING.cage
     expected = {
         "verts": ("f8", CAGES),
+        "rotations": ("f8", ROTATIONS),
         "tris": ("i4", cage.faces),
         "cage/verts": ("f8", cage.vertices),
         "rest/verts": ("f8", rest.vertices),
@@ -114,7 +116,7 @@ def test_the_schema(path):
     assert json.loads(attributes["quality"])["condition_number"] == 123.0
     assert set(attributes) == {
         "format", "schema", "version", "fps", "start", "up_axis", "metres_per_unit", "settings",
-        "sources", "skipped", "notes", "quality", "complete"
+        "sources", "skipped", "notes", "quality", "complete", "has_offsets"
     }  # fmt: skip
 
 
@@ -154,7 +156,7 @@ def test_what_is_written_is_read(path):
         np.testing.assert_array_equal(found, put)
     assert store.is_result(path)
     np.testing.assert_array_equal(result.vertex_rms, VERTEX_RMS)
-    posed = store.read_key_frames(result, BINDING.weights)
+    posed = store.read_key_frames(result, BINDING)
     np.testing.assert_array_equal(posed.indices, [4, 1, 0])
     np.testing.assert_array_equal(posed.cages, CAGES[[4, 1, 0]])
     np.testing.assert_allclose(posed.errors, MISSES / BINDING.rest.diagonal, rtol=1e-7)
@@ -179,7 +181,7 @@ def test_impossible_key_frames_are_refused(path, name, value, says):
         del file[name]
         file[name] = value
     with pytest.raises(InputError, match=says):
-        store.read_key_frames(store.read_result(path), BINDING.weights)
+        store.read_key_frames(store.read_result(path), BINDING)
 
 
 @pytest.mark.parametrize(("where", "value"), [(3, -1.0), (3, np.inf), (slice(None), np.nan)])
@@ -216,7 +218,7 @@ def test_an_old_result_is_replaced_when_the_new_one_is_complete(tmp_path):
     path = tmp_path / "cages.h5"
     path.write_text("old")
     with result_writer.open_result_writer(path, header(), overwrite=True) as result:
-        result.append(CAGES, FIGURES)
+        result.append(CAGES, ROTATIONS, FIGURES)
         result.complete(ENDING)
         assert path.read_text() == "old"
     assert store.read_result(path).frames == NAMES
@@ -228,7 +230,7 @@ def test_a_result_written_by_another_run_is_not_replaced(tmp_path):
 
     def race():
         with result_writer.open_result_writer(path, header(), overwrite=False) as result:
-            result.append(CAGES, FIGURES)
+            result.append(CAGES, ROTATIONS, FIGURES)
             result.complete(ENDING)
             path.write_text("somebody else's")
 
@@ -245,7 +247,7 @@ def test_an_error_leaves_the_old_result_and_nothing_else(tmp_path, kind):
 
     def fail_in_the_middle():
         with result_writer.open_result_writer(path, header(), overwrite=True) as result:
-            result.append(CAGES[:2], part(slice(2)))
+            result.append(CAGES[:2], ROTATIONS[:2], part(slice(2)))
             raise kind("in the middle")
 
     with pytest.raises(kind):
@@ -408,7 +410,7 @@ def test_an_edit_names_its_result(tmp_path, path):
     with result_writer.open_result_writer(
         tmp_path / "edited.h5", replace(header(), edited_from="ä.h5"), overwrite=False
     ) as result:
-        result.append(CAGES, FIGURES)
+        result.append(CAGES, ROTATIONS, FIGURES)
         result.complete(ENDING)
     assert store.read_result(tmp_path / "edited.h5").edited_from == "ä.h5"
 
@@ -457,7 +459,7 @@ def test_a_result_cut_short_is_refused(path, share):
 def test_an_interrupted_write_is_not_a_result(tmp_path):
     path = tmp_path / "cages.h5"
     with result_writer.open_result_writer(path, header(), overwrite=True) as result:
-        result.append(CAGES, FIGURES)
+        result.append(CAGES, ROTATIONS, FIGURES)
         result._file.flush()
         (partial,) = tmp_path.glob("*.partial")
         (tmp_path / "copy.h5").write_bytes(partial.read_bytes())
@@ -494,7 +496,7 @@ def test_gaps_are_read_in_the_order_of_the_frames(tmp_path):
     with result_writer.open_result_writer(
         path, replace(header(), frames=frames), overwrite=False
     ) as writer:
-        writer.append(cages, FrameMetrics(*figures))
+        writer.append(cages, np.repeat(ROTATIONS[:1], count, axis=0), FrameMetrics(*figures))
         writer.complete(replace(ENDING, skipped=gaps))
     assert list(store.read_result(path).skipped) == [2, 9, 10]
 
@@ -510,7 +512,7 @@ def test_gaps_are_interpolated(tmp_path, size):
     cages[list(gaps)] = np.nan
     path = tmp_path / "cages.h5"
     with result_writer.open_result_writer(path, header(), overwrite=False) as writer:
-        writer.append(cages, FrameMetrics(**columns))
+        writer.append(cages, ROTATIONS, FrameMetrics(**columns))
         writer.complete(replace(ENDING, skipped=gaps))
     result = store.read_result(path)
     assert result.skipped == gaps

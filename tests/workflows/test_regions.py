@@ -10,7 +10,7 @@ import pytest
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.region_causes import Cause
 from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.store.result import read_key_frames, read_result, read_weights
+from cageik_cli.store.result import read_binding, read_key_frames, read_result
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.plan import ExtractSettings
@@ -43,7 +43,7 @@ def trouser_clip(tmp_path, write_obj, coarse_panels):
 
 
 def kept_frames(result):
-    return read_key_frames(result, read_weights(result)).indices.tolist()
+    return read_key_frames(result, read_binding(result)).indices.tolist()
 
 
 def test_the_worst_region_is_where_the_largest_deviation_is(plain, animation):
@@ -111,7 +111,7 @@ def test_the_frame_of_the_worst_region_is_kept(plain, animation, write_obj):
     worst = result.regions[0]
     kept = kept_frames(result)
     assert (len(kept), kept[3], worst.frame) == (4, 1, 1)
-    held = read_key_frames(result, read_weights(result))
+    held = read_key_frames(result, read_binding(result))
     error = np.linalg.norm(held.errors[kept.index(worst.frame)][worst.worst_vertex])
     assert error * result.rest.diagonal == pytest.approx(worst.max_deviation, rel=1e-5)
 

@@ -1,5 +1,6 @@
 """Clips of which one file holds all frames."""
 
+import hashlib
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -36,6 +37,7 @@ class ClipFile(MeshSequence):
     path: Path
     frame_indices: range
     _fan_triangulated: TriMesh | None = None
+    _reading: tuple[str | None, str | None] = (None, None)
 
     def set_frames(self, request: ClipRequest, count: int, scene: SceneHints | None = None) -> None:
         """Select the requested frames of the `count` in the file, and name them.
@@ -44,6 +46,7 @@ class ClipFile(MeshSequence):
         """
         self.path = single_path(request.paths)
         self.frame_indices = request.select_frames(count)
+        self._reading = (request.member, request.settings.layout)
         self.scene = (scene or SceneHints()).restrict_to_frames(self.frame_indices)
         member = f"::{request.member}" if request.member is not None else ""
         name = to_unicode(self.path.name + member)
@@ -81,6 +84,11 @@ class ClipFile(MeshSequence):
     def digest(self, index: int) -> bytes:
         """Return the SHA-256 digest of the file."""
         return self._digest
+
+    def content_digest(self, index: int) -> bytes:
+        """Return a digest of the file, and of where and how the frame is read from it."""
+        place = f"{self.frame_indices[index]} {self._reading}".encode()
+        return hashlib.sha256(self.digest_or_zeros(index) + place).digest()
 
     def set_digests(self, start: int, digests: Sequence[bytes]) -> None:
         """Take the digest of the file: that of any frame."""

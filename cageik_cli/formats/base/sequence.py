@@ -156,6 +156,13 @@ class MeshSequence(ABC):
         except InputError:
             return bytes(hashlib.sha256().digest_size)
 
+    def content_digest(self, index: int) -> bytes:
+        """Return a digest of all that decides the vertices of a frame; zeros if it is unreadable.
+
+        Unlike names of files, which may change, the content decides what can be used again.
+        """
+        return self.digest_or_zeros(index)
+
     @abstractmethod
     def set_digests(self, start: int, digests: Sequence[bytes]) -> None:
         """Take the digests of frames from `start` on, so that their files are not read for them."""

@@ -25,7 +25,7 @@ from cageik_cli.report.render.viewpoints import (
     fit_close_up,
     view_axes,
 )
-from cageik_cli.store.result import KeyFrames, Result, read_key_frames, read_weights
+from cageik_cli.store.result import KeyFrames, Result, read_binding, read_key_frames
 from cageik_cli.util.arrays import Floats, Integers
 
 MODEL_COLOUR, CAGE_COLOUR = "#f0ede8", "#1f6fd0"
@@ -146,14 +146,16 @@ def load_poses(result: Result) -> PoseSet | None:
     InputError
         When the file is damaged.
     """
-    weights = read_weights(result)
-    if weights is None:
+    binding = read_binding(result)
+    if binding is None:
         return None
     rest, cage, diagonal = result.rest, result.cage, result.rest.diagonal
-    reconstruction = weights @ cage.vertices
+    reconstruction = binding.weights @ cage.vertices
+    if binding.has_offsets:
+        reconstruction = rest.vertices
     deviation = _deviation_percent((reconstruction - rest.vertices) / diagonal)
     poses = [Pose("rest", "rest pose", rest.vertices, reconstruction, cage.vertices, deviation)]
-    key_frames = read_key_frames(result, weights)
+    key_frames = read_key_frames(result, binding)
     poses += [_make_pose(result, key_frames, k, label) for k, label in enumerate(FRAME_LABELS)]
     return PoseSet(
         faces=rest.faces,

@@ -1,0 +1,172 @@
+"""Weights and cages fitted to each other by turns."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from cageik_cli.coordinates.binding import Binding
+from cageik_cli.coordinates.fitting.displacements import Displacements
+from cageik_cli.coordinates.fitting.problem import Correction, Motion, Solving, WeightProblem
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.util.arrays import Floats
+
+HISTORY = 5
+"""Rounds that the extrapolation looks back at."""
+
+HISTORY_TOL = 1e-6
+"""Directions of the history with smaller singular values, relative to the largest, are left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """When the rounds end, and how each is solved.
+
+    Attributes
+    ----------
+    solving : Solving
+        Of the weights in each round.
+    max_rounds : int
+    min_gain : float
+        Rounds end when two of them lower the error of the fitted frames by less than twice this
+        share.
+    """
+
+    solving: Solving = field(default_factory=Solving)
+    max_rounds: int = 12
+    min_gain: float = 0.003
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CageSolve:
+    """The cage solve of the extraction, for displacements and any weights.
+
+    Attributes
+    ----------
+    binding : Binding
+    settings : SolveSettings
+    vertex_weights : (m,) float64 or None
+        From `normalize_weights`.
+    """
+
+    binding: Binding
+    settings: SolveSettings
+    vertex_weights: Floats | None
+
+    def prepare(self, weights: Floats) -> DualLaplacianSolver:
+        """Factor the system of `weights`, (m, n)."""
+        binding = replace(self.binding, weights=weights)
+        return DualLaplacianSolver(binding, self.settings, self.vertex_weights)
+
+    def solve(self, weights: Floats, target: Displacements) -> "SolvedMotion":
+        """Solve for the displacements of the cage, and measure the error of the vertices."""
+        solver = self.prepare(weights)
+        cages, squares, vertices = [], 0.0, 1
+        for columns in target.blocks():
+            cages.append(solver.solve_displacements(columns))
+            error = weights @ cages[-1]
+            error -= columns
+            error = error[solver.data_vertices]
+            squares += float(np.vdot(error, error))
+            vertices = len(error)
+        rms = np.sqrt(squares / (vertices * target.weight))
+        return SolvedMotion(Motion(target, np.hstack(cages)), float(rms))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolvedMotion:
+    """Displacements of a cage, and the root mean square distance that is left, in file units."""
+
+    motion: Motion
+    rms: float
+
+
+class Extrapolation:
+    """Anderson's acceleration of the rounds, in the displacements of the cages.
+
+    A round maps the cages that the weights are fitted to onto the cages of those weights. The next
+    round begins where a linear model of the last few rounds expects the map's fixed point
+    (Anderson 1965; Walker and Ni 2011).
+    """
+
+    def __init__(self) -> None:
+        self._given: list[Floats] = []
+        self._found: list[Floats] = []
+
+    def advance(self, given: Floats, found: Floats) -> Floats:
+        """Return the cages of the next round, (n, 3k), from those of this one."""
+        self._given = [*self._given, given.ravel()][-HISTORY:]
+        self._found = [*self._found, found.ravel()][-HISTORY:]
+        if len(self._found) == 1:
+            return found
+        images = np.stack(self._found)
+        residuals = images - np.stack(self._given)
+        changes = np.diff(residuals, axis=0).T
+        shares = np.linalg.lstsq(changes, residuals[-1], rcond=HISTORY_TOL)[0]
+        return np.asarray(found - (shares @ np.diff(images, axis=0)).reshape(found.shape))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alternation:
+    """The result of fitting weights and cages by turns.
+
+    Attributes
+    ----------
+    correction : Correction
+        The change of the weights.
+    solved : SolvedMotion
+        The cages for the fitted weights.
+    rms : tuple of float
+        Error of the fitted frames before each round and after the last, in file units.
+    """
+
+    correction: Correction
+    solved: SolvedMotion
+    rms: tuple[float, ...]
+
+
+Step = Callable[[Motion, Correction | None], Correction]
+"""One fit of the weights to given cages, from the last change."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alternator:
+    """Fits weights and cages by turns until the error hardly falls.
+
+    Attributes
+    ----------
+    problem : WeightProblem
+    cage_solve : CageSolve
+    effort : Effort
+    """
+
+    problem: WeightProblem
+    cage_solve: CageSolve
+    effort: Effort
+
+    def run(
+        self, target: Displacements, step: Step, start: Correction | None = None
+    ) -> Alternation:
+        """Fit to `target`, each round by `step`, from a first guess."""
+        rest_weights = self.problem.rest_weights
+        correction, weights = start, rest_weights if start is None else start.add_to(rest_weights)
+        solved = self.cage_solve.solve(weights, target)
+        errors, extrapolation = [solved.rms], Extrapolation()
+        given = solved.motion.cages
+        for _ in range(self.effort.max_rounds):
+            del weights  # the step needs the memory
+            correction = step(Motion(target, given), correction)
+            weights = correction.add_to(rest_weights)
+            solved = self.cage_solve.solve(weights, target)
+            errors.append(solved.rms)
+            if not self._is_gaining(errors):
+                break
+            given = extrapolation.advance(given, solved.motion.cages)
+        assert correction is not None
+        return Alternation(correction, solved, tuple(errors))
+
+    def _is_gaining(self, errors: list[float]) -> bool:
+        """Return whether the last two rounds have lowered the error enough."""
+        bound = 1 - 2 * self.effort.min_gain
+        return len(errors) < 3 or errors[-1] < bound * errors[-3]

@@ -1,0 +1,114 @@
+"""What is recorded of a fit beside the weights: its settings, its clips and how good it is."""
+
+from dataclasses import dataclass
+
+from cageik_cli.solver.fitting.bound import RankBound
+from cageik_cli.solver.fitting.held_out import Comparison
+from cageik_cli.solver.settings import FitSettings
+
+MAX_HELD_OUT_RATIO = 2.0
+"""Held-out errors that are more times the error of the fitted frames are warned of."""
+
+MAX_COPIED_SHARE = 0.5
+"""If more of the held-out frames are copies of fitted ones, their error says nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class FitReport:
+    """What fitted weights gain, and what they cost.
+
+    Attributes
+    ----------
+    regularization, smoothness : float
+        λ and μ.
+    frames : int
+        Frames of all clips.
+    fitted_frames : int
+        Frames of the sample that the weights were fitted to.
+    fitted : Comparison
+        On these frames.
+    held_out_blocks : Comparison or None
+        Weights fitted to every other of `HELD_OUT_BLOCKS` blocks of consecutive frames of each
+        clip, measured on the blocks between them; None if the clips are too short.
+    copied_frames : int
+        Held-out frames that are nearer to a fitted frame than `fitted.fitted.rms`: weights that
+        fit the one fit the other, whatever they are elsewhere.
+    unseen_third : Comparison or None
+        Weights fitted to the first two thirds of each clip, measured on the last.
+    bound : RankBound
+        The error of the best possible model with as many points, on the frames of the sample.
+    negative_per_row : float
+        Mean over vertices of the sum of a row's negative weights, as a positive number.
+    min_weight : float
+        The smallest weight.
+    roughness : float
+        The norm of ΛW relative to that of the binding's own weights.
+    fixed_floats : int
+        Numbers that must be stored with the cage animation.
+    curve : tuple of (float, float)
+        Regularizations tried and their errors on held-out blocks, rms in percent of the diagonal.
+    """
+
+    regularization: float
+    smoothness: float
+    frames: int
+    fitted_frames: int
+    fitted: Comparison
+    held_out_blocks: Comparison | None
+    copied_frames: int
+    unseen_third: Comparison | None
+    bound: RankBound
+    negative_per_row: float
+    min_weight: float
+    roughness: float
+    fixed_floats: int
+    curve: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def is_overfitted(self) -> bool:
+        """Return whether the error of held-out frames is far above that of the fitted ones."""
+        held_out = self.held_out_blocks
+        if held_out is None:
+            return False
+        return held_out.fitted.rms > MAX_HELD_OUT_RATIO * self.fitted.fitted.rms
+
+    @property
+    def is_repetitive(self) -> bool:
+        """Return whether most of the held-out frames are copies of fitted ones."""
+        held_out = self.held_out_blocks
+        return held_out is not None and self.copied_frames > MAX_COPIED_SHARE * held_out.frames
+
+
+@dataclass(frozen=True, slots=True)
+class FittedClip:
+    """A clip that weights were fitted to.
+
+    Attributes
+    ----------
+    name : str
+        Of its file, or of its first and last file.
+    sha256 : str
+        The digest of its files.
+    frames : int
+    """
+
+    name: str
+    sha256: str
+    frames: int
+
+
+@dataclass(frozen=True, slots=True)
+class FitRecord:
+    """The record of a fit.
+
+    Attributes
+    ----------
+    settings : FitSettings
+        As they were asked for.
+    clips : tuple of FittedClip
+    report : FitReport
+    """
+
+    settings: FitSettings
+    clips: tuple[FittedClip, ...]
+    report: FitReport

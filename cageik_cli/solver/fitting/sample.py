@@ -1,0 +1,231 @@
+"""The frames that weights are fitted to: a sample in memory, spread over the poses of the clips."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from cageik_cli.coordinates.fitting.displacements import Displacements
+from cageik_cli.coordinates.fitting.problem import estimate_memory
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.util.arrays import Floats, Integers, fit_frames
+from cageik_cli.util.errors import ConnectivityError, InputError
+from cageik_cli.util.threads import OrderedMap
+
+MAX_FITTED_FRAMES = 100
+"""Frames that weights are fitted to; more hardly lower the error of the others."""
+
+MAX_FIT_JOBS = 4
+"""Threads of a fit; memory is planned for them all, so that the sample does not depend on jobs."""
+
+STILL_TOL = 1e-12
+"""Frames that move less than this share of their coordinates do not move."""
+
+DESCRIPTOR_VERTICES = 64
+"""Vertices whose displacements describe a pose."""
+
+
+class FrameReader(Protocol):
+    """A clip, or any other source of frames of the rest pose's connectivity."""
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+
+    def read_frame(self, index: int) -> Floats:
+        """Read the vertices of a frame, (m, 3).
+
+        Raises
+        ------
+        InputError
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class SampleSettings:
+    """How frames are sampled.
+
+    Attributes
+    ----------
+    memory : int
+        Limit in bytes for the fit, the weights included.
+    jobs : int
+        Threads.
+    skips_bad_frames : bool
+        Whether frames that cannot be read are left out; otherwise they are refused.
+    max_frames : int
+        Most frames in the sample.
+    """
+
+    memory: int = 1 << 30
+    jobs: int = 1
+    skips_bad_frames: bool = False
+    max_frames: int = MAX_FITTED_FRAMES
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """Frames of one or several clips, aligned with the rest pose.
+
+    Attributes
+    ----------
+    target : Displacements
+        Of k frames.
+    clips : (k,) int64
+        Number of the clip of each frame.
+    frames : (k,) int64
+        Number of each frame in its clip.
+    lengths : tuple of int
+        Frames of each clip.
+    """
+
+    target: Displacements
+    clips: Integers
+    frames: Integers
+    lengths: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @property
+    def times(self) -> Floats:
+        """Return where each frame is in its clip, (k,), from 0 to below 1."""
+        return np.asarray(self.frames / np.array(self.lengths)[self.clips])
+
+
+def sample_frames(
+    clips: Sequence[FrameReader], solver: DualLaplacianSolver, settings: SampleSettings
+) -> Sample:
+    """Sample the frames of clips, and align them with the rest pose.
+
+    All frames are read once if they fit in memory. Otherwise only a few vertices of each are kept,
+    and the chosen frames are read again.
+
+    Parameters
+    ----------
+    clips : sequence of FrameReader
+    solver : DualLaplacianSolver
+        It aligns the frames.
+    settings : SampleSettings
+
+    Raises
+    ------
+    InputError
+        When a frame cannot be read and must not be skipped, or no frame can be read.
+    """
+    m, n = solver.binding.weights.shape
+    left = settings.memory - estimate_memory(m, n, MAX_FIT_JOBS)
+    places = [(c, f) for c, clip in enumerate(clips) for f in range(len(clip))]
+    reader = _Reader(clips, solver, settings)
+    lengths = tuple(map(len, clips))
+    vertices = choose_vertices(solver)
+    if fit_frames(left, m, 2) >= len(places):  # the frames, and the chosen ones of them
+        read = list(reader.read(places, lambda columns: columns))
+        poses = np.stack([frame.value[vertices].ravel() for frame in read])
+        chosen = spread_points(poses, settings.max_frames)
+        kept = [read[k] for k in chosen]
+    else:
+        read = list(reader.read(places, lambda columns: columns[vertices]))
+        poses = np.stack([frame.value.ravel() for frame in read])
+        capacity = min(settings.max_frames, fit_frames(left, m, 2, itemsize=4))
+        dtype = np.float64 if fit_frames(left, m, 2) >= capacity else np.float32
+        chosen = spread_points(poses, capacity)
+        again = [read[k].place for k in chosen]
+        kept = list(reader.read(again, lambda columns: columns.astype(dtype)))
+    numbers = np.array([frame.place for frame in kept], np.int64)
+    target = Displacements.join([frame.value for frame in kept], count_nearest(poses, chosen))
+    return Sample(target, numbers[:, 0], numbers[:, 1], lengths)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Read:
+    """What is kept of a frame, and its place: clip and frame."""
+
+    place: tuple[int, int]
+    value: Floats
+
+
+class _Reader:
+    """Reads frames ahead by threads and aligns them."""
+
+    def __init__(
+        self, clips: Sequence[FrameReader], solver: DualLaplacianSolver, settings: SampleSettings
+    ) -> None:
+        self._clips, self._solver, self._settings = clips, solver, settings
+
+    def read(
+        self, places: Sequence[tuple[int, int]], keep: Callable[[Floats], Floats]
+    ) -> Iterator[_Read]:
+        """Yield what `keep` returns of the displacements, (m, 3), of each readable frame."""
+        count = 0
+        jobs = self._settings.jobs
+        with OrderedMap(self._read_or_error, places, jobs, jobs) as frames:
+            for place, frame in zip(places, frames, strict=True):
+                if isinstance(frame, InputError):
+                    if not self._settings.skips_bad_frames:
+                        raise frame
+                    continue
+                count += 1
+                self._check_shape(place, frame)
+                columns = self._solver.align(frame[None]).columns
+                if np.abs(columns).max() <= STILL_TOL * np.abs(frame).max():
+                    columns[:] = 0  # weights would be fitted to rounding
+                yield _Read(place, keep(columns))
+        if not count:
+            raise InputError("no frame can be read; weights are fitted to at least one frame")
+
+    def _check_shape(self, place: tuple[int, int], frame: Floats) -> None:
+        expected = self._solver.binding.rest.vertices.shape
+        if frame.shape != expected:
+            clip, number = place
+            raise ConnectivityError(
+                f"frame {number} of clip {clip} has shape {frame.shape}, the binding's rest pose "
+                f"{expected}; fit weights to clips of the model that is bound"
+            )
+
+    def _read_or_error(self, place: tuple[int, int]) -> Floats | InputError:
+        clip, frame = place
+        try:
+            return self._clips[clip].read_frame(frame)
+        except InputError as error:
+            return error
+
+
+def choose_vertices(solver: DualLaplacianSolver) -> Integers:
+    """Choose data vertices that are spread over the rest pose."""
+    rest = solver.binding.rest.vertices
+    numbers = np.arange(len(rest))[solver.data_vertices]
+    points = rest[numbers] - rest[numbers].mean(axis=0)
+    return np.asarray(numbers[spread_points(points, DESCRIPTOR_VERTICES)])
+
+
+def spread_points(points: Floats, count: int) -> Integers:
+    """Choose `count` points, (p, d), far from the origin and from each other, in ascending order.
+
+    Returns
+    -------
+    (min(count, p),) int64, fewer if there are not so many different points. The first choice is
+    the point farthest from the origin; each next one is the farthest from all before it (Gonzalez
+    1985); of equal ones, the first.
+    """
+    if count >= len(points):
+        return np.arange(len(points))
+    distances = np.einsum("pd,pd->p", points, points)
+    chosen = [int(np.argmax(distances))]
+    distances[:] = np.inf
+    while len(chosen) < count:
+        offsets = points - points[chosen[-1]]
+        np.minimum(distances, np.einsum("pd,pd->p", offsets, offsets), out=distances)
+        if not distances.max():
+            break
+        chosen.append(int(np.argmax(distances)))
+    return np.sort(np.array(chosen, np.int64))
+
+
+def count_nearest(points: Floats, chosen: Integers) -> Floats:
+    """Return how many points, (p, d), have each of the chosen ones as their nearest; float64."""
+    if len(chosen) == len(points):
+        return np.ones(len(points))
+    distances = [np.square(points - points[k]).sum(axis=1) for k in chosen]
+    nearest = np.argmin(distances, axis=0)
+    return np.bincount(nearest, minlength=len(chosen)).astype(np.float64)

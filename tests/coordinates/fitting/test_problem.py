@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+
+from cageik_cli.coordinates.fitting.affine import complement_basis
+from cageik_cli.coordinates.fitting.displacements import Displacements
+from cageik_cli.coordinates.fitting.problem import Motion, Solving, WeightProblem
+from cageik_cli.coordinates.fitting.systems import EXACT, SurfaceLaplacian
+from cageik_cli.geometry.mesh import uniform_laplacian
+from tests.fitted import cage_motion, small_binding, true_weights
+
+BINDING = small_binding()
+SURFACE = SurfaceLaplacian.from_mesh(BINDING.rest)
+COMPLEMENT = complement_basis(BINDING.cage)
+
+
+def fitted(problem, motion, jobs=1):
+    return problem.fit(motion, COMPLEMENT, solving=Solving(EXACT, jobs)).add_to(
+        problem.rest_weights
+    )
+
+
+def dense_minimum(problem, target, cages, data):
+    """The same minimum by the conditions of optimality, with multipliers, as one dense system."""
+    m, n = problem.rest_weights.shape
+    scale = np.square(cages).sum() / n
+    laplacian = uniform_laplacian(BINDING.rest)
+    surface = problem.smoothness * laplacian.T @ laplacian + problem.regularization * np.eye(m)
+    hessian = np.kron(np.diag(data), cages @ cages.T) + scale * np.kron(surface, np.eye(n))
+    right = (data[:, None] * (target - problem.rest_weights @ cages)) @ cages.T
+    affine = np.column_stack([np.ones(n), BINDING.cage.vertices])
+    constraints = np.kron(np.eye(m), affine.T)
+    zeros = np.zeros((len(constraints),) * 2)
+    system = np.block([[hessian, constraints.T], [constraints, zeros]])
+    found = np.linalg.solve(system, np.concatenate([right.ravel(), np.zeros(len(zeros))]))
+    return problem.rest_weights + found[: m * n].reshape(m, n)
+
+
+@pytest.mark.parametrize("is_weighted", [False, True])
+@pytest.mark.parametrize(("regularization", "smoothness"), [(0.1, 1.0), (1e-3, 10.0), (0.3, 0.0)])
+def test_fitted_weights_are_those_of_a_dense_constrained_solve(
+    regularization, smoothness, is_weighted
+):
+    """Oracle: numpy's general solve of the conditions of optimality."""
+    m = len(BINDING.rest.vertices)
+    data = np.ones(m)
+    if is_weighted:
+        data = np.random.default_rng(1).uniform(0, 2, m)
+        data[:5] = 0
+    weights = data if is_weighted else None
+    problem = WeightProblem(BINDING.weights, SURFACE, weights, regularization, smoothness)
+    cages = cage_motion(BINDING, 4)
+    target = np.random.default_rng(2).normal(size=(m, 12))
+    found = fitted(problem, Motion(Displacements.of(target), cages))
+    expected = dense_minimum(problem, target, cages, data)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
+    assert np.abs(expected - BINDING.weights).max() > 1e-2
+
+
+def test_known_weights_come_back_as_the_regularization_vanishes():
+    expected = true_weights(BINDING)
+    cages = cage_motion(BINDING, 20)
+    motion = Motion(Displacements.of(expected @ cages), cages)
+    errors = []
+    for strength in (1e-2, 1e-4, 1e-6, 1e-8):
+        problem = WeightProblem(BINDING.weights, SURFACE, None, strength, strength)
+        errors.append(np.abs(fitted(problem, motion) - expected).max())
+    assert np.all(np.diff(errors) < 0)
+    assert errors[-1] < 1e-6
+
+
+def test_rows_stay_affine_exact():
+    cages = cage_motion(BINDING, 6)
+    target = np.random.default_rng(2).normal(size=(len(BINDING.rest.vertices), 18))
+    problem = WeightProblem(BINDING.weights, SURFACE, None, 1e-6, 1.0)
+    found = fitted(problem, Motion(Displacements.of(target), cages))
+    np.testing.assert_allclose(found.sum(axis=1), 1, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        found @ BINDING.cage.vertices, BINDING.rest.vertices, rtol=0, atol=1e-12
+    )
+
+
+def test_a_cage_that_does_not_move_leaves_the_weights():
+    target = Displacements.of(np.ones((len(BINDING.rest.vertices), 6)))
+    problem = WeightProblem(BINDING.weights, SURFACE, None, 0.1, 1.0)
+    found = fitted(problem, Motion(target, np.zeros((len(BINDING.cage.vertices), 6))))
+    np.testing.assert_array_equal(found, BINDING.weights)
+
+
+def test_threads_do_not_change_a_bit():
+    cages = cage_motion(BINDING, 4)
+    target = Displacements.of(true_weights(BINDING) @ cages)
+    problem = WeightProblem(BINDING.weights, SURFACE, None, 0.1, 1.0)
+    one, three = (fitted(problem, Motion(target, cages), jobs) for jobs in (1, 3))
+    np.testing.assert_array_equal(one, three)

@@ -1,0 +1,282 @@
+"""Fitted weights in bindings and results: each form comes back, and no damage is used."""
+
+import json
+from dataclasses import asdict, replace
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli.solver.vertex_bound import VertexBound
+from cageik_cli.store import binding_file, result_writer
+from cageik_cli.store import result as results
+from cageik_cli.util.errors import FormatError, InputError
+from tests.store.fits import few_weights, record, stored_fit
+from tests.store.test_binding_file import BINDING, SOURCES
+from tests.store.test_result import (
+    BINDING as MODEL,
+)
+from tests.store.test_result import (
+    CAGES,
+    ENDING,
+    FIGURES,
+    ROTATIONS,
+    header,
+)
+
+FORMS = ("dense", "low rank", "few")
+
+
+def bound_with(form, binding=BINDING):
+    if form != "few":
+        return binding
+    return replace(binding, weights=few_weights(binding).toarray(), has_offsets=True)
+
+
+def write_binding(path, form):
+    stored = binding_file.StoredBinding(bound_with(form), SOURCES, fit=stored_fit(BINDING, form))
+    binding_file.write_binding(path, stored, overwrite=True)
+    return stored
+
+
+def write_result(path, form, **changes):
+    fitted = replace(
+        header(), binding=bound_with(form, MODEL), fit=stored_fit(MODEL, form), **changes
+    )
+    with result_writer.open_result_writer(path, fitted, overwrite=True) as result:
+        result.append(CAGES, ROTATIONS, FIGURES)
+        result.complete(replace(ENDING, bound=VertexBound(0.01, 4, 18)))
+    return path
+
+
+def assert_same_fit(found, expected):
+    assert found.record == expected.record
+    for name in ("columns", "basis"):
+        one, other = (getattr(fit.low_rank, name, None) for fit in (found, expected))
+        np.testing.assert_array_equal(one, other)
+    assert (found.sparse_weights is None) == (expected.sparse_weights is None)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_fitted_binding_comes_back(tmp_path, form):
+    path = tmp_path / "binding.h5"
+    stored = write_binding(path, form)
+    found = binding_file.read_binding(path)
+    np.testing.assert_array_equal(found.binding.weights, stored.binding.weights)
+    assert found.binding.has_offsets == (form == "few")
+    assert_same_fit(found.fit, stored.fit)
+    with h5py.File(path) as file:
+        assert ("weights" in file) == (form != "few")
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_fitted_result_comes_back(tmp_path, form):
+    result = results.read_result(write_result(tmp_path / "cages.h5", form))
+    expected = bound_with(form, MODEL)
+    np.testing.assert_array_equal(results.read_weights(result), expected.weights)
+    assert results.has_weights(result)
+    assert result.fit == stored_fit(MODEL, form).record
+    assert result.bound == VertexBound(0.01, 4, 18)
+    assert_same_fit(results.read_fit(result), stored_fit(MODEL, form))
+    binding = results.read_binding(result)
+    assert binding.has_offsets == result.has_offsets == (form == "few")
+    np.testing.assert_array_equal(results.read_rotations(result), ROTATIONS)
+
+
+def test_key_frames_have_turned_offsets(tmp_path):
+    result = results.read_result(write_result(tmp_path / "cages.h5", "few"))
+    binding = results.read_binding(result)
+    found = results.read_key_frames(result, binding)
+    offsets = MODEL.rest.vertices - binding.weights @ MODEL.cage.vertices
+    expected = binding.weights @ CAGES[4] + offsets @ ROTATIONS[4]
+    np.testing.assert_allclose(found.reconstructed[0], expected, rtol=0, atol=1e-13)
+
+
+def test_without_weights_only_a_change_of_low_rank_is_kept(tmp_path):
+    for form in FORMS:
+        path = write_result(tmp_path / "cages.h5", form, keep_weights=False)
+        result = results.read_result(path)
+        assert not results.has_weights(result)
+        assert results.read_binding(result) is None
+        assert (results.read_fit(result).low_rank is not None) == (form == "low rank")
+
+
+def test_weights_that_are_not_fitted_have_no_fit(tmp_path):
+    binding_file.write_binding(
+        tmp_path / "b.h5", binding_file.StoredBinding(BINDING, SOURCES), overwrite=False
+    )
+    assert binding_file.read_binding(tmp_path / "b.h5").fit is None
+
+
+def test_the_rotation_of_a_skipped_frame_is_that_of_the_nearest(tmp_path):
+    rotations, cages = ROTATIONS.copy(), CAGES.copy()
+    rotations[1] = cages[1] = np.nan
+    columns = {
+        name: column.astype(float)
+        for name, column in zip(
+            FIGURES.__dataclass_fields__,
+            (getattr(FIGURES, n) for n in FIGURES.__dataclass_fields__),
+            strict=True,
+        )
+    }
+    for column in columns.values():
+        column[1] = np.nan
+    columns["worst_vertex"] = np.where(np.arange(5) == 1, -1, FIGURES.worst_vertex)
+    path = tmp_path / "cages.h5"
+    with result_writer.open_result_writer(path, header(), overwrite=False) as result:
+        result.append(cages, rotations, replace(FIGURES, **columns))
+        result.complete(replace(ENDING, skipped={1: "gone"}))
+    found = results.read_rotations(results.read_result(path))
+    np.testing.assert_array_equal(found, ROTATIONS[[0, 0, 2, 3, 4]])
+
+
+def fit_attribute(path, value):
+    def damage(file):
+        held = json.loads(file.attrs["fit"])
+        *steps, last = path
+        place = held
+        for step in steps:
+            place = place[step]
+        if value is None:
+            del place[last]
+        else:
+            place[last] = value
+        file.attrs["fit"] = json.dumps(held)
+
+    return damage
+
+
+def swapped(name, change):
+    def damage(file):
+        held = file[name][:]
+        del file[name]
+        file[name] = change(held)
+
+    return damage
+
+
+def at(place, number):
+    def change(held):
+        held = held.copy()
+        held[place] = number
+        return held
+
+    return change
+
+
+CSR_DAMAGES = [
+    (swapped("weights_csr/indices", at(3, 4)), "weights_csr/indices` name vertices"),
+    (swapped("weights_csr/indices", at(3, -1)), "weights_csr/indices` name vertices"),
+    (swapped("weights_csr/indices", at(0, 3)), "do not ascend"),
+    (swapped("weights_csr/indices", lambda held: held[:-1]), "weights_csr/indices` has shape"),
+    (swapped("weights_csr/indices", lambda held: held.astype(float)), "holds float64"),
+    (swapped("weights_csr/indptr", at(-1, 10**9)), "does not divide"),
+    (swapped("weights_csr/indptr", at(0, 1)), "does not divide"),
+    (swapped("weights_csr/indptr", at(4, 0)), "does not divide"),
+    (swapped("weights_csr/indptr", at(4, 2**62)), "does not divide"),
+    (swapped("weights_csr/indptr", lambda held: held[:-1]), "weights_csr/indptr` has shape"),
+    (swapped("weights_csr/data", at(5, np.nan)), "not finite, or too large, at vertex 2"),
+    (swapped("weights_csr/data", at(5, 1e200)), "not finite, or too large, at vertex 2"),
+    (swapped("weights_csr/data", lambda held: held[:, None]), "weights_csr/data` has shape"),
+    (lambda file: file.__delitem__("weights_csr/data"), "weights_csr/data`"),
+    (lambda file: file.attrs.__setitem__("has_offsets", "yes"), "`has_offsets` is 'yes'"),
+]
+RECORD_DAMAGES = [
+    (fit_attribute(["report", "min_weight"], "x"), '`fit.report.min_weight` is "x"'),
+    (fit_attribute(["report", "min_weight"], True), "`fit.report.min_weight` is true"),
+    (fit_attribute(["report", "frames"], 1.5), "`fit.report.frames` is 1.5"),
+    (fit_attribute(["report", "roughness"], None), "`fit.report` does not hold"),
+    (fit_attribute(["report", "more"], 1), "`fit.report` does not hold"),
+    (fit_attribute(["report", "fitted"], 1), "`fit.report.fitted` does not hold"),
+    (fit_attribute(["report", "curve"], [[1, 2, 3]]), "`fit.report.curve[0]` has 3 values"),
+    (fit_attribute(["report", "curve"], 3), "`fit.report.curve` is 3"),
+    (fit_attribute(["settings", "smoothness"], -1.0), "smoothness is -1.0"),
+    (fit_attribute(["settings", "influences"], [1]), "`fit.settings.influences` is a list"),
+    (fit_attribute(["clips", 0, "name"], 3), "`fit.clips[0].name` is 3"),
+    (lambda file: file.attrs.__setitem__("fit", "{"), "`fit` is not a JSON dict"),
+]
+RANK_DAMAGES = [
+    (swapped("fit/columns", at((2, 1), np.inf)), "`fit/columns` are not finite"),
+    (swapped("fit/basis", at((2, 1), np.nan)), "`fit/basis` are not finite"),
+    (swapped("fit/basis", lambda held: held[:, :1]), "`fit/basis` has shape"),
+    (swapped("fit/columns", lambda held: held[1:]), "`fit/columns` has shape"),
+    (lambda file: file.__delitem__("fit/basis"), "`fit/basis`"),
+    (fit_attribute(["settings", "rank"], 0), "rank is 0"),
+]
+
+
+@pytest.mark.parametrize(
+    ("form", "damage", "says"),
+    [
+        *(("few", *one) for one in CSR_DAMAGES),
+        *(("dense", *one) for one in RECORD_DAMAGES),
+        *(("low rank", *one) for one in RANK_DAMAGES),
+    ],
+)
+def test_a_damaged_fit_is_refused(tmp_path, form, damage, says):
+    path = tmp_path / "binding.h5"
+    write_binding(path, form)
+    with h5py.File(path, "r+") as file:
+        damage(file)
+    with pytest.raises(FormatError) as caught:
+        binding_file.read_binding(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert says in str(caught.value)
+
+
+def test_a_form_that_the_record_does_not_state_is_refused(tmp_path):
+    path = tmp_path / "binding.h5"
+    for form, option in (("low rank", "rank"), ("few", "influences")):
+        write_binding(path, form)
+        with h5py.File(path, "r+") as file:
+            file.attrs["fit"] = json.dumps(asdict(record()))
+        with pytest.raises(FormatError, match=option):
+            binding_file.read_binding(path)
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (swapped("rotations", at((2, 0, 0), np.nan)), "`rotations` of frame 2"),
+        (swapped("rotations", at((2, 0, 0), 1e300)), "`rotations` of frame 2"),
+        (swapped("rotations", at(3, -np.eye(3))), "`rotations` of frame 3"),
+        (swapped("rotations", lambda held: held[1:]), "`rotations` has shape"),
+        (lambda file: file.__delitem__("rotations"), "`rotations`"),
+    ],
+)
+def test_damaged_rotations_are_refused(tmp_path, damage, says):
+    path = write_result(tmp_path / "cages.h5", "few")
+    with h5py.File(path, "r+") as file:
+        damage(file)
+    with pytest.raises(InputError) as caught:
+        results.read_rotations(results.read_result(path))
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("bad", ["{}", '{"rms_percent": "x", "points": 4, "vertices": 5}', "["])
+def test_a_damaged_bound_is_refused(tmp_path, bad):
+    path = write_result(tmp_path / "cages.h5", "dense")
+    with h5py.File(path, "r+") as file:
+        file.attrs["bound"] = bad
+    with pytest.raises(FormatError, match="bound"):
+        results.read_result(path)
+
+
+def test_any_changed_bytes_of_indices_give_a_matrix_or_an_error(tmp_path):
+    """Random places and bounds: never an index that is not in the matrix."""
+    path = tmp_path / "binding.h5"
+    generator = np.random.default_rng(11)
+    write_binding(path, "few")
+    data = path.read_bytes()
+    for _ in range(60):
+        path.write_bytes(data)
+        with h5py.File(path, "r+") as file:
+            name = generator.choice(["weights_csr/indices", "weights_csr/indptr"])
+            held = file[name][:]
+            held[generator.integers(len(held))] = generator.integers(-5, 40)
+            file[name][:] = held
+        try:
+            found = binding_file.read_binding(path).binding.weights
+        except InputError:
+            continue
+        assert found.shape == BINDING.weights.shape
