@@ -65,6 +65,11 @@ def find_room_faults(cage: TriMesh, rest: TriMesh, is_thorough: bool = True) -> 
     yield from map(_describe_shared_section, islice(places, MAX_PLACES))
 
 
+def has_too_much_room(cage: TriMesh, rest: TriMesh) -> bool:
+    """Return whether a cage is so large, or so loose, that it follows no part of its model well."""
+    return next(find_room_faults(cage, rest, is_thorough=False), None) is not None
+
+
 def _describe_size(cage: TriMesh, rest: TriMesh) -> Finding:
     ratio = cage.diagonal / rest.diagonal
     transform = find_transform(cage, rest)

@@ -37,8 +37,11 @@ EXTENT_RATIOS = (0.9, 2.0)
 """A transformed cage is at least and at most so much larger than the model, along each axis."""
 
 MAX_FITTED_RATIO = 1.4
-"""The same where the scale was fitted, or is between rare units: any cage holds any model
-when it is large enough."""
+"""The same where the scale was fitted: any cage holds any model when it is large enough."""
+
+MAX_RARE_RATIO = 1.25
+"""The same for rare units: their factors are small, and a cage that is only too small must not be
+taken for one in another unit."""
 
 EXTENT_SLACK = 0.1
 """Along axes in which the model is thin, the cage may be larger by this, in diagonals."""
@@ -210,7 +213,9 @@ def _is_of_size(candidate: Candidate, cage: TriMesh, model: TriMesh) -> bool:
     """Whether a cage is about as large as the model along every axis."""
     outer, inner = np.ptp(cage.vertices, axis=0), np.ptp(model.vertices, axis=0)
     low, high = EXTENT_RATIOS
-    is_common = candidate.scale in (1.0, *COMMON_SCALES)
-    high = high if is_common and not candidate.is_scaled else MAX_FITTED_RATIO
+    if candidate.is_scaled:
+        high = MAX_FITTED_RATIO
+    elif candidate.scale not in (1.0, *COMMON_SCALES):
+        high = MAX_RARE_RATIO
     slack = EXTENT_SLACK * (high - 1) * model.diagonal
     return bool((outer >= low * inner).all() and (outer <= high * inner + slack).all())

@@ -25,8 +25,13 @@ UP_CHANGES: dict[tuple[int, ...], str] = {
 COMMON_SCALES = (0.01, 100, 0.001, 1000, 0.0254, 1 / 0.0254)
 """Scales between metres and what else programs count in."""
 
-UNIT_SCALES = (*COMMON_SCALES, 0.1, 10, 2.54, 1 / 2.54, 0.3048, 1 / 0.3048, 12, 1 / 12)
-"""And between the others."""
+RARE_SCALES = tuple(
+    scale for factor in (10, 2.54, 25.4, 0.3048, 30.48, 12) for scale in (factor, 1 / factor)
+)
+"""Scales between the others."""
+
+UNIT_SCALES = (*COMMON_SCALES, *RARE_SCALES)
+"""All scales that have a name."""
 
 MIN_MOVE = 1e-3
 """A move by less, in diagonals of the model, is not worth a word."""

@@ -78,7 +78,8 @@ def segments_meet(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
     before, behind = _side_of_plane(a, b, c, start), _side_of_plane(a, b, c, stop)
     found = before * behind <= 0
     within = (before == 0) & (behind == 0)
-    found[within] = _meet_in_plane(start[within], stop[within], triangle[within])
+    if within.any():
+        found[within] = _meet_in_plane(start[within], stop[within], triangle[within])
     through = found & ~within
     found[through] = _lines_pass_through(start[through], stop[through], triangle[through])
     return np.asarray(found, np.bool_)
@@ -103,12 +104,15 @@ def _meet_away_from_corner(a: Floats, b: Floats) -> Booleans:
 
 def _are_folded_together(a: Floats, b: Floats) -> Booleans:
     """Return whether triangles that share their first two corners are folded onto each other."""
-    flat = _side_of_plane(a[:, 0], a[:, 1], a[:, 2], b[:, 2]) == 0
-    same = np.zeros(len(a), bool)
-    for axis in range(3):
-        here, there = (_turning_direction(t[:, 0], t[:, 1], t[:, 2], axis) for t in (a, b))
-        same |= here * there > 0
-    return np.asarray(flat & same, np.bool_)
+    found = _side_of_plane(a[:, 0], a[:, 1], a[:, 2], b[:, 2]) == 0
+    if found.any():
+        a, b = a[found], b[found]
+        same = np.zeros(len(a), bool)
+        for axis in range(3):
+            here, there = (_turning_direction(t[:, 0], t[:, 1], t[:, 2], axis) for t in (a, b))
+            same |= here * there > 0
+        found[found] = same
+    return np.asarray(found, np.bool_)
 
 
 def _meet_in_plane(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
@@ -156,7 +160,7 @@ def _common_length(a: Floats, b: Floats) -> Floats:
     Negative if they meet the line of intersection of their planes in separate places.
     """
     line = np.cross(_unit_normals(a), _unit_normals(b))
-    line /= np.linalg.norm(line, axis=1, keepdims=True)
+    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), np.finfo(float).tiny)
     low, high = np.full(len(a), -np.inf), np.full(len(a), np.inf)
     for one, other in ((a, b), (b, a)):
         height, along = _heights(one, other), np.einsum("kcx,kx->kc", one - a[:, :1], line)

@@ -34,6 +34,10 @@ class CauseWords:
 
 
 CAUSES = {
+    Cause.LOOSE_CAGE: CauseWords(
+        "the cage is far too loose",
+        "cage far too loose: build one with cageik cage, or move it closer to the model",
+    ),
     Cause.SHARED_LOOP: CauseWords(
         "limbs share one loop of the cage",
         "limbs in one loop: the cage cannot move them apart; give each limb its own part of the "

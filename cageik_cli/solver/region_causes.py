@@ -26,6 +26,7 @@ COARSE_EDGE = 8.0
 class Cause(StrEnum):
     """Why a region is likely to be off."""
 
+    LOOSE_CAGE = "loose-cage"
     SHARED_LOOP = "shared-loop"
     THIN_FACES = "thin-faces"
     FAR_CAGE = "far-cage"
@@ -52,6 +53,8 @@ class Evidence:
         Mean length of their edges, percent of the diagonal.
     in_shared_place : bool
         Whether the centre is where limbs share a loop of the cage.
+    has_loose_cage : bool
+        Whether the whole cage is far too loose.
     """
 
     cage_distance: float
@@ -60,10 +63,13 @@ class Evidence:
     smallest_angle: float
     edge_length: float
     in_shared_place: bool
+    has_loose_cage: bool
 
 
 def judge_cause(evidence: Evidence, size: float) -> Cause:
     """The first cause for which there is evidence; the size is percent of the diagonal."""
+    if evidence.has_loose_cage:
+        return Cause.LOOSE_CAGE
     if evidence.in_shared_place:
         return Cause.SHARED_LOOP
     if evidence.smallest_angle < THIN_ANGLE:

@@ -136,17 +136,31 @@ def blame_shared_places(
     diagonal : float
         Of the rest model, file units.
     """
-    return tuple(_judge_in_places(region, places, diagonal) for region in regions)
+    return tuple(
+        _judge_again(
+            region,
+            replace(region.evidence, in_shared_place=_is_in_place(region, places)),
+            diagonal,
+        )
+        for region in regions
+    )
 
 
-def _judge_in_places(region: Region, places: Sequence[SharedPlace], diagonal: float) -> Region:
-    is_inside = any(
-        np.linalg.norm(place.centre - region.centre) <= place.radius for place in places
+def blame_loose_cage(regions: Sequence[Region], diagonal: float) -> tuple[Region, ...]:
+    """Judge the causes of regions again, in a cage that is known to be far too loose."""
+    return tuple(
+        _judge_again(region, replace(region.evidence, has_loose_cage=True), diagonal)
+        for region in regions
     )
-    evidence = replace(region.evidence, in_shared_place=is_inside)
-    return replace(
-        region, evidence=evidence, cause=judge_cause(evidence, 100 * region.size / diagonal)
-    )
+
+
+def _is_in_place(region: Region, places: Sequence[SharedPlace]) -> bool:
+    return any(np.linalg.norm(place.centre - region.centre) <= place.radius for place in places)
+
+
+def _judge_again(region: Region, evidence: Evidence, diagonal: float) -> Region:
+    cause = judge_cause(evidence, 100 * region.size / diagonal)
+    return replace(region, evidence=evidence, cause=cause)
 
 
 def _group_connected(mesh: TriMesh, chosen: np.ndarray) -> list[Integers]:
@@ -202,4 +216,5 @@ def _gather_evidence(model: BoundModel, group: Integers, faces: Integers) -> Evi
         smallest_angle=float(corner_angles(model.cage)[faces].min()),
         edge_length=float(edges.mean() * percent),
         in_shared_place=False,
+        has_loose_cage=False,
     )

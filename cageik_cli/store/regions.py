@@ -107,8 +107,8 @@ def _parse_region(record: dict[str, Any]) -> StoredRegion:
         raise ValueError(f"expected objects of {', '.join(sorted(names))}")
     x, y, z = map(float, record["centre"])
     evidence = dict(record["evidence"])
-    in_shared_place = evidence.pop("in_shared_place")
-    measured = {name: float(value) for name, value in evidence.items()}
+    judged = {name: bool(evidence.pop(name)) for name in ("in_shared_place", "has_loose_cage")}
+    found: dict[str, Any] = {name: float(value) for name, value in evidence.items()}
     return StoredRegion(
         centre=(x, y, z),
         size=float(record["size"]),
@@ -118,7 +118,7 @@ def _parse_region(record: dict[str, Any]) -> StoredRegion:
         worst_vertex=int(record["worst_vertex"]),
         cage_faces=tuple(map(int, record["cage_faces"])),
         cause=Cause(record["cause"]),
-        evidence=Evidence(**measured, in_shared_place=bool(in_shared_place)),
+        evidence=Evidence(**found, **judged),
     )
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cageik_cli.cages.room import has_too_much_room
 from cageik_cli.cages.sections import find_shared_sections
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.solver.blocks import ClipSummary
@@ -9,6 +10,7 @@ from cageik_cli.solver.regions import (
     BoundModel,
     Region,
     SharedPlace,
+    blame_loose_cage,
     blame_shared_places,
     find_worst_regions,
     has_bad_regions,
@@ -23,6 +25,8 @@ def find_clip_regions(binding: Binding, summary: ClipSummary) -> tuple[Region, .
         return ()
     model = BoundModel(binding.rest, binding.cage, binding.weights)
     regions = find_worst_regions(model, summary.peaks)
+    if has_too_much_room(binding.cage, binding.rest):
+        return blame_loose_cage(regions, binding.rest.diagonal)
     places = _find_shared_places(binding, regions)
     return blame_shared_places(regions, places, binding.rest.diagonal)
 

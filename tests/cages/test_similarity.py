@@ -78,6 +78,24 @@ def test_a_scaled_copy_is_brought_back_nearly():
     assert found.matrix[0, 0] == pytest.approx(1 / 0.37, rel=0.08)
 
 
+@pytest.mark.parametrize("scale", [0.2, 0.5, 0.6, 0.7, 0.9, 0.98, 1.5, 3.0])
+@pytest.mark.parametrize("model", [box(0.9), ball(2, 0.9)], ids=["box", "ball"])
+def test_a_box_of_another_size_is_in_no_other_unit(scale, model):
+    """Shapes without limbs fit at any size; 2.54 times 0.5 is not 1."""
+    found = find_transform(box(scale), model)
+    assert found is None or "scaled by" in found.name
+
+
+@pytest.mark.parametrize("factor", [25.4, 30.48, 10])
+def test_units_that_are_rare_are_named_where_the_size_agrees(factor):
+    assert "instead of" in find_transform(transformed(CAGE, factor * np.eye(3)), MODEL).name
+
+
+def test_a_cage_a_little_too_small_is_in_no_other_unit():
+    found = find_transform(transformed(CAGE, 0.98 * np.eye(3)), MODEL)
+    assert found is None or "instead of" not in found.name
+
+
 @pytest.mark.parametrize("size", [1.08, 1.5, 0.97])
 def test_a_cage_that_holds_the_model_or_nearly_is_none(size):
     assert find_transform(blob(size), MODEL) is None

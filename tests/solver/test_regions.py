@@ -18,6 +18,7 @@ from cageik_cli.solver.regions import (
     MAX_REGIONS,
     BoundModel,
     SharedPlace,
+    blame_loose_cage,
     blame_shared_places,
     find_worst_regions,
     has_bad_regions,
@@ -101,6 +102,15 @@ def test_a_place_that_limbs_share_is_blamed():
     assert blame_shared_places([inside], [], REST.diagonal)[0].cause is regions[0].cause
 
 
+def test_a_loose_cage_is_blamed_before_places_that_limbs_share():
+    regions = find_worst_regions(bound(), peaks(np.where(cap(0, 1), 1.0, 0.0)))
+    places = [SharedPlace(np.array([0.5, 0, 0]), 0.2)]
+    shared = blame_shared_places(regions, places, REST.diagonal)
+    (loose,) = blame_loose_cage(shared, REST.diagonal)
+    assert loose.cause is Cause.LOOSE_CAGE
+    assert loose.evidence.has_loose_cage
+
+
 def test_a_cage_far_away_is_blamed_and_measured():
     deviations = np.where(cap(0, 1), 1.0, 0.0)
     (region,) = find_worst_regions(bound(), peaks(deviations))
@@ -116,6 +126,7 @@ SOUND = Evidence(
     smallest_angle=30.0,
     edge_length=5.0,
     in_shared_place=False,
+    has_loose_cage=False,
 )
 
 

@@ -13,7 +13,7 @@ from cageik_cli.store.regions import RegionCounts, read_regions, write_regions
 from cageik_cli.util.errors import FormatError
 
 COUNTS = RegionCounts(frames=7, vertices=20, cage_faces=12)
-EVIDENCE = Evidence(1.5, 2.5, 0.25, 30.0, 8.0, True)
+EVIDENCE = Evidence(1.5, 2.5, 0.25, 30.0, 8.0, True, False)
 
 
 def region(**changes):

@@ -26,7 +26,7 @@ def plain(folder):
 
 @pytest.fixture
 def trouser_clip(tmp_path, write_obj, coarse_panels):
-    """Settings for trousers whose legs step past each other, in one box."""
+    """Settings for trousers whose legs step past each other, in one box that fits closely."""
     model = finer(trousers(0.5), 3)
     x, y, _ = model.vertices.T
     depth = np.maximum(0.8 - y, 0.0)
@@ -34,8 +34,9 @@ def trouser_clip(tmp_path, write_obj, coarse_panels):
     frames[1, :, 2] += 0.2 * depth * np.sign(x - 1.25)
     frames[2, :, 2] -= 0.6 * depth * np.sign(x - 1.25)
     np.savez(tmp_path / "clip.npz", verts=frames, faces=model.faces)
-    cage = box(1.5)
-    write_obj(tmp_path / "cage.obj", cage.vertices + np.array([1.25, 1, 0.5]), cage.faces)
+    low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
+    cage = box().vertices * ((high - low) / 2 + 0.05) + (low + high) / 2
+    write_obj(tmp_path / "cage.obj", cage, box().faces)
     return ExtractSettings(
         (str(tmp_path / "clip.npz"),), tmp_path / "cage.obj", tmp_path / "cages.h5"
     )
@@ -80,6 +81,14 @@ def test_limbs_in_one_loop_of_the_cage_are_the_cause(trouser_clip):
     assert result.regions[0].cause is Cause.SHARED_LOOP
     assert result.regions[0].frame == 2
     assert result.regions[0].centre[1] < 0.8
+
+
+def test_a_cage_that_is_far_too_loose_is_the_cause_of_all_regions(trouser_clip, write_obj):
+    """Limbs share its loops, too, but so does all else."""
+    write_obj(trouser_clip.cage, box(3.0).vertices + np.array([1.25, 1, 0.5]), box().faces)
+    result = extract(trouser_clip)
+    assert {region.cause for region in result.regions} == {Cause.LOOSE_CAGE}
+    assert result.regions[0].evidence.has_loose_cage
 
 
 @pytest.mark.parametrize("options", [{"jobs": 3}, {"keep_weights": False}])

@@ -3,14 +3,22 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.cages.contacts import Contacts, MoveCosts, solve_moves
+from cageik_cli.cages.repairing.effort import Effort
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import closest_points, winding_numbers
+from cageik_cli.geometry.surface import ClosestPoints, closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats
 
 MAX_ROUNDS = 30
 """How often all vertices are moved, at most."""
+
+PATIENCE = 6
+"""Pushes end when what is missing most has not shrunk in so many of them"""
+
+MIN_PROGRESS = 0.9
+"""to this share."""
 
 COSTS = MoveCosts(smoothness=0.02, stiffness=0.02)
 """The cost of moves: vertices that need not move stay."""
@@ -34,28 +42,60 @@ class Clearance:
     least: float | Floats
     target: float
 
+    def take(self, chosen: NDArray[np.bool_]) -> "Clearance":
+        """Return the clearance of some of the points, (s,)."""
+        least = self.least if isinstance(self.least, float) else self.least[chosen]
+        return Clearance(least, self.target)
 
-def push_outward(cage: TriMesh, samples: Floats, clearance: Clearance) -> TriMesh:
-    """Move the cage until the samples have the clearance, or pushes stop helping.
+
+def push_outward(
+    cage: TriMesh, samples: Floats, clearance: Clearance, effort: Effort | None = None
+) -> TriMesh:
+    """Move the cage until the samples have the clearance, pushes stop helping, or effort ends.
 
     Each round is a least-squares problem in all vertices: what is missing along the directions of
     contacts, against the moves themselves and their differences between neighbours.
     """
+    effort = effort or Effort(np.inf)
     form = COSTS.make_form(cage)
+    heights = np.full(len(samples), -np.inf)  # or less than those are
+    deepest: list[float] = []
     for _ in range(MAX_ROUNDS):
-        contacts = find_contacts(cage, samples, clearance)
+        near = heights < clearance.least
+        if not near.any() or effort.is_spent:
+            break
+        effort.spend_on_samples(int(near.sum()), len(cage.faces))
+        heights[near], closest = measure_heights(cage, samples[near])
+        contacts = _make_contacts(closest, samples[near], heights[near], clearance.take(near))
         if len(contacts.missing) == 0:
             break
-        cage = TriMesh(cage.vertices + solve_moves(contacts, form), cage.faces)
+        deepest.append(float(contacts.missing.max()))
+        if len(deepest) > PATIENCE and deepest[-1] > MIN_PROGRESS * deepest[-1 - PATIENCE]:
+            break
+        moves = solve_moves(contacts, form)
+        cage = TriMesh(cage.vertices + moves, cage.faces)
+        # No point of the surface moves further than a vertex: what is deeper stays inside.
+        heights -= np.linalg.norm(moves, axis=1).max()
     return cage
 
 
 def find_contacts(cage: TriMesh, samples: Floats, clearance: Clearance) -> Contacts:
     """Find the samples that are outside, or nearer to the cage than they may be."""
+    heights, closest = measure_heights(cage, samples)
+    return _make_contacts(closest, samples, heights, clearance)
+
+
+def measure_heights(cage: TriMesh, samples: Floats) -> tuple[Floats, ClosestPoints]:
+    """Measure how far inside samples are, (s,), negative outside; and find the nearest points."""
     inside = winding_numbers(cage, samples) >= 0.5
     closest = closest_points(cage, samples)
-    height = np.where(inside, closest.distance, -closest.distance)
-    chosen = height < clearance.least
+    return np.where(inside, closest.distance, -closest.distance), closest
+
+
+def _make_contacts(
+    closest: ClosestPoints, samples: Floats, height: Floats, clearance: Clearance
+) -> Contacts:
+    cage, chosen = closest.mesh, height < clearance.least
     corners = cage.faces[closest.face[chosen]]
     a, b, c = (cage.vertices[corners[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cageik_cli.cages.repairing.effort import Effort
 from cageik_cli.cages.repairing.push import Clearance, find_contacts, push_outward
 from cageik_cli.cages.repairing.untangle import (
     find_local_tangle,
@@ -18,8 +19,17 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 
-MAX_ROUNDS = 20
+MAX_ROUNDS = 12
 """How often a cage is untangled and pushed, at most."""
+
+PATIENCE = 4
+"""A cage is given up when so many rounds that follow each other found none with fewer faults."""
+
+MAX_WORK = 25e6
+"""Work of all rounds, as `Effort` counts it: about 25 seconds."""
+
+RETURN_WORK, MAX_RETURN_WORK = 15e3, 10e6
+"""Work of a trial to move vertices back, and of all of them."""
 
 RETURN_SHARE = 0.5
 """Share of the way back that is tried for vertices that cannot go all of it."""
@@ -76,6 +86,8 @@ class Shape:
 def fit_shape(cage: TriMesh, target: Target, progress: Callable[[int, int], None]) -> Shape:
     """Untangle and push in turn until nothing crosses and the model is inside.
 
+    The work is bounded.
+
     Returns
     -------
     Shape
@@ -83,13 +95,15 @@ def fit_shape(cage: TriMesh, target: Target, progress: Callable[[int, int], None
     """
     nothing = np.zeros_like(cage.vertices)
     shape = best = Shape(cage, nothing, nothing, count_faults(cage, target))
+    failures, effort = 0, Effort(MAX_WORK)
     for done in range(MAX_ROUNDS):
-        if best.faults == 0:
+        if best.faults == 0 or failures == PATIENCE or effort.is_spent:
             break
+        failures += 1
         for step in (_untangle_shape, _push_shape):
-            shape = step(shape, target)
+            shape = step(shape, target, effort)
             if shape.faults < best.faults:
-                best = shape
+                best, failures = shape, 0
         target = _add_crossing_samples(shape.cage, target)
         progress(done + 1, MAX_ROUNDS)
     return _return_vertices(best, cage, target) if best.faults == 0 else best
@@ -102,19 +116,19 @@ def count_faults(cage: TriMesh, target: Target) -> int:
     return find_tangle(cage).size + outside + len(_find_crossing_faces(cage, target.model))
 
 
-def _untangle_shape(shape: Shape, target: Target) -> Shape:
-    flat = untangle(shape.cage)
+def _untangle_shape(shape: Shape, target: Target, effort: Effort) -> Shape:
+    flat = untangle(shape.cage, effort)
     moved = shape.untangled + flat.vertices - shape.cage.vertices
     return Shape(flat, moved, shape.pushed, count_faults(flat, target))
 
 
-def _push_shape(shape: Shape, target: Target) -> Shape:
+def _push_shape(shape: Shape, target: Target, effort: Effort) -> Shape:
     if shape.faults == 0:
         return shape
     clearance, counts = target.clearance, (len(target.samples), len(target.firm))
     least = np.repeat([clearance.least, clearance.target], counts)
     points = np.concatenate([target.samples, target.firm])
-    pushed = push_outward(shape.cage, points, Clearance(least, clearance.target))
+    pushed = push_outward(shape.cage, points, Clearance(least, clearance.target), effort)
     moved = shape.pushed + pushed.vertices - shape.cage.vertices
     return Shape(pushed, shape.untangled, moved, count_faults(pushed, target))
 
@@ -132,30 +146,31 @@ def _add_crossing_samples(cage: TriMesh, target: Target) -> Target:
         return target
     side = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
     parts = int(np.clip(np.ceil(side / target.clearance.target), 2, MAX_PARTS))
-    return replace(
-        target,
-        firm=np.concatenate(
-            [target.firm, corners.reshape(-1, 3), divide_triangles(corners, parts)]
-        ),
-    )
+    points = [target.firm, corners.reshape(-1, 3), divide_triangles(corners, parts)]
+    return replace(target, firm=np.unique(np.concatenate(points), axis=0))
 
 
 def _return_vertices(shape: Shape, original: TriMesh, target: Target) -> Shape:
     """Move vertices back to where they were, as many and as far as the cage stays fit."""
     length = np.linalg.norm(shape.moves, axis=1)
     order = np.argsort(length, kind="stable")
-    shape, stuck = _return_group(shape, original, target, order[length[order] > 0])
+    effort = Effort(MAX_RETURN_WORK)
+    shape, stuck = _return_group(shape, original, target, order[length[order] > 0], effort)
     for vertex in reversed(stuck):
+        if effort.is_spent:
+            break
+        effort.spend(RETURN_WORK)
         shape = _try_return(shape, original, target, np.array([vertex]), RETURN_SHARE) or shape
     return shape
 
 
 def _return_group(
-    shape: Shape, original: TriMesh, target: Target, group: Integers
+    shape: Shape, original: TriMesh, target: Target, group: Integers, effort: Effort
 ) -> tuple[Shape, list[int]]:
     """Move a group back together, or if that fails, its halves; and which vertices cannot go."""
-    if len(group) == 0:
+    if len(group) == 0 or effort.is_spent:
         return shape, []
+    effort.spend(RETURN_WORK)
     returned = _try_return(shape, original, target, group, 1.0)
     if returned is not None:
         return returned, []
@@ -163,7 +178,7 @@ def _return_group(
         return shape, [int(group[0])]
     stuck = []
     for half in np.array_split(group, 2):
-        shape, more = _return_group(shape, original, target, half)
+        shape, more = _return_group(shape, original, target, half, effort)
         stuck += more
     return shape, stuck
 
