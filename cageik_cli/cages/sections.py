@@ -31,7 +31,6 @@ MIN_LOOP_SIZE = 0.025
 MIN_RUN = 2
 """Limbs share a loop in so many sections that follow each other; in fewer, a section grazes."""
 
-
 MIN_GAP = 0.008
 """Limbs nearer to each other than this, in diagonals, count as one: no cage fits between."""
 
@@ -154,15 +153,23 @@ def _find_limb_loops(section: Section, axis: int, min_size: float) -> list[Integ
         and measure_box(section.segments[loop][:, 0]) >= min_size
         and is_closed(section.segments[loop])
     ]
-    return [
-        loop
-        for loop in large
-        if not any(
-            winds_around(section.segments[other], section.segments[loop][0, 0], axis)
-            for other in large
-            if other is not loop
-        )
-    ]
+    return _drop_held_loops(large, section.segments, axis)
+
+
+def _drop_held_loops(large: list[Integers], segments: Floats, axis: int) -> list[Integers]:
+    """Return the loops that no other one goes around."""
+    first = np.array([segments[loop[0], 0] for loop in large]).reshape(-1, 3)
+    held = np.zeros(len(large), bool)
+    for number, other in enumerate(large):
+        border = segments[other]
+        # A loop goes around no point outside its box, which is quick to see.
+        inside = (first >= border[:, 0].min(axis=0)) & (first <= border[:, 0].max(axis=0))
+        inside[:, axis] = True
+        near = inside.all(axis=1) & ~held
+        near[number] = False
+        for k in np.flatnonzero(near):
+            held[k] = winds_around(border, first[k], axis)
+    return [loop for loop, is_held in zip(large, held, strict=True) if not is_held]
 
 
 def _label_limbs(model: Slicer, position: float) -> Integers:
