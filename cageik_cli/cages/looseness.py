@@ -19,9 +19,11 @@ INFLATION_TOL = 0.01
 GROWTH = 1.4
 """Factor between the inflations that are tried first."""
 
-
 MAX_HELD_SAMPLES = 50_000
 """Points of a model's surface by which an inflation is judged, about as many at most."""
+
+MIN_VOLUME = 1e-9
+"""Closed models with less, in cubed diagonals, are flat: what they hold is rounding."""
 
 MAX_GAP_SAMPLES = 1500
 """Points of a cage from which the distance to the model is measured, about as many at most."""
@@ -34,7 +36,7 @@ class Looseness:
     Attributes
     ----------
     volume_ratio : float, optional
-        The cage's volume over the model's; None for an open model.
+        The cage's volume over the model's; None for an open or a flat model.
     mean_gap : float
         Mean distance of the cage's surface from the model's, percent of the model's diagonal.
     """
@@ -45,7 +47,7 @@ class Looseness:
 
 def measure_looseness(cage: TriMesh, model: TriMesh) -> Looseness:
     """Compare the room in a cage, closed and turned outward, with its model."""
-    closed = bounds_volume(model) and model.volume != 0
+    closed = bounds_volume(model) and abs(model.volume) > MIN_VOLUME * model.diagonal**3
     samples = sample_surface(cage)
     samples = samples[:: -(-len(samples) // MAX_GAP_SAMPLES)]
     gaps = closest_points(model, samples).distance
