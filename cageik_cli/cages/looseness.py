@@ -58,7 +58,7 @@ def measure_looseness(cage: TriMesh, model: TriMesh) -> Looseness:
 
 
 def measure_inflation(cage: TriMesh, model: TriMesh) -> float | None:
-    """The smallest offset of all cage vertices along their normals that takes the model inside.
+    """Find the smallest offset of the cage along its normals that takes the model inside.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def inflate(cage: TriMesh, distance: float) -> TriMesh:
 
 
 def vertex_normals(mesh: TriMesh) -> Floats:
-    """Unit normals of vertices, (n, 3): those of their faces, weighted by their angles there."""
+    """Return unit normals of vertices, (n, 3): those of their faces, weighted by their angles."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
@@ -112,7 +112,7 @@ def vertex_normals(mesh: TriMesh) -> Floats:
 
 
 def _find_outside(cage: TriMesh, moves: Floats, *samples: Floats) -> Floats:
-    """The samples, (k, 3), that a cage with moved vertices does not hold.
+    """Return the samples, (k, 3), that a cage with moved vertices does not hold.
 
     Of several sets the first with such samples counts: the likeliest, to save the others.
     """
