@@ -115,7 +115,7 @@ def _describe_looseness(looseness: Looseness) -> str:
 
 
 def _describe_typical(looseness: Looseness, rest: TriMesh, gap: float) -> str:
-    """What built cages reach: their gap all over the surface of this model adds to its volume."""
+    """Say what built cages reach: their gap, all over this surface, adds to the volume."""
     if looseness.volume_ratio is None:
         return f"{gap:.2g} %"
     layer = float(face_areas(rest).sum()) * gap / 100 * rest.diagonal
