@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.cages.findings import Finding
+from cageik_cli.cages.findings import Finding, pluralize
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.render.model_views import parse_colour
 from cageik_cli.util.arrays import Floats, Integers
@@ -16,6 +16,9 @@ FAULT_COLOURS = ("#d62f27", "#e08214", "#7b3fa0", "#0f8b8d", "#c2185b", "#5d7a1f
 
 PLAIN_COLOURS = {"cage": "#9dbbe0", "rest": "#e2d6c8"}
 """Colours of what has no fault."""
+
+SINGULARS = {pluralize(noun): noun for noun in ("vertex", "edge", "face", "face pair")}
+"""What one element of a finding is called."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,4 +100,6 @@ def _describe(found: Finding) -> str:
         x, y, z = found.place
         return f"{kind} at ({x:.3g}, {y:.3g}, {z:.3g})"
     names = ["-".join(map(str, np.ravel(number))) for number in found.numbers.tolist()]
+    if len(names) == 1:
+        return f"{kind}: {SINGULARS[found.elements]} {names[0]}"
     return f"{kind}: {len(names)} {found.elements} ({join_truncated(names, 3)})"
