@@ -35,6 +35,8 @@ class FaultMark:
         What it is, with the first numbers.
     cage, rest : (k,) int64
         Vertices of the meshes that it concerns.
+    cage_faces : (f,) int64
+        Faces of the cage that it concerns; if it concerns vertices, those with no other corners.
     points : (p, 3) float64
         Where it is.
     """
@@ -44,6 +46,7 @@ class FaultMark:
     text: str
     cage: Integers
     rest: Integers
+    cage_faces: Integers
     points: Floats
 
 
@@ -76,7 +79,15 @@ def _make_mark(number: int, found: Finding, cage: TriMesh, rest: TriMesh | None)
     if found.place is not None:
         points = np.array([found.place])
     colour = FAULT_COLOURS[(number - 1) % len(FAULT_COLOURS)]
-    return FaultMark(number, colour, _describe(found), on_cage, on_rest, points)
+    return FaultMark(
+        number=number,
+        colour=colour,
+        text=_describe(found),
+        cage=on_cage,
+        rest=on_rest,
+        cage_faces=_find_cage_faces(found, cage, on_cage),
+        points=points,
+    )
 
 
 def _find_vertices(
@@ -92,6 +103,14 @@ def _find_vertices(
     numbers = np.unique(found.numbers)
     is_of_faces = found.elements.startswith("face")
     yield found.mesh, np.unique(mesh.faces[numbers]) if is_of_faces else numbers
+
+
+def _find_cage_faces(found: Finding, cage: TriMesh, vertices: Integers) -> Integers:
+    """Find the faces of the cage that a finding concerns, or that have only such vertices."""
+    if found.elements.startswith("face") and found.mesh != "rest":
+        numbers = found.numbers[:, 1] if found.mesh == "both" else found.numbers
+        return np.unique(numbers)
+    return np.flatnonzero(np.isin(cage.faces, vertices).all(axis=1))
 
 
 def _describe(found: Finding) -> str:
