@@ -115,7 +115,7 @@ class Job:
         """Return loose candidates: an ellipsoid drawn in, and where that fails, as it is."""
         notes = (
             "no cage that follows the model passed the tests; this is an ellipsoid drawn in, which "
-            "expresses less: more vertices or a smaller clearance may help",
+            "expresses less: more vertices or another clearance may help",
         )
         tried: list[Candidate] = []
         for name, draws in (("ellipsoid drawn in", DRAWS), ("ellipsoid", 0)):
