@@ -7,6 +7,7 @@ from cageik_cli.cages.building.records import BuildSettings, BuiltCage, Candidat
 from cageik_cli.coordinates.weights import ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import NumericalError
+from cageik_cli.util.threads import limit_blas_threads
 
 __all__ = ["BuildSettings", "BuiltCage", "Candidate", "Clip", "build_cage"]
 
@@ -37,8 +38,9 @@ def build_cage(
         Any triangles: open, in pieces, crossing themselves, without area.
     settings : BuildSettings, optional
     clip : Clip, optional
-        An animation of the model that the cage is for. All shells are then tried, without and with
-        its poses; vertices of the best are shifted to where its error is; the smallest error wins.
+        An animation of the model that the cage is for. The tightest shells are then tried, without
+        and with its poses, and looser ones if all of them fail; vertices of the best cages are
+        shifted to where the error is; the smallest error wins.
         Without a clip, the first flawless candidate is taken, or the better of the first two.
     progress : callable
         Called with (candidates done, candidates) after every one.
@@ -50,31 +52,44 @@ def build_cage(
     NumericalError
         When no candidate passes; no such model is known.
     """
-    settings = settings or BuildSettings()
-    job = Job.start(model, settings, clip)
-    tried: list[Candidate] = []
-    shifts = 0 if clip is None else SHIFTED
-    total = len(job.ladder) + shifts
-    for step, (recipe, poses) in enumerate(job.ladder):
-        candidate = job.try_shell(recipe, poses)
-        if candidate is not None:
-            tried.append(job.measured(candidate))
-        progress(step + 1, total)
-        if clip is None and _is_enough(tried):
-            break
-    if not any(known.verdict.is_valid for known in tried):
-        tried += [job.measured(loose) for loose in job.try_ellipsoids()]
-    valid = sorted((known for known in tried if known.verdict.is_valid), key=rank)
-    for step, candidate in enumerate(valid[:shifts]):
-        tried.append(job.measured(job.try_shift(candidate)))
-        progress(len(job.ladder) + step + 1, total)
+    # Sums of several threads are rounded otherwise, and a choice may hang on that.
+    with limit_blas_threads(1):
+        job = Job.start(model, settings or BuildSettings(), clip)
+        shifts = 0 if clip is None else SHIFTED
+        rungs, total = len(job.ladder), len(job.ladder) + shifts
+        tried = _try_shells(job, lambda done: progress(done, total))
+        if not _list_valid(tried):
+            tried += [job.measure(loose) for loose in job.try_ellipsoids()]
+        for step, candidate in enumerate(sorted(_list_valid(tried), key=rank)[:shifts]):
+            tried.append(job.measure(job.try_shift(candidate)))
+            progress(rungs + step + 1, total)
     progress(total, total)
     return choose_best(tried)
 
 
+def _try_shells(job: Job, progress: Callable[[int], None]) -> list[Candidate]:
+    """Return the candidates of the ladder, and of the reserve while none of them is valid."""
+    tried: list[Candidate] = []
+    for step, (recipe, poses) in enumerate((*job.ladder, *job.reserve)):
+        if step >= len(job.ladder) and _list_valid(tried):
+            break
+        candidate = job.try_shell(recipe, poses)
+        if candidate is not None:
+            tried.append(job.measure(candidate))
+        progress(min(step + 1, len(job.ladder)))
+        if job.clip is None and _is_enough(tried):
+            break
+    return tried
+
+
+def _list_valid(tried: list[Candidate]) -> list[Candidate]:
+    """Return the candidates that may be handed out."""
+    return [candidate for candidate in tried if candidate.verdict.is_valid]
+
+
 def _is_enough(tried: list[Candidate]) -> bool:
     """Return whether the ladder can end, as the rungs that follow are looser."""
-    valid = [candidate.verdict for candidate in tried if candidate.verdict.is_valid]
+    valid = [candidate.verdict for candidate in _list_valid(tried)]
     flawless = any(v.smallest_angle >= GOOD_ANGLE and v.genus == 0 for v in valid)
     return flawless or len(valid) >= ENOUGH
 
@@ -87,7 +102,7 @@ def choose_best(tried: list[Candidate]) -> BuiltCage:
     NumericalError
         When none is valid.
     """
-    valid = [candidate for candidate in tried if candidate.verdict.is_valid]
+    valid = _list_valid(tried)
     if not valid:
         reason = tried[-1].verdict.faults[0] if tried else "nothing could be made of the model"
         raise NumericalError(f"no cage passes the tests, the last one {reason}; please report it")

@@ -19,9 +19,11 @@ INFLATION_TOL = 0.01
 GROWTH = 1.4
 """Factor between the inflations that are tried first."""
 
-
 MAX_HELD_SAMPLES = 50_000
 """Points of a model's surface by which an inflation is judged, about as many at most."""
+
+MIN_VOLUME = 1e-9
+"""Closed models with less, in cubed diagonals, are flat: what they hold is rounding."""
 
 MAX_GAP_SAMPLES = 1500
 """Points of a cage from which the distance to the model is measured, about as many at most."""
@@ -34,7 +36,7 @@ class Looseness:
     Attributes
     ----------
     volume_ratio : float, optional
-        The cage's volume over the model's; None for an open model.
+        The cage's volume over the model's; None for an open or a flat model.
     mean_gap : float
         Mean distance of the cage's surface from the model's, percent of the model's diagonal.
     """
@@ -45,7 +47,7 @@ class Looseness:
 
 def measure_looseness(cage: TriMesh, model: TriMesh) -> Looseness:
     """Compare the room in a cage, closed and turned outward, with its model."""
-    closed = bounds_volume(model) and model.volume != 0
+    closed = bounds_volume(model) and abs(model.volume) > MIN_VOLUME * model.diagonal**3
     samples = sample_surface(cage)
     samples = samples[:: -(-len(samples) // MAX_GAP_SAMPLES)]
     gaps = closest_points(model, samples).distance
@@ -56,7 +58,7 @@ def measure_looseness(cage: TriMesh, model: TriMesh) -> Looseness:
 
 
 def measure_inflation(cage: TriMesh, model: TriMesh) -> float | None:
-    """The smallest offset of all cage vertices along their normals that takes the model inside.
+    """Find the smallest offset of the cage along its normals that takes the model inside.
 
     Parameters
     ----------
@@ -99,7 +101,7 @@ def inflate(cage: TriMesh, distance: float) -> TriMesh:
 
 
 def vertex_normals(mesh: TriMesh) -> Floats:
-    """Unit normals of vertices, (n, 3): those of their faces, weighted by their angles there."""
+    """Return unit normals of vertices, (n, 3): those of their faces, weighted by their angles."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
@@ -110,7 +112,7 @@ def vertex_normals(mesh: TriMesh) -> Floats:
 
 
 def _find_outside(cage: TriMesh, moves: Floats, *samples: Floats) -> Floats:
-    """The samples, (k, 3), that a cage with moved vertices does not hold.
+    """Return the samples, (k, 3), that a cage with moved vertices does not hold.
 
     Of several sets the first with such samples counts: the likeliest, to save the others.
     """

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.cages.looseness import measure_inflation
-from cageik_cli.cages.similarity import find_transform
+from cageik_cli.cages.similarity import MAX_SIZE_RATIO, find_transform
 from cageik_cli.geometry.mesh import TriMesh
 
 MAX_UNINFLATED = 5.0
@@ -111,7 +111,7 @@ def _describe_misplaced(cage: TriMesh, rest: TriMesh) -> str:
     high = np.minimum(cage.vertices.max(axis=0), rest.vertices.max(axis=0))
     if (low > high).any():
         what = "their bounding boxes do not overlap"
-    elif not 0.2 < ratio < 5:
+    elif not 1 / MAX_SIZE_RATIO < ratio < MAX_SIZE_RATIO:
         what = f"the cage is {ratio:.3g} times as large as the model"
     else:
         what = "most of the model is outside"

@@ -59,7 +59,7 @@ class Slicer:
         return cls(mesh, axis, low, high)
 
     def find_cut_faces(self, position: float) -> Integers:
-        """The faces with vertices on both sides; vertices in the plane count as above it."""
+        """Find the faces with vertices on both sides; vertices in the plane count as above it."""
         return np.flatnonzero((self.low < position) & (self.high >= position))
 
     def cut(self, position: float) -> Section:
@@ -85,13 +85,13 @@ def cut_faces(mesh: TriMesh, axis: int, position: float, faces: Integers) -> Sec
 
 
 def find_groups(pairs: Integers, size: int) -> Integers:
-    """Equal numbers for what `pairs`, (p, 2), tie together, (size,)."""
+    """Return equal numbers for what `pairs`, (p, 2), tie together, (size,)."""
     graph = sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
     return np.asarray(csgraph.connected_components(graph, directed=False)[1], np.int64)
 
 
 def winds_around(segments: Floats, point: Floats, axis: int) -> bool:
-    """Whether a loop goes around a point of its plane."""
+    """Return whether a loop goes around a point of its plane."""
     kept = [k for k in range(3) if k != axis]
     one, two = ((segments[:, end] - point)[:, kept] for end in range(2))
     turn = np.arctan2(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0], (one * two).sum(axis=1))
@@ -99,19 +99,19 @@ def winds_around(segments: Floats, point: Floats, axis: int) -> bool:
 
 
 def is_closed(segments: Floats) -> bool:
-    """Whether a loop ends where it begins; it is cut off where the mesh is open."""
+    """Return whether a loop ends where it begins; it is cut off where the mesh is open."""
     ends = segments.sum(axis=0)
     allowed = CLOSED_TOL * len(segments) * measure_box(segments[:, 0])
     return bool(np.linalg.norm(ends[1] - ends[0]) <= allowed)
 
 
 def measure_box(points: Floats) -> float:
-    """Diagonal of the box around points, (k, 3)."""
+    """Return the diagonal of the box around points, (k, 3)."""
     return float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
 def _label_loops(ends: Integers) -> Integers:
-    """The loop of each segment, (s,), by the edges (s, 2, 2) on which they end."""
+    """Number the loop of each segment, (s,), by the edges (s, 2, 2) on which they end."""
     flat = np.sort(ends.reshape(-1, 2), axis=1)
     keys: Integers = flat[:, 0] * (int(flat.max(initial=0)) + 1) + flat[:, 1]
     _, edge = np.unique(keys, return_inverse=True)

@@ -99,8 +99,8 @@ def _find_loose_cage(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
         severity="warning",
         message=f"the cage is loose: {_describe_looseness(looseness)}, where a built cage of "
         f"{count} vertices typically has {_describe_typical(looseness, rest, typical)}",
-        remedy="move it closer to the model, or build one with cageik cage; a loose cage follows "
-        "the motion poorly",
+        remedy="move it closer to the model, or build one with cageik cage, with more vertices if "
+        "this one was built; a loose cage follows the motion poorly",
         elements="",
         numbers=NO_NUMBERS,
         value=looseness.mean_gap,
@@ -115,7 +115,7 @@ def _describe_looseness(looseness: Looseness) -> str:
 
 
 def _describe_typical(looseness: Looseness, rest: TriMesh, gap: float) -> str:
-    """What built cages reach: their gap all over the surface of this model adds to its volume."""
+    """Say what built cages reach: their gap, all over this surface, adds to the volume."""
     if looseness.volume_ratio is None:
         return f"{gap:.2g} %"
     layer = float(face_areas(rest).sum()) * gap / 100 * rest.diagonal

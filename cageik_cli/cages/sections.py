@@ -31,7 +31,6 @@ MIN_LOOP_SIZE = 0.025
 MIN_RUN = 2
 """Limbs share a loop in so many sections that follow each other; in fewer, a section grazes."""
 
-
 MIN_GAP = 0.008
 """Limbs nearer to each other than this, in diagonals, count as one: no cage fits between."""
 
@@ -106,7 +105,7 @@ def find_shared_sections(
 
 
 def _find_at(cage: Slicer, model: Slicer, position: float) -> list[SharedSection]:
-    """The places in one section."""
+    """Find the places in one section."""
     axis, mesh = model.axis, model.mesh
     inner = model.cut(position)
     loops = _find_limb_loops(inner, axis, MIN_LOOP_SIZE * mesh.diagonal)
@@ -144,7 +143,7 @@ def _group_loops(
 
 
 def _find_limb_loops(section: Section, axis: int, min_size: float) -> list[Integers]:
-    """The segments of each loop that is large, and in no other."""
+    """Return the segments of each loop that is large, and in no other."""
     order = np.argsort(section.loops, kind="stable")
     starts = np.flatnonzero(np.diff(section.loops[order])) + 1
     large = [
@@ -154,19 +153,27 @@ def _find_limb_loops(section: Section, axis: int, min_size: float) -> list[Integ
         and measure_box(section.segments[loop][:, 0]) >= min_size
         and is_closed(section.segments[loop])
     ]
-    return [
-        loop
-        for loop in large
-        if not any(
-            winds_around(section.segments[other], section.segments[loop][0, 0], axis)
-            for other in large
-            if other is not loop
-        )
-    ]
+    return _drop_held_loops(large, section.segments, axis)
+
+
+def _drop_held_loops(large: list[Integers], segments: Floats, axis: int) -> list[Integers]:
+    """Return the loops that no other one goes around."""
+    first = np.array([segments[loop[0], 0] for loop in large]).reshape(-1, 3)
+    held = np.zeros(len(large), bool)
+    for number, other in enumerate(large):
+        border = segments[other]
+        # A loop goes around no point outside its box, which is quick to see.
+        inside = (first >= border[:, 0].min(axis=0)) & (first <= border[:, 0].max(axis=0))
+        inside[:, axis] = True
+        near = inside.all(axis=1) & ~held
+        near[number] = False
+        for k in np.flatnonzero(near):
+            held[k] = winds_around(border, first[k], axis)
+    return [loop for loop, is_held in zip(large, held, strict=True) if not is_held]
 
 
 def _label_limbs(model: Slicer, position: float) -> Integers:
-    """Which vertices the surface joins near a plane: equal numbers, (m,); −1 for others."""
+    """Return equal numbers, (m,), for what the surface joins near a plane; −1 for others."""
     mesh = model.mesh
     height = mesh.vertices[:, model.axis] - position
     near = np.abs(height) < LIMB_LENGTH * mesh.diagonal
@@ -180,7 +187,7 @@ def _label_limbs(model: Slicer, position: float) -> Integers:
 
 
 def _join_parts(parts: list[Floats], limbs: Integers, min_gap: float) -> list[Floats]:
-    """The points of each limb: loops of one limb, and loops that nearly touch, are one."""
+    """Return the points of each limb: loops of one limb, and loops that nearly touch, are one."""
     near = [
         (i, j)
         for i in range(len(parts))
@@ -199,7 +206,7 @@ def _measure_gap(one: Floats, other: Floats) -> float:
 
 
 def _describe(parts: list[Floats], axis: int) -> SharedSection:
-    """The place where limbs, the points of each (k, 3), are in one loop."""
+    """Describe the place where limbs, the points of each (k, 3), are in one loop."""
     gap = min(_measure_gap(*pair) for pair in combinations(parts, 2))
     points = np.concatenate(parts)
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -207,7 +214,7 @@ def _describe(parts: list[Floats], axis: int) -> SharedSection:
 
 
 def _continue_run(place: SharedSection, before: list[list[SharedSection]]) -> list[SharedSection]:
-    """The run of the section before that this place goes on with, or a new one."""
+    """Return the run of the section before that this place continues, or a new one."""
     for run in before:
         away = np.delete(run[-1].centre - place.centre, place.axis)
         if np.linalg.norm(away) < (run[-1].size + place.size) / 4:

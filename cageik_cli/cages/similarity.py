@@ -104,7 +104,7 @@ def find_transform(cage: TriMesh, model: TriMesh) -> Transform | None:
 def _take_best(
     found: list[tuple[float, Candidate]], cage: TriMesh, model: TriMesh
 ) -> Transform | None:
-    """The candidate of least cost, of those that then need little inflation."""
+    """Take the candidate of least cost, of those that then need little inflation."""
     best, least = None, np.inf
     samples = sample_surface(model)
     samples = samples[:: -(-len(samples) // MAX_FIT_POINTS)]
@@ -128,12 +128,12 @@ def _max_share(candidate: Candidate) -> float:
 
 
 def _measure_cost(candidate: Candidate, percent: float) -> float:
-    """What speaks against an explanation: one more difference, or one more percent missing."""
+    """Return what speaks against an explanation: a difference costs what a percent does."""
     return candidate.complexity + percent
 
 
 def _list_candidates(cage: TriMesh, model: TriMesh) -> Iterator[Candidate]:
-    """All turns by quarters, mirrored or not, with scales that fit the extents."""
+    """List all turns by quarters, mirrored or not, with scales that fit the extents."""
     low, high = EXTENT_RATIOS
     inner = np.ptp(model.vertices, axis=0)
     slack = 1e-3 * model.diagonal  # flat models
@@ -198,7 +198,7 @@ def _take_step(candidate: Candidate, moved: TriMesh, outside: Floats) -> Candida
 
 
 def _measure_depth(cage: TriMesh, points: Floats) -> float:
-    """How far the point that is furthest outside is."""
+    """Return how far the point that is furthest outside is."""
     outside = points[winding_numbers(cage, points) < 0.5]
     if len(outside) == 0:
         return 0.0
@@ -210,7 +210,7 @@ def _is_oversized(cage: TriMesh, model: TriMesh) -> bool:
 
 
 def _is_of_size(candidate: Candidate, cage: TriMesh, model: TriMesh) -> bool:
-    """Whether a cage is about as large as the model along every axis."""
+    """Return whether a cage is about as large as the model along every axis."""
     outer, inner = np.ptp(cage.vertices, axis=0), np.ptp(model.vertices, axis=0)
     low, high = EXTENT_RATIOS
     if candidate.is_scaled:

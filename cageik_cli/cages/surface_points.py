@@ -1,9 +1,14 @@
 """Points all over a surface: its vertices, and points on its large faces."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
+
+MAX_BLOCK = 1_000_000
+"""Points that are made at once, the vertices aside."""
 
 
 def sample_surface(surface: TriMesh, spacing: float, max_points: int) -> Floats:
@@ -15,12 +20,18 @@ def sample_surface(surface: TriMesh, spacing: float, max_points: int) -> Floats:
     spacing : float
         Points on a face are no further apart than this, file units.
     max_points : int
-        They are further apart where there would be more than so many, the vertices aside.
+        They are further apart where the area has room for more than so many. Needles may have more,
+        as they have hardly any area.
 
     Returns
     -------
     (s, 3), the vertices first.
     """
+    return np.concatenate(list(sample_in_blocks(surface, spacing, max_points)))
+
+
+def sample_in_blocks(surface: TriMesh, spacing: float, max_points: int) -> Iterator[Floats]:
+    """Yield the points of `sample_surface` in blocks (k, 3), for meshes with many needles."""
     corners = surface.vertices[surface.faces]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -29,8 +40,13 @@ def sample_surface(surface: TriMesh, spacing: float, max_points: int) -> Floats:
     parts = np.ceil(np.minimum(sides / spacing, max_points**0.5)).astype(np.int64)
     points = [surface.vertices]
     for count in np.unique(parts[parts > 1]).tolist():
-        points.append(divide_triangles(corners[parts == count], count))
-    return np.concatenate(points)
+        divided, step = corners[parts == count], max(1, 2 * MAX_BLOCK // (count + 2) ** 2)
+        for start in range(0, len(divided), step):
+            points.append(divide_triangles(divided[start : start + step], count))
+            if sum(map(len, points)) >= MAX_BLOCK:
+                yield np.concatenate(points)
+                points = []
+    yield np.concatenate([np.empty((0, 3)), *points])
 
 
 def divide_triangles(corners: Floats, parts: int) -> Floats:

@@ -64,7 +64,7 @@ class Transform:
         return bool(np.linalg.det(self.matrix) < 0)
 
     def apply(self, points: Floats) -> Floats:
-        """Points, (k, 3), brought to the model."""
+        """Return points, (k, 3), brought to the model."""
         return np.asarray(points @ self.matrix.T + self.offset)
 
 
@@ -107,14 +107,14 @@ class Candidate:
         return turns + scales + 2 * int(self.is_moved)
 
     def apply_to_mesh(self, mesh: TriMesh) -> TriMesh:
-        """A mesh brought to the model, its faces turned if it is mirrored."""
+        """Return a mesh brought to the model, its faces turned if it is mirrored."""
         points = mesh.vertices @ (self.scale * self.rotation).T + self.offset
         moved = TriMesh(points, mesh.faces)
         return moved.flip() if np.linalg.det(self.rotation) < 0 else moved
 
 
 def name_candidate(candidate: Candidate, diagonal: float) -> str:
-    """How the cage differs from what the model needs, in words that follow `the cage is`."""
+    """Say how the cage differs from what the model needs, to follow `the cage is`."""
     parts = [_name_rotation(candidate.rotation)]
     if candidate.is_scaled:
         parts.append(f"scaled by {1 / candidate.scale:.3g}")

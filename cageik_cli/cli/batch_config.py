@@ -125,8 +125,8 @@ class ClipTables:
         for name in options:
             if name in self._batch_options:
                 raise click.BadParameter(
-                    f"{file}: {name_table(title)} sets {name}, which applies to the whole batch; "
-                    "remove it, or use the option of cageik batch"
+                    f"{file}: {name_table(title)} sets {self._name_option(name)}, which no clip of "
+                    "a batch has of its own; remove it, or use an option of cageik batch"
                 )
         return {
             name: _resolve_path(file, value, folder)
@@ -134,6 +134,11 @@ class ClipTables:
             else value
             for name, value in options.items()
         }
+
+    def _name_option(self, name: str) -> str:
+        """Name a parameter as a file of options does."""
+        options = [option for option in self._command.params if option.name == name]
+        return max(options[0].opts, key=len).removeprefix("--")
 
 
 def _resolve_path(file: Path, value: str, folder: Path) -> str:

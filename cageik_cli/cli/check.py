@@ -95,9 +95,9 @@ def check_command(
 
     The cage alone is checked, or the cage and the rest pose of FRAMES in it. Each finding has the
     numbers of its vertices or faces. The verdict is fit, usable (it binds, with warnings) or unfit
-    (exit code 1). --plot and --marked show those that have a place: vertices and faces with a fault
-    have its colour, the number in the picture is that of the list which is then printed. The mesh
-    of --marked is the cage followed by the rest pose.
+    (exit code 1). --plot and --marked show the faults that have a place, each in its colour. Its
+    number in the picture is that in the list that is printed below the findings. The mesh of
+    --marked is the cage followed by the rest pose.
     """
     from cageik_cli.util.outputs import check_no_overlap, check_writable
     from cageik_cli.workflows.check import (
@@ -122,6 +122,9 @@ def check_command(
         click.echo(format_check_text(result), err=is_on_stdout)
         if views.plot is not None or views.marked is not None:
             click.echo(format_marks_text(result), err=is_on_stdout)
+        for path in outputs:
+            if path is not None and str(path) != "-":
+                click.echo(f"wrote {path}", err=is_on_stdout)
     if result.diagnosis.verdict == "unfit":
         raise click.exceptions.Exit(1)
 

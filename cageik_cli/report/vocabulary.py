@@ -61,7 +61,7 @@ CAUSES = {
     ),
     Cause.COARSE_FACES: CauseWords(
         "cage faces larger than the region",
-        "large faces: divide the cage faces that are named",
+        "large faces: divide the cage faces that are named, or build a cage of more vertices",
     ),
     Cause.UNKNOWN: CauseWords(
         "not known, the cage looks fit",

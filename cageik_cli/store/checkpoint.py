@@ -222,11 +222,11 @@ def delete_checkpoint(path: Path) -> None:
 
 
 def is_checkpoint(path: Path) -> bool:
-    """Return whether a file starts as a checkpoint does."""
+    """Return whether a file starts as a checkpoint does, of this or of another version."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
+        return file.read(len(FORMAT)) == FORMAT
 
 
 def checkpoint_progress(path: Path) -> tuple[int, int]:

@@ -83,6 +83,11 @@ class EntryFormat(Generic[Entry]):
         return f"cageik {self.name} 1\n".encode()
 
     @property
+    def field_names(self) -> list[str]:
+        """Return the names of all fields of an entry."""
+        return [field.name for field in fields(self.entry_type)]  # type: ignore[arg-type]  # a dataclass
+
+    @property
     def file_start(self) -> struct.Struct:
         """Return the layout of what precedes the header: magic, digest and length of it."""
         return struct.Struct(f"<{len(self.magic)}s{_DIGEST_BYTES}sQ")
@@ -90,10 +95,7 @@ class EntryFormat(Generic[Entry]):
 
 def pack_entry(entry_format: EntryFormat[Entry], key: str, entry: Entry) -> list[memoryview]:
     """Return the parts of an entry's file, in order."""
-    values = {
-        field.name: getattr(entry, field.name)
-        for field in fields(entry_format.entry_type)  # type: ignore[arg-type]  # a dataclass
-    }
+    values = {name: getattr(entry, name) for name in entry_format.field_names}
     arrays = [as_bytes(values[name], dtype) for name, dtype in entry_format.arrays.items()]
     shapes = {name: values[name].shape for name in entry_format.arrays}
     header = {"key": key, "digest": _compute_digest(arrays).hex(), **values, **shapes}
@@ -120,6 +122,8 @@ def read_entry(entry_format: EntryFormat[Entry], path: Path, key: str) -> Entry:
         header = _read_header(entry_format, file)
         if header.pop("key") != key:
             raise CorruptEntry("is the entry of another key")
+        if set(header) != {"digest", *entry_format.field_names}:
+            raise CorruptEntry("is the entry of another version of cageik")
         expected = bytes.fromhex(header.pop("digest"))
         arrays = {
             name: np.empty(header.pop(name), dtype) for name, dtype in entry_format.arrays.items()

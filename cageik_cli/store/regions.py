@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import h5py
+import numpy as np
 
 from cageik_cli.solver.metrics import MAX_LENGTH
 from cageik_cli.solver.region_causes import Cause, Evidence
@@ -123,6 +124,9 @@ def _parse_region(record: dict[str, Any]) -> StoredRegion:
 
 
 def _check_region(region: StoredRegion, counts: RegionCounts) -> None:
+    figures = [value for value in asdict(region.evidence).values() if not isinstance(value, bool)]
+    if not np.isfinite(figures).all():
+        raise _make_error(f"has evidence that is not finite (found {region.evidence})")
     numbers = [
         ("frames", counts.frames, (region.frame,)),
         ("vertices", counts.vertices, (region.worst_vertex,)),
@@ -134,8 +138,14 @@ def _check_region(region: StoredRegion, counts: RegionCounts) -> None:
     lengths = (region.size, region.max_deviation)
     if not all(0 <= length <= MAX_LENGTH for length in lengths):
         raise _make_error(f"has sizes or deviations that are no lengths (found {lengths})")
-    if not 0 < len(region.cage_faces) <= MAX_CAGE_FACES or region.vertices < 1:
-        raise _make_error("has a region without vertices, or without cage faces")
+    if not 0 < len(region.cage_faces) <= MAX_CAGE_FACES:
+        raise _make_error(
+            f"has a region near {len(region.cage_faces)} cage faces, expected 1 to {MAX_CAGE_FACES}"
+        )
+    if not 1 <= region.vertices <= counts.vertices:
+        raise _make_error(
+            f"has a region of {region.vertices} vertices, expected 1 to {counts.vertices}"
+        )
     if not all(abs(place) <= MAX_LENGTH for place in region.centre):
         raise _make_error("has a centre that is too far away")
 

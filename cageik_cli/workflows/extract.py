@@ -103,11 +103,17 @@ def run_extraction(
 
 
 def _write_cage(plan: ExtractionPlan, cage: TriMesh) -> None:
-    """Write the cage that was built, if that is asked for."""
-    settings = plan.settings
-    if settings.cage_output is not None:
-        may_replace = settings.overwrite or settings.resume
-        write_bytes(settings.cage_output, encode_exact_obj(cage.vertices, cage.faces), may_replace)
+    """Write the cage that was built, if that is asked for.
+
+    The file that an interrupted run wrote is kept; another one is replaced only with `overwrite`.
+    """
+    path = plan.settings.cage_output
+    if path is None:
+        return
+    data = encode_exact_obj(cage.vertices, cage.faces)
+    is_kept = plan.settings.resume and path.is_file() and path.read_bytes() == data
+    if not is_kept:
+        write_bytes(path, data, plan.settings.overwrite)
 
 
 def _solve_and_write(

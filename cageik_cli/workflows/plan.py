@@ -179,8 +179,6 @@ def check_output_path(settings: ExtractSettings) -> None:
     may_replace = settings.overwrite or settings.resume
     check_writable(settings.output, may_replace)
     check_hdf5_suffix(settings.output)
-    if settings.cage_output is not None:
-        check_cage_output(settings.cage_output, may_replace)
     checkpoint_file = checkpoint_path(settings.output)
     if checkpoint_file.exists() and not may_replace:
         done, count = checkpoint_progress(checkpoint_file)
@@ -188,6 +186,8 @@ def check_output_path(settings: ExtractSettings) -> None:
             f"{checkpoint_file}: checkpoint found ({done} of {count} frames): continue with "
             "--resume or start over with --overwrite"
         )
+    if settings.cage_output is not None:
+        check_cage_output(settings.cage_output, may_replace)
 
 
 def plan_extraction(

@@ -1,7 +1,11 @@
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
+from cageik_cli.cages import build as build_module
 from cageik_cli.cages.build import BuildSettings, Clip, build_cage
+from cageik_cli.cages.building import job as job_module
+from cageik_cli.cages.building.shell import ShellRecipe
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FormatError
@@ -94,6 +98,37 @@ def test_the_candidate_of_the_least_error_is_taken_for_a_clip():
     assert_good(built.cage, model, 40)
     assert built.cage.volume == min(volumes)
     assert {c.error for c in built.candidates if c.verdict.is_valid} == set(volumes)
+
+
+@pytest.mark.usefixtures("coarse_grids")
+def test_looser_shells_are_tried_for_a_clip_when_the_tight_ones_fail(monkeypatch):
+    tight, make_shell = ShellRecipe(0.03, 0.04), job_module.make_shell
+    monkeypatch.setattr(job_module, "LADDER", (tight, *job_module.LADDER))
+    monkeypatch.setattr(job_module, "POSED_RUNGS", 1)
+    monkeypatch.setattr(build_module, "SHIFTED", 0)
+    monkeypatch.setattr(
+        job_module,
+        "make_shell",
+        lambda grid, recipe: None if recipe is tight else make_shell(grid, recipe),
+    )
+    clip = Clip(ball(3).vertices[None], lambda cage: 1.0)
+    built = build_cage(ball(3), BuildSettings(vertices=30), clip)
+    assert built.chosen.recipe == "shell 4 % closed by 8 %"
+
+
+@pytest.mark.usefixtures("coarse_grids")
+def test_the_number_of_threads_does_not_change_sums(monkeypatch):
+    """Products of several threads are rounded otherwise: every choice is made with one."""
+    monkeypatch.setattr(build_module, "SHIFTED", 0)
+    found = []
+
+    def measure(cage):
+        found.extend(lib["num_threads"] for lib in threadpool_info() if lib["user_api"] == "blas")
+        return 1.0
+
+    with threadpool_limits(2, user_api="blas"):
+        build_cage(ball(3), BuildSettings(vertices=30), Clip(ball(3).vertices[None], measure))
+    assert set(found) == {1}
 
 
 def test_a_model_that_is_one_point_is_refused():

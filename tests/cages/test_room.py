@@ -8,7 +8,7 @@ from cageik_cli.cages.similarity import MAX_SIZE_RATIO
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from tests.cages.test_sections import trousers
-from tests.shapes import ball, box, finer
+from tests.shapes import ball, box, finer, rotation
 
 
 def scaled(mesh, factor):
@@ -48,6 +48,13 @@ def test_the_warning_has_the_ratio_of_volumes_and_what_a_built_cage_has():
 def test_an_open_model_has_a_mean_gap_only():
     opened = TriMesh(MODEL.vertices, MODEL.faces[1:])
     (loose,) = find_room_faults(box(2.0), opened)
+    assert "volume" not in loose.message
+
+
+def test_a_closed_model_that_is_flat_has_a_mean_gap_only():
+    flat = TriMesh(MODEL.vertices * [1, 1, 0] @ rotation(1).T, MODEL.faces)
+    assert flat.volume != 0
+    (loose,) = find_room_faults(box(2.0), flat)
     assert "volume" not in loose.message
 
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from cageik_cli.cages import sections as module
 from cageik_cli.cages.plane_sections import Slicer, winds_around
 from cageik_cli.cages.sections import find_shared_sections
 from cageik_cli.geometry.mesh import TriMesh
@@ -113,3 +114,22 @@ def test_a_body_in_another_body_is_no_limb():
         np.concatenate([outer.faces, inner.faces + count, beside.faces + 2 * count]),
     )
     assert find_shared_sections(box(3.0), model) == []
+
+
+def test_only_loops_in_each_others_boxes_are_compared(monkeypatch):
+    """A thousand loops would be a million comparisons."""
+    calls = []
+
+    def count(*arguments):
+        calls.append(arguments)
+        return winds_around(*arguments)
+
+    monkeypatch.setattr(module, "winds_around", count)
+    row = [ball(2).vertices + np.array([1.2 * k, 0, 0]) for k in range(12)]
+    model = TriMesh(
+        np.concatenate(row),
+        np.concatenate([ball(2).faces + k * len(ball(2).vertices) for k in range(12)]),
+    )
+    assert find_shared_sections(TriMesh(20 * box().vertices, box().faces), model) == []
+    # Each loop of the model is compared with the one loop of the cage.
+    assert len(calls) <= 12 * 24 * 3

@@ -98,6 +98,13 @@ def test_what_is_no_option_is_refused_by_the_files_name(text, says):
     assert TABLES().find_auxiliary_files(Path("walk")) == set()
 
 
+def test_an_option_is_named_as_it_is_typed():
+    write("cageik.toml", 'cage-out = "{clip}/cage.obj"\n')
+    tables = ClipTables(extract_command, ("extract",), ("cage_output",))
+    with pytest.raises(click.BadParameter, match="sets cage-out, "):
+        tables.collect_options(Path("walk").absolute(), Path("walk").absolute())
+
+
 def test_a_table_of_clips_may_stand_beside_those_of_commands(run):
     write("cageik.toml", '[clips."w*"]\nfps = 25\n[info]\nquiet = true\n[nonsense]\n')
     outcome = run("info", "--config", "cageik.toml", "x")

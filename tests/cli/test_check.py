@@ -145,6 +145,7 @@ def test_a_picture_and_coloured_vertices_show_the_faults(run, small_cage):
     outcome = run(*typed, "--marked", "faults.ply")
     assert outcome.code == 1
     assert "fault 1        outside: 6 vertices (0, 1, 2, ...)" in outcome.out
+    assert outcome.out.endswith("wrote faults.png\nwrote faults.ply\n")
     assert Path("faults.png").read_bytes().startswith(b"\x89PNG")
     mesh = trimesh.load("faults.ply", process=False)
     assert mesh.vertices.shape == (8 + 18, 3)
@@ -156,6 +157,18 @@ def test_a_picture_and_coloured_vertices_show_the_faults(run, small_cage):
     assert "faults.png: exists already" in again.err
     run(*typed, "--marked", "faults.ply", "--overwrite")
     assert (Path("faults.png").read_bytes(), Path("faults.ply").read_bytes()) == first
+
+
+def test_a_single_element_is_named_in_the_singular(run, fixtures_folder, tmp_path):
+    """The kinds of elements that a fault can have."""
+    for case, says in [
+        ("cage_degenerate_face", "repeated vertex: face 12"),
+        ("cage_non_manifold", "non manifold edge: edge 6-7"),
+        ("cage_pinched", "pinched vertex: vertex 7"),
+    ]:
+        cage = fixtures_folder / "broken" / case / "cage.obj"
+        outcome = run("check", "--cage", cage, "--marked", tmp_path / f"{case}.ply")
+        assert f"fault 1        {says}\n" in outcome.out
 
 
 def test_a_fit_cage_can_be_drawn_too(run, folder):

@@ -1,7 +1,7 @@
 """The file of an entry: what is read is what was packed, or nothing."""
 
 import json
-from dataclasses import replace
+from dataclasses import make_dataclass, replace
 
 import numpy as np
 import pytest
@@ -45,6 +45,14 @@ def test_any_flipped_bit_is_detected(path):
 def test_the_entry_of_another_key_is_refused(path):
     path.write_bytes(b"".join(pack_entry(WEIGHTS, OTHER, entry())))
     with pytest.raises(CorruptEntry, match="is the entry of another key"):
+        read_entry(WEIGHTS, path, KEY)
+
+
+def test_an_entry_with_other_fields_is_refused(path):
+    """As another version of the program may have written it, under the same key."""
+    other = replace(WEIGHTS, entry_type=make_dataclass("Other", ["faces", "weights", "seconds"]))
+    path.write_bytes(b"".join(pack_entry(other, KEY, entry())))
+    with pytest.raises(CorruptEntry, match="is the entry of another version"):
         read_entry(WEIGHTS, path, KEY)
 
 

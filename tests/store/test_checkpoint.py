@@ -266,6 +266,15 @@ def test_a_resumed_run_keeps_the_size_of_its_blocks(log):
     checkpoint.close()
 
 
+def test_a_checkpoint_of_an_earlier_version_is_known_as_one(tmp_path):
+    path = tmp_path / "cages.h5.partial"
+    path.write_bytes(b"cageik.partial 1\n" + bytes(99))
+    assert is_checkpoint(path)
+    for read in (checkpoint_progress, delete_checkpoint):
+        with pytest.raises(CheckpointError, match=r"cages\.h5\.partial: .*another version"):
+            read(path)
+
+
 def test_a_file_that_is_not_a_checkpoint_is_refused_and_kept(tmp_path):
     path = tmp_path / "cages.h5.partial"
     path.write_text("my diary")

@@ -113,6 +113,9 @@ def test_a_checkpoint_is_not_overwritten_unasked(plain):
         "cages.h5.partial: checkpoint found (2 of 5 frames): continue with --resume or start over "
         "with --overwrite"
     )
+    built = replace(plain, cage=None, cage_output=Path("cage.obj"))  # by the interrupted run
+    with pytest.raises(CheckpointError, match="checkpoint found"):
+        check_output_path(built)
     for change in ({"resume": True}, {"overwrite": True}):
         check_output_path(replace(plain, **change))
 
@@ -171,6 +174,23 @@ def test_a_result_with_a_built_cage_is_kept_and_nothing_is_built(plain, monkeypa
         extract(replace(settings, build=BuildSettings(21)))
     with pytest.raises(CheckpointError, match="other settings"):
         extract(replace(settings, cage=Path("cage.obj")))
+
+
+@pytest.mark.usefixtures("coarse_grids")
+def test_to_resume_does_not_replace_other_files(plain):
+    """The file of the cage stays if the interrupted run has written it, and is refused if not."""
+    settings = replace(plain, cage=None, build=BuildSettings(20), cage_output=Path("built.obj"))
+    Path("built.obj").write_text("precious")
+    for _ in ("no result yet", "a complete result"):
+        with pytest.raises(OutputError, match=r"built\.obj: exists already"):
+            extract(replace(settings, resume=True))
+        assert Path("built.obj").read_text() == "precious"
+        extract(replace(settings, cage_output=None, resume=True))
+    extract(replace(settings, resume=True, overwrite=True))
+    written = Path("built.obj").read_bytes()
+    extract(replace(settings, resume=True))
+    assert written != b"precious"
+    assert Path("built.obj").read_bytes() == written
 
 
 @pytest.mark.usefixtures("coarse_grids")

@@ -46,16 +46,20 @@ def _spanning_tree(parts: list[Floats]) -> Floats:
     return np.array(found).reshape(-1, 2, 3)
 
 
-def segment_distance(grid: DistanceGrid, segments: Floats) -> Floats:
-    """Return distance of every node from the nearest segment, infinite if there is none."""
+def measure_segment_distance(grid: DistanceGrid, segments: Floats, reach: float) -> Floats:
+    """Return the distance of every node from the nearest segment.
+
+    It is exact up to `reach`; nodes further from all segments may have infinity.
+    """
     nearest = np.full(grid.distance.shape, np.inf)
-    if len(segments) == 0:
-        return nearest
-    nodes = grid.positions(np.indices(grid.distance.shape).reshape(3, -1).T)
-    flat = nearest.reshape(-1)
     for start, stop in segments:
+        low, high = np.minimum(start, stop) - reach, np.maximum(start, stop) + reach
+        first = np.maximum(np.ceil((low - grid.origin) / grid.cell), 0).astype(np.int64)
+        last = np.floor((high - grid.origin) / grid.cell).astype(np.int64)
+        box = nearest[tuple(slice(a, b + 1) for a, b in zip(first, last, strict=True))]
+        nodes = grid.positions(np.indices(box.shape).reshape(3, -1).T + first)
         along = stop - start
-        square = max(float(along @ along), 1e-300)
-        share = np.clip((nodes - start) @ along / square, 0, 1)
-        np.minimum(flat, np.linalg.norm(nodes - start - share[:, None] * along, axis=1), out=flat)
+        share = np.clip((nodes - start) @ along / max(float(along @ along), 1e-300), 0, 1)
+        apart = np.linalg.norm(nodes - start - share[:, None] * along, axis=1)
+        np.minimum(box, apart.reshape(box.shape), out=box)
     return nearest

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from cageik_cli.cages.building.unit import MAX_SAMPLES, SPACING
-from cageik_cli.cages.surface_points import sample_surface
+from cageik_cli.cages.surface_points import sample_in_blocks
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
@@ -59,8 +59,8 @@ def measure_grid(surface: TriMesh, cell: float, reach: float) -> DistanceGrid:
 
 def _coarse_distance(surface: TriMesh, origin: Floats, cell: float, shape: Integers) -> Floats:
     """Return distance from every node to the nearest node beside a point of the surface."""
-    samples = sample_surface(surface, SPACING, MAX_SAMPLES)
-    node = np.rint((samples - origin) / cell).astype(np.int64)
     free = np.ones(tuple(shape), bool)
-    free[tuple(node.T)] = False
+    for samples in sample_in_blocks(surface, SPACING, MAX_SAMPLES):
+        node = np.rint((samples - origin) / cell).astype(np.int64)
+        free[tuple(node.T)] = False
     return np.asarray(cell * ndimage.distance_transform_edt(free))

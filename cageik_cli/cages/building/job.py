@@ -24,7 +24,7 @@ FEWEST_SHARE = 0.9
 """A cage has at least this share of the vertices asked for."""
 
 POSED_RUNGS = 3
-"""Rungs of the ladder that are tried for an animation."""
+"""Rungs of the ladder that are tried for an animation; the others only if all of them fail."""
 
 FINE_CELL, COARSE_CELL = 0.007, 0.014
 """Cells of the grids, in diagonals."""
@@ -50,11 +50,27 @@ LADDER = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """The data that all candidates of a model share."""
+    """The data that all candidates of a model share.
+
+    Attributes
+    ----------
+    unit : UnitModel
+    demand : Demand
+    ladder : tuple
+        The shells to try, and the poses that decide which of their vertices are kept.
+    reserve : tuple
+        The same, to try one after another while no cage passes.
+    clip : Clip, optional
+    motion : Motion, optional
+        That of the clip.
+    grids : dict
+        Grids by their cells, filled as they are needed.
+    """
 
     unit: UnitModel
     demand: Demand
     ladder: tuple[tuple[ShellRecipe, Poses], ...]
+    reserve: tuple[tuple[ShellRecipe, Poses], ...]
     clip: Clip | None
     motion: Motion | None
     grids: dict[float, DistanceGrid]
@@ -66,13 +82,15 @@ class Job:
         fewest = int(np.ceil(FEWEST_SHARE * settings.vertices))
         still, motion = Poses.none(), None
         ladder = tuple((recipe, still) for recipe in LADDER)
+        reserve = ladder[:0]
         if clip is not None:
             rest, frames = (unit.to_units(points) for points in (model.vertices, clip.frames))
             aligned = align_poses(rest, frames)
             poses, motion = choose_poses(rest, aligned), Motion.reduce(rest, aligned)
+            reserve = ladder[POSED_RUNGS:]
             ladder = tuple((recipe, p) for recipe in LADDER[:POSED_RUNGS] for p in (poses, still))
         demand = Demand(unit.surface, unit.samples, settings.clearance, fewest, settings.vertices)
-        return Job(unit, demand, ladder, clip, motion, {})
+        return Job(unit, demand, ladder, reserve, clip, motion, {})
 
     def try_shell(self, recipe: ShellRecipe, poses: Poses) -> Candidate | None:
         """Return a candidate from a shell; None if the grid carries no such shell."""
@@ -84,26 +102,26 @@ class Job:
         if len(poses.posed):
             name += f", {len(poses.posed)} poses"
         notes = _shell_notes(shell, self.unit)
-        candidate = self._judged(name, cage, notes, recipe.offset)
+        candidate = self._make_candidate(name, cage, notes, recipe.offset)
         if not candidate.verdict.is_valid:
             return candidate
         stronger = replace_weak_vertices(cage, self.demand)
         if stronger is cage:
             return candidate
-        replaced = self._judged(name, stronger, notes, recipe.offset)
+        replaced = self._make_candidate(name, stronger, notes, recipe.offset)
         return replaced if replaced.verdict.is_valid else candidate
 
     def try_ellipsoids(self) -> list[Candidate]:
         """Return loose candidates: an ellipsoid drawn in, and where that fails, as it is."""
         notes = (
             "no cage that follows the model passed the tests; this is an ellipsoid drawn in, which "
-            "expresses less: more vertices or a smaller clearance may help",
+            "expresses less: more vertices or another clearance may help",
         )
         tried: list[Candidate] = []
         for name, draws in (("ellipsoid drawn in", DRAWS), ("ellipsoid", 0)):
             cage = wrap_ellipsoid(self.demand, draws)
             cage, _ = complete_clearance(cage, self.demand, self.demand.samples, COMPLETIONS)
-            tried.append(self._judged(name, cage, notes, np.inf))
+            tried.append(self._make_candidate(name, cage, notes, np.inf))
             if tried[-1].verdict.is_valid:
                 break
         return tried
@@ -114,15 +132,15 @@ class Job:
         cage = TriMesh(self.unit.to_units(candidate.cage.vertices), candidate.cage.faces)
         cage, moved = shift_vertices(cage, self.demand, self.motion)
         recipe = f"{candidate.recipe}, {moved} vertices shifted"
-        return self._judged(recipe, cage, candidate.notes, candidate.offset)
+        return self._make_candidate(recipe, cage, candidate.notes, candidate.offset)
 
-    def measured(self, candidate: Candidate) -> Candidate:
+    def measure(self, candidate: Candidate) -> Candidate:
         """Return the candidate with its error, if it is valid and there is a clip."""
         if self.clip is None or not candidate.verdict.is_valid:
             return candidate
         return replace(candidate, error=self.clip.measure(candidate.cage))
 
-    def _judged(
+    def _make_candidate(
         self, recipe: str, cage: TriMesh, notes: tuple[str, ...], offset: float
     ) -> Candidate:
         """Judge a cage as it is after rounding to file units."""
@@ -149,10 +167,10 @@ def _shell_notes(shell: Shell, unit: UnitModel) -> tuple[str, ...]:
         (handles, "handles are left where parts touch: they move together", shell.webs),
     ):
         if count:
-            notes.append(f"{what} ({count}), at {_places(unit.to_file_units(places))}")
+            notes.append(f"{what} ({count}), at {_format_places(unit.to_file_units(places))}")
     return tuple(notes)
 
 
-def _places(points: Floats) -> str:
+def _format_places(points: Floats) -> str:
     """Return some places, such as (1, 2, 3)."""
     return join_truncated((f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in points), limit=3)

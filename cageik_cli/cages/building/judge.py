@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.cages.building.clearance import find_near_points
+from cageik_cli.cages.building.decimate import euler_characteristic
 from cageik_cli.cages.quality import MIN_ANGLE, find_thin_parts
 from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.geometry.intersections import crossing_face_pairs
@@ -75,14 +76,13 @@ class Verdict:
 def judge(cage: TriMesh, demand: Demand) -> Verdict:
     """Test a cage against what it must do."""
     faults = list(_own_faults(cage, demand))
-    euler = len(cage.vertices) - len(cage.edges.ends) + len(cage.faces)
     clearance = 0.0
     if not faults:
         clearance = find_near_points(demand.surface, cage, LOOK * demand.clearance).clearance
         faults += _holding_faults(cage, demand, clearance)
     return Verdict(
         faults=tuple(faults),
-        genus=1 - euler // 2,
+        genus=1 - euler_characteristic(cage) // 2,
         clearance=clearance,
         smallest_angle=float(corner_angles(cage).min()),
         largest_valence=int(np.bincount(cage.edges.ends.ravel()).max()),

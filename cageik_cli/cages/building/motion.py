@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.coordinates.harmonic import harmonic_weights
+from cageik_cli.coordinates.harmonic import MAX_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
@@ -19,9 +19,10 @@ ALPHA = 1e-3
 """Weight of the smoothness of the cage, as in an extraction."""
 
 SPLIT_SHARE = 0.4
-"""Edges for which splits are measured together, over the number of vertices."""
+"""Edges for which splits are measured together, over the number of vertices, at most."""
 
 TINY = 1e-12
+"""What a gain or a loss is divided by, at least: an edit that changes nothing gains nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,22 +52,22 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EditGains:
-    """How edits of a cage change the squared error of a motion.
+    """How edits of a cage change what a motion cannot be expressed in.
 
     Attributes
     ----------
     error : float
-        Squared error of the cage as it is.
+        Squared error of the cage as it is, without the cost of its smoothness.
     squares : (s,) float64
         The part that each point of the motion has in it.
     splits : (k, 2) int64
         Ends of edges that may be split at their middle. No two of them are sides of one face.
     gains : (k,) float64
-        By how much each split lowers the error.
+        By how much each split lowers the error and that cost.
     edges : (e, 2) int64
         Ends of all edges.
     losses : (e,) float64
-        By how much it raises the error to merge the ends of each.
+        By how much it raises both to merge the ends of each.
     """
 
     error: float
@@ -80,9 +81,10 @@ class EditGains:
 def measure_edits(cage: TriMesh, motion: Motion, squares: Floats | None = None) -> EditGains:
     """Measure what splits and collapses of edges change, in closed form.
 
-    The cages of a motion D minimise |D − H c|² + a |L c|². A split adds a column g to H, and takes
-    (gᵀ R)² / gᵀ (1 − H N⁻¹ Hᵀ) g off the error, with the residual R and the normal matrix N. To
-    merge the cage vertices i and j adds |c_i − c_j|² / (e_i − e_j)ᵀ N⁻¹ (e_i − e_j).
+    The cages of a motion D minimise |D − H c|² + a |L c|². A split adds a column g to H, which has
+    no cost of its own, and takes |gᵀ R|² / gᵀ (1 − H N⁻¹ Hᵀ) g off the minimum, with the residual R
+    and the normal matrix N = Hᵀ H + a Lᵀ L. To merge the cage vertices i and j adds
+    |c_i − c_j|² / (e_i − e_j)ᵀ N⁻¹ (e_i − e_j): the cost of a linear constraint.
 
     Parameters
     ----------
@@ -151,7 +153,8 @@ def _choose_splits(cage: TriMesh, points: Floats, squares: Floats) -> Integers:
     for number, sides in enumerate(edges.side_edges.tolist()):
         for edge in sides:
             beside[edge].append(number)
-    most = int(SPLIT_SHARE * len(cage.vertices))
+    # Each split adds two faces, and weights are computed of no more than so many.
+    most = min(int(SPLIT_SHARE * len(cage.vertices)), (MAX_FACES - len(cage.faces)) // 2)
     for edge in np.argsort(-score, kind="stable").tolist():
         if len(chosen) < most and is_free[beside[edge]].all():
             is_free[beside[edge]] = False

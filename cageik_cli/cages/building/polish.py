@@ -213,7 +213,11 @@ def _flip_off(draft: Draft, vertex: int) -> bool:
     """Flip an edge away from a vertex, the one that leaves the best angles."""
     flips = [flip_edge(draft, vertex, int(other)) for other in draft.neighbours(vertex)]
     valence = _valences(draft)
-    kept = [f for f in flips if f is not None and valence[f.added[:, [0, 2]]].max() < 10]
+    kept = [
+        flip
+        for flip in flips
+        if flip is not None and valence[flip.added[:, [0, 2]]].max() < LARGEST_VALENCE
+    ]
     kept.sort(key=lambda flip: -float(draft.angles(flip).min()))
     needed = 0.5 * GOAL
     return any(draft.angles(f).min() >= needed and draft.take(f) for f in kept)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from cageik_cli.cages.building.bridges import find_bridges, segment_distance
+from cageik_cli.cages.building.bridges import find_bridges, measure_segment_distance
 from cageik_cli.cages.building.distance_grid import DistanceGrid
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
@@ -68,7 +68,9 @@ def make_shell(grid: DistanceGrid, recipe: ShellRecipe) -> Shell | None:
     if bridges is None:
         return None
     radius = max(BRIDGE_RADIUS * recipe.offset, BRIDGE_CELLS * grid.cell)
-    field = np.minimum(field, segment_distance(grid, bridges) - radius)
+    # Marching cubes look at nodes up to the diagonal of a cell beyond the surface.
+    apart = measure_segment_distance(grid, bridges, radius + 2 * grid.cell)
+    field = np.minimum(field, apart - radius)
     surface = _march(grid, field)
     if surface is None:
         return None

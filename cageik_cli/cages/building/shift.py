@@ -1,6 +1,7 @@
 """Move vertices of a cage from where a motion does not need them to where its error is."""
 
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from cageik_cli.cages.building.polish import (
     splits_well,
     tighten,
 )
-from cageik_cli.cages.building.refine import AIM, complete_clearance
+from cageik_cli.cages.building.refine import AIM, COMPLETIONS, complete_clearance
 from cageik_cli.cages.quality import find_thin_parts
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
@@ -24,13 +25,16 @@ FIRST_SHARE = 0.08
 """Share of the vertices that the first round moves; a round that fails halves it."""
 
 MAX_ROUNDS = 80
-"""Rounds, at most."""
+"""Rounds, at most,"""
+
+FULL_VERTICES = 300
+"""of a cage with so many vertices. The time of a round grows with the cube of their number."""
 
 SKIPPED = ((0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (2, 1), (1, 2), (3, 0), (0, 3))
 """How many of the best splits and collapses are left out, after each round of one that failed."""
 
-GAIN = 0.995
-"""A polish goes on if it lowers the error to this share."""
+POLISH_GAIN = 0.995
+"""A polish is kept if it lowers the error to this share."""
 
 WORTH = 0.9
 """A vertex moves if the collapse costs at most this share of what the split gains."""
@@ -47,35 +51,88 @@ def shift_vertices(cage: TriMesh, demand: Demand, motion: Motion) -> tuple[TriMe
         How many vertices moved.
     """
     cage, samples = complete_clearance(cage, demand, demand.samples, rounds=2)
-    plain = measure_edits(cage, motion)
-    best, moved = measure_edits(cage, motion, plain.squares), 0
+    shifter = _Shifter.start(cage, samples, demand, motion)
     count, failures = max(1, round(FIRST_SHARE * len(cage.vertices))), 0
-    for _ in range(MAX_ROUNDS):
-        draft = Draft(cage, samples, AIM * demand.clearance)
-        made = _Round(draft, best, SKIPPED[failures]).run(count, demand.most)
-        after = draft.to_mesh()
-        if made and _is_no_thinner(after, cage):
-            gains = measure_edits(after, motion, best.squares)
-            if gains.error < best.error:
-                cage, best, moved, failures = after, gains, moved + made, 0
-                continue
-        failures += count == 1
-        count = (count + 1) // 2
-        if failures == len(SKIPPED):
-            polished = _polish(Draft(cage, samples, AIM * demand.clearance))
-            gains = measure_edits(polished, motion, best.squares)
-            if not (gains.error < GAIN * best.error and _is_no_thinner(polished, cage)):
-                break
-            cage, best, failures = polished, gains, 0
-    return complete_clearance(cage, demand, samples, rounds=6)[0], moved
+    for _ in range(count_rounds(len(cage.vertices))):
+        if shifter.try_round(count, SKIPPED[failures]):
+            failures = 0
+        elif count > 1:
+            count = (count + 1) // 2
+        elif failures + 1 < len(SKIPPED):
+            failures += 1
+        elif shifter.try_polish():
+            failures = 0
+        else:
+            break
+    cage, _ = complete_clearance(shifter.cage, demand, samples, COMPLETIONS)
+    return cage, shifter.moved
 
 
-def _polish(draft: Draft) -> TriMesh:
-    """Return the cage with better angles and a tighter fit."""
-    tighten(draft, draft.samples)
-    mend_angles(draft, draft.count)
-    lower_valences(draft)
-    return draft.to_mesh()
+def count_rounds(vertices: int) -> int:
+    """Return how many rounds a cage gets, so that all take minutes."""
+    return max(1, int(MAX_ROUNDS * min(1.0, FULL_VERTICES / vertices) ** 3))
+
+
+@dataclass(slots=True, eq=False)
+class _Shifter:
+    """A cage whose vertices are moved as long as its error falls.
+
+    Attributes
+    ----------
+    cage : TriMesh
+        The best one so far.
+    gains : EditGains
+        Its error, and what edits of it change.
+    samples : (s, 3) float64
+        Points that it holds.
+    demand : Demand
+    motion : Motion
+    moved : int
+        How many vertices moved.
+    """
+
+    cage: TriMesh
+    gains: EditGains
+    samples: Floats
+    demand: Demand
+    motion: Motion
+    moved: int = 0
+
+    @classmethod
+    def start(cls, cage: TriMesh, samples: Floats, demand: Demand, motion: Motion) -> Self:
+        """Measure a cage."""
+        squares = measure_edits(cage, motion).squares
+        return cls(cage, measure_edits(cage, motion, squares), samples, demand, motion)
+
+    def try_round(self, count: int, skipped: tuple[int, int]) -> bool:
+        """Move up to `count` vertices, without some best edits; return whether the error fell."""
+        draft = self._make_draft()
+        made = _Round(draft, self.gains, skipped).run(count, self.demand.most)
+        if made == 0 or not self._accept(draft.to_mesh(), share=1.0):
+            return False
+        self.moved += made
+        return True
+
+    def try_polish(self) -> bool:
+        """Improve the angles and the fit; return whether the error fell."""
+        draft = self._make_draft()
+        tighten(draft, draft.samples)
+        mend_angles(draft, draft.count)
+        lower_valences(draft)
+        return self._accept(draft.to_mesh(), POLISH_GAIN)
+
+    def _make_draft(self) -> Draft:
+        return Draft(self.cage, self.samples, AIM * self.demand.clearance)
+
+    def _accept(self, cage: TriMesh, share: float) -> bool:
+        """Take a cage in the place of the last if its error is below a share of the last one's."""
+        if not _is_no_thinner(cage, self.cage):
+            return False
+        gains = measure_edits(cage, self.motion, self.gains.squares)
+        if not gains.error < share * self.gains.error:
+            return False
+        self.cage, self.gains = cage, gains
+        return True
 
 
 def _is_no_thinner(after: TriMesh, before: TriMesh) -> bool:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.cages.surface_points import sample_surface
+from cageik_cli.cages.surface_points import sample_in_blocks
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import degenerate_face_mask
 from cageik_cli.util.arrays import Floats, Integers
@@ -63,7 +63,9 @@ def normalize_model(model: TriMesh) -> UnitModel:
     low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
     centre = low + (high - low) / 2
     surface = _widen_slivers(TriMesh((model.vertices - centre) / model.diagonal, model.faces))
-    samples = thin_points(sample_surface(surface, SPACING, MAX_SAMPLES), SPACING)
+    samples = np.empty((0, 3))
+    for block in sample_in_blocks(surface, SPACING, MAX_SAMPLES):
+        samples = thin_points(np.concatenate([samples, block]), SPACING)
     return UnitModel(surface, samples, centre, model.diagonal)
 
 

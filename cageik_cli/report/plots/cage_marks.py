@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.cages.findings import Finding
+from cageik_cli.cages.findings import Finding, pluralize
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.render.model_views import parse_colour
 from cageik_cli.util.arrays import Floats, Integers
@@ -16,6 +16,9 @@ FAULT_COLOURS = ("#d62f27", "#e08214", "#7b3fa0", "#0f8b8d", "#c2185b", "#5d7a1f
 
 PLAIN_COLOURS = {"cage": "#9dbbe0", "rest": "#e2d6c8"}
 """Colours of what has no fault."""
+
+SINGULARS = {pluralize(noun): noun for noun in ("vertex", "edge", "face", "face pair")}
+"""What one element of a finding is called."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +35,8 @@ class FaultMark:
         What it is, with the first numbers.
     cage, rest : (k,) int64
         Vertices of the meshes that it concerns.
+    cage_faces : (f,) int64
+        Faces of the cage that it concerns; if it concerns vertices, those with no other corners.
     points : (p, 3) float64
         Where it is.
     """
@@ -41,6 +46,7 @@ class FaultMark:
     text: str
     cage: Integers
     rest: Integers
+    cage_faces: Integers
     points: Floats
 
 
@@ -73,7 +79,15 @@ def _make_mark(number: int, found: Finding, cage: TriMesh, rest: TriMesh | None)
     if found.place is not None:
         points = np.array([found.place])
     colour = FAULT_COLOURS[(number - 1) % len(FAULT_COLOURS)]
-    return FaultMark(number, colour, _describe(found), on_cage, on_rest, points)
+    return FaultMark(
+        number=number,
+        colour=colour,
+        text=_describe(found),
+        cage=on_cage,
+        rest=on_rest,
+        cage_faces=_find_cage_faces(found, cage, on_cage),
+        points=points,
+    )
 
 
 def _find_vertices(
@@ -91,10 +105,20 @@ def _find_vertices(
     yield found.mesh, np.unique(mesh.faces[numbers]) if is_of_faces else numbers
 
 
+def _find_cage_faces(found: Finding, cage: TriMesh, vertices: Integers) -> Integers:
+    """Find the faces of the cage that a finding concerns, or that have only such vertices."""
+    if found.elements.startswith("face") and found.mesh != "rest":
+        numbers = found.numbers[:, 1] if found.mesh == "both" else found.numbers
+        return np.unique(numbers)
+    return np.flatnonzero(np.isin(cage.faces, vertices).all(axis=1))
+
+
 def _describe(found: Finding) -> str:
     kind = found.kind.replace("-", " ")
     if found.place is not None:
         x, y, z = found.place
         return f"{kind} at ({x:.3g}, {y:.3g}, {z:.3g})"
     names = ["-".join(map(str, np.ravel(number))) for number in found.numbers.tolist()]
+    if len(names) == 1:
+        return f"{kind}: {SINGULARS[found.elements]} {names[0]}"
     return f"{kind}: {len(names)} {found.elements} ({join_truncated(names, 3)})"

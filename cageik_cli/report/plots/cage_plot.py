@@ -89,9 +89,9 @@ def _draw_meshes(
 def _tint_faces(
     picture: Picture, camera: ParallelCamera, cage: TriMesh, marks: tuple[FaultMark, ...]
 ) -> Picture:
-    """Lay the colours of faults over the faces of the cage whose corners all have them."""
+    """Lay the colours of faults over the faces of the cage."""
     for mark in reversed(marks):
-        faces = cage.faces[np.isin(cage.faces, mark.cage).all(axis=1)]
+        faces = cage.faces[mark.cage_faces]
         if len(faces):
             depth = rasterize(camera.project(cage.vertices)[faces], camera.size).depth
             opacity = np.where(np.isfinite(depth), FACE_OPACITY, 0.0)

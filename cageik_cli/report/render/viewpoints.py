@@ -87,6 +87,8 @@ def choose_view(
         The name of the first view that shows nearly as many pixels of their faces as the best.
     """
     wanted = np.asarray(chosen[faces].any(axis=1))
+    if not wanted.any():  # vertices in no face are seen from nowhere
+        return next(iter(views))
     points = vertices[faces[wanted]].reshape(-1, 3)
     centre = 0.5 * points.min(axis=0) + 0.5 * points.max(axis=0)
     radius = float(np.linalg.norm(points - centre, axis=1).max()) or 1.0

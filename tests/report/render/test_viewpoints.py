@@ -49,6 +49,12 @@ def test_a_region_is_not_looked_at_through_another_part():
     assert found != VIEW_TURN
 
 
+def test_a_region_without_faces_is_seen_in_the_usual_view():
+    vertices = np.concatenate([BALL.vertices, [[0.0, 0, 2]]])
+    chosen = np.arange(len(vertices)) == len(BALL.vertices)
+    assert choose_view(vertices, BALL.faces, chosen, VIEWS) == VIEW_TURN
+
+
 def test_turns_go_around_the_model():
     angles = np.sort(np.mod(REGION_TURNS, 360))
     assert np.diff(np.append(angles, angles[0] + 360)).max() < 70
