@@ -11,6 +11,7 @@ from cageik_cli.report.limits import LimitCheck
 from cageik_cli.report.record import SCHEMA_VERSION, Report
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.solver.dual_laplacian import SolveQuality
+from cageik_cli.solver.fitting.record import FitRecord
 
 MAX_CURVE_POINTS = 120
 """Longer clips are summarized in this many spans."""
@@ -51,6 +52,7 @@ class ClipEntry:
     gates : tuple of LimitCheck
     notes : tuple of str
     edited_from : str, optional
+    fit : FitRecord, optional
         As in the clip's report.
     """
 
@@ -65,6 +67,7 @@ class ClipEntry:
     gates: tuple[LimitCheck, ...] = ()
     notes: tuple[str, ...] = ()
     edited_from: str | None = None
+    fit: FitRecord | None = None
 
     @property
     def has_failed(self) -> bool:
@@ -130,6 +133,7 @@ def build_clip_entry(
         gates=report.gates,
         notes=report.notes,
         edited_from=report.edited_from,
+        fit=report.fit,
     )
 
 

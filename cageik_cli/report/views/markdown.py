@@ -5,12 +5,19 @@ from collections import Counter
 from collections.abc import Iterable
 
 from cageik_cli.report.figures import format_change, format_count, format_percent
+from cageik_cli.report.fit_figures import format_fit_line
 from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary, display_name
 from cageik_cli.util.text import single_line
 
-MAX_PART_BYTES = {"clips": 24_000, "failed": 12_000, "limits": 12_000, "notes": 8_000}
+MAX_PART_BYTES = {
+    "clips": 24_000,
+    "failed": 10_000,
+    "limits": 10_000,
+    "fits": 6_000,
+    "notes": 6_000,
+}
 """Bytes of the lines of each part; with headings the whole text is below 60 000."""
 
 MAX_TEXT_LENGTH = 300
@@ -42,7 +49,13 @@ def format_markdown(overview: Overview) -> str:
         for check in entry.gates
         if check.passed is False
     ]
+    fits = [
+        f"- {_escape_markdown(entry.name)}: {_escape_markdown(format_fit_line(entry.fit.report))}"
+        for entry in clips
+        if entry.fit is not None
+    ]
     parts = {"Failed": (failed, "failed"), "Over a limit": (limits, "limits"),
+             "Fitted weights": (fits, "fits"),
              "Notes": (_format_notes(clips), "notes")}  # fmt: skip
     blocks = [f"## cageik: {_format_run_verdict(overview)}", "\n".join(table)]
     for heading, (lines, room) in parts.items():
