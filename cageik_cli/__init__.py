@@ -5,6 +5,7 @@ AMDO 2010. The command-line tool is `cageik`; the names below are the Python API
 
 - load: `load_clip`, `load_mesh`, `TriMesh`, `MeshSequence`
 - check and bind: `check_cage`, `Diagnosis`, `bind`, `Binding`
+- fit weights to clips: `fit_weights`, `FitSettings`, `FittedWeights`
 - build a cage: `build_cage`, `BuiltCage`
 - extract: `extract` to arrays, `CageAnimation`; `extract_to_file`, `read_result`, `read_cages`,
   `Result`
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from cageik_cli.geometry.mesh import TriMesh
     from cageik_cli.posing.anchors import Anchor, closest_point, point_at_vertex
     from cageik_cli.posing.poser import Poser
+    from cageik_cli.solver.fitting.fit import FittedWeights
+    from cageik_cli.solver.settings import FitSettings
     from cageik_cli.store.result import Result
     from cageik_cli.util.errors import CageikError
     from cageik_cli.workflows.api import (
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
     )
     from cageik_cli.workflows.build_arrays import build_cage
     from cageik_cli.workflows.extract_arrays import CageAnimation, extract
+    from cageik_cli.workflows.fit_arrays import fit_weights
 
 __version__ = "0.1.0"
 
@@ -48,6 +52,8 @@ __all__ = [
     "CageAnimation",
     "CageikError",
     "Diagnosis",
+    "FitSettings",
+    "FittedWeights",
     "MeshSequence",
     "Poser",
     "Result",
@@ -58,6 +64,7 @@ __all__ = [
     "closest_point",
     "extract",
     "extract_to_file",
+    "fit_weights",
     "load_clip",
     "load_mesh",
     "point_at_vertex",
@@ -72,6 +79,8 @@ _HOMES = {
     "CageAnimation": "workflows.extract_arrays",
     "CageikError": "util.errors",
     "Diagnosis": "cages.diagnosis",
+    "FitSettings": "solver.settings",
+    "FittedWeights": "solver.fitting.fit",
     "MeshSequence": "formats.base.sequence",
     "Poser": "posing.poser",
     "Result": "store.result",
@@ -79,6 +88,7 @@ _HOMES = {
     "build_cage": "workflows.build_arrays",
     "closest_point": "posing.anchors",
     "extract": "workflows.extract_arrays",
+    "fit_weights": "workflows.fit_arrays",
     "point_at_vertex": "posing.anchors",
 }
 """Modules of the names that are not defined in `workflows.api`."""

@@ -131,7 +131,7 @@ def bind_command(settings: "BindRunSettings", timings: Path | None, quiet: bool)
     with show_progress(not quiet, timings, settings.overwrite) as progress:
         stored = bind_files(settings, progress)
     if not quiet:
-        rows = [*format_binding_rows(stored), *progress.make_rows()]
+        rows = [*format_binding_rows(stored, bool(get_verbosity())), *progress.make_rows()]
         click.echo(format_block(str(output), rows), err=True)
         click.echo(f"wrote {output}; next: cageik extract FRAMES --binding {output}", err=True)
     if get_verbosity():

@@ -291,7 +291,7 @@ def extract_command(
     if quiet:
         echo_exceeded_limits(overview)
     else:
-        lines = [format_text(report), *map(format_row, progress.make_rows())]
+        lines = [format_text(report, bool(get_verbosity())), *map(format_row, progress.make_rows())]
         lines += [one.message for one in summaries]
         if settings.cage_output is not None:
             lines.append(f"wrote {settings.cage_output}")

@@ -12,6 +12,7 @@ from cageik_cli.cli.github_summary import append_step_summary
 from cageik_cli.cli.options.common import (
     PATH_TYPE,
     common_options,
+    get_verbosity,
     overwrite_option,
     write_or_print,
 )
@@ -145,7 +146,9 @@ def report_command(
     if quiet:
         echo_exceeded_limits(overview)
     else:
-        click.echo("\n\n".join(map(format_text, reports)), err=targets.uses_stdout)
+        is_verbose = bool(get_verbosity())
+        texts = (format_text(report, is_verbose) for report in reports)
+        click.echo("\n\n".join(texts), err=targets.uses_stdout)
     exit_with_code(overview)
 
 

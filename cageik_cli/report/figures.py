@@ -51,7 +51,11 @@ class ReportSummary:
     """Metrics of the clip, over the frames that were not skipped.
 
     `volume_change_percent_max` is the largest change in absolute value, with its sign.
-    `fixed_floats` counts the weights, `floats_per_frame` the coordinates of a cage.
+    `fixed_floats` counts the weights that must be stored, `floats_per_frame` the coordinates of a
+    cage. `best_possible_percent` is the smallest rms that a cage with as many vertices can have.
+    Of weights that were fitted to this clip, `gap_closed_percent` tells how much of the gap from
+    the unfitted weights to it they close, and `held_out_rms_percent` their error on frames that
+    were held out.
     """
 
     rms: float
@@ -72,6 +76,9 @@ class ReportSummary:
     frames_skipped: int
     floats_per_frame: int
     fixed_floats: int
+    best_possible_percent: float | None = None
+    gap_closed_percent: float | None = None
+    held_out_rms_percent: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,10 +136,13 @@ def format_count(count: int, noun: str) -> str:
     return f"{count} {noun if count == 1 else plural}"
 
 
-def describe_size(clip: ClipRecord, group: str = " ") -> str:
+def describe_size(clip: ClipRecord, fixed_floats: int, group: str = " ") -> str:
     """Describe what the floats per frame of the cages replace, and what is stored once.
 
     Digits are grouped in threes by `group`.
     """
-    mesh, rows = (f"{count:,}".replace(",", group) for count in (3 * clip.vertices, clip.vertices))
+    counts = 3 * clip.vertices, clip.vertices, fixed_floats
+    mesh, rows, fixed = (f"{count:,}".replace(",", group) for count in counts)
+    if fixed_floats != clip.vertices * clip.cage_vertices:
+        return f"instead of {mesh}, plus {fixed} floats of fitted weights"
     return f"instead of {mesh}, plus one {rows} x {clip.cage_vertices} weight matrix"

@@ -12,6 +12,7 @@ from cageik_cli.report.record import SCHEMA_VERSION, Report
 from cageik_cli.report.regions import RegionRecord
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.solver.dual_laplacian import SolveQuality
+from cageik_cli.solver.fitting.record import FitRecord
 
 MAX_CURVE_POINTS = 120
 """Longer clips are summarized in this many spans."""
@@ -52,6 +53,7 @@ class ClipEntry:
     gates : tuple of LimitCheck
     notes : tuple of str
     edited_from : str, optional
+    fit : FitRecord, optional
         As in the clip's report.
     regions : tuple of RegionRecord, optional
         As in the clip's report.
@@ -69,6 +71,7 @@ class ClipEntry:
     notes: tuple[str, ...] = ()
     edited_from: str | None = None
     regions: tuple[RegionRecord, ...] | None = None
+    fit: FitRecord | None = None
 
     @property
     def has_failed(self) -> bool:
@@ -135,6 +138,7 @@ def build_clip_entry(
         notes=report.notes,
         edited_from=report.edited_from,
         regions=report.regions,
+        fit=report.fit,
     )
 
 

@@ -12,9 +12,16 @@ from cageik_cli.report.figures import (
     VertexMetrics,
     WorstVertex,
 )
+from cageik_cli.report.fit_figures import (
+    is_fitted_to_clip,
+    list_fit_notes,
+    measure_gap_closed,
+)
 from cageik_cli.report.limits import LimitCheck, Limits, check_limits, missing_in_baseline
 from cageik_cli.report.regions import RegionRecord, build_regions, list_region_notes
 from cageik_cli.solver.dual_laplacian import SolveQuality
+from cageik_cli.solver.fitting.record import FitRecord
+from cageik_cli.solver.vertex_bound import VertexBound
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.text import to_unicode
@@ -35,7 +42,8 @@ class Report:
 
     `edited_from` names the result that was edited; None for an extracted one. The metrics of an
     edit measure how far it moved the mesh. `regions` are the worst ones, none if the largest
-    deviation is within the usual; None for an edit, and for results of earlier versions.
+    deviation is within the usual; None for an edit, and for results of earlier versions. `fit`
+    tells how weights were fitted to clips, and `bound` the smallest error that is possible.
     """
 
     schema: int
@@ -47,6 +55,8 @@ class Report:
     notes: tuple[str, ...]
     clip: ClipRecord
     binding: SolveQuality
+    fit: FitRecord | None
+    bound: VertexBound | None
     summary: ReportSummary
     vertices: VertexMetrics
     frames: tuple[FrameRecord, ...]
@@ -69,6 +79,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
     limits = limits or Limits()
     frames = _build_frames(result)
     summary = _build_summary(result, frames)
+    fit_notes = () if result.fit is None else list_fit_notes(result.fit)
     return Report(
         schema=SCHEMA_VERSION,
         tool={"name": "cageik", "version": result.version},
@@ -78,6 +89,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         settings=result.settings,
         notes=(
             *result.notes,
+            *fit_notes,
             *list_region_notes(result, summary),
             *missing_in_baseline(result_name, summary, limits),
         ),
@@ -90,6 +102,8 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
             fps=result.scene.fps,
         ),
         binding=result.quality,
+        fit=result.fit,
+        bound=result.bound,
         summary=summary,
         vertices=_build_vertex_metrics(result),
         frames=frames,
@@ -148,8 +162,21 @@ def _build_summary(result: Result, frames: tuple[FrameRecord, ...]) -> ReportSum
         kg_error=_compute_kg_error(result),
         frames_skipped=len(result.skipped),
         floats_per_frame=3 * len(result.cage.vertices),
-        fixed_floats=len(result.rest.vertices) * len(result.cage.vertices),
+        **_summarize_fit(result),
     )
+
+
+def _summarize_fit(result: Result) -> dict[str, Any]:
+    """Return the fields of the summary on what is stored once, and on what is possible."""
+    fit, bound = result.fit, result.bound
+    held_out = fit.report.held_out_blocks if fit is not None and is_fitted_to_clip(result) else None
+    dense = len(result.rest.vertices) * len(result.cage.vertices)
+    return {
+        "fixed_floats": dense if fit is None else fit.report.fixed_floats,
+        "best_possible_percent": None if bound is None else bound.rms_percent,
+        "gap_closed_percent": measure_gap_closed(result),
+        "held_out_rms_percent": None if held_out is None else held_out.fitted.rms,
+    }
 
 
 def _find_largest_change(frames: tuple[FrameRecord, ...]) -> FrameRecord | None:

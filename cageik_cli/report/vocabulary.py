@@ -74,7 +74,7 @@ _SIZE_MEANING = (
     "Size",
     "",
     "A cage has three floats per vertex and frame. The weights are stored once: one float for each "
-    "pair of a model vertex and a cage vertex.",
+    "pair of a model vertex and a cage vertex, or those of a fit of low rank or few influences.",
 )
 
 _VERDICT_MEANING = (
@@ -108,6 +108,19 @@ MEANINGS = (
         "Max deviation",
         "max |v̂ − v|",
         "The largest distance over the vertices of a frame, or over all frames, with its vertex.",
+    ),
+    (
+        "Best possible error",
+        "√( Σ σ² / s F ), σ beyond the n largest",
+        "No weights and cages of n vertices can be below it. The singular values σ are those of "
+        "the aligned displacements of s vertices in all F frames. Fitted weights come near to it.",
+    ),
+    (
+        "Held-out error",
+        "",
+        "Of weights that are fitted to the clip: the error of frames that a second fit did not "
+        "see. Each clip is cut into ten blocks, and every second one is held out; or the last "
+        "third is. It tells how well the weights follow other motion.",
     ),
     (
         "Volume change",

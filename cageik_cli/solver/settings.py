@@ -51,6 +51,17 @@ class FitSettings:
         Rank of the change of the weights; any by default.
     influences : int, optional
         Cage vertices per vertex, with weights that are not negative; all by default.
+
+    Raises
+    ------
+    SettingError
+        When a value is out of its range, or both a rank and influences are given.
+
+    Examples
+    --------
+    >>> from cageik_cli import FitSettings
+    >>> FitSettings(rank=10)
+    FitSettings(regularization=0.1, smoothness=1.0, rank=10, influences=None)
     """
 
     regularization: float | None = DEFAULT_REGULARIZATION

@@ -19,7 +19,7 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.open import open_clip_and_rest
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.store import result as result_file
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
@@ -179,6 +179,7 @@ def extract_to_file(
     alpha: float = SolveSettings().alpha,
     beta: float = SolveSettings().beta,
     align: bool = True,
+    fit: FitSettings | None = None,
     overwrite: bool = False,
     jobs: int | None = None,
 ) -> Result:
@@ -203,7 +204,7 @@ def extract_to_file(
         Which frame then, from 0; "auto" is the frame in which the fewest parts touch.
     coordinates, accuracy, outside : str
         As of `bind`.
-    alpha, beta, align
+    alpha, beta, align, fit
         As of `extract`.
     overwrite : bool
         Replace an existing result.
@@ -236,6 +237,7 @@ def extract_to_file(
         rest_frame=rest_frame,
         bind=BindSettings(coordinates, accuracy, outside),
         solve=SolveSettings(alpha, beta, align),
+        fit=fit,
         overwrite=overwrite,
         jobs=jobs or count_processors(),
     )

@@ -15,10 +15,11 @@ from cageik_cli.geometry.mesh import validate_positions
 from cageik_cli.solver.blocks import MemoryPlan
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, normalize_weights
 from cageik_cli.solver.metrics import METRIC_NAMES, FrameMetrics, check_finite, measure
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.util.arrays import Floats, Workspace
 from cageik_cli.util.errors import ConnectivityError, SettingError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
+from cageik_cli.workflows.fit_arrays import fit_weights
 
 ReportProgress = Callable[[int, int], None]
 
@@ -95,6 +96,7 @@ def extract(
     beta: float = SolveSettings().beta,
     align: bool = True,
     vertex_weights: ArrayLike | None = None,
+    fit: FitSettings | None = None,
     memory: int = 1 << 30,
     jobs: int | None = None,
     progress: ReportProgress | None = None,
@@ -119,6 +121,9 @@ def extract(
         Align each frame rigidly with the rest pose before the solve.
     vertex_weights : (m,), optional
         Weights of the vertices; 0 marks missing data.
+    fit : FitSettings, optional
+        Fit the weights to the clip first; `fit_weights` also tells how well they follow frames that
+        they were not fitted to.
     memory : int
         Limit in bytes for the weights and the frames in memory, not for the cages.
     jobs : int, optional
@@ -153,6 +158,16 @@ def extract(
     binding = _bind_built_cage(clip, binding, cage_vertices, jobs)
     count = len(binding.rest.vertices)
     frames, weights = _Frames(clip, count), None
+    if fit is not None:
+        binding = fit_weights(
+            binding,
+            [clip],
+            fit,
+            solve=SolveSettings(alpha, beta, align),
+            vertex_weights=vertex_weights,
+            memory=memory,
+            jobs=jobs,
+        ).binding
     if vertex_weights is not None:
         weights = normalize_weights(np.asarray(vertex_weights, np.float64), count)
     plan = MemoryPlan.fit(memory, binding, jobs)

@@ -14,8 +14,11 @@ from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.report.figures import format_percent
+from cageik_cli.report.fit_figures import format_fit_rows, list_fit_notes
 from cageik_cli.report.views.text import format_accuracy_row, format_weights_row
 from cageik_cli.report.vocabulary import choose_vocabulary
+from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.store.binding_file import StoredBinding, is_binding, read_binding
 from cageik_cli.store.checkpoint import checkpoint_progress, is_checkpoint
 from cageik_cli.store.result import Result, is_result, read_result
@@ -49,8 +52,8 @@ def describe_files(arguments: list[str], layout: str | None = None) -> str:
     return format_block(join_truncated(arguments, 3), rows)
 
 
-def format_binding_rows(stored: StoredBinding) -> list[tuple[str, str]]:
-    """Return the rows on the meshes of a binding, its settings and its quality."""
+def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list[tuple[str, str]]:
+    """Return the rows on the meshes of a binding, its settings, its quality and its fit."""
     binding, quality = stored.binding, stored.binding.quality
     settings = asdict(binding.settings)
     return [
@@ -61,7 +64,19 @@ def format_binding_rows(stored: StoredBinding) -> list[tuple[str, str]]:
         format_accuracy_row(quality, binding.settings.accuracy),
         *([("projected", f"{quality.projected} vertices outside")] if quality.projected else []),
         *((f"from {key}", str(source.get("name"))) for key, source in stored.sources.items()),
+        *([] if stored.fit is None else _format_fit(stored.fit.record, is_verbose)),
         *(label_note(locate_note(stored.sources["cage"]["name"], note)) for note in binding.notes),
+    ]
+
+
+def _format_fit(record: FitRecord, is_verbose: bool) -> list[tuple[str, str]]:
+    """Return the rows on a fit, the smallest possible error, the size and the notes."""
+    bound = record.report.bound
+    return [
+        *format_fit_rows(record, is_verbose),
+        ("best possible", f"{format_percent(bound.lowest)} % on the fitted frames, any weights"),
+        ("size", f"{record.report.fixed_floats} floats of fitted weights"),
+        *(("note", note) for note in list_fit_notes(record)),
     ]
 
 

@@ -115,7 +115,7 @@ def render_page(report: Report, pictures: Pictures | None) -> str:
         change=format_change,
         metric=format_metric,
         count=format_count,
-        size=describe_size(report.clip, group="\u00a0"),
+        size=describe_size(report.clip, report.summary.fixed_floats, group="\u00a0"),
     )
 
 

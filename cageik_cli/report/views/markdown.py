@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from cageik_cli.report.figures import format_change, format_count, format_percent
+from cageik_cli.report.fit_figures import format_fit_line
 from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.regions import describe_region
 from cageik_cli.report.views.text import format_check_row
@@ -12,11 +13,12 @@ from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary, display_
 from cageik_cli.util.text import single_line
 
 MAX_PART_BYTES = {
-    "clips": 22_000,
-    "failed": 11_000,
-    "limits": 11_000,
-    "regions": 7_000,
-    "notes": 7_000,
+    "clips": 21_000,
+    "failed": 9_500,
+    "limits": 9_500,
+    "regions": 6_000,
+    "fits": 6_000,
+    "notes": 6_000,
 }
 """Bytes of the lines of each part; with headings the whole text is below 60 000."""
 
@@ -54,8 +56,13 @@ def format_markdown(overview: Overview) -> str:
         for entry in clips
         if entry.regions
     ]
+    fits = [
+        f"- {_escape_markdown(entry.name)}: {_escape_markdown(format_fit_line(entry.fit.report))}"
+        for entry in clips
+        if entry.fit is not None
+    ]
     parts = {"Failed": (failed, "failed"), "Over a limit": (limits, "limits"),
-             "Worst regions": (regions, "regions"),
+             "Worst regions": (regions, "regions"), "Fitted weights": (fits, "fits"),
              "Notes": (_format_notes(clips), "notes")}  # fmt: skip
     blocks = [f"## cageik: {_format_run_verdict(overview)}", "\n".join(table)]
     for heading, (lines, room) in parts.items():

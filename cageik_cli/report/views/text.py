@@ -10,6 +10,7 @@ from cageik_cli.report.figures import (
     format_metric,
     format_percent,
 )
+from cageik_cli.report.fit_figures import format_fit_rows
 from cageik_cli.report.limits import (
     LimitCheck,
     format_limit_with_baseline,
@@ -23,21 +24,27 @@ from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import format_block, label_note, single_line
 
 
-def format_text(report: Report) -> str:
-    """Write a dozen lines: the clip, its errors, their worst places, and how far to trust them."""
+def format_text(report: Report, is_verbose: bool = False) -> str:
+    """Write a dozen lines: the clip, its errors, their worst places, and how far to trust them.
+
+    `is_verbose` adds what a fit has tried.
+    """
     clip, summary, words = report.clip, report.summary, choose_vocabulary(report.edited_from)
     headline = (
         f"{report.result}: {format_count(clip.frames, 'frame')} of "
         f"{format_count(clip.vertices, 'vertex')} in a cage of {clip.cage_vertices}, "
         f"diagonal {clip.diagonal:.6g}"
     )
+    size = describe_size(clip, summary.fixed_floats)
     rows = [
         *([] if report.edited_from is None else [("edited from", report.edited_from)]),
         *_error_rows(summary, words),
+        *_bound_rows(report),
         ("volume change", _format_volume(report, words)),
         *(_published_metrics_rows(summary) if words.has_published_metrics else []),
-        ("size", f"{summary.floats_per_frame} floats per frame {describe_size(clip)}"),
+        ("size", f"{summary.floats_per_frame} floats per frame {size}"),
         *_quality_rows(report, words),
+        *([] if report.fit is None else format_fit_rows(report.fit, is_verbose)),
         *_skipped_rows(report),
         *_region_rows(report),
         *(format_check_row(check, words) for check in report.gates),
@@ -64,6 +71,19 @@ def _error_rows(summary: ReportSummary, words: Vocabulary) -> list[tuple[str, st
             f"of {summary.max_deviation_frame}",
         ),
     ]
+
+
+def _bound_rows(report: Report) -> list[tuple[str, str]]:
+    """Say which error no weights can be below, and how much of the gap to it a fit closes."""
+    bound, closed = report.bound, report.summary.gap_closed_percent
+    if bound is None:
+        return []
+    total = report.clip.vertices
+    where = "" if bound.vertices >= total else f", measured on {bound.vertices} of {total} vertices"
+    text = f"{format_percent(bound.rms_percent)} % with any weights{where}"
+    if closed is not None:
+        text += f"; the fit closes {closed:.0f} % of the gap"
+    return [("best possible", text)]
 
 
 def format_weights_row(quality: WeightQuality) -> tuple[str, str]:

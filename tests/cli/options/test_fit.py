@@ -1,0 +1,122 @@
+"""The options of a fit: what contradicts another is wrong usage, whatever command it is."""
+
+import json
+
+import h5py
+import pytest
+
+
+def refused(run, *words):
+    outcome = run(*words)
+    assert outcome.code == 2, outcome.err
+    return outcome.err
+
+
+EXTRACT = ("extract", "frames", "--cage", "cage.obj")
+BIND = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj")
+
+
+@pytest.mark.parametrize("command", [EXTRACT, BIND])
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("--fit-regularization", "0.2"),
+        ("--fit-smoothness", "0"),
+        ("--fit-rank", "3"),
+        ("--influences", "4"),
+    ],
+)
+def test_options_of_a_fit_need_one(folder, run, command, option, value):
+    assert f"{option} is for weights that are fitted" in refused(run, *command, option, value)
+
+
+@pytest.mark.parametrize("command", [(*EXTRACT, "--fit"), (*BIND, "--fit", "frames")])
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--fit-regularization", "much"), "'much' is not a number"),
+        (("--fit-regularization", "0"), "regularization is 0"),
+        (("--fit-regularization", "nan"), "regularization is nan"),
+        (("--fit-smoothness", "-1"), "smoothness is -1"),
+        (("--fit-rank", "0"), "rank is 0"),
+        (("--influences", "0"), "influences is 0"),
+        (("--fit-rank", "3", "--influences", "4"), "a fit has one of them"),
+    ],
+)
+def test_impossible_values_are_wrong_usage(folder, run, command, words, says):
+    assert says in refused(run, *command, *words)
+
+
+def test_a_binding_brings_its_weights(folder, run):
+    words = ("extract", "frames", "--binding", "b.h5", "--fit")
+    assert "brings its weights" in refused(run, *words)
+
+
+def test_fitted_weights_must_be_stored(folder, run):
+    assert "--no-weights" in refused(run, *EXTRACT, "--fit", "--no-weights")
+
+
+def test_vertex_weights_of_a_binding_need_a_fit(folder, run):
+    assert "--vertex-weights" in refused(run, *BIND, "--vertex-weights", "w.txt")
+
+
+def test_a_missing_clip_is_named(folder, run):
+    outcome = run(*BIND, "--fit", "nowhere")
+    assert outcome.code == 1
+    assert "nowhere" in outcome.err
+
+
+def test_a_fit_is_reported_when_it_is_bound_and_described(folder, run):
+    bound = run(*BIND, "--fit", "frames", "--fit-regularization", "auto", "-v")
+    assert bound.code == 0, bound.err
+    described = run("info", "binding.h5").out
+    for text in (bound.err, described):
+        for label in ("fit", "fitted frames", "held out", "last third", "fitted weights"):
+            assert f"\n  {label:<14} " in text, label
+        assert "regularization" in text
+    assert "held-out error by regularization: 1: " in bound.err
+    run("extract", "frames", "--binding", "binding.h5", "-q")
+    assert "fit_regularization auto" in run("info", "cages.h5").out
+
+
+def test_a_file_of_options_may_ask_for_a_fit(folder, run):
+    (folder / "options.toml").write_text(
+        '[extract]\nfit = true\nfit-regularization = "auto"\nfit-rank = 2\n'
+    )
+    outcome = run(*EXTRACT, "--config", "options.toml", "-q")
+    assert outcome.code == 0, outcome.err
+    with h5py.File("cages.h5") as file:
+        settings = json.loads(file.attrs["fit"])["settings"]
+    assert settings == {"influences": None, "rank": 2, "regularization": None, "smoothness": 1.0}
+
+
+def test_a_file_of_options_without_a_fit_is_wrong_usage(folder, run):
+    (folder / "options.toml").write_text("[extract]\nfit-rank = 2\n")
+    assert "--fit-rank" in refused(run, *EXTRACT, "--config", "options.toml")
+
+
+def test_each_clip_of_a_batch_has_its_own_fit(folder, run, write_obj, animation):
+    for name, scale in (("walk", 1.0), ("run", 0.5)):
+        rest = animation.frames[0]
+        for k, frame in enumerate(animation.frames, start=1):
+            place = folder / "clips" / name / f"f_{k}.obj"
+            write_obj(place, rest + scale * (frame - rest), animation.rest.faces)
+    outcome = run("batch", "clips", "--cage", "cage.obj", "-o", "out", "--fit", "--no-pages")
+    assert outcome.code == 0, outcome.err
+    names = set()
+    for name in ("walk", "run"):
+        with h5py.File(folder / "out" / "clips" / f"{name}.h5") as file:
+            (clip,) = json.loads(file.attrs["fit"])["clips"]
+            names.add(clip["sha256"])
+    assert len(names) == 2
+    entries = json.loads((folder / "out" / "report.json").read_text())["clips"]
+    assert all(entry["fit"]["report"]["fitted_frames"] == 5 for entry in entries)
+    again = run("batch", "clips", "--cage", "cage.obj", "-o", "out", "--fit", "--no-pages",
+                "--resume")  # fmt: skip
+    assert again.err.count("unchanged") == 2
+
+
+def test_a_cage_that_is_built_can_be_fitted(folder, run, coarse_grids):
+    outcome = run("extract", "frames", "--fit", "--cage-vertices", "40")
+    assert outcome.code == 0, outcome.err
+    assert "\n  fit            regularization 0.1" in outcome.err
