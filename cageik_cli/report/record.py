@@ -14,6 +14,7 @@ from cageik_cli.report.figures import (
 )
 from cageik_cli.report.limits import LimitCheck, Limits, check_limits, missing_in_baseline
 from cageik_cli.report.regions import RegionRecord, build_regions, list_region_notes
+from cageik_cli.report.unfitted import UnfittedRecord, build_unfitted
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Floats
@@ -36,6 +37,7 @@ class Report:
     `edited_from` names the result that was edited; None for an extracted one. The metrics of an
     edit measure how far it moved the mesh. `regions` are the worst ones, none if the largest
     deviation is within the usual; None for an edit, and for results of earlier versions.
+    `unfitted` is the error with the weights before a fit; None if the result does not hold it.
     """
 
     schema: int
@@ -52,6 +54,7 @@ class Report:
     frames: tuple[FrameRecord, ...]
     gates: tuple[LimitCheck, ...]
     regions: tuple[RegionRecord, ...] | None = None
+    unfitted: UnfittedRecord | None = None
 
 
 def build_report(result: Result, limits: Limits | None = None, name: str | None = None) -> Report:
@@ -95,6 +98,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         frames=frames,
         gates=check_limits(result_name, summary, limits),
         regions=build_regions(result),
+        unfitted=build_unfitted(result),
     )
 
 
