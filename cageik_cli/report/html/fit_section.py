@@ -36,7 +36,7 @@ def build_fit_values(
         "vertex": pictures.vertex,
         "move": f"{100 * MOVE_SHARE:g} %",
         "ranges": [
-            (name, format_percent(low), format_percent(high))
+            (name, _format_move(low), _format_move(high))
             for name, (low, high) in zip(
                 names, (pictures.unfitted_range, pictures.fitted_range), strict=True
             )
@@ -60,6 +60,11 @@ def _describe_errors(unfitted: UnfittedRecord, frames: int) -> str:
         f"{unfitted.coordinates} weights, {format_percent(unfitted.fitted_rms_percent)} % with "
         "fitted ones"
     )
+
+
+def _format_move(percent: float) -> str:
+    """Format a displacement, without the sign of what rounds to zero."""
+    return format_percent(round(percent, 4) + 0.0)
 
 
 def _list_pose_views(

@@ -241,6 +241,9 @@ def _build_plot_values(report: Report) -> dict[str, Any]:
         else f"the volume change of each frame, largest {format_change(changes)} % at "
         f"{summary.volume_change_frame}"
     )
+    if report.unfitted is not None:
+        most = format_percent(max(report.unfitted.rms_percent))
+        other = f"{most} % with {report.unfitted.coordinates} weights, and {other}"
     return {
         "source": make_data_url(plot.svg.encode(), "svg+xml"),
         "text": f"RMS {words.measure} of {format_count(len(report.frames), 'frame')}, up to "

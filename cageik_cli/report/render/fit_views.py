@@ -21,8 +21,8 @@ from cageik_cli.report.render.model_views import (
     overlay_cage,
     project_surface,
 )
-from cageik_cli.report.render.raster import ParallelCamera
-from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, render
+from cageik_cli.report.render.raster import ParallelCamera, rasterize_lines
+from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, Picture, overlay, render
 from cageik_cli.report.render.viewpoints import REGION_TURNS, choose_view, view_axes
 from cageik_cli.store.result import Result, read_binding
 from cageik_cli.store.unfitted import UnfittedShapes, read_unfitted_shapes
@@ -30,6 +30,9 @@ from cageik_cli.util.arrays import Floats, Integers
 
 MOVE_SHARE = 0.05
 """How far a cage vertex is moved, in diagonals of the model."""
+
+MOVE_COLOUR, MOVE_WIDTH = "#111418", 4.0
+"""Of the line along which the vertex is moved; pixels."""
 
 COMPARED_LABELS = ("worst", "median")
 
@@ -237,7 +240,7 @@ def _choose_move_views(poses: PoseSet, moved: MovedVertex, size: int) -> dict[st
     behind = view_axes(poses.up_axis, turn + 180)
     return {
         "close up": ParallelCamera.fit(turns[turn], near, size),
-        "from the same side": ParallelCamera.fit(turns[turn], whole, size),
+        "whole model": ParallelCamera.fit(turns[turn], whole, size),
         "from the other side": ParallelCamera.fit(behind, whole, size),
     }
 
@@ -246,13 +249,22 @@ def _render_moved(
     poses: PoseSet, moved: MovedVertex, top: float, name: str, camera: ParallelCamera
 ) -> ComparedPictures:
     cage = poses.poses[0].cage.copy()
-    cage[moved.vertex] += moved.move
+    ends = cage[moved.vertex] + np.array([[0.0], [1.0]]) * moved.move
+    cage[moved.vertex] = ends[1]
 
     def draw(influence: Floats) -> bytes:
         vertices = poses.poses[0].original + influence[:, None] * moved.move
         surface = project_surface(camera, vertices, poses.faces)
         displaced = 100 * MOVE_SHARE * influence
         picture = render(surface, colour_signed_pixels(surface, displaced, top))
-        return encode_png(overlay_cage(picture, camera, surface, cage, moved.cage_faces))
+        picture = overlay_cage(picture, camera, surface, cage, moved.cage_faces)
+        return encode_png(_overlay_move(picture, camera, ends))
 
     return ComparedPictures("moved", name, None, draw(moved.unfitted), draw(moved.fitted))
+
+
+def _overlay_move(picture: Picture, camera: ParallelCamera, ends: Floats) -> Picture:
+    """Draw a thick line from where the vertex was to where it is, (2, 3), before all else."""
+    width, projected = MOVE_WIDTH * SAMPLES_PER_PIXEL, camera.project(ends)
+    depth = rasterize_lines(projected, np.array([[0, 1]]), width, camera.size)
+    return overlay(picture, parse_colour(MOVE_COLOUR), np.where(np.isfinite(depth), 1.0, 0.0))
