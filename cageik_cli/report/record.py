@@ -19,6 +19,7 @@ from cageik_cli.report.fit_figures import (
 )
 from cageik_cli.report.limits import LimitCheck, Limits, check_limits, missing_in_baseline
 from cageik_cli.report.regions import RegionRecord, build_regions, list_region_notes
+from cageik_cli.report.unfitted import UnfittedRecord, build_unfitted
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.vertex_bound import VertexBound
@@ -44,6 +45,7 @@ class Report:
     edit measure how far it moved the mesh. `regions` are the worst ones, none if the largest
     deviation is within the usual; None for an edit, and for results of earlier versions. `fit`
     tells how weights were fitted to clips, and `bound` the smallest error that is possible.
+    `unfitted` is the error with the weights before a fit; None if the result does not hold it.
     """
 
     schema: int
@@ -62,6 +64,7 @@ class Report:
     frames: tuple[FrameRecord, ...]
     gates: tuple[LimitCheck, ...]
     regions: tuple[RegionRecord, ...] | None = None
+    unfitted: UnfittedRecord | None = None
 
 
 def build_report(result: Result, limits: Limits | None = None, name: str | None = None) -> Report:
@@ -109,6 +112,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         frames=frames,
         gates=check_limits(result_name, summary, limits),
         regions=build_regions(result),
+        unfitted=build_unfitted(result),
     )
 
 

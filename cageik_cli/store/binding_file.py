@@ -56,12 +56,15 @@ class StoredBinding:
         Of the program that wrote it.
     fit : StoredFit, optional
         Of weights that are fitted to clips.
+    unfitted : Binding, optional
+        With the weights before the fit, if they are known; files do not hold it.
     """
 
     binding: Binding
     sources: dict[str, Any]
     version: str = __version__
     fit: StoredFit | None = None
+    unfitted: Binding | None = None
 
 
 def write_binding(path: Path, stored: StoredBinding, overwrite: bool) -> None:

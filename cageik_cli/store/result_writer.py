@@ -20,10 +20,9 @@ from cageik_cli.store.fit_fields import StoredFit, write_weights
 from cageik_cli.store.hdf5_fields import create_hdf5, to_json, write_meshes
 from cageik_cli.store.regions import write_regions
 from cageik_cli.store.result import FORMAT, SCHEMA
+from cageik_cli.store.unfitted import MAX_STORED_ERROR, UnfittedClip, write_unfitted
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.outputs import DeferredErrorFile, atomic_file
-
-MAX_STORED_ERROR = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +76,8 @@ class RunSummary:
         The worst regions; None for a result that was edited, which has no errors.
     bound : VertexBound, optional
         The error of the best possible cage animation.
+    unfitted : UnfittedClip, optional
+        The same clip with the weights before the fit, if they are fitted and both are known.
     """
 
     sources: dict[str, Any]
@@ -86,6 +87,7 @@ class RunSummary:
     key_frame_errors: Floats
     regions: tuple[Region, ...] | None = None
     bound: VertexBound | None = None
+    unfitted: UnfittedClip | None = None
 
 
 class ResultWriter:
@@ -138,6 +140,8 @@ class ResultWriter:
                 summary.key_frame_errors / self._diagonal, -MAX_STORED_ERROR, MAX_STORED_ERROR
             )
             self._file.create_dataset("poses/misses", data=misses, dtype="f4")
+            if summary.unfitted is not None:
+                write_unfitted(self._file, summary.unfitted)
         self._file.create_dataset("metrics/vertex_rms", data=summary.vertex_rms, dtype="f8")
         if summary.regions is not None:
             write_regions(self._file, summary.regions)

@@ -1,6 +1,7 @@
 """The run: blocks of frames through the solver, measured, into the result file."""
 
 import hashlib
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
 from cageik_cli.store.result import Result, checkpoint_path, read_result
 from cageik_cli.store.result_writer import ResultHeader, RunSummary, open_result_writer
+from cageik_cli.store.unfitted import UnfittedClip
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.outputs import write_bytes
@@ -38,6 +40,7 @@ from cageik_cli.workflows.plan import (
 )
 from cageik_cli.workflows.regions import find_clip_regions
 from cageik_cli.workflows.resume import open_checkpoint, resume_from_checkpoint
+from cageik_cli.workflows.unfitted import FramesToCompare, measure_unfitted, recover_unfitted
 
 
 def extract(settings: ExtractSettings, progress: ProgressListener | None = None) -> Result:
@@ -98,7 +101,8 @@ def run_extraction(
     header = _make_header(plan, stored_binding, solver)
     executor = executor or ThreadExecutor(plan.settings.jobs)
     block_solver = BlockSolver(plan.sequence, solver, plan.settings.skips_bad_frames, progress)
-    _solve_and_write(plan, header, block_solver, executor)
+    unfitted = recover_unfitted(stored_binding) if plan.settings.keep_weights else None
+    _solve_and_write(plan, RunOutput(header, unfitted), block_solver, executor)
     return read_result(plan.settings.output)
 
 
@@ -116,13 +120,33 @@ def _write_cage(plan: ExtractionPlan, cage: TriMesh) -> None:
         write_bytes(path, data, plan.settings.overwrite)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RunOutput:
+    """What a run writes beside its frames.
+
+    Attributes
+    ----------
+    header : ResultHeader
+    unfitted : Binding, optional
+        With the weights before the fit, if the result compares them.
+    """
+
+    header: ResultHeader
+    unfitted: Binding | None
+
+    def plan_memory(self, settings: ExtractSettings) -> MemoryPlan:
+        """Plan the blocks of frames beside all weights that are held."""
+        held = 0 if self.unfitted is None else self.unfitted.weights.nbytes
+        return MemoryPlan.fit(settings.memory - held, self.header.binding, settings.jobs)
+
+
 def _solve_and_write(
-    plan: ExtractionPlan, header: ResultHeader, block_solver: BlockSolver, executor: BlockExecutor
+    plan: ExtractionPlan, output: RunOutput, block_solver: BlockSolver, executor: BlockExecutor
 ) -> None:
     """Solve the frames that the checkpoint does not hold yet, and compose the result of it."""
     settings, sequence, progress = plan.settings, plan.sequence, block_solver.progress
-    memory_plan = MemoryPlan.fit(settings.memory, header.binding, settings.jobs)
-    spec = _make_run_spec(plan, header.binding, memory_plan.block_size)
+    memory_plan = output.plan_memory(settings)
+    spec = _make_run_spec(plan, output.header.binding, memory_plan.block_size)
     # One thread for the products: blocks are solved, and frames read, beside each other.
     with open_checkpoint(settings, spec) as checkpoint, limit_blas_threads(1):
         with progress.stage("read"):
@@ -134,12 +158,12 @@ def _solve_and_write(
                     checkpoint.append(block)
                 progress.update(block.stop, len(sequence))
         with progress.stage("write"):
-            _write_result(plan, header, checkpoint)
+            _write_result(plan, output, checkpoint)
 
 
-def _write_result(plan: ExtractionPlan, header: ResultHeader, checkpoint: Checkpoint) -> None:
+def _write_result(plan: ExtractionPlan, run_output: RunOutput, checkpoint: Checkpoint) -> None:
     """Compose the result of a complete checkpoint, whose blocks are read once, in order."""
-    output, summary = plan.settings.output, checkpoint.summary
+    header, output, summary = run_output.header, plan.settings.output, checkpoint.summary
     if len(summary.skipped) == len(header.frames):
         raise FileAccessError(f"no frame can be read, the first: {summary.skipped[0]}")
     regions = find_clip_regions(header.binding, summary)
@@ -165,8 +189,24 @@ def _write_result(plan: ExtractionPlan, header: ResultHeader, checkpoint: Checkp
                 key_frame_errors=np.array(errors),
                 regions=regions,
                 bound=summary.measure_bound(len(binding.cage.vertices)),
+                unfitted=_measure_unfitted(plan, run_output, summary, key_frames),
             )
         )
+
+
+def _measure_unfitted(
+    plan: ExtractionPlan, output: RunOutput, summary: ClipSummary, key_frames: list[int]
+) -> UnfittedClip | None:
+    """Measure some frames with the weights before the fit, if the result compares them."""
+    if output.unfitted is None:
+        return None
+    frames = FramesToCompare(
+        known=np.setdiff1d(np.arange(summary.frames_done), list(summary.skipped)),
+        key_frames=key_frames,
+        read=lambda k: _reread_frame(plan.sequence, k, summary.digests[k]),
+    )
+    solver = DualLaplacianSolver(output.unfitted, plan.settings.solve, plan.vertex_weights)
+    return measure_unfitted(solver, output.header.binding, frames)
 
 
 def _find_key_frames(

@@ -91,7 +91,7 @@ def fit_binding(
     else:
         cache = FitCache(request.cache, partial(progress.note, "fit"))
         binding, fit = cache.get_or_fit(inputs, fitted_clips, compute)
-    return replace(stored, binding=binding, fit=fit)
+    return replace(stored, binding=binding, fit=fit, unfitted=stored.binding)
 
 
 def _fit(

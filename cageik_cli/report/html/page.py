@@ -13,6 +13,7 @@ from cageik_cli.report.figures import (
     format_metric,
     format_percent,
 )
+from cageik_cli.report.html.fit_section import build_fit_values
 from cageik_cli.report.html.frames_table import (
     INDEX_COLUMN,
     NAME_COLUMN,
@@ -20,7 +21,7 @@ from cageik_cli.report.html.frames_table import (
     build_quality_rows,
     choose_columns,
 )
-from cageik_cli.report.html.templating import make_data_url, render_template
+from cageik_cli.report.html.templating import make_data_url, make_png_url, render_template
 from cageik_cli.report.limits import (
     PERCENT,
     LimitCheck,
@@ -36,6 +37,11 @@ from cageik_cli.report.regions import (
     format_centre,
     format_size,
     list_remedies,
+)
+from cageik_cli.report.render.fit_views import (
+    FitPictures,
+    load_fit_shapes,
+    render_fit_pictures,
 )
 from cageik_cli.report.render.model_views import (
     Pictures,
@@ -57,6 +63,7 @@ SECTIONS = (
     ("verdict", "Verdict"),
     ("per-frame", "{measure} per frame"),
     ("poses", "Poses"),
+    ("fit", "Fitted weights"),
     ("regions", "Worst regions"),
     ("histogram", "Histogram"),
     ("worst-vertices", "{worst} vertices"),
@@ -77,7 +84,9 @@ HEAD_BYTES = 512
 """The first bytes of a page, which hold the tag that names its record."""
 
 
-def render_page(report: Report, pictures: Pictures | None) -> str:
+def render_page(
+    report: Report, pictures: Pictures | None, fit_pictures: FitPictures | None = None
+) -> str:
     """Render the page of a report.
 
     Parameters
@@ -85,6 +94,8 @@ def render_page(report: Report, pictures: Pictures | None) -> str:
     report : Report
     pictures : Pictures, optional
         None for a result without weights; the page then says so.
+    fit_pictures : FitPictures, optional
+        None for a result that does not hold the weights before a fit.
 
     Returns
     -------
@@ -92,12 +103,14 @@ def render_page(report: Report, pictures: Pictures | None) -> str:
         The same text for the same arguments.
     """
     columns, words = choose_columns(report), choose_vocabulary(report.edited_from)
+    fit = build_fit_values(report, fit_pictures, words)
     return render_template(
         "page.html.j2",
         report=report,
         digest=compute_record_digest(report),
         words=words,
-        sections=_list_sections(report, words),
+        sections=_list_sections(report, words, has_fit=fit is not None),
+        fit=fit,
         verdict=make_overall_verdict(report.gates),
         limit_rows=[_build_limit_row(check, words) for check in report.gates],
         plot=_build_plot_values(report),
@@ -119,13 +132,12 @@ def render_page(report: Report, pictures: Pictures | None) -> str:
     )
 
 
-def _list_sections(report: Report, words: Vocabulary) -> list[tuple[str, str]]:
+def _list_sections(report: Report, words: Vocabulary, has_fit: bool) -> list[tuple[str, str]]:
     """List the anchors and the titles of the sections."""
+    optional = {"regions": bool(report.regions), "fit": has_fit}
     names = {"measure": words.measure.capitalize(), "worst": words.worst.capitalize()}
     return [
-        (anchor, title.format(**names))
-        for anchor, title in SECTIONS
-        if anchor != "regions" or report.regions
+        (anchor, title.format(**names)) for anchor, title in SECTIONS if optional.get(anchor, True)
     ]
 
 
@@ -172,7 +184,11 @@ def render_result_page(result: Result, report: Report) -> str:
         When the file is damaged.
     """
     poses = load_poses(result)
-    return render_page(report, None if poses is None else render_pictures(poses))
+    if poses is None:
+        return render_page(report, None)
+    shapes = load_fit_shapes(result, poses)
+    fit_pictures = None if shapes is None else render_fit_pictures(poses, shapes)
+    return render_page(report, render_pictures(poses), fit_pictures)
 
 
 def compute_record_digest(report: Report) -> str:
@@ -225,6 +241,9 @@ def _build_plot_values(report: Report) -> dict[str, Any]:
         else f"the volume change of each frame, largest {format_change(changes)} % at "
         f"{summary.volume_change_frame}"
     )
+    if report.unfitted is not None:
+        most = format_percent(max(report.unfitted.rms_percent))
+        other = f"{most} % with {report.unfitted.coordinates} weights, and {other}"
     return {
         "source": make_data_url(plot.svg.encode(), "svg+xml"),
         "text": f"RMS {words.measure} of {format_count(len(report.frames), 'frame')}, up to "
@@ -258,7 +277,7 @@ def _build_picture_values(pictures: Pictures, words: Vocabulary) -> dict[str, An
         "rest_views": [
             (
                 side,
-                _make_png_url(picture),
+                make_png_url(picture),
                 f"The rest pose {side.lower()}, coloured by the RMS of each vertex",
             )
             for side, picture in sides
@@ -275,19 +294,15 @@ def _list_pose_views(
     original, reconstruction = words.original, words.reconstruction
     coloured = f"{title}: the {reconstruction}, coloured by {words.distance}"
     return [
-        (original.capitalize(), _make_png_url(pose.original), f"{title}: the {original}"),
-        (reconstruction.capitalize(), _make_png_url(pose.reconstruction), coloured),
-        ("Cage", _make_png_url(pose.cage), f"{title}: the cage"),
+        (original.capitalize(), make_png_url(pose.original), f"{title}: the {original}"),
+        (reconstruction.capitalize(), make_png_url(pose.reconstruction), coloured),
+        ("Cage", make_png_url(pose.cage), f"{title}: the cage"),
     ]
 
 
 def _pose_titles(words: Vocabulary) -> dict[str, str]:
     frames = {"worst": words.worst, "median": "median", "best": words.best}
     return {"rest": "Rest pose"} | {k: f"{text.capitalize()} frame" for k, text in frames.items()}
-
-
-def _make_png_url(picture: bytes) -> str:
-    return make_data_url(picture, "png")
 
 
 def _format_ticks(top: float) -> list[str]:

@@ -40,6 +40,11 @@ def make_data_url(content: bytes, kind: str) -> str:
     return f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
 
 
+def make_png_url(picture: bytes) -> str:
+    """Encode a PNG file as a data URL."""
+    return make_data_url(picture, "png")
+
+
 def _read_template(name: str) -> str:
     """Read a file of the templates' folder; it holds no text of users."""
     assert _environment.loader is not None

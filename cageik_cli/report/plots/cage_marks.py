@@ -7,7 +7,7 @@ import numpy as np
 
 from cageik_cli.cages.findings import Finding, pluralize
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.report.render.model_views import parse_colour
+from cageik_cli.report.render.colouring import parse_colour
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import join_truncated
 

@@ -15,7 +15,8 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.plots.cage_marks import FaultMark
 from cageik_cli.report.plots.pose_marks import place_names
 from cageik_cli.report.plots.style import INK, make_drawable, measure_text_width, use_fixed_style
-from cageik_cli.report.render.model_views import parse_colour, project_surface, render_with_cage
+from cageik_cli.report.render.colouring import parse_colour
+from cageik_cli.report.render.model_views import project_surface, render_with_cage
 from cageik_cli.report.render.raster import ParallelCamera, rasterize
 from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, Picture, downsample, overlay
 from cageik_cli.report.render.viewpoints import VIEW_TURN, view_axes

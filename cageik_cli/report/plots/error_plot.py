@@ -24,7 +24,7 @@ from cageik_cli.report.plots.limit_lines import (
     format_limit_label,
 )
 from cageik_cli.report.plots.placement import Box
-from cageik_cli.report.plots.series import MIN_AXIS_PERCENT, Series, build_series
+from cageik_cli.report.plots.series import MIN_AXIS_PERCENT, Reference, Series, build_series
 from cageik_cli.report.plots.style import INK, MUTED, make_drawable, use_fixed_style
 from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import choose_vocabulary
@@ -176,11 +176,28 @@ def _draw_series(axes: Axes, series: Series) -> None:
         marker=series.style.marker,
         markersize=3.2,
         markevery=_marked_frames(series.values).tolist(),
-        label=series.name.split(",")[0],
+        label=series.label,
         gid=series.metrics[0],
     )
+    if series.reference is not None:
+        _draw_reference(axes, series.reference)
     if series.is_signed:
         axes.axhline(0, color=series.style.colour, linewidth=0.5, dashes=(1, 3), gid="zero")
+
+
+def _draw_reference(axes: Axes, reference: Reference) -> None:
+    few = len(reference.frames) <= MAX_MARKED_FRAMES
+    axes.plot(
+        reference.frames,
+        reference.values,
+        linestyle=reference.style.linestyle,
+        color=reference.style.colour,
+        linewidth=1.4,
+        marker=reference.style.marker if few else "",
+        markersize=3.2,
+        label=reference.label,
+        gid="unfitted",
+    )
 
 
 def _marked_frames(values: Floats) -> Integers:
@@ -195,6 +212,8 @@ def _marked_frames(values: Floats) -> Integers:
 def _set_y_limits(axes: Axes, series: Series, limits: Sequence[LimitLine]) -> None:
     """Set the axes so that zero, all values and the limits are inside."""
     heights = [height for limit in limits for height in limit.heights]
+    if series.reference is not None:
+        heights += series.reference.values.tolist()
     lowest = float(np.nanmin(series.values, initial=min([0.0, *heights])))
     highest = float(np.nanmax(series.values, initial=max([0.0, *heights])))
     size = max(highest - lowest, MIN_AXIS_PERCENT)

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.report.record import Report
+from cageik_cli.report.unfitted import UnfittedRecord
 from cageik_cli.report.vocabulary import choose_vocabulary
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Integers
 
 MIN_AXIS_PERCENT = 0.001
 """Percent; no axis ends lower, so that rounding does not look like an error."""
@@ -26,6 +27,26 @@ class LineStyle:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """A second curve on the axis of a series, over some of the frames.
+
+    Attributes
+    ----------
+    frames : (k,) int64
+    values : (k,) float64
+        Percent.
+    label : str
+        In the legend.
+    style : LineStyle
+    """
+
+    frames: Integers
+    values: Floats
+    label: str
+    style: LineStyle
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Series:
     """A curve over the frames: its values and its style.
 
@@ -40,6 +61,10 @@ class Series:
     side : int
         Its axis: 0 for left, 1 for right.
     style : LineStyle
+    label : str
+        In the legend.
+    reference : Reference, optional
+        The same measure with the weights before a fit.
     """
 
     values: Floats
@@ -47,6 +72,8 @@ class Series:
     metrics: tuple[str, ...]
     side: int
     style: LineStyle
+    label: str
+    reference: Reference | None = None
 
     @property
     def is_signed(self) -> bool:
@@ -66,17 +93,36 @@ def build_series(report: Report) -> tuple[Series, Series]:
         ("rms", "frame_rms"),
         0,
         LineStyle("#0a7d4b", "-", "o"),
+        f"RMS {words.measure}" + (", fitted" if report.unfitted else ""),
+        _build_reference(report.unfitted),
     )
     changes = [frame.volume_change for frame in frames]
     if report.clip.closed and any(change is not None for change in changes):
         style = LineStyle("#1f4fa3", (0, (3.4, 1.1)), "s")
         return error, Series(
-            _plottable_values(changes), "volume change, %", ("volume_change",), 1, style
+            _plottable_values(changes),
+            "volume change, %",
+            ("volume_change",),
+            1,
+            style,
+            "volume change",
         )
     deviations = _plottable_values([frame.max_deviation_percent for frame in frames])
     name = f"{words.largest}, % of the diagonal"
     style = LineStyle("#8a3a8f", (0, (4, 1, 1, 1)), "^")
-    return error, Series(deviations, name, ("max_deviation",), 1, style)
+    return error, Series(deviations, name, ("max_deviation",), 1, style, words.largest)
+
+
+def _build_reference(unfitted: UnfittedRecord | None) -> Reference | None:
+    """Build the curve of the weights before a fit."""
+    if unfitted is None:
+        return None
+    return Reference(
+        np.array(unfitted.frames),
+        _plottable_values(unfitted.rms_percent),
+        unfitted.coordinates,
+        LineStyle("#c0641c", (0, (1.2, 1.2)), "d"),
+    )
 
 
 def _plottable_values(metrics: Sequence[float | None]) -> Floats:

@@ -1,18 +1,21 @@
 """Pictures of a model and its cage, seen from the front, slightly from the right and above."""
 
-import io
 from dataclasses import dataclass
 
 import numpy as np
-from PIL import Image
 
+from cageik_cli.report.render.colouring import (
+    COLOUR_SCALE,
+    choose_scale_end,
+    colour_pixels,
+    encode_png,
+    parse_colour,
+)
 from cageik_cli.report.render.raster import ParallelCamera, rasterize, rasterize_lines
 from cageik_cli.report.render.shading import (
     SAMPLES_PER_PIXEL,
     Picture,
     VisibleSurface,
-    downsample,
-    map_colours,
     overlay,
     rasterize_surface,
     render,
@@ -50,18 +53,24 @@ def render_with_cage(
     surface: VisibleSurface, camera: ParallelCamera, cage: Floats, cage_faces: Integers
 ) -> Picture:
     """Draw a pale model and the edges of its cage, fainter where they are behind a surface."""
+    picture = render(surface, parse_colour(MODEL_COLOUR))
+    return overlay_cage(picture, camera, surface, cage, cage_faces)
+
+
+def overlay_cage(
+    picture: Picture,
+    camera: ParallelCamera,
+    surface: VisibleSurface,
+    cage: Floats,
+    cage_faces: Integers,
+) -> Picture:
+    """Draw the edges of faces of a cage over a picture, fainter where they are behind a surface."""
     projected, size = camera.project(cage), camera.size
     edges = np.unique(np.sort(cage_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)), axis=0)
     depth = rasterize_lines(projected, edges, LINE_WIDTH * SAMPLES_PER_PIXEL, size)
     before = np.minimum(surface.depth, rasterize(projected[cage_faces], size).depth)
     opacity = np.where(depth <= before + DEPTH_TOL * size, FRONT_OPACITY, HIDDEN_OPACITY)
-    picture = render(surface, parse_colour(MODEL_COLOUR))
     return overlay(picture, parse_colour(CAGE_COLOUR), np.where(np.isfinite(depth), opacity, 0))
-
-
-def parse_colour(text: str) -> Floats:
-    """Return red, green and blue, 0 to 1, of #rrggbb."""
-    return np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255
 
 
 FRAME_LABELS = ("worst", "median", "best")
@@ -137,6 +146,11 @@ class PoseSet:
     up_axis: str
     region: RegionView | None = None
 
+    @property
+    def turn(self) -> float:
+        """Return the degrees to the right of the front from which poses are seen."""
+        return VIEW_TURN if self.region is None else self.region.turn
+
 
 def load_poses(result: Result) -> PoseSet | None:
     """Load the poses of a result; None if it was written without weights.
@@ -199,22 +213,7 @@ def _deviation_percent(misses: Floats) -> Floats:
     return np.asarray(100 * np.linalg.norm(misses, axis=1))
 
 
-COLOUR_SCALE = (
-    "#f2eada", "#efd098", "#ecb362", "#e69441", "#e56e38", "#d64d41", "#bb3252",
-    "#8f2c64", "#5d2d62",
-)  # fmt: skip
-"""From light to dark in even steps, so that they can be told apart without colour vision."""
-
-CLAY_COLOUR, MISSING_COLOUR = "#e2d6c8", "#a3a8ad"
-
-SCALE_PERCENTILE = 99.5
-"""Percent of the vertices that are within a colour scale."""
-
-SCALE_ENDS = (1, 1.5, 2, 3, 4, 5, 6, 8, 10)
-"""A colour scale ends at one of these numbers, times a power of ten."""
-
-MIN_SCALE_END = 0.001
-"""Percent of the diagonal; no scale ends lower, so that rounding does not look like an error."""
+CLAY_COLOUR = "#e2d6c8"
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,11 +265,11 @@ class Pictures:
 def render_pictures(poses: PoseSet, pixels: int = 360) -> Pictures:
     """Draw the poses and the error on the rest pose, in squares of `pixels`."""
     known = np.isfinite(poses.vertex_rms)
-    max_deviation = _choose_scale_end(
+    max_deviation = choose_scale_end(
         np.concatenate([pose.deviation[known] for pose in poses.poses])
     )
     samples = SAMPLES_PER_PIXEL * pixels
-    max_rms = _choose_scale_end(poses.vertex_rms[known])
+    max_rms = choose_scale_end(poses.vertex_rms[known])
     return Pictures(
         poses=tuple(
             _render_pose(poses, pose, max_deviation, _fit_pose(poses, pose, samples))
@@ -289,8 +288,7 @@ def render_pictures(poses: PoseSet, pixels: int = 360) -> Pictures:
 def _fit_pose(poses: PoseSet, pose: Pose, size: int) -> ParallelCamera:
     """Fit a camera to a pose, on the side of the worst region."""
     points = np.concatenate([pose.original, pose.reconstruction, pose.cage])
-    turn = VIEW_TURN if poses.region is None else poses.region.turn
-    return ParallelCamera.fit(view_axes(poses.up_axis, turn), points, size)
+    return ParallelCamera.fit(view_axes(poses.up_axis, poses.turn), points, size)
 
 
 def _render_close_up(poses: PoseSet, top: float, size: int) -> PosePictures | None:
@@ -303,15 +301,6 @@ def _render_close_up(poses: PoseSet, top: float, size: int) -> PosePictures | No
     return _render_pose(poses, view.pose, top, camera)
 
 
-def _choose_scale_end(values: Floats) -> float:
-    """Choose a round end for a scale that holds nearly all values."""
-    wanted = max(
-        float(np.percentile(values, SCALE_PERCENTILE)) if len(values) else 0.0, MIN_SCALE_END
-    )
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(f"{power * next((k for k in SCALE_ENDS if k * power >= wanted), 10):.2g}")
-
-
 def _render_pose(poses: PoseSet, pose: Pose, top: float, camera: ParallelCamera) -> PosePictures:
     original = project_surface(camera, pose.original, poses.faces)
     reconstruction = project_surface(camera, pose.reconstruction, poses.faces)
@@ -319,11 +308,11 @@ def _render_pose(poses: PoseSet, pose: Pose, top: float, camera: ParallelCamera)
     return PosePictures(
         label=pose.label,
         name=pose.name,
-        original=_encode_png(render(original, parse_colour(CLAY_COLOUR))),
-        reconstruction=_encode_png(
-            render(reconstruction, _colour_pixels(reconstruction, deviation, top))
+        original=encode_png(render(original, parse_colour(CLAY_COLOUR))),
+        reconstruction=encode_png(
+            render(reconstruction, colour_pixels(reconstruction, deviation, top))
         ),
-        cage=_encode_png(render_with_cage(reconstruction, camera, pose.cage, poses.cage_faces)),
+        cage=encode_png(render_with_cage(reconstruction, camera, pose.cage, poses.cage_faces)),
     )
 
 
@@ -331,20 +320,4 @@ def _render_rest(poses: PoseSet, turn: float, top: float, pixels: int) -> bytes:
     rest = poses.poses[0].reconstruction
     camera = ParallelCamera.fit(view_axes(poses.up_axis, turn), rest, SAMPLES_PER_PIXEL * pixels)
     surface = project_surface(camera, rest, poses.faces)
-    return _encode_png(render(surface, _colour_pixels(surface, poses.vertex_rms, top)))
-
-
-def _colour_pixels(surface: VisibleSurface, values: Floats, top: float) -> Floats:
-    stops = np.array([parse_colour(stop) for stop in COLOUR_SCALE])
-    return map_colours(surface.interpolate(values), top, stops, parse_colour(MISSING_COLOUR))
-
-
-def _encode_png(picture: Picture) -> bytes:
-    """Encode a picture as PNG, with colours in 64 levels, which halves the file."""
-    stream = io.BytesIO()
-    levels = np.rint(255 * np.clip(downsample(picture), 0, 1)).astype(np.uint8)
-    levels[:3] &= np.where(levels[3] > 0, 0xFC, 0).astype(np.uint8)
-    image = Image.fromarray(np.ascontiguousarray(levels.transpose(1, 2, 0)), "RGBA")
-    # Run lengths are most of what compresses in shaded surfaces: a third of the time, 7 % larger.
-    image.save(stream, "PNG", compress_type=Image.RLE)
-    return stream.getvalue()
+    return encode_png(render(surface, colour_pixels(surface, poses.vertex_rms, top)))

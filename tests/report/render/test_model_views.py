@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.report.render.model_views import (
-    CAGE_COLOUR,
-    parse_colour,
-    project_surface,
-    render_with_cage,
-)
+from cageik_cli.report.render.colouring import parse_colour
+from cageik_cli.report.render.model_views import CAGE_COLOUR, project_surface, render_with_cage
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.viewpoints import view_axes
 from tests.shapes import ball, box

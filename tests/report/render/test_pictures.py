@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cageik_cli.report.render.colouring import COLOUR_SCALE, MISSING_COLOUR
 from cageik_cli.report.render.model_views import (
-    COLOUR_SCALE,
-    MISSING_COLOUR,
     Pose,
     PoseSet,
     load_poses,
