@@ -10,6 +10,7 @@ from cageik_cli.cli.options.common import (
     PATH_TYPE,
     common_options,
     format_option,
+    get_verbosity,
     overwrite_option,
 )
 from cageik_cli.cli.options.group import OptionGroup
@@ -24,7 +25,7 @@ def make_export_settings(
     out: Path,
     scene: SceneHints,
     skeleton: bool,
-    max_influences: int | None,
+    influences: int | None,
     file_format: str | None,
     overwrite: bool,
 ) -> "ExportSettings":
@@ -32,10 +33,10 @@ def make_export_settings(
     from cageik_cli.formats.write import Output
     from cageik_cli.workflows.export import ExportSettings
 
-    if max_influences is not None and not skeleton:
-        raise click.UsageError("--max-influences needs --skeleton; give both, or neither")
+    if influences is not None and not skeleton:
+        raise click.UsageError("--influences needs --skeleton; give both, or neither")
     output = Output(out, file_format, overwrite)
-    return ExportSettings(result, output, scene, skeleton, max_influences)
+    return ExportSettings(result, output, scene, skeleton, influences, get_verbosity() > 0)
 
 
 @click.command("export")
@@ -52,9 +53,10 @@ def make_export_settings(
         "(.usd*).",
     ),
     click.option(
-        "--max-influences",
+        "--influences",
         type=click.IntRange(min=1),
-        help="Largest number of joints per vertex, with --skeleton.  [default: all]",
+        help="Fit the weights again, with at most this number of joints per vertex.  [default: "
+        "the weights of the result]",
     ),
     format_option,
     overwrite_option,

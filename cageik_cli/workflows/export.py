@@ -7,11 +7,13 @@ from pathlib import Path
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd.skeleton import SkeletonWriter
-from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
-from cageik_cli.store.result import Result, read_cages, read_result, read_weights
+from cageik_cli.formats.write import ExportSummary, Output, write_animation
+from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.util.arrays import fit_frames
 from cageik_cli.util.errors import SettingError, join_truncated
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.util.threads import count_processors
+from cageik_cli.workflows.skeleton import RigRequest, compare_influences, make_rig
 
 MAX_BLOCK_BYTES = 1 << 26
 """Bytes of a block of cages, at most."""
@@ -29,15 +31,19 @@ class ExportSettings:
         Time and space, where they differ from those of the result.
     skeleton : bool
         Write the rest pose with the weights as skin weights, and one joint per cage vertex.
-    max_influences : int, optional
-        Joints per vertex, at most.
+    influences : int, optional
+        Joints per vertex, at most, with weights that are fitted to that; those of the result if
+        absent.
+    compares : bool
+        Note the error of other numbers of influences, too.
     """
 
     result: Path
     output: Output
     scene: SceneHints = field(default_factory=SceneHints)
     skeleton: bool = False
-    max_influences: int | None = None
+    influences: int | None = None
+    compares: bool = False
 
     def inputs(self) -> list[Path]:
         """Return the file that is read."""
@@ -66,11 +72,24 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
         name="cage",
     )
     report_skipped_frames(result, progress)
+    if settings.skeleton:
+        return _write_skeleton(settings, result, animation, progress)
     blocks = read_cages(result, fit_frames(MAX_BLOCK_BYTES, len(result.cage.vertices)))
-    if not settings.skeleton:
-        return write_animation(settings.output, animation, blocks, progress)
-    make_writer = _make_skeleton_factory(result, settings.max_influences)
-    return write_animation(settings.output, animation, blocks, progress, make_writer)
+    return write_animation(settings.output, animation, blocks, progress)
+
+
+def _write_skeleton(
+    settings: ExportSettings, result: Result, animation: Animation, progress: ProgressListener
+) -> ExportSummary:
+    """Write the rest pose of a result, skinned to a joint per cage vertex."""
+    request = RigRequest(settings.influences, count_processors())
+    rig = make_rig(result, request, progress)
+    make_writer = partial(SkeletonWriter, skin=rig.skin)
+    summary = write_animation(settings.output, animation, rig.read_cages(), progress, make_writer)
+    progress.note("note", f"{settings.output.path.name}: {rig.message}")
+    if settings.compares:
+        compare_influences(result, request, progress)
+    return summary
 
 
 def report_skipped_frames(result: Result, progress: ProgressListener) -> None:
@@ -98,19 +117,3 @@ def check_export(settings: ExportSettings) -> None:
             f"{path}: --skeleton works with USD only, expected {', '.join(SkeletonWriter.suffixes)}"
         )
     settings.output.check_writable()
-
-
-def _make_skeleton_factory(result: Result, max_influences: int | None) -> WriterFactory:
-    """Make the factory of the writer of the skeleton, which needs the weights."""
-    weights = read_weights(result)
-    if weights is None:
-        raise SettingError(
-            f"{result.path}: has no weights, which a skeleton needs; extract it again without "
-            "--no-weights"
-        )
-    if result.has_offsets:
-        raise SettingError(
-            f"{result.path}: its weights have few influences, and joints that only translate do "
-            "not turn their rest pose with the frames; extract it without --influences"
-        )
-    return partial(SkeletonWriter, rest=result.rest, weights=weights, max_influences=max_influences)

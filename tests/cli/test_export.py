@@ -151,6 +151,7 @@ def test_no_format_here_replaces_a_result(run, result):
             "c/c_#.obj: the number of the first frame is -1",
         ),
         (["cages.h5", "c.glb", "--skeleton"], "c.glb: --skeleton"),
+        (["cages.h5", "c.usd", "--skeleton", "--influences", "9"], "cages.h5: --influences is 9"),
         (["cages.h5", "c.npz", "--format", "ply"], "c.npz: has another suffix"),
     ],
 )
@@ -171,8 +172,8 @@ def test_what_cannot_be_fails_with_a_sentence(run, result, words, says):
         (["cages.h5", "c", "--format", "stl"], "'stl' is not one of 'obj', 'ply'"),
         (["cages.h5", "c.npz", "--fps", "0"], "0 frames per second"),
         (["cages.h5", "c.npz", "--up-axis", "X"], "'X' is not one of 'Y', 'Z'"),
-        (["cages.h5", "c.usd", "--max-influences", "4"], "--max-influences"),
-        (["cages.h5", "c.usd", "--skeleton", "--max-influences", "0"], "0 is not in the range"),
+        (["cages.h5", "c.usd", "--influences", "4"], "--influences needs --skeleton"),
+        (["cages.h5", "c.usd", "--skeleton", "--influences", "0"], "0 is not in the range"),
     ],
 )
 def test_wrong_usage_is_exit_code_2(run, result, words, says):
@@ -187,11 +188,20 @@ def test_a_skeleton_says_what_it_costs(run, result):
     first, note = outcome.err.splitlines()
     assert first.startswith("wrote c.usda: 5 frames of 8 vertices, ")
     assert note.startswith("  note           c.usda: up to 8 influences per vertex")
-    assert note.endswith(" % of the diagonal")
     assert "def Skeleton" in Path("c.usda").read_text()
-    words = ["--skeleton", "--max-influences", "3", "--overwrite"]
+    words = ["--skeleton", "--influences", "3", "--overwrite"]
     outcome = run("export", "cages.h5", "c.usda", *words)
-    assert "c.usda: up to 3 influences per vertex" in outcome.err
+    assert "c.usda: up to 3 influences per vertex; error against the full" in outcome.err
+    assert outcome.err.endswith(" % of the diagonal\n")
+
+
+def test_more_numbers_of_influences_are_compared_when_asked(run, result):
+    outcome = run("export", "cages.h5", "c.usda", "--skeleton", "--influences", "2", "-v")
+    line = outcome.err.splitlines()[-1]
+    assert line.split()[:2] == ["influences", "rms"]
+    assert "4: " in line
+    assert "8: " in line
+    assert "16: " not in line  # the cage has 8 vertices
 
 
 def test_a_skeleton_needs_weights(run, folder):

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics
@@ -17,6 +19,9 @@ MIN_WEIGHT = 1e-7
 """Smaller weights are dropped: beside a weight of 1, single precision loses them."""
 
 _BLOCK_ROWS = 1 << 14
+
+_JOINT_BYTES = 12 + 16
+"""Bytes of a joint in a frame: a translation and a rotation in single precision."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,15 +46,13 @@ class SkinWeights:
         return matrix
 
 
-def compute_skin_weights(weights: Floats, max_influences: int | None = None) -> SkinWeights:
+def compute_skin_weights(weights: Floats) -> SkinWeights:
     """Compute skin weights from cage weights: negative ones are cut off, the sum scaled to 1.
 
     Parameters
     ----------
     weights : (m, n)
         Rows sum to one.
-    max_influences : int, optional
-        Only the `max_influences` largest of each row are kept, 1 or more; all if absent.
 
     Raises
     ------
@@ -57,8 +60,7 @@ def compute_skin_weights(weights: Floats, max_influences: int | None = None) -> 
         When a row has no weight above zero.
     """
     blocks = [slice(row, row + _BLOCK_ROWS) for row in range(0, len(weights), _BLOCK_ROWS)]
-    counts = [int((weights[rows] >= MIN_WEIGHT).sum(axis=1).max()) for rows in blocks]
-    k = min(max_influences or max(counts), max(counts))
+    k = max(int((weights[rows] >= MIN_WEIGHT).sum(axis=1).max()) for rows in blocks)
     joints = np.empty((len(weights), k), np.int64)
     values = np.empty((len(weights), k))
     for rows in blocks:
@@ -73,58 +75,39 @@ def compute_skin_weights(weights: Floats, max_influences: int | None = None) -> 
     return SkinWeights(joints, values / sums)
 
 
-def measure_skinning_error(offsets: Floats, weight_differences: Floats, moves: Floats) -> float:
-    """Return the largest distance between a skinned mesh and `H c`, over k frames.
-
-    A skin of weights S takes a rest vertex p to p + S (c − c_rest); less H c, that is
-    (p − H c_rest) + (S − H) (c − c_rest).
-
-    Parameters
-    ----------
-    offsets : (m, 3)
-        p − H c_rest.
-    weight_differences : (m, n)
-        S − H.
-    moves : (k, n, 3)
-        c − c_rest of each frame.
-    """
-    columns = moves.transpose(1, 0, 2).reshape(weight_differences.shape[1], -1)
-    apart = (weight_differences @ columns).reshape(len(offsets), -1, 3) + offsets[:, None]
-    return float(np.linalg.norm(apart, axis=2).max())
-
-
-_COMPARE_BYTES = 1 << 26
-"""Bytes of frames that are compared at once."""
-
-
-class SkeletonWriter(AnimationWriter):
-    """Writes the rest mesh, skinned to joints that only translate.
-
-    A skin moves a rest vertex p to p + Σ_k w_k (c_k − rest c_k). That is `H c` if the skin weights
-    are those of H and H reproduces the rest pose. Skin weights cannot be negative, see
-    `compute_skin_weights`.
+@dataclass(frozen=True, slots=True, eq=False)
+class Skin:
+    """A mesh with skin weights, and how the whole of it turns.
 
     Attributes
     ----------
-    influences : int
-        The largest number of joints that move one vertex; known from the beginning.
-    max_skinning_error : float
-        Largest distance of a skinned vertex from `H c` over the rest pose and the frames appended
-        so far, file units.
+    rest : TriMesh
+        m vertices.
+    weights : SkinWeights
+    rotations : (F, 3, 3) float64
+        R of each frame; `points @ R` turns points of the rest pose to it.
+    """
+
+    rest: TriMesh
+    weights: SkinWeights
+    rotations: Floats
+
+
+class SkeletonWriter(AnimationWriter):
+    """Writes the rest mesh X, skinned to joints that translate below a root that also turns.
+
+    The root is in the mean of the cage's vertices. Its children are where the cage's vertices are,
+    and turn with it. So a skin of weights S gives
+
+        S c + (X − S C) R,
+
+    with c the cage of the frame, C the rest cage and R the rotation of the frame. If S are all the
+    weights of a binding, this is `weights @ cage`, whatever R is.
     """
 
     suffixes = USD_SUFFIXES
-    influences: int
-    max_skinning_error: float
 
-    def __init__(
-        self,
-        target: Path,
-        animation: Animation,
-        rest: TriMesh,
-        weights: Floats,
-        max_influences: int | None = None,
-    ) -> None:
+    def __init__(self, target: Path, animation: Animation, skin: Skin) -> None:
         """Start writing to `target`, whose suffix is one of `suffixes`.
 
         Parameters
@@ -132,94 +115,97 @@ class SkeletonWriter(AnimationWriter):
         target : Path
         animation : Animation
             Of the cage: its `rest` is the rest cage.
-        rest : TriMesh
-            The mesh that is bound, m vertices.
-        weights : (m, n) float64
-            H, rows summing to one; read, never changed.
-        max_influences : int, optional
-            Largest number of joints that move one vertex; all if absent.
+        skin : Skin
 
         Raises
         ------
         InputError
             When usd-core is not installed, or the format cannot hold the animation.
         """
-        points, skin = to_float32(rest.vertices), compute_skin_weights(weights, max_influences)
-        self.influences = skin.joints.shape[1]
-        self._cage, self._diagonal = animation.rest.vertices, rest.diagonal
-        self._offsets = rest.vertices - weights @ self._cage
-        self._weight_differences = skin.to_dense(len(self._cage)) - weights
-        self.max_skinning_error = float(np.linalg.norm(self._offsets, axis=1).max())
-        self._file = UsdFile(target, animation, 12 * len(self._cage))
+        points = to_float32(skin.rest.vertices)
+        self._cage, self._rotations = animation.rest.vertices, skin.rotations
+        self._last_turn = np.array([0.0, 0.0, 0.0, 1.0])
+        self._done = 0
+        self._file = UsdFile(target, animation, _JOINT_BYTES * (len(self._cage) + 1))
         from pxr import Vt
 
         with capture_diagnostics(OSError):
             self._define_skeleton()
-            mesh = define_mesh(self._file.stage, f"{self._file.root}/mesh", rest)
+            mesh = define_mesh(self._file.stage, f"{self._file.root}/mesh", skin.rest)
             mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
             mesh.CreateExtentAttr(compute_extent(points))
-            self._bind_mesh(mesh, skin)
+            self._bind_mesh(mesh, skin.weights)
 
     def append(self, frames: Floats) -> None:
         """Write the cages of the next k frames, (k, n, 3)."""
         from pxr import Vt
 
-        for cage in map(to_float32, frames):
-            time = self._file.begin_frame()
+        rotations = self._rotations[self._done : self._done + len(frames)]
+        centres = frames.mean(axis=1)
+        places = (frames - centres[:, None]) @ rotations.swapaxes(1, 2)
+        joints = to_float32(np.concatenate([centres[:, None], places], axis=1))
+        for translations, rotation in zip(joints, rotations, strict=True):
+            time, turns = self._file.begin_frame(), self._list_turns(rotation)
             with capture_diagnostics(OSError):
-                self._translations.Set(Vt.Vec3fArray.FromNumpy(cage), time)
-        size = max(1, _COMPARE_BYTES // self._offsets.nbytes)
-        for start in range(0, len(frames), size):
-            moves = frames[start : start + size] - self._cage
-            self.max_skinning_error = max(
-                self.max_skinning_error,
-                measure_skinning_error(self._offsets, self._weight_differences, moves),
-            )
+                self._translations.Set(Vt.Vec3fArray.FromNumpy(translations), time)
+                self._turns.Set(Vt.QuatfArray.FromNumpy(turns), time)
+        self._done += len(frames)
 
     def complete(self) -> None:
-        """Save the file, and note the error of the skin weights."""
+        """Save the file."""
         self._file.complete()
-        self.notes = (
-            f"up to {self.influences} influences per vertex; largest error against full weights "
-            f"{100 * self.max_skinning_error / self._diagonal:.2g} % of the diagonal",
-        )
 
     def abandon(self) -> None:
         """Close the file."""
         self._file.abandon()
 
+    def _list_turns(self, rotation: Floats) -> NDArray[np.float32]:
+        """Return the quaternions of all joints, (n + 1, 4), the real part last.
+
+        That of the root has the sign that is nearer to the frame before, so that programs which
+        interpolate take the short way.
+        """
+        turn = Rotation.from_matrix(rotation.T).as_quat()
+        self._last_turn = -turn if turn @ self._last_turn < 0 else turn
+        turns = np.zeros((len(self._cage) + 1, 4), np.float32)
+        turns[:, 3] = 1
+        turns[0] = self._last_turn
+        return turns
+
     def _define_skeleton(self) -> None:
-        """Define a joint per cage vertex, none the parent of another, that only translates."""
-        from pxr import Gf, UsdSkel, Vt
+        """Define the root joint, and below it a joint per cage vertex."""
+        from pxr import UsdSkel, Vt
 
         stage, root, count = self._file.stage, self._file.root, len(self._cage)
         UsdSkel.Root.Define(stage, root)
         skeleton = UsdSkel.Skeleton.Define(stage, f"{root}/skeleton")
         motion = UsdSkel.Animation.Define(stage, f"{root}/skeleton/motion")
         digits = max(3, len(str(count - 1)))
-        joints = [f"cage_{k:0{digits}}" for k in range(count)]
-        places = Vt.Matrix4dArray.FromNumpy(_make_translations(self._cage))
+        joints = ["root", *(f"root/cage_{k:0{digits}}" for k in range(count))]
+        centre = self._cage.mean(axis=0)
+        bind, rest = np.vstack([centre, self._cage]), np.vstack([centre, self._cage - centre])
         skeleton.CreateJointsAttr(joints)
-        skeleton.CreateBindTransformsAttr(places)
-        skeleton.CreateRestTransformsAttr(places)
+        skeleton.CreateBindTransformsAttr(Vt.Matrix4dArray.FromNumpy(_make_translations(bind)))
+        skeleton.CreateRestTransformsAttr(Vt.Matrix4dArray.FromNumpy(_make_translations(rest)))
         binding = UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
         binding.CreateAnimationSourceRel().SetTargets([motion.GetPath()])
         motion.CreateJointsAttr(joints)
-        motion.CreateRotationsAttr(Vt.QuatfArray(count, Gf.Quatf(1)))
-        motion.CreateScalesAttr(Vt.Vec3hArray(count, Gf.Vec3h(1)))
+        motion.CreateScalesAttr(Vt.Vec3hArray.FromNumpy(np.ones((count + 1, 3), np.float16)))
+        self._turns: Any = motion.CreateRotationsAttr()
         self._translations: Any = motion.CreateTranslationsAttr()
 
-    def _bind_mesh(self, mesh: Any, skin: SkinWeights) -> None:
+    def _bind_mesh(self, mesh: Any, weights: SkinWeights) -> None:
         """Bind a mesh to the skeleton."""
         from pxr import Gf, UsdSkel, Vt
 
+        influences = weights.joints.shape[1]
         binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
         binding.CreateSkeletonRel().SetTargets([f"{self._file.root}/skeleton"])
         binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1))
-        joints = binding.CreateJointIndicesPrimvar(False, self.influences)
-        joints.Set(Vt.IntArray.FromNumpy(skin.joints.astype(np.int32).ravel()))
-        values = binding.CreateJointWeightsPrimvar(False, self.influences)
-        values.Set(Vt.FloatArray.FromNumpy(skin.values.astype(np.float32).ravel()))
+        joints = binding.CreateJointIndicesPrimvar(False, influences)
+        joints.Set(Vt.IntArray.FromNumpy((weights.joints + 1).astype(np.int32).ravel()))
+        values = binding.CreateJointWeightsPrimvar(False, influences)
+        values.Set(Vt.FloatArray.FromNumpy(weights.values.astype(np.float32).ravel()))
 
 
 def _make_translations(points: Floats) -> Floats:

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom, UsdSkel
+from scipy.spatial.transform import Rotation
 
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import Scene
-from cageik_cli.formats.usd import skeleton
 from cageik_cli.formats.usd.errors import USD_SUFFIXES
-from cageik_cli.formats.usd.skeleton import SkeletonWriter, compute_skin_weights
+from cageik_cli.formats.usd.skeleton import SkeletonWriter, Skin, compute_skin_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FormatError, OutputError
 from tests.formats.clips import faults_of
@@ -17,7 +17,8 @@ from tests.shapes import ball, box
 
 RANDOM = np.random.default_rng(11)
 REST, CAGE = ball(levels=1, size=1.0), box(2.0)
-CAGES = CAGE.vertices + RANDOM.normal(0, 0.2, (5, 8, 3))
+ROTATIONS = Rotation.from_rotvec(np.outer([0, 1, 2, 3, 4], [0.3, 0.9, -0.2])).as_matrix()
+CAGES = (CAGE.vertices + RANDOM.normal(0, 0.2, (5, 8, 3))) @ ROTATIONS + [[[3.0, 0, -2]]]
 SCENE = Scene(fps=25.0, start=3.0, up_axis="Z", metres_per_unit=0.1)
 
 
@@ -32,12 +33,15 @@ CONVEX = trilinear(REST.vertices)
 SIGNED = CONVEX + 0.2 * np.prod(np.sign(CAGE.vertices), axis=1)
 
 
-def written(path, weights, most=None, size=2):
-    writer = SkeletonWriter(path, Animation(CAGE, len(CAGES), SCENE, "hero"), REST, weights, most)
+def skin_of(weights, rest=REST):
+    return Skin(rest, compute_skin_weights(weights), ROTATIONS)
+
+
+def written(path, weights, size=2):
+    writer = SkeletonWriter(path, Animation(CAGE, len(CAGES), SCENE, "hero"), skin_of(weights))
     for start in range(0, len(CAGES), size):
         writer.append(CAGES[start : start + size])
     writer.complete()
-    return writer
 
 
 def skinned(path):
@@ -59,35 +63,28 @@ def test_the_weights_of_the_test_are_what_they_claim():
 @pytest.mark.parametrize("suffix", USD_SUFFIXES)
 def test_convex_weights_give_the_mesh_of_the_cages(tmp_path, suffix):
     path = tmp_path / f"rig{suffix}"
-    writer = written(path, CONVEX)
-    np.testing.assert_allclose(skinned(path), CONVEX @ CAGES, atol=2e-6)
-    assert writer.max_skinning_error < 1e-14
-    assert writer.influences == 8
+    written(path, CONVEX)
+    np.testing.assert_allclose(skinned(path), CONVEX @ CAGES, atol=5e-6)
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
-@pytest.mark.parametrize("most", [None, 3])
-@pytest.mark.parametrize("compared", [1, 1 << 26])
-def test_what_other_weights_cost_is_what_usd_shows(tmp_path, monkeypatch, most, compared):
-    monkeypatch.setattr(skeleton, "_COMPARE_BYTES", compared)
-    writer = written(tmp_path / "rig.usdc", SIGNED, most)
-    found = skinned(tmp_path / "rig.usdc")
-    skin = compute_skin_weights(SIGNED, most).to_dense(8)
-    expected = REST.vertices + skin @ (CAGES - CAGE.vertices)
-    np.testing.assert_allclose(found, expected, atol=2e-6)
-    moved = np.linalg.norm(found - SIGNED @ CAGES, axis=2).max()
-    assert moved > 0.01
-    np.testing.assert_allclose(writer.max_skinning_error, moved, rtol=1e-4)
-    assert writer.influences == (most or np.count_nonzero(skin, axis=1).max())
+def test_what_other_weights_lack_turns_with_the_root(tmp_path):
+    written(tmp_path / "rig.usdc", SIGNED)
+    skin = compute_skin_weights(SIGNED).to_dense(8)
+    expected = skin @ CAGES + (REST.vertices - skin @ CAGE.vertices) @ ROTATIONS
+    np.testing.assert_allclose(skinned(tmp_path / "rig.usdc"), expected, atol=5e-6)
+    assert np.abs(expected - SIGNED @ CAGES).max() > 0.01
 
 
-def test_vertices_that_the_weights_do_not_rebuild_are_told_from_the_rest_pose_on(tmp_path):
-    """Such as those projected onto the cage: the skin leaves them where they were."""
-    weights = trilinear(REST.vertices * 0.9)
-    animation = Animation(CAGE, 1, SCENE, "hero")
-    writer = SkeletonWriter(tmp_path / "rig.usdc", animation, REST, weights)
-    np.testing.assert_allclose(writer.max_skinning_error, 0.1, rtol=1e-12)
-    writer.abandon()
+def test_the_root_takes_the_short_way(tmp_path):
+    """Its rotation passes half a turn, where a quaternion may change its sign."""
+    written(tmp_path / "rig.usdc", CONVEX)
+    stage = Usd.Stage.Open(str(tmp_path / "rig.usdc"))
+    motion = UsdSkel.Animation(stage.GetPrimAtPath("/hero/skeleton/motion"))
+    turns = [motion.GetRotationsAttr().Get(3 + k)[0] for k in range(len(CAGES))]
+    found = np.array([[turn.GetReal(), *turn.GetImaginary()] for turn in turns])
+    assert (np.einsum("ki,ki->k", found[1:], found[:-1]) > 0).all()
+    assert found[-1, 0] < 0
 
 
 def test_joints_are_the_vertices_of_the_cage(tmp_path):
@@ -95,10 +92,14 @@ def test_joints_are_the_vertices_of_the_cage(tmp_path):
     stage = Usd.Stage.Open(str(tmp_path / "rig.usdc"))
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (3, 7)
     rig = UsdSkel.Skeleton(stage.GetPrimAtPath("/hero/skeleton"))
-    assert list(rig.GetJointsAttr().Get()) == [f"cage_00{k}" for k in range(8)]
-    for transforms in (rig.GetBindTransformsAttr().Get(), rig.GetRestTransformsAttr().Get()):
-        places = np.array([matrix.ExtractTranslation() for matrix in transforms])
-        np.testing.assert_array_equal(places, CAGE.vertices)
+    assert list(rig.GetJointsAttr().Get()) == ["root", *(f"root/cage_00{k}" for k in range(8))]
+    centre = CAGE.vertices.mean(axis=0)
+    for transforms, places in (
+        (rig.GetBindTransformsAttr().Get(), CAGE.vertices),
+        (rig.GetRestTransformsAttr().Get(), CAGE.vertices - centre),
+    ):
+        found = np.array([matrix.ExtractTranslation() for matrix in transforms])
+        np.testing.assert_array_equal(found, np.vstack([centre, places]))
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/hero/mesh"))
     np.testing.assert_array_equal(mesh.GetPointsAttr().Get(), REST.vertices.astype("f4"))
     assert mesh.GetSubdivisionSchemeAttr().Get() == "none"
@@ -107,7 +108,7 @@ def test_joints_are_the_vertices_of_the_cage(tmp_path):
 @pytest.mark.parametrize("suffix", USD_SUFFIXES)
 def test_usd_finds_no_fault_with_it(tmp_path, suffix):
     path = tmp_path / f"rig{suffix}"
-    written(path, SIGNED, 4)
+    written(path, SIGNED)
     assert faults_of(path) == []
 
 
@@ -120,7 +121,7 @@ def test_the_same_skeleton_gives_the_same_bytes(tmp_path):
 
 def test_abandoned_it_lets_go_of_the_file(tmp_path):
     animation = Animation(CAGE, 5, SCENE, "hero")
-    writer = SkeletonWriter(tmp_path / "rig.usdz", animation, REST, CONVEX)
+    writer = SkeletonWriter(tmp_path / "rig.usdz", animation, skin_of(CONVEX))
     writer.append(CAGES)
     writer.abandon()
     assert list(tmp_path.iterdir()) == []
@@ -130,7 +131,7 @@ def test_a_mesh_too_large_for_single_precision_is_refused(tmp_path):
     huge = TriMesh(REST.vertices * 1e40, REST.faces)
     animation = Animation(CAGE, 5, SCENE, "hero")
     with pytest.raises(OutputError, match="too large"):
-        SkeletonWriter(tmp_path / "rig.usdz", animation, huge, CONVEX)
+        SkeletonWriter(tmp_path / "rig.usdz", animation, skin_of(CONVEX, huge))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.usd import skeleton as skinning
-from cageik_cli.formats.usd.skeleton import MIN_WEIGHT, compute_skin_weights, measure_skinning_error
+from cageik_cli.formats.usd.skeleton import MIN_WEIGHT, compute_skin_weights
 from cageik_cli.util.errors import CageError
 
 RANDOM = np.random.default_rng(7)
@@ -23,26 +23,17 @@ def test_convex_weights_are_unchanged():
     np.testing.assert_allclose(compute_skin_weights(CONVEX).to_dense(9), CONVEX, rtol=1e-15)
 
 
-@pytest.mark.parametrize("most", [None, 1, 3, 9, 20])
-def test_rows_are_convex(most):
-    skin = compute_skin_weights(SIGNED, most)
+def test_rows_are_convex():
+    skin = compute_skin_weights(SIGNED)
     assert (skin.values >= 0).all()
     np.testing.assert_allclose(skin.values.sum(axis=1), 1, rtol=1e-15)
-    assert skin.joints.shape[1] <= min(most or 9, 9)
     assert all(len(set(row)) == len(row) for row in skin.joints.tolist())
     assert (np.diff(skin.values, axis=1) <= 0).all()
 
 
-@pytest.mark.parametrize("most", [9, 100])
-def test_as_many_as_there_are_is_all(most):
-    np.testing.assert_array_equal(
-        compute_skin_weights(SIGNED, most).to_dense(9), compute_skin_weights(SIGNED).to_dense(9)
-    )
-
-
-def test_the_largest_are_kept_in_proportion():
-    skin = compute_skin_weights(np.array([[0.4, -0.2, 0.3, 0.1, 0.4], [0, 0, 0, 0, 1]]), 3)
-    expected = [[4 / 11, 0, 3 / 11, 0, 4 / 11], [0, 0, 0, 0, 1]]
+def test_negative_weights_are_cut_off_and_the_others_keep_their_proportion():
+    skin = compute_skin_weights(np.array([[0.4, -0.2, 0.3, 0.1, 0.4], [0, 0, 0, 0, 1]]))
+    expected = [[4 / 12, 0, 3 / 12, 1 / 12, 4 / 12], [0, 0, 0, 0, 1]]
     np.testing.assert_allclose(skin.to_dense(5), expected, rtol=1e-15)
 
 
@@ -61,17 +52,3 @@ def test_weights_that_single_precision_does_not_tell_are_dropped():
 def test_a_row_without_a_weight_above_zero_is_refused():
     with pytest.raises(CageError, match="vertex 1 has no weight above zero"):
         compute_skin_weights(np.array([[1.0, 0], [0, 0]]))
-
-
-def test_the_distance_is_that_of_the_definition():
-    """p + S (c - c_rest) against H c, written out vertex by vertex."""
-    rest, frames = RANDOM.normal(size=(9, 3)), RANDOM.normal(size=(5, 9, 3))
-    points = SIGNED @ rest + RANDOM.normal(0, 0.1, (40, 3))
-    skin = compute_skin_weights(SIGNED).to_dense(9)
-    longest = 0.0
-    for cage in frames:
-        for j, p in enumerate(points):
-            skinned = p + sum(skin[j, k] * (cage[k] - rest[k]) for k in range(9))
-            longest = max(longest, np.linalg.norm(skinned - SIGNED[j] @ cage))
-    found = measure_skinning_error(points - SIGNED @ rest, skin - SIGNED, frames - rest)
-    np.testing.assert_allclose(found, longest, rtol=1e-13)

@@ -1,0 +1,167 @@
+"""Results as skeletons, skinned by USD itself: they give what the cages of the results give."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Usd, UsdGeom, UsdSkel
+
+from cageik_cli.coordinates.binding import reconstruct_frames
+from cageik_cli.store.result import read_binding, read_cages, read_result, read_rotations
+from cageik_cli.util.errors import SettingError
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows import export as exporting
+from cageik_cli.workflows.skeleton import RigRequest, make_rig
+
+WALKER = Path(__file__).parents[2] / "data_fixtures" / "walker"
+EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q", "--no-cache")
+FEW = ("--fit", "--influences", "3")
+SINGLE = 1e-5
+"""Of the diagonal: sums in single precision."""
+
+
+def skinned(path):
+    """The mesh at each frame, (F, m, 3), by USD's own skinning."""
+    stage = Usd.Stage.Open(str(path))
+    assert UsdSkel.BakeSkinning(UsdSkel.Root(stage.GetDefaultPrim()))
+    points = UsdGeom.Mesh(stage.GetPrimAtPath("/cage/mesh")).GetPointsAttr()
+    times = np.arange(stage.GetStartTimeCode(), stage.GetEndTimeCode() + 1)
+    return np.array([np.array(points.Get(time)) for time in times], float)
+
+
+def skin_weights(path):
+    """The weights, (m, K), and the joints that they are for."""
+    stage = Usd.Stage.Open(str(path))
+    binding = UsdSkel.BindingAPI(stage.GetPrimAtPath("/cage/mesh"))
+    primvars = binding.GetJointWeightsPrimvar(), binding.GetJointIndicesPrimvar()
+    count = primvars[0].GetElementSize()
+    return [np.array(primvar.Get()).reshape(-1, count) for primvar in primvars]
+
+
+def reconstructed(path="cages.h5"):
+    """What the result itself gives, (F, m, 3), and the diagonal."""
+    result = read_result(Path(path))
+    binding = read_binding(result)
+    cages = np.concatenate(list(read_cages(result, 3)))
+    rotations = read_rotations(result) if binding.has_offsets else None
+    return reconstruct_frames(binding, cages, rotations), result.rest.diagonal
+
+
+def furthest(path):
+    expected, diagonal = reconstructed()
+    return np.linalg.norm(skinned(path) - expected, axis=2).max() / diagonal
+
+
+def rig(count=None, path="cages.h5"):
+    return make_rig(read_result(Path(path)), RigRequest(count), ProgressListener())
+
+
+def test_few_influences_of_a_result_are_written_as_they_are(run, folder):
+    assert run(*EXTRACT, *FEW).code == 0
+    outcome = run("export", "cages.h5", "c.usdc", "--skeleton")
+    assert "with the weights of the result" in outcome.err
+    assert furthest("c.usdc") < SINGLE
+    weights, joints = skin_weights("c.usdc")
+    assert weights.shape == (18, 3)
+    dense = np.zeros((18, 9))
+    np.put_along_axis(dense, joints, weights, axis=1)
+    held = read_binding(read_result(Path("cages.h5"))).weights
+    np.testing.assert_allclose(dense[:, 1:], held, atol=1e-6)
+    assert not dense[:, 0].any()  # the root moves no vertex itself
+
+
+def test_as_many_influences_as_the_result_has_are_not_fitted_again(run, folder):
+    assert run(*EXTRACT, *FEW).code == 0
+    assert rig(3).message == rig().message
+    assert rig(2).skin.weights.joints.shape == (18, 2)
+
+
+@pytest.mark.parametrize("fit", [(), ("--fit",)])
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_weights_of_any_result_are_fitted_again(run, folder, fit, count):
+    assert run(*EXTRACT, *fit).code == 0
+    assert run("export", "cages.h5", "c.usdc", "--skeleton", "--influences", count).code == 0
+    weights, _ = skin_weights("c.usdc")
+    assert weights.shape[1] <= count
+    assert weights.min() >= 0
+    np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-6)
+    error = rig(count).error
+    assert error.rms <= error.largest
+    assert abs(100 * furthest("c.usdc") - error.largest) < 100 * SINGLE
+
+
+def test_a_frame_that_was_skipped_has_a_pose(run, folder):
+    Path("frames/frame_3.obj").write_text("v 1\n")
+    assert run(*EXTRACT, *FEW, "--on-bad-frame", "skip").code == 0
+    outcome = run("export", "cages.h5", "c.usdc", "--skeleton")
+    assert "1 of 5 frames skipped (frame_3.obj)" in outcome.err
+    assert len(skinned("c.usdc")) == 5
+    assert furthest("c.usdc") < SINGLE
+
+
+def test_a_frame_that_was_skipped_is_not_fitted(run, folder):
+    Path("frames/frame_1.obj").rename("rest.obj")
+    Path("frames/frame_3.obj").write_text("v 1\n")
+    assert run(*EXTRACT, "--rest", "rest.obj", "--on-bad-frame", "skip").code == 0
+    assert run("export", "cages.h5", "c.usdc", "--skeleton", "--influences", 4).code == 0
+    assert len(skinned("c.usdc")) == 4
+
+
+def test_vertices_that_are_missing_data_follow_too(run, folder):
+    Path("w.txt").write_text("0\n0\n" + "1\n" * 16)
+    assert run(*EXTRACT, "--vertex-weights", "w.txt").code == 0
+    assert run("export", "cages.h5", "c.usdc", "--skeleton", "--influences", 8).code == 0
+    assert abs(100 * furthest("c.usdc") - rig(8).error.largest) < 100 * SINGLE
+
+
+def test_far_from_the_origin_it_is_as_exact_as_single_precision(run, folder, animation, write_obj):
+    far = np.array([3e4, -2e4, 1e4])
+    for k, vertices in enumerate(animation.frames, start=1):
+        write_obj(Path(f"frames/frame_{k}.obj"), vertices + far, animation.rest.faces)
+    write_obj(Path("cage.obj"), animation.cage.vertices + far, animation.cage.faces)
+    assert run(*EXTRACT, *FEW).code == 0
+    assert run("export", "cages.h5", "c.usdc", "--skeleton").code == 0
+    expected, _ = reconstructed()
+    assert np.abs(skinned("c.usdc") - expected).max() < 4e-7 * np.abs(expected).max()
+    assert rig().error.largest < 1e-6
+
+
+def test_the_same_result_gives_the_same_bytes_whatever_the_threads(run, folder, monkeypatch):
+    assert run(*EXTRACT).code == 0
+    for jobs in (1, 3):
+        monkeypatch.setattr(exporting, "count_processors", lambda jobs=jobs: jobs)
+        words = ("--skeleton", "--influences", 3)
+        assert run("export", "cages.h5", f"{jobs}.usdc", *words).code == 0
+    assert Path("1.usdc").read_bytes() == Path("3.usdc").read_bytes()
+
+
+def test_negative_weights_of_a_fit_are_refused_with_a_way_out(run, folder):
+    assert run(*EXTRACT, "--fit").code == 0
+    outcome = run("export", "cages.h5", "c.usdc", "--skeleton")
+    assert outcome.code == 1
+    assert outcome.err.startswith("Error: cages.h5: its weights are fitted")
+    assert "--influences 8" in outcome.err
+    assert not Path("c.usdc").exists()
+
+
+def test_more_influences_than_cage_vertices_are_refused(run, folder):
+    assert run(*EXTRACT).code == 0
+    with pytest.raises(SettingError, match="--influences is 9, but the cage has 8"):
+        rig(9)
+
+
+@pytest.mark.slow
+def test_fitting_again_is_far_better_than_cutting_off(run, folder):
+    words = ("extract", WALKER / "frames", "--cage", WALKER / "cage.obj", "-o", "cages.h5")
+    assert run(*words, "-q", "--no-cache", "--frames", "0:48:2").code == 0
+    result = read_result(Path("cages.h5"))
+    weights = read_binding(result).weights.copy()
+    least = np.argsort(-weights, axis=1)[:, 4:]
+    np.put_along_axis(weights, least, 0, axis=1)
+    weights /= weights.sum(axis=1, keepdims=True)
+    cages = np.concatenate(list(read_cages(result, 50)))
+    expected, diagonal = reconstructed()
+    moved = result.rest.vertices + weights @ (cages - result.cage.vertices)
+    cut_off = 100 * np.sqrt(np.square(moved - expected).sum(axis=2).mean()) / diagonal
+    errors = [rig(count).error.rms for count in (4, 8)]
+    assert errors[1] < errors[0] < cut_off / 3
