@@ -18,14 +18,9 @@ from cageik_cli.report.views.tables import format_overview_csv
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.settings import FitSettings
 from cageik_cli.store.binding_file import read_binding
-from cageik_cli.store.result import (
-    checkpoint_path,
-    read_cages,
-    read_key_frames,
-    read_result,
-    read_rotations,
-)
-from cageik_cli.store.result import read_binding as read_result_binding
+from cageik_cli.store.result import checkpoint_path, read_cages, read_result
+from cageik_cli.store.result_frames import read_binding as read_result_binding
+from cageik_cli.store.result_frames import read_key_frames, read_rotations
 from cageik_cli.util.errors import InputError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import BindRunSettings, WeightSettings, bind_files

@@ -17,7 +17,8 @@ from cageik_cli.report.render.shading import (
     rasterize_surface,
     render,
 )
-from cageik_cli.store.result import Result, read_binding, read_key_frames
+from cageik_cli.store.result import Result
+from cageik_cli.store.result_frames import read_binding, read_key_frames
 from cageik_cli.util.arrays import Floats, Integers
 
 MODEL_COLOUR, CAGE_COLOUR = "#f0ede8", "#1f6fd0"
