@@ -55,8 +55,8 @@ def list_fit_notes(record: FitRecord) -> tuple[str, ...]:
         ratio = report.held_out_blocks.fitted.rms / report.fitted.fitted.rms
         notes.append(
             f"the error of held-out frames is {ratio:.1f} times that of fitted ones (more than "
-            f"{MAX_HELD_OUT_RATIO:g}): the weights follow other motion less closely; raise "
-            "--fit-regularization, or fit more motion"
+            f"{MAX_HELD_OUT_RATIO:g}): the weights follow other motion less closely; fit more "
+            "motion if they are for other clips"
         )
     return tuple(notes)
 

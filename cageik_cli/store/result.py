@@ -8,7 +8,6 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cageik_cli.coordinates.binding import Binding, measure_offsets
 from cageik_cli.formats.base.hdf5 import get_dataset, open_checked, read_array
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
@@ -23,7 +22,7 @@ from cageik_cli.solver.metrics import (
 )
 from cageik_cli.solver.vertex_bound import VertexBound
 from cageik_cli.store import fit_fields
-from cageik_cli.store.fit_fields import StoredFit, read_fit_record, read_offset_mark
+from cageik_cli.store.fit_fields import read_fit_record, read_offset_mark
 from cageik_cli.store.hdf5_fields import (
     check_format,
     has_format,
@@ -45,12 +44,6 @@ from cageik_cli.util.text import to_unicode
 FORMAT = "cageik.result"
 SCHEMA = 1
 CHECKPOINT_SUFFIX = ".partial"
-
-ROTATION_TOL = 1e-9
-"""Largest entry of RRᵀ − I of a rotation R."""
-
-MIN_KEY_FRAMES, MAX_KEY_FRAMES = 3, 4
-"""Frames that are kept in full: the worst, the median, the best, and that of the worst region."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,29 +122,6 @@ class Result:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class KeyFrames:
-    """The worst, the median and the best frame: reconstructions and their errors.
-
-    A fourth is that of the worst region, if it is not among them.
-
-    Attributes
-    ----------
-    indices : (k,) int64
-        Their numbers in the clip.
-    cages : (k, n, 3) float64
-    reconstructed : (k, m, 3) float64
-        v̂, the weights times the cages, and the turned offsets if there are any.
-    errors : (k, m, 3) float64
-        v − v̂, in diagonals of the rest model.
-    """
-
-    indices: Integers
-    cages: Floats
-    reconstructed: Floats
-    errors: Floats
-
-
 def checkpoint_path(path: Path) -> Path:
     """Return the path of the checkpoint of the run that writes the result at `path`."""
     return path.with_name(path.name + CHECKPOINT_SUFFIX)
@@ -207,94 +177,6 @@ def read_weights(result: Result) -> Floats | None:
     shape = (len(result.rest.vertices), len(result.cage.vertices))
     with open_checked(result.path) as file:
         return fit_fields.read_weights(file, *shape) if fit_fields.holds_weights(file) else None
-
-
-def read_fit(result: Result) -> StoredFit | None:
-    """Read the fit of a result's weights, and their form; None if they are not fitted.
-
-    Raises
-    ------
-    InputError
-        When it is damaged, or does not fit the meshes.
-    """
-    with open_checked(result.path) as file:
-        return fit_fields.read_fit(file, len(result.rest.vertices), len(result.cage.vertices))
-
-
-def read_binding(result: Result) -> Binding | None:
-    """Read the binding of a result; None if it was written without weights.
-
-    Its settings are not read.
-
-    Raises
-    ------
-    InputError
-        As `read_weights` does.
-    """
-    weights = read_weights(result)
-    if weights is None:
-        return None
-    return Binding(result.rest, result.cage, weights, has_offsets=result.has_offsets)
-
-
-def read_rotations(result: Result) -> Floats:
-    """Read the rotations from the rest pose to each frame, (F, 3, 3); `points @ R` turns points.
-
-    A skipped frame has that of the nearest frame.
-
-    Raises
-    ------
-    InputError
-        When they are missing, or not rotations.
-    """
-    count = len(result.frames)
-    known = np.setdiff1d(np.arange(count), list(result.skipped))
-    with open_checked(result.path) as file:
-        rotations = read_array(file, "rotations", "f", (count, 3, 3)).astype(np.float64, copy=False)
-        with np.errstate(over="ignore", invalid="ignore"):
-            products = rotations @ rotations.swapaxes(1, 2)
-            wrong = ~(np.abs(products - np.eye(3)) < ROTATION_TOL).all(axis=(1, 2))
-            wrong |= ~(np.linalg.det(np.where(np.isfinite(rotations), rotations, 0)) > 0)
-        wrong[list(result.skipped)] = False
-        if wrong.any():
-            raise FormatError(
-                f"`rotations` of frame {int(np.argmax(wrong))} are not a rotation; extract it again"
-            )
-    nearest = known[np.abs(known[None] - np.arange(count)[:, None]).argmin(axis=1)]
-    return np.asarray(rotations[nearest])
-
-
-def read_key_frames(result: Result, binding: Binding) -> KeyFrames:
-    """Read the frames that are kept in full in a result with weights.
-
-    Raises
-    ------
-    InputError
-        When they are missing, or not frames of the result.
-    """
-    m, n, count = *binding.weights.shape, len(result.frames)
-    rotations = read_rotations(result) if binding.has_offsets else np.empty((count, 0))
-    with open_checked(result.path) as file:
-        frames = read_array(file, "poses/frame", "iu", (None,)).astype(np.int64)
-        if not MIN_KEY_FRAMES <= len(frames) <= MAX_KEY_FRAMES:
-            raise FormatError(
-                f"`poses/frame` names {len(frames)} frames, expected {MIN_KEY_FRAMES} or "
-                f"{MAX_KEY_FRAMES}; extract it again"
-            )
-        misses = read_array(file, "poses/misses", "f", (len(frames), m, 3)).astype(np.float64)
-        if not ((frames >= 0) & (frames < count)).all():
-            raise FormatError(
-                f"`poses/frame` names frames that are not in the clip ({count} frames); extract it "
-                "again"
-            )
-        cages = get_dataset(file, "verts", "f", (count, n, 3))
-        posed = np.stack([np.asarray(cages[k], np.float64) for k in frames])
-        if not all(are_lengths(np.abs(held)).all() for held in (posed, misses)):
-            raise FormatError("`poses` are not finite, or too large; extract it again")
-    rebuilt = binding.weights @ posed
-    if binding.has_offsets:
-        rebuilt += measure_offsets(binding) @ rotations[frames]
-    return KeyFrames(frames, posed, rebuilt, misses)
 
 
 def is_result(path: Path) -> bool:

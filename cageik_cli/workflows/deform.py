@@ -18,15 +18,8 @@ from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
-from cageik_cli.store.result import (
-    Result,
-    has_weights,
-    read_binding,
-    read_cages,
-    read_fit,
-    read_result,
-    read_rotations,
-)
+from cageik_cli.store.result import Result, has_weights, read_cages, read_result
+from cageik_cli.store.result_frames import read_binding, read_fit, read_rotations
 from cageik_cli.util.arrays import Floats, fit_frames
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.progress import ProgressListener

@@ -24,14 +24,8 @@ from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.solver.blocks import MemoryPlan, SolvedBlock, summarize_blocks
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
 from cageik_cli.solver.peaks import DeviationPeaks
-from cageik_cli.store.result import (
-    Result,
-    read_binding,
-    read_cages,
-    read_fit,
-    read_result,
-    read_rotations,
-)
+from cageik_cli.store.result import Result, read_cages, read_result
+from cageik_cli.store.result_frames import read_binding, read_fit, read_rotations
 from cageik_cli.store.result_writer import (
     ResultHeader,
     ResultWriter,

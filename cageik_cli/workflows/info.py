@@ -60,7 +60,7 @@ def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list
         ("model", _format_counts(binding.rest)),
         ("cage", _format_counts(binding.cage)),
         ("settings", ", ".join(f"{key} {value}" for key, value in settings.items())),
-        format_weights_row(quality),
+        format_weights_row(quality, binding.has_offsets),
         format_accuracy_row(quality, binding.settings.accuracy),
         *([("projected", f"{quality.projected} vertices outside")] if quality.projected else []),
         *((f"from {key}", str(source.get("name"))) for key, source in stored.sources.items()),

@@ -9,7 +9,8 @@ from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding, reconstr
 from cageik_cli.formats.usd.skeleton import Skin, SkinWeights, compute_skin_weights
 from cageik_cli.solver.alignment import best_rotations
 from cageik_cli.solver.settings import FitSettings, SolveSettings
-from cageik_cli.store.result import Result, read_binding, read_cages, read_rotations
+from cageik_cli.store.result import Result, read_cages
+from cageik_cli.store.result_frames import read_binding, read_rotations
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.progress import ProgressListener

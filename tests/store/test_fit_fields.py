@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.solver.vertex_bound import VertexBound
-from cageik_cli.store import binding_file, result_writer
+from cageik_cli.store import binding_file, result_frames, result_writer
 from cageik_cli.store import result as results
 from cageik_cli.util.errors import FormatError, InputError
 from tests.store.fits import few_weights, record, stored_fit
@@ -77,16 +77,16 @@ def test_a_fitted_result_comes_back(tmp_path, form):
     assert results.has_weights(result)
     assert result.fit == stored_fit(MODEL, form).record
     assert result.bound == VertexBound(0.01, 4, 18)
-    assert_same_fit(results.read_fit(result), stored_fit(MODEL, form))
-    binding = results.read_binding(result)
+    assert_same_fit(result_frames.read_fit(result), stored_fit(MODEL, form))
+    binding = result_frames.read_binding(result)
     assert binding.has_offsets == result.has_offsets == (form == "few")
-    np.testing.assert_array_equal(results.read_rotations(result), ROTATIONS)
+    np.testing.assert_array_equal(result_frames.read_rotations(result), ROTATIONS)
 
 
 def test_key_frames_have_turned_offsets(tmp_path):
     result = results.read_result(write_result(tmp_path / "cages.h5", "few"))
-    binding = results.read_binding(result)
-    found = results.read_key_frames(result, binding)
+    binding = result_frames.read_binding(result)
+    found = result_frames.read_key_frames(result, binding)
     offsets = MODEL.rest.vertices - binding.weights @ MODEL.cage.vertices
     expected = binding.weights @ CAGES[4] + offsets @ ROTATIONS[4]
     np.testing.assert_allclose(found.reconstructed[0], expected, rtol=0, atol=1e-13)
@@ -97,8 +97,8 @@ def test_without_weights_only_a_change_of_low_rank_is_kept(tmp_path):
         path = write_result(tmp_path / "cages.h5", form, keep_weights=False)
         result = results.read_result(path)
         assert not results.has_weights(result)
-        assert results.read_binding(result) is None
-        assert (results.read_fit(result).low_rank is not None) == (form == "low rank")
+        assert result_frames.read_binding(result) is None
+        assert (result_frames.read_fit(result).low_rank is not None) == (form == "low rank")
 
 
 def test_weights_that_are_not_fitted_have_no_fit(tmp_path):
@@ -126,7 +126,7 @@ def test_the_rotation_of_a_skipped_frame_is_that_of_the_nearest(tmp_path):
     with result_writer.open_result_writer(path, header(), overwrite=False) as result:
         result.append(cages, rotations, replace(FIGURES, **columns))
         result.complete(replace(ENDING, skipped={1: "gone"}))
-    found = results.read_rotations(results.read_result(path))
+    found = result_frames.read_rotations(results.read_result(path))
     np.testing.assert_array_equal(found, ROTATIONS[[0, 0, 2, 3, 4]])
 
 
@@ -249,7 +249,7 @@ def test_damaged_rotations_are_refused(tmp_path, damage, says):
     with h5py.File(path, "r+") as file:
         damage(file)
     with pytest.raises(InputError) as caught:
-        results.read_rotations(results.read_result(path))
+        result_frames.read_rotations(results.read_result(path))
     assert says in str(caught.value)
 
 

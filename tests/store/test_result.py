@@ -17,6 +17,7 @@ from cageik_cli.solver.metrics import FrameMetrics, check_finite
 from cageik_cli.store import hdf5_fields as parts
 from cageik_cli.store import result as store
 from cageik_cli.store import result_writer
+from cageik_cli.store.result_frames import read_key_frames
 from cageik_cli.util.errors import InputError, NumericalError
 from tests.shapes import TETRAHEDRON, ball, rotation
 
@@ -156,7 +157,7 @@ def test_what_is_written_is_read(path):
         np.testing.assert_array_equal(found, put)
     assert store.is_result(path)
     np.testing.assert_array_equal(result.vertex_rms, VERTEX_RMS)
-    posed = store.read_key_frames(result, BINDING)
+    posed = read_key_frames(result, BINDING)
     np.testing.assert_array_equal(posed.indices, [4, 1, 0])
     np.testing.assert_array_equal(posed.cages, CAGES[[4, 1, 0]])
     np.testing.assert_allclose(posed.errors, MISSES / BINDING.rest.diagonal, rtol=1e-7)
@@ -181,7 +182,7 @@ def test_impossible_key_frames_are_refused(path, name, value, says):
         del file[name]
         file[name] = value
     with pytest.raises(InputError, match=says):
-        store.read_key_frames(store.read_result(path), BINDING)
+        read_key_frames(store.read_result(path), BINDING)
 
 
 @pytest.mark.parametrize(("where", "value"), [(3, -1.0), (3, np.inf), (slice(None), np.nan)])

@@ -9,6 +9,8 @@ import pytest
 
 from cageik_cli.coordinates.binding import reconstruct_frames
 from cageik_cli.formats.write import Output
+from cageik_cli.report.fit_figures import list_fit_notes
+from cageik_cli.report.html.frames_table import build_quality_rows
 from cageik_cli.report.overview import build_clip_entry, build_overview
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.markdown import format_markdown
@@ -16,14 +18,9 @@ from cageik_cli.report.views.tables import format_overview_csv
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.settings import FitSettings
 from cageik_cli.store.binding_file import read_binding
-from cageik_cli.store.result import (
-    checkpoint_path,
-    read_cages,
-    read_key_frames,
-    read_result,
-    read_rotations,
-)
-from cageik_cli.store.result import read_binding as read_result_binding
+from cageik_cli.store.result import checkpoint_path, read_cages, read_result
+from cageik_cli.store.result_frames import read_binding as read_result_binding
+from cageik_cli.store.result_frames import read_key_frames, read_rotations
 from cageik_cli.util.errors import InputError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import BindRunSettings, WeightSettings, bind_files
@@ -424,3 +421,22 @@ def test_the_size_counts_what_must_be_stored(settings, form, floats):
     count = report.summary.fixed_floats
     assert count == (floats or report.fit.report.fixed_floats) < 66 * 18
     assert f"plus {count:,} floats of fitted weights".replace(",", " ") in format_text(report)
+
+
+def test_offsets_are_not_called_an_error(settings):
+    report = build_report(extract(replace(settings, fit=FORMS["few"])))
+    assert "offsets of the rest pose up to" in format_text(report)
+    assert "rest pose error" not in format_text(report)
+    labels = [row.label for row in build_quality_rows(report)]
+    assert "Rest pose error" not in labels
+    assert "Smallest weight" in labels
+
+
+def test_held_out_frames_that_are_far_off_are_warned_of(settings):
+    report = build_report(extract(settings))
+    fit = report.fit.report
+    near = replace(fit, held_out_blocks=replace(fit.fitted))
+    far = replace(fit, fitted=replace(fit.fitted, fitted=replace(fit.fitted.fitted, rms=1e-9)))
+    for record, is_warned in ((near, False), (far, True)):
+        notes = list_fit_notes(replace(report.fit, report=record))
+        assert any("times that of fitted ones" in note for note in notes) == is_warned

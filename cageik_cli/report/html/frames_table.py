@@ -103,12 +103,23 @@ class QualityRow:
     expected: str
 
 
+FITTED_MEANING = (
+    "Weights that are fitted to frames may be negative, unless they have few influences."
+)
+
+
 def build_quality_rows(report: Report) -> list[QualityRow]:
     """Build the rows on a report's weights, then the one on its system."""
     quality, settings = report.binding, report.settings
+    has_offsets = report.fit is not None and report.fit.settings.influences is not None
+    smallest = (
+        _smallest_weight_row(quality, is_harmonic=settings.get("coordinates") == "harmonic")
+        if report.fit is None
+        else QualityRow("Smallest weight", f"{quality.min_weight:.1e}", FITTED_MEANING, "")
+    )
     return [
-        *_exactness_rows(quality),
-        _smallest_weight_row(quality, is_harmonic=settings.get("coordinates") == "harmonic"),
+        *_exactness_rows(quality)[: 1 if has_offsets else None],
+        smallest,
         *_accuracy_rows(quality, str(settings.get("accuracy"))),
         QualityRow(
             "Projected vertices",

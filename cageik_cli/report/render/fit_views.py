@@ -24,7 +24,8 @@ from cageik_cli.report.render.model_views import (
 from cageik_cli.report.render.raster import ParallelCamera, rasterize_lines
 from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, Picture, overlay, render
 from cageik_cli.report.render.viewpoints import REGION_TURNS, choose_view, view_axes
-from cageik_cli.store.result import Result, read_binding
+from cageik_cli.store.result import Result
+from cageik_cli.store.result_frames import read_binding
 from cageik_cli.store.unfitted import UnfittedShapes, read_unfitted_shapes
 from cageik_cli.util.arrays import Floats, Integers
 

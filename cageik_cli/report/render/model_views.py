@@ -28,7 +28,8 @@ from cageik_cli.report.render.viewpoints import (
     fit_close_up,
     view_axes,
 )
-from cageik_cli.store.result import KeyFrames, Result, read_binding, read_key_frames
+from cageik_cli.store.result import Result
+from cageik_cli.store.result_frames import KeyFrames, read_binding, read_key_frames
 from cageik_cli.util.arrays import Floats, Integers
 
 MODEL_COLOUR, CAGE_COLOUR = "#f0ede8", "#1f6fd0"

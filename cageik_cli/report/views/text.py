@@ -86,10 +86,11 @@ def _bound_rows(report: Report) -> list[tuple[str, str]]:
     return [("best possible", text)]
 
 
-def format_weights_row(quality: WeightQuality) -> tuple[str, str]:
-    """Return the row on how exact the weights are."""
+def format_weights_row(quality: WeightQuality, has_offsets: bool = False) -> tuple[str, str]:
+    """Return the row on how exact the weights are; offsets make the rest pose exact."""
+    rest = "offsets of the rest pose up to" if has_offsets else "rest pose error"
     return "weights", (
-        f"partition of unity error {quality.partition_of_unity:.1e}, rest pose error "
+        f"partition of unity error {quality.partition_of_unity:.1e}, {rest} "
         f"{quality.linear_precision:.1e}, smallest weight {quality.min_weight:.1e}"
     )
 
@@ -155,7 +156,8 @@ def _quality_rows(report: Report, words: Vocabulary) -> list[tuple[str, str]]:
         f"beta {_format_number(report.settings.get('beta'))}"
     )
     accuracy = format_accuracy_row(quality, report.settings.get("accuracy"))
-    return [format_weights_row(quality), accuracy, (words.system, system)]
+    has_offsets = report.fit is not None and report.fit.settings.influences is not None
+    return [format_weights_row(quality, has_offsets), accuracy, (words.system, system)]
 
 
 def _format_volume(report: Report, words: Vocabulary) -> str:

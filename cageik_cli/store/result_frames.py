@@ -1,0 +1,129 @@
+"""Read what a result holds to rebuild its frames: binding, fit, rotations and key frames."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli.coordinates.binding import Binding, reconstruct_frames
+from cageik_cli.formats.base.hdf5 import get_dataset, open_checked, read_array
+from cageik_cli.solver.metrics import are_lengths
+from cageik_cli.store import fit_fields
+from cageik_cli.store.fit_fields import StoredFit
+from cageik_cli.store.result import Result, read_weights
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import FormatError
+
+ROTATION_TOL = 1e-9
+"""Largest entry of RRᵀ − I of a rotation R."""
+
+MIN_KEY_FRAMES, MAX_KEY_FRAMES = 3, 4
+"""Frames that are kept in full: the worst, the median, the best, and that of the worst region."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeyFrames:
+    """The worst, the median and the best frame: reconstructions and their errors.
+
+    A fourth is that of the worst region, if it is not among them.
+
+    Attributes
+    ----------
+    indices : (k,) int64
+        Their numbers in the clip.
+    cages : (k, n, 3) float64
+    reconstructed : (k, m, 3) float64
+        v̂, the weights times the cages, and the turned offsets if there are any.
+    errors : (k, m, 3) float64
+        v − v̂, in diagonals of the rest model.
+    """
+
+    indices: Integers
+    cages: Floats
+    reconstructed: Floats
+    errors: Floats
+
+
+def read_fit(result: Result) -> StoredFit | None:
+    """Read the fit of a result's weights, and their form; None if they are not fitted.
+
+    Raises
+    ------
+    InputError
+        When it is damaged, or does not fit the meshes.
+    """
+    with open_checked(result.path) as file:
+        return fit_fields.read_fit(file, len(result.rest.vertices), len(result.cage.vertices))
+
+
+def read_binding(result: Result) -> Binding | None:
+    """Read the binding of a result; None if it was written without weights.
+
+    Its settings are not read.
+
+    Raises
+    ------
+    InputError
+        As `read_weights` does.
+    """
+    weights = read_weights(result)
+    if weights is None:
+        return None
+    return Binding(result.rest, result.cage, weights, has_offsets=result.has_offsets)
+
+
+def read_rotations(result: Result) -> Floats:
+    """Read the rotations from the rest pose to each frame, (F, 3, 3); `points @ R` turns points.
+
+    A skipped frame has that of the nearest frame.
+
+    Raises
+    ------
+    InputError
+        When they are missing, or not rotations.
+    """
+    count = len(result.frames)
+    known = np.setdiff1d(np.arange(count), list(result.skipped))
+    with open_checked(result.path) as file:
+        rotations = read_array(file, "rotations", "f", (count, 3, 3)).astype(np.float64, copy=False)
+        with np.errstate(over="ignore", invalid="ignore"):
+            products = rotations @ rotations.swapaxes(1, 2)
+            wrong = ~(np.abs(products - np.eye(3)) < ROTATION_TOL).all(axis=(1, 2))
+            wrong |= ~(np.linalg.det(np.where(np.isfinite(rotations), rotations, 0)) > 0)
+        wrong[list(result.skipped)] = False
+        if wrong.any():
+            raise FormatError(
+                f"`rotations` of frame {int(np.argmax(wrong))} are not a rotation; extract it again"
+            )
+    nearest = known[np.abs(known[None] - np.arange(count)[:, None]).argmin(axis=1)]
+    return np.asarray(rotations[nearest])
+
+
+def read_key_frames(result: Result, binding: Binding) -> KeyFrames:
+    """Read the frames that are kept in full in a result with weights.
+
+    Raises
+    ------
+    InputError
+        When they are missing, or not frames of the result.
+    """
+    m, n, count = *binding.weights.shape, len(result.frames)
+    rotations = read_rotations(result) if binding.has_offsets else None
+    with open_checked(result.path) as file:
+        frames = read_array(file, "poses/frame", "iu", (None,)).astype(np.int64)
+        if not MIN_KEY_FRAMES <= len(frames) <= MAX_KEY_FRAMES:
+            raise FormatError(
+                f"`poses/frame` names {len(frames)} frames, expected {MIN_KEY_FRAMES} or "
+                f"{MAX_KEY_FRAMES}; extract it again"
+            )
+        misses = read_array(file, "poses/misses", "f", (len(frames), m, 3)).astype(np.float64)
+        if not ((frames >= 0) & (frames < count)).all():
+            raise FormatError(
+                f"`poses/frame` names frames that are not in the clip ({count} frames); extract it "
+                "again"
+            )
+        cages = get_dataset(file, "verts", "f", (count, n, 3))
+        posed = np.stack([np.asarray(cages[k], np.float64) for k in frames])
+        if not all(are_lengths(np.abs(held)).all() for held in (posed, misses)):
+            raise FormatError("`poses` are not finite, or too large; extract it again")
+    turns = None if rotations is None else rotations[frames]
+    return KeyFrames(frames, posed, reconstruct_frames(binding, posed, turns), misses)
