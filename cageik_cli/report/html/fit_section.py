@@ -41,7 +41,10 @@ def build_fit_values(
                 names, (pictures.unfitted_range, pictures.fitted_range), strict=True
             )
         ],
-        "moved": [(one.name, _list_moved_views(one, names)) for one in pictures.moved],
+        "moved": [
+            (f"{name} weights".capitalize(), _list_moved_views(pictures, name, side))
+            for side, name in enumerate(names)
+        ],
         "colours": pictures.colours,
         "signed_colours": pictures.signed_colours,
         "ticks": [f"{top * k / (TICK_COUNT - 1):.4g}" for k in range(TICK_COUNT)],
@@ -79,14 +82,19 @@ def _list_pose_views(
     return views
 
 
-def _list_moved_views(one: ComparedPictures, names: tuple[str, str]) -> list[tuple[str, str, str]]:
-    """List the caption, the picture and the description of each view of the moved vertex."""
+def _list_moved_views(pictures: FitPictures, name: str, side: int) -> list[tuple[str, str, str]]:
+    """List the caption, the picture and the description of each view of the moved vertex.
+
+    `side` is 0 for the weights before the fit and 1 for fitted ones.
+    """
+    text = (
+        f"The rest pose with one cage vertex moved, {name} weights, {{}}, coloured by displacement"
+    )
     return [
         (
-            f"{name.capitalize()}, {one.name}",
-            make_png_url(picture),
-            f"The rest pose with one cage vertex moved, {name} weights, {one.name}, coloured by "
-            "displacement",
+            one.name.capitalize(),
+            make_png_url((one.unfitted, one.fitted)[side]),
+            text.format(one.name),
         )
-        for name, picture in zip(names, (one.unfitted, one.fitted), strict=True)
+        for one in pictures.moved
     ]
