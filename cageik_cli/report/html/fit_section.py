@@ -3,17 +3,12 @@
 from typing import Any
 
 from cageik_cli.report.figures import format_count, format_percent
+from cageik_cli.report.html.scales import format_ticks
 from cageik_cli.report.html.templating import make_png_url
 from cageik_cli.report.record import Report
 from cageik_cli.report.render.fit_views import MOVE_SHARE, ComparedPictures, FitPictures
 from cageik_cli.report.unfitted import UnfittedRecord
 from cageik_cli.report.vocabulary import Vocabulary
-
-TICK_COUNT = 5
-"""Numbers under a colour scale."""
-
-MIDDLE_TICKS = 2
-"""Numbers on each side of zero, under a scale that has negative values."""
 
 
 def build_fit_values(
@@ -47,11 +42,8 @@ def build_fit_values(
         ],
         "colours": pictures.colours,
         "signed_colours": pictures.signed_colours,
-        "ticks": [f"{top * k / (TICK_COUNT - 1):.4g}" for k in range(TICK_COUNT)],
-        "signed_ticks": [
-            f"{reach * k / MIDDLE_TICKS:.4g}".replace("-", "−")
-            for k in range(-MIDDLE_TICKS, MIDDLE_TICKS + 1)
-        ],
+        "ticks": format_ticks(top),
+        "signed_ticks": format_ticks(reach, -reach),
     }
 
 
