@@ -90,7 +90,7 @@ def read_unfitted_errors(
         numbers = read_array(file, f"{GROUP}/frame", "iu", (None,)).astype(np.int64)
         rms = read_array(file, f"{GROUP}/rms", "f", numbers.shape).astype(np.float64)
         inside = ((numbers >= 0) & (numbers < frames)).all()
-        ascends = len(numbers) and (np.diff(numbers) > 0).all()
+        ascends = (np.diff(numbers) > 0).all()
         if not inside or not ascends or np.isin(numbers, list(skipped)).any():
             raise FormatError(
                 f"`{GROUP}/frame` are not ascending numbers of frames that were solved ({frames} "

@@ -8,12 +8,15 @@ import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.report.limits import Limits, check_limits
 from cageik_cli.report.record import build_report
+from cageik_cli.solver.settings import FitSettings
 from cageik_cli.store.result import Result, read_result
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.extract_settings import ExtractSettings
+from tests.fitted import clip_of, small_binding, true_weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,26 @@ def closed(make_case, animation) -> Case:
 @pytest.fixture(scope="session")
 def opened(make_case, animation) -> Case:
     return make_case(animation.frames, animation.rest.faces[2:])
+
+
+@pytest.fixture(scope="session")
+def fitted(tmp_path_factory, write_obj) -> Result:
+    """A result of 12 frames with weights fitted to them, from mean value ones."""
+    folder, binding = tmp_path_factory.mktemp("fitted"), small_binding()
+    cage = write_obj(folder / "cage.obj", 1.6 * binding.cage.vertices, binding.cage.faces)
+    rest = write_obj(folder / "rest.obj", binding.rest.vertices, binding.rest.faces)
+    frames = clip_of(binding, true_weights(binding), 12)
+    np.savez(folder / "clip.npz", verts=frames, faces=binding.rest.faces)
+    return extract(
+        ExtractSettings(
+            (str(folder / "clip.npz"),),
+            cage,
+            folder / "cages.h5",
+            rest=rest,
+            bind=BindSettings("mean-value"),
+            fit=FitSettings(),
+        )
+    )
 
 
 HANDLES = [

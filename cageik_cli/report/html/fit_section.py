@@ -3,17 +3,12 @@
 from typing import Any
 
 from cageik_cli.report.figures import format_count, format_percent
+from cageik_cli.report.html.scales import format_ticks
 from cageik_cli.report.html.templating import make_png_url
 from cageik_cli.report.record import Report
 from cageik_cli.report.render.fit_views import MOVE_SHARE, ComparedPictures, FitPictures
 from cageik_cli.report.unfitted import UnfittedRecord
 from cageik_cli.report.vocabulary import Vocabulary
-
-TICK_COUNT = 5
-"""Numbers under a colour scale."""
-
-MIDDLE_TICKS = 2
-"""Numbers on each side of zero, under a scale that has negative values."""
 
 
 def build_fit_values(
@@ -41,14 +36,14 @@ def build_fit_values(
                 names, (pictures.unfitted_range, pictures.fitted_range), strict=True
             )
         ],
-        "moved": [(one.name, _list_moved_views(one, names)) for one in pictures.moved],
+        "moved": [
+            (f"{name} weights".capitalize(), _list_moved_views(pictures, name, side))
+            for side, name in enumerate(names)
+        ],
         "colours": pictures.colours,
         "signed_colours": pictures.signed_colours,
-        "ticks": [f"{top * k / (TICK_COUNT - 1):.4g}" for k in range(TICK_COUNT)],
-        "signed_ticks": [
-            f"{reach * k / MIDDLE_TICKS:.4g}".replace("-", "−")
-            for k in range(-MIDDLE_TICKS, MIDDLE_TICKS + 1)
-        ],
+        "ticks": format_ticks(top),
+        "signed_ticks": format_ticks(reach, -reach),
     }
 
 
@@ -79,14 +74,19 @@ def _list_pose_views(
     return views
 
 
-def _list_moved_views(one: ComparedPictures, names: tuple[str, str]) -> list[tuple[str, str, str]]:
-    """List the caption, the picture and the description of each view of the moved vertex."""
+def _list_moved_views(pictures: FitPictures, name: str, side: int) -> list[tuple[str, str, str]]:
+    """List the caption, the picture and the description of each view of the moved vertex.
+
+    `side` is 0 for the weights before the fit and 1 for fitted ones.
+    """
+    text = (
+        f"The rest pose with one cage vertex moved, {name} weights, {{}}, coloured by displacement"
+    )
     return [
         (
-            f"{name.capitalize()}, {one.name}",
-            make_png_url(picture),
-            f"The rest pose with one cage vertex moved, {name} weights, {one.name}, coloured by "
-            "displacement",
+            one.name.capitalize(),
+            make_png_url((one.unfitted, one.fitted)[side]),
+            text.format(one.name),
         )
-        for name, picture in zip(names, (one.unfitted, one.fitted), strict=True)
+        for one in pictures.moved
     ]

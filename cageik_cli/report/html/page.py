@@ -21,6 +21,7 @@ from cageik_cli.report.html.frames_table import (
     build_quality_rows,
     choose_columns,
 )
+from cageik_cli.report.html.scales import TICK_COUNT, format_ticks
 from cageik_cli.report.html.templating import make_data_url, make_png_url, render_template
 from cageik_cli.report.limits import (
     PERCENT,
@@ -73,9 +74,6 @@ SECTIONS = (
     ("frames", "Frames"),
     ("definitions", "Definitions"),
 )
-
-TICK_COUNT = 5
-"""Numbers under a colour scale or the histogram."""
 
 MIN_FIXED_POINT_PERCENT = 0.01
 """Percent: a histogram that ends lower is printed with more digits than other percentages."""
@@ -282,8 +280,8 @@ def _build_picture_values(pictures: Pictures, words: Vocabulary) -> dict[str, An
             )
             for side, picture in sides
         ],
-        "pose_ticks": _format_ticks(pictures.max_deviation_percent),
-        "rms_ticks": _format_ticks(pictures.max_rms_percent),
+        "pose_ticks": format_ticks(pictures.max_deviation_percent),
+        "rms_ticks": format_ticks(pictures.max_rms_percent),
     }
 
 
@@ -303,11 +301,6 @@ def _list_pose_views(
 def _pose_titles(words: Vocabulary) -> dict[str, str]:
     frames = {"worst": words.worst, "median": "median", "best": words.best}
     return {"rest": "Rest pose"} | {k: f"{text.capitalize()} frame" for k, text in frames.items()}
-
-
-def _format_ticks(top: float) -> list[str]:
-    """Format the numbers under a scale that ends at `top`."""
-    return [f"{top * k / (TICK_COUNT - 1):.4g}" for k in range(TICK_COUNT)]
 
 
 def _build_histogram_values(vertices: VertexMetrics) -> dict[str, Any]:

@@ -44,6 +44,19 @@ def test_the_curves_are_the_metrics_of_the_record(report):
     assert error.get_marker() != change.get_marker()
 
 
+def test_a_fitted_result_has_both_curves(fitted):
+    report = build_report(fitted)
+    some = replace(report.unfitted, frames=(0, 5, 11), rms_percent=(0.0, 7.0, 3.0))
+    told = replace(report, unfitted=some)
+    (error,), (before,) = lines(told, "rms"), lines(told, "unfitted")
+    np.testing.assert_array_equal(before.get_xydata(), [[0, 0], [5, 7], [11, 3]])
+    assert (error.get_label(), before.get_label()) == ("RMS error, fitted", "mean-value")
+    assert error.get_color() != before.get_color()
+    assert error.get_linestyle() != before.get_linestyle()
+    assert draw_plot(told).axes[0].get_ylim()[1] > 7
+    assert lines(replace(report, unfitted=None), "unfitted") == []
+
+
 def test_the_worst_frame_is_ringed_and_labelled(report):
     (ring,), (clip,) = lines(report, "worst"), lines(report, "clip")
     summary = report.summary

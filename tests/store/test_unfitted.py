@@ -1,0 +1,104 @@
+"""The weights before a fit in a result: what is written comes back, and no damage is used."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli.store import result_writer
+from cageik_cli.store.unfitted import (
+    UnfittedClip,
+    UnfittedErrors,
+    UnfittedShapes,
+    read_unfitted_errors,
+    read_unfitted_shapes,
+)
+from cageik_cli.util.errors import FormatError
+from tests.store.fits import stored_fit
+from tests.store.test_result import BINDING, CAGES, ENDING, FIGURES, FRAMES, ROTATIONS, header
+
+M, N = BINDING.weights.shape
+GENERATOR = np.random.default_rng(4)
+CLIP = UnfittedClip(
+    UnfittedErrors(np.array([0, 1, 4]), np.array([0.5, 0.25, 2.0])),
+    UnfittedShapes(GENERATOR.normal(size=(3, M, 3)), 2, GENERATOR.normal(size=M)),
+)
+
+
+def write_result(path, clip=CLIP, keep_weights=True):
+    fitted = replace(header(keep_weights), fit=stored_fit(BINDING, "dense"))
+    with result_writer.open_result_writer(path, fitted, overwrite=True) as result:
+        result.append(CAGES, ROTATIONS, FIGURES)
+        result.complete(replace(ENDING, unfitted=clip))
+    return path
+
+
+def read_all(path):
+    return read_unfitted_errors(path, FRAMES, {3: "bad"}), read_unfitted_shapes(path, M, N)
+
+
+def test_what_is_written_comes_back(tmp_path):
+    path = write_result(tmp_path / "cages.h5")
+    errors = read_unfitted_errors(path, FRAMES, ())
+    np.testing.assert_array_equal(errors.frames, CLIP.errors.frames)
+    np.testing.assert_array_equal(errors.rms, CLIP.errors.rms)
+    shapes = read_unfitted_shapes(path, M, N)
+    np.testing.assert_array_equal(shapes.misses, CLIP.shapes.misses.astype("f4"))
+    np.testing.assert_array_equal(shapes.influence, CLIP.shapes.influence)
+    assert shapes.cage_vertex == 2
+
+
+@pytest.mark.parametrize("kept", [{"clip": None}, {"keep_weights": False}])
+def test_a_result_may_hold_nothing(tmp_path, kept):
+    path = write_result(tmp_path / "cages.h5", **kept)
+    assert read_unfitted_errors(path, FRAMES, ()) is None
+    assert read_unfitted_shapes(path, M, N) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "words"),
+    [
+        ("frame", np.array([0, 1, FRAMES]), "ascending"),
+        ("frame", np.array([-1, 1, 4]), "ascending"),
+        ("frame", np.array([0, 4, 1]), "ascending"),
+        ("frame", np.array([0, 1, 3]), "ascending"),
+        ("frame", np.array([0.0, 1, 4]), "`unfitted/frame`"),
+        ("rms", np.array([0.5, np.nan, 2]), "`unfitted/rms`"),
+        ("rms", np.array([0.5, -1, 2]), "`unfitted/rms`"),
+        ("rms", np.array([0.5, 2]), "`unfitted/rms`"),
+        ("misses", np.zeros((2, M, 3)), "`unfitted/misses`"),
+        ("misses", np.full((3, M, 3), np.inf), "`unfitted/misses`"),
+        ("influence", np.full(M, np.nan), "`unfitted/influence`"),
+        ("influence", np.zeros(M + 1), "`unfitted/influence`"),
+        ("cage_vertex", np.array([N]), f"is {N}"),
+        ("cage_vertex", np.array([-1]), "is -1"),
+        ("cage_vertex", np.array([1, 2]), "`unfitted/cage_vertex`"),
+    ],
+)
+def test_damage_is_refused(tmp_path, name, values, words):
+    path = write_result(tmp_path / "cages.h5")
+    with h5py.File(path, "r+") as file:
+        del file[f"unfitted/{name}"]
+        file[f"unfitted/{name}"] = values
+    with pytest.raises(FormatError, match=words):
+        read_all(path)
+
+
+def test_no_frames_are_refused(tmp_path):
+    path = write_result(tmp_path / "cages.h5")
+    with h5py.File(path, "r+") as file:
+        for name in ("frame", "rms"):
+            kind = file[f"unfitted/{name}"].dtype
+            del file[f"unfitted/{name}"]
+            file.create_dataset(f"unfitted/{name}", (0,), kind)
+    with pytest.raises(FormatError, match="unfitted/frame"):
+        read_unfitted_errors(path, FRAMES, ())
+
+
+def test_a_missing_part_is_refused(tmp_path):
+    path = write_result(tmp_path / "cages.h5")
+    with h5py.File(path, "r+") as file:
+        del file["unfitted/influence"]
+    with pytest.raises(FormatError, match="influence"):
+        read_unfitted_shapes(path, M, N)

@@ -1,0 +1,118 @@
+"""Fitted results keep the error of the weights before the fit: right, repeatable, and sparing."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli.cages.bind import bind
+from cageik_cli.coordinates.fitting.problem import Correction
+from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.settings import FitSettings
+from cageik_cli.store.binding_file import StoredBinding
+from cageik_cli.store.fit_fields import StoredFit
+from cageik_cli.store.result import read_result
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.unfitted import (
+    MAX_FRAMES,
+    FramesToCompare,
+    find_changed_vertex,
+    recover_unfitted,
+)
+from tests.fitted import clip_of, small_binding, true_weights
+from tests.store.fits import record
+
+BINDING = small_binding()
+FRAMES = clip_of(BINDING, true_weights(BINDING), 12)
+CAGE = TriMesh(1.6 * BINDING.cage.vertices, BINDING.cage.faces)
+MEAN_VALUE = BindSettings("mean-value")
+
+
+@pytest.fixture
+def run(tmp_path, write_obj):
+    """A function that extracts the clip, fitted, with mean value weights, which are fast."""
+    np.savez(tmp_path / "clip.npz", verts=FRAMES, faces=BINDING.rest.faces)
+    write_obj(tmp_path / "cage.obj", CAGE.vertices, CAGE.faces)
+    write_obj(tmp_path / "rest.obj", BINDING.rest.vertices, BINDING.rest.faces)
+
+    def start(name="cages.h5", **changes):
+        settings = ExtractSettings(
+            (str(tmp_path / "clip.npz"),),
+            tmp_path / "cage.obj",
+            tmp_path / name,
+            rest=tmp_path / "rest.obj",
+            bind=MEAN_VALUE,
+            fit=FitSettings(),
+        )
+        return extract(replace(settings, **changes))
+
+    return start
+
+
+def test_errors_and_shapes_are_those_of_a_run_without_a_fit(run):
+    fitted, plain = run(), run("plain.h5", fit=None)
+    binding = bind(plain.rest, plain.cage, MEAN_VALUE)
+    with h5py.File(fitted.path) as file, h5py.File(plain.path) as other:
+        held = file["unfitted"]
+        np.testing.assert_array_equal(held["frame"][:], np.arange(12))
+        np.testing.assert_allclose(held["rms"][:], plain.metrics.rms, rtol=1e-9, atol=1e-12)
+        assert (plain.metrics.rms > fitted.metrics.rms).mean() > 0.8
+        kept = file["poses/frame"][:]
+        rebuilt = other["weights"][:] @ other["verts"][:][kept]
+        expected = (FRAMES[kept] - rebuilt) / fitted.rest.diagonal
+        np.testing.assert_allclose(held["misses"][:], expected, rtol=0, atol=1e-6)
+        vertex = int(held["cage_vertex"][0])
+        changes = np.linalg.norm(file["weights"][:] - binding.weights, axis=0)
+        assert vertex == np.argmax(changes)
+        np.testing.assert_allclose(held["influence"][:], binding.weights[:, vertex], atol=1e-12)
+
+
+def test_the_same_bytes_for_any_jobs(run):
+    one, two = run("one.h5"), run("two.h5", jobs=2)
+    assert one.path.read_bytes() == two.path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    "changes", [{"fit": None}, {"fit": FitSettings(rank=2), "keep_weights": False}]
+)
+def test_nothing_is_kept_without_a_fit_or_without_weights(run, changes):
+    result = run(**changes)
+    with h5py.File(result.path) as file:
+        assert "unfitted" not in file
+    assert read_result(result.path).frames == result.frames
+
+
+@pytest.mark.parametrize(("count", "keys"), [(5, [1]), (64, [3]), (500, [7, 499, 8]), (1, [0])])
+def test_chosen_frames_are_spread_and_hold_the_key_frames(count, keys):
+    known = 2 * np.arange(count)
+    keys = [int(known[k]) for k in keys]
+    chosen = FramesToCompare(known, keys, lambda k: None).choose()
+    assert chosen == sorted(set(chosen))
+    assert set(keys) <= set(chosen) <= set(known.tolist())
+    assert len(chosen) <= MAX_FRAMES + len(keys)
+    assert (chosen[0], chosen[-1]) == (known[0], known[-1])
+    assert np.diff(chosen).max(initial=0) <= 2 * max(1, np.ceil((count - 1) / (MAX_FRAMES - 1)))
+
+
+def test_a_change_of_low_rank_is_taken_off():
+    m, n = BINDING.weights.shape
+    generator = np.random.default_rng(1)
+    change = Correction(generator.normal(size=(m, 2)), generator.normal(size=(n, 2)))
+    fitted = replace(BINDING, weights=change.add_to(BINDING.weights))
+    stored = StoredBinding(fitted, {}, fit=StoredFit(record(rank=2), low_rank=change))
+    np.testing.assert_allclose(recover_unfitted(stored).weights, BINDING.weights, atol=1e-12)
+
+
+def test_weights_whose_origin_is_unknown_give_nothing():
+    assert recover_unfitted(StoredBinding(BINDING, {})) is None
+    assert recover_unfitted(StoredBinding(BINDING, {}, fit=StoredFit(record()))) is None
+
+
+def test_the_vertex_with_the_largest_change_is_found():
+    after = BINDING.weights.copy()
+    after[:, 5] += 0.1
+    after[0, 3] += 0.2
+    assert find_changed_vertex(BINDING.weights, after) == 5
