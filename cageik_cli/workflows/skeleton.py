@@ -209,7 +209,7 @@ def _refit_weights(target: Reconstruction, count: int, request: RigRequest) -> R
     solve = _read_solve_settings(target.result)
     conditions = FitConditions(solve, sampling=SampleSettings(request.memory, request.jobs))
     fitter = Fitter(target.binding, FitSettings(influences=count), conditions)
-    model = fitter.fit_model(fitter.sample([target]), DEFAULT_REGULARIZATION)
+    model = fitter.limit_influences(fitter.sample([target]), DEFAULT_REGULARIZATION, count)
     weights = compute_skin_weights(model.weights)
     solver = DualLaplacianSolver(_bind_skin(target.binding, weights), solve)
 
