@@ -11,7 +11,7 @@ from cageik_cli.solver.alignment import best_rotations
 from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.store.result import Result, read_binding, read_cages, read_rotations
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import SettingError, error_context
+from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 
@@ -225,7 +225,9 @@ def _read_solve_settings(result: Result) -> SolveSettings:
     names = ("alpha", "beta")
     held = {name: result.settings[name] for name in names if name in result.settings}
     if not all(isinstance(value, int | float) for value in held.values()):
-        raise SettingError("attribute `settings` does not hold numbers alpha and beta")
+        raise FormatError(
+            "attribute `settings` does not hold numbers alpha and beta; extract it again"
+        )
     return SolveSettings(**held)
 
 
