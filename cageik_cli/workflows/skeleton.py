@@ -12,7 +12,7 @@ from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.store.result import Result, read_cages
 from cageik_cli.store.result_frames import read_binding, read_rotations
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import SettingError, error_context
+from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import limit_blas_threads
 
@@ -210,7 +210,7 @@ def _refit_weights(target: Reconstruction, count: int, request: RigRequest) -> R
     solve = _read_solve_settings(target.result)
     conditions = FitConditions(solve, sampling=SampleSettings(request.memory, request.jobs))
     fitter = Fitter(target.binding, FitSettings(influences=count), conditions)
-    model = fitter.fit_model(fitter.sample([target]), DEFAULT_REGULARIZATION)
+    model = fitter.limit_influences(fitter.sample([target]), DEFAULT_REGULARIZATION, count)
     weights = compute_skin_weights(model.weights)
     solver = DualLaplacianSolver(_bind_skin(target.binding, weights), solve)
 
@@ -226,7 +226,9 @@ def _read_solve_settings(result: Result) -> SolveSettings:
     names = ("alpha", "beta")
     held = {name: result.settings[name] for name in names if name in result.settings}
     if not all(isinstance(value, int | float) for value in held.values()):
-        raise SettingError("attribute `settings` does not hold numbers alpha and beta")
+        raise FormatError(
+            "attribute `settings` does not hold numbers alpha and beta; extract it again"
+        )
     return SolveSettings(**held)
 
 

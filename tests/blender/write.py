@@ -16,6 +16,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from scipy import sparse
 
 WALKER = Path(__file__).resolve().parents[2] / "data_fixtures" / "walker"
 SINGLE = 1e-6
@@ -101,10 +102,13 @@ def main(folder: Path) -> None:
             cageik(*words, str(path).format(truth), *options_of(pattern))
             names = {"path": pattern.path.format(truth), "truth": truth}
             cases.append(asdict(pattern) | names)
+    few = folder / "few.h5"
+    cageik("extract", WALKER / "frames", "--cage", WALKER / "cage.obj", "--output", few,
+           "--frames", "0:48:4", "--no-cache", "--fit", "--influences", "8")  # fmt: skip
     for case in SKELETONS:
-        cageik("export", result, folder / case.path, "--skeleton", *options_of(case))
+        cageik("export", few, folder / case.path, "--skeleton", *options_of(case))
         cases.append(asdict(case))
-    write_truths(result, folder)
+    write_truths(result, few, folder)
     shutil.copyfile(WALKER / "cage.obj", folder / "cage_rest.obj")
     shutil.copyfile(WALKER / "frames" / "walker_1.obj", folder / "mesh_rest.obj")
     (folder / "cases.json").write_text(json.dumps(cases, indent=1))
@@ -123,13 +127,17 @@ def cageik(*words: object) -> None:
     subprocess.run(command, check=True)
 
 
-def write_truths(result: Path, folder: Path) -> None:
-    """Cages, weights times cages, and skin weights times cages."""
+def write_truths(result: Path, few: Path, folder: Path) -> None:
+    """Cages, weights times cages, and few weights times cages with what they lack, turned."""
     with h5py.File(result) as file:
         cages, weights = file["verts"][:], file["weights"][:]
         cage, faces = file["cage/verts"][:], file["tris"][:]
         rest, corners = file["rest/verts"][:], file["rest/tris"][:]
-    skinned = rest + skin_of(weights) @ (cages - cage)
+    with h5py.File(few) as file:
+        joints, rotations = file["verts"][:], file["rotations"][:]
+        entries = [file[f"weights_csr/{name}"][:] for name in ("data", "indices", "indptr")]
+    skin = skin_of(sparse.csr_array(tuple(entries), shape=weights.shape).toarray())
+    skinned = skin @ joints + (rest - skin @ cage) @ rotations
     np.savez(folder / "cage.npz", frames=cages, rest=cage, faces=faces)
     np.savez(folder / "mesh.npz", frames=weights @ cages, rest=rest, faces=corners)
     np.savez(folder / "skin.npz", frames=skinned, rest=rest, faces=corners)

@@ -1,5 +1,6 @@
 """Results as skeletons, skinned by USD itself: they give what the cages of the results give."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from pxr import Usd, UsdGeom, UsdSkel
 from cageik_cli.coordinates.binding import reconstruct_frames
 from cageik_cli.store.result import read_cages, read_result
 from cageik_cli.store.result_frames import read_binding, read_rotations
-from cageik_cli.util.errors import SettingError
+from cageik_cli.util.errors import FormatError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows import export as exporting
 from cageik_cli.workflows.skeleton import RigRequest, make_rig
@@ -149,6 +150,14 @@ def test_more_influences_than_cage_vertices_are_refused(run, folder):
     assert run(*EXTRACT).code == 0
     with pytest.raises(SettingError, match="--influences is 9, but the cage has 8"):
         rig(9)
+
+
+def test_settings_that_are_no_numbers_are_refused(run, folder):
+    assert run(*EXTRACT).code == 0
+    result = read_result(Path("cages.h5"))
+    wrong = replace(result, settings=result.settings | {"alpha": "much"})
+    with pytest.raises(FormatError, match=r"cages.h5: attribute `settings`.*alpha"):
+        make_rig(wrong, RigRequest(3), ProgressListener())
 
 
 @pytest.mark.slow

@@ -17,7 +17,12 @@ from cageik_cli.solver.fitting.held_out import (
     hold_out_blocks,
     hold_out_last_third,
 )
-from cageik_cli.solver.fitting.models import FittedModel, ModelFit, choose_model
+from cageik_cli.solver.fitting.models import (
+    FittedModel,
+    ModelFit,
+    choose_model,
+    limit_influences,
+)
 from cageik_cli.solver.fitting.record import FitReport
 from cageik_cli.solver.fitting.sample import (
     MAX_FIT_JOBS,
@@ -170,6 +175,11 @@ class Fitter:
         """Fit the weights to a sample, with a given regularization, and do not measure them."""
         return self._make_model(strength, self._jobs, is_held_out=False)(sample.target)
 
+    def limit_influences(self, sample: Sample, strength: float, count: int) -> FittedModel:
+        """Fit weights with at most `count` influences to frames that the binding's weights give."""
+        alternator = self._make_alternator(strength, self._jobs, is_held_out=False)
+        return limit_influences(alternator, sample.target, self._binding.weights, count)
+
     def _report(
         self,
         strength: float,
@@ -204,6 +214,11 @@ class Fitter:
 
     def _make_model(self, strength: float, jobs: int, is_held_out: bool) -> ModelFit:
         """Return the fit of the model that the settings ask for."""
+        alternator = self._make_alternator(strength, jobs, is_held_out)
+        return choose_model(alternator, self._complement, self._settings)
+
+    def _make_alternator(self, strength: float, jobs: int, is_held_out: bool) -> Alternator:
+        """Return the fit of weights and cages by turns."""
         effort = replace(self._conditions.effort, solving=Solving(jobs=max(1, jobs)))
         if is_held_out:
             effort = replace(effort, max_rounds=min(effort.max_rounds, MAX_HELD_OUT_ROUNDS))
@@ -218,8 +233,7 @@ class Fitter:
             strength,
             self._settings.smoothness,
         )
-        alternator = Alternator(problem, self._cage_solve, effort)
-        return choose_model(alternator, self._complement, self._settings)
+        return Alternator(problem, self._cage_solve, effort)
 
     def _plan_held_out(self, sample: Sample) -> HeldOut:
         """Plan fits at the same time if there are threads and memory for them."""

@@ -90,6 +90,13 @@ def fit_few(
 ) -> FittedModel:
     """Fit weights with at most `count` influences, not negative, from weights that have all."""
     whole = fit_dense(loosen(alternator), complement, target).weights
+    return limit_influences(alternator, target, whole, count)
+
+
+def limit_influences(
+    alternator: Alternator, target: Displacements, whole: Floats, count: int
+) -> FittedModel:
+    """Fit weights with at most `count` influences, from weights (m, n) that fit `target` well."""
     n = whole.shape[1]
     matrix = to_sparse(fit_influences(alternator, target, whole, count), n)
     return FittedModel(matrix.toarray(), matrix.nnz, sparse_weights=matrix)
