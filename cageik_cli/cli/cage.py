@@ -188,15 +188,13 @@ def cage_command(
         if isinstance(settings, CageSettings):
             built = build_cage_file(settings, progress)
             text = format_cage_text(built, is_detailed=get_verbosity() > 0)
-            record = format_cage_json(built)
+            record, rest_options = format_cage_json(built), built.rest_options
         else:
+            rest_options = ""
             repaired = repair_cage_file(settings, progress)
             text, record = format_repair_text(repaired), format_repair_json(repaired)
     if json_path is not None:
         write_or_print(record, json_path, settings.overwrite)
     if not quiet:
-        click.echo(text, err=True)
-        click.echo(
-            f"wrote {settings.output}; next: cageik extract FRAMES --cage {settings.output}",
-            err=True,
-        )
+        command = f"cageik extract FRAMES --cage {settings.output}{rest_options}"
+        click.echo(f"{text}\nwrote {settings.output}; next: {command}", err=True)

@@ -78,7 +78,7 @@ def segments_meet(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
     before, behind = _side_of_plane(a, b, c, start), _side_of_plane(a, b, c, stop)
     found = before * behind <= 0
     within = (before == 0) & (behind == 0)
-    if within.any():
+    if within.any():  # rare, and slow even for none
         found[within] = _meet_in_plane(start[within], stop[within], triangle[within])
     through = found & ~within
     found[through] = _lines_pass_through(start[through], stop[through], triangle[through])

@@ -109,6 +109,13 @@ class CageResult:
         return tuple(f"{self.model.source['name']}: {note}" for note in self.model.notes)
 
     @property
+    def rest_options(self) -> str:
+        """Return the options by which `cageik extract` takes the same rest pose."""
+        if self.settings.rest is not None:
+            return f" --rest {self.settings.rest}"
+        return f" --rest-frame {self.rest_frame}" if self.rest_frame else ""
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Return what the user should know of the cage, one sentence each."""
         return list_warnings(self.built)

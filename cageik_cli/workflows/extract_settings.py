@@ -26,7 +26,7 @@ class ExtractSettings:
     binding : Path, optional
         A binding file of this rest pose, and of `cage` if that is given; `bind` is then ignored.
     cache : Path, optional
-        The folder of the weight cache; none is used if absent.
+        The folder of the cache; none is used if absent.
     rest : Path, optional
         The rest pose; a frame of the clip if absent.
     rest_frame : int or "auto"

@@ -19,6 +19,13 @@ def test_a_cage_that_extract_takes(run):
     assert run("extract", "frames", "--cage", "built.obj", "-q").code == 0
 
 
+@pytest.mark.parametrize("words", [("--rest-frame", "2"), ("--rest", "frames/frame_3.obj")])
+def test_the_next_command_has_the_same_rest_pose(run, words):
+    outcome = run("cage", "frames", *TYPED[2:], *words)
+    assert outcome.err.endswith(f"extract FRAMES --cage built.obj {' '.join(words)}\n")
+    assert run("extract", "frames", "--cage", "built.obj", *words, "-q").code == 0
+
+
 def test_quiet_and_verbose(run):
     assert run(*TYPED, "-q").err == ""
     outcome = run(*TYPED, "-v", "--overwrite")

@@ -164,7 +164,7 @@ def is_given(name: str) -> bool:
 
 
 def choose_cache_folder(cache: Path | None, no_cache: bool) -> Path | None:
-    """Return the folder of the weight cache; None for none.
+    """Return the folder of the cache; None for none.
 
     The command line comes before the file of options, then the environment, then the folder of
     the user.
@@ -193,10 +193,10 @@ CACHE_OPTIONS = OptionGroup(
     click.option(
         "--cache",
         type=PATH_TYPE,
-        help="Folder of the weight cache.  [default: CAGEIK_CACHE, or the cache folder of the "
-        "user]",
+        help="Folder of the cache of weights and built cages.  [default: CAGEIK_CACHE, or the "
+        "cache folder of the user]",
     ),
-    click.option("--no-cache", is_flag=True, help="Do not use the weight cache."),
+    click.option("--no-cache", is_flag=True, help="Do not use the cache."),
 )
 
 
