@@ -17,6 +17,7 @@ import pytest
 
 import cageik_cli.cli.batch as command
 import cageik_cli.report
+from cageik_cli.store.checkpoint import MAGIC
 from cageik_cli.store.result import read_result
 from cageik_cli.workflows import cached_cage
 from cageik_cli.workflows.batch.clip_task import run_clip
@@ -307,7 +308,7 @@ def test_a_rest_pose_may_be_a_frame(run, anim, here):
 def test_a_dry_run_changes_nothing(run, anim, here):
     run(*BATCH)
     left = Path("out/clips/walk.h5.partial")
-    left.write_bytes(b"cageik.partial 2\n")
+    left.write_bytes(MAGIC)
     run(*BATCH, "--resume", "--dry-run")
     assert left.exists()
     run(*BATCH, "--resume")

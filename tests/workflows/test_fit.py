@@ -356,12 +356,6 @@ def test_few_influences_need_the_rotation_of_each_cage(settings):
         deform(DeformSettings(result.path, Output(Path("more")), cages="edited"))
 
 
-def test_a_skeleton_cannot_turn_the_rest_pose(settings):
-    result = extract(replace(settings, fit=FORMS["few"]))
-    with pytest.raises(SettingError, match=r"cages\.h5: its weights have few influences"):
-        export(ExportSettings(result.path, Output(Path("a.usda")), skeleton=True))
-
-
 def test_contradicting_settings_are_refused(settings):
     with pytest.raises(SettingError, match="brings its weights"):
         replace(settings, cage=None, binding=Path("b.h5"))
