@@ -124,7 +124,7 @@ def test_an_input_error_is_traced_too(run, folder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("room", "kept"), [(500, False), (20_000, True)])
+@pytest.mark.parametrize(("room", "kept"), [(500, False), (30_000, True)])
 def test_a_full_disk_leaves_the_old_result(run_process, fixtures_folder, tmp_path, room, kept):
     """A limit on the size of a file stands for the end of the disk."""
     resource = pytest.importorskip("resource")

@@ -422,7 +422,7 @@ for _ in range(turns):
     k = int(generator.integers(3))
     if generator.random() < 0.5:
         weights = np.full((500, 8 * (k + 1)), float(k))
-        cache.write(f"{k:064x}", CacheEntry(faces, weights, k, 0.0, 0, (), 1.0))
+        cache.write(f"{k:064x}", CacheEntry(faces, weights, k, 0.0, 0, (), (), 1.0))
     else:
         found = cache.read(f"{k:064x}")
         if found is not None:
