@@ -17,22 +17,15 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cageik_cli import __version__
 from cageik_cli.solver.blocks import ClipSummary, SolvedBlock
-from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics
-from cageik_cli.solver.peaks import DeviationPeaks
+from cageik_cli.store.block_bytes import from_bytes, to_bytes
 from cageik_cli.util.errors import CheckpointError, FormatError, OutputError
 from cageik_cli.util.locks import open_locked, remove_locked
 
-DIGEST_BYTES = hashlib.sha256().digest_size
-_BLOCK_HEADER = struct.Struct("<QQQQ")  # first frame, frames, sampled vertices, bytes of the faults
 FORMAT = b"cageik.partial "
 MAGIC = FORMAT + b"3\n"
-
-BLOCK_LAYOUT = 2
-"""Raise it when the bytes of blocks change, so that older checkpoints are refused."""
+"""Raise its number when the spec or the bytes of blocks change, so that older ones are refused."""
 
 MAX_HEAD_BYTES = 128
 """The line with the digest and the length of the spec is shorter."""
@@ -57,8 +50,6 @@ class RunSpec:
         Frames solved together; it changes the last digits, so a continued run keeps it.
     version : str
         Of the program.
-    layout : int
-        Of the blocks.
     """
 
     frames: list[str]
@@ -69,7 +60,6 @@ class RunSpec:
     cage_vertices: int
     block: int
     version: str = __version__
-    layout: int = BLOCK_LAYOUT
 
     def describe_difference(self, other: "RunSpec") -> str:
         """Say what differs from the run `other` that is to be continued; nothing if it can be."""
@@ -82,7 +72,7 @@ class RunSpec:
         for name in self.sources | other.sources:
             if self.sources.get(name) != other.sources.get(name):
                 return f"its {name.replace('_', ' ')} was another"
-        if (self.version, self.layout) != (other.version, other.layout):
+        if self.version != other.version:
             return f"it was of cageik {other.version}"
         if replace(self, block=other.block) != other:
             return "its weights were others"
@@ -306,56 +296,3 @@ def _write_all(file: io.FileIO, data: bytes) -> None:
 
 def _make_write_error(path: Path, error: OSError) -> OutputError:
     return OutputError(f"{path}: cannot be written ({error.strerror or error})")
-
-
-def to_bytes(block: SolvedBlock) -> bytes:
-    """Return the bytes of a block."""
-    faults = json.dumps({str(k): text for k, text in block.skipped.items()}).encode()
-    columns = [_cast_column(name, getattr(block.metrics, name)) for name in METRIC_NAMES]
-    return b"".join(
-        [
-            _BLOCK_HEADER.pack(block.start, len(block.cages), len(block.sampled), len(faults)),
-            *block.digests,
-            np.ascontiguousarray(block.cages, "<f8").tobytes(),
-            np.ascontiguousarray(block.rotations, "<f8").tobytes(),
-            *(column.tobytes() for column in columns),
-            np.ascontiguousarray(block.squared_errors, "<f8").tobytes(),
-            np.ascontiguousarray(block.peaks.deviations, "<f8").tobytes(),
-            np.ascontiguousarray(block.peaks.frames, "<i8").tobytes(),
-            np.ascontiguousarray(block.sampled, "<f4").tobytes(),
-            faults,
-        ]
-    )
-
-
-def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
-    """Return the block of these bytes."""
-    stream = io.BytesIO(data)
-    start, count, rows, length = _BLOCK_HEADER.unpack(stream.read(_BLOCK_HEADER.size))
-    digests = tuple(stream.read(DIGEST_BYTES) for _ in range(count))
-    cages = np.frombuffer(stream.read(24 * count * cage_vertices), "<f8")
-    rotations = np.frombuffer(stream.read(72 * count), "<f8")
-    columns = {
-        name: np.frombuffer(stream.read(8 * count), _cast_column(name, np.empty(0)).dtype)
-        for name in METRIC_NAMES
-    }
-    squares, deviations, peak_frames = (
-        np.frombuffer(stream.read(8 * vertices), kind) for kind in ("<f8", "<f8", "<i8")
-    )
-    sampled = np.frombuffer(stream.read(12 * rows * count), "<f4")
-    faults = {int(k): text for k, text in json.loads(stream.read(length)).items()}
-    return SolvedBlock(
-        start=start,
-        cages=cages.reshape(count, cage_vertices, 3),
-        rotations=rotations.reshape(count, 3, 3),
-        metrics=FrameMetrics(**columns),
-        squared_errors=squares,
-        peaks=DeviationPeaks(deviations, peak_frames),
-        digests=digests,
-        skipped=faults,
-        sampled=sampled.reshape(rows, 3 * count),
-    )
-
-
-def _cast_column(name: str, column: np.ndarray) -> np.ndarray:
-    return column.astype("<i8" if name in INTEGER_METRICS else "<f8")

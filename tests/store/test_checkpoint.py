@@ -11,15 +11,14 @@ from cageik_cli.solver.blocks import SolvedBlock, make_solved_block, summarize_b
 from cageik_cli.solver.dual_laplacian import Solution
 from cageik_cli.solver.metrics import FrameErrors, FrameMetrics
 from cageik_cli.solver.peaks import DeviationPeaks
+from cageik_cli.store.block_bytes import from_bytes, to_bytes
 from cageik_cli.store.checkpoint import (
     MAGIC,
     Checkpoint,
     RunSpec,
     checkpoint_progress,
     delete_checkpoint,
-    from_bytes,
     is_checkpoint,
-    to_bytes,
 )
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, OutputError
 from cageik_cli.util.locks import open_locked

@@ -1,0 +1,68 @@
+"""A solved block as the bytes that a checkpoint holds: a header, then one array after another."""
+
+import hashlib
+import io
+import json
+import struct
+
+import numpy as np
+
+from cageik_cli.solver.blocks import SolvedBlock
+from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics
+from cageik_cli.solver.peaks import DeviationPeaks
+
+DIGEST_BYTES = hashlib.sha256().digest_size
+_HEADER = struct.Struct("<QQQQ")  # first frame, frames, sampled vertices, bytes of the faults
+
+
+def to_bytes(block: SolvedBlock) -> bytes:
+    """Return the bytes of a block."""
+    faults = json.dumps({str(k): text for k, text in block.skipped.items()}).encode()
+    columns = [_cast_column(name, getattr(block.metrics, name)) for name in METRIC_NAMES]
+    return b"".join(
+        [
+            _HEADER.pack(block.start, len(block.cages), len(block.sampled), len(faults)),
+            *block.digests,
+            np.ascontiguousarray(block.cages, "<f8").tobytes(),
+            np.ascontiguousarray(block.rotations, "<f8").tobytes(),
+            *(column.tobytes() for column in columns),
+            np.ascontiguousarray(block.squared_errors, "<f8").tobytes(),
+            np.ascontiguousarray(block.peaks.deviations, "<f8").tobytes(),
+            np.ascontiguousarray(block.peaks.frames, "<i8").tobytes(),
+            np.ascontiguousarray(block.sampled, "<f4").tobytes(),
+            faults,
+        ]
+    )
+
+
+def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
+    """Return the block of these bytes."""
+    stream = io.BytesIO(data)
+    start, count, rows, length = _HEADER.unpack(stream.read(_HEADER.size))
+    digests = tuple(stream.read(DIGEST_BYTES) for _ in range(count))
+    cages = np.frombuffer(stream.read(24 * count * cage_vertices), "<f8")
+    rotations = np.frombuffer(stream.read(72 * count), "<f8")
+    columns = {
+        name: np.frombuffer(stream.read(8 * count), _cast_column(name, np.empty(0)).dtype)
+        for name in METRIC_NAMES
+    }
+    squares, deviations, peak_frames = (
+        np.frombuffer(stream.read(8 * vertices), kind) for kind in ("<f8", "<f8", "<i8")
+    )
+    sampled = np.frombuffer(stream.read(12 * rows * count), "<f4")
+    faults = {int(k): text for k, text in json.loads(stream.read(length)).items()}
+    return SolvedBlock(
+        start=start,
+        cages=cages.reshape(count, cage_vertices, 3),
+        rotations=rotations.reshape(count, 3, 3),
+        metrics=FrameMetrics(**columns),
+        squared_errors=squares,
+        peaks=DeviationPeaks(deviations, peak_frames),
+        digests=digests,
+        skipped=faults,
+        sampled=sampled.reshape(rows, 3 * count),
+    )
+
+
+def _cast_column(name: str, column: np.ndarray) -> np.ndarray:
+    return column.astype("<i8" if name in INTEGER_METRICS else "<f8")
