@@ -12,7 +12,7 @@ from cageik_cli.cages.enclosure import (
     locate_vertices,
 )
 from cageik_cli.cages.findings import SEVERITIES, Finding
-from cageik_cli.cages.misfit import MAX_OUTSIDE_SHARE, MAX_UNINFLATED, explain_misfit
+from cageik_cli.cages.misfit import Misfit, explain_misfit
 from cageik_cli.cages.quality import (
     find_low_clearance,
     find_needle_faces,
@@ -109,6 +109,8 @@ class Diagnosis:
     rest : RestFacts, optional
     findings : tuple of Finding
         The worst first.
+    misfit : Misfit, optional
+        Why vertices of the rest pose are outside; None if none are, or it is not known.
 
     Examples
     --------
@@ -123,6 +125,7 @@ class Diagnosis:
     cage: CageFacts
     rest: RestFacts | None
     findings: tuple[Finding, ...]
+    misfit: Misfit | None = None
 
     def __repr__(self) -> str:
         count = len(self.findings)
@@ -144,14 +147,9 @@ class Diagnosis:
     @property
     def is_repairable(self) -> bool:
         """Whether the cage is unfit, but `cageik cage --repair` may make it fit."""
-        kinds = {finding.kind for finding in self.findings}
-        if self.is_fit or kinds & UNREPAIRABLE:
+        if self.is_fit or any(finding.kind in UNREPAIRABLE for finding in self.findings):
             return False
-        rest = self.rest
-        if rest is None or (rest.outside or 0) <= MAX_OUTSIDE_SHARE * rest.vertices:
-            return True
-        worst = max(f.value for f in self.findings if f.kind == "outside")
-        return rest.transform is not None or worst < MAX_UNINFLATED
+        return self.misfit is None or self.misfit.is_repairable
 
 
 def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None) -> Diagnosis:
@@ -162,18 +160,18 @@ def diagnose(cage: TriMesh, rest: TriMesh | None = None, jobs: int | None = None
         findings += find_thin_parts(cage)
     kinds = {finding.kind for finding in findings}
     facts, rest_facts = _measure_cage(cage, is_manifold="pinched-vertex" not in kinds), None
+    misfit = None
     if rest is not None:
         has_inside = bounds_volume(cage) and "no-volume" not in kinds
-        rest_facts, more = _diagnose_rest(cage, rest, has_inside)
+        rest_facts, misfit, more = _diagnose_rest(cage, rest, has_inside)
         findings += more
         if sound and not _is_any_unfit(more):
             rest_facts, more = _measure_influence(cage, rest, rest_facts, jobs)
             findings += more
         elif len(cage.vertices) > len(rest.vertices):
             findings.append(_suspect_swap(cage, rest))
-    return Diagnosis(
-        facts, rest_facts, tuple(sorted(findings, key=lambda f: SEVERITIES.index(f.severity)))
-    )
+    findings.sort(key=lambda finding: SEVERITIES.index(finding.severity))
+    return Diagnosis(facts, rest_facts, tuple(findings), misfit)
 
 
 def _is_any_unfit(findings: list[Finding]) -> bool:
@@ -204,12 +202,12 @@ def _measure_cage(cage: TriMesh, is_manifold: bool) -> CageFacts:
 
 def _diagnose_rest(
     cage: TriMesh, rest: TriMesh, has_inside: bool
-) -> tuple[RestFacts, list[Finding]]:
-    facts = RestFacts(len(rest.vertices), len(rest.faces), rest.diagonal)
+) -> tuple[RestFacts, Misfit | None, list[Finding]]:
+    facts, misfit = RestFacts(len(rest.vertices), len(rest.faces), rest.diagonal), None
     if no_extent := find_missing_extent(rest):
-        return facts, [no_extent]
+        return facts, misfit, [no_extent]
     if not has_inside:
-        return facts, []
+        return facts, misfit, []
     placement = locate_vertices(_turn_outward(cage), rest)
     findings = [*find_surface_crossings(placement, rest)]
     if outside := find_outside_vertices(placement, rest):
@@ -221,7 +219,7 @@ def _diagnose_rest(
             *find_room_faults(placement.closest.mesh, rest),
             *find_low_clearance(placement, rest),
         ]
-    return _add_clearance(facts, placement), findings
+    return _add_clearance(facts, placement), misfit, findings
 
 
 def _add_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
