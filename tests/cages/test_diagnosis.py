@@ -5,7 +5,7 @@ from cageik_cli.cages import diagnosis as module
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
-from tests.shapes import ball, box, concave, finer, octahedron
+from tests.shapes import ball, box, changed, concave, finer, octahedron
 
 pytestmark = pytest.mark.usefixtures("coarse_panels")
 
@@ -187,3 +187,13 @@ def test_too_many_faces_are_unfit(monkeypatch):
 def test_a_rest_pose_of_one_point_is_unfit():
     found = diagnose(box(), TriMesh(np.zeros((9, 3)), [[0, 1, 2]]))
     assert kinds(found) == [("unfit", "point")]
+
+
+def test_no_repair_is_promised_to_a_cage_of_another_model():
+    cage = ball(1)
+    near = changed(ball(2, 0.5), vertices=ball(2, 0.5).vertices + np.array([0.6, 0, 0]))
+    far = changed(ball(2, 0.5), vertices=ball(2, 0.5).vertices * [3, 0.2, 1] + np.array([9, 2, 1]))
+    assert diagnose(cage, near).is_repairable
+    misplaced = diagnose(cage, far)
+    assert not misplaced.is_fit
+    assert not misplaced.is_repairable
