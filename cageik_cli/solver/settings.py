@@ -30,7 +30,7 @@ class SolveSettings:
             raise SettingError("alpha and beta are both 0, expected at least one above 0")
 
 
-FIT_VERSION = 1
+FIT_VERSION = 2
 """Raise it when fitted weights or their reports change, so that caches are not used."""
 
 DEFAULT_REGULARIZATION = 0.1

@@ -1,4 +1,9 @@
-"""The displacements that weights are fitted to, in memory once, and subsets of their frames."""
+"""The displacements that weights are fitted to, in memory once, and subsets of their frames.
+
+Sums of squares over the frames do not change when the columns of D are turned by an orthogonal
+matrix, and a linear solve for the cages turns with them. In the eigenvectors of DᵀD, the last
+columns are nearly 0; a fit to the others is the same, and faster.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +15,15 @@ from cageik_cli.util.arrays import Floats, Integers
 
 FRAMES_PER_BLOCK = 16
 """Frames per block; constant, because the last digits depend on it."""
+
+MAX_GRAM_ENTRIES = 1 << 20
+"""Most entries of the rows of D that are multiplied at once."""
+
+COMPRESSION_TOL = 2e-3
+"""What a compression leaves out, relative to D, as root mean squares."""
+
+MIN_COMPRESSION = 0.8
+"""Displacements are compressed if at most this share of the columns is left."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +99,48 @@ class Displacements:
     def multiply_left(self, factor: Floats) -> Floats:
         """Return `factor`, (b, m), times D, as (b, 3k)."""
         return np.hstack([factor @ block for block in self.blocks()])
+
+    def multiply_by_transpose(self, row_weights: Floats | None = None) -> Floats:
+        """Return DᵀΩD, (3k, 3k), with Ω the diagonal of `row_weights`, (m,), or the identity."""
+        count = 3 * len(self)
+        rows = max(1, MAX_GRAM_ENTRIES // count)
+        product = np.zeros((count, count))
+        for start in range(0, len(self.parts[0]), rows):
+            block = self._read_rows(slice(start, start + rows))
+            if row_weights is not None:
+                block *= np.sqrt(row_weights[start : start + rows, None])
+            product += block.T @ block
+        return product
+
+    def compress(self, row_weights: Floats | None = None) -> "Displacements":
+        """Return displacements with fewer columns, whose fit is the same but for `COMPRESSION_TOL`.
+
+        Their frames are sums of frames; no single frame can be measured on them.
+
+        Parameters
+        ----------
+        row_weights : (m,) float64, optional
+            Weights of the vertices in the fit.
+        """
+        values, vectors = np.linalg.eigh(self.multiply_by_transpose(row_weights))
+        left_out = np.cumsum(np.maximum(values, 0)) <= COMPRESSION_TOL**2 * values.sum()
+        count = -(-int(np.count_nonzero(~left_out)) // 3)
+        if not 0 < count <= MIN_COMPRESSION * len(self):
+            return self
+        kept = vectors[:, ::-1][:, : 3 * count]
+        width = 3 * FRAMES_PER_BLOCK
+        starts = range(0, kept.shape[1], width)
+        parts = [self.multiply(kept[:, s : s + width]) for s in starts]
+        parts = [part.astype(self.parts[0].dtype, copy=False) for part in parts]
+        return Displacements(tuple(parts), np.arange(count), np.full(count, self.weight / count))
+
+    def _read_rows(self, rows: slice) -> Floats:
+        """Return rows of D, (r, 3k) float64."""
+        chosen = [
+            part[rows][:, self._choose_columns(first, part)]
+            for first, part in zip(self._starts(), self.parts, strict=True)
+        ]
+        return np.hstack(chosen).astype(np.float64, copy=False)
 
     def _starts(self) -> range:
         return range(0, FRAMES_PER_BLOCK * len(self.parts), FRAMES_PER_BLOCK)

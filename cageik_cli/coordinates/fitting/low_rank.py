@@ -44,16 +44,17 @@ def refit(
     problem : WeightProblem
     motion : Motion
     start : Correction
-        Its rank is kept.
+        The rank of the result is at most its rank.
     complement : (n, n - 4)
         From `complement_basis`.
     solving : Solving
     """
-    left = problem.fit(motion, start.basis, start, solving).columns
+    found = problem.fit(motion, start.basis, start, solving)
+    left = found.columns
     basis, gains = diagonalize(motion.cages, complement)
     scale = motion.scale
-    if not scale:
-        return Correction(left, start.basis)
+    if not scale or not left.any():
+        return found
     weighted = left if problem.vertex_weights is None else problem.vertex_weights[:, None] * left
     smooth = problem.regularization * left + problem.smoothness * problem.surface.apply(left)
     matrices = (gains / scale)[:, None, None] * (left.T @ weighted) + left.T @ smooth
@@ -62,8 +63,6 @@ def refit(
     residual = motion.target.multiply_left(weighted.T)
     residual -= (weighted.T @ problem.rest_weights) @ motion.cages
     right = (residual @ (motion.cages.T @ basis) / scale).T
-    if not left.any():
-        return Correction(left, start.basis)
     rows = np.linalg.solve(matrices, right[:, :, None])[:, :, 0]
     subspace, factor = np.linalg.qr(basis @ rows)
     return Correction(left @ factor.T, subspace)

@@ -8,9 +8,13 @@ W = H + E minimise
 Rows of E are in the complement of span(1, C). In its basis Q of the eigenvectors of P BBᵀ P, with
 eigenvalues s g_i, the columns of F = E Q separate, also with vertex weights Ω:
 
-    (μ ΛᵀΛ + g_i Ω + λ) f_i = Ω (D − H B) Bᵀ q_i / s.
+    (μ ΛᵀΛ + g_i Ω + λ) f_i = b_i,      b_i = Ω (D − H B) Bᵀ q_i / s.
+
+A column lowers the sum by s |b_i|² / (g_i + λ) at most. The cage hardly moves in many directions
+q_i; their columns are left 0.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,6 +43,17 @@ class Correction:
 
     columns: Floats
     basis: Floats
+
+    @staticmethod
+    def join(parts: Iterable["Correction"], m: int, basis: Floats) -> "Correction":
+        """Join changes whose bases are different columns of `basis`, (n, r), in this order."""
+        columns, kept = np.empty((m, basis.shape[1])), np.empty_like(basis)
+        count = 0
+        for part in parts:
+            end = count + part.basis.shape[1]
+            columns[:, count:end], kept[:, count:end] = part.columns, part.basis
+            count = end
+        return Correction(columns[:, :count], kept[:, :count])
 
     def express(self, basis: Floats) -> Floats:
         """Return E times basis vectors (n, b), as (m, b)."""
@@ -98,22 +113,23 @@ class WeightProblem:
         if not scale:
             return Correction(np.zeros((len(self.rest_weights), basis.shape[1])), basis)
 
-        width = count_columns(len(self.rest_weights))
+        m, width = len(self.rest_weights), count_columns(len(self.rest_weights))
 
-        def solve_columns(first: int) -> Floats:
+        def solve_columns(first: int) -> Correction:
             block = slice(first, first + width)
             right = self.project_residual(motion, basis[:, block])
             right /= scale
-            guess = None if start is None else start.express(basis[:, block])
-            system = self.make_system(gains[block] / scale)
-            return system.solve(right, guess, solving.precision)
+            reached = np.square(right).sum(axis=0) / (gains[block] / scale + self.regularization)
+            kept = np.flatnonzero(reached * len(basis) > solving.precision.negligible**2 * m)
+            directions = basis[:, first + kept]
+            guess = None if start is None else start.express(directions)
+            system = self.make_system(gains[first + kept] / scale)
+            right = np.ascontiguousarray(right[:, kept])
+            return Correction(system.solve(right, guess, solving.precision), directions)
 
-        columns = np.empty((len(self.rest_weights), basis.shape[1]))
         starts = range(0, basis.shape[1], width)
         with OrderedMap(solve_columns, starts, solving.jobs, solving.jobs) as solved:
-            for first, block in zip(starts, solved, strict=True):
-                columns[:, first : first + width] = block
-        return Correction(columns, basis)
+            return Correction.join(solved, m, basis)
 
     def make_system(self, shifts: Floats) -> ShiftedSystem:
         """Return the systems of columns with the given g_i, (b,)."""

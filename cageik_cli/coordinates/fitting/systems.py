@@ -59,7 +59,7 @@ class SurfaceLaplacian:
 
 @dataclass(frozen=True, slots=True)
 class Precision:
-    """When conjugate gradients stop.
+    """When conjugate gradients stop, and what they leave out.
 
     Attributes
     ----------
@@ -67,13 +67,17 @@ class Precision:
         Residual of each column relative to its right-hand side, in the preconditioned norm.
     max_steps : int
         Few suffice between two cage solves, as each begins where the last has ended.
+    negligible : float
+        Columns that can change the motion of the vertices by less than this share of it, as root
+        mean squares, are not solved.
     """
 
     tolerance: float = 1e-3
     max_steps: int = 5
+    negligible: float = 1e-3
 
 
-EXACT = Precision(1e-14, 10_000)
+EXACT = Precision(1e-14, 10_000, 0.0)
 """To rounding, for tests and small problems."""
 
 

@@ -11,6 +11,7 @@ from cageik_cli.coordinates.fitting.problem import Correction, Motion, Solving, 
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.threads import OrderedMap
 
 HISTORY = 5
 """Rounds that the extrapolation looks back at."""
@@ -59,18 +60,21 @@ class CageSolve:
         binding = replace(self.binding, weights=weights)
         return DualLaplacianSolver(binding, self.settings, self.vertex_weights)
 
-    def solve(self, weights: Floats, target: Displacements) -> "SolvedMotion":
+    def solve(self, weights: Floats, target: Displacements, jobs: int = 1) -> "SolvedMotion":
         """Solve for the displacements of the cage, and measure the error of the vertices."""
         solver = self.prepare(weights)
-        cages, squares, vertices = [], 0.0, 1
-        for columns in target.blocks():
-            cages.append(solver.solve_displacements(columns))
-            error = weights @ cages[-1]
+
+        def solve_block(columns: Floats) -> tuple[Floats, float]:
+            cages = solver.solve_displacements(columns)
+            error = weights @ cages
             error -= columns
             error = error[solver.data_vertices]
-            squares += float(np.vdot(error, error))
-            vertices = len(error)
-        rms = np.sqrt(squares / (vertices * target.weight))
+            return cages, float(np.vdot(error, error))
+
+        with OrderedMap(solve_block, target.blocks(), jobs, jobs) as solved:
+            cages, squares = zip(*solved, strict=True)
+        vertices = len(weights) - solver.missing_count
+        rms = np.sqrt(sum(squares) / (vertices * target.weight))
         return SolvedMotion(Motion(target, np.hstack(cages)), float(rms))
 
 
@@ -149,16 +153,16 @@ class Alternator:
         self, target: Displacements, step: Step, start: Correction | None = None
     ) -> Alternation:
         """Fit to `target`, each round by `step`, from a first guess."""
-        rest_weights = self.problem.rest_weights
+        rest_weights, jobs = self.problem.rest_weights, self.effort.solving.jobs
         correction, weights = start, rest_weights if start is None else start.add_to(rest_weights)
-        solved = self.cage_solve.solve(weights, target)
+        solved = self.cage_solve.solve(weights, target, jobs)
         errors, extrapolation = [solved.rms], Extrapolation()
         given = solved.motion.cages
         for _ in range(self.effort.max_rounds):
             del weights  # the step needs the memory
             correction = step(Motion(target, given), correction)
             weights = correction.add_to(rest_weights)
-            solved = self.cage_solve.solve(weights, target)
+            solved = self.cage_solve.solve(weights, target, jobs)
             errors.append(solved.rms)
             if not self._is_gaining(errors):
                 break

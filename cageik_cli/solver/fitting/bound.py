@@ -13,7 +13,7 @@ import numpy as np
 
 from cageik_cli.coordinates.fitting.displacements import Displacements
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 
 BASIS_TOL = 1e-7
 """Directions of the sample with smaller singular values, relative to the largest, are left out."""
@@ -101,15 +101,9 @@ def _span(sample: Displacements, solver: DualLaplacianSolver, most: int) -> Floa
     From the eigenvectors of DᵀD, which is small; a second orthogonalisation removes their rounding.
     """
     counted = solver.data_vertices
-    gram = np.vstack([_gram_rows(sample, block, counted) for block in sample.blocks()])
-    values, vectors = np.linalg.eigh(gram)
+    mask = np.zeros(len(solver.binding.weights))
+    mask[counted] = 1
+    values, vectors = np.linalg.eigh(sample.multiply_by_transpose(mask))
     values, vectors = values[::-1], vectors[:, ::-1]
     count = min(most, int(np.count_nonzero(values > BASIS_TOL**2 * values[0])))
     return np.asarray(np.linalg.qr(sample.multiply(vectors[:, :count])[counted])[0])
-
-
-def _gram_rows(sample: Displacements, block: Floats, counted: slice | Integers) -> Floats:
-    """Return the products of the columns of a block and of all, over the counted vertices."""
-    masked = np.zeros_like(block)
-    masked[counted] = block[counted]
-    return sample.multiply_left(masked.T)

@@ -42,13 +42,16 @@ ModelFit = Callable[[Displacements], FittedModel]
 
 def choose_model(alternator: Alternator, complement: Floats, settings: FitSettings) -> ModelFit:
     """Return the fit of the model that `settings` ask for; `complement` is the affine one."""
-    if settings.rank is not None:
-        rank = settings.rank
-        return lambda target: fit_low_rank(alternator, complement, target, rank)
-    if settings.influences is not None:
-        count = settings.influences
-        return lambda target: fit_few(alternator, complement, target, count)
-    return lambda target: fit_dense(alternator, complement, target)
+
+    def fit(target: Displacements) -> FittedModel:
+        compressed = target.compress(alternator.problem.vertex_weights)
+        if settings.rank is not None:
+            return fit_low_rank(alternator, complement, compressed, settings.rank)
+        if settings.influences is not None:
+            return fit_few(alternator, complement, compressed, settings.influences)
+        return fit_dense(alternator, complement, compressed)
+
+    return fit
 
 
 def fit_dense(alternator: Alternator, complement: Floats, target: Displacements) -> FittedModel:

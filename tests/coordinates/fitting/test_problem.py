@@ -4,7 +4,7 @@ import pytest
 from cageik_cli.coordinates.fitting.affine import complement_basis
 from cageik_cli.coordinates.fitting.displacements import Displacements
 from cageik_cli.coordinates.fitting.problem import Motion, Solving, WeightProblem
-from cageik_cli.coordinates.fitting.systems import EXACT, SurfaceLaplacian
+from cageik_cli.coordinates.fitting.systems import EXACT, Precision, SurfaceLaplacian
 from cageik_cli.geometry.mesh import uniform_laplacian
 from tests.fitted import cage_motion, small_binding, true_weights
 
@@ -84,6 +84,19 @@ def test_a_cage_that_does_not_move_leaves_the_weights():
     problem = WeightProblem(BINDING.weights, SURFACE, None, 0.1, 1.0)
     found = fitted(problem, Motion(target, np.zeros((len(BINDING.cage.vertices), 6))))
     np.testing.assert_array_equal(found, BINDING.weights)
+
+
+def test_directions_in_which_the_cage_hardly_moves_are_left_out():
+    problem = WeightProblem(BINDING.weights, SURFACE, None, 0.1, 1.0)
+    cages = cage_motion(BINDING, 1) @ np.ones((3, 24))
+    cages += 1e-6 * cage_motion(BINDING, 8)
+    motion = Motion(Displacements.of(true_weights(BINDING) @ cages), cages)
+    exact = problem.fit(motion, COMPLEMENT, solving=Solving(EXACT))
+    found = problem.fit(motion, COMPLEMENT, solving=Solving(Precision(1e-14, 10_000)))
+    assert exact.columns.shape[1] == COMPLEMENT.shape[1]
+    assert found.columns.shape[1] == found.basis.shape[1] == 1
+    moved, expected = (c.add_to(BINDING.weights) @ cages for c in (found, exact))
+    assert np.linalg.norm(moved - expected) < 1e-3 * np.linalg.norm(expected)
 
 
 def test_threads_do_not_change_a_bit():
