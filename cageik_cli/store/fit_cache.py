@@ -13,12 +13,12 @@ from scipy import sparse
 from cageik_cli import __version__
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.fitting.problem import Correction
+from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.record import FitRecord, FittedClip
-from cageik_cli.solver.settings import FIT_VERSION, FitSettings, SolveSettings
+from cageik_cli.solver.settings import FIT_VERSION, FitSettings
 from cageik_cli.store.entry_cache import DEFAULT_MAX_BYTES, EntryCache, EntryFormat, as_bytes
 from cageik_cli.store.fit_fields import StoredFit
 from cageik_cli.store.json_records import parse_record
-from cageik_cli.util.arrays import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,57 +67,48 @@ FITS = EntryFormat(
 FittedBinding = tuple[Binding, StoredFit]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FitInputs:
-    """What fitted weights depend on.
+def compute_fit_key(
+    binding: Binding,
+    settings: FitSettings,
+    conditions: FitConditions,
+    frames: Sequence[Sequence[bytes]],
+) -> str:
+    """Return the key of a fit: a digest of all that the fitted weights depend on.
 
-    Attributes
+    Threads are not in it; memory is, since fewer frames are fitted with little of it.
+
+    Parameters
     ----------
     binding : Binding
         The weights that they are fitted from.
     settings : FitSettings
-    solve : SolveSettings
-    vertex_weights : (m,) float64 or None
-    memory : int
-        Bytes; with little memory, fewer frames are fitted.
-    skips_bad_frames : bool
+    conditions : FitConditions
     frames : sequence of sequence of bytes
         For each clip, the digest of each frame.
     """
-
-    binding: Binding
-    settings: FitSettings
-    solve: SolveSettings
-    vertex_weights: Floats | None
-    memory: int
-    skips_bad_frames: bool
-    frames: Sequence[Sequence[bytes]]
-
-    def compute_key(self) -> str:
-        """Return the key of the fit: a digest of all inputs."""
-        binding = self.binding
-        recorded: dict[str, Any] = {
-            "version": __version__,
-            "algorithm": FIT_VERSION,
-            "settings": asdict(self.settings),
-            "solve": asdict(self.solve),
-            "memory": self.memory,
-            "skips": self.skips_bad_frames,
-            "weighted": self.vertex_weights is not None,
-            "shape": binding.weights.shape,
-            "faces": (len(binding.rest.faces), len(binding.cage.faces)),
-            "frames": list(map(len, self.frames)),
-        }
-        digest = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode() + b"\n")
-        weights = [] if self.vertex_weights is None else [self.vertex_weights]
-        meshes = (binding.rest, binding.cage)
-        for array in (binding.weights, *(mesh.vertices for mesh in meshes), *weights):
-            digest.update(as_bytes(array, "<f8"))
-        for mesh in meshes:
-            digest.update(as_bytes(mesh.faces, "<i8"))
-        for clip in self.frames:
-            digest.update(b"".join(clip))
-        return digest.hexdigest()
+    sampling, effort = conditions.sampling, conditions.effort
+    recorded: dict[str, Any] = {
+        "version": __version__,
+        "algorithm": FIT_VERSION,
+        "settings": asdict(settings),
+        "solve": asdict(conditions.solve),
+        "sampling": asdict(replace(sampling, jobs=0)),
+        "effort": (effort.max_rounds, effort.min_gain),
+        "weighted": conditions.vertex_weights is not None,
+        "shape": binding.weights.shape,
+        "faces": (len(binding.rest.faces), len(binding.cage.faces)),
+        "frames": list(map(len, frames)),
+    }
+    digest = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode() + b"\n")
+    weights = [] if conditions.vertex_weights is None else [conditions.vertex_weights]
+    meshes = (binding.rest, binding.cage)
+    for array in (binding.weights, *(mesh.vertices for mesh in meshes), *weights):
+        digest.update(as_bytes(array, "<f8"))
+    for mesh in meshes:
+        digest.update(as_bytes(mesh.faces, "<i8"))
+    for clip in frames:
+        digest.update(b"".join(clip))
+    return digest.hexdigest()
 
 
 class FitCache(EntryCache[FitEntry]):
@@ -130,19 +121,18 @@ class FitCache(EntryCache[FitEntry]):
 
     def get_or_fit(
         self,
-        inputs: FitInputs,
+        key: str,
+        binding: Binding,
         clips: tuple[FittedClip, ...],
         fit: Callable[[], FittedBinding],
     ) -> FittedBinding:
-        """Return the binding that `fit` gives, from the cache if it is there.
+        """Return what `fit` makes of a binding, from the cache if it is there.
 
-        The record names `clips`, whose files may have had other names when they were fitted.
+        The key is of `compute_fit_key`. The record names `clips`, whose files may have had other
+        names when they were fitted.
         """
         return self.find_or_compute(
-            inputs.compute_key(),
-            fit,
-            _make_entry,
-            lambda entry: _restore(entry, inputs.binding, clips),
+            key, fit, _make_entry, lambda entry: _restore(entry, binding, clips)
         )
 
 

@@ -18,14 +18,16 @@ from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.formats.vertex_weights import load_vertex_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import normalize_weights
-from cageik_cli.solver.settings import FitSettings, SolveSettings
+from cageik_cli.solver.fitting.fit import FitConditions
+from cageik_cli.solver.fitting.sample import SampleSettings
+from cageik_cli.solver.settings import FitSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.weight_cache import WeightCache
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import mark_warning
-from cageik_cli.workflows.fit import FitRequest, fit_binding
+from cageik_cli.workflows.fit import fit_binding, open_fit_cache
 from cageik_cli.workflows.repair_hint import suggest_repair
 
 
@@ -140,15 +142,10 @@ def _fit_to_clips(
         loaded, _ = load_vertex_weights(settings.vertex_weights)
         with error_context(settings.vertex_weights):
             weights = normalize_weights(loaded, len(rest.mesh.vertices))
-    request = FitRequest(
-        settings=settings.fit,
-        solve=SolveSettings(),
-        vertex_weights=weights,
-        memory=settings.memory,
-        jobs=settings.weights.jobs,
-        cache=settings.weights.cache,
-    )
-    return fit_binding(stored, clips, request, progress)
+    sampling = SampleSettings(settings.memory, settings.weights.jobs)
+    conditions = FitConditions(vertex_weights=weights, sampling=sampling)
+    cache = open_fit_cache(settings.weights.cache, progress)
+    return fit_binding(stored, clips, settings.fit, conditions, cache)
 
 
 def bind_cached(

@@ -17,6 +17,8 @@ from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.vertex_weights import load_vertex_weights
 from cageik_cli.solver.dual_laplacian import normalize_weights
+from cageik_cli.solver.fitting.fit import FitConditions
+from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.solver.settings import FitSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import checkpoint_progress
@@ -28,7 +30,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.workflows.cached_cage import build_cached, check_cage_output
 from cageik_cli.workflows.extract_settings import ExtractSettings
-from cageik_cli.workflows.fit import FitRequest, fit_binding
+from cageik_cli.workflows.fit import fit_binding, open_fit_cache
 from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 
@@ -261,17 +263,11 @@ def load_or_compute_binding(plan: ExtractionPlan, progress: ProgressListener) ->
         stored = bind_cached(rest, plan.cage, weight_settings, progress)
     if settings.fit is None:
         return stored
-    request = FitRequest(
-        settings=settings.fit,
-        solve=settings.solve,
-        vertex_weights=plan.vertex_weights,
-        memory=settings.memory,
-        jobs=settings.jobs,
-        skips_bad_frames=settings.skips_bad_frames,
-        cache=settings.cache,
-    )
+    sampling = SampleSettings(settings.memory, settings.jobs, settings.skips_bad_frames)
+    conditions = FitConditions(settings.solve, plan.vertex_weights, sampling)
+    cache = open_fit_cache(settings.cache, progress)
     with progress.stage("fit"):
-        return fit_binding(stored, [plan.sequence], request, progress)
+        return fit_binding(stored, [plan.sequence], settings.fit, conditions, cache)
 
 
 def _find_existing_result(plan: ExtractionPlan) -> Result | None:

@@ -247,7 +247,7 @@ def test_a_resumed_run_gives_the_same_bytes(settings, monkeypatch):
 
 
 def test_a_frame_that_changes_while_weights_are_fitted_is_refused(settings, write_obj, monkeypatch):
-    from cageik_cli.solver.fitting import fit as module
+    from cageik_cli.workflows import fit as module
 
     whole = module.fit_weights
 
