@@ -11,6 +11,7 @@ from cageik_cli.cli.options.common import (
     PATH_TYPE,
     common_options,
     format_option,
+    get_verbosity,
     jobs_option,
     make_binding_options,
     memory_option,
@@ -45,6 +46,7 @@ def make_deform_settings(
     cache: Path | None,
     memory: int,
     jobs: int,
+    influences: int | None,
 ) -> "DeformSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
     from cageik_cli.workflows.deform import DeformSettings
@@ -66,6 +68,8 @@ def make_deform_settings(
         cache=cache,
         memory=memory,
         jobs=jobs,
+        influences=influences,
+        compares=influences is not None and get_verbosity() > 0,
     )
 
 
@@ -101,6 +105,12 @@ def make_deform_settings(
     SCENE_OPTIONS,
     *make_binding_options(None),
     CACHE_OPTIONS,
+    click.option(
+        "--influences",
+        type=click.IntRange(min=1),
+        help="Fit the weights again to the motion of the mesh, with at most this number of cage "
+        "vertices per vertex, as export --skeleton does.  [default: the weights of the mesh]",
+    ),
     memory_option,
     jobs_option,
 )

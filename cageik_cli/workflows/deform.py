@@ -2,12 +2,12 @@
 
 import re
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cageik_cli.cages.enclosure import OutsideError
-from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding, reconstruct_frames
+from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.connectivity import check_vertex_order
 from cageik_cli.formats.base.mesh_data import LoadedMesh
@@ -18,7 +18,8 @@ from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
-from cageik_cli.store.result import Result, has_weights, read_cages, read_result
+from cageik_cli.solver.fitting.sample import SampleSettings
+from cageik_cli.store.result import Result, has_weights, read_result
 from cageik_cli.store.result_frames import read_binding, read_fit, read_rotations
 from cageik_cli.util.arrays import Floats, fit_frames
 from cageik_cli.util.errors import SettingError, error_context
@@ -27,6 +28,8 @@ from cageik_cli.util.text import label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
 from cageik_cli.workflows.export import report_skipped_frames
+from cageik_cli.workflows.reconstruction import Block, CageFrames, Reconstruction
+from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
 
 MAX_BLOCK_FRAMES = 16
 """Frames per block at most; more is not faster."""
@@ -59,6 +62,11 @@ class DeformSettings:
         Bytes for the weights and blocks of frames.
     jobs : int
         Threads.
+    influences : int, optional
+        Cage vertices that move each vertex, at most, with weights that are fitted again to the
+        motion of the mesh; the weights that it has if absent.
+    compares : bool
+        Note the error of other numbers of influences, too.
     """
 
     result: Path
@@ -73,6 +81,8 @@ class DeformSettings:
     cache: Path | None = None
     memory: int = 1 << 30
     jobs: int = 1
+    influences: int | None = None
+    compares: bool = False
 
     def inputs(self) -> list[Path]:
         """Return the files that are read."""
@@ -98,28 +108,44 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
     progress = progress or ProgressListener()
     settings.output.check_writable()
     result = read_result(settings.result)
+    check_influences(result, settings.influences)
     clip = _open_cage_clip(settings, result, progress)
     mesh = load_mesh(settings.mesh) if settings.mesh is not None else _make_rest_model(result)
     binding = _load_or_compute_binding(settings, mesh, result, progress)
-    scene = result.scene if clip is None else clip.scene.override(result.scene)
+    if clip is None:
+        report_skipped_frames(result, progress)
+        cages, scene = CageFrames.from_result(result), result.scene
+    else:
+        cages = CageFrames.from_clip(clip, settings.jobs)
+        scene = clip.scene.override(result.scene)
     animation = Animation(
         rest=binding.rest,
-        frame_count=len(result.frames) if clip is None else len(clip),
+        frame_count=cages.count,
         scene=settings.scene.override(scene),
         name=_make_object_name(settings.mesh),
         obj_text=mesh.obj_text,
     )
-    size = choose_block_size(settings.memory - binding.weights.nbytes, len(binding.rest.vertices))
-    if clip is None:
-        report_skipped_frames(result, progress)
-    cages = (
-        read_cages(result, size) if clip is None else _read_cage_blocks(clip, size, settings.jobs)
-    )
-    rotations = _read_needed_rotations(settings, result, binding, animation.frame_count)
-    frames = _deform_blocks(binding, cages, rotations)
+    rotations = _read_needed_rotations(settings, result, binding, cages.count)
+    target = Reconstruction(binding, cages, rotations)
+    if settings.influences is None:
+        memory = settings.memory - binding.weights.nbytes
+        blocks = target.blocks(choose_block_size(memory, len(binding.rest.vertices)))
+    else:
+        blocks = _limit_influences(settings, result, target, progress)
+    frames = (block.meshes for block in blocks)
     # One thread: the last digits depend on how many, and the writer takes longer anyway.
     with limit_blas_threads(1):
         return write_animation(settings.output, animation, frames, progress)
+
+
+def _limit_influences(
+    settings: DeformSettings, result: Result, target: Reconstruction, progress: ProgressListener
+) -> Iterator[Block]:
+    """Yield the frames that few influences give, fitted to the motion of the mesh."""
+    sampling = SampleSettings(settings.memory, settings.jobs)
+    name = settings.output.path.name
+    request = RigRequest(settings.influences, name, settings.compares, sampling)
+    return make_rig(result, target, request, progress).blocks()
 
 
 def _read_needed_rotations(
@@ -134,18 +160,6 @@ def _read_needed_rotations(
             "whose weights have few influences: they turn with its frames; give as many cages"
         )
     return read_rotations(result)
-
-
-def _deform_blocks(
-    binding: Binding, blocks: Iterator[Floats], rotations: Floats | None
-) -> Iterator[Floats]:
-    """Yield the meshes of blocks of cages."""
-    start = 0
-    for cages in blocks:
-        stop = start + len(cages)
-        turns = None if rotations is None else rotations[start:stop]
-        yield reconstruct_frames(binding, cages, turns)
-        start = stop
 
 
 def choose_block_size(memory: int, vertices: int) -> int:
@@ -166,13 +180,6 @@ def _open_cage_clip(
     for note in clip.notes:
         progress.note("note", note)
     return clip
-
-
-def _read_cage_blocks(clip: MeshSequence, size: int, jobs: int) -> Iterator[Floats]:
-    with closing(clip.blocks(size, jobs)) as blocks:
-        for block in blocks:
-            block.raise_read_errors()
-            yield block.positions
 
 
 def _load_or_compute_binding(

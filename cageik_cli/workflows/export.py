@@ -8,12 +8,15 @@ from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd.skeleton import SkeletonWriter
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
+from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.store.result import Result, read_cages, read_result
+from cageik_cli.store.result_frames import read_binding, read_rotations
 from cageik_cli.util.arrays import fit_frames
 from cageik_cli.util.errors import SettingError, join_truncated
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.threads import count_processors
-from cageik_cli.workflows.skeleton import RigRequest, compare_influences, make_rig
+from cageik_cli.util.threads import count_processors, limit_blas_threads
+from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
+from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
 
 MAX_BLOCK_BYTES = 1 << 26
 """Bytes of a block of cages, at most."""
@@ -61,6 +64,8 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
     ------
     InputError
         Naming the file at fault and what to do.
+    NumericalError
+        When the system of fewer influences is singular.
     """
     progress = progress or ProgressListener()
     check_export(settings)
@@ -82,14 +87,34 @@ def _write_skeleton(
     settings: ExportSettings, result: Result, animation: Animation, progress: ProgressListener
 ) -> ExportSummary:
     """Write the rest pose of a result, skinned to a joint per cage vertex."""
-    request = RigRequest(settings.influences, count_processors())
-    rig = make_rig(result, request, progress)
+    target = _read_skeleton(result, settings.influences)
+    sampling = SampleSettings(jobs=count_processors())
+    request = RigRequest(
+        settings.influences, settings.output.path.name, settings.compares, sampling
+    )
+    rig = make_rig(result, target, request, progress)
+    cages = (block.cages for block in rig.blocks())
     make_writer = partial(SkeletonWriter, skin=rig.skin)
-    summary = write_animation(settings.output, animation, rig.read_cages(), progress, make_writer)
-    progress.note("note", f"{settings.output.path.name}: {rig.message}")
-    if settings.compares:
-        compare_influences(result, request, progress)
-    return summary
+    with limit_blas_threads(1):  # the last digits of the cages depend on it
+        return write_animation(settings.output, animation, cages, progress, make_writer)
+
+
+def _read_skeleton(result: Result, influences: int | None) -> Reconstruction:
+    """Read what a skin is to follow; refuse what cannot be skinned."""
+    check_influences(result, influences)
+    binding = read_binding(result)
+    if binding is None:
+        raise SettingError(
+            f"{result.path}: has no weights, which a skeleton needs; extract it again without "
+            "--no-weights"
+        )
+    if influences is None and result.fit is not None and not binding.has_offsets:
+        raise SettingError(
+            f"{result.path}: its weights are fitted, and negative in places (down to "
+            f"{binding.weights.min():.2g}), which skin weights cannot be; give --influences 8"
+        )
+    rotations = read_rotations(result) if binding.has_offsets else None
+    return Reconstruction(binding, CageFrames.from_result(result), rotations)
 
 
 def report_skipped_frames(result: Result, progress: ProgressListener) -> None:

@@ -8,12 +8,16 @@ import pytest
 from pxr import Usd, UsdGeom, UsdSkel
 
 from cageik_cli.coordinates.binding import reconstruct_frames
+from cageik_cli.formats.open import open_sequence
 from cageik_cli.store.result import read_cages, read_result
 from cageik_cli.store.result_frames import read_binding, read_rotations
-from cageik_cli.util.errors import FormatError, SettingError
+from cageik_cli.util.errors import FormatError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows import export as exporting
-from cageik_cli.workflows.skeleton import RigRequest, make_rig
+from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
+from cageik_cli.workflows.rig import RigRequest, make_rig
+from tests.clips import frames_of
+from tests.shapes import finer
 
 WALKER = Path(__file__).parents[2] / "data_fixtures" / "walker"
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q", "--no-cache")
@@ -54,14 +58,23 @@ def furthest(path):
     return np.linalg.norm(skinned(path) - expected, axis=2).max() / diagonal
 
 
-def rig(count=None, path="cages.h5"):
-    return make_rig(read_result(Path(path)), RigRequest(count), ProgressListener())
+def rig(count=None, **changes):
+    result = replace(read_result(Path("cages.h5")), **changes)
+    binding = read_binding(result)
+    rotations = read_rotations(result) if binding.has_offsets else None
+    target = Reconstruction(binding, CageFrames.from_result(result), rotations)
+    return make_rig(result, target, RigRequest(count, "c.usdc"), ProgressListener())
+
+
+def frames_in(path):
+    """The frames of a file that `deform` wrote, (F, m, 3)."""
+    return frames_of(open_sequence([str(path)]))
 
 
 def test_few_influences_of_a_result_are_written_as_they_are(run, folder):
     assert run(*EXTRACT, *FEW).code == 0
     outcome = run("export", "cages.h5", "c.usdc", "--skeleton")
-    assert "with the weights of the result" in outcome.err
+    assert "the mesh moves as with the full weights" in outcome.err
     assert furthest("c.usdc") < SINGLE
     weights, joints = skin_weights("c.usdc")
     assert weights.shape == (18, 3)
@@ -148,16 +161,109 @@ def test_negative_weights_of_a_fit_are_refused_with_a_way_out(run, folder):
 
 def test_more_influences_than_cage_vertices_are_refused(run, folder):
     assert run(*EXTRACT).code == 0
-    with pytest.raises(SettingError, match="--influences is 9, but the cage has 8"):
-        rig(9)
+    words = ("export", "cages.h5", "c.usdc", "--skeleton"), ("deform", "cages.h5", "-o", "c.npz")
+    for command in words:
+        outcome = run(*command, "--influences", 9)
+        assert outcome.code == 1
+        assert "cages.h5: --influences is 9, but the cage has 8 vertices" in outcome.err
 
 
 def test_settings_that_are_no_numbers_are_refused(run, folder):
     assert run(*EXTRACT).code == 0
-    result = read_result(Path("cages.h5"))
-    wrong = replace(result, settings=result.settings | {"alpha": "much"})
     with pytest.raises(FormatError, match=r"cages.h5: attribute `settings`.*alpha"):
-        make_rig(wrong, RigRequest(3), ProgressListener())
+        rig(3, settings={"alpha": "much"})
+
+
+def test_a_mesh_that_is_deformed_moves_as_the_skeleton_does(run, folder):
+    assert run(*EXTRACT).code == 0
+    words = ("--influences", 3)
+    exported = run("export", "cages.h5", "c.usdc", "--skeleton", *words)
+    outcome = run("deform", "cages.h5", "-o", "m.npz", *words)
+    assert outcome.code == 0, outcome.err
+    meshes, diagonal = frames_in("m.npz"), read_result(Path("cages.h5")).rest.diagonal
+    assert np.abs(meshes - skinned("c.usdc")).max() < SINGLE * diagonal
+    said = "up to 3 influences per vertex; error against the full weights: rms "
+    (expected,) = [line.split(said)[1] for line in exported.err.splitlines() if said in line]
+    assert f"  note           m.npz: {said}{expected}" in outcome.err.splitlines()
+    distances = np.linalg.norm(meshes - reconstructed()[0], axis=2)
+    assert 100 * distances.max() / diagonal == pytest.approx(rig(3).error.largest, rel=1e-9)
+
+
+def test_few_influences_of_a_result_deform_as_they_are(run, folder):
+    assert run(*EXTRACT, *FEW).code == 0
+    outcome = run("deform", "cages.h5", "-o", "m.npz", "--influences", 3)
+    assert "m.npz: up to 3 influences per vertex; the mesh moves as with the full" in outcome.err
+    np.testing.assert_allclose(frames_in("m.npz"), reconstructed()[0], rtol=0, atol=1e-12)
+
+
+def test_another_mesh_has_influences_of_its_own(run, folder, animation, write_obj):
+    """They are fitted to its motion by its full weights, and nearer than a cut-off of these."""
+    fine = finer(animation.rest, 1)
+    write_obj(Path("fine.obj"), fine.vertices, fine.faces)
+    assert run(*EXTRACT).code == 0
+    words = ("deform", "cages.h5", "--mesh", "fine.obj", "--no-cache")
+    assert run(*words, "-o", "full.npz").code == 0
+    errors = []
+    for count in (2, 8):
+        outcome = run(*words, "--influences", count, "-o", f"{count}.npz")
+        assert f"up to {count} influences per vertex; error against" in outcome.err
+        distances = np.linalg.norm(frames_in(f"{count}.npz") - frames_in("full.npz"), axis=2)
+        rms, largest = np.sqrt(np.mean(distances**2)), distances.max()
+        percent = [f"{100 * value / fine.diagonal:.2g}" for value in (rms, largest)]
+        assert f"rms {percent[0]}, largest {percent[1]} %" in outcome.err
+        errors.append(rms)
+    assert errors[1] < errors[0]
+
+
+@pytest.mark.parametrize("fit", [(), FEW])
+def test_the_results_own_cages_from_elsewhere_change_nothing(run, folder, fit):
+    assert run(*EXTRACT, *fit).code == 0
+    assert run("export", "cages.h5", "own.npz").code == 0
+    words = ("deform", "cages.h5", "--influences", 2)
+    assert run(*words, "-o", "m.npz").code == 0
+    assert run(*words, "--cages", "own.npz", "-o", "same.npz").code == 0
+    np.testing.assert_array_equal(frames_in("same.npz"), frames_in("m.npz"))
+
+
+def test_cages_that_do_not_move_leave_the_mesh(run, folder, animation, write_obj):
+    assert run(*EXTRACT).code == 0
+    write_obj(Path("still/c_1.obj"), animation.cage.vertices, animation.cage.faces)
+    words = ("deform", "cages.h5", "--cages", "still", "--influences", 2, "-o", "m.npz")
+    assert "the mesh moves as with the full weights" in run(*words).err
+    np.testing.assert_allclose(frames_in("m.npz")[0], animation.rest.vertices, rtol=0, atol=1e-9)
+
+
+def test_deform_compares_influences_when_it_is_to_say_more(run, folder):
+    assert run(*EXTRACT).code == 0
+    outcome = run("deform", "cages.h5", "-o", "m.npz", "--influences", 3, "-v")
+    (line,) = [line for line in outcome.err.splitlines() if line.startswith("  influences")]
+    assert f"4: {rig(4).error.rms:.2g}, {rig(4).error.largest:.2g} %; 8: " in line
+    outcome = run("deform", "cages.h5", "-o", "m.pc2", "-v")
+    assert "influences" not in outcome.err
+
+
+def test_few_points_need_the_laplacian_of_the_cage(run, folder, write_obj):
+    points = np.random.default_rng(7).uniform(-1, 1, (6, 3))
+    write_obj(Path("teeth.obj"), points, np.array([[0, 1, 2], [3, 4, 5]]))
+    words = ("deform", "cages.h5", "--mesh", "teeth.obj", "--influences", 2, "-o", "m.npz")
+    assert run(*EXTRACT, "--alpha", 0).code == 0
+    outcome = run(*words)
+    assert outcome.code == 1
+    assert "few influences, with the alpha and beta of the result: the system is" in outcome.err
+    assert not Path("m.npz").exists()
+    assert run(*EXTRACT, "--overwrite").code == 0
+    outcome = run(*words)
+    assert outcome.code == 0, outcome.err
+    assert frames_in("m.npz").shape == (5, 6, 3)
+
+
+@pytest.mark.parametrize("count", [None, 8])
+def test_projected_vertices_start_where_the_cage_has_them(run, folder, animation, write_obj, count):
+    write_obj(Path("cage.obj"), 0.4 * animation.cage.vertices, animation.cage.faces)
+    assert run(*EXTRACT, "--outside", "project").code == 0
+    words = () if count is None else ("--influences", count)
+    assert run("export", "cages.h5", "c.usdc", "--skeleton", *words).code == 0
+    assert furthest("c.usdc") < 0.02
 
 
 @pytest.mark.slow

@@ -1,0 +1,114 @@
+"""The mesh animation that cages give, frame by frame."""
+
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli.coordinates.binding import Binding, reconstruct_frames
+from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.solver.alignment import best_rotations
+from cageik_cli.store.result import Result, read_cages
+from cageik_cli.util.arrays import Floats, Integers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CageFrames:
+    """The cages of an animation.
+
+    Attributes
+    ----------
+    count : int
+        Frames, those included whose cages fill a gap.
+    known : (k,) int64
+        Numbers of the other frames.
+    read : callable
+        Reads the cage of a frame, (n, 3), by its number.
+    blocks : callable
+        Yields all cages in order, in blocks (k, n, 3) of at most the given number of frames.
+    """
+
+    count: int
+    known: Integers
+    read: Callable[[int], Floats]
+    blocks: Callable[[int], Iterator[Floats]]
+
+    @staticmethod
+    def from_result(result: Result) -> "CageFrames":
+        """Return the cages of a result, whose gaps are filled."""
+        count = len(result.frames)
+        return CageFrames(
+            count=count,
+            known=np.setdiff1d(np.arange(count), list(result.skipped)),
+            read=lambda frame: next(read_cages(result, 1, frame))[0],
+            blocks=lambda size: read_cages(result, size),
+        )
+
+    @staticmethod
+    def from_clip(clip: MeshSequence, jobs: int) -> "CageFrames":
+        """Return the frames of a clip of cages, which threads read in advance."""
+
+        def blocks(size: int) -> Iterator[Floats]:
+            with closing(clip.blocks(size, jobs)) as read:
+                for block in read:
+                    block.raise_read_errors()
+                    yield block.positions
+
+        return CageFrames(len(clip), np.arange(len(clip)), clip.read_frame, blocks)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Consecutive frames: their cages (k, n, 3), rotations (k, 3, 3), and meshes (k, m, 3)."""
+
+    cages: Floats
+    rotations: Floats
+    meshes: Floats
+
+
+class Reconstruction:
+    """The mesh animation that cages give; a source of frames for a fit, without filled gaps.
+
+    Parameters
+    ----------
+    binding : Binding
+    cages : CageFrames
+    rotations : (F, 3, 3) float64, optional
+        Of the rest pose to each frame, for a binding that has offsets; else they are those of the
+        cages.
+    """
+
+    def __init__(
+        self, binding: Binding, cages: CageFrames, rotations: Floats | None = None
+    ) -> None:
+        self.binding, self.cages, self._rotations = binding, cages, rotations
+
+    def __len__(self) -> int:
+        return len(self.cages.known)
+
+    def read_frame(self, index: int) -> Floats:
+        """Return the mesh (m, 3) of a frame that fills no gap."""
+        frame = int(self.cages.known[index])
+        return np.asarray(self._rebuild(frame, self.cages.read(frame)[None]).meshes[0])
+
+    def blocks(self, size: int) -> Iterator[Block]:
+        """Yield all frames in order, in blocks of at most `size`."""
+        start = 0
+        for cages in self.cages.blocks(size):
+            yield self._rebuild(start, cages)
+            start += len(cages)
+
+    def _rebuild(self, start: int, cages: Floats) -> Block:
+        """Return the meshes of the cages of frames from `start` on."""
+        if self._rotations is None:
+            rotations = _turn_with_cages(cages, self.binding.cage.vertices)
+        else:
+            rotations = self._rotations[start : start + len(cages)]
+        return Block(cages, rotations, reconstruct_frames(self.binding, cages, rotations))
+
+
+def _turn_with_cages(cages: Floats, rest: Floats) -> Floats:
+    """Return the rotations (k, 3, 3) of a rest cage (n, 3) to cages (k, n, 3)."""
+    centred = cages - cages.mean(axis=1, keepdims=True)
+    return best_rotations(centred, rest - rest.mean(axis=0), np.ones(len(rest)))
