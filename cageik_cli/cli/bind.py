@@ -16,10 +16,11 @@ from cageik_cli.cli.options.common import (
     overwrite_option,
     timings_option,
 )
-from cageik_cli.cli.options.fit import FIT_STRENGTH_OPTIONS, make_fit_settings
+from cageik_cli.cli.options.fit import FIT_STRENGTH_OPTIONS, make_fit_settings, refuse_without_fit
 from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.cli.options.solve import SOLVE_OPTIONS
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.solver.settings import FitSettings
+from cageik_cli.solver.settings import FitSettings, SolveSettings
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.bind import BindRunSettings, WeightSettings
@@ -56,16 +57,15 @@ def make_bind_run_settings(
     overwrite: bool,
     clips: tuple[str, ...],
     fit: FitSettings | None,
+    solve: SolveSettings,
     vertex_weights: Path | None,
     memory: int,
 ) -> "BindRunSettings":
     """Make the settings of a run; options of a fit without one are wrong usage."""
     from cageik_cli.workflows.bind import BindRunSettings
 
-    if fit is None and vertex_weights is not None:
-        raise click.UsageError(
-            "--vertex-weights is for weights that are fitted; add --fit, or leave it out"
-        )
+    if fit is None:
+        refuse_without_fit(("vertex_weights", "alpha", "beta", "align"))
     return BindRunSettings(
         cage=cage,
         rest=rest,
@@ -74,6 +74,7 @@ def make_bind_run_settings(
         overwrite=overwrite,
         clips=clips,
         fit=fit or FitSettings(),
+        solve=solve,
         vertex_weights=vertex_weights,
         memory=memory,
     )
@@ -102,6 +103,7 @@ def make_bind_run_settings(
         help="Fit the weights to this clip: a folder, a glob or a file; may be repeated.",
     ),
     OptionGroup("fit", make_clip_fit, *FIT_STRENGTH_OPTIONS),
+    SOLVE_OPTIONS,
     click.option(
         "--vertex-weights",
         type=PATH_TYPE,

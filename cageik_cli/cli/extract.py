@@ -36,6 +36,7 @@ from cageik_cli.cli.options.limits import (
     echo_exceeded_limits,
     exit_with_code,
 )
+from cageik_cli.cli.options.solve import SOLVE_OPTIONS
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.scene import SceneHints
@@ -45,40 +46,6 @@ if TYPE_CHECKING:
     from cageik_cli.store.result import Result
     from cageik_cli.workflows.export import ExportSettings
     from cageik_cli.workflows.extract_settings import ExtractSettings
-
-
-def make_solve_settings(alpha: float, beta: float, align: bool) -> SolveSettings:
-    """Make the settings of the solver; impossible values are wrong usage."""
-    with usage_errors():
-        return SolveSettings(alpha, beta, align)
-
-
-SOLVE_DEFAULTS = SolveSettings()
-
-SOLVE_OPTIONS = OptionGroup(
-    "solve",
-    make_solve_settings,
-    click.option(
-        "--alpha",
-        type=float,
-        default=SOLVE_DEFAULTS.alpha,
-        show_default=True,
-        help="Weight of the cage's Laplacian: higher is smoother and less exact.",
-    ),
-    click.option(
-        "--beta",
-        type=float,
-        default=SOLVE_DEFAULTS.beta,
-        show_default=True,
-        help="Weight of the vertices.",
-    ),
-    click.option(
-        "--align/--no-align",
-        default=SOLVE_DEFAULTS.align,
-        show_default=True,
-        help="Align each frame rigidly with the rest pose before the solve.",
-    ),
-)
 
 
 FIT_OPTIONS = OptionGroup(

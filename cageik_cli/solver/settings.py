@@ -6,7 +6,7 @@ from math import isfinite
 from cageik_cli.util.errors import SettingError
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class SolveSettings:
     """Settings of the minimisation.
 

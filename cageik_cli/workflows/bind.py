@@ -20,7 +20,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import normalize_weights
 from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings
-from cageik_cli.solver.settings import FitSettings
+from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.weight_cache import WeightCache
 from cageik_cli.util.errors import SettingError, error_context
@@ -65,6 +65,8 @@ class BindRunSettings:
         Clips that the weights are fitted to, each a folder, a glob or a file; none by default.
     fit : FitSettings
         How they are fitted.
+    solve : SolveSettings
+        How the cages of the fit are solved.
     vertex_weights : Path, optional
         A file with one number per vertex of the model, for the fit.
     memory : int
@@ -78,6 +80,7 @@ class BindRunSettings:
     overwrite: bool = False
     clips: tuple[str, ...] = ()
     fit: FitSettings = field(default_factory=FitSettings)
+    solve: SolveSettings = field(default_factory=SolveSettings)
     vertex_weights: Path | None = None
     memory: int = 1 << 30
 
@@ -143,7 +146,7 @@ def _fit_to_clips(
         with error_context(settings.vertex_weights):
             weights = normalize_weights(loaded, len(rest.mesh.vertices))
     sampling = SampleSettings(settings.memory, settings.weights.jobs)
-    conditions = FitConditions(vertex_weights=weights, sampling=sampling)
+    conditions = FitConditions(settings.solve, weights, sampling)
     cache = open_fit_cache(settings.weights.cache, progress)
     return fit_binding(stored, clips, settings.fit, conditions, cache)
 

@@ -48,7 +48,7 @@ def fit_binding(
     def compute() -> FittedBinding:
         found = fit_weights(stored.binding, clips, settings, conditions)
         _check_unchanged(clips, digests)
-        record = FitRecord(settings, fitted_clips, found.report)
+        record = FitRecord(settings, conditions.solve, fitted_clips, found.report)
         return found.binding, StoredFit(record, found.model.low_rank, found.model.sparse_weights)
 
     if cache is None:

@@ -71,9 +71,11 @@ def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list
 
 def _format_fit(record: FitRecord, is_verbose: bool) -> list[tuple[str, str]]:
     """Return the rows on a fit, the smallest possible error, the size and the notes."""
-    bound = record.report.bound
+    bound, solve = record.report.bound, record.solve
+    aligned = "" if solve.align else ", not aligned"
     return [
         *format_fit_rows(record, is_verbose),
+        ("fit cages", f"alpha {solve.alpha:g}, beta {solve.beta:g}{aligned}"),
         ("best possible", f"{format_percent(bound.lowest)} % on the fitted frames, any weights"),
         ("size", f"{record.report.fixed_floats} floats of fitted weights"),
         *(("note", note) for note in list_fit_notes(record)),

@@ -8,7 +8,7 @@ from cageik_cli.coordinates.fitting.problem import Correction
 from cageik_cli.solver.fitting.bound import RankBound
 from cageik_cli.solver.fitting.held_out import Comparison, FitError
 from cageik_cli.solver.fitting.record import FitRecord, FitReport, FittedClip
-from cageik_cli.solver.settings import FitSettings
+from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.store.fit_fields import StoredFit
 
 COMPARISON = Comparison(FitError(0.1, 0.3, 0.9), FitError(0.9, 4.0, 9.0), 24)
@@ -32,7 +32,7 @@ CLIPS = (FittedClip("walk_1.obj ... walk_48.obj", "ab", 48),)
 
 
 def record(**settings: object) -> FitRecord:
-    return FitRecord(FitSettings(None, **settings), CLIPS, REPORT)
+    return FitRecord(FitSettings(None, **settings), SolveSettings(0.01), CLIPS, REPORT)
 
 
 def few_weights(binding: Binding, count: int = 2) -> sparse.csr_array:

@@ -1,5 +1,6 @@
 """Options of weights that are fitted to clips."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import click
@@ -61,6 +62,15 @@ FIT_STRENGTH_OPTIONS = (
 _NAMES = ("fit_regularization", "fit_smoothness", "fit_rank", "influences")
 
 
+def refuse_without_fit(names: Iterable[str]) -> None:
+    """Refuse options that are given, though they are for a fit and there is none."""
+    for name in filter(is_given, names):
+        option = f"--{name.replace('_', '-')}"
+        raise click.UsageError(
+            f"{option} is for weights that are fitted; add --fit, or leave out {option}"
+        )
+
+
 def make_fit_settings(
     is_fitted: bool,
     fit_regularization: float | str,
@@ -70,12 +80,7 @@ def make_fit_settings(
 ) -> FitSettings | None:
     """Make the settings of a fit; None without one, and options without one are wrong usage."""
     if not is_fitted:
-        for name in _NAMES:
-            if is_given(name):
-                option = f"--{name.replace('_', '-')}"
-                raise click.UsageError(
-                    f"{option} is for weights that are fitted; add --fit, or leave out {option}"
-                )
+        refuse_without_fit(_NAMES)
         return None
     strength = None if isinstance(fit_regularization, str) else fit_regularization
     with usage_errors():

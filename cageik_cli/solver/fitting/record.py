@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from cageik_cli.solver.fitting.bound import RankBound
 from cageik_cli.solver.fitting.held_out import Comparison
-from cageik_cli.solver.settings import FitSettings
+from cageik_cli.solver.settings import FitSettings, SolveSettings
 
 MAX_HELD_OUT_RATIO = 2.0
 """Held-out errors that are more times the error of the fitted frames are warned of."""
@@ -105,10 +105,13 @@ class FitRecord:
     ----------
     settings : FitSettings
         As they were asked for.
+    solve : SolveSettings
+        Of the cages that the weights were fitted with.
     clips : tuple of FittedClip
     report : FitReport
     """
 
     settings: FitSettings
+    solve: SolveSettings
     clips: tuple[FittedClip, ...]
     report: FitReport

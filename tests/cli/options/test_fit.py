@@ -3,6 +3,7 @@
 import json
 
 import h5py
+import numpy as np
 import pytest
 
 
@@ -56,8 +57,31 @@ def test_fitted_weights_must_be_stored(folder, run):
     assert "--no-weights" in refused(run, *EXTRACT, "--fit", "--no-weights")
 
 
-def test_vertex_weights_of_a_binding_need_a_fit(folder, run):
-    assert "--vertex-weights" in refused(run, *BIND, "--vertex-weights", "w.txt")
+@pytest.mark.parametrize(
+    "words", [("--vertex-weights", "w.txt"), ("--alpha", "1"), ("--beta", "2"), ("--align",)]
+)
+def test_other_options_of_a_binding_need_a_fit(folder, run, words):
+    assert f"{words[0]} is for weights that are fitted; add --fit" in refused(run, *BIND, *words)
+
+
+def test_a_binding_is_fitted_with_the_solve_that_is_asked_for(folder, run):
+    """The same solve gives the weights that extract fits; another gives others."""
+    solve = ("--alpha", "0.1", "--beta", "2", "--no-align")
+    assert run(*BIND, "--fit", "frames", *solve).code == 0
+    assert run(*EXTRACT, "--fit", *solve).code == 0
+    assert run(*BIND, "--fit", "frames", "-o", "default.h5").code == 0
+    weights = []
+    for name in ("binding.h5", "cages.h5", "default.h5"):
+        with h5py.File(name) as file:
+            weights.append(file["weights"][:])
+    np.testing.assert_array_equal(weights[0], weights[1])
+    assert np.abs(weights[0] - weights[2]).max() > 1e-6
+    assert "\n  fit cages      alpha 0.1, beta 2, not aligned\n" in run("info", "binding.h5").out
+    assert "\n  fit cages      alpha 0.001, beta 1\n" in run("info", "default.h5").out
+
+
+def test_impossible_solves_are_wrong_usage(folder, run):
+    assert "alpha is -1" in refused(run, *BIND, "--fit", "frames", "--alpha", "-1")
 
 
 def test_a_missing_clip_is_named(folder, run):
