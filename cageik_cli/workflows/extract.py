@@ -40,7 +40,7 @@ from cageik_cli.workflows.plan import (
 )
 from cageik_cli.workflows.regions import find_clip_regions
 from cageik_cli.workflows.resume import open_checkpoint, resume_from_checkpoint
-from cageik_cli.workflows.unfitted import FramesToCompare, measure_unfitted, recover_unfitted
+from cageik_cli.workflows.unfitted import FramesToCompare, measure_unfitted
 
 
 def extract(settings: ExtractSettings, progress: ProgressListener | None = None) -> Result:
@@ -101,7 +101,7 @@ def run_extraction(
     header = _make_header(plan, stored_binding, solver)
     executor = executor or ThreadExecutor(plan.settings.jobs)
     block_solver = BlockSolver(plan.sequence, solver, plan.settings.skips_bad_frames, progress)
-    unfitted = recover_unfitted(stored_binding) if plan.settings.keep_weights else None
+    unfitted = stored_binding.unfitted if plan.settings.keep_weights else None
     _solve_and_write(plan, RunOutput(header, unfitted), block_solver, executor)
     return read_result(plan.settings.output)
 

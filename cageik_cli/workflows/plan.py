@@ -246,12 +246,15 @@ def build_missing_cage(plan: ExtractionPlan, progress: ProgressListener) -> Extr
 
 
 def load_or_compute_binding(plan: ExtractionPlan, progress: ProgressListener) -> StoredBinding:
-    """Return the weights: those that are known, else of the cache, else computed; then fitted."""
+    """Return the weights: those that are known, else of the cache, else computed; then fitted.
+
+    Fitted ones come with those before the fit, if the result is to compare them.
+    """
     rest, settings = plan.rest, plan.settings
     if plan.stored_binding is not None:
         with progress.stage("bind"):
             progress.update(len(rest.mesh.vertices), len(rest.mesh.vertices))
-        return plan.stored_binding
+            return _restore_unfitted(plan, plan.stored_binding, progress)
     if plan.cage is None:
         raise SettingError("neither a cage nor a binding is given; give one of them")
     with (
@@ -268,6 +271,20 @@ def load_or_compute_binding(plan: ExtractionPlan, progress: ProgressListener) ->
     cache = open_fit_cache(settings.cache, progress)
     with progress.stage("fit"):
         return fit_binding(stored, [plan.sequence], settings.fit, conditions, cache)
+
+
+def _restore_unfitted(
+    plan: ExtractionPlan, stored: StoredBinding, progress: ProgressListener
+) -> StoredBinding:
+    """Return a stored binding with its weights before a fit, which binding files do not hold."""
+    settings, binding = plan.settings, stored.binding
+    if stored.fit is None or stored.unfitted is not None or not settings.keep_weights:
+        return stored
+    cage = LoadedMesh(binding.cage, binding.cage, stored.sources["cage"])
+    weight_settings = WeightSettings(binding.settings, settings.cache, settings.jobs)
+    with error_context(settings.binding):
+        unfitted = bind_cached(plan.rest, cage, weight_settings, progress).binding
+    return replace(stored, unfitted=unfitted)
 
 
 def _find_existing_result(plan: ExtractionPlan) -> Result | None:

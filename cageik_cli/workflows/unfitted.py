@@ -1,15 +1,13 @@
 """Measure a clip with the weights before the fit, so that a report can show both."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.fitting.problem import Correction
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.metrics import check_finite, measure
-from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.unfitted import UnfittedClip, UnfittedErrors, UnfittedShapes
 from cageik_cli.util.arrays import Floats, Integers, Workspace
 
@@ -40,21 +38,6 @@ class FramesToCompare:
         count = min(len(self.known), MAX_FRAMES)
         places = np.rint(np.linspace(0, len(self.known) - 1, count)).astype(np.int64)
         return sorted({*self.known[places].tolist(), *self.key_frames})
-
-
-def recover_unfitted(stored: StoredBinding) -> Binding | None:
-    """Return a binding with its weights before the fit.
-
-    None if they are not fitted, or if only the fitted ones are known: a binding file holds both
-    only where the change is of low rank.
-    """
-    if stored.fit is None:
-        return None
-    low_rank = stored.fit.low_rank
-    if stored.unfitted is not None or low_rank is None:
-        return stored.unfitted
-    change = Correction(-low_rank.columns, low_rank.basis)
-    return replace(stored.binding, weights=change.add_to(stored.binding.weights))
 
 
 def measure_unfitted(

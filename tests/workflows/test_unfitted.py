@@ -7,23 +7,20 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates.fitting.problem import Correction
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.report.record import build_report
 from cageik_cli.solver.settings import FitSettings
-from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.fit_fields import StoredFit
 from cageik_cli.store.result import read_result
+from cageik_cli.workflows.bind import BindRunSettings, WeightSettings, bind_files
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.unfitted import (
     MAX_FRAMES,
     FramesToCompare,
     find_changed_vertex,
-    recover_unfitted,
 )
 from tests.fitted import clip_of, small_binding, true_weights
-from tests.store.fits import record
 
 BINDING = small_binding()
 FRAMES = clip_of(BINDING, true_weights(BINDING), 12)
@@ -97,18 +94,33 @@ def test_chosen_frames_are_spread_and_hold_the_key_frames(count, keys):
     assert np.diff(chosen).max(initial=0) <= 2 * max(1, np.ceil((count - 1) / (MAX_FRAMES - 1)))
 
 
-def test_a_change_of_low_rank_is_taken_off():
-    m, n = BINDING.weights.shape
-    generator = np.random.default_rng(1)
-    change = Correction(generator.normal(size=(m, 2)), generator.normal(size=(n, 2)))
-    fitted = replace(BINDING, weights=change.add_to(BINDING.weights))
-    stored = StoredBinding(fitted, {}, fit=StoredFit(record(rank=2), low_rank=change))
-    np.testing.assert_allclose(recover_unfitted(stored).weights, BINDING.weights, atol=1e-12)
-
-
-def test_weights_whose_origin_is_unknown_give_nothing():
-    assert recover_unfitted(StoredBinding(BINDING, {})) is None
-    assert recover_unfitted(StoredBinding(BINDING, {}, fit=StoredFit(record()))) is None
+@pytest.mark.parametrize("form", [FitSettings(), FitSettings(rank=2), FitSettings(influences=4)])
+@pytest.mark.parametrize("cache", [None, "cache"])
+def test_a_fitted_binding_file_is_compared_as_its_own_run(run, tmp_path, form, cache):
+    """The weights before the fit are not in the file: they are computed again, or cached."""
+    cache = cache and tmp_path / cache
+    expected, plain = run("own.h5", fit=form), run("plain.h5", fit=None)
+    bind_files(
+        BindRunSettings(
+            tmp_path / "cage.obj",
+            tmp_path / "rest.obj",
+            tmp_path / "binding.h5",
+            WeightSettings(MEAN_VALUE, cache),
+            clips=(str(tmp_path / "clip.npz"),),
+            fit=form,
+        )
+    )
+    words = {"cage": None, "fit": None, "binding": tmp_path / "binding.h5", "cache": cache}
+    found = run(**words)
+    with h5py.File(expected.path) as own, h5py.File(found.path) as other:
+        assert list(own["unfitted"]) == list(other["unfitted"])
+        for name, held in own["unfitted"].items():
+            np.testing.assert_array_equal(other["unfitted"][name][:], held[:], name)
+        np.testing.assert_allclose(own["unfitted/rms"][:], plain.metrics.rms, rtol=1e-9)
+    assert build_report(found).unfitted == build_report(expected).unfitted is not None
+    bare = run("bare.h5", keep_weights=False, **words)
+    with h5py.File(bare.path) as file:
+        assert "unfitted" not in file
 
 
 def test_the_vertex_with_the_largest_change_is_found():
