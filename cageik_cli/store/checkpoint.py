@@ -24,7 +24,7 @@ from cageik_cli.util.errors import CheckpointError, FormatError, OutputError
 from cageik_cli.util.locks import open_locked, remove_locked
 
 FORMAT = b"cageik.partial "
-MAGIC = FORMAT + b"3\n"
+MAGIC = FORMAT + b"4\n"
 """Raise its number when the spec or the bytes of blocks change, so that older ones are refused."""
 
 MAX_HEAD_BYTES = 128
@@ -44,7 +44,10 @@ class RunSpec:
     settings, sources : dict
         The recorded settings; name and digest of each file that was read, all but the frames.
     key : str
-        Digest of weights, meshes and vertex weights.
+        Digest of meshes, vertex weights and weights, before the fit if the run fits them.
+    fit : str
+        Digest of the weights that the run fits to its frames; empty if it fits none. If frames have
+        changed, a continued run fits others, and solves all frames again.
     vertices, cage_vertices : int
     block : int
         Frames solved together; it changes the last digits, so a continued run keeps it.
@@ -56,6 +59,7 @@ class RunSpec:
     settings: dict[str, Any]
     sources: dict[str, Any]
     key: str
+    fit: str
     vertices: int
     cage_vertices: int
     block: int
@@ -74,7 +78,7 @@ class RunSpec:
                 return f"its {name.replace('_', ' ')} was another"
         if self.version != other.version:
             return f"it was of cageik {other.version}"
-        if replace(self, block=other.block) != other:
+        if replace(self, block=other.block, fit=other.fit) != other:
             return "its weights were others"
         return ""
 
@@ -89,12 +93,17 @@ class Checkpoint:
     path : Path
     spec : RunSpec
         That of the interrupted run, if it is continued.
+    has_other_fit : bool
+        Whether it held blocks of weights that were fitted to other frames, which are cut off.
     summary : ClipSummary
         Of the blocks that were recovered and appended so far.
     """
 
-    def __init__(self, path: Path, file: io.FileIO, spec: RunSpec) -> None:
+    def __init__(
+        self, path: Path, file: io.FileIO, spec: RunSpec, has_other_fit: bool = False
+    ) -> None:
         self.path, self.spec, self.summary = path, spec, ClipSummary()
+        self.has_other_fit = has_other_fit
         self._file = file
         self._start = self._end = file.tell()  # of the first block, and behind the last
 
@@ -134,13 +143,14 @@ class Checkpoint:
                     f"{path}: is of another run: {difference}; give the same files and options, "
                     "or start over with --overwrite"
                 )
-            if held is None or difference:
+            has_other_fit = held is not None and not difference and held.fit != spec.fit
+            if held is None or difference or has_other_fit:
                 _write_spec(path, file, spec)
                 held = spec
         except BaseException:
             file.close()
             raise
-        return Checkpoint(path, file, held)
+        return Checkpoint(path, file, held, has_other_fit)
 
     def recover(self, is_current: Callable[[SolvedBlock], bool]) -> None:
         """Take over the blocks of an interrupted run up to the first damaged or outdated one.

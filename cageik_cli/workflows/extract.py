@@ -1,6 +1,7 @@
 """The run: blocks of frames through the solver, measured, into the result file."""
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,8 +102,7 @@ def run_extraction(
     header = _make_header(plan, stored_binding, solver)
     executor = executor or ThreadExecutor(plan.settings.jobs)
     block_solver = BlockSolver(plan.sequence, solver, plan.settings.skips_bad_frames, progress)
-    unfitted = stored_binding.unfitted if plan.settings.keep_weights else None
-    _solve_and_write(plan, RunOutput(header, unfitted), block_solver, executor)
+    _solve_and_write(plan, RunOutput(header, stored_binding), block_solver, executor)
     return read_result(plan.settings.output)
 
 
@@ -127,16 +127,21 @@ class RunOutput:
     Attributes
     ----------
     header : ResultHeader
-    unfitted : Binding, optional
-        With the weights before the fit, if the result compares them.
+    stored : StoredBinding
     """
 
     header: ResultHeader
-    unfitted: Binding | None
+    stored: StoredBinding
+
+    @property
+    def unfitted(self) -> Binding | None:
+        """The binding with the weights before the fit, if the result compares them."""
+        return self.stored.unfitted if self.header.keep_weights else None
 
     def plan_memory(self, settings: ExtractSettings) -> MemoryPlan:
         """Plan the blocks of frames beside all weights that are held."""
-        held = 0 if self.unfitted is None else self.unfitted.weights.nbytes
+        unfitted = self.stored.unfitted
+        held = 0 if unfitted is None else unfitted.weights.nbytes
         return MemoryPlan.fit(settings.memory - held, self.header.binding, settings.jobs)
 
 
@@ -146,7 +151,7 @@ def _solve_and_write(
     """Solve the frames that the checkpoint does not hold yet, and compose the result of it."""
     settings, sequence, progress = plan.settings, plan.sequence, block_solver.progress
     memory_plan = output.plan_memory(settings)
-    spec = _make_run_spec(plan, output.header.binding, memory_plan.block_size)
+    spec = _make_run_spec(plan, output.stored, memory_plan.block_size)
     # One thread for the products: blocks are solved, and frames read, beside each other.
     with open_checkpoint(settings, spec) as checkpoint, limit_blas_threads(1):
         with progress.stage("read"):
@@ -257,22 +262,29 @@ def _make_header(
     )
 
 
-def _make_run_spec(plan: ExtractionPlan, binding: Binding, block_size: int) -> RunSpec:
-    weights = plan.vertex_weights
+def _make_run_spec(plan: ExtractionPlan, stored: StoredBinding, block_size: int) -> RunSpec:
+    binding, weights = stored.binding, plan.vertex_weights
+    is_fitted_here = plan.settings.fit is not None
+    given = stored.unfitted if is_fitted_here and stored.unfitted is not None else binding
     arrays = [binding.rest.vertices, binding.rest.faces, binding.cage.vertices, binding.cage.faces]
-    arrays += [binding.weights] if weights is None else [binding.weights, weights]
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).data)
+    arrays += [given.weights] if weights is None else [given.weights, weights]
     return RunSpec(
         frames=list(plan.sequence.names),
         settings=plan.recorded_settings,
         sources=plan.sources,
-        key=digest.hexdigest(),
+        key=_hash_arrays(arrays),
+        fit=_hash_arrays([binding.weights]) if is_fitted_here else "",
         vertices=len(binding.rest.vertices),
         cage_vertices=len(binding.cage.vertices),
         block=block_size,
     )
+
+
+def _hash_arrays(arrays: Sequence[np.ndarray]) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
 
 
 def _collect_notes(

@@ -41,7 +41,7 @@ def resume_from_checkpoint(
     """Take over what an interrupted run has solved, and say from where this run continues.
 
     That is the first block with a frame whose file has changed since, or with a gap, unless gaps
-    are kept.
+    are kept. If the weights are fitted to the frames, it is then the first block of all.
 
     Raises
     ------
@@ -58,8 +58,10 @@ def resume_from_checkpoint(
 
         checkpoint.recover(is_current)
     count, done = len(plan.sequence), checkpoint.frames_done
-    if done or changed:
+    if done or changed or checkpoint.has_other_fit:
         reason = f" ({plan.sequence.names[min(changed)]} has changed)" if changed else ""
+        if checkpoint.has_other_fit:
+            reason = " (its weights were fitted to other frames)"
         progress.note("resumed", f"from frame {done} of {count}{reason}")
         progress.update(done, count)
 

@@ -28,6 +28,7 @@ SPEC = RunSpec(
     settings={"alpha": 0.5, "vertex_weights": False},
     sources={"cage": {"name": "cage.obj", "sha256": "ab"}},
     key="00",
+    fit="",
     vertices=6,
     cage_vertices=4,
     block=2,
@@ -257,6 +258,14 @@ def test_a_checkpoint_of_another_spec_is_refused_and_kept(log, other, says):
     with pytest.raises(CheckpointError, match=rf"cages\.h5\.partial: .*{says}"):
         Checkpoint.open(log, other, resume=True)
     assert log.read_bytes() == data
+
+
+def test_blocks_of_weights_that_were_fitted_to_other_frames_are_cut_off(log):
+    checkpoint = Checkpoint.open(log, replace(SPEC, fit="02", block=3), resume=True)
+    assert checkpoint.has_other_fit
+    assert (checkpoint.spec.fit, checkpoint.spec.block) == ("02", 3)
+    checkpoint.close()
+    assert checkpoint_progress(log) == (0, 5)
 
 
 def test_a_resumed_run_keeps_the_size_of_its_blocks(log):

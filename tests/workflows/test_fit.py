@@ -18,10 +18,11 @@ from cageik_cli.report.views.tables import format_overview_csv
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.settings import FitSettings
 from cageik_cli.store.binding_file import read_binding
+from cageik_cli.store.checkpoint import Checkpoint, checkpoint_progress
 from cageik_cli.store.result import checkpoint_path, read_cages, read_result
 from cageik_cli.store.result_frames import read_binding as read_result_binding
 from cageik_cli.store.result_frames import read_key_frames, read_rotations
-from cageik_cli.util.errors import InputError, SettingError
+from cageik_cli.util.errors import CheckpointError, InputError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import BindRunSettings, WeightSettings, bind_files
 from cageik_cli.workflows.deform import DeformSettings, deform
@@ -223,27 +224,47 @@ def test_jobs_do_not_change_a_byte(settings):
     assert data[0] == data[1] == data[2]
 
 
-def test_a_resumed_run_gives_the_same_bytes(settings, monkeypatch):
-    settings = replace(settings, memory=1)  # a frame per block
-    expected = extract(settings).path.read_bytes()
-    settings.output.unlink()
-    from cageik_cli.store.checkpoint import Checkpoint
+@pytest.fixture
+def interrupted(settings, monkeypatch):
+    """Settings to resume a run that has ended after its first block."""
+    append = Checkpoint.append
 
-    append, count = Checkpoint.append, []
-
-    def stop_after_seven(checkpoint, block):
-        if len(count) == 7:
+    def stop_at_second(checkpoint, block):
+        if block.start:
             raise KeyboardInterrupt
-        count.append(block)
         append(checkpoint, block)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Checkpoint, "append", stop_after_seven)
+        patch.setattr(Checkpoint, "append", stop_at_second)
         with pytest.raises(KeyboardInterrupt):
             extract(settings)
-    assert checkpoint_path(settings.output).exists()
-    resumed = extract(replace(settings, overwrite=False, resume=True, cache=None))
-    assert resumed.path.read_bytes() == expected
+    assert checkpoint_progress(checkpoint_path(settings.output)) == (16, 20)
+    return replace(settings, overwrite=False, resume=True)
+
+
+@pytest.mark.parametrize("cache", [Path("cache"), None])
+def test_a_resumed_run_gives_the_same_bytes(interrupted, cache):
+    expected = extract(replace(interrupted, output=Path("whole.h5"))).path.read_bytes()
+    notes = Notes()
+    assert extract(replace(interrupted, cache=cache), notes).path.read_bytes() == expected
+    assert "resumed: from frame 16 of 20" in notes.notes
+
+
+@pytest.mark.parametrize("frame", [3, 18])
+def test_a_frame_that_changed_before_a_run_is_resumed_changes_the_fit(
+    interrupted, write_obj, frame
+):
+    """All frames are solved again, those before the changed one too: their weights are others."""
+    write_obj(Path(f"frames/f_{frame:03}.obj"), 1.01 * FRAMES[frame], BINDING.rest.faces)
+    expected = extract(replace(interrupted, output=Path("whole.h5"))).path.read_bytes()
+    notes = Notes()
+    assert extract(interrupted, notes).path.read_bytes() == expected
+    assert "resumed: from frame 0 of 20 (its weights were fitted to other frames)" in notes.notes
+
+
+def test_a_run_with_other_settings_of_the_fit_is_not_continued(interrupted):
+    with pytest.raises(CheckpointError, match=r"its fit_regularization was 0\.1, not 0\.2"):
+        extract(replace(interrupted, fit=FitSettings(0.2)))
 
 
 def test_a_frame_that_changes_while_weights_are_fitted_is_refused(settings, write_obj, monkeypatch):
