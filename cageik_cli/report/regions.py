@@ -121,8 +121,8 @@ def format_size(region: RegionRecord) -> str:
     return f"{region.size_percent:.1f} %"
 
 
-def list_remedies(regions: tuple[RegionRecord, ...]) -> list[str]:
+def list_remedies(regions: tuple[RegionRecord, ...], is_fitted: bool) -> list[str]:
     """List what to do about regions, once for each cause, that of the worst region first."""
-    return [
-        CAUSES[Cause(cause)].remedy for cause in dict.fromkeys(region.cause for region in regions)
-    ]
+    causes = [CAUSES[Cause(cause)] for cause in dict.fromkeys(region.cause for region in regions)]
+    remedies = [(words.remedy, "" if is_fitted else words.fit_remedy) for words in causes]
+    return [remedy for pair in remedies for remedy in pair if remedy]

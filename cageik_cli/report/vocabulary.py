@@ -31,10 +31,18 @@ SETTING_MEANINGS = {
 
 @dataclass(frozen=True, slots=True)
 class CauseWords:
-    """The probable cause of a large deviation, and what to do about it, as sentences begin."""
+    """The probable cause of a large deviation, and what to do about it, as sentences begin.
+
+    Attributes
+    ----------
+    text, remedy : str
+    fit_remedy : str
+        What to do without another cage, unless the weights are fitted already.
+    """
 
     text: str
     remedy: str
+    fit_remedy: str = ""
 
 
 CAUSES = {
@@ -44,8 +52,9 @@ CAUSES = {
     ),
     Cause.SHARED_LOOP: CauseWords(
         "limbs share one loop of the cage",
-        "limbs in one loop: the cage cannot move them apart; give each limb its own part of the "
-        "cage, by more vertices or by hand",
+        "limbs in one loop: give each limb its own part of the cage, by more vertices, by hand, or "
+        "with --rest-frame auto if limbs touch at rest",
+        "limbs in one loop: in the same cage, weights that are fitted with --fit can part them",
     ),
     Cause.THIN_FACES: CauseWords(
         "thin faces of the cage",

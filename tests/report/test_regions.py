@@ -20,6 +20,7 @@ from cageik_cli.solver.region_causes import Cause
 from tests.report.html.test_page import pictures_of_one_point
 from tests.report.markup import find_faults, parse_page
 from tests.report.views.test_markdown import list_items
+from tests.store.fits import record
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +93,20 @@ def test_every_cause_has_words(report, cause):
     assert describe_region(region).endswith(f"cage face 3: {CAUSES[cause].text}")
     assert CAUSES[cause].remedy in format_text(told)
     assert CAUSES[cause].text in parse_page(render_page(told, None)).by_id("regions").text
+
+
+def test_a_fit_is_suggested_where_limbs_share_a_loop_and_there_is_none(report):
+    region = replace(report.regions[0], cause=str(Cause.SHARED_LOOP))
+    told = replace(report, regions=(region, region))
+    fitted = replace(told, fit=record())
+    for one, count in ((told, 1), (fitted, 0)):
+        page = parse_page(render_page(one, None)).by_id("regions").text
+        assert format_text(one).count("weights that are fitted with --fit") == count
+        assert page.count("weights that are fitted with --fit") == count
+        assert "--rest-frame auto" in format_text(one)
+    other = replace(region, cause=str(Cause.COARSE_FACES))
+    assert "--fit" not in format_text(replace(report, regions=(other,)))
+    assert all(len(line) < 160 for line in format_text(told).splitlines())
 
 
 def test_a_result_within_the_usual_says_nothing(result):

@@ -155,7 +155,7 @@ def _build_region_values(report: Report) -> dict[str, Any]:
             }
             for region in report.regions or ()
         ],
-        "remedies": list_remedies(report.regions or ()),
+        "remedies": list_remedies(report.regions or (), report.fit is not None),
     }
 
 

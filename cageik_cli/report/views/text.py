@@ -138,7 +138,7 @@ def _region_rows(report: Report) -> list[tuple[str, str]]:
     return [
         ("worst regions", f"{explain_regions(report.summary)}; with probable causes:"),
         *((f"region {k}", describe_region(one)) for k, one in enumerate(report.regions, 1)),
-        *(("to do", text) for text in list_remedies(report.regions)),
+        *(("to do", text) for text in list_remedies(report.regions, report.fit is not None)),
     ]
 
 
