@@ -45,6 +45,11 @@ class Correction:
     basis: Floats
 
     @staticmethod
+    def none(m: int, n: int) -> "Correction":
+        """Return the change of (m, n) weights that changes nothing."""
+        return Correction(np.empty((m, 0)), np.empty((n, 0)))
+
+    @staticmethod
     def join(parts: Iterable["Correction"], m: int, basis: Floats) -> "Correction":
         """Join changes whose bases are different columns of `basis`, (n, r), in this order."""
         columns, kept = np.empty((m, basis.shape[1])), np.empty_like(basis)
@@ -131,6 +136,10 @@ class WeightProblem:
         with OrderedMap(solve_columns, starts, solving.jobs, solving.jobs) as solved:
             return Correction.join(solved, m, basis)
 
+    def add_change(self, change: Correction) -> Floats:
+        """Return the weights, (m, n), with a change."""
+        return change.add_to(self.rest_weights)
+
     def make_system(self, shifts: Floats) -> ShiftedSystem:
         """Return the systems of columns with the given g_i, (b,)."""
         rows = None if self.vertex_weights is None else self.vertex_weights[:, None]
@@ -156,15 +165,23 @@ class Motion:
         D, of k frames.
     cages : (n, 3k) float64
         B.
+    least : float
+        Displacements per coordinate and frame, as root mean squares, below which a motion may be
+        rounding: s does not fall with them, so that weights are not fitted to noise.
     """
 
     target: Displacements
     cages: Floats
+    least: float = 0.0
 
     @property
     def scale(self) -> float:
-        """Return s, the mean of squared displacements of a cage vertex, summed over frames."""
-        return float(np.square(self.cages).sum() / len(self.cages))
+        """Return s, the mean of squared displacements of a cage vertex, summed over frames.
+
+        0 if and only if nothing moves.
+        """
+        moved = float(np.square(self.cages).sum() / len(self.cages))
+        return max(moved, 3 * self.target.weight * self.least**2) if moved else 0.0
 
 
 @dataclass(frozen=True, slots=True)

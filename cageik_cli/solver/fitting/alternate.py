@@ -2,19 +2,26 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.fitting.displacements import Displacements
-from cageik_cli.coordinates.fitting.problem import Correction, Motion, Solving, WeightProblem
+from cageik_cli.coordinates.fitting.problem import Motion, Solving, WeightProblem
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap
 
+Form = TypeVar("Form")
+"""How fitted weights are held: a `Correction` or `Influences`."""
+
 HISTORY = 5
 """Rounds that the extrapolation looks back at."""
+
+LEAST_MOTION = 1e-5
+"""Share of the rest pose's diagonal that files of few digits round positions by."""
 
 HISTORY_TOL = 1e-6
 """Directions of the history with smaller singular values, relative to the largest, are left out."""
@@ -75,7 +82,8 @@ class CageSolve:
             cages, squares = zip(*solved, strict=True)
         vertices = len(weights) - solver.missing_count
         rms = np.sqrt(sum(squares) / (vertices * target.weight))
-        return SolvedMotion(Motion(target, np.hstack(cages)), float(rms))
+        least = LEAST_MOTION * self.binding.rest.diagonal
+        return SolvedMotion(Motion(target, np.hstack(cages), least), float(rms))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,26 +120,19 @@ class Extrapolation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Alternation:
+class Alternation(Generic[Form]):
     """The result of fitting weights and cages by turns.
 
     Attributes
     ----------
-    correction : Correction
-        The change of the weights.
-    solved : SolvedMotion
-        The cages for the fitted weights.
-    rms : tuple of float
-        Error of the fitted frames before each round and after the last, in file units.
+    form : Correction or Influences
+        The fitted weights, in the form in which they were fitted.
+    motion : Motion
+        The displacements of the cages for the fitted weights.
     """
 
-    correction: Correction
-    solved: SolvedMotion
-    rms: tuple[float, ...]
-
-
-Step = Callable[[Motion, Correction | None], Correction]
-"""One fit of the weights to given cages, from the last change."""
+    form: Form
+    motion: Motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,25 +151,36 @@ class Alternator:
     effort: Effort
 
     def run(
-        self, target: Displacements, step: Step, start: Correction | None = None
-    ) -> Alternation:
-        """Fit to `target`, each round by `step`, from a first guess."""
-        rest_weights, jobs = self.problem.rest_weights, self.effort.solving.jobs
-        correction, weights = start, rest_weights if start is None else start.add_to(rest_weights)
-        solved = self.cage_solve.solve(weights, target, jobs)
+        self,
+        target: Displacements,
+        start: Form,
+        step: Callable[[Motion, Form], Form],
+        expand: Callable[[Form], Floats],
+    ) -> Alternation[Form]:
+        """Fit to `target`.
+
+        Parameters
+        ----------
+        target : Displacements
+        start : Correction or Influences
+            A first guess of the weights.
+        step : callable
+            One fit of the weights to given cages, from the last ones.
+        expand : callable
+            Returns the weights of a form, (m, n).
+        """
+        jobs = self.effort.solving.jobs
+        form, solved = start, self.cage_solve.solve(expand(start), target, jobs)
         errors, extrapolation = [solved.rms], Extrapolation()
-        given = solved.motion.cages
+        given = solved.motion
         for _ in range(self.effort.max_rounds):
-            del weights  # the step needs the memory
-            correction = step(Motion(target, given), correction)
-            weights = correction.add_to(rest_weights)
-            solved = self.cage_solve.solve(weights, target, jobs)
+            form = step(given, form)
+            solved = self.cage_solve.solve(expand(form), target, jobs)
             errors.append(solved.rms)
             if not self._is_gaining(errors):
                 break
-            given = extrapolation.advance(given, solved.motion.cages)
-        assert correction is not None
-        return Alternation(correction, solved, tuple(errors))
+            given = replace(given, cages=extrapolation.advance(given.cages, solved.motion.cages))
+        return Alternation(form, solved.motion)
 
     def _is_gaining(self, errors: list[float]) -> bool:
         """Return whether the last two rounds have lowered the error enough."""

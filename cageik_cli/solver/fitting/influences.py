@@ -18,7 +18,7 @@ from cageik_cli.coordinates.fitting.displacements import Displacements
 from cageik_cli.coordinates.fitting.problem import Motion
 from cageik_cli.coordinates.fitting.simplex import Influences, SimplexStep
 from cageik_cli.coordinates.fitting.systems import SurfaceLaplacian, count_columns
-from cageik_cli.solver.fitting.alternate import Alternator, Extrapolation
+from cageik_cli.solver.fitting.alternate import Alternator
 from cageik_cli.util.arrays import Floats
 
 SIMPLEX_STEPS = 15
@@ -39,21 +39,19 @@ def fit_influences(
     alternator: Alternator, target: Displacements, whole: Floats, count: int
 ) -> Influences:
     """Fit weights with at most `count` influences to `target`, from weights (m, n) with all."""
-    problem, cage_solve, effort = alternator.problem, alternator.cage_solve, alternator.effort
-    found = Influences.from_dense(whole, count)
-    n = whole.shape[1]
-    step = SimplexStep(
-        problem.vertex_weights, problem.regularization, SIMPLEX_STEPS, effort.solving.jobs
+    problem, n = alternator.problem, whole.shape[1]
+    simplex = SimplexStep(
+        problem.vertex_weights,
+        problem.regularization,
+        SIMPLEX_STEPS,
+        alternator.effort.solving.jobs,
     )
-    extrapolation = Extrapolation()
-    given = cage_solve.solve(found.to_dense(n), target).motion.cages
-    for _ in range(effort.max_rounds):
-        goal = _average_neighbours(found, problem.surface, n)
-        found = step.fit(Motion(target, given), found, goal)
-        given = extrapolation.advance(
-            given, cage_solve.solve(found.to_dense(n), target).motion.cages
-        )
-    return found
+
+    def step(motion: Motion, last: Influences) -> Influences:
+        return simplex.fit(motion, last, _average_neighbours(last, problem.surface, n))
+
+    start = Influences.from_dense(whole, count)
+    return alternator.run(target, start, step, lambda found: found.to_dense(n)).form
 
 
 def _average_neighbours(influences: Influences, surface: SurfaceLaplacian, n: int) -> Floats:

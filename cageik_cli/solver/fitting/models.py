@@ -56,20 +56,21 @@ def choose_model(alternator: Alternator, complement: Floats, settings: FitSettin
 
 def fit_dense(alternator: Alternator, complement: Floats, target: Displacements) -> FittedModel:
     """Fit all weights to `target`."""
-    fitted = _alternate_dense(alternator, complement, target)
-    weights = fitted.correction.add_to(alternator.problem.rest_weights)
+    change = _alternate_dense(alternator, complement, target).form
+    weights = alternator.problem.add_change(change)
     return FittedModel(weights, weights.size)
 
 
 def _alternate_dense(
     alternator: Alternator, complement: Floats, target: Displacements
-) -> Alternation:
+) -> Alternation[Correction]:
     problem, solving = alternator.problem, alternator.effort.solving
 
-    def step(motion: Motion, last: Correction | None) -> Correction:
+    def step(motion: Motion, last: Correction) -> Correction:
         return problem.fit(motion, complement, last, solving)
 
-    return alternator.run(target, step)
+    start = Correction.none(*problem.rest_weights.shape)
+    return alternator.run(target, start, step, problem.add_change)
 
 
 def fit_low_rank(
@@ -78,14 +79,13 @@ def fit_low_rank(
     """Fit weights whose change has at most `rank`, from the change that has any rank."""
     problem, solving = alternator.problem, alternator.effort.solving
     whole = _alternate_dense(alternator, complement, target)
-    start = truncate(problem, whole.solved.motion, whole.correction, rank)
+    start = truncate(problem, whole.motion, whole.form, rank)
 
-    def step(motion: Motion, last: Correction | None) -> Correction:
-        return refit(problem, motion, last or start, complement, solving)
+    def step(motion: Motion, last: Correction) -> Correction:
+        return refit(problem, motion, last, complement, solving)
 
-    correction = alternator.run(target, step, start).correction
-    weights = correction.add_to(problem.rest_weights)
-    return FittedModel(weights, correction.columns.size + correction.basis.size, correction)
+    change = alternator.run(target, start, step, problem.add_change).form
+    return FittedModel(problem.add_change(change), change.columns.size + change.basis.size, change)
 
 
 def fit_few(
