@@ -136,13 +136,18 @@ def format_count(count: int, noun: str) -> str:
     return f"{count} {noun if count == 1 else plural}"
 
 
+def group_digits(count: int, group: str = " ") -> str:
+    """Format a number with its digits in groups of three."""
+    return f"{count:,}".replace(",", group)
+
+
 def describe_size(clip: ClipRecord, fixed_floats: int, group: str = " ") -> str:
     """Describe what the floats per frame of the cages replace, and what is stored once.
 
     Digits are grouped in threes by `group`.
     """
     counts = 3 * clip.vertices, clip.vertices, fixed_floats
-    mesh, rows, fixed = (f"{count:,}".replace(",", group) for count in counts)
+    mesh, rows, fixed = (group_digits(count, group) for count in counts)
     if fixed_floats != clip.vertices * clip.cage_vertices:
         return f"instead of {mesh}, plus {fixed} floats of fitted weights"
     return f"instead of {mesh}, plus one {rows} x {clip.cage_vertices} weight matrix"

@@ -1,14 +1,17 @@
 """The figures of a fit in a report: what it gains on which frames, and what they mean."""
 
-from cageik_cli.report.figures import format_percent
+from cageik_cli.report.figures import format_count, format_percent
 from cageik_cli.solver.fitting.held_out import HELD_OUT_BLOCKS, Comparison
 from cageik_cli.solver.fitting.record import (
     MAX_HELD_OUT_RATIO,
+    MAX_ROUGHNESS,
+    MIN_STATED_PERCENT,
     FitRecord,
     FitReport,
 )
 from cageik_cli.store.result import Result
 from cageik_cli.util.errors import join_truncated
+from cageik_cli.util.text import format_bytes
 
 MAX_NAMED_CLIPS = 3
 """Clips that a report names."""
@@ -27,7 +30,7 @@ def is_fitted_to_clip(result: Result) -> bool:
 def measure_gap_closed(result: Result) -> float | None:
     """Return how much of the gap to the best possible error the fit closes, in percent.
 
-    None if the weights are not fitted to this clip, or leave no gap.
+    None if the weights are not fitted to this clip, or there is no gap, or a fit made it wider.
     """
     if result.fit is None or result.bound is None or not is_fitted_to_clip(result):
         return None
@@ -35,30 +38,64 @@ def measure_gap_closed(result: Result) -> float | None:
         error.rms for error in (result.fit.report.fitted.unfitted, result.fit.report.fitted.fitted)
     )
     gap = before - result.bound.rms_percent
-    return 100 * (before - after) / gap if gap > 0 else None
+    is_closer = gap > MIN_STATED_PERCENT and after <= before
+    return 100 * (before - after) / gap if is_closer else None
 
 
 def list_fit_notes(record: FitRecord) -> tuple[str, ...]:
     """Return warnings and notes on a fit, one sentence each."""
-    report, notes = record.report, []
-    if report.held_out_blocks is None:
+    report = record.report
+    return (*_list_sample_notes(report), *_list_error_notes(report))
+
+
+def _list_sample_notes(report: FitReport) -> list[str]:
+    """Return notes on the frames that were fitted and held out."""
+    notes, held_out = [], report.held_out_blocks
+    if report.needed_memory is not None:
         notes.append(
-            "the clips are too short to hold frames out: how well the fitted weights follow other "
-            "frames is not known"
+            f"the memory limit allowed {format_count(report.fitted_frames, 'frame')} to be fitted; "
+            f"a fit to more of them needs --memory {format_bytes(report.needed_memory)}"
+        )
+    if held_out is None:
+        notes.append(
+            f"no frames were held out of {format_count(report.fitted_frames, 'fitted frame')}: how "
+            "well the fitted weights follow other frames is not known"
         )
     elif report.is_repetitive:
         notes.append(
-            f"{report.copied_frames} of {report.held_out_blocks.frames} held-out frames are nearly "
-            "copies of fitted ones, so the held-out error says nothing about other motion"
+            f"{report.copied_frames} of {format_count(held_out.frames, 'held-out frame')} are "
+            "nearly copies of fitted ones, so the held-out error says nothing about other motion"
         )
-    if report.held_out_blocks is not None and report.is_overfitted:
-        ratio = report.held_out_blocks.fitted.rms / report.fitted.fitted.rms
+    return notes
+
+
+def _list_error_notes(report: FitReport) -> list[str]:
+    """Return notes on weights that follow the frames badly, or are rough."""
+    notes, held_out = [], report.held_out_blocks
+    fitted, unfitted = report.fitted.fitted.rms, report.fitted.unfitted.rms
+    if fitted > max(unfitted, MIN_STATED_PERCENT):
         notes.append(
-            f"the error of held-out frames is {ratio:.1f} times that of fitted ones (more than "
-            f"{MAX_HELD_OUT_RATIO:g}): the weights follow other motion less closely; fit more "
-            "motion if they are for other clips"
+            f"the fitted weights follow their frames less closely ({format_percent(fitted)} %) "
+            f"than the unfitted ones ({format_percent(unfitted)} %); allow more influences"
         )
-    return tuple(notes)
+    elif held_out is not None and report.is_gainless:
+        notes.append(
+            f"the fitted weights follow held-out frames no better "
+            f"({format_percent(held_out.fitted.rms)} %) than the unfitted ones "
+            f"({format_percent(held_out.unfitted.rms)} %); fit more motion, or leave the fit out"
+        )
+    elif held_out is not None and report.is_overfitted:
+        notes.append(
+            f"the error of held-out frames, {format_percent(held_out.fitted.rms)} %, is more than "
+            f"{MAX_HELD_OUT_RATIO:g} times that of fitted ones, {format_percent(fitted)} %: the "
+            "weights follow other motion less closely; fit more motion if they are for other clips"
+        )
+    if report.roughness > MAX_ROUGHNESS:
+        notes.append(
+            f"the fitted weights are {report.roughness:.1f} times as rough as the unfitted ones "
+            f"(more than {MAX_ROUGHNESS:g}); raise --fit-regularization, or allow more influences"
+        )
+    return notes
 
 
 def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[Row]:
@@ -68,7 +105,7 @@ def format_fit_rows(record: FitRecord, is_verbose: bool = False) -> list[Row]:
         ("fit", _describe_settings(record)),
         *([("tried", _format_curve(report))] if is_verbose and report.curve else []),
         ("fitted frames", _format_comparison(report.fitted)),
-        ("held out", _format_held_out(report.held_out_blocks)),
+        ("held out", _format_held_out(record)),
         ("last third", _format_comparison(report.unseen_third) if report.unseen_third else "none"),
         (
             "fitted weights",
@@ -100,8 +137,10 @@ def _describe_settings(record: FitRecord) -> str:
         strength += " (auto)"
     parts = [f"regularization {strength}", f"smoothness {settings.smoothness:g}"]
     parts += [] if settings.rank is None else [f"rank {settings.rank}"]
-    parts += [] if settings.influences is None else [f"{settings.influences} influences"]
-    return f"{', '.join(parts)}; {report.fitted_frames} of {report.frames} frames of {names}"
+    if settings.influences is not None:
+        parts.append(format_count(settings.influences, "influence"))
+    frames = format_count(report.frames, "frame")
+    return f"{', '.join(parts)}; {report.fitted_frames} of {frames} of {names}"
 
 
 def _format_curve(report: FitReport) -> str:
@@ -118,7 +157,10 @@ def _format_comparison(comparison: Comparison) -> str:
     )
 
 
-def _format_held_out(comparison: Comparison | None) -> str:
+def _format_held_out(record: FitRecord) -> str:
+    comparison = record.report.held_out_blocks
     if comparison is None:
-        return "none, the clips are too short"
-    return f"{_format_comparison(comparison)}; every 2nd of {HELD_OUT_BLOCKS} blocks"
+        return "none"
+    blocks = min(HELD_OUT_BLOCKS, max((clip.frames for clip in record.clips), default=0))
+    chosen = "; the regularization was chosen on these" if record.report.curve else ""
+    return f"{_format_comparison(comparison)}; every 2nd of {blocks} blocks{chosen}"

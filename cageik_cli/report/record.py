@@ -165,7 +165,8 @@ def _build_summary(result: Result, frames: tuple[FrameRecord, ...]) -> ReportSum
         e_rms=float(E_RMS_FACTOR * rms / diagonal),
         kg_error=_compute_kg_error(result),
         frames_skipped=len(result.skipped),
-        floats_per_frame=3 * len(result.cage.vertices),
+        # Offsets turn with each frame: its rotation has three numbers.
+        floats_per_frame=3 * (len(result.cage.vertices) + int(result.has_offsets)),
         **_summarize_fit(result),
     )
 

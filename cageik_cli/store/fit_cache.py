@@ -154,9 +154,9 @@ def _make_entry(fitted: FittedBinding, seconds: float) -> FitEntry:
 
 def _restore(entry: FitEntry, binding: Binding, clips: tuple[FittedClip, ...]) -> FittedBinding:
     record: FitRecord = parse_record(FitRecord, json.loads(entry.record), "fit")
-    change = Correction(entry.columns, entry.basis) if entry.columns.size else None
+    change = Correction(entry.columns, entry.basis) if record.settings.rank is not None else None
     matrix, weights = None, entry.weights
-    if entry.data.size:
+    if record.settings.influences is not None:
         places = (entry.data, entry.indices, entry.indptr)
         matrix = sparse.csr_array(places, shape=binding.weights.shape)
         weights = np.asarray(matrix.toarray())

@@ -126,6 +126,11 @@ def read_offset_mark(file: h5py.File) -> bool:
     mark = file.attrs.get("has_offsets", np.False_)
     if not isinstance(mark, np.bool_):
         raise FormatError(f"attribute `has_offsets` is {mark!r}, expected a truth value")
+    if CSR in file and not mark:
+        raise FormatError(
+            f"attribute `has_offsets` is false, but the weights are sparse (`{CSR}`); write it "
+            "again"
+        )
     return bool(mark)
 
 
@@ -142,6 +147,8 @@ def read_fit_record(file: h5py.File) -> FitRecord | None:
     held = read_json_attr(file, "fit", dict)
     with error_context("attribute `fit`"):
         record: FitRecord = parse_record(FitRecord, held, "fit")
+    if not record.clips:
+        raise FormatError("attribute `fit` names no clip that the weights were fitted to")
     return record
 
 
@@ -158,13 +165,23 @@ def read_fit(file: h5py.File, m: int, n: int) -> StoredFit | None:
         return None
     matrix = read_sparse_weights(file, m, n) if CSR in file else None
     low_rank = _read_low_rank(file, m, n) if LOW_RANK in file else None
-    for option, value, form in (
-        ("rank", record.settings.rank, low_rank),
-        ("influences", record.settings.influences, matrix),
-    ):
-        if form is not None and value is None:
-            raise FormatError(f"attribute `fit` states no {option}, but the weights have them")
+    rank, influences = record.settings.rank, record.settings.influences
+    _check_form("rank", rank, LOW_RANK, is_stored=low_rank is not None)
+    if holds_weights(file):
+        _check_form("influences", influences, CSR, is_stored=matrix is not None)
     return StoredFit(record, low_rank, matrix)
+
+
+def _check_form(option: str, value: int | None, group: str, is_stored: bool) -> None:
+    """Refuse weights that are not in the form that the settings of the fit ask for."""
+    if is_stored and value is None:
+        raise FormatError(
+            f"attribute `fit` has no {option}, but there is `{group}`; write it again"
+        )
+    if not is_stored and value is not None:
+        raise FormatError(
+            f"attribute `fit` has {option} {value}, but there is no `{group}`; write it again"
+        )
 
 
 def _read_low_rank(file: h5py.File, m: int, n: int) -> Correction:
@@ -178,7 +195,7 @@ def _read_low_rank(file: h5py.File, m: int, n: int) -> Correction:
 
 def _check_sizes(name: str, matrix: Floats) -> None:
     """Refuse numbers that are not finite, or larger than lengths are."""
-    largest = np.maximum(matrix.max(axis=1), -matrix.min(axis=1))
+    largest = np.maximum(matrix.max(axis=1, initial=0), -matrix.min(axis=1, initial=0))
     wrong = np.flatnonzero(~are_lengths(largest))
     if len(wrong):
         raise FormatError(

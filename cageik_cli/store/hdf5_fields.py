@@ -178,6 +178,9 @@ def write_deflated(file: h5py.File, name: str, matrix: Floats) -> None:
     search for repetitions does, in under half the time. HDF5 has no option to omit that search, so
     chunks are compressed here.
     """
+    if not matrix.size:
+        file.create_dataset(name, data=matrix)
+        return
     rows = max(1, min(len(matrix), CHUNK_BYTES // matrix[0].nbytes))
     chunks = (rows, matrix.shape[1])
     filters = {"shuffle": True, "compression": "gzip", "compression_opts": 1}

@@ -14,7 +14,7 @@ from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.report.figures import format_percent
+from cageik_cli.report.figures import group_digits
 from cageik_cli.report.fit_figures import format_fit_rows, list_fit_notes
 from cageik_cli.report.views.text import format_accuracy_row, format_weights_row
 from cageik_cli.report.vocabulary import choose_vocabulary
@@ -70,14 +70,13 @@ def format_binding_rows(stored: StoredBinding, is_verbose: bool = False) -> list
 
 
 def _format_fit(record: FitRecord, is_verbose: bool) -> list[tuple[str, str]]:
-    """Return the rows on a fit, the smallest possible error, the size and the notes."""
-    bound, solve = record.report.bound, record.solve
+    """Return the rows on a fit, the size and the notes."""
+    solve = record.solve
     aligned = "" if solve.align else ", not aligned"
     return [
         *format_fit_rows(record, is_verbose),
         ("fit cages", f"alpha {solve.alpha:g}, beta {solve.beta:g}{aligned}"),
-        ("best possible", f"{format_percent(bound.lowest)} % on the fitted frames, any weights"),
-        ("size", f"{record.report.fixed_floats} floats of fitted weights"),
+        ("size", f"{group_digits(record.report.fixed_floats)} floats of fitted weights"),
         *(("note", note) for note in list_fit_notes(record)),
     ]
 

@@ -67,7 +67,7 @@ def errors(name: str, frames: np.ndarray, binding: Binding) -> None:
             f"negative {report.negative_per_row:.4f} smallest {report.min_weight:.3f} "
             f"roughness {report.roughness:.3f} affine {exactness:.0e} "
             f"blocks {report.held_out_blocks.fitted.rms:.3f} "
-            f"third {report.unseen_third.fitted.rms:.3f} bound {report.bound.highest:.4f} "
+            f"third {report.unseen_third.fitted.rms:.3f} "
             f"{seconds:5.2f} s",
             flush=True,
         )

@@ -5,7 +5,6 @@ from scipy import sparse
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.fitting.problem import Correction
-from cageik_cli.solver.fitting.bound import RankBound
 from cageik_cli.solver.fitting.held_out import Comparison, FitError
 from cageik_cli.solver.fitting.record import FitRecord, FitReport, FittedClip
 from cageik_cli.solver.settings import FitSettings, SolveSettings
@@ -17,11 +16,11 @@ REPORT = FitReport(
     smoothness=1.0,
     frames=48,
     fitted_frames=24,
+    needed_memory=None,
     fitted=COMPARISON,
     held_out_blocks=COMPARISON,
     copied_frames=3,
     unseen_third=None,
-    bound=RankBound(0.01, 0.02, 4),
     negative_per_row=0.1,
     min_weight=-0.05,
     roughness=1.02,

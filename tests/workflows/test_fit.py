@@ -396,10 +396,10 @@ def test_a_repeated_clip_is_noted(settings, write_obj):
     ).fit.report.is_repetitive
 
 
-def test_a_clip_too_short_to_hold_out_is_noted(settings):
+def test_frames_that_were_not_held_out_are_noted(settings):
     report = build_report(extract(replace(settings, frames=("frames/f_003.obj",))))
     assert report.fit.report.held_out_blocks is None
-    assert any("too short to hold frames out" in note for note in report.notes)
+    assert any("no frames were held out" in note for note in report.notes)
     assert "  held out       none" in format_text(report)
 
 

@@ -6,6 +6,9 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import CageError
 
+AFFINE_FUNCTIONS = 4
+"""1 and the three coordinates: the functions that weights reproduce."""
+
 MIN_FLATNESS = 1e-9
 """Cages that are thinner, relative to their diagonal, lie in a plane."""
 
@@ -30,7 +33,9 @@ def complement_basis(cage: TriMesh) -> Floats:
     CageError
         When all vertices of the cage lie in a plane.
     """
-    return np.asarray(np.linalg.qr(_affine_functions(cage), mode="complete")[0][:, 4:])
+    return np.asarray(
+        np.linalg.qr(_affine_functions(cage), mode="complete")[0][:, AFFINE_FUNCTIONS:]
+    )
 
 
 def restore_affine(weights: Floats, rest: TriMesh, cage: TriMesh) -> Floats:
@@ -58,7 +63,7 @@ def _affine_functions(cage: TriMesh) -> Floats:
     """Return 1 and the scaled coordinates at the vertices of the cage, (n, 4)."""
     functions = _evaluate(cage.vertices, cage)
     smallest = np.linalg.svd(functions[:, 1:], compute_uv=False)[-1]
-    if len(functions) < 4 or smallest < MIN_FLATNESS:
+    if len(functions) < AFFINE_FUNCTIONS or smallest < MIN_FLATNESS:
         raise CageError(
             f"the {len(functions)} vertices of the cage lie in a plane (thickness {smallest:.1e} "
             "of the diagonal); weights in it cannot reproduce a model; use a cage with volume"

@@ -79,14 +79,12 @@ def _list_moved_views(pictures: FitPictures, name: str, side: int) -> list[tuple
 
     `side` is 0 for the weights before the fit and 1 for fitted ones.
     """
-    text = (
-        f"The rest pose with one cage vertex moved, {name} weights, {{}}, coloured by displacement"
-    )
     return [
         (
             one.name.capitalize(),
             make_png_url((one.unfitted, one.fitted)[side]),
-            text.format(one.name),
+            f"The rest pose with one cage vertex moved, {name} weights, {one.name}, coloured by "
+            "displacement",
         )
         for one in pictures.moved
     ]

@@ -6,11 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.fitting.affine import complement_basis, restore_affine
+from cageik_cli.coordinates.fitting.affine import AFFINE_FUNCTIONS, complement_basis, restore_affine
 from cageik_cli.coordinates.fitting.problem import Solving, WeightProblem, estimate_memory
 from cageik_cli.coordinates.fitting.systems import SurfaceLaplacian
 from cageik_cli.solver.fitting.alternate import Alternator, CageSolve, Effort
-from cageik_cli.solver.fitting.bound import bound_rank
 from cageik_cli.solver.fitting.held_out import (
     HeldOut,
     count_copies,
@@ -25,7 +24,6 @@ from cageik_cli.solver.fitting.models import (
 )
 from cageik_cli.solver.fitting.record import FitReport
 from cageik_cli.solver.fitting.sample import (
-    MAX_FIT_JOBS,
     FrameReader,
     Sample,
     SampleSettings,
@@ -33,6 +31,7 @@ from cageik_cli.solver.fitting.sample import (
 )
 from cageik_cli.solver.settings import DEFAULT_REGULARIZATION, FitSettings, SolveSettings
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.threads import limit_blas_threads
 
 MAX_HELD_OUT_ROUNDS = 8
@@ -46,6 +45,10 @@ AUTO_GAIN = 0.03
 
 AUTO_MARGIN = 1.05
 """The strongest regularization is chosen whose held-out error is within this of the best."""
+
+
+Curve = list[tuple[float, float]]
+"""Regularizations and their errors on held-out frames, in percent of the diagonal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,22 +147,33 @@ class Fitter:
     binding : Binding
     settings : FitSettings
     conditions : FitConditions
+
+    Raises
+    ------
+    CageError
+        When the cage is flat, or its four vertices determine the weights.
+    SettingError
+        When the cage has too few vertices for the rank or the influences, or a change of low rank
+        is asked of weights that do not reproduce the rest pose.
     """
 
     def __init__(self, binding: Binding, settings: FitSettings, conditions: FitConditions) -> None:
+        _check_freedom(binding, settings)
         self._binding, self._settings, self._conditions = binding, settings, conditions
         self._cage_solve = CageSolve(binding, conditions.solve, conditions.vertex_weights)
         self._complement = complement_basis(binding.cage)
         self._surface = SurfaceLaplacian.from_mesh(binding.rest)
-        self._jobs = min(conditions.sampling.jobs, MAX_FIT_JOBS)
+        # A change of low rank is one of the binding's own weights, which a receiver computes.
+        self._start = (
+            restore_affine(binding.weights, binding.rest, binding.cage)
+            if settings.rank is None
+            else binding.weights
+        )
 
     def fit(self, clips: Sequence[FrameReader]) -> FittedWeights:
         """Fit the weights to `clips`, and measure them."""
         sample = self.sample(clips)
-        strength, curve = self._settings.regularization, list[tuple[float, float]]()
-        if strength is None:
-            curve = self._search_regularization(sample)
-            strength = choose_regularization(curve)
+        strength, curve = self._choose_regularization(sample)
         model = self.fit_model(sample, strength)
         binding = replace(
             self._binding, weights=model.weights, has_offsets=model.sparse_weights is not None
@@ -173,26 +187,33 @@ class Fitter:
 
     def fit_model(self, sample: Sample, strength: float) -> FittedModel:
         """Fit the weights to a sample, with a given regularization, and do not measure them."""
-        return self._make_model(strength, self._jobs, is_held_out=False)(sample.target)
+        effort = replace(self._conditions.effort, solving=Solving(jobs=self._count_jobs(sample)))
+        return self._make_model(strength, effort)(sample.target)
 
     def limit_influences(self, sample: Sample, strength: float, count: int) -> FittedModel:
         """Fit weights with at most `count` influences to frames that the binding's weights give."""
-        alternator = self._make_alternator(strength, self._jobs, is_held_out=False)
+        effort = replace(self._conditions.effort, solving=Solving(jobs=self._count_jobs(sample)))
+        alternator = self._make_alternator(strength, effort)
         return limit_influences(alternator, sample.target, self._binding.weights, count)
 
     def _report(
-        self,
-        strength: float,
-        curve: Sequence[tuple[float, float]],
-        model: FittedModel,
-        sample: Sample,
+        self, strength: float, curve: Curve, model: FittedModel, sample: Sample
     ) -> FitReport:
         """Measure a model, and fits to parts of the sample on the other parts."""
         weights = model.weights
         held_out = self._plan_held_out(sample)
-        fit_seen = self._make_model(strength, self._jobs // held_out.jobs, is_held_out=True)
-        cases = [(mask(sample), fit_seen) for mask in (hold_out_blocks, hold_out_last_third)]
-        blocks, third = held_out.compare(cases)
+        block_mask, third_mask = hold_out_blocks(sample), hold_out_last_third(sample)
+        third_strength = strength
+        if curve and third_mask.any() and not third_mask.all():
+            third_strength, _ = self._choose_regularization(
+                sample.take(np.flatnonzero(~third_mask))
+            )
+        blocks, third = held_out.compare(
+            [
+                (block_mask, self._make_held_out_model(strength, sample)),
+                (third_mask, self._make_held_out_model(third_strength, sample)),
+            ]
+        )
         fitted = held_out.measure(weights, sample.target)
         solver = self._cage_solve.prepare(self._binding.weights)
         return FitReport(
@@ -200,11 +221,11 @@ class Fitter:
             smoothness=self._settings.smoothness,
             frames=sum(sample.lengths),
             fitted_frames=len(sample),
+            needed_memory=sample.needed_memory,
             fitted=fitted,
             held_out_blocks=blocks,
-            copied_frames=count_copies(sample, hold_out_blocks(sample), solver, fitted.fitted.rms),
+            copied_frames=count_copies(sample, block_mask, solver, fitted.fitted.rms),
             unseen_third=third,
-            bound=bound_rank(solver, sample.target, weights.shape[1]),
             negative_per_row=abs(float(np.minimum(weights, 0).sum())) / len(weights),
             min_weight=float(weights.min()),
             roughness=self._compare_roughness(weights),
@@ -212,22 +233,24 @@ class Fitter:
             curve=tuple(curve),
         )
 
-    def _make_model(self, strength: float, jobs: int, is_held_out: bool) -> ModelFit:
+    def _make_model(self, strength: float, effort: Effort) -> ModelFit:
         """Return the fit of the model that the settings ask for."""
-        alternator = self._make_alternator(strength, jobs, is_held_out)
+        alternator = self._make_alternator(strength, effort)
         return choose_model(alternator, self._complement, self._settings)
 
-    def _make_alternator(self, strength: float, jobs: int, is_held_out: bool) -> Alternator:
+    def _make_held_out_model(self, strength: float, sample: Sample) -> ModelFit:
+        """Return the fit of the model to parts of a sample, one of those at the same time."""
+        jobs = max(1, self._count_jobs(sample) // self._plan_held_out(sample).jobs)
+        effort = self._conditions.effort
+        rounds = min(effort.max_rounds, MAX_HELD_OUT_ROUNDS)
+        return self._make_model(
+            strength, replace(effort, max_rounds=rounds, solving=Solving(jobs=jobs))
+        )
+
+    def _make_alternator(self, strength: float, effort: Effort) -> Alternator:
         """Return the fit of weights and cages by turns."""
-        effort = replace(self._conditions.effort, solving=Solving(jobs=max(1, jobs)))
-        if is_held_out:
-            effort = replace(effort, max_rounds=min(effort.max_rounds, MAX_HELD_OUT_ROUNDS))
-        is_exact = self._settings.rank is None
-        weights = self._binding.weights
         problem = WeightProblem(
-            restore_affine(weights, self._binding.rest, self._binding.cage)
-            if is_exact
-            else weights,
+            self._start,
             self._surface,
             self._conditions.vertex_weights,
             strength,
@@ -235,22 +258,37 @@ class Fitter:
         )
         return Alternator(problem, self._cage_solve, effort)
 
+    def _count_jobs(self, sample: Sample) -> int:
+        """Count the threads that there is memory for beside the sample, at least one."""
+        m, n = self._binding.weights.shape
+        sampling = self._conditions.sampling
+        left = sampling.memory - 2 * sample.target.nbytes
+        jobs = range(sampling.jobs, 1, -1)
+        return next((count for count in jobs if estimate_memory(m, n, count) <= left), 1)
+
     def _plan_held_out(self, sample: Sample) -> HeldOut:
         """Plan fits at the same time if there are threads and memory for them."""
         m, n = self._binding.weights.shape
-        sampling = self._conditions.sampling
-        has_memory = 2 * estimate_memory(m, n, 1) + sample.target.nbytes < sampling.memory
-        return HeldOut(self._cage_solve, sample, 2 if has_memory and self._jobs > 1 else 1)
+        left = self._conditions.sampling.memory - 2 * sample.target.nbytes
+        has_memory = 2 * estimate_memory(m, n, jobs=1) <= left
+        jobs = 2 if has_memory and self._conditions.sampling.jobs > 1 else 1
+        return HeldOut(self._cage_solve, sample, jobs)
 
-    def _search_regularization(self, sample: Sample) -> list[tuple[float, float]]:
+    def _choose_regularization(self, sample: Sample) -> tuple[float, Curve]:
+        """Return the regularization, and what was tried if it is chosen by held-out blocks."""
+        if self._settings.regularization is not None:
+            return self._settings.regularization, []
+        curve = self._search_regularization(sample)
+        return choose_regularization(curve), curve
+
+    def _search_regularization(self, sample: Sample) -> Curve:
         """Measure regularizations on held-out blocks, while the error falls."""
         held_out = self._plan_held_out(sample)
         mask = hold_out_blocks(sample)
-        curve: list[tuple[float, float]] = []
+        curve: Curve = []
         for start in range(0, len(AUTO_CURVE), 2):
             strengths = AUTO_CURVE[start : start + 2]
-            jobs = self._jobs // held_out.jobs
-            cases = [(mask, self._make_model(s, jobs, is_held_out=True)) for s in strengths]
+            cases = [(mask, self._make_held_out_model(s, sample)) for s in strengths]
             for strength, found in zip(strengths, held_out.compare(cases), strict=True):
                 if found is None:
                     return []
@@ -265,7 +303,31 @@ class Fitter:
         return self._surface.measure(weights) / own if own else 1.0
 
 
-def choose_regularization(curve: Sequence[tuple[float, float]]) -> float:
+def _check_freedom(binding: Binding, settings: FitSettings) -> None:
+    """Refuse settings that the cage has too few vertices for."""
+    n = binding.weights.shape[1]
+    freedom = n - AFFINE_FUNCTIONS
+    if freedom <= 0:
+        raise CageError(
+            f"the cage has {n} vertices, which determine the weights; expected at least "
+            f"{AFFINE_FUNCTIONS + 1}: leave the fit out, or use a cage with more vertices"
+        )
+    for name, count, most in (
+        ("rank", settings.rank, freedom),
+        ("influences", settings.influences, n),
+    ):
+        if count is not None and count > most:
+            raise SettingError(
+                f"fit {name} is {count}, but the cage has {n} vertices; give {most} or fewer"
+            )
+    if settings.rank is not None and binding.has_offsets:
+        raise SettingError(
+            f"fit rank is {settings.rank}, but the binding's weights have few influences and do "
+            "not reproduce the rest pose; fit from the weights before that"
+        )
+
+
+def choose_regularization(curve: Curve) -> float:
     """Choose the strongest regularization whose error is near the smallest of the curve."""
     if not curve:
         return DEFAULT_REGULARIZATION

@@ -12,6 +12,7 @@ from cageik_cli.solver.fitting.alternate import CageSolve
 from cageik_cli.solver.fitting.models import ModelFit
 from cageik_cli.solver.fitting.sample import Sample, choose_vertices
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import SettingError
 from cageik_cli.util.threads import OrderedMap
 
 HELD_OUT_BLOCKS = 10
@@ -20,8 +21,10 @@ HELD_OUT_BLOCKS = 10
 SEEN_SHARE = 2 / 3
 """Frames after this share of each clip are the last third, which is unseen."""
 
-MANY = 99
-"""The percentile that is reported."""
+REPORTED_PERCENTILE = 99
+
+COPY_SHARE = 0.05
+"""Frames are copies only if they are nearer than this share of the motion, as root mean squares."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,11 @@ class FitError:
     percentile: float
     largest: float
 
+    def __post_init__(self) -> None:
+        for name in ("rms", "percentile", "largest"):
+            if not getattr(self, name) >= 0:
+                raise SettingError(f"{name} is {getattr(self, name)}, expected zero or above")
+
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
@@ -58,6 +66,10 @@ class Comparison:
     fitted: FitError
     unfitted: FitError
     frames: int
+
+    def __post_init__(self) -> None:
+        if self.frames < 1:
+            raise SettingError(f"frames is {self.frames}, expected 1 or more")
 
 
 def measure_weights(cage_solve: CageSolve, weights: Floats, target: Displacements) -> FitError:
@@ -78,7 +90,7 @@ def measure_weights(cage_solve: CageSolve, weights: Floats, target: Displacement
     mean = squares / (target.weight * len(every) / len(target))
     return FitError(
         float(percent * np.sqrt(mean)),
-        float(percent * np.percentile(every, MANY)),
+        float(percent * np.percentile(every, REPORTED_PERCENTILE)),
         float(percent * every.max()),
     )
 
@@ -109,18 +121,20 @@ def count_copies(
         Its missing vertices do not count.
     percent : float
         Root mean square distance of the vertices, in percent of the rest pose's diagonal, below
-        which frames are near.
+        which frames are near, unless this is more than `COPY_SHARE` of the motion.
     """
     vertices = choose_vertices(solver)
     columns = np.hstack([block[vertices] for block in sample.target.blocks()])
     poses = columns.reshape(len(vertices), -1, 3).transpose(1, 0, 2).reshape(len(sample), -1)
     poses /= np.sqrt(sample.target.shares)[:, None]
+    size = np.sqrt(np.square(poses).sum(axis=1).mean())
     radius = percent / 100 * solver.binding.rest.diagonal * np.sqrt(len(vertices))
+    radius = min(radius, COPY_SHARE * size)
     seen = poses[~is_held]
     if not len(seen):
         return 0
     nearest = [np.linalg.norm(seen - pose, axis=1).min() for pose in poses[is_held]]
-    return int(np.count_nonzero(np.array(nearest) < radius))
+    return int(np.count_nonzero(np.array(nearest) <= radius))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

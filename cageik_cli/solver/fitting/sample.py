@@ -1,7 +1,7 @@
 """The frames that weights are fitted to: a sample in memory, spread over the poses of the clips."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -16,14 +16,15 @@ from cageik_cli.util.threads import OrderedMap
 MAX_FITTED_FRAMES = 100
 """Frames that weights are fitted to; more hardly lower the error of the others."""
 
-MAX_FIT_JOBS = 4
-"""Threads of a fit; memory is planned for them all, so that the sample does not depend on jobs."""
-
 STILL_TOL = 1e-12
 """Frames that move less than this share of their coordinates do not move."""
 
 DESCRIPTOR_VERTICES = 64
 """Vertices whose displacements describe a pose."""
+
+DESCRIPTOR_SUMS = 8
+"""Sums of the displacements of all vertices, with random signs, that describe a pose, too: frames
+that differ have other sums."""
 
 
 class FrameReader(Protocol):
@@ -77,20 +78,27 @@ class Sample:
         Number of each frame in its clip.
     lengths : tuple of int
         Frames of each clip.
+    needed_memory : int or None
+        Bytes with which the sample would have as many frames as it may have; None if it has.
     """
 
     target: Displacements
     clips: Integers
     frames: Integers
     lengths: tuple[int, ...]
+    needed_memory: int | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
 
-    @property
-    def times(self) -> Floats:
-        """Return where each frame is in its clip, (k,), from 0 to below 1."""
-        return np.asarray(self.frames / np.array(self.lengths)[self.clips])
+    def take(self, chosen: Integers) -> "Sample":
+        """Return some of the frames; shares the memory."""
+        return replace(
+            self,
+            target=self.target.take(self.target.frames[chosen]),
+            clips=self.clips[chosen],
+            frames=self.frames[chosen],
+        )
 
 
 def sample_frames(
@@ -114,19 +122,20 @@ def sample_frames(
         When a frame cannot be read and must not be skipped, or no frame can be read.
     """
     m, n = solver.binding.weights.shape
-    left = settings.memory - estimate_memory(m, n, MAX_FIT_JOBS)
+    least = estimate_memory(m, n, jobs=1)
+    left = settings.memory - least
     places = [(c, f) for c, clip in enumerate(clips) for f in range(len(clip))]
     reader = _Reader(clips, solver, settings)
     lengths = tuple(map(len, clips))
-    vertices = choose_vertices(solver)
+    describe = _make_descriptor(solver)
     if fit_frames(left, m, 2) >= len(places):  # the frames, and the chosen ones of them
         read = list(reader.read(places, lambda columns: columns))
-        poses = np.stack([frame.value[vertices].ravel() for frame in read])
+        poses = np.stack([describe(frame.value) for frame in read])
         chosen = spread_points(poses, settings.max_frames)
         kept = [read[k] for k in chosen]
     else:
-        read = list(reader.read(places, lambda columns: columns[vertices]))
-        poses = np.stack([frame.value.ravel() for frame in read])
+        read = list(reader.read(places, describe))
+        poses = np.stack([frame.value for frame in read])
         capacity = min(settings.max_frames, fit_frames(left, m, 2, itemsize=4))
         dtype = np.float64 if fit_frames(left, m, 2) >= capacity else np.float32
         chosen = spread_points(poses, capacity)
@@ -134,7 +143,9 @@ def sample_frames(
         kept = list(reader.read(again, lambda columns: columns.astype(dtype)))
     numbers = np.array([frame.place for frame in kept], np.int64)
     target = Displacements.join([frame.value for frame in kept], count_nearest(poses, chosen))
-    return Sample(target, numbers[:, 0], numbers[:, 1], lengths)
+    wanted = min(settings.max_frames, len(read))
+    needed = None if len(kept) == wanted else least + wanted * 2 * 3 * m * 4
+    return Sample(target, numbers[:, 0], numbers[:, 1], lengths, needed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,6 +200,16 @@ class _Reader:
             return self._clips[clip].read_frame(frame)
         except InputError as error:
             return error
+
+
+def _make_descriptor(solver: DualLaplacianSolver) -> Callable[[Floats], Floats]:
+    """Return the function that describes a pose, (m, 3), by a few numbers, (d,)."""
+    vertices = choose_vertices(solver)
+    counted = np.zeros(len(solver.binding.rest.vertices))
+    counted[solver.data_vertices] = 1
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), (DESCRIPTOR_SUMS, len(counted)))
+    signs *= counted / np.sqrt(counted.sum())
+    return lambda columns: np.concatenate([columns[vertices].ravel(), (signs @ columns).ravel()])
 
 
 def choose_vertices(solver: DualLaplacianSolver) -> Integers:

@@ -5,7 +5,6 @@ from cageik_cli.coordinates.fitting.problem import estimate_memory
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.held_out import hold_out_blocks, hold_out_last_third
 from cageik_cli.solver.fitting.sample import (
-    MAX_FIT_JOBS,
     SampleSettings,
     count_nearest,
     sample_frames,
@@ -67,7 +66,7 @@ def test_equal_frames_are_taken_once():
 def test_little_memory_gives_fewer_frames_of_single_precision_and_no_other_choice():
     plenty = sampled(max_frames=4)
     m, n = BINDING.weights.shape
-    least = estimate_memory(m, n, MAX_FIT_JOBS)
+    least = estimate_memory(m, n, jobs=1)
     scarce = sampled(max_frames=4, memory=least + 4 * 2 * 12 * m)
     np.testing.assert_array_equal(scarce.frames, plenty.frames)
     assert scarce.target.parts[0].dtype == np.float32
