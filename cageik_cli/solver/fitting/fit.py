@@ -11,6 +11,7 @@ from cageik_cli.coordinates.fitting.problem import Solving, WeightProblem, estim
 from cageik_cli.coordinates.fitting.systems import SurfaceLaplacian
 from cageik_cli.solver.fitting.alternate import Alternator, CageSolve, Effort
 from cageik_cli.solver.fitting.held_out import (
+    Comparison,
     HeldOut,
     count_copies,
     hold_out_blocks,
@@ -174,11 +175,14 @@ class Fitter:
         """Fit the weights to `clips`, and measure them."""
         sample = self.sample(clips)
         strength, curve = self._choose_regularization(sample)
+        # Before the fit to all frames, whose weights would be one more large array meanwhile.
+        unseen = self._measure_unseen(sample, strength, is_strength_chosen=bool(curve))
         model = self.fit_model(sample, strength)
         binding = replace(
             self._binding, weights=model.weights, has_offsets=model.sparse_weights is not None
         )
-        return FittedWeights(binding, model, self._report(strength, curve, model, sample))
+        report = self._report(model, sample, _Unseen(strength, tuple(curve), *unseen))
+        return FittedWeights(binding, model, report)
 
     def sample(self, clips: Sequence[FrameReader]) -> Sample:
         """Sample the frames of `clips`."""
@@ -196,41 +200,41 @@ class Fitter:
         alternator = self._make_alternator(strength, effort)
         return limit_influences(alternator, sample.target, self._binding.weights, count)
 
-    def _report(
-        self, strength: float, curve: Curve, model: FittedModel, sample: Sample
-    ) -> FitReport:
-        """Measure a model, and fits to parts of the sample on the other parts."""
-        weights = model.weights
-        held_out = self._plan_held_out(sample)
-        block_mask, third_mask = hold_out_blocks(sample), hold_out_last_third(sample)
+    def _measure_unseen(
+        self, sample: Sample, strength: float, is_strength_chosen: bool
+    ) -> tuple[Comparison | None, Comparison | None]:
+        """Measure fits to blocks and to two thirds of a sample on the other blocks and third."""
+        blocks, third = hold_out_blocks(sample), hold_out_last_third(sample)
         third_strength = strength
-        if curve and third_mask.any() and not third_mask.all():
-            third_strength, _ = self._choose_regularization(
-                sample.take(np.flatnonzero(~third_mask))
-            )
-        blocks, third = held_out.compare(
-            [
-                (block_mask, self._make_held_out_model(strength, sample)),
-                (third_mask, self._make_held_out_model(third_strength, sample)),
-            ]
-        )
-        fitted = held_out.measure(weights, sample.target)
+        if is_strength_chosen and third.any() and not third.all():
+            third_strength, _ = self._choose_regularization(sample.take(np.flatnonzero(~third)))
+        cases = [
+            (blocks, self._make_held_out_model(strength, sample)),
+            (third, self._make_held_out_model(third_strength, sample)),
+        ]
+        on_blocks, on_third = self._plan_held_out(sample).compare(cases)
+        return on_blocks, on_third
+
+    def _report(self, model: FittedModel, sample: Sample, unseen: "_Unseen") -> FitReport:
+        """Measure a model, beside the errors of frames that were not fitted."""
+        weights = model.weights
+        fitted = self._plan_held_out(sample).measure(weights, sample.target)
         solver = self._cage_solve.prepare(self._binding.weights)
         return FitReport(
-            regularization=strength,
+            regularization=unseen.strength,
             smoothness=self._settings.smoothness,
             frames=sum(sample.lengths),
             fitted_frames=len(sample),
             needed_memory=sample.needed_memory,
             fitted=fitted,
-            held_out_blocks=blocks,
-            copied_frames=count_copies(sample, block_mask, solver, fitted.fitted.rms),
-            unseen_third=third,
+            held_out_blocks=unseen.blocks,
+            copied_frames=count_copies(sample, hold_out_blocks(sample), solver, fitted.fitted.rms),
+            unseen_third=unseen.third,
             negative_per_row=abs(float(np.minimum(weights, 0).sum())) / len(weights),
             min_weight=float(weights.min()),
             roughness=self._compare_roughness(weights),
             fixed_floats=model.fixed_floats,
-            curve=tuple(curve),
+            curve=unseen.curve,
         )
 
     def _make_model(self, strength: float, effort: Effort) -> ModelFit:
@@ -301,6 +305,16 @@ class Fitter:
         """Return the roughness of `weights` relative to that of the binding's."""
         own = self._surface.measure(self._binding.weights)
         return self._surface.measure(weights) / own if own else 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Unseen:
+    """How the regularization was found, and the errors on frames that a fit did not see."""
+
+    strength: float
+    curve: tuple[tuple[float, float], ...]
+    blocks: Comparison | None
+    third: Comparison | None
 
 
 def _check_freedom(binding: Binding, settings: FitSettings) -> None:
