@@ -23,6 +23,7 @@ from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.store.weight_cache import WeightCache
+from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
@@ -82,7 +83,7 @@ class BindRunSettings:
     fit: FitSettings = field(default_factory=FitSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
     vertex_weights: Path | None = None
-    memory: int = 1 << 30
+    memory: int = DEFAULT_MEMORY
 
     def inputs(self) -> list[Path]:
         """Return the files that are read."""

@@ -21,7 +21,7 @@ from cageik_cli.formats.write import ExportSummary, Output, write_animation
 from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.store.result import Result, has_weights, read_result
 from cageik_cli.store.result_frames import read_binding, read_fit, read_rotations
-from cageik_cli.util.arrays import Floats, fit_frames
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, fit_frames
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import label_note
@@ -79,7 +79,7 @@ class DeformSettings:
     clip: ClipSettings = field(default_factory=ClipSettings)
     scene: SceneHints = field(default_factory=SceneHints)
     cache: Path | None = None
-    memory: int = 1 << 30
+    memory: int = DEFAULT_MEMORY
     jobs: int = 1
     influences: int | None = None
     compares: bool = False

@@ -32,7 +32,7 @@ from cageik_cli.store.result_writer import (
     RunSummary,
     open_result_writer,
 )
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap, check_writable
 from cageik_cli.util.progress import ProgressListener
@@ -58,7 +58,7 @@ class EditSettings:
     handles: Path
     output: Path
     posing: PosingSettings = field(default_factory=PosingSettings)
-    memory: int = 1 << 30
+    memory: int = DEFAULT_MEMORY
     overwrite: bool = False
 
     def inputs(self) -> list[Path]:

@@ -16,7 +16,7 @@ from cageik_cli.solver.blocks import MemoryPlan
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, normalize_weights
 from cageik_cli.solver.metrics import METRIC_NAMES, FrameMetrics, check_finite, measure
 from cageik_cli.solver.settings import FitSettings, SolveSettings
-from cageik_cli.util.arrays import Floats, Workspace
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Workspace
 from cageik_cli.util.errors import ConnectivityError, SettingError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.fit_arrays import fit_weights
@@ -97,7 +97,7 @@ def extract(
     align: bool = True,
     vertex_weights: ArrayLike | None = None,
     fit: FitSettings | None = None,
-    memory: int = 1 << 30,
+    memory: int = DEFAULT_MEMORY,
     jobs: int | None = None,
     progress: ReportProgress | None = None,
 ) -> CageAnimation:

@@ -9,6 +9,7 @@ from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.open import list_input_files
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.solver.settings import FitSettings, SolveSettings
+from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError
 
 
@@ -72,7 +73,7 @@ class ExtractSettings:
     on_bad_frame: str = "stop"
     keep_weights: bool = True
     scene: SceneHints = field(default_factory=SceneHints)
-    memory: int = 1 << 30
+    memory: int = DEFAULT_MEMORY
     jobs: int = 1
     build: BuildSettings = field(default_factory=BuildSettings)
     cage_output: Path | None = None

@@ -13,7 +13,7 @@ from cageik_cli.solver.fitting import fit as fitting
 from cageik_cli.solver.fitting.fit import FitConditions, FittedWeights
 from cageik_cli.solver.fitting.sample import FrameReader, SampleSettings
 from cageik_cli.solver.settings import FitSettings, SolveSettings
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.threads import count_processors
 
 
@@ -43,7 +43,7 @@ def fit_weights(
     *,
     solve: SolveSettings | None = None,
     vertex_weights: ArrayLike | None = None,
-    memory: int = 1 << 30,
+    memory: int = DEFAULT_MEMORY,
     jobs: int | None = None,
 ) -> FittedWeights:
     """Fit the weights of a binding to one or several clips.

@@ -9,7 +9,7 @@ import numpy as np
 from cageik_cli.coordinates.fitting.displacements import Displacements
 from cageik_cli.coordinates.fitting.problem import estimate_memory
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
-from cageik_cli.util.arrays import Floats, Integers, fit_frames
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers, fit_frames
 from cageik_cli.util.errors import ConnectivityError, InputError
 from cageik_cli.util.threads import OrderedMap
 
@@ -58,7 +58,7 @@ class SampleSettings:
         Most frames in the sample.
     """
 
-    memory: int = 1 << 30
+    memory: int = DEFAULT_MEMORY
     jobs: int = 1
     skips_bad_frames: bool = False
     max_frames: int = MAX_FITTED_FRAMES

@@ -28,6 +28,13 @@ class BadFrames(Frames):
         return super().read_frame(index)
 
 
+class Unreadable(Frames):
+    """No frame can be read."""
+
+    def read_frame(self, index):
+        raise FormatError(f"frame {index}: is damaged")
+
+
 def sampled(clip=CLIP, **settings):
     return sample_frames([Frames(clip)], SOLVER, SampleSettings(**settings))
 
@@ -81,9 +88,11 @@ def test_bad_frames_are_refused_or_left_out():
     assert set(range(40)) - set(sample.frames) == {1, 2}
 
 
-def test_a_clip_of_bad_frames_is_refused():
+def test_clips_without_readable_frames_are_refused():
     with pytest.raises(InputError, match="no frame"):
         sample_frames([BadFrames(CLIP[:0])], SOLVER, SampleSettings(skips_bad_frames=True))
+    with pytest.raises(InputError, match="no frame"):
+        sample_frames([Unreadable(CLIP)], SOLVER, SampleSettings(skips_bad_frames=True))
 
 
 def test_spread_points_are_the_farthest():
