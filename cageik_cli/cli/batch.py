@@ -70,6 +70,12 @@ def per_clip_options(command: Callable[..., Any]) -> Callable[..., Any]:
         show_default=True,
         help="Write one HTML page per clip, linked from index.html.",
     ),
+    click.option(
+        "--player/--no-player",
+        default=False,
+        show_default=True,
+        help="Play the clip and pose its model on each page, which is then about 2 MB larger.",
+    ),
 )
 @click.option(
     "--scheduler",

@@ -53,6 +53,7 @@ class BatchOptions:
     resume: bool
     overwrite: bool
     pages: bool
+    player: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +184,7 @@ def _make_job(
         overwrite=options.resume or options.overwrite,
         jobs=1,
     )
-    return ClipJob(name, settings, limits, options.pages)
+    return ClipJob(name, settings, limits, options.pages, options.player)
 
 
 def _check_not_results(folder: Path, output: Path) -> None:

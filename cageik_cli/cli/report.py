@@ -37,6 +37,12 @@ PLOT_SUFFIXES = (".png", ".svg")
 class ReportTargets:
     """The file that each view is written to; `-` is stdout.
 
+    Attributes
+    ----------
+    html, plot, json, csv, junit, markdown : Path, optional
+    player : bool
+        Whether the page plays the clip.
+
     Raises
     ------
     click.UsageError
@@ -49,6 +55,7 @@ class ReportTargets:
     csv: Path | None
     junit: Path | None
     markdown: Path | None
+    player: bool
 
     def __post_init__(self) -> None:
         on_stdout = [f"--{name}" for name, path in self.named.items() if str(path) == "-"]
@@ -65,7 +72,7 @@ class ReportTargets:
     def named(self) -> dict[str, Path]:
         """The targets that are given, by the names of the views."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {name: path for name, path in values.items() if path is not None}
+        return {name: path for name, path in values.items() if isinstance(path, Path)}
 
     @property
     def uses_stdout(self) -> bool:
@@ -101,6 +108,12 @@ class ReportTargets:
     ),
     click.option(
         "--markdown", type=PATH_TYPE, help="Write a Markdown table of the results; - is stdout."
+    ),
+    click.option(
+        "--player/--no-player",
+        default=True,
+        show_default=True,
+        help="Play the clip and pose its model on the page of --html.",
     ),
 )
 @LIMIT_OPTIONS
@@ -173,7 +186,7 @@ def _write_views(
     from cageik_cli.report.views.tables import format_csv, format_json
 
     views: dict[str, Callable[[], str | bytes]] = {
-        "html": partial(_render_page, result, reports[0]),
+        "html": partial(_render_page, result, reports[0], targets.player),
         "plot": partial(_render_plot, reports[0], targets.plot),
         "json": partial(format_json, reports),
         "csv": partial(format_csv, reports),
@@ -190,10 +203,10 @@ def _choose_names(results: tuple[Path, ...]) -> list[str]:
     return names if len(set(names)) == len(names) else [path.as_posix() for path in results]
 
 
-def _render_page(result: "Result", report: "Report") -> str:
+def _render_page(result: "Result", report: "Report", has_player: bool) -> str:
     from cageik_cli.report.html.page import render_result_page
 
-    return render_result_page(result, report)
+    return render_result_page(result, report, has_player)
 
 
 def _render_plot(report: "Report", path: Path | None) -> str | bytes:

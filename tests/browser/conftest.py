@@ -10,7 +10,9 @@ import pytest
 
 ARGUMENTS = [
     "--no-sandbox",
-    "--disable-gpu",
+    "--use-gl=angle",  # WebGL2 without a graphics card
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
     "--disable-quic",
     "--no-first-run",
     "--disable-background-networking",

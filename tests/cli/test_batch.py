@@ -77,7 +77,11 @@ def test_every_clip_is_extracted_as_if_alone(run, anim, here):
     assert "wrote out/index.html" in outcome.err
     assert list(report()) == ["face.npz", "runs/fast", "walk"]
     assert report()["walk"]["result"] == "clips/walk.h5"
-    assert "<h1" in Path("out", report()["walk"]["page"]).read_text()
+    page = Path("out", report()["walk"]["page"])
+    assert "<h1" in page.read_text()
+    assert "data-player" not in page.read_text()
+    assert run(*BATCH, "--pages", "--player", "--resume").code == 0
+    assert "data-player" in page.read_text()
     run("extract", "anim/walk", "--cage", "anim/cage.obj", "-o", "alone.h5")
     assert Path("out/clips/walk.h5").read_bytes() == Path("alone.h5").read_bytes()
     names = {"index.html", "report.json", "clips.csv", "junit.xml", "report.md", "clips"}

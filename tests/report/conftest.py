@@ -56,23 +56,32 @@ def opened(make_case, animation) -> Case:
 
 
 @pytest.fixture(scope="session")
-def fitted(tmp_path_factory, write_obj) -> Result:
-    """A result of 12 frames with weights fitted to them, from mean value ones."""
-    folder, binding = tmp_path_factory.mktemp("fitted"), small_binding()
-    cage = write_obj(folder / "cage.obj", 1.6 * binding.cage.vertices, binding.cage.faces)
-    rest = write_obj(folder / "rest.obj", binding.rest.vertices, binding.rest.faces)
-    frames = clip_of(binding, true_weights(binding), 12)
-    np.savez(folder / "clip.npz", verts=frames, faces=binding.rest.faces)
-    return extract(
-        ExtractSettings(
-            (str(folder / "clip.npz"),),
-            cage,
-            folder / "cages.h5",
-            rest=rest,
-            bind=BindSettings("mean-value"),
-            fit=FitSettings(),
+def make_fitted(tmp_path_factory, write_obj):
+    """A function that extracts 12 frames with weights fitted to them, from mean value ones."""
+
+    def extracted(**options) -> Result:
+        folder, binding = tmp_path_factory.mktemp("fitted"), small_binding()
+        cage = write_obj(folder / "cage.obj", 1.6 * binding.cage.vertices, binding.cage.faces)
+        rest = write_obj(folder / "rest.obj", binding.rest.vertices, binding.rest.faces)
+        frames = clip_of(binding, true_weights(binding), 12)
+        np.savez(folder / "clip.npz", verts=frames, faces=binding.rest.faces)
+        return extract(
+            ExtractSettings(
+                (str(folder / "clip.npz"),),
+                cage,
+                folder / "cages.h5",
+                rest=rest,
+                bind=BindSettings("mean-value"),
+                fit=FitSettings(**options),
+            )
         )
-    )
+
+    return extracted
+
+
+@pytest.fixture(scope="session")
+def fitted(make_fitted) -> Result:
+    return make_fitted()
 
 
 HANDLES = [

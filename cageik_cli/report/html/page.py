@@ -1,7 +1,5 @@
 """The report as a page: one HTML file without other files, for a browser or a printer."""
 
-import hashlib
-from pathlib import Path
 from typing import Any
 
 from cageik_cli.report.figures import (
@@ -21,6 +19,8 @@ from cageik_cli.report.html.frames_table import (
     build_quality_rows,
     choose_columns,
 )
+from cageik_cli.report.html.page_mark import compute_record_digest, make_record_mark
+from cageik_cli.report.html.player_section import build_player_values
 from cageik_cli.report.html.scales import TICK_COUNT, format_ticks
 from cageik_cli.report.html.templating import make_data_url, make_png_url, render_template
 from cageik_cli.report.limits import (
@@ -31,6 +31,7 @@ from cageik_cli.report.limits import (
     make_overall_verdict,
     make_verdict,
 )
+from cageik_cli.report.player.clip import PlayerClip, load_player_clip
 from cageik_cli.report.plots.error_plot import build_page_plot
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import (
@@ -50,7 +51,6 @@ from cageik_cli.report.render.model_views import (
     load_poses,
     render_pictures,
 )
-from cageik_cli.report.views.tables import format_json
 from cageik_cli.report.vocabulary import (
     CAUSES,
     SETTING_MEANINGS,
@@ -61,6 +61,7 @@ from cageik_cli.solver.region_causes import Cause
 from cageik_cli.store.result import Result
 
 SECTIONS = (
+    ("player", "Player"),
     ("verdict", "Verdict"),
     ("per-frame", "{measure} per frame"),
     ("poses", "Poses"),
@@ -78,12 +79,12 @@ SECTIONS = (
 MIN_FIXED_POINT_PERCENT = 0.01
 """Percent: a histogram that ends lower is printed with more digits than other percentages."""
 
-HEAD_BYTES = 512
-"""The first bytes of a page, which hold the tag that names its record."""
-
 
 def render_page(
-    report: Report, pictures: Pictures | None, fit_pictures: FitPictures | None = None
+    report: Report,
+    pictures: Pictures | None,
+    fit_pictures: FitPictures | None = None,
+    player: PlayerClip | None = None,
 ) -> str:
     """Render the page of a report.
 
@@ -94,6 +95,8 @@ def render_page(
         None for a result without weights; the page then says so.
     fit_pictures : FitPictures, optional
         None for a result that does not hold the weights before a fit.
+    player : PlayerClip, optional
+        None for a page without a player.
 
     Returns
     -------
@@ -102,13 +105,17 @@ def render_page(
     """
     columns, words = choose_columns(report), choose_vocabulary(report.edited_from)
     fit = build_fit_values(report, fit_pictures, words)
+    optional = {"regions": report.regions, "fit": fit, "player": player}
     return render_template(
         "page.html.j2",
+        has_player=player is not None,
+        mark=make_record_mark(report, pictures is not None, player is not None),
         report=report,
         digest=compute_record_digest(report),
         words=words,
-        sections=_list_sections(report, words, has_fit=fit is not None),
+        sections=_list_sections(words, {name for name, part in optional.items() if not part}),
         fit=fit,
+        player=None if player is None else build_player_values(player),
         verdict=make_overall_verdict(report.gates),
         limit_rows=[_build_limit_row(check, words) for check in report.gates],
         plot=_build_plot_values(report),
@@ -130,13 +137,10 @@ def render_page(
     )
 
 
-def _list_sections(report: Report, words: Vocabulary, has_fit: bool) -> list[tuple[str, str]]:
-    """List the anchors and the titles of the sections."""
-    optional = {"regions": bool(report.regions), "fit": has_fit}
+def _list_sections(words: Vocabulary, absent: set[str]) -> list[tuple[str, str]]:
+    """List the anchors and the titles of the sections, but those that are absent."""
     names = {"measure": words.measure.capitalize(), "worst": words.worst.capitalize()}
-    return [
-        (anchor, title.format(**names)) for anchor, title in SECTIONS if optional.get(anchor, True)
-    ]
+    return [(anchor, title.format(**names)) for anchor, title in SECTIONS if anchor not in absent]
 
 
 def _build_region_values(report: Report) -> dict[str, Any]:
@@ -173,8 +177,10 @@ def _build_provenance(report: Report) -> dict[str, Any]:
     }
 
 
-def render_result_page(result: Result, report: Report) -> str:
+def render_result_page(result: Result, report: Report, has_player: bool = True) -> str:
     """Render the page of a result and its report, with pictures.
+
+    Without weights a page has neither pictures nor a player.
 
     Raises
     ------
@@ -186,29 +192,8 @@ def render_result_page(result: Result, report: Report) -> str:
         return render_page(report, None)
     shapes = load_fit_shapes(result, poses)
     fit_pictures = None if shapes is None else render_fit_pictures(poses, shapes)
-    return render_page(report, render_pictures(poses), fit_pictures)
-
-
-def compute_record_digest(report: Report) -> str:
-    """Compute the SHA-256 of a report as `format_json` writes it, in hexadecimal digits."""
-    return hashlib.sha256(format_json([report]).encode()).hexdigest()
-
-
-def is_page_current(path: Path, report: Report, has_pictures: bool) -> bool:
-    """Whether the page at `path` exists and shows this report, with or without pictures.
-
-    Only the first bytes of the file are read.
-    """
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return _make_record_tag(report, has_pictures).encode() in file.read(HEAD_BYTES)
-
-
-def _make_record_tag(report: Report, has_pictures: bool) -> str:
-    """Return the tag in the head of a report's page."""
-    suffix = " pictures" if has_pictures else ""
-    return f'<meta name="cageik-record" content="{compute_record_digest(report)}{suffix}">'
+    player = load_player_clip(result) if has_player else None
+    return render_page(report, render_pictures(poses), fit_pictures, player)
 
 
 def _build_limit_row(check: LimitCheck, words: Vocabulary) -> dict[str, Any]:

@@ -20,14 +20,43 @@ _environment = Environment(
 )
 
 
-def render_template(template: str, **values: Any) -> str:
+PLAYER_SCRIPTS = (
+    "payload",
+    "algebra",
+    "skin",
+    "clip",
+    "colours",
+    "camera",
+    "renderer",
+    "pointers",
+    "transport",
+    "stage",
+    "controls",
+    "start",
+)
+"""Scripts of the player, in the order in which they use each other."""
+
+
+def render_template(template: str, *, has_player: bool = False, **values: Any) -> str:
     """Render a page from a template and its values.
 
     All values are escaped. The page's security policy allows only the script of this digest.
+
+    Parameters
+    ----------
+    template : str
+    has_player : bool
+        Whether the page has the script and the style of the player, too.
+    **values
+        Of the template.
     """
-    script = _read_template("script.js")
+    scripts, styles = ["script.js"], ["style.css"]
+    if has_player:
+        scripts += [f"player/{name}.js" for name in PLAYER_SCRIPTS]
+        styles.append("player.css")
+    script = "".join(map(_read_template, scripts))
     return _environment.get_template(template).render(
-        style=_read_template("style.css"),
+        style="".join(map(_read_template, styles)),
         script=script,
         script_digest=_compute_policy_digest(script),
         generator=GENERATOR,

@@ -80,9 +80,12 @@ def _make_outcome(job: ClipJob, result: Result, state: ClipState) -> Outcome:
     report, place = build_report(result, job.limits, job.name), f"{CLIPS_FOLDER}/{job.name}"
     if not job.has_page:
         return Outcome(build_clip_entry(report, f"{place}.h5"), state)
-    from cageik_cli.report.html.page import is_page_current, render_result_page
+    from cageik_cli.report.html.page import render_result_page
+    from cageik_cli.report.html.page_mark import is_page_current
 
     page = result.path.with_suffix(".html")
-    if not is_page_current(page, report, has_weights(result)):
-        write_text(page, render_result_page(result, report), overwrite=True)
+    has_pictures = has_weights(result)
+    has_player = job.has_player and has_pictures
+    if not is_page_current(page, report, has_pictures, has_player):
+        write_text(page, render_result_page(result, report, has_player), overwrite=True)
     return Outcome(build_clip_entry(report, f"{place}.h5", f"{place}.html"), state)

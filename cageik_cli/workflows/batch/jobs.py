@@ -27,12 +27,15 @@ class ClipJob:
     limits : Limits
     has_page : bool
         Whether a page is written beside the result.
+    has_player : bool
+        Whether the page plays the clip.
     """
 
     name: str
     settings: ExtractSettings
     limits: Limits = field(default_factory=Limits)
     has_page: bool = True
+    has_player: bool = False
 
 
 class ClipState(Enum):

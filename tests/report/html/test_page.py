@@ -12,7 +12,8 @@ import pytest
 
 from cageik_cli.report.figures import format_change, format_length, format_metric, format_percent
 from cageik_cli.report.html.frames_table import build_quality_rows
-from cageik_cli.report.html.page import compute_record_digest, is_page_current, render_page
+from cageik_cli.report.html.page import render_page
+from cageik_cli.report.html.page_mark import compute_record_digest, is_page_current
 from cageik_cli.report.limits import (
     Limit,
     LimitCheck,

@@ -1,0 +1,110 @@
+// Small linear algebra in double precision. Matrices are lists of rows, or flat 3 x 3 and 4 x 4.
+const dot = (a, b) => { let sum = 0; for (let k = 0; k < a.length; k++) sum += a[k] * b[k]; return sum; };
+const add = (a, b) => a.map((x, k) => x + b[k]);
+const subtract = (a, b) => a.map((x, k) => x - b[k]);
+const scale = (a, factor) => a.map((x) => x * factor);
+const norm = (a) => Math.sqrt(dot(a, a));
+const normalize = (a) => scale(a, 1 / (norm(a) || 1));
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const clamp = (x, low, high) => Math.min(high, Math.max(low, x));
+const makeRows = (count, width) => Array.from({ length: count }, () => new Float64Array(width));
+
+// A row vector times a flat 3 x 3 matrix: rotations of results act so.
+const turn = (p, r) => [0, 1, 2].map((k) => p[0] * r[k] + p[1] * r[3 + k] + p[2] * r[6 + k]);
+
+// Cholesky's factor of a symmetric matrix; null unless it is positive by more than rounding.
+function factorize(matrix) {
+  const n = matrix.length, lower = makeRows(n, n);
+  let largest = 0, smallest = Infinity;
+  for (let i = 0; i < n; i++) {
+    const row = lower[i];
+    for (let j = 0; j <= i; j++) {
+      const other = lower[j];
+      let sum = matrix[i][j];
+      for (let k = 0; k < j; k++) sum -= row[k] * other[k];
+      if (j < i) { row[j] = sum / other[j]; continue; }
+      largest = Math.max(largest, sum);
+      smallest = Math.min(smallest, sum);
+      if (!(smallest > 1e-13 * largest)) return null;
+      row[i] = Math.sqrt(sum);
+    }
+  }
+  return lower;
+}
+
+function solveFactored(lower, right) {
+  const n = lower.length, x = Float64Array.from(right);
+  for (let i = 0; i < n; i++) {
+    const row = lower[i];
+    let sum = x[i];
+    for (let k = 0; k < i; k++) sum -= row[k] * x[k];
+    x[i] = sum / row[i];
+  }
+  for (let i = n - 1; i >= 0; i--) {
+    const row = lower[i], value = x[i] /= row[i];
+    for (let k = 0; k < i; k++) x[k] -= row[k] * value;
+  }
+  return x;
+}
+
+// Singular values by one-sided Jacobi rotations of columns (Hestenes 1958): `columns` become left
+// vectors times values, and `right` holds the right vectors, one per column.
+function decompose(source) {
+  const columns = source.map((column) => Float64Array.from(column)), count = columns.length;
+  const right = makeRows(count, count);
+  for (let k = 0; k < count; k++) right[k][k] = 1;
+  for (let sweep = 0, turned = true; turned && sweep < 60; sweep++) {
+    turned = false;
+    for (let p = 0; p < count; p++) for (let q = p + 1; q < count; q++) {
+      const pp = dot(columns[p], columns[p]), qq = dot(columns[q], columns[q]), pq = dot(columns[p], columns[q]);
+      if (Math.abs(pq) <= 1e-16 * Math.sqrt(pp * qq) || pq === 0) continue;
+      turned = true;
+      const zeta = (qq - pp) / (2 * pq), t = (zeta < 0 ? -1 : 1) / (Math.abs(zeta) + Math.hypot(1, zeta));
+      const c = 1 / Math.hypot(1, t), s = c * t;
+      for (const [a, b] of [[columns[p], columns[q]], [right[p], right[q]]]) {
+        for (let k = 0; k < a.length; k++) { const x = a[k]; a[k] = c * x - s * b[k]; b[k] = s * x + c * b[k]; }
+      }
+    }
+  }
+  return { values: columns.map(norm), columns, right };
+}
+
+// The rotation that is nearest to a flat 3 x 3 matrix: the largest eigenvector of Horn's matrix, a
+// quaternion, by Jacobi's rotations.
+function nearestRotation(a, out) {
+  const m = [
+    a[0] + a[4] + a[8], a[7] - a[5], a[2] - a[6], a[3] - a[1],
+    0, a[0] - a[4] - a[8], a[3] + a[1], a[2] + a[6],
+    0, 0, a[4] - a[0] - a[8], a[7] + a[5],
+    0, 0, 0, a[8] - a[0] - a[4],
+  ];
+  for (let i = 0; i < 4; i++) for (let j = 0; j < i; j++) m[4 * i + j] = m[4 * j + i];
+  const v = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+  for (let sweep = 0; sweep < 20; sweep++) {
+    let off = 0;
+    for (let p = 0; p < 3; p++) for (let q = p + 1; q < 4; q++) {
+      const pq = m[4 * p + q], size = Math.abs(m[5 * p]) + Math.abs(m[5 * q]);
+      if (Math.abs(pq) <= 1e-17 * size) continue;
+      off = 1;
+      const zeta = (m[5 * q] - m[5 * p]) / (2 * pq), t = (zeta < 0 ? -1 : 1) / (Math.abs(zeta) + Math.sqrt(1 + zeta * zeta));
+      const c = 1 / Math.sqrt(1 + t * t), s = c * t;
+      for (let k = 0; k < 16; k += 4) {
+        let x = m[k + p], y = m[k + q];
+        m[k + p] = c * x - s * y; m[k + q] = s * x + c * y;
+        x = v[k + p]; y = v[k + q];
+        v[k + p] = c * x - s * y; v[k + q] = s * x + c * y;
+      }
+      for (let k = 0; k < 4; k++) {
+        const x = m[4 * p + k], y = m[4 * q + k];
+        m[4 * p + k] = c * x - s * y; m[4 * q + k] = s * x + c * y;
+      }
+    }
+    if (!off) break;
+  }
+  let best = 0;
+  for (let k = 1; k < 4; k++) if (m[5 * k] > m[5 * best]) best = k;
+  const w = v[best], x = v[4 + best], y = v[8 + best], z = v[12 + best];
+  out[0] = w * w + x * x - y * y - z * z; out[1] = 2 * (x * y - w * z); out[2] = 2 * (x * z + w * y);
+  out[3] = 2 * (x * y + w * z); out[4] = w * w - x * x + y * y - z * z; out[5] = 2 * (y * z - w * x);
+  out[6] = 2 * (x * z - w * y); out[7] = 2 * (y * z + w * x); out[8] = w * w - x * x - y * y + z * z;
+}

@@ -1,0 +1,45 @@
+// The frames of the page's clip, in diagonals of the model from the middle of its rest cage.
+class Clip {
+  constructor({ header, arrays }) {
+    this.header = header;
+    this.arrays = arrays;
+    this.cageSize = arrays.cage.length;
+    this.count = arrays.cages.length / this.cageSize;
+    this.held = new Map(header.held.map(({ frame, label }, place) => [frame, { label, place }]));
+  }
+
+  cage(frame) { return this.arrays.cages.subarray(frame * this.cageSize, (frame + 1) * this.cageSize); }
+
+  rotation(frame) { return this.arrays.rotations.subarray(9 * frame, 9 * frame + 9); }
+
+  // v − v̂ of a held frame, by coordinate.
+  errors(frame) {
+    const { place } = this.held.get(frame), size = this.arrays.base.length;
+    return this.arrays.held.subarray(place * size, (place + 1) * size);
+  }
+
+  // The input of a held frame, from its reconstruction.
+  input(frame, positions, out) {
+    const errors = this.errors(frame), m = out.length / 3, step = this.header.heldStep;
+    for (let j = 0; j < m; j++) for (let a = 0; a < 3; a++) out[3 * j + a] = positions[3 * j + a] + step * errors[a * m + j];
+  }
+
+  // The number of a drawn vertex in the model's file, and back (-1 if it is not drawn).
+  fileVertex(vertex) { return this.arrays.vertices ? this.arrays.vertices[vertex] : vertex; }
+
+  drawnVertex(number) {
+    if (!this.arrays.vertices) return number < this.arrays.base.length / 3 ? number : -1;
+    return this.arrays.vertices.indexOf(number);
+  }
+
+  toFile(point) { return point.map((x, k) => x * this.header.diagonal + this.header.origin[k]); }
+
+  fromFile(point) { return point.map((x, k) => (x - this.header.origin[k]) / this.header.diagonal); }
+
+  nameOf(frame) { return this.header.frames[frame] ?? "rest pose"; }
+}
+
+// A value between two lists of numbers.
+function interpolate(a, b, share) {
+  return share ? Float64Array.from(a, (x, k) => x + share * (b[k] - x)) : a;
+}

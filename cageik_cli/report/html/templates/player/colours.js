@@ -1,0 +1,41 @@
+// Colours of vertices: a ramp of nine colours, and for each vertex a place on it, 0 to 1, or -1 if
+// it is missing data.
+const CLAY = "#e2d6c8", INPUT = "#cfd6dd", MOVED = "#e0792c";
+
+const parseColour = (text) => [1, 3, 5].map((k) => parseInt(text.slice(k, k + 2), 16) / 255);
+
+const makeRamp = (colours) => Float32Array.from(colours.flatMap(parseColour));
+
+const PLAIN = { clay: makeRamp(Array(9).fill(CLAY)), input: makeRamp(Array(9).fill(INPUT)) };
+
+class Colours {
+  constructor(clip) {
+    this.clip = clip;
+    this.ramp = makeRamp(clip.header.colours);
+    this.movedRamp = makeRamp([...Array(8).fill(CLAY), MOVED]);
+    this.missing = parseColour(clip.header.missing);
+    this.values = new Float32Array(clip.arrays.base.length / 3);
+  }
+
+  // Fills `values` for a mode and a frame; returns the ramp, and what its scale says, if any.
+  choose(mode, frame, moved) {
+    const { header, arrays } = this.clip, values = this.values;
+    values.fill(0);
+    if (mode === "rms" && header.rms) {
+      const factor = header.rms.top / 65534 / header.rms.end;
+      for (let j = 0; j < values.length; j++) values[j] = arrays.rms[j] === 65535 ? -1 : arrays.rms[j] * factor;
+      return { ramp: this.ramp, end: header.rms.end };
+    }
+    if (mode === "frame" && this.clip.held.has(frame)) {
+      const errors = this.clip.errors(frame), m = values.length, factor = 100 * header.heldStep / header.deviationEnd;
+      for (let j = 0; j < m; j++) values[j] = factor * Math.hypot(errors[j], errors[m + j], errors[2 * m + j]);
+      if (arrays.rms) for (let j = 0; j < m; j++) if (arrays.rms[j] === 65535) values[j] = -1;
+      return { ramp: this.ramp, end: header.deviationEnd };
+    }
+    if (mode === "moved" && moved) {
+      values.set(moved);
+      return { ramp: this.movedRamp };
+    }
+    return { ramp: PLAIN.clay };
+  }
+}

@@ -1,0 +1,207 @@
+"""The record of what a player shows, and how to read it from a result."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cageik_cli.coordinates.binding import Binding
+from cageik_cli.posing.constraints import Mirror, mirror_pairs
+from cageik_cli.report.render.model_views import FRAME_LABELS
+from cageik_cli.report.render.viewpoints import REGION_TURNS, VIEW_TURN, choose_view, view_axes
+from cageik_cli.store.result import Result, read_cages
+from cageik_cli.store.result_frames import KeyFrames, read_binding, read_key_frames, read_rotations
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import HandlesError
+
+FRAMES_PER_READ = 64
+
+MAX_CAGE_NUMBERS = 1 << 24
+"""Coordinates of cages that a page holds at most; the last frames of longer clips are left out."""
+
+FOCUS_EXTENT = 0.15
+"""Half the width of a view of the worst vertex, in diagonals, if there are no regions."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldFrame:
+    """A frame whose input is known.
+
+    Attributes
+    ----------
+    index : int
+    label : str
+        Why it is held, such as "worst".
+    errors : (m, 3) float64
+        v − v̂, in diagonals of the rest model.
+    """
+
+    index: int
+    label: str
+    errors: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Focus:
+    """Where the worst region is.
+
+    Attributes
+    ----------
+    frame, vertex : int
+    extent : float
+        Half the width of a view of it, in diagonals.
+    turn : float
+        Degrees to the right of the front from which it is seen.
+    """
+
+    frame: int
+    vertex: int
+    extent: float
+    turn: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlayerClip:
+    """What a player shows: a model, its cage, and the cages of frames.
+
+    The mesh of frame k is `base @ R_k + weights @ (cages[k] - cage @ R_k)`. So `base` is the mesh
+    that the rest cage gives: `weights @ cage`, or the rest pose where weights have offsets or a
+    single model is posed.
+
+    Attributes
+    ----------
+    binding : Binding
+    base : (m, 3) float64
+    cages : (F, n, 3) float64
+    rotations : (F, 3, 3) float64
+        Of the rest pose to each frame; `points @ R` turns points.
+    frames : tuple of str
+        Names of the F frames. Empty for a single pose, which has one cage.
+    fps : float
+    up_axis : str
+        "Y" or "Z".
+    skipped : tuple of int
+        Frames without data, whose cages are interpolated.
+    vertex_rms : (m,) float64, optional
+        Error of each vertex over the clip, percent of the diagonal; nan for missing data.
+    held : tuple of HeldFrame
+    focus : Focus, optional
+    target : str
+        What `cageik pose` is told to pose: the name of a file, and options.
+    left_out : int
+        Number of frames at the end of the clip that are not shown.
+    """
+
+    binding: Binding
+    base: Floats
+    cages: Floats
+    rotations: Floats
+    frames: tuple[str, ...] = ()
+    fps: float = 24.0
+    up_axis: str = "Y"
+    skipped: tuple[int, ...] = ()
+    vertex_rms: Floats | None = None
+    held: tuple[HeldFrame, ...] = field(default=())
+    focus: Focus | None = None
+    target: str = ""
+    left_out: int = 0
+
+
+def make_single_pose(binding: Binding, up_axis: str = "Y", target: str = "") -> PlayerClip:
+    """Make the clip of a model in its rest pose, to be posed."""
+    return PlayerClip(
+        binding=binding,
+        base=binding.rest.vertices,
+        cages=binding.cage.vertices[None],
+        rotations=np.eye(3)[None],
+        up_axis=up_axis,
+        target=target,
+    )
+
+
+def load_player_clip(result: Result) -> PlayerClip | None:
+    """Load what a player shows of a result; None if it was written without weights.
+
+    Raises
+    ------
+    InputError
+        When the file is damaged.
+    """
+    binding = read_binding(result)
+    if binding is None:
+        return None
+    base = result.rest.vertices
+    if not binding.has_offsets:
+        base = binding.weights @ binding.cage.vertices
+    count = min(len(result.frames), max(1, MAX_CAGE_NUMBERS // binding.cage.vertices.size))
+    key_frames = read_key_frames(result, binding)
+    focus = _find_focus(result, key_frames)
+    return PlayerClip(
+        binding=binding,
+        base=base,
+        cages=_read_first_cages(result, count),
+        rotations=read_rotations(result)[:count],
+        frames=result.frames[:count],
+        fps=result.scene.fps,
+        up_axis=result.scene.up_axis,
+        skipped=tuple(frame for frame in result.skipped if frame < count),
+        vertex_rms=100 * result.vertex_rms / (result.rest.diagonal or 1.0),
+        held=tuple(one for one in _list_held_frames(key_frames) if one.index < count),
+        focus=focus if focus.frame < count else None,
+        target=result.path.name,
+        left_out=len(result.frames) - count,
+    )
+
+
+def _read_first_cages(result: Result, count: int) -> Floats:
+    blocks, read = [], 0
+    for block in read_cages(result, FRAMES_PER_READ):
+        blocks.append(block)
+        read += len(block)
+        if read >= count:
+            break
+    return np.concatenate(blocks)[:count]
+
+
+def _list_held_frames(key_frames: KeyFrames) -> list[HeldFrame]:
+    """List the frames that are kept in full; one frame may be kept for several reasons."""
+    labels = (*FRAME_LABELS, "worst region")
+    found = zip(key_frames.indices.tolist(), labels, key_frames.errors, strict=False)
+    held: dict[int, HeldFrame] = {}
+    for frame, label, errors in found:
+        held.setdefault(frame, HeldFrame(frame, label, errors))
+    return list(held.values())
+
+
+def _find_focus(result: Result, key_frames: KeyFrames) -> Focus:
+    """Find the worst region; if there is none, the largest deviation of the clip."""
+    held, poses = key_frames.indices.tolist(), key_frames.reconstructed
+    region = next(iter(result.regions or ()), None)
+    diagonal = result.rest.diagonal or 1.0
+    if region is None:
+        frame = int(np.nanargmax(result.metrics.max_deviation))
+        vertex = int(result.metrics.worst_vertex[frame])
+        extent = FOCUS_EXTENT
+    else:
+        frame, vertex = region.frame, region.worst_vertex
+        extent = max(region.size / diagonal, FOCUS_EXTENT)
+    turn = VIEW_TURN
+    if frame in held:
+        pose, rest = poses[held.index(frame)], result.rest.vertices
+        is_near = np.linalg.norm(rest - rest[vertex], axis=1) <= extent * diagonal / 3
+        views = {turn: view_axes(result.scene.up_axis, turn) for turn in REGION_TURNS}
+        turn = choose_view(pose, result.rest.faces, is_near, views)
+    return Focus(frame, vertex, extent, turn)
+
+
+def find_mirror(binding: Binding) -> Mirror | None:
+    """Find an axis across which the cage is its own mirror image; None if there is none."""
+    vertices = binding.cage.vertices
+    for point in (vertices.mean(axis=0), 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))):
+        for normal in np.eye(3):
+            mirror = Mirror(normal, point)
+            try:
+                mirror_pairs(binding.cage, mirror)
+            except HandlesError:
+                continue
+            return mirror
+    return None

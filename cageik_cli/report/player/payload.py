@@ -1,0 +1,155 @@
+"""The data of a player as one text, for the script of a page."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.coordinates.binding import Binding
+from cageik_cli.posing.poser import DEFAULT_ALPHA
+from cageik_cli.report.player.clip import HeldFrame, PlayerClip, find_mirror
+from cageik_cli.report.player.decimation import CoarseMesh, decimate
+from cageik_cli.report.player.packing import pack_arrays
+from cageik_cli.report.player.quantization import round_weights
+from cageik_cli.report.render.colouring import COLOUR_SCALE, MISSING_COLOUR, choose_scale_end
+from cageik_cli.util.arrays import Floats
+
+MAX_DRAWN_VERTICES = 50_000
+"""A larger model is decimated."""
+
+MAX_WEIGHTS = 1 << 24
+"""Weights of a page at most; a model of more in its cage is decimated, too."""
+
+MAX_COORDINATE = 1e30
+"""Diagonals; what is farther away is drawn there, since single precision ends near."""
+
+MISSING_LEVEL = 0xFFFF
+"""Marks vertices that are missing data among the errors."""
+
+MIN_ERROR_STEP = 2e-6
+"""Diagonals: errors of held frames are not stored more precisely."""
+
+DEFAULT_RIGIDITY = 10
+"""Rounds that the page offers first."""
+
+
+def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
+    """Build the data of a player.
+
+    Lengths are in diagonals of the rest model, and positions relative to the middle of its cage, so
+    that single precision is enough anywhere.
+
+    Parameters
+    ----------
+    clip : PlayerClip
+    apply_url : str
+        Where the page sends its handles when they are applied; "" if they are only saved.
+
+    Returns
+    -------
+    str
+        Letters, digits, `+`, `/` and `=`: the same for the same clip.
+    """
+    rest, cage = clip.binding.rest, clip.binding.cage
+    diagonal, origin = rest.diagonal or 1.0, cage.vertices.mean(axis=0)
+    coarse = choose_vertices(clip.binding)
+    chosen = coarse.vertices
+    rounded = round_weights(clip.binding.weights[chosen])
+    arrays: dict[str, NDArray[Any]] = {
+        "faces": coarse.faces.astype("<u4"),
+        "cageFaces": cage.faces.astype("<u4"),
+        # By column: neighbouring numbers are then alike, and pack better.
+        "weights": np.ascontiguousarray(rounded.integers.T).astype("<i2"),
+        "base": _scale((clip.base[chosen] - origin) / diagonal),
+        "cage": _scale((cage.vertices - origin) / diagonal),
+        "cages": _scale((clip.cages - origin) / diagonal),
+        # Positions are relative to the origin, and turning about it moves nothing else.
+        "rotations": clip.rotations.astype("<f4"),
+    }
+    header = {
+        "schema": 1,
+        "origin": origin.tolist(),
+        "diagonal": diagonal,
+        "levels": rounded.levels,
+        "vertexCount": len(rest.vertices),
+        "isClip": bool(clip.frames),
+        "frames": list(clip.frames),
+        "skipped": list(clip.skipped),
+        "fps": clip.fps,
+        "up": clip.up_axis,
+        "focus": _list_focus(clip, chosen),
+        "mirror": _list_mirror(clip),
+        "colours": list(COLOUR_SCALE),
+        "missing": MISSING_COLOUR,
+        "alpha": DEFAULT_ALPHA,
+        "rigidity": DEFAULT_RIGIDITY,
+        "target": clip.target,
+        "applyUrl": apply_url,
+    }
+    if len(chosen) < len(rest.vertices):
+        arrays["vertices"] = chosen.astype("<u4")
+    header |= _add_errors(clip, chosen, arrays)
+    return pack_arrays(header, arrays)
+
+
+def choose_vertices(binding: Binding) -> CoarseMesh:
+    """Choose the vertices that are drawn: all, unless there are too many."""
+    rest, count = binding.rest, len(binding.rest.vertices)
+    largest = min(MAX_DRAWN_VERTICES, MAX_WEIGHTS // len(binding.cage.vertices))
+    if count <= largest:
+        return CoarseMesh(np.arange(count), rest.faces)
+    return decimate(rest, largest)
+
+
+def _scale(values: Floats) -> NDArray[np.float32]:
+    return np.clip(values, -MAX_COORDINATE, MAX_COORDINATE).astype("<f4")
+
+
+def _add_errors(
+    clip: PlayerClip, chosen: NDArray[np.int64], arrays: dict[str, NDArray[Any]]
+) -> dict[str, Any]:
+    """Add the errors over the clip and of held frames to the arrays; return their scales."""
+    scales: dict[str, Any] = {"held": [], "rms": None}
+    if clip.vertex_rms is not None:
+        rms = clip.vertex_rms[chosen]
+        is_known = np.isfinite(rms)
+        top = float(rms[is_known].max(initial=0.0)) or 1.0
+        levels = np.full(len(rms), MISSING_LEVEL, "<u2")
+        levels[is_known] = np.rint(rms[is_known] / top * (MISSING_LEVEL - 1))
+        arrays["rms"] = levels
+        scales["rms"] = {"top": top, "end": choose_scale_end(rms[is_known])}
+    if clip.held:
+        errors = np.stack([one.errors[chosen] for one in clip.held])
+        step = max(float(np.abs(errors).max()) / 32767, MIN_ERROR_STEP)
+        # By coordinate, for the same reason as weights by column.
+        arrays["held"] = np.rint(errors / step).transpose(0, 2, 1).astype("<i2")
+        scales["held"] = [{"frame": one.index, "label": one.label} for one in clip.held]
+        scales["heldStep"] = step
+        scales["deviationEnd"] = choose_scale_end(_list_deviations(clip.held))
+    return scales
+
+
+def _list_deviations(held: tuple[HeldFrame, ...]) -> Floats:
+    """Return the deviations of all held frames, percent of the diagonal."""
+    return np.concatenate([100 * np.linalg.norm(one.errors, axis=1) for one in held])
+
+
+def _list_focus(clip: PlayerClip, chosen: NDArray[np.int64]) -> dict[str, Any] | None:
+    """List where the worst region is; its vertex is the nearest of those that are drawn."""
+    if clip.focus is None:
+        return None
+    rest, focus = clip.binding.rest.vertices, clip.focus
+    nearest = np.linalg.norm(rest[chosen] - rest[focus.vertex], axis=1).argmin()
+    return {
+        "frame": focus.frame,
+        "vertex": int(nearest),
+        "extent": focus.extent,
+        "turn": focus.turn,
+    }
+
+
+def _list_mirror(clip: PlayerClip) -> dict[str, Any] | None:
+    mirror = find_mirror(clip.binding)
+    if mirror is None:
+        return None
+    return {"normal": mirror.normal.tolist(), "point": mirror.point.tolist()}

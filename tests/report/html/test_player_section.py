@@ -1,0 +1,99 @@
+"""The player in a page: its data and script, under the same strict policy."""
+
+import base64
+import hashlib
+import re
+
+import pytest
+
+from cageik_cli.report.html.page import render_page, render_result_page
+from cageik_cli.report.html.templating import PLAYER_SCRIPTS
+from cageik_cli.report.player import payload
+from cageik_cli.report.player.clip import load_player_clip
+from cageik_cli.report.player.packing import unpack_arrays
+from cageik_cli.report.record import build_report
+from tests.report.html.test_page import pictures_of_one_point
+from tests.report.markup import find_faults, parse_page
+
+MAX_SCRIPT_BYTES = 60_000
+
+
+@pytest.fixture(scope="module")
+def clip(closed):
+    return load_player_clip(closed.result)
+
+
+@pytest.fixture(scope="module")
+def report(closed):
+    return build_report(closed.result)
+
+
+@pytest.fixture(scope="module")
+def page(report, clip):
+    return render_page(report, pictures_of_one_point(), None, clip)
+
+
+def test_the_player_comes_first(page):
+    sections = list(parse_page(page).by_id("main").all("section"))
+    assert sections[0].attributes["id"] == "player"
+    (first, *_) = next(parse_page(page).all("nav")).all("a")
+    assert first.attributes["href"] == "#player"
+
+
+def test_the_page_has_no_faults(page):
+    assert find_faults(page) == []
+
+
+def test_only_one_script_runs_and_the_policy_names_it(page):
+    data, script = parse_page(page).all("script")
+    assert data.attributes == {"type": "application/octet-stream", "id": "player-data"}
+    assert script.attributes == {}
+    digest = base64.b64encode(hashlib.sha256(script.source.encode()).digest()).decode()
+    (policy,) = (
+        one.attributes["content"]
+        for one in parse_page(page).all("meta")
+        if one.attributes.get("http-equiv") == "Content-Security-Policy"
+    )
+    assert f"script-src 'sha256-{digest}'" in policy
+    assert policy.startswith("default-src 'none'; ")
+    assert "connect-src" not in policy
+    assert "eval" not in re.sub(r"evaluate", "", policy)
+
+
+def test_the_data_is_that_of_the_clip(page, clip):
+    (data, _) = parse_page(page).all("script")
+    header, arrays = unpack_arrays(data.source)
+    assert tuple(header["frames"]) == clip.frames
+    assert arrays["weights"].shape == clip.binding.weights.T.shape
+
+
+def test_the_script_is_small(report, page, clip):
+    def measure(text):
+        return len(list(parse_page(text).all("script"))[-1].source.encode())
+
+    own = measure(page) - measure(render_page(report, None))
+    assert 10_000 < own <= MAX_SCRIPT_BYTES
+
+
+def test_every_script_of_the_player_is_in_the_page(page):
+    from importlib.resources import files
+
+    folder = files("cageik_cli.report.html") / "templates" / "player"
+    names = {one.name.removesuffix(".js") for one in folder.iterdir()}
+    assert names == set(PLAYER_SCRIPTS)
+
+
+def test_the_same_result_gives_the_same_bytes(closed, report):
+    assert render_result_page(closed.result, report) == render_result_page(closed.result, report)
+
+
+def test_without_a_player_nothing_of_it_is_there(closed, report):
+    page = render_result_page(closed.result, report, has_player=False)
+    assert "player" not in page
+
+
+def test_what_is_left_out_is_said(report, clip, monkeypatch):
+    monkeypatch.setattr(payload, "MAX_DRAWN_VERTICES", 10)
+    page = parse_page(render_page(report, None, None, clip)).by_id("player").text
+    drawn = len(payload.choose_vertices(clip.binding).vertices)
+    assert f"The player draws {drawn} of 18 vertices" in page

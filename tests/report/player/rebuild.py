@@ -1,0 +1,14 @@
+"""What the script of a page computes from its data, in Python."""
+
+import numpy as np
+
+from cageik_cli.report.player.packing import unpack_arrays
+
+
+def rebuild_frame(text: str, frame: int) -> np.ndarray:
+    """Return the positions of a frame, (m, 3), file units."""
+    header, arrays = unpack_arrays(text)
+    turn = arrays["rotations"][frame].astype(float)
+    moves = arrays["cages"][frame] - arrays["cage"] @ turn
+    mesh = arrays["base"] @ turn + arrays["weights"].T / header["levels"] @ moves
+    return mesh * header["diagonal"] + header["origin"]

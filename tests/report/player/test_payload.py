@@ -1,0 +1,155 @@
+"""The data of a player gives the frames of `cageik deform`."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cageik_cli.coordinates.binding import Binding, reconstruct_frames
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.report.player import clip as clip_module
+from cageik_cli.report.player import payload
+from cageik_cli.report.player.clip import find_mirror, load_player_clip, make_single_pose
+from cageik_cli.report.player.packing import unpack_arrays
+from cageik_cli.report.player.payload import build_payload
+from cageik_cli.store.result import read_cages
+from cageik_cli.store.result_frames import read_binding, read_rotations
+from tests.report.player.rebuild import rebuild_frame
+from tests.shapes import rotation
+
+
+def _check_frames(result, found):
+    """Compare rebuilt frames with those that deform writes."""
+    binding = read_binding(result)
+    cages = np.concatenate(list(read_cages(result, 100)))
+    wanted = reconstruct_frames(binding, cages, read_rotations(result))
+    for frame, mesh in enumerate(wanted):
+        distances = np.linalg.norm(found(frame) - mesh, axis=1) / result.rest.diagonal
+        assert np.sqrt((distances**2).mean()) < 1e-5
+        assert distances.max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"rank": 3}, {"influences": 4}],
+    ids=["all weights", "low rank", "few influences with offsets"],
+)
+def test_fitted_frames_are_those_of_deform(make_fitted, options):
+    result = make_fitted(**options)
+    assert result.has_offsets == ("influences" in options)
+    text = build_payload(load_player_clip(result))
+    _check_frames(result, lambda frame: rebuild_frame(text, frame))
+
+
+def test_frames_are_those_of_deform(closed, clip):
+    text = build_payload(clip)
+    _check_frames(closed.result, lambda frame: rebuild_frame(text, frame))
+    with pytest.raises(AssertionError):
+        _check_frames(closed.result, lambda frame: rebuild_frame(text, 0))
+
+
+def test_a_model_far_from_the_origin_is_as_precise(clip):
+    binding = clip.binding
+    away, turn = np.array([1e7, -2e7, 3e7]), rotation(2)
+    far = Binding(
+        TriMesh(binding.rest.vertices + away, binding.rest.faces),
+        TriMesh(binding.cage.vertices + away, binding.cage.faces),
+        binding.weights,
+    )
+    cages = (clip.cages[-1] - clip.cages[0].mean(axis=0)) @ turn + away
+    moved = replace(clip, binding=far, base=clip.base + away, cages=cages[None],
+                    rotations=turn[None])  # fmt: skip
+    found = rebuild_frame(build_payload(moved), 0)
+    wanted = far.weights @ (cages - away) + away
+    assert np.abs(found - wanted).max() / far.rest.diagonal < 3e-5
+
+
+def test_the_same_clip_gives_the_same_bytes(closed, clip):
+    assert build_payload(load_player_clip(closed.result)) == build_payload(clip)
+
+
+def test_inputs_of_held_frames_are_held(closed, clip):
+    header, arrays = unpack_arrays(build_payload(clip))
+    assert header["held"][0]["label"] == "worst"
+    for place, one in enumerate(header["held"]):
+        errors = arrays["held"][place].T * header["heldStep"] * closed.result.rest.diagonal
+        mesh = closed.reconstruction[one["frame"]] + errors
+        np.testing.assert_allclose(mesh, closed.frames[one["frame"]], atol=1e-4)
+
+
+def test_the_error_of_each_vertex_is_held(closed, clip):
+    rms = clip.vertex_rms.copy()
+    rms[3] = np.nan
+    header, arrays = unpack_arrays(build_payload(replace(clip, vertex_rms=rms)))
+    assert arrays["rms"][3] == 65535
+    known = np.delete(np.arange(len(rms)), 3)
+    found = arrays["rms"][known] * header["rms"]["top"] / 65534
+    np.testing.assert_allclose(found, rms[known], atol=header["rms"]["top"] / 65534)
+    assert 0 < header["rms"]["end"] < 10 * header["rms"]["top"]
+
+
+def test_the_worst_place_is_the_largest_deviation(closed, clip):
+    result = closed.result
+    header, _ = unpack_arrays(build_payload(clip))
+    if not result.regions:
+        worst = int(result.metrics.max_deviation.argmax())
+        assert header["focus"]["frame"] == worst
+        assert header["focus"]["vertex"] == result.metrics.worst_vertex[worst]
+    else:
+        assert header["focus"]["frame"] == result.regions[0].frame
+        assert header["focus"]["vertex"] == result.regions[0].worst_vertex
+
+
+def test_a_single_pose_is_exact_at_rest(clip):
+    text = build_payload(make_single_pose(clip.binding, target="model.obj --cage cage.obj"))
+    header, _ = unpack_arrays(text)
+    assert (header["isClip"], header["frames"], header["held"]) == (False, [], [])
+    np.testing.assert_allclose(rebuild_frame(text, 0), clip.binding.rest.vertices, atol=1e-6)
+
+
+def test_a_large_model_is_decimated(clip, monkeypatch):
+    monkeypatch.setattr(payload, "MAX_DRAWN_VERTICES", 12)
+    header, arrays = unpack_arrays(build_payload(clip))
+    drawn = arrays["vertices"].astype(int)
+    assert len(drawn) == len(arrays["base"]) <= 12 < header["vertexCount"]
+    found = rebuild_frame(build_payload(clip), 2)
+    np.testing.assert_allclose(found, (clip.binding.weights @ clip.cages[2])[drawn], atol=1e-4)
+    rest = clip.binding.rest.vertices
+    nearest = drawn[header["focus"]["vertex"]]
+    distances = np.linalg.norm(rest[drawn] - rest[clip.focus.vertex], axis=1)
+    assert np.linalg.norm(rest[nearest] - rest[clip.focus.vertex]) == distances.min()
+
+
+def test_a_large_cage_leaves_fewer_vertices(clip, monkeypatch):
+    monkeypatch.setattr(payload, "MAX_WEIGHTS", 8 * len(clip.binding.cage.vertices))
+    assert len(payload.choose_vertices(clip.binding).vertices) <= 8
+
+
+def test_the_end_of_a_long_clip_is_left_out(closed, clip, monkeypatch):
+    monkeypatch.setattr(clip_module, "MAX_CAGE_NUMBERS", 3 * clip.binding.cage.vertices.size + 1)
+    short = load_player_clip(closed.result)
+    assert (len(short.cages), short.left_out) == (3, len(clip.cages) - 3)
+    assert short.frames == clip.frames[:3]
+    assert all(one.index < 3 for one in short.held)
+    assert build_payload(short)
+
+
+def test_a_result_without_weights_has_no_player(closed, tmp_path):
+    import h5py
+
+    from cageik_cli.store.result import read_result
+
+    path = tmp_path / "bare.h5"
+    path.write_bytes(closed.result.path.read_bytes())
+    with h5py.File(path, "a") as file:
+        del file["weights"]
+    assert load_player_clip(read_result(path)) is None
+
+
+def test_the_mirror_of_a_symmetric_cage_is_found(clip):
+    mirror = find_mirror(clip.binding)
+    np.testing.assert_array_equal(mirror.normal, [1, 0, 0])
+    bent = clip.binding.cage.vertices.copy()
+    bent[0] += [0.3, 0.2, 0.1]
+    other = Binding(clip.binding.rest, TriMesh(bent, clip.binding.cage.faces), clip.binding.weights)
+    assert find_mirror(other) is None
