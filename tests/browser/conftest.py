@@ -6,7 +6,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from cageik_cli.report.html.page import render_result_page
+from cageik_cli.report.record import build_report
+from cageik_cli.store.result import read_result
+from tests.browser.players import WALKER, run_cageik
 
 ARGUMENTS = [
     "--no-sandbox",
@@ -68,3 +74,33 @@ def opened(browser, tmp_path) -> Iterator[Callable[..., Opened]]:
         assert [url for url in page.requests if url != own and not url.startswith("data:")] == []
     for context in contexts:
         context.close()
+
+
+@pytest.fixture(scope="session")
+def walk(tmp_path_factory):
+    """The result of twelve frames of the walker, and the frames that `cageik deform` writes."""
+    folder = tmp_path_factory.mktemp("walk")
+    frames = [WALKER / "frames" / f"walker_{k}.obj" for k in range(1, 13)]
+    run_cageik("extract", *frames, "--cage", WALKER / "cage.obj", "-o", folder / "walk.h5", "-q")
+    run_cageik("deform", folder / "walk.h5", "-o", folder / "walk.npz", "-q")
+    result = read_result(folder / "walk.h5")
+    with np.load(folder / "walk.npz") as file:
+        return result, file["vertices"]
+
+
+@pytest.fixture(scope="session")
+def walk_page(walk):
+    return render_result_page(walk[0], build_report(walk[0]))
+
+
+@pytest.fixture
+def play(opened, walk_page):
+    """A function that opens the page, and waits until its model is drawn."""
+
+    def start(text=walk_page, **options):
+        page = opened(text, **options).page
+        assert page.evaluate("window.cageikPlayer.then((player) => Boolean(window.P = player))")
+        page.locator("#player canvas").scroll_into_view_if_needed()
+        return page
+
+    return start

@@ -1,86 +1,18 @@
 """The player in Chromium, by mouse, touch and keyboard: it draws the frames of `cageik deform`."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from cageik_cli.cli import main
-from cageik_cli.report.html.page import render_result_page
-from cageik_cli.report.record import build_report
-from cageik_cli.store.result import read_result
+from tests.browser.players import (
+    WALKER,
+    camera_of,
+    check_positions,
+    drag,
+    middle_of,
+    settle,
+)
 
 pytestmark = pytest.mark.browser
-
-WALKER = Path(__file__).resolve().parent.parent.parent / "data_fixtures" / "walker"
-
-MAX_RMS, MAX_DISTANCE = 1e-5, 1e-4
-"""Diagonals: how far drawn positions may be from those of the command line."""
-
-
-def run_cageik(*arguments) -> None:
-    main.main([str(one) for one in arguments], standalone_mode=False)
-
-
-@pytest.fixture(scope="session")
-def walk(tmp_path_factory):
-    """The result of twelve frames of the walker, and the frames that `cageik deform` writes."""
-    folder = tmp_path_factory.mktemp("walk")
-    frames = [WALKER / "frames" / f"walker_{k}.obj" for k in range(1, 13)]
-    run_cageik("extract", *frames, "--cage", WALKER / "cage.obj", "-o", folder / "walk.h5", "-q")
-    run_cageik("deform", folder / "walk.h5", "-o", folder / "walk.npz", "-q")
-    result = read_result(folder / "walk.h5")
-    with np.load(folder / "walk.npz") as file:
-        return result, file["vertices"]
-
-
-@pytest.fixture(scope="session")
-def html(walk):
-    return render_result_page(walk[0], build_report(walk[0]))
-
-
-@pytest.fixture
-def play(opened, html):
-    """A function that opens the page, and waits until its model is drawn."""
-
-    def start(text=html, **options):
-        page = opened(text, **options).page
-        assert page.evaluate("window.cageikPlayer.then((player) => Boolean(window.P = player))")
-        page.locator("#player canvas").scroll_into_view_if_needed()
-        return page
-
-    return start
-
-
-def settle(page) -> None:
-    """Wait until what was asked for is drawn."""
-    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done)))")
-
-
-def check_positions(page, mesh, diagonal) -> None:
-    """Compare the drawn positions with a mesh, (m, 3)."""
-    settle(page)
-    found = np.array(page.evaluate("P.positions()"))
-    distances = np.linalg.norm(found - mesh, axis=1) / diagonal
-    assert np.sqrt((distances**2).mean()) <= MAX_RMS
-    assert distances.max() <= MAX_DISTANCE
-
-
-def drag(page, start, stop, steps=8) -> None:
-    page.mouse.move(*start)
-    page.mouse.down()
-    page.mouse.move(*stop, steps=steps)
-    page.mouse.up()
-
-
-def middle_of(page, selector="#player canvas"):
-    box = page.locator(selector).bounding_box()
-    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-
-
-def camera_of(page):
-    return page.evaluate("(({turn, tilt, distance, target}) => ({turn, tilt, distance, target}))"
-                         "(P.stage.camera)")  # fmt: skip
 
 
 def test_each_frame_is_that_of_deform(play, walk):
@@ -313,9 +245,9 @@ def test_the_worst_region_is_shown_in_its_frame(play):
     np.testing.assert_allclose([x, y], [box["width"] / 2, box["height"] / 2], atol=2)
 
 
-def test_without_webgl_there_is_a_still_picture(browser, tmp_path, html):
+def test_without_webgl_there_is_a_still_picture(browser, tmp_path, walk_page):
     path = tmp_path / "page.html"
-    path.write_text(html)
+    path.write_text(walk_page)
     page = browser.new_page()
     page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
     page.goto(path.as_uri())

@@ -24,5 +24,6 @@ def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]
     return {
         "title": "Player" if clip.frames else "Pose",
         "payload": build_payload(clip, apply_url),
+        "is_open": not clip.frames,
         "notes": notes,
     }

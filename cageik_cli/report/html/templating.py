@@ -32,6 +32,12 @@ PLAYER_SCRIPTS = (
     "transport",
     "stage",
     "controls",
+    "response",
+    "poser",
+    "tracks",
+    "document",
+    "editor",
+    "handles",
     "start",
 )
 """Scripts of the player, in the order in which they use each other."""
@@ -50,11 +56,12 @@ def render_template(template: str, *, has_player: bool = False, **values: Any) -
     **values
         Of the template.
     """
-    scripts, styles = ["script.js"], ["style.css"]
+    styles = ["style.css"]
+    script = _read_template("script.js")
     if has_player:
-        scripts += [f"player/{name}.js" for name in PLAYER_SCRIPTS]
+        names = [f"player/{name}.js" for name in PLAYER_SCRIPTS]
+        script += "".join(_shorten_script(_read_template(name)) for name in names)
         styles.append("player.css")
-    script = "".join(map(_read_template, scripts))
     return _environment.get_template(template).render(
         style="".join(map(_read_template, styles)),
         script=script,
@@ -62,6 +69,12 @@ def render_template(template: str, *, has_player: bool = False, **values: Any) -
         generator=GENERATOR,
         **values,
     )
+
+
+def _shorten_script(script: str) -> str:
+    """Leave out indents, empty lines and lines that are comments."""
+    lines = (line.strip() for line in script.splitlines())
+    return "".join(f"{line}\n" for line in lines if line and not line.startswith("//"))
 
 
 def make_data_url(content: bytes, kind: str) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-TYPES = {"f4": "<f4", "i2": "<i2", "u2": "<u2", "u4": "<u4"}
+TYPES = {"f4": "<f4", "i1": "|i1", "i2": "<i2", "u2": "<u2", "u4": "<u4"}
 """Types of numbers, by their names in the header."""
 
 GZIP_HEADER = bytes([0x1F, 0x8B, 8, 0, 0, 0, 0, 0, 0, 0xFF])

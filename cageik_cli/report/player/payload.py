@@ -10,7 +10,7 @@ from cageik_cli.posing.poser import DEFAULT_ALPHA
 from cageik_cli.report.player.clip import HeldFrame, PlayerClip, find_mirror
 from cageik_cli.report.player.decimation import CoarseMesh, decimate
 from cageik_cli.report.player.packing import pack_arrays
-from cageik_cli.report.player.quantization import round_weights
+from cageik_cli.report.player.quantization import find_smooth_motions, round_weights
 from cageik_cli.report.render.colouring import COLOUR_SCALE, MISSING_COLOUR, choose_scale_end
 from cageik_cli.util.arrays import Floats
 
@@ -26,7 +26,7 @@ MAX_COORDINATE = 1e30
 MISSING_LEVEL = 0xFFFF
 """Marks vertices that are missing data among the errors."""
 
-MIN_ERROR_STEP = 2e-6
+MIN_ERROR_STEP = 1e-5
 """Diagonals: errors of held frames are not stored more precisely."""
 
 DEFAULT_RIGIDITY = 10
@@ -54,12 +54,14 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     diagonal, origin = rest.diagonal or 1.0, cage.vertices.mean(axis=0)
     coarse = choose_vertices(clip.binding)
     chosen = coarse.vertices
-    rounded = round_weights(clip.binding.weights[chosen])
+    rounded = round_weights(clip.binding.weights[chosen], find_smooth_motions(cage))
     arrays: dict[str, NDArray[Any]] = {
         "faces": coarse.faces.astype("<u4"),
         "cageFaces": cage.faces.astype("<u4"),
         # By column: neighbouring numbers are then alike, and pack better.
         "weights": np.ascontiguousarray(rounded.integers.T).astype("<i2"),
+        "smooth": np.ascontiguousarray(rounded.motions.T).astype("<f4"),
+        "rests": np.ascontiguousarray(rounded.rests.T),
         "base": _scale((clip.base[chosen] - origin) / diagonal),
         "cage": _scale((cage.vertices - origin) / diagonal),
         "cages": _scale((clip.cages - origin) / diagonal),
@@ -71,6 +73,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "origin": origin.tolist(),
         "diagonal": diagonal,
         "levels": rounded.levels,
+        "restStep": rounded.rest_step,
         "vertexCount": len(rest.vertices),
         "isClip": bool(clip.frames),
         "frames": list(clip.frames),

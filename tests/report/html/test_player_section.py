@@ -15,7 +15,7 @@ from cageik_cli.report.record import build_report
 from tests.report.html.test_page import pictures_of_one_point
 from tests.report.markup import find_faults, parse_page
 
-MAX_SCRIPT_BYTES = 60_000
+MAX_SCRIPT_BYTES = 75_000
 
 
 @pytest.fixture(scope="module")

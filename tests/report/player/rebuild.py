@@ -10,5 +10,7 @@ def rebuild_frame(text: str, frame: int) -> np.ndarray:
     header, arrays = unpack_arrays(text)
     turn = arrays["rotations"][frame].astype(float)
     moves = arrays["cages"][frame] - arrays["cage"] @ turn
-    mesh = arrays["base"] @ turn + arrays["weights"].T / header["levels"] @ moves
+    weights = arrays["weights"].T / header["levels"]
+    weights += header["restStep"] * arrays["rests"].T.astype(float) @ arrays["smooth"]
+    mesh = arrays["base"] @ turn + weights @ moves
     return mesh * header["diagonal"] + header["origin"]

@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.report.player.quantization import MAX_LEVEL, round_weights
+from cageik_cli.report.player import quantization
+from cageik_cli.report.player.quantization import MAX_LEVEL, find_smooth_motions
+from tests.shapes import ball
+
+
+def round_weights(weights):
+    """Round weights without motions in which they are kept more precisely."""
+    return quantization.round_weights(weights, np.empty((weights.shape[1], 0)))
 
 
 def _random_weights(seed, rows, columns, signed):
@@ -42,3 +49,20 @@ def test_weights_of_any_size_are_rounded(size):
     assert np.abs(rounded.integers).max() <= MAX_LEVEL
     assert np.isfinite(rounded.levels)
     np.testing.assert_allclose(rounded.integers / rounded.levels, [[size, -size, 0]], rtol=1e-4)
+
+
+def test_smooth_motions_are_kept_more_precisely():
+    cage = ball(levels=2, size=1.0)
+    motions = find_smooth_motions(cage)
+    np.testing.assert_allclose(motions.T @ motions, np.eye(motions.shape[1]), atol=1e-12)
+    weights = _random_weights(1, 300, len(cage.vertices), False)
+    rounded = quantization.round_weights(weights, motions)
+    lost = rounded.restore() - weights
+    plain = round_weights(weights).integers / rounded.levels - weights
+    assert np.abs(lost @ motions).max() < 0.01 * np.abs(plain @ motions).max()
+    # Smooth motions hold the affine ones of a ball nearly.
+    assert np.abs(lost @ cage.vertices).max() < 0.1 * np.abs(plain @ cage.vertices).max()
+
+
+def test_a_tetrahedron_has_fewer_smooth_motions(animation):
+    assert find_smooth_motions(animation.cage).shape == (8, 7)

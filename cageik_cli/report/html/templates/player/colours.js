@@ -32,7 +32,7 @@ class Colours {
       if (arrays.rms) for (let j = 0; j < m; j++) if (arrays.rms[j] === 65535) values[j] = -1;
       return { ramp: this.ramp, end: header.deviationEnd };
     }
-    if (mode === "moved" && moved) {
+    if (moved) {
       values.set(moved);
       return { ramp: this.movedRamp };
     }

@@ -1,5 +1,5 @@
 // The packed data of the page: a header, and typed arrays by name (see report/player/packing.py).
-const ARRAY_TYPES = { f4: Float32Array, i2: Int16Array, u2: Uint16Array, u4: Uint32Array };
+const ARRAY_TYPES = { f4: Float32Array, i1: Int8Array, i2: Int16Array, u2: Uint16Array, u4: Uint32Array };
 
 async function unpackPayload(text) {
   const letters = atob(text.trim());

@@ -6,11 +6,20 @@ class Skin {
     this.count = arrays.base.length / 3;
     this.cageCount = arrays.cage.length / 3;
     this.faces = arrays.faces;
-    this.step = 1 / header.levels;
-    const m = this.count, n = this.cageCount;
+    const m = this.count, n = this.cageCount, step = 1 / header.levels;
     this.weights = new Float32Array(m * n);
-    for (let k = 0; k < n; k++) for (let j = 0, to = k; j < m; j++, to += n) this.weights[to] = arrays.weights[k * m + j];
+    for (let k = 0; k < n; k++) for (let j = 0, to = k; j < m; j++, to += n) this.weights[to] = step * arrays.weights[k * m + j];
     this.moves = new Float64Array(3 * n);
+    this.refine(arrays, header.restStep);
+  }
+
+  // Adds what rounding lost of the weights in the smooth motions of the cage, which poses amplify.
+  refine({ smooth, rests }, step) {
+    const m = this.count, n = this.cageCount, modes = smooth.length / n;
+    for (let mode = 0; mode < modes; mode++) for (let j = 0, at = 0; j < m; j++) {
+      const share = step * rests[mode * m + j];
+      for (let k = 0; k < n; k++, at++) this.weights[at] += share * smooth[mode * n + k];
+    }
   }
 
   // Displacements of a cage from the rest cage, turned.
@@ -26,7 +35,7 @@ class Skin {
   }
 
   deform(cage, rotation, out) {
-    const d = this.displace(cage, rotation), w = this.weights, n3 = d.length, base = this.base, step = this.step;
+    const d = this.displace(cage, rotation), w = this.weights, n3 = d.length, base = this.base;
     const [a, b, c, e, f, g, h, i, j] = rotation;
     for (let v = 0, at = 0; v < base.length; v += 3) {
       let x = 0, y = 0, z = 0;
@@ -35,9 +44,9 @@ class Skin {
         x += weight * d[k]; y += weight * d[k + 1]; z += weight * d[k + 2];
       }
       const p = base[v], q = base[v + 1], r = base[v + 2];
-      out[v] = p * a + q * e + r * h + step * x;
-      out[v + 1] = p * b + q * f + r * i + step * y;
-      out[v + 2] = p * c + q * g + r * j + step * z;
+      out[v] = p * a + q * e + r * h + x;
+      out[v + 1] = p * b + q * f + r * i + y;
+      out[v + 2] = p * c + q * g + r * j + z;
     }
   }
 
@@ -46,7 +55,7 @@ class Skin {
     const n = this.cageCount, row = new Float64Array(n), base = [0, 0, 0];
     corners.forEach((vertex, corner) => {
       const share = shares[corner];
-      for (let k = 0; k < n; k++) row[k] += share * this.step * this.weights[vertex * n + k];
+      for (let k = 0; k < n; k++) row[k] += share * this.weights[vertex * n + k];
       for (let a = 0; a < 3; a++) base[a] += share * this.base[3 * vertex + a];
     });
     return { row, base };

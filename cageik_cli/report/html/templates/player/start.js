@@ -13,7 +13,7 @@ async function startPlayer(section) {
     orbit: (dx, dy) => { stage.camera.orbit(dx, dy); stage.request(); },
     pan: (dx, dy) => { stage.camera.pan(dx, dy); stage.request(); },
     zoom: (factor) => { stage.camera.zoom(factor); stage.request(); },
-    grab: () => false, drag: () => {}, drop: () => {}, click: () => {}, hover: () => {},
+    ...makeHandles(section, stage),
   });
   makeControls(section, stage);
   canvas.addEventListener("webglcontextlost", () => showStill(section, new Error("the graphics card was lost; load the page again")));

@@ -1,0 +1,64 @@
+// Poses a cage by anchors, with rounds of rigid rotations (posing/poser.py, posing/rigidity.py).
+class Poser {
+  // `cageSolvers` is of `makeSolvers`; `anchors` have a row in cage space, a weight and `hard`.
+  constructor(cageSolvers, anchors, alpha) {
+    Object.assign(this, cageSolvers, { rows: anchors.map((one) => one.row) });
+    const unit = alpha * anchors.length / this.neighbours.length;
+    const compliance = anchors.map(({ hard, weight }) => hard ? 0 : unit / weight);
+    this.responses = this.solvers.map((solver) => solver.respond(this.rows, compliance));
+    this.isMet = this.responses.every(Boolean);
+  }
+
+  // Applies a map of one coordinate to points; across a mirror it is another one.
+  map(points, apply) {
+    const count = points.length / 3, out = new Float64Array(3 * this.neighbours.length);
+    const take = (axis) => Float64Array.from({ length: count }, (_, k) => dot(axis, points.subarray(3 * k, 3 * k + 3)));
+    const give = (values, axis, sign = 1) => values.forEach((x, k) => { for (let a = 0; a < 3; a++) out[3 * k + a] += sign * x * axis[a]; });
+    for (const axis of [[1, 0, 0], [0, 1, 0], [0, 0, 1]]) give(apply(0, take(axis)), axis);
+    if (this.normal) {
+      const heights = take(this.normal);
+      give(apply(1, heights), this.normal);
+      give(apply(0, heights), this.normal, -1);
+    }
+    return out;
+  }
+
+  // The cage whose anchors are displaced.
+  edit(cage, displacements, rounds) {
+    const unrotated = this.map(displacements, (k, t) => combine(this.responses[k], t, this.neighbours.length));
+    let moved = unrotated;
+    for (let round = 0; round < rounds; round++) {
+      const turned = this.map(this.turnCells(cage, moved), (k, b) => this.solvers[k].change(b, this.rows, this.responses[k]));
+      moved = add(unrotated, turned);
+    }
+    return add(Float64Array.from(cage), moved);
+  }
+
+  // The change of δ when each cell of the cage turns with its motion.
+  turnCells(cage, moved) {
+    const near = this.neighbours, n = near.length, turns = new Float64Array(9 * n), s = new Float64Array(9), out = new Float64Array(3 * n);
+    for (let i = 0; i < n; i++) {
+      s.fill(0);
+      for (const j of near[i]) for (let c = 0; c < 3; c++) {
+        const edge = cage[3 * i + c] - cage[3 * j + c];
+        for (let r = 0; r < 3; r++) {
+          s[3 * r + c] += (cage[3 * i + r] - cage[3 * j + r] + moved[3 * i + r] - moved[3 * j + r]) * edge / near[i].length;
+        }
+      }
+      nearestRotation(s, turns.subarray(9 * i, 9 * i + 9));
+    }
+    for (let i = 0; i < n; i++) for (const j of near[i]) for (let c = 0; c < 3; c++) {
+      const edge = (cage[3 * i + c] - cage[3 * j + c]) / near[i].length;
+      for (let r = 0; r < 3; r++) out[3 * i + r] += ((turns[9 * i + 3 * r + c] + turns[9 * j + 3 * r + c]) / 2 - (r === c)) * edge;
+    }
+    return out;
+  }
+}
+
+// What all posers of a cage share. `mirror` is null, or a normal and a point in the cage's units.
+function makeSolvers(cage, faces, locked, mirror) {
+  const neighbours = listNeighbours(faces, cage.length / 3), partners = mirror && findPartners(cage, mirror);
+  if (mirror && !partners) throw new Error("mirror: the cage is not symmetric; move the plane, or remove the mirror");
+  const solvers = (mirror ? [1, -1] : [1]).map((sign) => new CoordinateSolver(neighbours, new Set(locked), partners, sign));
+  return { neighbours, solvers, normal: mirror?.normal };
+}
