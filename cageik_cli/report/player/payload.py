@@ -10,7 +10,7 @@ from cageik_cli.posing.poser import DEFAULT_ALPHA
 from cageik_cli.report.player.clip import HeldFrame, PlayerClip, find_mirror
 from cageik_cli.report.player.decimation import CoarseMesh, decimate
 from cageik_cli.report.player.packing import pack_arrays
-from cageik_cli.report.player.quantization import find_smooth_motions, round_weights
+from cageik_cli.report.player.quantization import RoundedWeights, find_smooth_motions, round_weights
 from cageik_cli.report.render.colouring import COLOUR_SCALE, MISSING_COLOUR, choose_scale_end
 from cageik_cli.util.arrays import Floats
 
@@ -25,6 +25,11 @@ MAX_COORDINATE = 1e30
 
 MISSING_LEVEL = 0xFFFF
 """Marks vertices that are missing data among the errors."""
+
+MAX_INTEGER = 32_767
+
+MIN_LACK_STEP = 1e-7
+"""Diagonals: the base mesh is not stored more precisely than single precision."""
 
 MIN_ERROR_STEP = 1e-5
 """Diagonals: errors of held frames are not stored more precisely."""
@@ -62,7 +67,6 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "weights": np.ascontiguousarray(rounded.integers.T).astype("<i2"),
         "smooth": np.ascontiguousarray(rounded.motions.T).astype("<f4"),
         "rests": np.ascontiguousarray(rounded.rests.T),
-        "base": _scale((clip.base[chosen] - origin) / diagonal),
         "cage": _scale((cage.vertices - origin) / diagonal),
         "cages": _scale((clip.cages - origin) / diagonal),
         # Positions are relative to the origin, and turning about it moves nothing else.
@@ -89,6 +93,8 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "target": clip.target,
         "applyUrl": apply_url,
     }
+    base = (clip.base[chosen] - origin) / diagonal
+    header |= _add_base(base, rounded, (cage.vertices - origin) / diagonal, arrays)
     if len(chosen) < len(rest.vertices):
         arrays["vertices"] = chosen.astype("<u4")
     header |= _add_errors(clip, chosen, arrays)
@@ -108,6 +114,16 @@ def _scale(values: Floats) -> NDArray[np.float32]:
     return np.clip(values, -MAX_COORDINATE, MAX_COORDINATE).astype("<f4")
 
 
+def _add_base(
+    base: Floats, rounded: RoundedWeights, cage: Floats, arrays: dict[str, NDArray[Any]]
+) -> dict[str, Any]:
+    """Add what the weights of the page lack to the base mesh: little, unless they have offsets."""
+    lack = base - rounded.restore() @ cage
+    step = max(float(np.abs(lack).max()) / MAX_INTEGER, MIN_LACK_STEP)
+    arrays["lack"] = np.ascontiguousarray(np.rint(lack / step).T).astype("<i2")
+    return {"lackStep": step}
+
+
 def _add_errors(
     clip: PlayerClip, chosen: NDArray[np.int64], arrays: dict[str, NDArray[Any]]
 ) -> dict[str, Any]:
@@ -123,7 +139,7 @@ def _add_errors(
         scales["rms"] = {"top": top, "end": choose_scale_end(rms[is_known])}
     if clip.held:
         errors = np.stack([one.errors[chosen] for one in clip.held])
-        step = max(float(np.abs(errors).max()) / 32767, MIN_ERROR_STEP)
+        step = max(float(np.abs(errors).max()) / MAX_INTEGER, MIN_ERROR_STEP)
         # By coordinate, for the same reason as weights by column.
         arrays["held"] = np.rint(errors / step).transpose(0, 2, 1).astype("<i2")
         scales["held"] = [{"frame": one.index, "label": one.label} for one in clip.held]

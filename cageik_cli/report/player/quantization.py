@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
 from cageik_cli.util.arrays import Floats
 
-SMOOTH_MOTIONS = 12
+SMOOTH_MOTIONS = 8
 """Motions of a cage in which weights are kept more precisely."""
 
 MAX_REST = 127

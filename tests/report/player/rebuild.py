@@ -12,5 +12,6 @@ def rebuild_frame(text: str, frame: int) -> np.ndarray:
     moves = arrays["cages"][frame] - arrays["cage"] @ turn
     weights = arrays["weights"].T / header["levels"]
     weights += header["restStep"] * arrays["rests"].T.astype(float) @ arrays["smooth"]
-    mesh = arrays["base"] @ turn + weights @ moves
+    base = weights @ arrays["cage"] + header["lackStep"] * arrays["lack"].T
+    mesh = base @ turn + weights @ moves
     return mesh * header["diagonal"] + header["origin"]

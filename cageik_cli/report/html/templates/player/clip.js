@@ -14,7 +14,7 @@ class Clip {
 
   // v − v̂ of a held frame, by coordinate.
   errors(frame) {
-    const { place } = this.held.get(frame), size = this.arrays.base.length;
+    const { place } = this.held.get(frame), size = this.arrays.lack.length;
     return this.arrays.held.subarray(place * size, (place + 1) * size);
   }
 
@@ -28,7 +28,7 @@ class Clip {
   fileVertex(vertex) { return this.arrays.vertices ? this.arrays.vertices[vertex] : vertex; }
 
   drawnVertex(number) {
-    if (!this.arrays.vertices) return number < this.arrays.base.length / 3 ? number : -1;
+    if (!this.arrays.vertices) return number < this.arrays.lack.length / 3 ? number : -1;
     return this.arrays.vertices.indexOf(number);
   }
 

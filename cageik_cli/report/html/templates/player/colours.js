@@ -14,7 +14,7 @@ class Colours {
     this.ramp = makeRamp(clip.header.colours);
     this.movedRamp = makeRamp([...Array(8).fill(CLAY), MOVED]);
     this.missing = parseColour(clip.header.missing);
-    this.values = new Float32Array(clip.arrays.base.length / 3);
+    this.values = new Float32Array(clip.arrays.lack.length / 3);
   }
 
   // Fills `values` for a mode and a frame; returns the ramp, and what its scale says, if any.

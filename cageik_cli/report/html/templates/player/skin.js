@@ -1,9 +1,8 @@
 // The model: positions from cages, v = base R + W (c − cage R), and normals.
 class Skin {
   constructor({ header, arrays }) {
-    this.base = arrays.base;
     this.cage = Float64Array.from(arrays.cage);
-    this.count = arrays.base.length / 3;
+    this.count = arrays.lack.length / 3;
     this.cageCount = arrays.cage.length / 3;
     this.faces = arrays.faces;
     const m = this.count, n = this.cageCount, step = 1 / header.levels;
@@ -11,6 +10,15 @@ class Skin {
     for (let k = 0; k < n; k++) for (let j = 0, to = k; j < m; j++, to += n) this.weights[to] = step * arrays.weights[k * m + j];
     this.moves = new Float64Array(3 * n);
     this.refine(arrays, header.restStep);
+    const lack = new Float32Array(3 * m), still = [1, 0, 0, 0, 1, 0, 0, 0, 1];
+    for (let k = 0; k < 3 * m; k++) lack[k] = header.lackStep * arrays.lack[(k % 3) * m + (k - k % 3) / 3];
+    // The mesh of the rest cage, as moved from a cage of zeros.
+    this.base = lack;
+    const moved = this.cage, out = new Float32Array(3 * m);
+    this.cage = new Float64Array(3 * n);
+    this.deform(moved, still, out);
+    this.cage = moved;
+    this.base = out;
   }
 
   // Adds what rounding lost of the weights in the smooth motions of the cage, which poses amplify.

@@ -10,7 +10,7 @@ class Stage {
     this.colours = new Colours(this.clip);
     this.camera = new Camera(this.clip.header.up);
     this.transport = new Transport(this.clip.count, this.clip.header.fps);
-    const size = payload.arrays.base.length;
+    const size = payload.arrays.lack.length;
     this.positions = new Float32Array(size);
     this.input = new Float32Array(size);
     this.normals = new Float32Array(size);
