@@ -193,7 +193,8 @@ def _read_pixels(page):
         " const gl = P.stage.renderer.gl, w = gl.drawingBufferWidth, h = gl.drawingBufferHeight;"
         " const data = new Uint8Array(4 * w * h);"
         " gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, data);"
-        " const drawn = []; for (let k = 0; k < data.length; k += 4) if (data[k + 3] > 250)"
+        " const drawn = [], same = (k) => [0, 1, 2].every((a) => data[k + a] === data[a]);"
+        " for (let k = 0; k < data.length; k += 4) if (!same(k))"
         " drawn.push(data[k], data[k + 1], data[k + 2]);"
         " P.stage.listeners.pop(); done(drawn); }); })"
     )

@@ -203,7 +203,8 @@ function showHandles(find, { editor, clip, transport, moved }) {
   const said = editor.complaint || editor.message || beyond;
   if (find("said").textContent !== said) find("said").textContent = said;
   const output = clip.header.isClip ? "edited.h5" : "posed.obj";
-  find("command").textContent = set.handles.length ? `cageik pose ${clip.header.target} handles.json --rigidity ${editor.rounds} -o ${output}` : "";
+  const command = set.handles.length ? `cageik pose ${clip.header.target} handles.json --rigidity ${editor.rounds} -o ${output}` : "";
+  if (find("command").textContent !== command) find("command").textContent = command;
 }
 
 // The frames of the edit and the keys of a handle, under the slider.

@@ -42,9 +42,16 @@ void main() {
   colour = shape > 0 && away > 0.68 ? rim : paint;
 }`;
 
+// Whether pictures are drawn without a graphics card, where smooth edges cost too much.
+function isSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2"), info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)).toLowerCase() : "";
+  return ["swiftshader", "llvmpipe", "software"].some((one) => name.includes(one));
+}
+
 class Renderer {
   constructor(canvas, faces, cageEdges) {
-    const gl = this.gl = canvas.getContext("webgl2", { antialias: false, alpha: true, premultipliedAlpha: true });
+    const gl = this.gl = canvas.getContext("webgl2", { antialias: !isSoftware(), alpha: false });
     if (!gl) throw new Error("no WebGL2");
     this.mesh = this.build(MESH_VERTEX, MESH_FRAGMENT, ["position", "normal", "value"]);
     this.mark = this.build(MARK_VERTEX, MARK_FRAGMENT, ["position"]);
@@ -94,12 +101,12 @@ class Renderer {
     gl.vertexAttribPointer(place, size, gl.FLOAT, false, 0, 0);
   }
 
-  begin(left, width, height) {
+  begin(left, width, height, ground) {
     const gl = this.gl;
     gl.viewport(left, 0, width, height);
     gl.scissor(left, 0, width, height);
     gl.enable(gl.SCISSOR_TEST);
-    gl.clearColor(0, 0, 0, 0);
+    gl.clearColor(...ground, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   }
 

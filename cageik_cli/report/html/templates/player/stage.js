@@ -1,5 +1,5 @@
 // The picture: what is drawn of a clip at a moment, from where, and how long it took.
-const TIMED_FRAMES = 120;
+const TIMED_FRAMES = 120, TELL_EVERY = 200;
 
 class Stage {
   constructor(canvas, payload) {
@@ -19,6 +19,7 @@ class Stage {
     this.listeners = [];
     this.timings = { solve: [], skin: [], normals: [], draw: [], frames: [] };
     this.isStale = true;
+    this.toldAt = 0;
     this.reset();
     new ResizeObserver(() => this.request()).observe(canvas);
   }
@@ -37,7 +38,12 @@ class Stage {
     this.draw();
     this.note("draw", performance.now() - start);
     this.note("frames", now);
-    for (const listener of this.listeners) listener();
+    // To paint texts costs as much as the model, so that they wait while it moves.
+    const isMoving = this.transport.isPlaying || this.editor?.isDragging;
+    if (!isMoving || now - this.toldAt > TELL_EVERY) {
+      this.toldAt = now;
+      for (const listener of this.listeners) listener();
+    }
     if (this.transport.isPlaying) this.request();
   }
 
@@ -96,7 +102,8 @@ class Stage {
   }
 
   draw() {
-    const canvas = this.canvas, ratio = this.ratio ?? Math.min(devicePixelRatio, 2);
+    this.ground = getComputedStyle(this.canvas).backgroundColor.match(/\d+/g).slice(0, 3).map((x) => x / 255);
+    const canvas = this.canvas, ratio = Math.min(devicePixelRatio, 2);
     const width = Math.max(1, Math.round(canvas.clientWidth * ratio)), height = Math.max(1, Math.round(canvas.clientHeight * ratio));
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const isSplit = this.view.show === "both" && this.hasInput, part = isSplit ? width >> 1 : width;
@@ -107,7 +114,7 @@ class Stage {
 
   drawPart(left, width, height, isInput, ratio) {
     const { renderer, camera, colours } = this, toClip = camera.matrix(), [right, up, back] = camera.axes();
-    renderer.begin(left, width, height);
+    renderer.begin(left, width, height, this.ground);
     const light = normalize(add(add(scale(back, 1), scale(up, 0.8)), scale(right, -0.5)));
     const paint = { missing: colours.missing, light, eye: back };
     if (isInput) {
