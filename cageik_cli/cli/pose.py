@@ -18,6 +18,7 @@ from cageik_cli.cli.options.common import (
     write_or_print,
 )
 from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.cli.options.limits import LimitValue, PercentType
 from cageik_cli.formats.scene import UP_AXES
 
 if TYPE_CHECKING:
@@ -32,15 +33,34 @@ WEIGHT_OPTION_NAMES = ("coordinates", "accuracy", "outside", "cache", "no_cache"
 RESULT_OPTIONS = ("memory",)
 
 
+DEFAULT_SNAP = "2%"
+"""How far a position may be from the surface if --snap has no number."""
+
+
+class SnapType(PercentType):
+    """A number of percent; what follows a --snap without one may be taken for it."""
+
+    noun = "a percentage"
+    expected = f"10%; without a number, put --snap last or write --snap={DEFAULT_SNAP}"
+
+
 def make_posing_settings(
-    alpha: float, beta: float, rigidity: int, snap: bool, allow_conflicts: bool, hard: bool
+    alpha: float,
+    beta: float,
+    rigidity: int,
+    snap: "LimitValue | None",
+    allow_conflicts: bool,
+    hard: bool,
 ) -> "PosingSettings":
     """Make the settings of the solve; impossible values are wrong usage."""
     from cageik_cli.posing.edits import PosingSettings
     from cageik_cli.posing.handles.model import PlacementSettings
 
     with usage_errors():
-        return PosingSettings(alpha, beta, rigidity, PlacementSettings(snap, allow_conflicts, hard))
+        placement = PlacementSettings(
+            None if snap is None else float(snap.value), allow_conflicts, hard
+        )
+        return PosingSettings(alpha, beta, rigidity, placement)
 
 
 POSING_OPTIONS = OptionGroup(
@@ -66,8 +86,11 @@ POSING_OPTIONS = OptionGroup(
     ),
     click.option(
         "--snap",
-        is_flag=True,
-        help="Move handles with a position to the nearest point of the surface.",
+        type=SnapType(),
+        is_flag=False,
+        flag_value=DEFAULT_SNAP,
+        help="Move handles with a position to the nearest point of the surface, if it is at most "
+        f"this far away; {DEFAULT_SNAP} of the diagonal if no number is given.",
     ),
     click.option(
         "--allow-conflicts",

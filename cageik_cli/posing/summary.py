@@ -14,6 +14,8 @@ from cageik_cli.posing.edits import (
     collect_anchors,
     deciding_anchors,
 )
+from cageik_cli.posing.handles.model import OnVertex
+from cageik_cli.posing.handles.placement import describe_place
 from cageik_cli.util.arrays import Floats, Integers
 
 
@@ -26,6 +28,12 @@ class AnchorSummary:
     name : str
     layer : str
         Its layer's name; "" for the only layer.
+    vertex : int, optional
+        The vertex that it is at; None if it is on a face.
+    face : int, optional
+        The face that it is on; None if it is at a vertex.
+    barycentric : tuple of float, optional
+        Where on the face: the share of each corner.
     moved : float
         Largest distance from its position before the edit, file units.
     residual, residual_percent : float
@@ -40,6 +48,9 @@ class AnchorSummary:
 
     name: str
     layer: str
+    vertex: int | None
+    face: int | None
+    barycentric: tuple[float, ...] | None
     moved: float
     residual: float
     residual_percent: float
@@ -191,9 +202,14 @@ class PoseStatistics:
 
     def _summarize_anchor(self, k: int, frame: str) -> AnchorSummary:
         before, after = (tracker.max_acceleration for tracker in self._acceleration_trackers)
+        place = describe_place(self._layers[0].poser.binding.rest, self._anchors[k].point)
+        face = None if isinstance(place, OnVertex) else place
         return AnchorSummary(
             name=self._anchors[k].name,
             layer=self._layer_names[k],
+            vertex=place.vertex if isinstance(place, OnVertex) else None,
+            face=None if face is None else face.face,
+            barycentric=None if face is None else tuple(face.barycentric.tolist()),
             moved=float(self._moved[k]),
             residual=float(self._residual[k]),
             residual_percent=float(100 * self._residual[k] / self._diagonal),

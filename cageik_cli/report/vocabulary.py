@@ -24,7 +24,7 @@ SETTING_MEANINGS = {
     "pose_beta": "weight of the handles",
     "rest_frame": "frame used as the rest pose; none if the rest pose is a file",
     "rigidity": "rounds that rotate parts of the cage with the edit",
-    "snap": "move handles given by position to the nearest point of the surface",
+    "snap": "how far positions of handles may be from the surface, percent of the diagonal",
     "vertex_weights": "whether vertices have weights of their own",
 }
 

@@ -263,6 +263,53 @@ def test_rigidity_changes_what_turns(run, handles, clip):
     assert not np.allclose(cages("edited.h5"), cages("turned.h5"), rtol=0, atol=1e-3)
 
 
+NEAR = {"name": "near", "position": [0.1, 0.2, 1.3], "pin": True}
+"""0.308 from a ball of radius 1, 15.4 % of the diagonal of its first frame."""
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        ((), 1),
+        (("--snap",), 1),
+        (("--snap", "1"), 1),
+        (("--snap", "30%"), 0),
+        (("--snap=30",), 0),
+        (("--snap", "handles.json"), 2),
+        (("--snap", "-1"), 2),
+        (("--snap=-1",), 2),
+        (("--snap", "far"), 2),
+    ],
+)
+def test_positions_snap_to_the_surface_if_it_is_near(run, handles, words, code):
+    handles(LIFT, NEAR)
+    outcome = run(*REST, *words)
+    assert outcome.code == code, outcome.err
+    assert Path("posed.obj").exists() == (code == 0)
+    assert ("handle 'near': position" in outcome.err) == (code < 2)
+
+
+def test_a_value_that_snap_takes_by_mistake_is_explained(run, handles):
+    outcome = run("pose", "frames/frame_1.obj", "--snap", "handles.json", "-o", "posed.obj")
+    assert outcome.code == 2
+    assert "'handles.json' is not a percentage" in outcome.err
+    assert "put --snap last or write --snap=2%" in outcome.err
+
+
+def test_the_chosen_place_is_in_text_and_json(run, handles):
+    """The place can be put into the file instead of the position."""
+    handles(LIFT, NEAR)
+    outcome = run(*REST, "--snap", "30%", "--json", "-")
+    tip, near = json.loads(outcome.out)["anchors"]
+    assert (tip["vertex"], tip["face"], tip["barycentric"]) == (0, None, None)
+    assert near["vertex"] is None
+    assert f"handle 'near': position snapped to face {near['face']} (bary" in outcome.err
+    place = {name: near[name] for name in ("face", "barycentric")}
+    handles(LIFT, {"name": "near", "pin": True} | place)
+    assert run(*REST[:-1], "again.obj").code == 0
+    assert Path("again.obj").read_bytes() == Path("posed.obj").read_bytes()
+
+
 def test_the_schema_is_printed(run):
     schema = json.loads(run("pose", "--schema").out)
     assert schema["$schema"].startswith("https://json-schema.org/")

@@ -47,9 +47,11 @@ def test_how_handles_were_understood_is_noted(settings):
     other = TIP | {"name": "other", "offset": [0.3, 0.2, -0.3]}
     near = {"name": "near", "position": [0, 0, 3], "pin": True}
     notes = Notes()
-    pose(settings(TIP, other, near, snap=True, allow_conflicts=True), notes)
+    pose(settings(TIP, other, near, snap=100, allow_conflicts=True), notes)
     told = [text for topic, text in notes.texts if topic == "note"]
-    assert [text for text in told if text.startswith("handles.json: handle 'near': its position")]
+    assert [
+        text for text in told if text.startswith("handles.json: handle 'near': position snapped to")
+    ]
     assert [text for text in told if "'tip' and 'other' conflict" in text]
 
 

@@ -84,6 +84,7 @@ class LimitValueType(click.ParamType):  # type: ignore[type-arg]  # not subscrip
     """A number, zero or above: percent with the sign %, file units without."""
 
     name = "number[%]"
+    noun = "a limit"
     expected = "0.5% or, in file units, 0.02"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -94,7 +95,7 @@ class LimitValueType(click.ParamType):  # type: ignore[type-arg]  # not subscrip
         match = re.fullmatch(rf"\+?({number})\s*(%?)", str(value).strip(), re.ASCII | re.IGNORECASE)
         if not match or not math.isfinite(float(match[1])):
             self.fail(
-                f"{value!r} is not a limit; expected a finite number, zero or above, such as "
+                f"{value!r} is not {self.noun}; expected a finite number, zero or above, such as "
                 f"{self.expected}",
                 param,
                 ctx,

@@ -10,7 +10,7 @@ from cageik_cli.geometry.camera import Camera
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.constraints import CageConstraints
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import HandlesError, InputError
+from cageik_cli.util.errors import HandlesError, InputError, SettingError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -240,17 +240,27 @@ class PlacementSettings:
 
     Attributes
     ----------
-    snap : bool
-        Use the closest point of the surface for a position in space, instead of refusing it.
+    snap : float, optional
+        Use the closest point of the surface for a position in space that is at most this far from
+        it, percent of the diagonal; None refuses all positions.
     allow_conflicts : bool
         Use the mean of different targets of one point, instead of refusing them.
     hard : bool
         Make all anchors hard.
+
+    Raises
+    ------
+    SettingError
+        When snap is not a finite number of 0 or above.
     """
 
-    snap: bool = False
+    snap: float | None = None
     allow_conflicts: bool = False
     hard: bool = False
+
+    def __post_init__(self) -> None:
+        if self.snap is not None and not (np.isfinite(self.snap) and self.snap >= 0):
+            raise SettingError(f"snap is {self.snap}, expected a finite number, zero or above")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,5 +1,6 @@
 """Placement of handles on a surface, in the frames of a clip."""
 
+import math
 from dataclasses import replace
 from functools import cached_property
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import (
+    COINCIDENT_TOL,
     SurfacePoint,
     closest_point,
     pick,
@@ -80,8 +82,8 @@ def place_handles(
 class _PointFinder:
     """Finds the points of handles; positions and pixels are searched in the pose of one frame."""
 
-    def __init__(self, surface: PosedSurface, frame: int, may_snap: bool) -> None:
-        self._surface, self._frame, self._may_snap = surface, frame, may_snap
+    def __init__(self, surface: PosedSurface, frame: int, snap: float | None) -> None:
+        self._surface, self._frame, self._max_snap_percent = surface, frame, snap
 
     def find_point(self, handle: Handle) -> SurfacePoint:
         """Return the point of a handle."""
@@ -100,12 +102,11 @@ class _PointFinder:
                     return pick(self._posed_mesh, camera, pixel)
 
     def describe_snap(self, handle: Handle, position: Floats, point: SurfacePoint) -> str:
-        """Return a note on how far the point is from the given position."""
-        away = float(np.linalg.norm(point.position(self._posed_mesh.vertices) - position))
+        """Return a note on the point that is taken for the given position."""
+        away, percent = self._measure_snap(position, point)
         return (
-            f"handle {handle.name!r}: its position is {away:.3g} away from the surface "
-            f"({100 * away / self._posed_mesh.diagonal:.3g} % of the diagonal); the closest point "
-            "is used"
+            f"handle {handle.name!r}: position snapped to {self._format_place(point)}, "
+            f"{away:.3g} away ({percent:.3g} % of the diagonal)"
         )
 
     @cached_property
@@ -113,12 +114,53 @@ class _PointFinder:
         return TriMesh(self._surface.pose_at(self._frame), self._surface.mesh.faces)
 
     def _snap_to_surface(self, position: Floats) -> SurfacePoint:
-        if not self._may_snap:
+        if self._max_snap_percent is None:
             raise HandlesError(
                 "a position needs --snap, which takes the closest point of the surface; or give a "
                 "vertex or a face"
             )
-        return closest_point(self._posed_mesh, position)
+        point = closest_point(self._posed_mesh, position)
+        away, percent = self._measure_snap(position, point)
+        if percent > self._max_snap_percent:
+            raise HandlesError(
+                f"is {away:.3g} away from the surface ({percent:.3g} % of the diagonal, at most "
+                f"{self._max_snap_percent:g} %); the closest point is on "
+                f"{self._format_place(point)}; correct the position, or allow it with --snap "
+                f"{_round_up(percent)}%"
+            )
+        return point
+
+    def _measure_snap(self, position: Floats, point: SurfacePoint) -> tuple[float, float]:
+        """Return how far a point is from a position: in file units, and percent of the diagonal."""
+        away = float(np.linalg.norm(point.position(self._posed_mesh.vertices) - position))
+        return away, 100 * away / (self._surface.mesh.diagonal or 1.0)
+
+    def _format_place(self, point: SurfacePoint) -> str:
+        """Return where a point is, in the words and numbers of a handles file."""
+        match describe_place(self._surface.mesh, point):
+            case OnVertex(vertex):
+                return f"vertex {vertex}"
+            case OnFace(face, barycentric):
+                shares = ", ".join(f"{share:.4g}" for share in barycentric)
+                return f"face {face} (barycentric {shares})"
+
+
+def describe_place(mesh: TriMesh, point: SurfacePoint) -> OnVertex | OnFace:
+    """Return the place on a mesh that gives a point: a vertex if it is at one, else a face.
+
+    Of a vertex the point may be as far away as coincident points are from each other.
+    """
+    largest = int(point.barycentric.argmax())
+    if 1 - point.barycentric[largest] <= COINCIDENT_TOL:
+        return OnVertex(int(point.corners[largest]))
+    face = int((mesh.faces == point.corners).all(axis=1).argmax())
+    return OnFace(face, point.barycentric)
+
+
+def _round_up(percent: float) -> str:
+    """Return the next larger percentage of two digits."""
+    step = 10.0 ** (math.floor(math.log10(percent)) - 1)
+    return f"{math.ceil(percent / step) * step:g}"
 
 
 def _full_strength_frames(handle_set: HandleSet, count: int | None) -> range:

@@ -47,6 +47,6 @@ def read_set(folder: Path, *handles: dict, **fields: object) -> HandleSet:
     return found
 
 
-def drag(handle_set: HandleSet, surface: PosedSurface = CLIP, **settings: bool) -> HandleSchedule:
+def drag(handle_set: HandleSet, surface: PosedSurface = CLIP, **settings: object) -> HandleSchedule:
     """The handles put on a surface."""
     return place_handles(handle_set, surface, PlacementSettings(**settings))

@@ -4,8 +4,9 @@ import pytest
 from cageik_cli.geometry.camera import LookAt
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import anchor_positions
-from cageik_cli.posing.handles.model import HandleSet, PosedSurface
-from cageik_cli.util.errors import HandlesError
+from cageik_cli.posing.handles.model import HandleSet, OnVertex, PlacementSettings, PosedSurface
+from cageik_cli.posing.handles.placement import describe_place
+from cageik_cli.util.errors import HandlesError, SettingError
 from tests.posing.handles.files import (
     CAMERA,
     CLIP,
@@ -49,12 +50,63 @@ def test_all_handles_are_hard_on_request(tmp_path):
 
 def test_a_position_snaps_to_the_pose_of_the_pick_frame(tmp_path):
     there = np.array([0.2, 0.3, 1.5]) + step(5)
-    found = drag(read_set(tmp_path, NEAR | {"position": [*there]}, pick_frame=5), snap=True)
+    found = drag(read_set(tmp_path, NEAR | {"position": [*there]}, pick_frame=5), snap=15)
     place = found.anchors[0].point.position(MESH.vertices + step(5))
     np.testing.assert_allclose(place, np.array([0.2, 0.3, 1.0]) + step(5), rtol=0, atol=1e-12)
     (note,) = found.notes
-    assert note.startswith("handle 'near': ")
-    assert "0.5 away from the surface (14.4 % of the diagonal)" in note
+    place = describe_place(MESH, found.anchors[0].point)
+    shares = ", ".join(f"{share:.4g}" for share in place.barycentric)
+    assert note == (
+        f"handle 'near': position snapped to face {place.face} (barycentric {shares}), 0.5 away "
+        "(14.4 % of the diagonal)"
+    )
+
+
+def test_a_position_snaps_to_a_vertex_if_that_is_nearest(tmp_path):
+    found = drag(read_set(tmp_path, NEAR | {"position": [1.1, 1.1, 1.1]}), snap=6)
+    (note,) = found.notes
+    vertex = np.flatnonzero((MESH.vertices == 1).all(axis=1))[0]
+    assert f"position snapped to vertex {vertex}, 0.173 away (5 % of the diagonal)" in note
+
+
+@pytest.mark.parametrize(("snap", "is_near"), [(14.43, False), (14.44, True), (0, False)])
+def test_a_position_is_refused_if_it_is_too_far_from_the_surface(tmp_path, snap, is_near):
+    """It is 0.5 away; the diagonal is 2 √3, so that is 14.434 %."""
+    handles = read_set(tmp_path, NEAR)
+    if is_near:
+        assert drag(handles, snap=snap).anchors
+        return
+    with pytest.raises(HandlesError) as error:
+        drag(handles, snap=snap)
+    told = str(error.value)
+    assert told.startswith("handle 'near': position: is 0.5 away from the surface (14.4 % of")
+    assert f"at most {snap:g} %" in told
+    assert told.endswith("or allow it with --snap 15%")
+
+
+def test_the_advised_limit_is_enough(tmp_path):
+    for distance in (1.2345e-7, 0.0999, 0.1, 3.2, 1234.5):
+        handles = read_set(tmp_path, NEAR | {"position": [0.2, 0.3, 1 + distance]})
+        with pytest.raises(HandlesError) as error:
+            drag(handles, snap=0)
+        advised = float(str(error.value).rsplit(" ", 1)[1].removesuffix("%"))
+        assert drag(handles, snap=advised).anchors
+
+
+@pytest.mark.parametrize("snap", [-1, np.nan, np.inf])
+def test_impossible_limits_of_snap_are_refused(snap):
+    with pytest.raises(SettingError, match=f"snap is {snap}, expected a finite number"):
+        PlacementSettings(snap=snap)
+
+
+def test_a_place_is_what_a_handles_file_gives(tmp_path):
+    """Vertices and points of faces, also a point of a face that is at a corner of it."""
+    found = drag(read_set(tmp_path, HAND, KNEE, KNEE | {"name": "c", "barycentric": [0, 1, 0]}))
+    hand, knee, corner = (describe_place(MESH, anchor.point) for anchor in found.anchors)
+    assert hand == OnVertex(7)
+    assert knee.face == 4
+    np.testing.assert_allclose(knee.barycentric, [0.2, 0.3, 0.5], rtol=1e-15)
+    assert corner == OnVertex(MESH.faces[4, 1])
 
 
 def test_a_position_needs_snap(tmp_path):
@@ -67,7 +119,7 @@ def test_a_face_without_area_has_a_nearest_point(tmp_path):
     flat = TriMesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
     surface = PosedSurface(flat, lambda k: corners)
     for position, nearest in (([1.5, -1, 0], [1.5, 0, 0]), ([0.5, 0.2, 1], [0.5, 0.2, 0])):
-        found = drag(read_set(tmp_path, NEAR | {"position": position}), surface, snap=True)
+        found = drag(read_set(tmp_path, NEAR | {"position": position}), surface, snap=100)
         place = found.anchors[0].point.position(corners)
         np.testing.assert_allclose(place, nearest, rtol=0, atol=1e-12)
 
@@ -107,7 +159,7 @@ def test_only_needed_poses_are_computed(tmp_path):
     surface = PosedSurface(MESH, lambda k: asked.append(k) or CLIP.pose_at(k), FRAMES)
     drag(read_set(tmp_path, HAND, KNEE), surface)
     assert asked == []
-    drag(read_set(tmp_path, HAND, NOSE, NEAR, pick_frame=3), surface, snap=True)
+    drag(read_set(tmp_path, HAND, NOSE, NEAR, pick_frame=3), surface, snap=100)
     assert asked == [3]
 
 
@@ -131,7 +183,7 @@ def test_frames(tmp_path, said, hold, span):
 
 
 def test_one_pose(tmp_path):
-    found = drag(read_set(tmp_path, HAND, NOSE, NEAR), STILL, snap=True)
+    found = drag(read_set(tmp_path, HAND, NOSE, NEAR), STILL, snap=100)
     assert (found.full_strength, found.affected_frames) == (range(1), range(1))
     positions = anchor_positions(found.anchors, MESH.vertices)[None]
     moved = positions + found.displacements(np.arange(1), positions)

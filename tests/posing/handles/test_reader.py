@@ -264,7 +264,7 @@ def faults_of(path):
         for surface in (CLIP, STILL):
             try:
                 drag = place_handles(
-                    one, surface, PlacementSettings(snap=True, allow_conflicts=True)
+                    one, surface, PlacementSettings(snap=100, allow_conflicts=True)
                 )
                 frames = np.arange(drag.affected_frames.start, drag.affected_frames.stop)
                 positions = np.zeros((len(frames), len(drag.anchors), 3))
@@ -308,5 +308,5 @@ def test_other_texts_are_no_sentences():
 def test_the_whole_document_passes(tmp_path):
     """So that the mistakes are the mistakes."""
     first, second = read(tmp_path, WHOLE).sets
-    assert place_handles(first, CLIP, PlacementSettings(snap=True)).affected_frames == range(2, 10)
+    assert place_handles(first, CLIP, PlacementSettings(snap=100)).affected_frames == range(2, 10)
     assert place_handles(second, CLIP, PlacementSettings()).full_strength == range(12)

@@ -8,7 +8,7 @@ import pytest
 from cageik_cli.posing.summary import AnchorSummary, PoseSummary
 from cageik_cli.report.views.pose_text import MAX_SHOWN_HANDLES, format_pose_json, format_pose_rows
 
-HAND = AnchorSummary("hand", "", 0.2, 1e-9, 5e-8, "f_7", 0.03, 0.02)
+HAND = AnchorSummary("hand", "", 7, None, None, 0.2, 1e-9, 5e-8, "f_7", 0.03, 0.02)
 EDIT = PoseSummary(
     diagonal=2.0, anchors=(HAND,), rms=0.03, rms_percent=1.5, moved=0.25, moved_least=0.0,
     vertex=7, frame="f_8", cage_moved=0.3, cage_vertex=2, volume_change_percent=1.25,
