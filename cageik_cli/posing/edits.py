@@ -2,17 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding, measure_offsets, reconstruct
 from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
+from cageik_cli.posing.constraints import CageConstraints
 from cageik_cli.posing.handles.model import Handles, PlacementSettings, PosedSurface
 from cageik_cli.posing.handles.placement import place_handles
 from cageik_cli.posing.handles.schedule import HandleSchedule
 from cageik_cli.posing.poser import DEFAULT_ALPHA, Poser, validate_weights
+from cageik_cli.posing.reach import Reach, ReachLimit, find_reach
 from cageik_cli.solver.metrics import FrameMetrics, measure
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import error_context
@@ -108,19 +110,25 @@ class Layer:
     Attributes
     ----------
     schedule : HandleSchedule
-        The targets of its anchors.
+        The targets of its l anchors.
     poser : Poser
-        For these anchors.
+        For those of its anchors that act.
+    acts : (l,) bool
+        All anchors, but those that stay because they are beyond the reach.
     rigidity : int
         Rounds of rigid rotations.
     name : str
         Its place in the handles file, such as "sets[1]"; "" for the only layer.
+    reach : Reach, optional
+        None if its handles have no radius.
     """
 
     schedule: HandleSchedule
     poser: Poser
+    acts: NDArray[np.bool_]
     rigidity: int
     name: str
+    reach: Reach | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,15 +200,33 @@ def build_layers(
         name = f"sets[{k}]" if len(handles.sets) > 1 else ""
         with _set_context(name):
             schedule = place_handles(handle_set, surface, settings.placement)
-            poser = Poser(
-                edit_target.binding,
-                schedule.anchors,
-                settings.alpha,
-                settings.beta,
-                handles.constraints,
+            layers.append(
+                _build_layer(schedule, handles.constraints, edit_target.binding, settings, name)
             )
-        layers.append(Layer(schedule, poser, settings.rigidity, name))
     return layers
+
+
+def _build_layer(
+    schedule: HandleSchedule,
+    constraints: CageConstraints,
+    binding: Binding,
+    settings: PosingSettings,
+    name: str,
+) -> Layer:
+    """Build the layer of a schedule; radii add to the locked cage vertices."""
+    acts, reach = np.ones(len(schedule.anchors), bool), None
+    if np.isfinite(schedule.radii).any():
+        reach = find_reach(
+            binding, ReachLimit(schedule.anchors, schedule.radii, constraints.mirror)
+        )
+        acts = ~reach.held
+        locked = sorted({*constraints.locked, *reach.locked.tolist()})
+        constraints = replace(constraints, locked=tuple(locked))
+    anchors = [
+        anchor for anchor, is_acting in zip(schedule.anchors, acts, strict=True) if is_acting
+    ]
+    poser = Poser(binding, anchors, settings.alpha, settings.beta, constraints)
+    return Layer(schedule, poser, acts, settings.rigidity, name, reach)
 
 
 def collect_anchors(layers: Sequence[Layer]) -> list[Anchor]:
@@ -239,7 +265,7 @@ def apply_layers(
         start = skin.anchor_positions(layer.schedule.anchors, frames, cages)
         with _set_context(layer.name):
             displacements = layer.schedule.displacements(frames, start)
-        cages = layer.poser.edit_cages(cages, displacements, layer.rigidity)
+        cages = layer.poser.edit_cages(cages, displacements[:, layer.acts], layer.rigidity)
         starts.append(start)
         targets.append(start + displacements)
     return EditedCages(cages, np.concatenate(starts, axis=1), np.concatenate(targets, axis=1))

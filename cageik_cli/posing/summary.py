@@ -89,6 +89,9 @@ class PoseSummary:
         Rounds of rigid rotations.
     changed : tuple of str, optional
         First and last frame that are changed.
+    beyond_moved, beyond_moved_percent : float, optional
+        Largest distance that a vertex beyond the radii of all layers moved, file units and percent
+        of the diagonal; None if there is no such vertex, or a layer has no radii.
     """
 
     diagonal: float
@@ -105,6 +108,8 @@ class PoseSummary:
     condition_number: float
     rigidity: int
     changed: tuple[str, str] | None
+    beyond_moved: float | None = None
+    beyond_moved_percent: float | None = None
 
 
 class PoseStatistics:
@@ -127,6 +132,8 @@ class PoseStatistics:
         self._farthest, self._vertex, self._frame = 0.0, 0, 0
         self._smallest_motion = 0.0
         self._cage_farthest, self._cage_vertex = 0.0, 0
+        self._is_beyond = _find_beyond_all(layers)
+        self._beyond_moved = 0.0
         self._volume_change: float | None = None
         self._changed: list[int] = []
         self._acceleration_trackers = _AccelerationTracker(), _AccelerationTracker()
@@ -163,6 +170,9 @@ class PoseStatistics:
             self._vertex = int(metrics.worst_vertex[worst])
             self._frame = int(block.frames[worst])
             self._smallest_motion = float(np.sqrt(block.squared_displacements[worst].min()))
+        if self._is_beyond.any():
+            largest = float(block.squared_displacements[:, self._is_beyond].max())
+            self._beyond_moved = max(self._beyond_moved, float(np.sqrt(largest)))
         distances = np.linalg.norm(block.edit.cages - block.cages_before, axis=2).max(axis=0)
         if distances.max() > self._cage_farthest:
             self._cage_farthest, self._cage_vertex = float(distances.max()), int(distances.argmax())
@@ -180,6 +190,7 @@ class PoseStatistics:
             return names[frame] if names else ""
 
         rms = float(np.sqrt(self._squares / max(1, self._frame_count)))
+        beyond = self._beyond_moved if self._is_beyond.any() else None
         return PoseSummary(
             diagonal=self._diagonal,
             anchors=tuple(
@@ -198,6 +209,8 @@ class PoseStatistics:
             condition_number=max(layer.poser.condition_number for layer in self._layers),
             rigidity=max(layer.rigidity for layer in self._layers),
             changed=(name(self._changed[0]), name(self._changed[-1])) if self._changed else None,
+            beyond_moved=beyond,
+            beyond_moved_percent=None if beyond is None else 100 * beyond / self._diagonal,
         )
 
     def _summarize_anchor(self, k: int, frame: str) -> AnchorSummary:
@@ -217,6 +230,14 @@ class PoseStatistics:
             acceleration=None if after is None else float(after[k]),
             acceleration_before=None if before is None else float(before[k]),
         )
+
+
+def _find_beyond_all(layers: Sequence[Layer]) -> NDArray[np.bool_]:
+    """Return which vertices, (m,), are beyond the reach of all layers."""
+    is_beyond = np.ones(len(layers[0].poser.binding.rest.vertices), bool)
+    for layer in layers:
+        is_beyond &= False if layer.reach is None else layer.reach.is_beyond
+    return is_beyond
 
 
 class _AccelerationTracker:

@@ -25,10 +25,14 @@ class PlacedHandle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MergedAnchor:
-    """An anchor, its motion, and a note for the user if handles were merged."""
+    """An anchor, its motion, and a note for the user if handles were merged.
+
+    Its radius is the largest of those of the handles; nan if none has one.
+    """
 
     anchor: Anchor
     motion: BlendedMotion
+    radius: float
     note: str = ""
 
 
@@ -119,15 +123,17 @@ def _merge_group(
         weights / weights.sum(),
     )
     anchor = _make_anchor(group)
+    radii = [one.handle.radius for one in group if one.handle.radius is not None]
+    radius = max(radii, default=np.nan)
     if len(group) == 1:
-        return MergedAnchor(anchor, motion)
+        return MergedAnchor(anchor, motion, radius)
     if not conflict:
         names = " + ".join(one.handle.name for one in group)
         note = f"handles {names!r} are on the same point and have the same target; they are merged"
-        return MergedAnchor(anchor, motion, note)
+        return MergedAnchor(anchor, motion, radius, note)
     names = " + ".join(motion.names)
     return MergedAnchor(
-        anchor, motion, f"{conflict}; the point moves to the weighted mean of {names!r}"
+        anchor, motion, radius, f"{conflict}; the point moves to the weighted mean of {names!r}"
     )
 
 

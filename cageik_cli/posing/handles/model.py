@@ -184,6 +184,8 @@ class Handle:
         Importance relative to other handles; above 0.
     hard : bool
         Whether its target is met exactly.
+    radius : float, optional
+        Distance in the rest pose beyond which it moves nothing; above 0.
     """
 
     name: str
@@ -191,6 +193,7 @@ class Handle:
     motion: Motion
     weight: float = 1.0
     hard: bool = False
+    radius: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -75,6 +75,7 @@ def place_handles(
         full_strength=full_strength,
         affected_frames=affected_frames,
         falloff=handle_set.falloff,
+        radii=np.array([merged.radius for merged in merged_anchors]),
         notes=tuple(notes),
     )
 

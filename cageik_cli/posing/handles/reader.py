@@ -125,6 +125,7 @@ def _parse_set(raw: dict[str, Any], camera: Camera | None) -> HandleSet:
         )
     handles = tuple(_parse_handle(one, camera) for one in raw["handles"])
     _check_unique_names(handle.name for handle in handles)
+    _check_radii(handles)
     pick_frame = raw.get("pick_frame")
     return HandleSet(
         handles,
@@ -143,13 +144,31 @@ def _check_unique_names(names: Iterable[str]) -> None:
         known.add(name)
 
 
+def _check_radii(handles: Iterable[Handle]) -> None:
+    """Refuse a radius of a pin, and handles that move without one beside handles that have one."""
+    moving = []
+    for handle in handles:
+        if not isinstance(handle.motion, Pin):
+            moving.append(handle)
+        elif handle.radius is not None:
+            raise HandlesError(f"handle {handle.name!r}: radius: a pin does not move; remove it")
+    limited = [handle for handle in moving if handle.radius is not None]
+    for handle in moving if limited else ():
+        if handle.radius is None:
+            raise HandlesError(
+                f"handle {handle.name!r}: has no radius, and {limited[0].name!r} has one; give it "
+                "one, or put it in a set of its own"
+            )
+
+
 def _parse_handle(raw: dict[str, Any], camera: Camera | None) -> Handle:
     name = raw["name"]
     with error_context(f"handle {name!r}"):
         if not name.isprintable():
             raise HandlesError("name has characters that cannot be displayed; remove them")
         place, motion = parse_place(raw, camera), parse_motion(raw, camera)
-    return Handle(name, place, motion, float(raw.get("weight", 1)), raw.get("hard", False))
+    radius = float(raw["radius"]) if "radius" in raw else None
+    return Handle(name, place, motion, float(raw.get("weight", 1)), raw.get("hard", False), radius)
 
 
 def _parse_camera(raw: dict[str, Any], default: Camera | None) -> Camera | None:

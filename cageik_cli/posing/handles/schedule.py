@@ -59,6 +59,8 @@ class HandleSchedule:
         Frames of full strength.
     affected_frames : range
         All frames of the clip that the edit may change; `range(1)` for a single pose.
+    radii : (l,) float64
+        Distances in the rest pose beyond which anchors move nothing; nan for none.
     falloff : int
         Number of frames over which the edit fades in and out.
     notes : tuple of str
@@ -69,6 +71,7 @@ class HandleSchedule:
     motions: tuple[BlendedMotion, ...]
     full_strength: range
     affected_frames: range
+    radii: Floats
     falloff: int = 0
     notes: tuple[str, ...] = ()
 

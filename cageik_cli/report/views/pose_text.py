@@ -22,6 +22,9 @@ MIN_FIXED_POINT_PERCENT = 1e-3
 MAX_VOLUME_CHANGE = 10.0
 """Percent of the volume; above it, a pose without rigidity gets the advice to use it."""
 
+MAX_MOTION = 1.25
+"""Motion of a vertex, in motions of the farthest handle, above which a note is written."""
+
 MAX_CAGE_MOTION = 5.0
 """Motion of a cage vertex, in motions of the farthest handle, above which a note is written."""
 
@@ -47,6 +50,7 @@ def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
             f"{format_percent(summary.rms_percent)} % of the diagonal "
             f"(rms {format_length(summary.rms)})",
         ),
+        *_beyond_rows(summary),
         ("volume change", _format_volume(summary)),
         *_changed_rows(summary),
         *_acceleration_rows(summary),
@@ -91,6 +95,14 @@ def _format_handle_name(anchor: AnchorSummary) -> str:
     )
 
 
+def _beyond_rows(summary: PoseSummary) -> list[tuple[str, str]]:
+    """Return a row on what is beyond the radii of handles; none if they have no radii."""
+    if summary.beyond_moved_percent is None:
+        return []
+    percent = format_miss(summary.beyond_moved_percent)
+    return [("beyond radius", f"vertices moved by at most {percent} % of the diagonal")]
+
+
 def _acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
     """Name the handle whose acceleration the edit raises most, with the one before."""
     known = [
@@ -114,12 +126,25 @@ def _acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
 def _advice_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
     """Advise when the pose is probably not the intended one."""
     still = NO_MOTION_TOL * summary.diagonal
-    if all(_is_held(anchor, summary.diagonal) for anchor in summary.anchors):
+    is_held = all(_is_held(anchor, summary.diagonal) for anchor in summary.anchors)
+    if is_held:
         yield "note", "no motion: all handles are already at their targets"
     elif summary.moved_least > max(still, MIN_WHOLE_MOTION * summary.moved):
         least = format_length(summary.moved_least)
         yield "note", f"the whole model moves, by at least {least}; pin the parts that must stay"
     far = max(summary.anchors, key=lambda anchor: anchor.moved)
+    if summary.moved > max(still, MAX_MOTION * far.moved) and not is_held:
+        than = (
+            f"{summary.moved / far.moved:.3g} times as far as any handle"
+            if far.moved > still
+            else "but no handle moves"
+        )
+        yield (
+            "note",
+            f"vertex {summary.vertex} moves by {format_length(summary.moved)}"
+            f"{_format_frame_suffix(summary.frame)}, {than}; pin a point near it, or give the "
+            "handles a radius in the handles file",
+        )
     if far.moved > MAX_HANDLE_DISTANCE * summary.diagonal:
         yield (
             "note",

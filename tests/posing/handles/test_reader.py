@@ -32,11 +32,11 @@ SCREEN = {"name": "nose", "screen": {"source": [1, 2], "target": [3, 4]}}
 def test_handles_have_the_values_of_the_file(tmp_path):
     found = read_set(
         tmp_path,
-        HAND | {"weight": 2, "hard": True},
-        {"name": "knee", "face": 3, "barycentric": [0.2, 0.3, 0.5], "offset": KEYS},
+        HAND | {"weight": 2, "hard": True, "radius": 3},
+        {"name": "knee", "face": 3, "barycentric": [0.2, 0.3, 0.5], "offset": KEYS, "radius": 0.5},
         {"name": "foot", "position": [1, 2, 3], "pin": True},
-        SCREEN,
-        {"name": "ear", "screen": {"source": [1, 2], "offset": [3, 4]}},
+        SCREEN | {"radius": 1},
+        {"name": "ear", "screen": {"source": [1, 2], "offset": [3, 4]}, "radius": 1},
         frames=[3, 8],
         falloff=2,
         pick_frame=1,
@@ -44,6 +44,7 @@ def test_handles_have_the_values_of_the_file(tmp_path):
     assert (found.frames, found.falloff, found.pick_frame) == ((3, 8), 2, 1)
     hand, knee, foot, nose, ear = found.handles
     assert (hand.name, hand.weight, hand.hard) == ("hand", 2.0, True)
+    assert [one.radius for one in found.handles] == [3, 0.5, None, 1, 1]
     assert hand.place == OnVertex(7)
     assert isinstance(hand.motion, MoveTo)
     np.testing.assert_array_equal(hand.motion.track.values, [[1, 2, 3]])
@@ -123,6 +124,14 @@ REFUSED = {
     "a name that cannot be shown": (
         {"handles": [HAND | {"name": "a\nb\ud800"}]},
         "handle 'a\\nb\\ud800': name ",
+    ),
+    "a radius of a pin": (
+        {"handles": [HAND, {"name": "foot", "vertex": 1, "pin": True, "radius": 1}]},
+        "handle 'foot': radius: a pin does not move",
+    ),
+    "a handle without a radius": (
+        {"handles": [HAND | {"radius": 1}, HAND | {"name": "other"}]},
+        "handle 'other': has no radius, and 'hand' has one; give it one, or put it in a set of",
     ),
     "no camera": (
         {"handles": [SCREEN]},

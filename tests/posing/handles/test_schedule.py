@@ -19,7 +19,8 @@ def drag_of(*motions, hold=range(20, 31), falloff=10):
     movers = tuple(
         BlendedMotion((n,), (m,), np.ones(1)) for n, m in zip(names, motions, strict=True)
     )
-    return HandleSchedule(anchors, movers, hold, range(50), falloff)
+    radii = np.full(len(motions), np.nan)
+    return HandleSchedule(anchors, movers, hold, range(50), radii, falloff)
 
 
 def test_the_blend_is_1_at_full_strength_and_0_outside():

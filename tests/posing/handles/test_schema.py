@@ -174,6 +174,10 @@ BAD = {
         with_one(hard="yes"),
         "handle 'hand': hard: is \"yes\", expected true or false",
     ),
+    "no radius": (with_one(radius=0), "handle 'hand': radius: is 0, expected a number above 0"),
+    "a negative radius": (with_one(radius=-1), "radius: is -1, expected a number above 0"),
+    "a far radius": (with_one(radius=2e50), "radius: is 2e+50, expected a number above 0, up to"),
+    "a word for a radius": (with_one(radius="1 m"), 'radius: is "1 m", expected a number above 0'),
     "one frame": (with_one() | {"frames": [1]}, "frames: is a list of 1, expected two frames"),
     "a frame before the first": (
         with_one() | {"frames": [-1, 2]},

@@ -85,13 +85,41 @@ def test_a_model_that_moves_as_a_whole_gets_advice():
     assert "note" not in dict(format_pose_rows(replace(EDIT, moved_least=0.1)))
 
 
+@pytest.mark.parametrize(("moved", "told"), [(0.25, False), (0.26, True)])
+def test_a_vertex_that_moves_more_than_the_handles_gets_advice(moved, told):
+    """The handle moves by 0.2, and 1.25 times as far is not much more."""
+    notes = [
+        text for label, text in format_pose_rows(replace(EDIT, moved=moved)) if label == "note"
+    ]
+    advice = (
+        "vertex 7 moves by 0.26 in f_8, 1.3 times as far as any handle; pin a point near it, or "
+        "give the handles a radius in the handles file"
+    )
+    assert notes == [advice] * told
+
+
+def test_a_vertex_that_moves_while_no_handle_does_gets_advice():
+    stuck = replace(EDIT, anchors=(replace(HAND, moved=0.0, residual=1.0),))
+    assert dict(format_pose_rows(stuck))["note"].startswith(
+        "vertex 7 moves by 0.25 in f_8, but no handle moves; pin a point near it"
+    )
+
+
+def test_what_is_beyond_the_radius_is_told():
+    edit = replace(EDIT, beyond_moved=2e-4, beyond_moved_percent=0.01)
+    assert dict(format_pose_rows(edit))["beyond radius"] == (
+        "vertices moved by at most 0.01 % of the diagonal"
+    )
+    assert "beyond radius" not in dict(format_pose_rows(EDIT))
+
+
 def test_handles_at_their_targets_are_held_and_noted():
     pin = replace(HAND, moved=1e-9)
     rows = dict(format_pose_rows(replace(EDIT, anchors=(pin,))))
     assert rows["handle"] == "hand: held"
     assert rows["note"].startswith("no motion: ")
     rows = dict(format_pose_rows(replace(EDIT, anchors=(replace(pin, residual=0.3),))))
-    assert "note" not in rows
+    assert not rows["note"].startswith("no motion: ")
     assert "held" not in rows["handle"]
 
 
