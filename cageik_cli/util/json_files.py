@@ -52,10 +52,21 @@ def read_json(path: Path, expected: JsonFormat) -> Any:
     FileAccessError
         When it is missing, not a plain file, or too large. Messages do not name the file.
     FormatError
-        When it is not JSON, is nested too deeply, or holds a key twice or a number that is not
-        finite; the message says where.
+        As `parse_json`.
     """
-    text = _read_text(path, expected)
+    return parse_json(_read_bytes(path, expected), expected)
+
+
+def parse_json(data: bytes, expected: JsonFormat) -> Any:
+    """Return the content of JSON that was read; who reads it keeps to the limit of size.
+
+    Raises
+    ------
+    FormatError
+        When it is not UTF-8 text or not JSON, is nested too deeply, or holds a key twice or a
+        number that is not finite; the message says where.
+    """
+    text = _decode(data, expected)
     repeated_keys: dict[int, tuple[Any, str]] = {}  # with the object, so that its id stays its own
 
     def build_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -98,7 +109,7 @@ def format_step(step: str | int) -> str:
     return f".{text[:MAX_VALUE_LENGTH]}"
 
 
-def _read_text(path: Path, expected: JsonFormat) -> str:
+def _read_bytes(path: Path, expected: JsonFormat) -> bytes:
     try:
         size = path.stat().st_size
         if not path.is_file():
@@ -108,11 +119,16 @@ def _read_text(path: Path, expected: JsonFormat) -> str:
                 f"is too large ({format_bytes(size)}, at most {format_bytes(expected.max_bytes)}); "
                 f"give {expected.name}"
             )
-        return path.read_text(encoding="utf-8-sig")
+        return path.read_bytes()
     except OSError as error:
         raise FileAccessError(
             f"cannot be read ({error.strerror or error}); check the path"
         ) from error
+
+
+def _decode(data: bytes, expected: JsonFormat) -> str:
+    try:
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FormatError(
             f"is not UTF-8 text at byte {error.start}; save it as UTF-8, or give {expected.name}"

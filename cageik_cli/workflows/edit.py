@@ -19,7 +19,6 @@ from cageik_cli.posing.edits import (
     build_layers,
     edit_frames,
 )
-from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.solver.blocks import MemoryPlan, SolvedBlock, summarize_blocks
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
@@ -38,7 +37,7 @@ from cageik_cli.util.outputs import check_no_overlap, check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import single_line, to_unicode
 from cageik_cli.util.threads import limit_blas_threads
-from cageik_cli.workflows.pose import report_layer_notes
+from cageik_cli.workflows.pose import NamedHandles, read_named_handles, report_layer_notes
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +69,22 @@ class EditSettings:
         return [self.output]
 
 
-def edit(settings: EditSettings, progress: ProgressListener | None = None) -> PoseResult:
+def edit(
+    settings: EditSettings,
+    progress: ProgressListener | None = None,
+    handles: NamedHandles | None = None,
+) -> PoseResult:
     """Apply the layers of a handles file to the cage animation of a result, and write a result.
 
     Frames that no layer acts on keep their cages bit for bit. The metrics of the new result
     compare it with the old one: they tell how far the mesh was moved.
+
+    Parameters
+    ----------
+    settings : EditSettings
+    progress : ProgressListener, optional
+    handles : NamedHandles, optional
+        In place of those of the settings' file.
 
     Raises
     ------
@@ -88,17 +98,17 @@ def edit(settings: EditSettings, progress: ProgressListener | None = None) -> Po
     check_writable(settings.output, settings.overwrite)
     check_hdf5_suffix(settings.output)
     with progress.stage("open"):
-        handles = read_handles(settings.handles)
+        handles = handles or read_named_handles(settings.handles)
         result = read_result(settings.result)
         rotations = read_rotations(result)
         target = _build_target(result, rotations)
     # One thread: the last digits depend on how many.
-    with progress.stage("pose"), error_context(settings.handles), limit_blas_threads(1):
-        layers = build_layers(handles, target, settings.posing)
-    report_layer_notes(layers, settings.handles, progress)
+    with progress.stage("pose"), error_context(handles.path), limit_blas_threads(1):
+        layers = build_layers(handles.handles, target, settings.posing)
+    report_layer_notes(layers, handles.path, progress)
     edit_run = _EditRun(
         result=result,
-        handles=settings.handles,
+        handles=handles.path,
         target=target,
         rotations=rotations,
         layers=layers,
@@ -114,7 +124,7 @@ def edit(settings: EditSettings, progress: ProgressListener | None = None) -> Po
         key_frames = summary.find_key_frames()
         posed = [edit_run.edit_frame(frame) for frame in key_frames.tolist()]
         offsets = np.concatenate([block.meshes_before - block.meshes_after for block in posed])
-        sources = _collect_sources(settings, result)
+        sources = _collect_sources(settings, handles, result)
         with progress.stage("write"):
             file.complete(
                 RunSummary(sources, summary.skipped, summary.vertex_rms, key_frames, offsets)
@@ -244,10 +254,15 @@ def _build_header(settings: EditSettings, result: Result, binding: Binding) -> R
     )
 
 
-def _collect_sources(settings: EditSettings, result: Result) -> dict[str, Any]:
+def _collect_sources(
+    settings: EditSettings, handles: NamedHandles, result: Result
+) -> dict[str, Any]:
     """Return the sources of the result, and the files of the edit."""
-    files = {"result": settings.result, "handles": settings.handles}
+    digests = {
+        "result": (settings.result, hash_file(settings.result).hex()),
+        "handles": (handles.path, handles.sha256),
+    }
     return result.sources | {
-        role: {"name": to_unicode(path.name), "sha256": hash_file(path).hex()}
-        for role, path in files.items()
+        role: {"name": to_unicode(path.name), "sha256": digest}
+        for role, (path, digest) in digests.items()
     }

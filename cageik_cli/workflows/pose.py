@@ -7,23 +7,26 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
+from cageik_cli.formats.base.file_data import hash_file
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
+from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.mesh_file import check_mesh_output, load_mesh, mesh_suffixes, write_mesh
 from cageik_cli.formats.open import clip_suffixes
 from cageik_cli.formats.scene import Scene
 from cageik_cli.posing.edits import (
     CageSkin,
-    EditedFrames,
     EditTarget,
     Layer,
     PosingSettings,
     build_layers,
     edit_frames,
 )
+from cageik_cli.posing.handles.model import Handles
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.store.binding_file import read_binding
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
@@ -72,7 +75,36 @@ class PoseSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _BoundModel:
+class NamedHandles:
+    """The handles of a file.
+
+    Attributes
+    ----------
+    path : Path
+        The file, for messages.
+    handles : Handles
+    sha256 : str
+        Digest of the file, in hexadecimal digits.
+    """
+
+    path: Path
+    handles: Handles
+    sha256: str
+
+
+def read_named_handles(path: Path) -> NamedHandles:
+    """Read a handles file, and its digest.
+
+    Raises
+    ------
+    InputError
+        As `read_handles`.
+    """
+    return NamedHandles(path, read_handles(path), hash_file(path).hex())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundModel:
     """A model in its cage.
 
     Attributes
@@ -100,25 +132,60 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
     progress = progress or ProgressListener()
     _check_outputs(settings)
     with progress.stage("open"):
-        handles = read_handles(settings.handles)
+        handles = read_named_handles(settings.handles)
     with progress.stage("bind"):
         model = _load_bound_model(settings, progress)
+    with progress.stage("pose"):
+        posed = pose_model(model, handles, settings.posing)
+    report_layer_notes(posed.layers, settings.handles, progress)
+    with progress.stage("write"):
+        write_mesh(settings.output, model.binding.rest, posed.mesh, settings.overwrite, model.text)
+        if settings.cage_output is not None:
+            cage = model.binding.cage
+            write_mesh(settings.cage_output, cage, posed.cage, settings.overwrite, model.cage_text)
+    return posed.result
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosedModel:
+    """A model that was posed.
+
+    Attributes
+    ----------
+    mesh : (m, 3) float64
+    cage : (n, 3) float64
+    layers : list of Layer
+    result : PoseResult
+    """
+
+    mesh: Floats
+    cage: Floats
+    layers: list[Layer]
+    result: PoseResult
+
+
+def pose_model(model: BoundModel, handles: NamedHandles, posing: PosingSettings) -> PosedModel:
+    """Pose a model in its cage by handles.
+
+    Raises
+    ------
+    HandlesError, NumericalError
+        Naming the file of the handles, as `pose`.
+    """
     binding = model.binding
     cage = binding.cage.vertices
     target = EditTarget(
         binding, CageSkin.for_rest_pose(binding), lambda _: cage, None, Scene().up_axis
     )
     # One thread: the last digits depend on how many.
-    with progress.stage("pose"), error_context(settings.handles), limit_blas_threads(1):
-        layers = build_layers(handles, target, settings.posing)
+    with error_context(handles.path), limit_blas_threads(1):
+        layers = build_layers(handles.handles, target, posing)
         block = edit_frames(layers, target, np.zeros(1, np.int64), cage[None])
-    report_layer_notes(layers, settings.handles, progress)
-    with progress.stage("write"):
-        _write_outputs(settings, model, block)
     statistics = PoseStatistics(layers, binding.rest.diagonal)
     statistics.update(block)
     summary = statistics.summarize([])
-    return PoseResult(summary, take_snapshot(layers, target, block, summary))
+    result = PoseResult(summary, take_snapshot(layers, target, block, summary))
+    return PosedModel(block.meshes_after[0], block.edit.cages[0], layers, result)
 
 
 def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: ProgressListener) -> None:
@@ -146,25 +213,30 @@ def _check_target_kind(target: Path) -> None:
         )
 
 
-def _load_bound_model(settings: PoseSettings, progress: ProgressListener) -> _BoundModel:
+def _load_bound_model(settings: PoseSettings, progress: ProgressListener) -> BoundModel:
     """Read the binding file that is named, or bind the model to the cage."""
     if settings.target.suffix.lower() in HDF5_SUFFIXES:
-        return _BoundModel(read_binding(settings.target).binding)
+        return BoundModel(read_binding(settings.target).binding)
     if settings.cage is None:
         raise SettingError(f"{settings.target}: is a model without a cage; give one with --cage")
     rest, cage = load_mesh(settings.target), load_mesh(settings.cage)
     with error_context(settings.cage), suggest_repair(settings.cage, settings.target):
-        binding = bind_cached(rest, cage, settings.weights, progress).binding
+        return bind_model(rest, cage, settings.weights, progress)
+
+
+def bind_model(
+    rest: LoadedMesh, cage: LoadedMesh, weights: WeightSettings, progress: ProgressListener
+) -> BoundModel:
+    """Bind a model to a cage, and note what was changed in reading them.
+
+    Raises
+    ------
+    InputError, NumericalError
+        As `bind_cached`.
+    """
+    binding = bind_cached(rest, cage, weights, progress).binding
     for mesh, notes in ((rest, rest.notes), (cage, binding.notes)):
         for note in notes:
             label, text = label_note(note)
             progress.note(label, f"{mesh.source['name']}: {text}")
-    return _BoundModel(binding, rest.obj_text, cage.obj_text)
-
-
-def _write_outputs(settings: PoseSettings, model: _BoundModel, block: EditedFrames) -> None:
-    """Write the posed model, and the posed cage if its path is set."""
-    rest, cage, overwrite = model.binding.rest, model.binding.cage, settings.overwrite
-    write_mesh(settings.output, rest, block.meshes_after[0], overwrite, model.text)
-    if settings.cage_output is not None:
-        write_mesh(settings.cage_output, cage, block.edit.cages[0], overwrite, model.cage_text)
+    return BoundModel(binding, rest.obj_text, cage.obj_text)

@@ -1,23 +1,11 @@
 """The JSON of a handles file, and the places in it as messages name them."""
 
-from pathlib import Path
 from typing import Any
 
-from cageik_cli.util.json_files import MAX_VALUE_LENGTH, JsonFormat, Steps, format_step, read_json
+from cageik_cli.util.json_files import MAX_VALUE_LENGTH, JsonFormat, Steps, format_step
 
 MAX_BYTES = 2_000_000
 """Largest file that is read: many thousands of handles."""
-
-
-def read_document(path: Path) -> Any:
-    """Read the JSON of a handles file.
-
-    Raises
-    ------
-    FileAccessError, FormatError
-        When the file cannot be read as JSON; messages do not name the file.
-    """
-    return read_json(path, JsonFormat("a handles file", MAX_BYTES, describe_location))
 
 
 def describe_location(document: Any, steps: Steps) -> str:
@@ -41,3 +29,7 @@ def _describe_handle(value: Any) -> str:
     """Return what messages call a handle; nothing if it has no name."""
     name = value.get("name") if isinstance(value, dict) else None
     return f"handle {name[:MAX_VALUE_LENGTH]!r}" if isinstance(name, str) and name else ""
+
+
+HANDLES_FORMAT = JsonFormat("a handles file", MAX_BYTES, describe_location)
+"""What the JSON of a handles file should be."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from cageik_cli.geometry.camera import Camera, LookAt
 from cageik_cli.posing.constraints import CageConstraints, Mirror
-from cageik_cli.posing.handles.json_document import read_document
+from cageik_cli.posing.handles.json_document import HANDLES_FORMAT
 from cageik_cli.posing.handles.model import (
     AtPixel,
     Handle,
@@ -30,6 +30,7 @@ from cageik_cli.posing.handles.model import (
 from cageik_cli.posing.handles.schema import check_schema
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, error_context
+from cageik_cli.util.json_files import parse_json, read_json
 
 
 def parse_place(raw: dict[str, Any], camera: Camera | None) -> Place:
@@ -105,16 +106,30 @@ def read_handles(path: Path) -> Handles:
         When its content is wrong; the message names the file, the handle and the field.
     """
     with error_context(path):
-        document = read_document(path)
-        check_schema(document)
-        constraints, camera = _parse_constraints(document), _parse_camera(document, None)
-        if "sets" not in document:
-            return Handles((_parse_set(document, camera),), constraints)
-        sets = []
-        for k, raw in enumerate(document["sets"]):
-            with error_context(f"sets[{k}]"):
-                sets.append(_parse_set(raw, _parse_camera(raw, camera)))
-        return Handles(tuple(sets), constraints)
+        return _parse_document(read_json(path, HANDLES_FORMAT))
+
+
+def parse_handles(data: bytes) -> Handles:
+    """Return the handles of a handles file that was read.
+
+    Raises
+    ------
+    FormatError, HandlesError
+        As `read_handles`; messages do not name a file.
+    """
+    return _parse_document(parse_json(data, HANDLES_FORMAT))
+
+
+def _parse_document(document: Any) -> Handles:
+    check_schema(document)
+    constraints, camera = _parse_constraints(document), _parse_camera(document, None)
+    if "sets" not in document:
+        return Handles((_parse_set(document, camera),), constraints)
+    sets = []
+    for k, raw in enumerate(document["sets"]):
+        with error_context(f"sets[{k}]"):
+            sets.append(_parse_set(raw, _parse_camera(raw, camera)))
+    return Handles(tuple(sets), constraints)
 
 
 def _parse_set(raw: dict[str, Any], camera: Camera | None) -> HandleSet:

@@ -1,7 +1,8 @@
 import pytest
 
-from cageik_cli.posing.handles.json_document import MAX_BYTES, describe_location, read_document
+from cageik_cli.posing.handles.json_document import HANDLES_FORMAT, MAX_BYTES, describe_location
 from cageik_cli.util.errors import FileAccessError, FormatError
+from cageik_cli.util.json_files import read_json
 
 
 @pytest.fixture
@@ -11,10 +12,10 @@ def path(tmp_path):
 
 def test_a_file_of_the_largest_size_is_read(path):
     path.write_text("[]" + " " * (MAX_BYTES - 2))
-    assert read_document(path) == []
+    assert read_json(path, HANDLES_FORMAT) == []
     path.write_text("[]" + " " * (MAX_BYTES - 1))
     with pytest.raises(FileAccessError, match=r"2 MB, at most 2 MB\); give a handles file"):
-        read_document(path)
+        read_json(path, HANDLES_FORMAT)
 
 
 @pytest.mark.parametrize(
@@ -33,7 +34,7 @@ def test_a_file_of_the_largest_size_is_read(path):
 def test_the_handle_at_fault_is_named(path, content, says):
     path.write_text(content)
     with pytest.raises(FormatError) as error:
-        read_document(path)
+        read_json(path, HANDLES_FORMAT)
     assert str(error.value).startswith(says)
 
 
