@@ -26,6 +26,7 @@ from cageik_cli.cli.lazy import LazyCommands
             "info": "Describe files.",
             "pose": "Move a model or animation by a few points.",
             "report": "Show how well results fit; check limits.",
+            "view": "Play a clip or pose a model in the browser.",
         }
     ),
     context_settings={"help_option_names": ["-h", "--help"]},

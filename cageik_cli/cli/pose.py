@@ -44,6 +44,21 @@ class SnapType(PercentType):
     expected = f"10%; without a number, put --snap last or write --snap={DEFAULT_SNAP}"
 
 
+def read_snap(snap: LimitValue | None) -> float | None:
+    """Return how far positions may be from the surface, in percent; None for not at all."""
+    return None if snap is None else float(snap.value)
+
+
+snap_option = click.option(
+    "--snap",
+    type=SnapType(),
+    is_flag=False,
+    flag_value=DEFAULT_SNAP,
+    help="Move handles with a position to the nearest point of the surface, if it is at most "
+    f"this far away; {DEFAULT_SNAP} of the diagonal if no number is given.",
+)
+
+
 def make_posing_settings(
     alpha: float,
     beta: float,
@@ -57,9 +72,7 @@ def make_posing_settings(
     from cageik_cli.posing.handles.model import PlacementSettings
 
     with usage_errors():
-        placement = PlacementSettings(
-            None if snap is None else float(snap.value), allow_conflicts, hard
-        )
+        placement = PlacementSettings(read_snap(snap), allow_conflicts, hard)
         return PosingSettings(alpha, beta, rigidity, placement)
 
 
@@ -84,14 +97,7 @@ POSING_OPTIONS = OptionGroup(
         show_default=True,
         help="Rounds in which parts of the cage rotate with the motion; 0 shears them.",
     ),
-    click.option(
-        "--snap",
-        type=SnapType(),
-        is_flag=False,
-        flag_value=DEFAULT_SNAP,
-        help="Move handles with a position to the nearest point of the surface, if it is at most "
-        f"this far away; {DEFAULT_SNAP} of the diagonal if no number is given.",
-    ),
+    snap_option,
     click.option(
         "--allow-conflicts",
         is_flag=True,

@@ -1,0 +1,209 @@
+"""`cageik view`: a page in the browser that plays a clip and poses its model."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cli.bind import WEIGHT_OPTIONS
+from cageik_cli.cli.options.common import (
+    PATH_TYPE,
+    common_options,
+    is_given,
+    is_on_command_line,
+    memory_option,
+    overwrite_option,
+    usage_errors,
+)
+from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.cli.options.limits import LimitValue
+from cageik_cli.cli.pose import WEIGHT_OPTION_NAMES, read_snap, snap_option
+from cageik_cli.cli.progress import ProgressBar, show_progress
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.view.listener import ViewListener
+
+if TYPE_CHECKING:
+    from cageik_cli.workflows.bind import WeightSettings
+    from cageik_cli.workflows.view.session import AppliedEdit
+    from cageik_cli.workflows.view.settings import ViewSettings
+
+MODEL_OPTIONS = ("cage", "binding", "cage_vertices", "cage_out", *WEIGHT_OPTION_NAMES)
+
+
+def make_view_settings(
+    target: Path,
+    cage: Path | None,
+    binding: Path | None,
+    cage_vertices: int,
+    handles: Path | None,
+    output: Path | None,
+    cage_out: Path | None,
+    handles_out: Path | None,
+    snap: LimitValue | None,
+    weights: "WeightSettings",
+    memory: int,
+    overwrite: bool,
+) -> "ViewSettings":
+    """Make the settings of a view; options that contradict each other are wrong usage."""
+    from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
+    from cageik_cli.posing.handles.model import PlacementSettings
+    from cageik_cli.workflows.view.settings import ViewSettings
+
+    if target.suffix.lower() in HDF5_SUFFIXES:
+        _check_hdf5_options(target)
+    elif binding is not None:
+        _reject(("cage_vertices", *WEIGHT_OPTION_NAMES), "a binding has its cage and weights")
+    elif cage is not None:
+        _reject(("cage_vertices",), "it is for a cage that is built, and --cage gives one")
+    if output is None:
+        _reject(("cage_out", "handles_out"), "it is written with the output, which -o names")
+    with usage_errors():
+        return ViewSettings(
+            target=target,
+            cage=cage,
+            binding=binding,
+            handles=handles,
+            output=output,
+            cage_output=cage_out,
+            handles_output=handles_out,
+            build=BuildSettings(cage_vertices),
+            weights=weights,
+            placement=PlacementSettings(read_snap(snap)),
+            memory=memory,
+            overwrite=overwrite,
+        )
+
+
+def _check_hdf5_options(target: Path) -> None:
+    """Refuse options that a result or a binding file has no use for."""
+    from cageik_cli.store.binding_file import is_binding
+
+    if is_binding(target):
+        names = tuple(name for name in MODEL_OPTIONS if name != "cage_out")
+        _reject(names, "a binding has its cage and weights")
+    else:
+        _reject(MODEL_OPTIONS, "a result has its cage and weights")
+
+
+def _reject(names: tuple[str, ...], reason: str) -> None:
+    for name in names:
+        if is_given(name) if name in ("cage_out", "handles_out") else is_on_command_line(name):
+            raise click.UsageError(f"--{name.replace('_', '-')}: {reason}; leave it out")
+
+
+@click.command("view")
+@OptionGroup(
+    "settings",
+    make_view_settings,
+    click.argument("target", type=PATH_TYPE),
+    click.option(
+        "--cage", type=PATH_TYPE, help="The cage around a model.  [default: one is built]"
+    ),
+    click.option("--binding", type=PATH_TYPE, help="The binding file of a model."),
+    click.option(
+        "--cage-vertices",
+        type=int,
+        default=BuildSettings().vertices,
+        show_default=True,
+        help="Vertices of the cage that is built, at most.",
+    ),
+    click.option("--handles", type=PATH_TYPE, help="A handles file that the page begins with."),
+    click.option(
+        "-o",
+        "--output",
+        type=PATH_TYPE,
+        help="The posed model (.obj, .ply) or edited result (.h5) that Apply writes.",
+    ),
+    click.option("--cage-out", type=PATH_TYPE, help="Also write the posed cage (.obj, .ply)."),
+    click.option("--handles-out", type=PATH_TYPE, help="Also write the applied handles (.json)."),
+    snap_option,
+    WEIGHT_OPTIONS,
+    memory_option,
+    overwrite_option,
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    show_default="any that is free",
+    help="Port of the server, on this machine only.",
+)
+@click.option("--no-browser", is_flag=True, help="Print the address, and open no browser.")
+@common_options
+def view_command(settings: "ViewSettings", port: int, no_browser: bool, quiet: bool) -> None:
+    """Play a clip or pose a model in the browser.
+
+    TARGET is a result, a binding of cageik bind, or a model. The page is served on this machine
+    only, until Ctrl-C. With -o, Apply in the page solves in full precision and writes the outputs.
+
+    \b
+    cageik view cages.h5 -o edited.h5 --handles-out handles.json
+    cageik view rest.obj --cage cage.obj -o posed.obj
+    """  # noqa: D301
+    from cageik_cli.util.text import format_block
+    from cageik_cli.workflows.view.run import run_view
+    from cageik_cli.workflows.view.session import open_session
+
+    with show_progress(not quiet, None, settings.overwrite) as progress:
+        session = open_session(settings, progress)
+    if not quiet:
+        click.echo(format_block(str(settings.target), progress.make_rows()), err=True)
+    listener = TerminalListener(settings, not no_browser, quiet)
+    try:
+        run_view(session, port, listener)
+    except KeyboardInterrupt:
+        click.echo("stopped", err=True)
+
+
+class TerminalListener(ViewListener):
+    """Prints the address and the edits.
+
+    Parameters
+    ----------
+    settings : ViewSettings
+    opens_browser : bool
+    is_quiet : bool
+    """
+
+    def __init__(self, settings: "ViewSettings", opens_browser: bool, is_quiet: bool) -> None:
+        self._settings, self._is_quiet = settings, is_quiet
+        self._opens_browser = opens_browser
+        self._progress = ProgressBar(is_drawn=False)
+
+    def open(self, address: str) -> None:
+        """Print the address, whatever else is printed, and open it."""
+        click.echo(address)
+        if not self._is_quiet:
+            click.echo("serving on this machine; stop with Ctrl-C", err=True)
+        if self._opens_browser:
+            import webbrowser
+
+            with suppress(webbrowser.Error):  # without a browser, the address is enough
+                webbrowser.open(address)
+
+    @contextmanager
+    def show_edit(self) -> Iterator[ProgressListener]:
+        """Show the progress of an edit; say so if it is dropped."""
+        try:
+            with show_progress(not self._is_quiet, None, False) as self._progress:
+                yield self._progress
+        except KeyboardInterrupt:
+            click.echo("the edit was dropped; files are complete, or as before it", err=True)
+            raise
+
+    def tell_applied(self, applied: "AppliedEdit") -> None:
+        """Print what came of the edit."""
+        from cageik_cli.report.views.pose_text import format_pose_rows
+        from cageik_cli.util.text import format_block
+
+        if not self._is_quiet:
+            rows = [*format_pose_rows(applied.result.summary), *self._progress.make_rows()]
+            click.echo(format_block(str(self._settings.output), rows), err=True)
+            click.echo(f"wrote {', '.join(map(str, applied.written))}", err=True)
+
+    def tell_failed(self, error: str) -> None:
+        """Print why nothing was written."""
+        click.echo(f"Error: {error}", err=True)

@@ -1,0 +1,260 @@
+"""The model or the result of a page, and the edits that are applied to it."""
+
+import hashlib
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+
+from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES, check_hdf5_suffix
+from cageik_cli.formats.mesh_file import check_mesh_output, load_mesh, write_mesh
+from cageik_cli.posing.edits import PosingSettings
+from cageik_cli.posing.handles.reader import parse_handles, read_handles
+from cageik_cli.posing.summary import PoseResult
+from cageik_cli.report.player.clip import PlayerClip, load_player_clip, make_single_pose
+from cageik_cli.store.binding_file import is_binding, read_binding
+from cageik_cli.store.result import read_result
+from cageik_cli.util.errors import OutputError, SettingError, error_context
+from cageik_cli.util.outputs import check_no_overlap, check_writable, write_bytes
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.bind import load_matching_binding
+from cageik_cli.workflows.cached_cage import build_cached
+from cageik_cli.workflows.edit import EditSettings, edit
+from cageik_cli.workflows.pose import (
+    BoundModel,
+    NamedHandles,
+    bind_model,
+    pose_model,
+    report_layer_notes,
+)
+from cageik_cli.workflows.repair_hint import suggest_repair
+from cageik_cli.workflows.view.own_files import OwnOutputs, WatchedInput
+from cageik_cli.workflows.view.settings import ViewSettings
+
+HANDLES_NAME = Path("handles of the page")
+"""What messages call handles that are not saved to a file."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edit:
+    """Handles that are to be applied.
+
+    Attributes
+    ----------
+    data : bytes
+        The handles file, as it came.
+    handles : NamedHandles
+    rigidity : int
+        Rounds of rigid rotations.
+    """
+
+    data: bytes
+    handles: NamedHandles
+    rigidity: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AppliedEdit:
+    """The outcome of an edit.
+
+    Attributes
+    ----------
+    result : PoseResult
+    written : tuple of Path
+        The files that were written.
+    """
+
+    result: PoseResult
+    written: tuple[Path, ...]
+
+
+class ViewSession(ABC):
+    """A model or a result that a page shows.
+
+    Parameters
+    ----------
+    settings : ViewSettings
+    clip : PlayerClip
+        What the page shows.
+    """
+
+    def __init__(self, settings: ViewSettings, clip: PlayerClip) -> None:
+        self.settings, self.clip = settings, clip
+        self._own = OwnOutputs(settings.overwrite)
+
+    @property
+    def can_apply(self) -> bool:
+        """Whether handles can be applied: there is a file to write."""
+        return self.settings.output is not None
+
+    def read_handles(self) -> bytes | None:
+        """Read the handles file that the page begins with, and check it; None if there is none.
+
+        Raises
+        ------
+        InputError
+            As `read_handles`.
+        """
+        path = self.settings.handles
+        if path is None:
+            return None
+        read_handles(path)
+        return path.read_bytes()
+
+    def parse(self, data: bytes, rigidity: int) -> Edit:
+        """Return the edit of a handles file that was sent.
+
+        Raises
+        ------
+        FormatError, HandlesError
+            When it is not a handles file.
+        """
+        path = self.settings.handles_output or HANDLES_NAME
+        digest = hashlib.sha256(data).hexdigest()
+        return Edit(data, NamedHandles(path, parse_handles(data), digest), rigidity)
+
+    def apply(self, edit: Edit, progress: ProgressListener) -> AppliedEdit:
+        """Apply handles and write the outputs; the handles are written last.
+
+        Raises
+        ------
+        InputError
+            When the handles do not fit, or a file cannot be written or is someone else's.
+        NumericalError
+            When hard handles cannot all be met.
+        """
+        if self.settings.output is None:
+            raise SettingError("there is no file to write; name one with -o")
+        for path in self.settings.outputs():
+            check_writable(path, self._own.may_replace(path))
+        result = self._apply(edit, self.settings.output, progress)
+        if self.settings.handles_output is not None:
+            path = self.settings.handles_output
+            write_bytes(path, edit.data, self._own.may_replace(path))
+            self._own.record(path)
+        return AppliedEdit(result, tuple(self.settings.outputs()))
+
+    @abstractmethod
+    def _apply(self, edit: Edit, output: Path, progress: ProgressListener) -> PoseResult:
+        """Solve, and write all but the handles."""
+
+    def _make_posing(self, edit: Edit) -> PosingSettings:
+        return PosingSettings(rigidity=edit.rigidity, placement=self.settings.placement)
+
+
+class _ResultSession(ViewSession):
+    """The animation of a result; edits are results."""
+
+    def __init__(self, settings: ViewSettings, clip: PlayerClip, watched: WatchedInput) -> None:
+        super().__init__(settings, clip)
+        self._watched = watched
+
+    def _apply(self, edit_: Edit, output: Path, progress: ProgressListener) -> PoseResult:
+        self._watched.check()
+        settings = EditSettings(
+            self.settings.target,
+            edit_.handles.path,
+            output,
+            self._make_posing(edit_),
+            self.settings.memory,
+            self._own.may_replace(output),
+        )
+        result = edit(settings, progress, edit_.handles)
+        self._own.record(output)
+        return result
+
+
+class _ModelSession(ViewSession):
+    """A model in its cage; edits are poses of it."""
+
+    def __init__(self, settings: ViewSettings, clip: PlayerClip, model: BoundModel) -> None:
+        super().__init__(settings, clip)
+        self._model = model
+
+    def _apply(self, edit_: Edit, output: Path, progress: ProgressListener) -> PoseResult:
+        model = self._model
+        with progress.stage("pose"):
+            posed = pose_model(model, edit_.handles, self._make_posing(edit_))
+        report_layer_notes(posed.layers, edit_.handles.path, progress)
+        with progress.stage("write"):
+            rest, cage = model.binding.rest, model.binding.cage
+            write_mesh(output, rest, posed.mesh, self._own.may_replace(output), model.text)
+            self._own.record(output)
+            path = self.settings.cage_output
+            if path is not None:
+                write_mesh(path, cage, posed.cage, self._own.may_replace(path), model.cage_text)
+                self._own.record(path)
+        return posed.result
+
+
+def open_session(settings: ViewSettings, progress: ProgressListener) -> ViewSession:
+    """Read what is viewed, and check the outputs before any work.
+
+    Raises
+    ------
+    InputError
+        Naming the file at fault and what to do.
+    NumericalError
+        When the weights cannot be trusted, or no cage can be built.
+    """
+    check_no_overlap(settings.outputs(), settings.inputs())
+    target = settings.target
+    is_hdf5 = target.suffix.lower() in HDF5_SUFFIXES
+    if is_hdf5 and not is_binding(target):
+        return _open_result(settings, progress)
+    for path in (settings.output, settings.cage_output):
+        if path is not None:
+            check_mesh_output(path, settings.overwrite)
+    _check_handles_output(settings)
+    model = BoundModel(read_binding(target).binding) if is_hdf5 else _load_model(settings, progress)
+    clip = make_single_pose(model.binding, target=_name_target(settings))
+    return _ModelSession(settings, clip, model)
+
+
+def _open_result(settings: ViewSettings, progress: ProgressListener) -> ViewSession:
+    if settings.output is not None:
+        check_writable(settings.output, settings.overwrite)
+        check_hdf5_suffix(settings.output)
+    _check_handles_output(settings)
+    watched = WatchedInput(settings.target)
+    with progress.stage("open"):
+        clip = load_player_clip(read_result(settings.target))
+    if clip is None:
+        raise SettingError(
+            f"{settings.target}: has no weights, which a view needs; extract it again without "
+            "--no-weights"
+        )
+    return _ResultSession(settings, clip, watched)
+
+
+def _check_handles_output(settings: ViewSettings) -> None:
+    path = settings.handles_output
+    if path is None:
+        return
+    if path.suffix.lower() != ".json":
+        raise OutputError(f"{path}: handles are written as .json; name a .json file")
+    check_writable(path, settings.overwrite)
+
+
+def _load_model(settings: ViewSettings, progress: ProgressListener) -> BoundModel:
+    """Read a rest model, and its weights: of a binding file, or of a cage, given or built."""
+    with progress.stage("open"):
+        rest = load_mesh(settings.target)
+        cage = None if settings.cage is None else load_mesh(settings.cage)
+        if settings.binding is not None:
+            binding = load_matching_binding(settings.binding, rest, cage).binding
+            return BoundModel(binding, rest.obj_text, b"" if cage is None else cage.obj_text)
+    if cage is None:
+        with progress.stage("cage"), error_context(settings.target):
+            cage = build_cached(rest.mesh, settings.build, settings.weights.cache, progress)
+    with (
+        progress.stage("bind"),
+        error_context(settings.cage or cage.source["name"]),
+        suggest_repair(settings.cage, settings.target),
+    ):
+        return bind_model(rest, cage, settings.weights, progress)
+
+
+def _name_target(settings: ViewSettings) -> str:
+    """Return what `cageik pose` is told to pose."""
+    cage = "" if settings.cage is None else f" --cage {settings.cage.name}"
+    return f"{settings.target.name}{cage}"

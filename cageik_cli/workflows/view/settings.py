@@ -1,0 +1,63 @@
+"""What is viewed, and where the edits of the page go."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.posing.handles.model import PlacementSettings
+from cageik_cli.workflows.bind import WeightSettings
+
+
+@dataclass(frozen=True, slots=True)
+class ViewSettings:
+    """What is viewed, and where the edits of the page go.
+
+    Attributes
+    ----------
+    target : Path
+        A result, a binding file, or a rest model.
+    cage : Path, optional
+        The cage of a rest model; one is built if there is none, and no binding.
+    binding : Path, optional
+        The binding file of a rest model.
+    handles : Path, optional
+        A handles file that the page begins with.
+    output : Path, optional
+        The edited result or posed model; without it nothing is written.
+    cage_output : Path, optional
+        The posed cage of a model.
+    handles_output : Path, optional
+        The handles that were applied.
+    build : BuildSettings
+    weights : WeightSettings
+    placement : PlacementSettings
+    memory : int
+        Bytes for the weights and blocks of frames of an edit.
+    overwrite : bool
+        Whether files that exist before the first edit may be replaced.
+    """
+
+    target: Path
+    cage: Path | None = None
+    binding: Path | None = None
+    handles: Path | None = None
+    output: Path | None = None
+    cage_output: Path | None = None
+    handles_output: Path | None = None
+    build: BuildSettings = field(default_factory=BuildSettings)
+    weights: WeightSettings = field(default_factory=WeightSettings)
+    placement: PlacementSettings = field(default_factory=PlacementSettings)
+    memory: int = 1 << 30
+    overwrite: bool = False
+
+    def inputs(self) -> list[Path]:
+        """Return the files that are read, but handles that are saved where they were."""
+        files = [self.target, self.cage, self.binding]
+        if not (self.overwrite and self.handles == self.handles_output):
+            files.append(self.handles)
+        return [path for path in files if path is not None]
+
+    def outputs(self) -> list[Path]:
+        """Return the files that are written when handles are applied."""
+        files = (self.output, self.cage_output, self.handles_output)
+        return [path for path in files if path is not None]

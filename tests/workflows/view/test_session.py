@@ -1,0 +1,404 @@
+"""The edits of a page: what they write, and that nothing else is written or lost."""
+
+import json
+import os
+import threading
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.util.errors import CageikError, InputError
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.view import run as view_run
+from cageik_cli.workflows.view.jobs import JobBoard
+from cageik_cli.workflows.view.listener import ViewListener
+from cageik_cli.workflows.view.run import run_view
+from cageik_cli.workflows.view.session import open_session
+from cageik_cli.workflows.view.settings import ViewSettings
+from tests.workflows.view.client import Client
+
+LIFT = {"name": "tip", "vertex": 0, "offset": [0.1, 0.2, -0.3]}
+PINS = [{"name": f"pin {k}", "vertex": k, "pin": True} for k in (3, 7, 11, 15)]
+DOCUMENT = {"handles": [LIFT, *PINS]}
+DATA = json.dumps(DOCUMENT).encode()
+CLIP = ViewSettings(Path("cages.h5"), output=Path("edited.h5"), handles_output=Path("h.json"))
+MODEL = ViewSettings(
+    Path("frames/frame_1.obj"),
+    cage=Path("cage.obj"),
+    output=Path("posed.obj"),
+    cage_output=Path("posed_cage.obj"),
+    handles_output=Path("h.json"),
+)
+
+
+@pytest.fixture
+def clip(folder, run):
+    assert run("extract", "frames", "--cage", "cage.obj", "-o", "cages.h5", "-q").code == 0
+    Path("handles.json").write_bytes(DATA)
+
+
+def apply(session, data=DATA, rigidity=0):
+    return session.apply(session.parse(data, rigidity), ProgressListener())
+
+
+def open_(settings):
+    return open_session(settings, ProgressListener())
+
+
+def files():
+    """All files here and what they hold."""
+    return {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+
+
+def cages(name):
+    with h5py.File(name) as file:
+        return file["verts"][:]
+
+
+@pytest.mark.parametrize("rigidity", [0, 5])
+def test_an_edit_of_a_result_is_that_of_the_command(clip, run, rigidity):
+    words = ("--rigidity", rigidity, "-o", "reference.h5", "-q")
+    assert run("pose", "cages.h5", "handles.json", *words).code == 0
+    before = files()
+    applied = apply(open_(CLIP), rigidity=rigidity)
+    assert applied.written == (Path("edited.h5"), Path("h.json"))
+    assert files().keys() - before.keys() == {Path("edited.h5"), Path("h.json")}
+    assert files().items() >= before.items()
+    np.testing.assert_array_equal(cages("edited.h5"), cages("reference.h5"))
+    assert Path("h.json").read_bytes() == DATA
+    assert "edited by h.json: " in run("info", "edited.h5").out + run("report", "edited.h5").out
+
+
+def test_a_pose_of_a_model_is_that_of_the_command(clip, run):
+    words = ("--cage", "cage.obj", "-o", "reference.obj", "--cage-out", "reference_cage.obj", "-q")
+    assert run("pose", "frames/frame_1.obj", "handles.json", *words).code == 0
+    apply(open_(MODEL))
+    assert Path("posed.obj").read_bytes() == Path("reference.obj").read_bytes()
+    assert Path("posed_cage.obj").read_bytes() == Path("reference_cage.obj").read_bytes()
+    assert Path("h.json").read_bytes() == DATA
+
+
+def test_bindings_give_the_same_pose(clip, run):
+    """Of a binding file alone, or with its model, which keeps the text of its file."""
+    apply(open_(MODEL))
+    bind = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-o", "b.h5")
+    assert run(*bind).code == 0
+    of_both = replace(MODEL, cage=None, binding=Path("b.h5"), output=Path("1.obj"))
+    alone = ViewSettings(Path("b.h5"), output=Path("2.obj"))
+    apply(open_(replace(of_both, cage_output=None, handles_output=None)))
+    apply(open_(alone))
+    expected = load_mesh(Path("posed.obj")).mesh.vertices
+    for name in ("1.obj", "2.obj"):
+        np.testing.assert_allclose(load_mesh(Path(name)).mesh.vertices, expected, atol=1e-9)
+
+
+def test_a_binding_of_another_model_is_refused(clip, run):
+    bind = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_2.obj", "-o", "b.h5")
+    assert run(*bind, "--outside", "project").code == 0
+    with pytest.raises(InputError, match=r"^b\.h5: is the binding of another rest pose"):
+        open_(replace(MODEL, cage=None, binding=Path("b.h5")))
+
+
+@pytest.mark.parametrize("settings", [CLIP, MODEL])
+def test_edits_replace_those_before_them(clip, settings):
+    session = open_(settings)
+    apply(session)
+    first = files()
+    second = json.dumps({"handles": [LIFT | {"offset": [0, 0.4, 0]}, *PINS]}).encode()
+    apply(session, second)
+    changed = {path for path, data in files().items() if first[path] != data}
+    assert changed == {*settings.outputs()}
+    apply(session)
+    assert files() == first
+
+
+@pytest.mark.parametrize("settings", [CLIP, MODEL])
+@pytest.mark.parametrize("k", [0, 1])
+def test_a_file_of_someone_else_is_not_replaced(clip, settings, k):
+    """Written while the page is open, before the first edit or between two."""
+    foreign = settings.outputs()[k]
+    session = open_(settings)
+    foreign.write_text("mine")
+    before = files()
+    with pytest.raises(InputError, match=f"^{foreign}: exists already"):
+        apply(session)
+    assert files() == before
+    foreign.unlink()
+    apply(session)
+    foreign.write_text("mine")
+    before = files()
+    with pytest.raises(InputError, match=f"^{foreign}: exists already"):
+        apply(session)
+    assert files() == before
+
+
+@pytest.mark.parametrize("settings", [CLIP, MODEL])
+def test_outputs_that_exist_are_refused_before_any_work(clip, settings):
+    for path in settings.outputs():
+        path.write_text("mine")
+        with pytest.raises(InputError, match=f"^{path}: exists already"):
+            open_(settings)
+        assert open_(replace(settings, overwrite=True)).can_apply
+        assert path.read_text() == "mine"
+        path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        (replace(CLIP, output=Path("edited.obj")), "edited.obj: the output is an HDF5 file"),
+        (replace(CLIP, output=Path("cages.h5"), overwrite=True), "cages.h5: is read or written"),
+        (replace(CLIP, handles_output=Path("h.txt")), "h.txt: handles are written as .json"),
+        (replace(CLIP, handles_output=Path("edited.h5")), "edited.h5: is read or written"),
+        (replace(CLIP, output=Path("no/edited.h5")), "no/edited.h5: the folder no does not exist"),
+        (
+            replace(CLIP, handles=Path("handles.json"), handles_output=Path("handles.json")),
+            "handles.json: is read or written",
+        ),
+        (replace(MODEL, output=Path("posed.fbx")), "posed.fbx: `.fbx` is not a mesh format"),
+        (replace(MODEL, cage_output=Path("cage.obj"), overwrite=True), "cage.obj: is read or"),
+        (replace(MODEL, target=Path("none.obj")), "none.obj: "),
+        (replace(MODEL, cage=Path("none.obj")), "none.obj: "),
+        (ViewSettings(Path("none.h5")), "none.h5: no such file"),
+        (ViewSettings(Path("bare.h5")), "bare.h5: has no weights"),
+    ],
+)
+def test_what_cannot_be_viewed_or_written_is_refused(clip, run, settings, told):
+    words = ("extract", "frames", "--cage", "cage.obj", "-o", "bare.h5", "--no-weights", "-q")
+    assert run(*words).code == 0
+    before = files()
+    with pytest.raises(CageikError) as error:
+        open_(settings)
+    assert str(error.value).startswith(told)
+    assert files() == before
+
+
+def test_handles_may_be_saved_where_they_were(clip):
+    same = Path("handles.json")
+    session = open_(replace(CLIP, handles=same, handles_output=same, overwrite=True))
+    assert session.read_handles() == DATA
+    apply(session, DATA + b"\n")
+    assert same.read_bytes() == DATA + b"\n"
+
+
+def test_a_handles_file_that_is_none_is_refused(clip):
+    Path("handles.json").write_text("{}")
+    with pytest.raises(InputError, match=r"^handles\.json: has no handles"):
+        open_(replace(CLIP, handles=Path("handles.json"))).read_handles()
+
+
+@pytest.mark.parametrize("settings", [CLIP, MODEL])
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        (b'{"handles": [{"name": "a", "vertex": 0, "offset": [0, NaN, 0]}]}', "offset[1]: is NaN"),
+        (b'{"handles": [{"name": "a", "vertex": 0, "offset": [0, 1e999, 0]}]}', "Infinity"),
+        (b'{"output": "/etc/passwd", "handles": []}', "is not a field"),
+        (b"{}", "has no handles"),
+        (b"[" * 100_000, "levels deep"),
+        (b'{"handles": \xff}', "UTF-8"),
+        (b"", "is not JSON"),
+    ],
+)
+def test_what_is_no_handles_file_is_refused(clip, settings, data, told):
+    session, before = open_(settings), files()
+    with pytest.raises(InputError) as error:
+        session.parse(data, 0)
+    assert told in str(error.value)
+    assert files() == before
+
+
+@pytest.mark.parametrize("settings", [CLIP, MODEL])
+def test_handles_that_do_not_fit_leave_all_files(clip, settings):
+    session = open_(settings)
+    apply(session)
+    before = files()
+    wrong = json.dumps({"handles": [LIFT | {"vertex": 10**6}]}).encode()
+    with pytest.raises(InputError, match=r"^h.json: handle 'tip': vertex: there is no vertex"):
+        apply(session, wrong)
+    assert files() == before
+
+
+def test_paths_in_names_are_names(clip):
+    before = files().keys()
+    names = ["../../evil.obj", "/etc/passwd", "C:\\evil.obj", "cages.h5"]
+    handles = [LIFT | {"name": name, "vertex": k} for k, name in enumerate(names)]
+    document = {"$schema": "file:///etc/passwd", "handles": handles}
+    apply(open_(CLIP), json.dumps(document).encode())
+    assert files().keys() - before == {Path("edited.h5"), Path("h.json")}
+
+
+def test_a_result_that_has_changed_is_refused(clip):
+    session = open_(CLIP)
+    os.utime("cages.h5", ns=(0, 0))
+    before = files()
+    with pytest.raises(InputError, match=r"^cages\.h5: has changed since the page was opened"):
+        apply(session)
+    assert files() == before
+
+
+def test_a_full_disk_loses_nothing(clip, monkeypatch):
+    session = open_(CLIP)
+    apply(session)
+    before = files()
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", fail)
+    with pytest.raises(InputError, match="No space left"):
+        apply(session)
+    assert files() == before
+
+
+class Interruptible(ViewListener):
+    """Runs a client beside a page, and interrupts the page at the end or in an edit."""
+
+    def __init__(self, use, interrupts_edit=False):
+        self.use, self.interrupts_edit = use, interrupts_edit
+        self.is_over, self.faults, self.told = threading.Event(), [], []
+
+    def open(self, address):
+        def work():
+            try:
+                self.use(Client(address))
+            except BaseException as error:
+                self.faults.append(error)
+            self.is_over.set()
+
+        threading.Thread(target=work, daemon=True).start()
+
+    @contextmanager
+    def show_edit(self):
+        interrupts = self.interrupts_edit
+
+        class Progress(ProgressListener):
+            def update(self, done, total):
+                if interrupts:
+                    raise KeyboardInterrupt
+
+        yield Progress()
+
+    def tell_applied(self, applied):
+        self.told.append(applied.written)
+
+    def tell_failed(self, error):
+        self.told.append(error)
+
+
+@pytest.fixture
+def view(monkeypatch):
+    """Serve a page until a client has used it."""
+
+    def serve(settings, use, interrupts_edit=False):
+        listener = Interruptible(use, interrupts_edit)
+        wait = JobBoard.wait
+
+        def wait_or_end(self, seconds):
+            if listener.is_over.is_set():
+                raise KeyboardInterrupt
+            return wait(self, seconds)
+
+        monkeypatch.setattr(JobBoard, "wait", wait_or_end)
+        monkeypatch.setattr(view_run, "WAIT_SECONDS", 0.02)
+        with pytest.raises(KeyboardInterrupt):
+            run_view(open_(settings), 0, listener)
+        if listener.faults:
+            raise listener.faults[0]
+        return listener
+
+    return serve
+
+
+def wait_for_end(client):
+    while (status := client.status())["state"] == "running":
+        pass
+    return status
+
+
+@pytest.mark.parametrize("settings", [CLIP, MODEL])
+def test_a_page_applies_handles(clip, view, settings):
+    def use(client):
+        page = client.ask()
+        assert b"connect-src 'self'" in page.body
+        assert client.apply(DOCUMENT, "?rigidity=2").status == 202
+        status = wait_for_end(client)
+        assert (status["state"], status["error"]) == ("done", "")
+        assert status["written"] == [str(path) for path in settings.outputs()]
+        assert [text for label, text in status["rows"] if text.startswith("tip: moved")]
+        wrong = {"handles": [LIFT | {"vertex": 10**6}]}
+        assert client.apply(wrong).value == {"job": 2}
+        status = wait_for_end(client)
+        assert (status["state"], status["rows"]) == ("failed", [])
+        assert "there is no vertex 1000000" in status["error"]
+        assert client.apply({"handles": []}).status == 422
+        assert client.apply(DOCUMENT).value == {"job": 3}
+        assert wait_for_end(client)["state"] == "done"
+
+    before = files()
+    listener = view(settings, use)
+    assert files().keys() - before.keys() == {*settings.outputs()}
+    assert [type(told) for told in listener.told] == [tuple, str, tuple]
+
+
+def test_a_page_without_an_output_applies_nothing(clip, view):
+    def use(client):
+        assert client.ask().status == 200
+        assert client.apply(DOCUMENT).status == 409
+
+    before = files()
+    view(ViewSettings(Path("cages.h5")), use)
+    assert files() == before
+
+
+def test_a_page_gives_its_handles_and_notes(clip, view):
+    near = {"name": "near", "position": [0.1, 0.2, 1.3], "pin": True}
+    Path("handles.json").write_text(json.dumps({"handles": [LIFT, near]}))
+    settings = replace(CLIP, handles=Path("handles.json"))
+    settings = replace(settings, placement=replace(settings.placement, snap=30.0))
+
+    def use(client):
+        client.apply(client.ask("handles").value)
+        notes = [text for label, text in wait_for_end(client)["rows"] if label == "note"]
+        assert [note for note in notes if "position snapped to face" in note]
+
+    view(settings, use)
+
+
+def test_an_interrupt_during_an_edit_drops_it(clip, view):
+    """What an earlier edit wrote stays; no part of the new one is left."""
+    view(CLIP, lambda client: (client.apply(DOCUMENT), wait_for_end(client)))
+    before = files()
+    settings = replace(CLIP, overwrite=True)
+    second = {"handles": [LIFT | {"offset": [0, 0.4, 0]}, *PINS]}
+    listener = view(settings, lambda client: client.apply(second), interrupts_edit=True)
+    assert listener.told == []
+    assert files() == before
+
+
+def test_two_clients_at_once_have_one_edit_at_a_time(clip, view):
+    taken = []
+
+    def use(client):
+        def work():
+            for _ in range(5):
+                answer = client.apply(DOCUMENT)
+                assert answer.status in (202, 409)
+                taken.append(answer.status)
+
+        threads = [threading.Thread(target=work) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        wait_for_end(client)
+
+    listener = view(CLIP, use)
+    assert len(taken) == 10
+    assert taken.count(202) == len(listener.told) >= 1
+    assert {type(told) for told in listener.told} == {tuple}
