@@ -10,6 +10,7 @@ AMDO 2010. The command-line tool is `cageik`; the names below are the Python API
 - extract: `extract` to arrays, `CageAnimation`; `extract_to_file`, `read_result`, `read_cages`,
   `Result`
 - pose: `Poser`, `Anchor`, `point_at_vertex`, `closest_point`
+- show in a notebook: `show`, `ShownPage`
 - errors: `CageikError`, whose `kind` says what is at fault
 
 Modules below this one may change without notice.
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from cageik_cli.workflows.build_arrays import build_cage
     from cageik_cli.workflows.extract_arrays import CageAnimation, extract
     from cageik_cli.workflows.fit_arrays import fit_weights
+    from cageik_cli.workflows.show import ShownPage, show
 
 __version__ = "0.1.0"
 
@@ -57,6 +59,7 @@ __all__ = [
     "MeshSequence",
     "Poser",
     "Result",
+    "ShownPage",
     "TriMesh",
     "bind",
     "build_cage",
@@ -70,6 +73,7 @@ __all__ = [
     "point_at_vertex",
     "read_cages",
     "read_result",
+    "show",
 ]
 
 _HOMES = {
@@ -84,12 +88,14 @@ _HOMES = {
     "MeshSequence": "formats.base.sequence",
     "Poser": "posing.poser",
     "Result": "store.result",
+    "ShownPage": "workflows.show",
     "TriMesh": "geometry.mesh",
     "build_cage": "workflows.build_arrays",
     "closest_point": "posing.anchors",
     "extract": "workflows.extract_arrays",
     "fit_weights": "workflows.fit_arrays",
     "point_at_vertex": "posing.anchors",
+    "show": "workflows.show",
 }
 """Modules of the names that are not defined in `workflows.api`."""
 

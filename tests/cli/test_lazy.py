@@ -32,4 +32,4 @@ finally:
 def test_a_command_that_is_not_there_is_none():
     assert main.commands.get("extrude") is None
     assert "extrude" not in main.commands
-    assert len(main.commands) == len(list(main.commands)) == 10
+    assert len(main.commands) == len(list(main.commands)) == 11
