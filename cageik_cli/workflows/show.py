@@ -74,12 +74,10 @@ def show(shown: Result | Binding, *, height: int = DEFAULT_HEIGHT) -> ShownPage:
     True
     """
     if isinstance(shown, Binding):
-        clip = make_single_pose(shown)
-    else:
-        found = load_player_clip(shown)
-        if found is None:
-            raise SettingError(
-                f"{shown.path}: has no weights, which a player needs; extract it again with them"
-            )
-        clip = found
-    return ShownPage(render_view_page(clip), height)
+        return ShownPage(render_view_page(make_single_pose(shown)), height)
+    clip = load_player_clip(shown)
+    if clip is None:
+        raise SettingError(
+            f"{shown.path}: has no weights, which a player needs; extract it again with them"
+        )
+    return ShownPage(render_view_page(clip, edited_from=shown.edited_from), height)

@@ -37,6 +37,7 @@ PLAYER_SCRIPTS = (
     "tracks",
     "document",
     "editor",
+    "apply",
     "handles",
     "start",
 )

@@ -6,7 +6,9 @@ from cageik_cli.report.player.clip import PlayerClip
 from cageik_cli.report.vocabulary import choose_vocabulary
 
 
-def render_view_page(clip: PlayerClip, apply_url: str = "", is_served: bool = False) -> str:
+def render_view_page(
+    clip: PlayerClip, apply_url: str = "", handles: str = "", edited_from: str | None = None
+) -> str:
     """Render a page that plays a clip and poses its model.
 
     Parameters
@@ -14,9 +16,11 @@ def render_view_page(clip: PlayerClip, apply_url: str = "", is_served: bool = Fa
     clip : PlayerClip
     apply_url : str
         Where the page sends handles when they are applied, relative to its own address; "" if they
-        are only saved.
-    is_served : bool
-        Whether the page may send requests to where it comes from.
+        are only saved, and the page sends nothing at all.
+    handles : str
+        The text of a handles file that the page begins with, which has to be JSON; "" for none.
+    edited_from : str, optional
+        The result that the clip was edited from, if it was.
 
     Returns
     -------
@@ -26,8 +30,10 @@ def render_view_page(clip: PlayerClip, apply_url: str = "", is_served: bool = Fa
     return render_template(
         "view.html.j2",
         has_player=True,
-        words=choose_vocabulary(None),
+        words=choose_vocabulary(edited_from),
         player=build_player_values(clip, apply_url),
         target=clip.target,
-        is_served=is_served,
+        is_applied=bool(apply_url),
+        # In JSON, "<" is only in strings; so written, it cannot end the element that holds it.
+        handles=handles.replace("<", "\\u003c"),
     )

@@ -6,7 +6,6 @@ come from no other origin, and carry the secret of the address. Bodies are of JS
 bounded length, and must arrive within seconds.
 
     GET  /SECRET/         the page
-    GET  /SECRET/handles  the handles file that the page begins with; 404 if there is none
     GET  /SECRET/status   a JSON object, the fields of `JobStatus`
     POST /SECRET/apply    a handles file; `?rigidity=N` for N rounds. 202 with {"job": number}
 
@@ -65,8 +64,6 @@ class Site:
         The first part of every path.
     page : bytes
         HTML.
-    handles : bytes, optional
-        JSON.
     board : JobBoard
     parse : callable, optional
         Makes an edit of a body and a rigidity; None if handles cannot be applied.
@@ -74,7 +71,6 @@ class Site:
 
     secret: str
     page: bytes
-    handles: bytes | None
     board: JobBoard
     parse: Callable[[bytes, int], Edit] | None
 
@@ -101,10 +97,8 @@ class RequestHandler(BaseHTTPRequestHandler):
         self.rfile = io.BufferedReader(raw)
 
     def do_GET(self) -> None:
-        """Answer with the page, the handles or the status."""
-        self._answer(
-            {"": self._send_page, "handles": self._send_handles, "status": self._send_status}
-        )
+        """Answer with the page or the status."""
+        self._answer({"": self._send_page, "status": self._send_status})
 
     def do_POST(self) -> None:
         """Take an edit."""
@@ -155,11 +149,6 @@ class RequestHandler(BaseHTTPRequestHandler):
 
     def _send_page(self, _: str) -> None:
         self._send(HTTPStatus.OK, "text/html; charset=utf-8", self.site.page)
-
-    def _send_handles(self, _: str) -> None:
-        if self.site.handles is None:
-            raise RefusedRequestError(HTTPStatus.NOT_FOUND, "there is no handles file")
-        self._send(HTTPStatus.OK, "application/json", self.site.handles)
 
     def _send_status(self, _: str) -> None:
         self._send_json(HTTPStatus.OK, asdict(self.site.board.status))

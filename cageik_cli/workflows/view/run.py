@@ -32,11 +32,10 @@ def run_view(session: ViewSession, port: int, listener: ViewListener) -> None:
     """
     board = JobBoard()
     apply_url = "apply" if session.can_apply else ""
-    page = render_view_page(session.clip, apply_url, is_served=True)
+    page = render_view_page(session.clip, apply_url, session.read_handles(), session.edited_from)
     site = Site(
         secret=secrets.token_urlsafe(SECRET_BYTES),
         page=page.encode(),
-        handles=session.read_handles(),
         board=board,
         parse=session.parse if session.can_apply else None,
     )

@@ -75,10 +75,14 @@ class ViewSession(ABC):
     settings : ViewSettings
     clip : PlayerClip
         What the page shows.
+    edited_from : str, optional
+        The result that the clip was edited from, if it was.
     """
 
-    def __init__(self, settings: ViewSettings, clip: PlayerClip) -> None:
-        self.settings, self.clip = settings, clip
+    def __init__(
+        self, settings: ViewSettings, clip: PlayerClip, edited_from: str | None = None
+    ) -> None:
+        self.settings, self.clip, self.edited_from = settings, clip, edited_from
         self._own = OwnOutputs(settings.overwrite)
 
     @property
@@ -86,8 +90,8 @@ class ViewSession(ABC):
         """Whether handles can be applied: there is a file to write."""
         return self.settings.output is not None
 
-    def read_handles(self) -> bytes | None:
-        """Read the handles file that the page begins with, and check it; None if there is none.
+    def read_handles(self) -> str:
+        """Read the handles file that the page begins with, and check it; "" if there is none.
 
         Raises
         ------
@@ -96,9 +100,9 @@ class ViewSession(ABC):
         """
         path = self.settings.handles
         if path is None:
-            return None
+            return ""
         read_handles(path)
-        return path.read_bytes()
+        return path.read_text(encoding="utf-8-sig")
 
     def parse(self, data: bytes, rigidity: int) -> Edit:
         """Return the edit of a handles file that was sent.
@@ -144,8 +148,14 @@ class ViewSession(ABC):
 class _ResultSession(ViewSession):
     """The animation of a result; edits are results."""
 
-    def __init__(self, settings: ViewSettings, clip: PlayerClip, watched: WatchedInput) -> None:
-        super().__init__(settings, clip)
+    def __init__(
+        self,
+        settings: ViewSettings,
+        clip: PlayerClip,
+        edited_from: str | None,
+        watched: WatchedInput,
+    ) -> None:
+        super().__init__(settings, clip, edited_from)
         self._watched = watched
 
     def _apply(self, edit_: Edit, output: Path, progress: ProgressListener) -> PoseResult:
@@ -217,13 +227,14 @@ def _open_result(settings: ViewSettings, progress: ProgressListener) -> ViewSess
     _check_handles_output(settings)
     watched = WatchedInput(settings.target)
     with progress.stage("open"):
-        clip = load_player_clip(read_result(settings.target))
+        result = read_result(settings.target)
+        clip = load_player_clip(result)
     if clip is None:
         raise SettingError(
             f"{settings.target}: has no weights, which a view needs; extract it again without "
             "--no-weights"
         )
-    return _ResultSession(settings, clip, watched)
+    return _ResultSession(settings, clip, result.edited_from, watched)
 
 
 def _check_handles_output(settings: ViewSettings) -> None:

@@ -32,7 +32,7 @@ def site(parsed):
             raise ZeroDivisionError("an internal fault")
         return data
 
-    return Site(SECRET, b"<p>page</p>", b'{"handles": []}', JobBoard(), parse)
+    return Site(SECRET, b"<p>page</p>", JobBoard(), parse)
 
 
 @pytest.fixture
@@ -51,12 +51,6 @@ def test_the_page_is_served(client):
     assert answer.headers["content-security-policy"] == "frame-ancestors 'none'"
     assert "access-control-allow-origin" not in answer.headers
     assert "server" not in answer.headers
-
-
-def test_the_handles_are_served_if_there_are_any(client, site, parsed):
-    assert client.ask("handles").body == b'{"handles": []}'
-    with serve(Site(SECRET, b"", None, JobBoard(), None), 0) as address:
-        assert Client(address).ask("handles").status == 404
 
 
 def test_the_status_is_served(client):
@@ -303,7 +297,7 @@ def test_of_edits_at_the_same_time_one_is_taken(client, site):
 
 
 def test_without_an_output_nothing_is_taken(site):
-    with serve(Site(SECRET, b"", None, JobBoard(), None), 0) as address:
+    with serve(Site(SECRET, b"", JobBoard(), None), 0) as address:
         answer = Client(address).ask("apply", "POST", b"{}")
     assert answer.status == 409
     assert "-o" in answer.value["error"]
@@ -335,7 +329,7 @@ def test_too_many_headers_are_refused(client):
 def test_a_port_that_is_taken_is_named(client):
     with (
         pytest.raises(SettingError, match=f"^port {client.port}: cannot be used .*--port"),
-        serve(Site(SECRET, b"", None, JobBoard(), None), client.port),
+        serve(Site(SECRET, b"", JobBoard(), None), client.port),
     ):
         pass
 

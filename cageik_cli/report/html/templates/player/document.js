@@ -38,6 +38,7 @@ function checkSet(set, clip, where) {
     const place = resolvePlace(handle, clip, at), key = place.corners.map((corner, k) => place.shares[k] ? corner : "").join();
     if (place.shares.includes(1) && places.has(key)) refuse(at, "another handle is at the same vertex");
     places.add(key);
+    if ("radius" in handle) refuse(`${at}: radius`, "the page does not show it; use cageik pose");
     if (!(handle.weight === undefined || (handle.weight >= 1e-12 && handle.weight <= 1e12))) refuse(`${at}: weight`, "expected a number from 1e-12 to 1e12");
     if (!motion) refuse(at, "expected a target, an offset or a pin");
     const track = handle[motion];

@@ -136,11 +136,13 @@ function makeHandles(section, stage) {
   });
   find("apply").hidden = !clip.header.applyUrl;
   find("apply").addEventListener("click", async () => {
-    const body = JSON.stringify({ handles: editor.file, rigidity: editor.rounds });
-    editor.complaint = await fetch(clip.header.applyUrl, { method: "POST", headers: { "Content-Type": "application/json" }, body })
-      .then((answer) => answer.text(), (error) => error.message);
-    stage.request();
+    const tell = (text) => { editor.complaint = text; stage.request(); };
+    await applyHandles(clip.header.applyUrl, editor.file, editor.rounds, tell).then(tell, (error) => tell(error.message));
   });
+  const given = document.getElementById("player-handles");
+  if (given) {
+    try { editor.open(readFile(given.textContent, clip)); } catch (error) { editor.complaint = `handles: ${error.message}`; }
+  }
   stage.canvas.addEventListener("keydown", (event) => {
     const isCommand = event.ctrlKey || event.metaKey, key = event.key.toLowerCase();
     if (event.key === "Delete") editor.remove();
