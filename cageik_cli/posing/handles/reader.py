@@ -191,7 +191,7 @@ def _parse_camera(raw: dict[str, Any], default: Camera | None) -> Camera | None:
         return default
     values = raw["camera"]
     width, height = float(values["width"]), float(values["height"])
-    with error_context("camera"), np.errstate(over="ignore", invalid="ignore"):
+    with error_context("camera"), np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         if "view" in values:
             view, projection = _to_array(values["view"]), _to_array(values["projection"])
             camera = Camera(view, projection, width, height)

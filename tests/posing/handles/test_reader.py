@@ -145,6 +145,10 @@ REFUSED = {
         {"handles": [HAND], "camera": MATRICES | {"view": SINGULAR}},
         "camera: view is singular",
     ),
+    "a field of view that is nearly none": (
+        {"handles": [HAND], "camera": CAMERA | {"fov_degrees": 5e-324}},
+        "camera: ",
+    ),
     "matrices of rows": (
         {"sets": [{"handles": [HAND], "camera": MATRICES | {"view": OF_ROWS}}]},
         "sets[0]: camera: the last row of view is 0, 0, 5, 1, expected 0, 0, 0, 1",
