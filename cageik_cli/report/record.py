@@ -17,7 +17,13 @@ from cageik_cli.report.fit_figures import (
     list_fit_notes,
     measure_gap_closed,
 )
-from cageik_cli.report.limits import LimitCheck, Limits, check_limits, missing_in_baseline
+from cageik_cli.report.limits import (
+    LimitCheck,
+    Limits,
+    check_limits,
+    list_limit_notes,
+    missing_in_baseline,
+)
 from cageik_cli.report.regions import RegionRecord, build_regions, list_region_notes
 from cageik_cli.report.unfitted import UnfittedRecord, build_unfitted
 from cageik_cli.solver.dual_laplacian import SolveQuality
@@ -94,6 +100,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
             *result.notes,
             *fit_notes,
             *list_region_notes(result, summary),
+            *list_limit_notes(limits, rest.diagonal),
             *missing_in_baseline(result_name, summary, limits),
         ),
         clip=ClipRecord(
