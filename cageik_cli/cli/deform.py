@@ -53,7 +53,8 @@ def make_deform_settings(
 
     if cages is None and clip != ClipSettings():
         raise click.UsageError(
-            "--frames, --layout and --allow-gaps apply to --cages; leave them out, or give it"
+            "--frames, --layout, --allow-gaps and --close-gaps apply to --cages; leave them out, "
+            "or give it"
         )
     return DeformSettings(
         result=result,
@@ -120,7 +121,7 @@ def deform_command(settings: "DeformSettings", quiet: bool) -> None:
 
     The cages of RESULT move its rest model, or another mesh. The suffix of OUT is the format: a
     file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a folder of frames (.obj, .ply), or numbered files
-    in a folder. --frames, --layout and --allow-gaps apply to --cages.
+    in a folder. --frames, --layout, --allow-gaps and --close-gaps apply to --cages.
     """
     from cageik_cli.cli.progress import show_progress
     from cageik_cli.util.outputs import check_no_overlap

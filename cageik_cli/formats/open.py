@@ -8,7 +8,7 @@ from pathlib import Path
 
 from natsort import natsort_keygen, ns
 
-from cageik_cli.formats.base.file_names import check_no_gaps, file_suffix
+from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.registry import discover_plugins
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_connectivity
@@ -115,8 +115,6 @@ def _resolve_request(
             f"{arguments[0]}: the axes of `{kinds[0]}` files have a fixed order; remove "
             f"--layout {settings.layout}"
         )
-    if not settings.allow_gaps:
-        check_no_gaps(paths)
     return reader, ClipRequest(tuple(paths), member, rest, settings)
 
 

@@ -159,7 +159,10 @@ def read_scene(file: h5py.File) -> Scene:
     InputError
         When one is missing, or not a number.
     """
-    values = {field.name: file.attrs.get(field.name) for field in fields(Scene)}
+    earlier = {"frame_step": np.float64(1)}  # results of 0.1.0 do not have it
+    values = {
+        field.name: file.attrs.get(field.name, earlier.get(field.name)) for field in fields(Scene)
+    }
     for name, value in values.items():
         if name == "up_axis" and isinstance(value, str):
             continue

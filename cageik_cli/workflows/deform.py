@@ -22,7 +22,7 @@ from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.store.result import Result, has_weights, read_result
 from cageik_cli.store.result_frames import read_binding, read_fit, read_rotations
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, fit_frames
-from cageik_cli.util.errors import SettingError, error_context
+from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import label_note
 from cageik_cli.util.threads import limit_blas_threads
@@ -179,6 +179,9 @@ def _open_cage_clip(
         check_vertex_order(clip, result.cage, "the result's cage")
     for note in clip.notes:
         progress.note("note", note)
+    if clip.missing:
+        names = join_truncated((clip.names[k] for k in sorted(clip.missing)), 5)
+        progress.note("note", f"{len(clip.missing)} cages are missing ({names}) and interpolated")
     return clip
 
 

@@ -37,7 +37,7 @@ def frames(tmp_path, monkeypatch, animation, write_obj):
 )
 def test_files_folders_and_globs_name_each_frame_once_in_natural_order(frames, arguments):
     typed = [argument.replace("{here}", str(frames.parent)) for argument in arguments]
-    sequence = open_sequence(typed, ClipSettings(allow_gaps=True))
+    sequence = open_sequence(typed, ClipSettings(gaps="close"))
     assert sequence.names == tuple(NUMBERS)
 
 
@@ -65,13 +65,13 @@ def test_hidden_files_folders_and_other_kinds_in_a_folder_are_passed_by(frames):
     for name in (".hidden.obj", "._frame_1.obj", "notes.txt", "thumbs.db"):
         (frames / name).write_text("not a mesh")
     (frames / "more").mkdir()
-    assert open_sequence(["frames"], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
-    assert open_sequence(["frames/*.obj"], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
+    assert open_sequence(["frames"], ClipSettings(gaps="close")).names == tuple(NUMBERS)
+    assert open_sequence(["frames/*.obj"], ClipSettings(gaps="close")).names == tuple(NUMBERS)
 
 
 def test_the_suffix_may_be_in_capitals(frames):
     (frames / "frame_2.obj").rename(frames / "frame_2.OBJ")
-    assert len(open_sequence(["frames"], ClipSettings(allow_gaps=True))) == 4
+    assert len(open_sequence(["frames"], ClipSettings(gaps="close"))) == 4
 
 
 def test_a_file_whose_name_looks_like_a_glob_is_itself(frames):
@@ -84,11 +84,11 @@ def test_a_file_whose_name_looks_like_a_glob_is_itself(frames):
 def test_a_folder_whose_name_looks_like_a_glob_is_itself(frames, pattern, absolute):
     frames.rename(frames.parent / "c [1]")
     typed = pattern.format(f"{frames.parent}/" if absolute else "")
-    assert open_sequence([typed], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
+    assert open_sequence([typed], ClipSettings(gaps="close")).names == tuple(NUMBERS)
 
 
 def test_a_glob_may_name_folders_as_the_shell_would(frames):
-    assert open_sequence(["fram*"], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
+    assert open_sequence(["fram*"], ClipSettings(gaps="close")).names == tuple(NUMBERS)
 
 
 @pytest.mark.parametrize(
@@ -121,10 +121,10 @@ def test_what_cannot_be_a_clip_is_refused_with_the_argument(frames, arguments, s
 
 def test_a_layout_is_for_arrays_alone(frames):
     with pytest.raises(SettingError, match=r"frames: the axes of `\.obj` files .* --layout vxf"):
-        open_sequence(["frames"], ClipSettings(layout="vxf", allow_gaps=True))
+        open_sequence(["frames"], ClipSettings(layout="vxf", gaps="close"))
 
 
 def test_only_what_is_no_clip_by_itself_is_outlined(frames):
-    assert describe_contents(["frames"], ClipSettings(allow_gaps=True)) == []
+    assert describe_contents(["frames"], ClipSettings(gaps="close")) == []
     with pytest.raises(FileAccessError, match="nowhere: no such file"):
         describe_contents(["nowhere"], ClipSettings())
