@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from cageik_cli.formats.base.file_data import decompress, read_bytes
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.file_numbers import number_files
-from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.mesh_data import FileMesh, check_not_points
 from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_connectivity
 from cageik_cli.geometry.mesh import TriMesh
@@ -129,8 +129,10 @@ def parse_mesh(reader: type[FrameFileReader], data: bytes) -> FileMesh:
     Raises
     ------
     FormatError
-        When it is empty, or no mesh of the reader's format.
+        When it is empty, a point cloud, or no mesh of the reader's format.
     """
     if not data:
         raise FormatError("the file is empty, expected a mesh; export it again")
-    return reader.parse(data)
+    mesh = reader.parse(data)
+    check_not_points(len(mesh.vertices), len(mesh.faces))
+    return mesh
