@@ -384,6 +384,19 @@ def test_a_limit_without_a_unit_stops_all_clips_or_its_own(run, anim, here):
     assert run(*BATCH, "--resume").code == 2
 
 
+def test_the_reason_of_a_failure_is_printed_once(run, anim, here):
+    Path("anim/walk/f_3.obj").write_text("no mesh")
+    outcome = run(*BATCH)
+    assert outcome.code == 4
+    assert outcome.err.count("f_3.obj: 0 vertices") == 1
+    assert "\nwalk: failed\n" in outcome.err
+    quiet = run(*BATCH, "--resume", "-q")
+    assert quiet.code == 4
+    (line,) = quiet.err.splitlines()
+    assert line.startswith("walk: ")
+    assert "f_3.obj: 0 vertices" in line
+
+
 def test_a_dry_run_tells_what_is_there(run, anim, here):
     run(*BATCH)
     Path("out/clips/walk.h5").rename("out/clips/walk.h5.partial")
