@@ -150,16 +150,13 @@ def _choose_scheduler(address: str | None, jobs: int) -> "Scheduler":
 
 
 def _show_overview(overview: "Overview", quiet: bool) -> None:
-    """Print the counts, and which clips failed or are above a limit.
-
-    Why a clip failed was noted as it ended; it is printed here if that was not seen.
-    """
+    """Print the counts, and why each clip failed or is above a limit."""
     failed = [entry for entry in overview.clips if entry.has_failed]
     over = [entry for entry in overview.clips if entry.exceeds_limit]
     if not quiet:
         done, count = len(overview.clips) - len(failed), len(overview.clips)
         text = f"{count} clip{'s' * (count != 1)}: {done} done, {len(failed)} failed"
         click.echo(f"{text}, {len(over)} over a limit", err=True)
-    for entry in failed:
-        click.echo(f"{entry.name}: {entry.fault if quiet else 'failed'}", err=True)
+    for entry in failed:  # at the end, where a long log is looked at
+        click.echo(f"{entry.name}: {entry.fault}", err=True)
     echo_exceeded_limits(overview)
