@@ -82,7 +82,11 @@ def per_clip_options(command: Callable[..., Any]) -> Callable[..., Any]:
     help="Dask scheduler that runs the jobs, tcp://HOST:PORT.  "
     "[default: DASK_SCHEDULER_ADDRESS, or processes of this machine]",
 )
-@click.option("--dry-run", is_flag=True, help="List what would be done, and change nothing.")
+@click.option(
+    "--dry-run",
+    is_flag=True,
+    help="List what would be done, and change nothing; exit code 1 if a clip would fail.",
+)
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
@@ -115,12 +119,15 @@ def batch_command(
     from cageik_cli.cli.github_summary import append_step_summary
     from cageik_cli.cli.progress import LineLogger, show_progress
     from cageik_cli.report.views.markdown import format_markdown
-    from cageik_cli.workflows.batch.dry_run import dry_run_lines
+    from cageik_cli.workflows.batch.dry_run import describe_batch
     from cageik_cli.workflows.batch.run import run_batch
 
     batch = plan_batch(options, shared)
     if dry_run:
-        click.echo("\n".join(dry_run_lines(batch)))
+        described = describe_batch(batch)
+        click.echo(described.text)
+        if described.failing:
+            raise click.exceptions.Exit(1)
         return
     chosen = _choose_scheduler(scheduler, jobs)
     with show_progress(not quiet, None, False, LineLogger) as progress:
@@ -156,6 +163,6 @@ def _show_overview(overview: "Overview", quiet: bool) -> None:
         done, count = len(overview.clips) - len(failed), len(overview.clips)
         text = f"{count} clip{'s' * (count != 1)}: {done} done, {len(failed)} failed"
         click.echo(f"{text}, {len(over)} over a limit", err=True)
-    for entry in failed:  # again, as they are far above in a long log
+    for entry in failed:  # at the end, where a long log is looked at
         click.echo(f"{entry.name}: {entry.fault}", err=True)
     echo_exceeded_limits(overview)

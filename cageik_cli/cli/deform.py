@@ -34,7 +34,7 @@ def make_output(out: Path, file_format: str | None, overwrite: bool) -> "Output"
 
 
 def make_deform_settings(
-    result: Path,
+    source: Path,
     mesh: Path | None,
     cages: str | None,
     output: "Output",
@@ -53,10 +53,11 @@ def make_deform_settings(
 
     if cages is None and clip != ClipSettings():
         raise click.UsageError(
-            "--frames, --layout and --allow-gaps apply to --cages; leave them out, or give it"
+            "--frames, --layout, --allow-gaps and --close-gaps apply to --cages; leave them out, "
+            "or give it"
         )
     return DeformSettings(
-        result=result,
+        source=source,
         output=output,
         mesh=mesh,
         coordinates=coordinates,
@@ -77,7 +78,7 @@ def make_deform_settings(
 @OptionGroup(
     "settings",
     make_deform_settings,
-    click.argument("result", type=PATH_TYPE),
+    click.argument("source", metavar="RESULT", type=PATH_TYPE),
     click.option(
         "--mesh", type=PATH_TYPE, help="Another mesh in the rest cage.  [default: the rest model]"
     ),
@@ -118,9 +119,10 @@ def make_deform_settings(
 def deform_command(settings: "DeformSettings", quiet: bool) -> None:
     """Move a mesh by a cage animation.
 
-    The cages of RESULT move its rest model, or another mesh. The suffix of OUT is the format: a
-    file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a folder of frames (.obj, .ply), or numbered files
-    in a folder. --frames, --layout and --allow-gaps apply to --cages.
+    The cages of RESULT move its rest model, or another mesh. With --cages, RESULT may also be a
+    binding. The suffix of OUT is the format: a file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a folder
+    of frames (.obj, .ply), or numbered files in a folder.
+    --frames, --layout, --allow-gaps and --close-gaps apply to --cages.
     """
     from cageik_cli.cli.progress import show_progress
     from cageik_cli.util.outputs import check_no_overlap

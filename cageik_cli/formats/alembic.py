@@ -22,13 +22,20 @@ from cageik_cli.formats.base.scene_graph import (
     frames_per_second,
     is_mirroring,
     read_constant_polygons,
+    round_frame_step,
     transform_points,
 )
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.scene import SceneHints, find_frame_step
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context, require_optional
+
+FPS_KEY = "cageik_fps"
+"""Where a mesh states the frame rate. The archive could only state it together with the time."""
+
+START_TOL = 1e-4
+"""Frames by which the start of a clip may be off a whole number."""
 
 
 class Reader(ClipFile):
@@ -68,7 +75,8 @@ class Reader(ClipFile):
         self._points = self._schema.getPositionsProperty()
         self._transforms = _find_transforms(found)
         sampling, notes = self._choose_sampling()
-        self.set_frames(request, len(sampling.times), _make_scene_hints(sampling))
+        fps = _read_frame_rate(self._archive, found)
+        self.set_frames(request, len(sampling.times), _make_scene_hints(sampling, fps))
         self._times = sampling.times[list(self.frame_indices)].tolist()
         matrix = self._world_matrix(self._times[0])
         # Alembic's faces wind clockwise.
@@ -196,15 +204,40 @@ def _read_sample(sampled: Any, index: int) -> Any:
     return sampled.getValue(index)
 
 
-def _make_scene_hints(sampling: Sampling) -> SceneHints:
+def _read_frame_rate(archive: Any, mesh: Any) -> float | None:
+    """Return the frames per second that cageik or another program states; None if none does."""
+    from alembic3d.Abc import GetArchiveInfo
+
+    stated = (mesh.getMetaData().get(FPS_KEY), GetArchiveInfo(archive).get("dccFPS"))
+    for value in stated:
+        try:
+            fps = float(value or 0)
+        except ValueError:
+            continue
+        if 0 < fps < float("inf"):
+            return fps
+    return None
+
+
+def _make_scene_hints(sampling: Sampling, fps: float | None) -> SceneHints:
+    """Return frame rate and numbers of samples; those at `fps` if samples are whole frames of it.
+
+    Alembic knows seconds only. Without a rate, the step is the smallest that makes the number of
+    the first frame whole.
+    """
     if sampling.step is None:
         return SceneHints()
-    fps = frames_per_second(sampling.step)
-    return SceneHints(fps=fps, start=round(float(sampling.times[0]) * fps, 6))
+    seconds = float(sampling.times[0])
+    step = round_frame_step(sampling.step * fps) if fps is not None else None
+    if fps is None or (step is not None and step != int(step)):
+        fps = frames_per_second(sampling.step)
+        step = find_frame_step(seconds * fps, START_TOL)
+        fps *= step or 1
+    return SceneHints(fps=fps, start=round(seconds * fps, 6), frame_step=step)
 
 
 class Writer(AnimationWriter):
-    """Frame k at second (start + k) / fps of the mesh `/NAME`; faces turn clockwise there."""
+    """Each frame at its number / fps seconds of the mesh `/NAME`; faces turn clockwise there."""
 
     suffixes = (".abc",)
 
@@ -217,7 +250,7 @@ class Writer(AnimationWriter):
     def __init__(self, target: Path, animation: Animation) -> None:
         with require_optional("alembic3d", "abc", "writing .abc"):
             from alembic3d.Abc import OArchive
-            from alembic3d.AbcCoreAbstract import TimeSampling
+            from alembic3d.AbcCoreAbstract import MetaData, TimeSampling
             from alembic3d.AbcGeom import OPolyMesh
             from imath import IntArray, IntArrayFromBuffer
 
@@ -228,8 +261,11 @@ class Writer(AnimationWriter):
         try:
             # With a name of the program, the archive would hold the time, too.
             archive = OArchive(str(target))
-            times = archive.addTimeSampling(TimeSampling(1 / scene.fps, scene.start / scene.fps))
-            mesh = OPolyMesh(archive.getTop(), animation.name, times)
+            step, start = scene.frame_step / scene.fps, scene.start / scene.fps
+            times = archive.addTimeSampling(TimeSampling(step, start))
+            stated = MetaData()
+            stated.set(FPS_KEY, f"{scene.fps:.12g}")
+            mesh = OPolyMesh(archive.getTop(), animation.name, stated, times)
         except RuntimeError as error:
             raise OSError(str(error)) from error
         # The last reference to the file: it is closed with this.

@@ -8,6 +8,7 @@ from math import sqrt
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli import __version__
 from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
@@ -28,7 +29,8 @@ _Z_TO_Y = [-sqrt(0.5), 0.0, 0.0, sqrt(0.5)]
 class Writer(AnimationWriter):
     """Morph targets are displacements from the rest pose, in float32.
 
-    The track gives frame k weight 1 at k / fps seconds and all others 0, linear between: F² floats.
+    The track gives a frame weight 1 at its number / fps seconds and all others 0, linear between:
+    F² floats.
     """
 
     suffixes = (".glb",)
@@ -48,6 +50,17 @@ class Writer(AnimationWriter):
                 f"{frames} frames of {vertices} vertices take {sum(self._sizes) / 2**30:.1f} GiB "
                 "as morph targets, and a .glb holds less than 4 GiB; write .usdc, .abc or .pc2"
             )
+        if animation.scene.start < 0:
+            raise OutputError(
+                f"the number of the first frame is {animation.scene.start:.10g}, and glTF has no "
+                "time before 0; give another with --start, or write .usdc or .abc"
+            )
+        seconds = animation.scene.start / animation.scene.fps
+        if seconds > 1:
+            self.notes = (
+                f"the first frame is at {seconds:.4g} s, as its number says, and players wait "
+                "until then; --start 0 begins at once",
+            )
         self._target, self._animation = target, animation
         self._bounds: list[tuple[list[float], list[float]]] = []
         rest = to_float32(animation.rest.vertices)
@@ -58,11 +71,6 @@ class Writer(AnimationWriter):
             self._data.write(animation.rest.faces.astype("<u4").tobytes())
             self._write_positions(rest)
             stack.pop_all()  # open from here on
-        start = animation.scene.start
-        if start != 0:
-            self.notes = (
-                f"the first frame is at time 0, and programs import it at frame 0, not {start:g}",
-            )
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
@@ -72,8 +80,7 @@ class Writer(AnimationWriter):
     def complete(self) -> None:
         """Write the track, and compose the file."""
         count = self._animation.frame_count
-        times = np.arange(count) / self._animation.scene.fps
-        self._data.write(times.astype("<f4").tobytes())
+        self._data.write(self._compute_times().tobytes())
         row = np.zeros(count, "<f4")
         for k in range(count):
             row[k] = 1
@@ -93,6 +100,12 @@ class Writer(AnimationWriter):
     def abandon(self) -> None:
         """Close the temporary file."""
         self._data.close()
+
+    def _compute_times(self) -> NDArray[np.float32]:
+        """Return the time of each frame, (F,), seconds."""
+        scene = self._animation.scene
+        numbers = scene.start + scene.frame_step * np.arange(self._animation.frame_count)
+        return np.asarray(numbers / scene.fps, "<f4")
 
     def _write_positions(self, positions: np.ndarray) -> None:
         self._data.write(positions.data)
@@ -127,8 +140,8 @@ class Writer(AnimationWriter):
         import pygltflib as gltf
 
         vertices, faces = self._animation.rest.vertices, self._animation.rest.faces
-        count, fps = self._animation.frame_count, self._animation.scene.fps
-        last = float(np.float32((count - 1) / fps))
+        count, times = self._animation.frame_count, self._compute_times()
+        first, last = float(times[0]), float(times[-1])
         number = {"componentType": gltf.FLOAT, "type": gltf.SCALAR}
         corners = gltf.Accessor(
             bufferView=0, componentType=gltf.UNSIGNED_INT, type=gltf.SCALAR, count=faces.size
@@ -145,7 +158,7 @@ class Writer(AnimationWriter):
             )
             for k, (low, high) in enumerate(self._bounds)
         ]
-        times = gltf.Accessor(bufferView=2, count=count, min=[0.0], max=[last], **number)
+        times = gltf.Accessor(bufferView=2, count=count, min=[first], max=[last], **number)
         track = gltf.Accessor(bufferView=3, count=count**2, **number)
         return [corners, *positions, times, track]
 

@@ -14,7 +14,7 @@ from cageik_cli.formats.base.binary_frames import (
 from cageik_cli.formats.base.clip_file import ArrayClip, ArrayClipFile, single_path
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.base.writer import Animation, PointCacheWriter, make_blender_notes
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.scene import SceneHints, find_frame_step
 from cageik_cli.util.errors import FormatError
 
 _INT32, _FLOAT32 = np.dtype(">i4"), np.dtype(">f4")
@@ -44,9 +44,10 @@ class Reader(ArrayClipFile):
 
 
 def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
-    """Return frame rate and number of the first frame, if the times (F,) are evenly spaced.
+    """Return frame rate and frame numbers, if the times (F,) are evenly spaced.
 
-    They are rounded to single precision, so the simplest number is taken that rounds to them.
+    They are rounded to single precision, so the simplest number is taken that rounds to them. The
+    step is 1, or the smallest that makes the number of the first frame whole.
     """
     if not np.isfinite(times).all():
         frame = int(np.argmin(np.isfinite(times)))
@@ -67,7 +68,10 @@ def _infer_timing(times: np.ndarray) -> tuple[SceneHints, tuple[str, ...]]:
         return SceneHints(), (note,)
     fps = (len(times) - 1) / duration
     fps = _simplest_number(fps, fps * rounding / duration)
-    return SceneHints(fps, _simplest_number(seconds[0] * fps, rounding * fps)), ()
+    step = find_frame_step(seconds[0] * fps, rounding * fps)
+    rate = float(fps * (step or 1))
+    start = _simplest_number(float(seconds[0]) * rate, rounding * rate)
+    return SceneHints(rate, start, frame_step=step), ()
 
 
 def _simplest_number(value: float, tolerance: float) -> float:
@@ -84,11 +88,11 @@ class Writer(PointCacheWriter):
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
-        self.notes = make_blender_notes(animation.scene.start)
+        self.notes = make_blender_notes(animation.scene)
 
     def make_header(self, animation: Animation) -> bytes:
         """Return both counts, and the times."""
         scene = animation.scene
-        times = (scene.start + np.arange(animation.frame_count)) / scene.fps
+        numbers = scene.start + scene.frame_step * np.arange(animation.frame_count)
         counts = struct.pack(">ii", animation.frame_count, len(animation.rest.vertices))
-        return counts + times.astype(">f4").tobytes()
+        return counts + (numbers / scene.fps).astype(">f4").tobytes()

@@ -2,20 +2,28 @@
 
 import glob
 import os
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 from natsort import natsort_keygen, ns
 
-from cageik_cli.formats.base.file_names import check_no_gaps, file_suffix
+from cageik_cli.formats.base.file_names import file_suffix, group_numbered_files
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.registry import discover_plugins
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_connectivity
 from cageik_cli.formats.base.settings import ClipSettings
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import FileAccessError, InputError, SettingError, error_context
+from cageik_cli.util.errors import (
+    FileAccessError,
+    InputError,
+    SettingError,
+    error_context,
+    join_truncated,
+)
+from cageik_cli.util.text import to_unicode
 
 _SKELETON_REASON = (
     "holds the motion of a skeleton, not a mesh; export the mesh that it moves, as OBJ frames"
@@ -57,7 +65,9 @@ def open_sequence(
         When nothing matches, formats are mixed, or the first frame cannot be read.
     """
     reader, request = _resolve_request(arguments, settings or ClipSettings(), rest)
-    return reader(request)
+    sequence = reader(request)
+    sequence.notes = (*_list_left_out(arguments, request.paths), *sequence.notes)
+    return sequence
 
 
 def list_members(path: Path) -> list[str]:
@@ -115,8 +125,6 @@ def _resolve_request(
             f"{arguments[0]}: the axes of `{kinds[0]}` files have a fixed order; remove "
             f"--layout {settings.layout}"
         )
-    if not settings.allow_gaps:
-        check_no_gaps(paths)
     return reader, ClipRequest(tuple(paths), member, rest, settings)
 
 
@@ -151,8 +159,7 @@ def _split_member(arguments: list[str]) -> tuple[list[str], str | None]:
 def _expand_argument(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
     path = Path(argument)
     if path.is_dir() and file_suffix(path) not in suffixes:
-        inside = [p for p in path.iterdir() if not p.name.startswith(".")]
-        found = [p for p in inside if file_suffix(p) in suffixes]
+        found = _choose_series(path, _list_folder(path, suffixes))
     elif path.exists():
         return [path]
     elif glob.has_magic(argument):
@@ -165,6 +172,57 @@ def _expand_argument(argument: str, suffixes: tuple[str, ...]) -> list[Path]:
             f"{argument}: no frame found, expected files of formats {', '.join(suffixes)}"
         )
     return found
+
+
+def _choose_series(folder: Path, files: list[Path]) -> list[Path]:
+    """Return the frames among the mesh and clip files of a folder.
+
+    If some are a series of numbered meshes, the others are a cage, a rest pose or props; those
+    whose names begin as the series does, up to a number, are frames all the same.
+
+    Raises
+    ------
+    InputError
+        When there are several series.
+    """
+    meshes = [path for path in files if file_suffix(path) in mesh_suffixes()]
+    groups = group_numbered_files(meshes).items()
+    series = {stem.rpartition("#")[0]: group for stem, group in groups if len(group) > 1}
+    if not series:
+        return files
+    begins = re.compile("|".join(map(re.escape, series)))
+    kinds = {file_suffix(group[0]) for group in series.values()}
+    if len(series) > 1 and len(kinds) == 1:
+        names = join_truncated((f"{start}*" for start in sorted(series)), 5)
+        example = folder / f"{min(series)}*{min(kinds)}"
+        raise SettingError(
+            f"{folder}: holds {len(series)} series of numbered meshes, {names}; choose one by a "
+            f"quoted glob, such as '{example}'"
+        )
+    return [path for path in files if _continues_with_number(path.name, begins)]
+
+
+def _continues_with_number(name: str, begins: re.Pattern[str]) -> bool:
+    match = begins.match(name)
+    return match is not None and re.match(r"-?\d", name[match.end() :]) is not None
+
+
+def _list_left_out(arguments: list[str], paths: tuple[Path, ...]) -> list[str]:
+    """Write a sentence on the files of folders that are no frames."""
+    suffixes, notes = tuple(_find_readers()), []
+    for folder in map(Path, arguments):
+        if not folder.is_dir() or file_suffix(folder) in suffixes:
+            continue
+        left = [path for path in _list_folder(folder, suffixes) if path not in paths]
+        if left:
+            names = join_truncated(to_unicode(path.name) for path in sort_naturally(left))
+            notes.append(f"left out, as not numbered as the frames are: {names}")
+    return notes
+
+
+def _list_folder(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    inside = (path for path in folder.iterdir() if not path.name.startswith("."))
+    return [path for path in inside if file_suffix(path) in suffixes]
 
 
 def _escape_existing_folders(pattern: Path) -> str:

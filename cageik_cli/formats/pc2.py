@@ -29,7 +29,7 @@ class Reader(ArrayClipFile):
 
     @classmethod
     def open_clip(cls, request: ClipRequest) -> ArrayClip:
-        """Find the frames, and the number of the first."""
+        """Find the frames, and their numbers."""
         file = BinaryFile.open(single_path(request.paths))
         if file.size < _HEADER.size:
             raise FormatError(f"{file.size} bytes, a PC2 file has at least 32; export it again")
@@ -47,33 +47,22 @@ class Reader(ArrayClipFile):
                 "start and a step above zero; export it again"
             )
         layout = ArrayLayout(32, np.dtype("<f4"), frames, vertices)
-        return ArrayClip(
-            StoredFrames(file, layout), None, SceneHints(start=start), _make_rate_notes(rate)
-        )
-
-
-def _make_rate_notes(rate: float) -> tuple[str, ...]:
-    if rate == 1:
-        return ()
-    return (
-        f"holds a sample every {rate:g} frames of its scene, and each is used as one frame; give "
-        f"the frame rate of the scene divided by {rate:g} with --fps",
-    )
+        step = None if rate == 1 else rate
+        scene = SceneHints(start=start, frame_step=step)
+        return ArrayClip(StoredFrames(file, layout), None, scene)
 
 
 class Writer(PointCacheWriter):
-    """Writes a sample per frame, the first at the scene's start."""
+    """Writes a sample per frame, with the number of the first and the step of numbers."""
 
     suffixes = (".pc2",)
     dtype = "<f4"
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
-        self.notes = make_blender_notes(animation.scene.start)
+        self.notes = make_blender_notes(animation.scene)
 
     def make_header(self, animation: Animation) -> bytes:
         """Return the 32 bytes before the first sample."""
-        count, start = len(animation.rest.vertices), animation.scene.start
-        return struct.pack(
-            "<12siiffi", b"POINTCACHE2\0", 1, count, start, 1.0, animation.frame_count
-        )
+        count, scene = len(animation.rest.vertices), animation.scene
+        return _HEADER.pack(_MAGIC, 1, count, scene.start, scene.frame_step, animation.frame_count)

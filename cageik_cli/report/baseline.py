@@ -8,7 +8,7 @@ from typing import Any
 
 from cageik_cli.report.limits import Baseline
 from cageik_cli.report.record import SCHEMA_VERSION
-from cageik_cli.util.errors import FormatError, error_context
+from cageik_cli.util.errors import FormatError, SettingError, error_context
 from cageik_cli.util.json_files import JsonFormat, format_value, read_json
 
 MAX_BYTES = 256 << 20
@@ -21,6 +21,13 @@ SUMMARY_FIELDS = {
     "volume_change": "volume_change_percent_max",
 }
 """The metrics that are compared, and the summary's fields that hold them in percent."""
+
+LENGTH_SPELLINGS = {
+    "rms": ("max-rms", "max_rms", "rms"),
+    "frame_rms": ("max-frame-rms", "max_frame_rms", "frame_rms", "worst_frame_rms"),
+    "max_deviation": ("max-deviation", "max_deviation"),
+}
+"""How limits of lengths are written by hand: as the option first."""
 
 _TYPE_NAMES: dict[type, str] = {dict: "an object", list: "a list", str: "a string"}
 
@@ -42,6 +49,8 @@ def read_baseline(path: Path, max_regression: Decimal) -> Baseline:
         When the file cannot be read.
     FormatError
         When the content is not that of a report; the message says where.
+    SettingError
+        When it holds a length without a unit where a report has percent.
     """
     with error_context(path):
         metrics: dict[str, dict[str, float | None]] = {}
@@ -77,7 +86,20 @@ def _iterate_results(document: Any) -> Iterator[tuple[str, dict[str, float | Non
                 if _check_type(entry, dict).get("summary") is not None:
                     yield _get_member(entry, "name", str), _parse_metrics(entry)
     else:
+        _check_units(document)
         yield _parse_record(document)
+
+
+def _check_units(held: dict[str, Any]) -> None:
+    """Refuse lengths without a unit, written by hand where a report has percent."""
+    for metric, spellings in LENGTH_SPELLINGS.items():
+        bare = [key for key in spellings if _parse_finite(held.get(key)) is not None]
+        if bare and SUMMARY_FIELDS[metric] not in held:
+            value = format_value(held[bare[0]])
+            raise SettingError(
+                f"`{bare[0]}` is {value}, which has no unit; write {SUMMARY_FIELDS[metric]}, in "
+                f"percent, or give --{spellings[0]} {value}% or --{spellings[0]} {value}units"
+            )
 
 
 def _parse_record(record: dict[str, Any]) -> tuple[str, dict[str, float | None]]:
@@ -96,6 +118,8 @@ def _check_schema(record: dict[str, Any]) -> None:
 
 def _parse_metrics(record: dict[str, Any]) -> dict[str, float | None]:
     summary = _get_member(record, "summary", dict)
+    with error_context("summary"):
+        _check_units(summary)
     return {metric: _parse_metric(summary, metric, name) for metric, name in SUMMARY_FIELDS.items()}
 
 

@@ -14,7 +14,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ClipRecord:
-    """The clip: counts, the diagonal in file units, and whether the model is closed."""
+    """The clip: counts, the diagonal in file units, whether the model is closed, and its time.
+
+    The numbers of frames begin with `start` and go in steps of `frame_step`.
+    """
 
     frames: int
     vertices: int
@@ -22,17 +25,26 @@ class ClipRecord:
     diagonal: float
     closed: bool
     fps: float
+    start: float = 1.0
+    frame_step: float = 1.0
+
+    def frame_number(self, index: float) -> float:
+        """Return the number of a frame; `index` counts frames from 0."""
+        return self.start + index * self.frame_step
 
 
 @dataclass(frozen=True, slots=True)
 class FrameRecord:
     """Metrics of a frame: lengths in file units and percent of the diagonal, changes in percent.
 
+    `index` counts frames from 0, and `number` is the place on the timeline.
+
     Metrics of volumes are None for an open model, or when vertices are missing data. All metrics
     of a skipped frame are None, and `skipped` is the reason.
     """
 
     index: int
+    number: float
     name: str
     rms: float | None
     rms_percent: float | None
@@ -128,6 +140,11 @@ def format_change(value: float) -> str:
 def format_metric(value: float) -> str:
     """Format a published metric as in all views."""
     return f"{value:.4g}"
+
+
+def format_number(number: float) -> str:
+    """Format the number of a frame as in all views."""
+    return f"{number:.10g}"
 
 
 def format_count(count: int, noun: str) -> str:

@@ -16,6 +16,9 @@ METRICS = ("rms", "frame_rms", "max_deviation", "volume_change")
 
 PERCENT, UNITS = "%", "units"
 
+MAX_USUAL_PERCENT = 5
+"""A limit in units that is more percent of the diagonal was probably meant in percent."""
+
 DECIMAL_DIGITS = 1000
 """Enough digits for the exact product of any two floats, before it is rounded."""
 
@@ -146,6 +149,17 @@ def missing_in_baseline(name: str, summary: ReportSummary, limits: Limits) -> tu
     return tuple(
         f"{metric} not compared with the baseline: not defined in {baseline.path}"
         for metric in missing
+    )
+
+
+def list_limit_notes(limits: Limits, diagonal: float) -> tuple[str, ...]:
+    """Write a sentence on each limit in units that is large beside the diagonal."""
+    return tuple(
+        f"the limit of {limit.value:.10g} units for the {limit.metric.replace('_', ' ')} is "
+        f"{100 * float(limit.value) / diagonal:.4g} % of the diagonal, more than "
+        f"{MAX_USUAL_PERCENT} %; if percent is meant, give {limit.value:.10g}%"
+        for limit in limits.limits
+        if limit.unit == UNITS and 100 * float(limit.value) > MAX_USUAL_PERCENT * diagonal
     )
 
 

@@ -17,7 +17,13 @@ from cageik_cli.report.fit_figures import (
     list_fit_notes,
     measure_gap_closed,
 )
-from cageik_cli.report.limits import LimitCheck, Limits, check_limits, missing_in_baseline
+from cageik_cli.report.limits import (
+    LimitCheck,
+    Limits,
+    check_limits,
+    list_limit_notes,
+    missing_in_baseline,
+)
 from cageik_cli.report.regions import RegionRecord, build_regions, list_region_notes
 from cageik_cli.report.unfitted import UnfittedRecord, build_unfitted
 from cageik_cli.solver.dual_laplacian import SolveQuality
@@ -94,6 +100,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
             *result.notes,
             *fit_notes,
             *list_region_notes(result, summary),
+            *list_limit_notes(limits, rest.diagonal),
             *missing_in_baseline(result_name, summary, limits),
         ),
         clip=ClipRecord(
@@ -103,6 +110,8 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
             diagonal=rest.diagonal,
             closed=rest.is_closed,
             fps=result.scene.fps,
+            start=_make_whole(result.scene.start),
+            frame_step=_make_whole(result.scene.frame_step),
         ),
         binding=result.quality,
         fit=result.fit,
@@ -125,6 +134,7 @@ def _build_frames(result: Result) -> tuple[FrameRecord, ...]:
     return tuple(
         FrameRecord(
             index=k,
+            number=_make_whole(result.scene.frame_number(k)),
             name=name,
             rms=_finite_or_none(metrics.rms[k]),
             rms_percent=_finite_or_none(percent * metrics.rms[k]),
@@ -218,6 +228,11 @@ def _build_vertex_metrics(result: Result) -> VertexMetrics:
             for k in worst
         ),
     )
+
+
+def _make_whole(number: float) -> float:
+    """Return a whole number as an integer, which is written without a point."""
+    return int(number) if number == int(number) else number
 
 
 def _positive_max(values: Floats) -> float:

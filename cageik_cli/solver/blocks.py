@@ -150,7 +150,8 @@ class BlockSolver:
     sequence : MeshSequence
     solver : DualLaplacianSolver
     skips_bad_frames : bool
-        Whether frames that cannot be read become gaps; otherwise they are refused.
+        Whether frames that cannot be read become gaps, as missing ones do; otherwise they are
+        refused.
     progress : ProgressListener
 
     All parameters are attributes too.
@@ -178,7 +179,7 @@ class BlockSolver:
             When the solve gives numbers that are not finite or too large.
         """
         if not self.skips_bad_frames:
-            block.raise_read_errors()
+            block.raise_read_errors(ignore_missing=True)
         workspace = self._thread_local.__dict__.setdefault("workspace", Workspace())
         with self.progress.stage("solve"):
             solution = self.solver.solve(block.positions, workspace)

@@ -8,6 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from cageik_cli.formats.base.gaps import GapFiller
 from cageik_cli.formats.base.hdf5 import get_dataset, open_checked, read_array
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
@@ -37,7 +38,7 @@ from cageik_cli.store.hdf5_fields import (
 )
 from cageik_cli.store.json_records import parse_record
 from cageik_cli.store.regions import RegionCounts, StoredRegion, read_regions
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import CheckpointError, FileAccessError, FormatError, error_context
 from cageik_cli.util.text import to_unicode
 
@@ -138,26 +139,16 @@ def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
     InputError
         When a block cannot be read, or is not finite.
     """
-    known = np.setdiff1d(np.arange(len(result.frames)), list(result.skipped))
+    filler = GapFiller(len(result.frames), result.skipped)
     with open_checked(result.path) as file:
         cages = get_dataset(file, "verts", "f", (len(result.frames), len(result.cage.vertices), 3))
         for start in range(first, len(cages), size):
             block = np.asarray(cages[start : start + size], np.float64)
-            for k in range(start, start + len(block)):
-                if k in result.skipped:
-                    block[k - start] = _interpolate_gap(cages, known, k)
+            filler.fill(block, start, cages.__getitem__)
             wrong = np.flatnonzero(~np.isfinite(block).all(axis=(1, 2)))
             if len(wrong):
                 raise FormatError(f"the cage of frame {start + wrong[0]} is not finite")
             yield block
-
-
-def _interpolate_gap(cages: h5py.Dataset, known: Integers, frame: int) -> Floats:
-    """Interpolate the cage of a frame between those of the nearest `known` frames."""
-    place = int(np.searchsorted(known, frame))
-    before, after = (int(known[np.clip(k, 0, len(known) - 1)]) for k in (place - 1, place))
-    share = (frame - before) / (after - before) if after > before else 0.0
-    return np.asarray((1 - share) * cages[before] + share * cages[after])
 
 
 def has_weights(result: Result) -> bool:

@@ -38,6 +38,10 @@ class FileAccessError(InputError):
     kind = "file"
 
 
+class MissingFrameError(FileAccessError):
+    """A frame has no file, in a clip whose gaps are kept."""
+
+
 class FormatError(InputError):
     """The content of a file is not what its format says: damaged, cut short, of another kind."""
 

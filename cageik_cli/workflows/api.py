@@ -73,7 +73,8 @@ def load_clip(
     selection : slice, optional
         The frames to take, `slice(0, 48, 2)`; all by default.
     allow_gaps : bool
-        Accept missing numbers in a series of files.
+        Accept missing numbers in a series of files. The clip has the frames that exist, one after
+        another; `clip.scene` has the number of the first.
 
     Raises
     ------
@@ -91,7 +92,7 @@ def load_clip(
     >>> clip.read_frame(47).shape
     (1570, 3)
     """
-    settings = ClipSettings(selection or slice(None), allow_gaps=allow_gaps)
+    settings = ClipSettings(selection or slice(None), gaps="close" if allow_gaps else "refuse")
     rest_path = Path(rest) if rest is not None else None
     clip, _ = open_clip_and_rest(_list_names(frames), settings, rest_path, 0)
     return clip

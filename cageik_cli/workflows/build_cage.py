@@ -67,7 +67,7 @@ class CageSettings:
     rest: Path | None = None
     rest_frame: RestFrame | None = None
     animation: tuple[str, ...] = ()
-    clip: ClipSettings = field(default_factory=lambda: ClipSettings(allow_gaps=True))
+    clip: ClipSettings = field(default_factory=lambda: ClipSettings(gaps="close"))
     overwrite: bool = False
     jobs: int = 1
 
@@ -185,7 +185,10 @@ def _read_animation(settings: CageSettings, model: LoadedMesh) -> Clip | None:
     with error_context(model.source["name"]):
         count, faces = len(model.fan_triangulated.vertices), model.fan_triangulated.faces
         check_connectivity(count, faces, sequence.fan_triangulated, "the first frame")
-    return make_measured_clip(model.mesh, len(sequence), sequence.read_frame, settings.jobs)
+    held = [k for k in range(len(sequence)) if k not in sequence.missing]
+    return make_measured_clip(
+        model.mesh, len(held), lambda k: sequence.read_frame(held[k]), settings.jobs
+    )
 
 
 def format_cage_text(result: CageResult, is_detailed: bool = False) -> str:

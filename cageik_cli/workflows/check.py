@@ -45,7 +45,7 @@ class CheckSettings:
     rest: Path | None = None
     rest_frame: RestFrame = 0
     jobs: int = 1
-    clip: ClipSettings = field(default_factory=lambda: ClipSettings(allow_gaps=True))
+    clip: ClipSettings = field(default_factory=lambda: ClipSettings(gaps="close"))
 
     def inputs(self) -> list[Path]:
         """Return the files that are read."""

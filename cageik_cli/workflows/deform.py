@@ -1,4 +1,4 @@
-"""The cage animation of a result, applied to its rest model or to another mesh in the cage."""
+"""Cages of a result, or of a clip, applied to a model at rest or to another mesh in the cage."""
 
 import re
 from collections.abc import Iterator
@@ -19,17 +19,21 @@ from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
 from cageik_cli.solver.fitting.sample import SampleSettings
-from cageik_cli.store.result import Result, has_weights, read_result
-from cageik_cli.store.result_frames import read_binding, read_fit, read_rotations
+from cageik_cli.store import result_frames
+from cageik_cli.store.fit_fields import StoredFit
+from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, fit_frames
-from cageik_cli.util.errors import SettingError, error_context
+from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
+from cageik_cli.workflows.cage_source import CageSource
 from cageik_cli.workflows.export import report_skipped_frames
 from cageik_cli.workflows.reconstruction import Block, CageFrames, Reconstruction
 from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
+
+NO_CAGES = "which has no cages; give them by --cages, or give a result"
 
 MAX_BLOCK_FRAMES = 16
 """Frames per block at most; more is not faster."""
@@ -44,18 +48,19 @@ class DeformSettings:
 
     Attributes
     ----------
-    result : Path
+    source : Path
+        A result, or a binding, which needs `cages`.
     output : Output
     mesh : Path, optional
         Bound to the rest cage; the rest model if absent.
     coordinates, accuracy, outside : str, optional
-        As in `BindSettings`; those of the result if absent.
+        As in `BindSettings`; those of the source if absent.
     cages : str, optional
         A clip of cages to use instead of those of the result.
     clip : ClipSettings
         How that clip is read.
     scene : SceneHints
-        Time and space, where they differ from those of the clip or the result.
+        Time and space, where they differ from those of the clip or the source.
     cache : Path, optional
         The folder of the weight cache; none is used if absent.
     memory : int
@@ -69,7 +74,7 @@ class DeformSettings:
         Note the error of other numbers of influences, too.
     """
 
-    result: Path
+    source: Path
     output: Output
     mesh: Path | None = None
     coordinates: str | None = None
@@ -88,7 +93,7 @@ class DeformSettings:
         """Return the files that are read."""
         mesh = [] if self.mesh is None else [self.mesh]
         cages = [] if self.cages is None else list_input_files([self.cages])
-        return [self.result, *mesh, *cages]
+        return [self.source, *mesh, *cages]
 
     def outputs(self) -> list[Path]:
         """Return the file or folder that is written."""
@@ -107,17 +112,20 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
     """
     progress = progress or ProgressListener()
     settings.output.check_writable()
-    result = read_result(settings.result)
-    check_influences(result, settings.influences)
-    clip = _open_cage_clip(settings, result, progress)
-    mesh = load_mesh(settings.mesh) if settings.mesh is not None else _make_rest_model(result)
-    binding = _load_or_compute_binding(settings, mesh, result, progress)
+    source = CageSource.read(settings.source)
+    if settings.influences is not None:
+        result = source.require_result("but --influences needs the settings of a result; give one")
+        check_influences(result, settings.influences)
+    clip = _open_cage_clip(settings, source, progress)
+    mesh = load_mesh(settings.mesh) if settings.mesh is not None else source.rest_model
+    binding = _load_or_compute_binding(settings, mesh, source, progress)
     if clip is None:
+        result = source.require_result(NO_CAGES)
         report_skipped_frames(result, progress)
         cages, scene = CageFrames.from_result(result), result.scene
     else:
         cages = CageFrames.from_clip(clip, settings.jobs)
-        scene = clip.scene.override(result.scene)
+        scene = clip.scene.override(source.scene)
     animation = Animation(
         rest=binding.rest,
         frame_count=cages.count,
@@ -125,7 +133,7 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
         name=_make_object_name(settings.mesh),
         obj_text=mesh.obj_text,
     )
-    rotations = _read_needed_rotations(settings, result, binding, cages.count)
+    rotations = _read_needed_rotations(settings, source, binding, cages.count)
     target = Reconstruction(binding, cages, rotations)
     if settings.influences is None:
         memory = settings.memory - binding.weights.nbytes
@@ -149,17 +157,21 @@ def _limit_influences(
 
 
 def _read_needed_rotations(
-    settings: DeformSettings, result: Result, binding: Binding, count: int
+    settings: DeformSettings, source: CageSource, binding: Binding, count: int
 ) -> Floats | None:
     """Read the rotations of the rest pose to each of `count` frames, if the weights need them."""
     if not binding.has_offsets:
         return None
+    result = source.require_result(
+        "with weights of few influences, which turn with the frames of a clip; give a result of "
+        "that clip"
+    )
     if count != len(result.frames):
         raise SettingError(
             f"{settings.cages}: has {count} cages, expected {len(result.frames)} as the result, "
             "whose weights have few influences: they turn with its frames; give as many cages"
         )
-    return read_rotations(result)
+    return result_frames.read_rotations(result)
 
 
 def choose_block_size(memory: int, vertices: int) -> int:
@@ -169,68 +181,74 @@ def choose_block_size(memory: int, vertices: int) -> int:
 
 
 def _open_cage_clip(
-    settings: DeformSettings, result: Result, progress: ProgressListener
+    settings: DeformSettings, source: CageSource, progress: ProgressListener
 ) -> MeshSequence | None:
-    """Open the clip of cages, if one is given, which has the connectivity of the result's."""
+    """Open the clip of cages, if one is given, which has the connectivity of the source's.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or none is given and the source has no cages.
+    """
     if settings.cages is None:
+        source.require_result(NO_CAGES)
         return None
-    clip = open_sequence([settings.cages], settings.clip, _make_rest_cage(result))
+    clip = open_sequence([settings.cages], settings.clip, source.rest_cage)
     with error_context(settings.cages):
-        check_vertex_order(clip, result.cage, "the result's cage")
+        check_vertex_order(clip, source.cage, source.cage_name)
     for note in clip.notes:
         progress.note("note", note)
+    if clip.missing:
+        names = join_truncated((clip.names[k] for k in sorted(clip.missing)), 5)
+        progress.note("note", f"{len(clip.missing)} cages are missing ({names}) and interpolated")
     return clip
 
 
 def _load_or_compute_binding(
-    settings: DeformSettings, mesh: LoadedMesh, result: Result, progress: ProgressListener
+    settings: DeformSettings, mesh: LoadedMesh, source: CageSource, progress: ProgressListener
 ) -> Binding:
-    """Return the weights of the result if they fit the settings; else bind the mesh to the cage."""
-    result_settings = _read_bind_settings(result)
+    """Return the weights of the source if they fit the settings; else bind the mesh to the cage."""
     bind_settings = BindSettings(
-        settings.coordinates or result_settings.coordinates,
-        settings.accuracy or result_settings.accuracy,
-        settings.outside or result_settings.outside,
+        settings.coordinates or source.bind.coordinates,
+        settings.accuracy or source.bind.accuracy,
+        settings.outside or source.bind.outside,
     )
-    is_own = settings.mesh is None and bind_settings == result_settings
-    if is_own and has_weights(result):
-        binding = read_binding(result)
-        assert binding is not None
-        return binding
+    is_own = settings.mesh is None and bind_settings == source.bind
+    held = source.read_binding() if is_own else None
+    if held is not None:
+        return held
     weight_settings = WeightSettings(
         bind_settings, settings.cache, settings.jobs, is_own_cage=settings.mesh is None
     )
-    with progress.stage("bind"), error_context(settings.mesh or settings.result), _name(mesh):
-        binding = bind_cached(mesh, _make_rest_cage(result), weight_settings, progress).binding
+    with progress.stage("bind"), error_context(settings.mesh or settings.source), _name(mesh):
+        binding = bind_cached(mesh, source.rest_cage, weight_settings, progress).binding
     for note in mesh.notes + binding.notes:
         label, text = label_note(note)
         progress.note(label, f"{mesh.source['name']}: {text}")
-    if result.fit is None:
-        return binding
-    return _apply_fit(binding, result, is_own, progress)
+    fit = source.read_fit()
+    return binding if fit is None else _apply_fit(binding, source.path, fit, is_own, progress)
 
 
 def _apply_fit(
-    binding: Binding, result: Result, is_own: bool, progress: ProgressListener
+    binding: Binding, path: Path, fit: StoredFit, is_own: bool, progress: ProgressListener
 ) -> Binding:
     """Return a binding of computed weights with what a fit has changed, where it can be known.
 
     Raises
     ------
     SettingError
-        When the weights of the result are fitted, not in it, and wanted.
+        When the weights of the source at `path` are fitted, not in it, and wanted.
     """
-    fit = read_fit(result)
-    if is_own and fit is not None and fit.low_rank is not None:
+    if is_own and fit.low_rank is not None:
         return replace(binding, weights=fit.low_rank.add_to(binding.weights))
     if is_own:
         raise SettingError(
-            f"{result.path}: its weights are fitted to a clip and not in it, so they cannot be "
+            f"{path}: its weights are fitted to a clip and not in it, so they cannot be "
             "computed again; extract it again without --no-weights, or with --fit-rank"
         )
     progress.note(
         "note",
-        f"the cages of {result.path.name} are for weights that were fitted to its model; this mesh "
+        f"the cages of {path.name} are for weights that were fitted to its model; this mesh "
         f"has {binding.settings.coordinates} weights, which follow them less closely",
     )
     return binding
@@ -249,20 +267,6 @@ def _name(mesh: LoadedMesh) -> Iterator[None]:
             remedy += ", or take the nearest points of the cage with --outside project"
         message = f"{error.outside.describe(mesh.source['name'])}; {remedy}"
         raise OutsideError(message) from error
-
-
-def _read_bind_settings(result: Result) -> BindSettings:
-    with error_context(result.path):
-        names = ("coordinates", "accuracy", "outside")
-        return BindSettings(**{name: str(result.settings.get(name)) for name in names})
-
-
-def _make_rest_cage(result: Result) -> LoadedMesh:
-    return LoadedMesh(result.cage, result.cage, {"name": f"the cage of {result.path.name}"})
-
-
-def _make_rest_model(result: Result) -> LoadedMesh:
-    return LoadedMesh(result.rest, result.rest, {"name": f"the rest pose of {result.path.name}"})
 
 
 def _make_object_name(mesh: Path | None) -> str:

@@ -47,7 +47,7 @@ def describe_files(arguments: list[str], layout: str | None = None) -> str:
         loaded = load_mesh(paths[0])
         rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
         return format_block(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
-    settings = ClipSettings(layout=layout, allow_gaps=True)
+    settings = ClipSettings(layout=layout, gaps="keep")
     rows = describe_contents(arguments, settings) or _clip_rows(open_sequence(arguments, settings))
     return format_block(join_truncated(arguments, 3), rows)
 
@@ -127,9 +127,10 @@ def _skipped_rows(result: Result) -> list[tuple[str, str]]:
 
 
 def _format_scene(scene: Scene) -> str:
+    steps = "" if scene.frame_step == 1 else f" in steps of {scene.frame_step:.10g}"
     return (
-        f"{scene.fps:g} frames per second from frame {scene.start:g}, {scene.up_axis} up, "
-        f"{scene.metres_per_unit:g} m per unit"
+        f"{scene.fps:g} frames per second from frame {scene.start:.10g}{steps}, "
+        f"{scene.up_axis} up, {scene.metres_per_unit:g} m per unit"
     )
 
 
@@ -137,10 +138,18 @@ def _clip_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
     return [
         ("holds", "a clip"),
         ("frames", f"{len(sequence)}, {sequence.names[0]} to {sequence.names[-1]}"),
+        *_missing_rows(sequence),
         *_mesh_rows(sequence.first),
         *([("scene", sequence.scene.description)] if sequence.scene.description else []),
         *(("note", note) for note in sequence.notes),
     ]
+
+
+def _missing_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
+    if not sequence.missing:
+        return []
+    names = join_truncated((sequence.names[k] for k in sorted(sequence.missing)), 5)
+    return [("missing", f"{len(sequence.missing)} of these frames: {names}")]
 
 
 def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:

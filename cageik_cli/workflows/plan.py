@@ -324,10 +324,11 @@ def _check_same_run(result: Result, plan: ExtractionPlan) -> None:
                 f"{result.path}: is the result of {what}; choose another name, or replace it with "
                 "--overwrite"
             )
-    if result.skipped and not plan.settings.skips_bad_frames:
+    skipped = [why for k, why in result.skipped.items() if k not in plan.sequence.missing]
+    if skipped and not plan.settings.skips_bad_frames:
         raise CheckpointError(
-            f"{result.path}: {len(result.skipped)} frames are skipped in it, the first: "
-            f"{next(iter(result.skipped.values()))}; repair them and use --overwrite, or accept "
+            f"{result.path}: {len(skipped)} frames are skipped in it, the first: "
+            f"{skipped[0]}; repair them and use --overwrite, or accept "
             "the gaps with --on-bad-frame skip"
         )
 

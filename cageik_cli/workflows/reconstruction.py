@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
+from cageik_cli.formats.base.gaps import GapFiller
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.solver.alignment import best_rotations
 from cageik_cli.store.result import Result, read_cages
@@ -47,15 +48,18 @@ class CageFrames:
 
     @staticmethod
     def from_clip(clip: MeshSequence, jobs: int) -> "CageFrames":
-        """Return the frames of a clip of cages, which threads read in advance."""
+        """Return the frames of a clip of cages, which threads read in advance; gaps are filled."""
+        filler = GapFiller(len(clip), clip.missing)
 
         def blocks(size: int) -> Iterator[Floats]:
             with closing(clip.blocks(size, jobs)) as read:
                 for block in read:
-                    block.raise_read_errors()
+                    block.raise_read_errors(ignore_missing=True)
+                    filler.fill(block.positions, block.start, clip.read_frame)
                     yield block.positions
 
-        return CageFrames(len(clip), np.arange(len(clip)), clip.read_frame, blocks)
+        known = np.setdiff1d(np.arange(len(clip)), list(clip.missing))
+        return CageFrames(len(clip), known, clip.read_frame, blocks)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

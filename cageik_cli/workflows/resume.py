@@ -75,7 +75,7 @@ def _find_changed_frames(
     pairs = enumerate(zip(digests, block.digests, strict=True), block.start)
     changed = [k for k, (now, then) in pairs if now != then]
     if not plan.settings.skips_bad_frames:
-        changed += block.skipped
+        changed += set(block.skipped) - sequence.missing
         for k in sorted(changed):
             # The run would stop at a frame that cannot be read, and lose the blocks after it.
             sequence.read_frame(k)

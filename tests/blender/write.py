@@ -78,10 +78,10 @@ CAGES_AND_MESHES = (
     Case("pc2", "{}.pc2", "{}", on_model=True),
     Case("mdd", "{}.mdd", "{}", on_model=True, is_turned=True),
     Case("pc2", "{}.pc2", "{}", on_model=True, is_turned=True),
-    Case("gltf", "{}.glb", "{}", first=0),
+    Case("gltf", "{}.glb", "{}"),
     Case("usd", "{}_z.usdc", "{}", first=101, **Z_UP),  # the scene's frames are time codes
     Case("alembic", "{}_z.abc", "{}", first=101, fps=30),  # states neither axis nor unit
-    Case("gltf", "{}_z.glb", "{}", first=0, fps=30, **Z_UP),
+    Case("gltf", "{}_z.glb", "{}", first=101, fps=30, **Z_UP),
 )
 SKELETONS = (
     *(Case("usd", f"skeleton.{suffix}", "skin", tolerance=SKINNED) for suffix in USD),

@@ -356,7 +356,7 @@ def test_a_dry_run_lists_what_would_be_done(run, anim, here):
     Path("anim/walk/cageik.toml").write_text("[extract]\nalfa = 1\n")
     Path("anim/runs/fast/f_1.obj").write_text("no mesh")
     outcome = run(*BATCH, "--dry-run")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert (outcome.code, outcome.err) == (1, "")
     assert not Path("out").exists()
     face, fast, walk = outcome.out.split("\nruns/fast\n")[0], *outcome.out.split("\nwalk\n")
     assert "3 of 18 vertices" in face
@@ -365,6 +365,41 @@ def test_a_dry_run_lists_what_would_be_done(run, anim, here):
     assert "has no option alfa" in walk
     assert outcome.out.splitlines()[-1] == "2 of 3 clips would fail"
     assert here == []
+
+
+@pytest.mark.parametrize(("limit", "code"), [("0.4", 1), ("'0.4%'", 0), ("'1units'", 0)])
+def test_a_dry_run_tells_of_a_limit_without_a_unit(run, anim, here, limit, code):
+    Path("anim/walk/cageik.toml").write_text(f"max-rms = {limit}\n")
+    outcome = run(*BATCH, "--dry-run")
+    assert outcome.code == code
+    assert ("0.4 has no unit; give 0.4% (of the diagonal)" in outcome.out) == (code == 1)
+
+
+def test_a_limit_without_a_unit_stops_all_clips_or_its_own(run, anim, here):
+    Path("anim/walk/cageik.toml").write_text("max-deviation = 3\n")
+    assert run(*BATCH).code == 4
+    assert "3 has no unit; give 3% " in report()["walk"]["fault"]
+    Path("options.toml").write_text("[batch]\nmax-deviation = 3\n")
+    for words in (("--max-deviation", "3"), ("--config", "options.toml")):
+        outcome = run(*BATCH, "--resume", *words)
+        assert outcome.code == 2
+        assert "has no unit" in outcome.err
+    Path("anim/cageik.toml").write_text('cage = "cage.obj"\nmax-deviation = 3\n')
+    assert run(*BATCH, "--resume").code == 2
+
+
+def test_the_reason_of_a_failure_is_printed_once(run, anim, here):
+    Path("anim/walk/f_3.obj").write_text("no mesh")
+    outcome = run(*BATCH)
+    assert outcome.code == 4
+    assert outcome.err.count("f_3.obj: 0 vertices") == 1
+    (line,) = [row for row in outcome.err.splitlines() if row.startswith("  walk ")]
+    assert line.split() == ["walk", "failed"]
+    quiet = run(*BATCH, "--resume", "-q")
+    assert quiet.code == 4
+    (line,) = quiet.err.splitlines()
+    assert line.startswith("walk: ")
+    assert "f_3.obj: 0 vertices" in line
 
 
 def test_a_dry_run_tells_what_is_there(run, anim, here):
@@ -406,9 +441,9 @@ def test_every_exit_code_of_the_installed_command(run_process, anim):
 
     assert code("--exclude", "runs/*") == 0
     assert code("--resume", "--max-rms", "low") == 2
-    assert code("--resume", "--max-rms", "0") == 3
+    assert code("--resume", "--max-rms", "0%") == 3
     Path("anim/walk/f_3.obj").write_text("no mesh")
-    assert code("--resume", "--max-rms", "0") == 4
+    assert code("--resume", "--max-rms", "0%") == 4
     Path("anim/cage.obj").write_text("no mesh")
     assert code("--resume") == 1
 

@@ -393,3 +393,70 @@ def test_a_mesh_of_any_kind_is_driven(run, result, animation):
         assert (
             run("deform", "cages.h5", "--mesh", f"a{suffix}", "-o", f"{suffix[1:]}.pc2").code == 0
         )
+
+
+@pytest.fixture
+def bound(run, result, animation, write_obj):
+    """`binding.h5` of the same model and cage, and `edit`: two cages from 1001 on."""
+    words = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-o", "binding.h5")
+    assert run(*words).code == 0
+    for k, cage in enumerate(arrays("verts")[0][2:4]):
+        write_obj(result / f"edit/c_{1001 + k}.obj", cage, animation.cage.faces)
+    return result
+
+
+def test_a_binding_is_moved_by_cages(run, bound):
+    """As the result of the same binding is."""
+    words = ("--cages", "edit", "-o")
+    assert run("deform", "cages.h5", *words, "a.npz").code == 0
+    assert run("deform", "binding.h5", *words, "b.npz").code == 0
+    assert Path("a.npz").read_bytes() == Path("b.npz").read_bytes()
+    assert run("deform", "binding.h5", *words, "m/m_####.obj").code == 0
+    assert {path.name for path in Path("m").iterdir()} == {"m_1001.obj", "m_1002.obj"}
+
+
+def test_another_mesh_is_moved_by_a_binding_and_cages(run, bound, write_obj):
+    inner = box(0.5)
+    write_obj(bound / "inner.obj", inner.vertices, inner.faces)
+    words = ("--cages", "edit", "--mesh", "inner.obj", "-o")
+    assert run("deform", "cages.h5", *words, "a.npz").code == 0
+    assert run("deform", "binding.h5", *words, "b.npz").code == 0
+    assert Path("a.npz").read_bytes() == Path("b.npz").read_bytes()
+
+
+def test_a_binding_alone_has_no_cages(run, bound):
+    outcome = run("deform", "binding.h5", *OUT)
+    assert outcome.code == 1
+    assert "binding.h5: is a binding, which has no cages; give them by --cages" in outcome.err
+    assert not Path("m.npz").exists()
+
+
+def test_cages_of_another_binding_are_refused(run, bound):
+    outcome = run("deform", "binding.h5", "--cages", "frames", *OUT)
+    assert outcome.code == 1
+    assert "18 vertices, the binding's cage has 8" in outcome.err
+
+
+def test_a_binding_of_few_influences_needs_a_result(run, bound):
+    words = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "--fit", "frames")
+    assert run(*words, "--influences", "3", "-o", "few.h5").code == 0
+    outcome = run("deform", "few.h5", "--cages", "edit", *OUT)
+    assert outcome.code == 1
+    assert "few.h5: is a binding, with weights of few influences" in outcome.err
+
+
+def test_few_influences_of_a_binding_need_a_result(run, bound):
+    outcome = run("deform", "binding.h5", "--cages", "edit", "--influences", "3", *OUT)
+    assert outcome.code == 1
+    assert "binding.h5: is a binding, but --influences needs" in outcome.err
+
+
+def test_what_is_neither_a_result_nor_a_binding_is_refused(run, bound):
+    np.savez("a.npz", verts=np.zeros((1, 3, 3)))
+    with h5py.File("other.h5", "w") as file:
+        file["verts"] = np.zeros((1, 3, 3))
+    for name in ("cage.obj", "other.h5", "a.npz", "nowhere.h5"):
+        outcome = run("deform", name, "--cages", "edit", *OUT)
+        assert outcome.code == 1
+        assert outcome.err.startswith(f"Error: {name}: ")
+        assert len(outcome.err.splitlines()) == 1

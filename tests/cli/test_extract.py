@@ -84,6 +84,8 @@ def test_gaps_are_taken_when_allowed(run, folder):
     Path("frames/frame_3.obj").unlink()
     assert run(*TYPED).code == 1
     assert run(*TYPED, "--allow-gaps").code == 0
+    assert run("report").out.startswith("cages.h5: 5 frames")
+    assert run(*TYPED, "--close-gaps", "--overwrite").code == 0
     assert run("report").out.startswith("cages.h5: 4 frames")
 
 

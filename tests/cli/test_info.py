@@ -28,7 +28,10 @@ def test_frames_are_a_clip(run, folder, words):
 
 def test_a_clip_with_gaps_is_described(run, folder):
     Path("frames/frame_3.obj").unlink()
-    assert rows_of(run("info", "frames"))[1]["frames"] == "4, frame_1.obj to frame_5.obj"
+    rows = rows_of(run("info", "frames"))[1]
+    assert rows["frames"] == "5, frame_1.obj to frame_5.obj"
+    assert rows["missing"] == "1 of these frames: frame_3.obj"
+    assert rows["scene"] == "from frame 1"
 
 
 def test_arrays_are_a_clip(run, folder, animation):

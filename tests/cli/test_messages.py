@@ -104,8 +104,8 @@ MESSAGES = {
         EXTRACT,
         1,
         "Error: frames/frame_3.obj: missing between frame_2.obj and frame_4.obj, where "
-        "frames are numbered in steps of 1 (1 such gaps); restore it, or accept the gaps "
-        "with --allow-gaps",
+        "frames are numbered in steps of 1 (1 such gap); restore it, keep gaps in time "
+        "with --allow-gaps, or number the frames one after another with --close-gaps",
     ),
     "result exists": (
         EXTRACT,

@@ -16,7 +16,7 @@ def test_gaps_are_taken_when_allowed(folder, animation):
     (folder / "frames/frame_3.obj").unlink()
     with pytest.raises(FileAccessError, match=r"frame_3\.obj: missing"):
         open_sequence(["frames"])
-    found = frames_of(open_sequence(["frames"], ClipSettings(allow_gaps=True)))
+    found = frames_of(open_sequence(["frames"], ClipSettings(gaps="close")))
     np.testing.assert_array_equal(found, animation.frames[[0, 1, 3, 4]])
 
 

@@ -76,7 +76,7 @@ def test_chosen_frames_keep_their_numbers_and_their_speed(opened, selection, num
     sequence = opened(mdd(), ClipSettings(selection))
     assert sequence.names == tuple(f"clip.mdd[{k}]" for k in numbers)
     np.testing.assert_array_equal(frames_of(sequence), FRAMES[selection])
-    assert sequence.scene == SceneHints(fps=24.0 / (selection.step or 1), start=numbers[0])
+    assert sequence.scene == SceneHints(fps=24.0, start=numbers[0], frame_step=selection.step)
 
 
 def test_no_frame_chosen_is_refused(opened):
@@ -101,6 +101,22 @@ def test_times_in_single_precision_give_the_plain_numbers_back(count, fps, start
     assert hints.start == pytest.approx(start, rel=0, abs=1e-3 + 4 * rounding * fps * count)
     if fps == int(fps) and rounding * fps * fps < 0.4:
         assert hints == SceneHints(fps, start)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "fps", "found"),
+    [
+        ((1001, 2), 24, (24.0, 1001.0, 2.0)),
+        ((1001, 3), 30, (30.0, 1001.0, 3.0)),
+        ((1000, 2), 24, (12.0, 500.0, None)),  # the times are those of 12 frames per second
+    ],
+)
+def test_the_step_is_found_if_the_clip_starts_between_samples(numbers, fps, found):
+    from cageik_cli.formats.mdd import _infer_timing
+
+    times = ((numbers[0] + numbers[1] * np.arange(9)) / fps).astype("f4")
+    hints, _ = _infer_timing(times)
+    assert hints == SceneHints(found[0], found[1], frame_step=found[2])
 
 
 def test_uneven_times_are_noted_and_the_frames_taken(opened):

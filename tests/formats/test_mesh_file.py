@@ -194,7 +194,7 @@ FAULTS = {
     "points.ply": (
         b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
         b"property float z\nend_header\n0 0 0\n",
-        "expected (count, 3)",
+        "is a point cloud",
     ),
     "nan.off": (OFF.replace("1 1 0", "1 nan 0").encode(), "vertex 2 is (1, nan, 0)"),
     "huge.off": (OFF.replace("3 0 2 3", f"3 0 2 {10**30}").encode(), "OFF"),
@@ -225,4 +225,28 @@ def test_an_off_file_that_ends_inside_its_faces_is_refused(tmp_path):
     path = tmp_path / "short.off"
     path.write_text(OFF[:-8])
     with pytest.raises(FormatError, match="announces 4 vertices and 2 faces, but holds 4 and 1"):
+        load_mesh(path)
+
+
+POINTS = {
+    "a.obj": "v 0 0 0\nv 1 0 0\nv 0 1 0\n",
+    "a.off": "OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n",
+    "a.ply": "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    "property float z\nend_header\n0 0 0\n1 0 0\n0 1 0\n",
+}
+
+
+@pytest.mark.parametrize("name", POINTS)
+def test_a_point_cloud_is_called_one(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(POINTS[name])
+    with pytest.raises(FormatError) as caught:
+        load_mesh(path)
+    assert str(caught.value).startswith(f"{path}: is a point cloud: 3 points and no faces, ")
+
+
+def test_a_binary_point_cloud_is_called_one(tmp_path):
+    path = tmp_path / "a.ply"
+    trimesh.PointCloud(np.eye(3)).export(path)
+    with pytest.raises(FormatError, match=r"a\.ply: is a point cloud: 3 points"):
         load_mesh(path)

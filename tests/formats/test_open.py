@@ -5,8 +5,14 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.formats.base.settings import ClipSettings
-from cageik_cli.formats.open import describe_contents, expand_arguments, open_sequence
+from cageik_cli.formats.open import (
+    describe_contents,
+    expand_arguments,
+    list_input_files,
+    open_sequence,
+)
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError
+from tests.clips import frames_of
 
 WALKS = ["walk.bvh", "walk.C3D", "walk.fbx", "walk.blend", "walk.glb"]
 NUMBERS = ["frame_1.obj", "frame_2.obj", "frame_10.obj", "frame_11.obj"]
@@ -37,7 +43,7 @@ def frames(tmp_path, monkeypatch, animation, write_obj):
 )
 def test_files_folders_and_globs_name_each_frame_once_in_natural_order(frames, arguments):
     typed = [argument.replace("{here}", str(frames.parent)) for argument in arguments]
-    sequence = open_sequence(typed, ClipSettings(allow_gaps=True))
+    sequence = open_sequence(typed, ClipSettings(gaps="close"))
     assert sequence.names == tuple(NUMBERS)
 
 
@@ -65,13 +71,13 @@ def test_hidden_files_folders_and_other_kinds_in_a_folder_are_passed_by(frames):
     for name in (".hidden.obj", "._frame_1.obj", "notes.txt", "thumbs.db"):
         (frames / name).write_text("not a mesh")
     (frames / "more").mkdir()
-    assert open_sequence(["frames"], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
-    assert open_sequence(["frames/*.obj"], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
+    assert open_sequence(["frames"], ClipSettings(gaps="close")).names == tuple(NUMBERS)
+    assert open_sequence(["frames/*.obj"], ClipSettings(gaps="close")).names == tuple(NUMBERS)
 
 
 def test_the_suffix_may_be_in_capitals(frames):
     (frames / "frame_2.obj").rename(frames / "frame_2.OBJ")
-    assert len(open_sequence(["frames"], ClipSettings(allow_gaps=True))) == 4
+    assert len(open_sequence(["frames"], ClipSettings(gaps="close"))) == 4
 
 
 def test_a_file_whose_name_looks_like_a_glob_is_itself(frames):
@@ -84,11 +90,11 @@ def test_a_file_whose_name_looks_like_a_glob_is_itself(frames):
 def test_a_folder_whose_name_looks_like_a_glob_is_itself(frames, pattern, absolute):
     frames.rename(frames.parent / "c [1]")
     typed = pattern.format(f"{frames.parent}/" if absolute else "")
-    assert open_sequence([typed], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
+    assert open_sequence([typed], ClipSettings(gaps="close")).names == tuple(NUMBERS)
 
 
 def test_a_glob_may_name_folders_as_the_shell_would(frames):
-    assert open_sequence(["fram*"], ClipSettings(allow_gaps=True)).names == tuple(NUMBERS)
+    assert open_sequence(["fram*"], ClipSettings(gaps="close")).names == tuple(NUMBERS)
 
 
 @pytest.mark.parametrize(
@@ -121,10 +127,67 @@ def test_what_cannot_be_a_clip_is_refused_with_the_argument(frames, arguments, s
 
 def test_a_layout_is_for_arrays_alone(frames):
     with pytest.raises(SettingError, match=r"frames: the axes of `\.obj` files .* --layout vxf"):
-        open_sequence(["frames"], ClipSettings(layout="vxf", allow_gaps=True))
+        open_sequence(["frames"], ClipSettings(layout="vxf", gaps="close"))
 
 
 def test_only_what_is_no_clip_by_itself_is_outlined(frames):
-    assert describe_contents(["frames"], ClipSettings(allow_gaps=True)) == []
+    assert describe_contents(["frames"], ClipSettings(gaps="close")) == []
     with pytest.raises(FileAccessError, match="nowhere: no such file"):
         describe_contents(["nowhere"], ClipSettings())
+
+
+@pytest.fixture
+def walk(tmp_path, monkeypatch, animation, write_obj):
+    """The current folder, with `walk`: three frames, a cage, a rest pose and a result."""
+    for k, vertices in enumerate(animation.frames[:3], start=1):
+        write_obj(tmp_path / f"walk/walk_{k}.obj", vertices, animation.rest.faces)
+    write_obj(tmp_path / "walk/rest.obj", animation.rest.vertices, animation.rest.faces)
+    write_obj(tmp_path / "walk/cage_80.obj", animation.cage.vertices, animation.cage.faces)
+    (tmp_path / "walk/cages.h5").write_text("a result")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "walk"
+
+
+def test_a_cage_and_a_rest_pose_beside_frames_are_left_out(walk):
+    clip = open_sequence(["walk"])
+    assert clip.names == ("walk_1.obj", "walk_2.obj", "walk_3.obj")
+    (note,) = clip.notes
+    assert note == ("left out, as not numbered as the frames are: cage_80.obj, cages.h5, rest.obj")
+    assert {path.name for path in list_input_files(["walk"])} == set(clip.names)
+
+
+def test_files_that_are_named_are_never_left_out(walk):
+    with pytest.raises(InputError, match=r"rest\.obj: 18 vertices, the rest pose has 8"):
+        frames_of(open_sequence(["walk/*.obj"]))
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("walk_-1.obj", "negative"),
+        ("walk_1.5.obj", "subframe"),
+        ("walk_4.obj.gz", "formats .obj, .obj.gz are mixed"),
+        ("walk_02.obj", "has the frame number of walk_"),
+    ],
+)
+def test_what_looks_like_a_frame_is_not_left_out(walk, name, says):
+    (walk / name).write_bytes((walk / "walk_1.obj").read_bytes())
+    with pytest.raises(InputError, match=says):
+        open_sequence(["walk"])
+
+
+def test_one_of_several_series_must_be_chosen(walk):
+    for k in (1, 2):
+        (walk / f"run_{k}.obj").write_bytes((walk / f"walk_{k}.obj").read_bytes())
+    with pytest.raises(SettingError) as caught:
+        open_sequence(["walk"])
+    assert "walk: holds 2 series of numbered meshes, run_*, walk_*; choose" in str(caught.value)
+    assert f"'{Path('walk', 'run_*.obj')}'" in str(caught.value)
+    assert open_sequence(["walk/run_*.obj"]).names == ("run_1.obj", "run_2.obj")
+
+
+def test_a_folder_without_a_series_is_taken_whole(walk):
+    for name in ("walk_2.obj", "walk_3.obj", "cage_80.obj", "cages.h5"):
+        (walk / name).unlink()
+    clip = open_sequence(["walk"])
+    assert (clip.names, clip.notes) == (("rest.obj", "walk_1.obj"), ())

@@ -60,15 +60,15 @@ def test_it_starts_where_it_says(opened, start):
 
 def test_chosen_frames_start_at_the_first_of_them(opened):
     sequence = opened(pc2(start=10), ClipSettings(slice(1, None, 3)))
-    assert sequence.scene == SceneHints(start=11)
+    assert sequence.scene == SceneHints(start=11, frame_step=3)
     assert sequence.names == ("clip.pc2[1]", "clip.pc2[4]")
     np.testing.assert_array_equal(frames_of(sequence), FRAMES[1::3])
 
 
 @pytest.mark.parametrize("rate", [0.5, 2.0])
-def test_another_rate_is_noted(opened, rate):
-    (note,) = opened(pc2(rate=rate)).notes
-    assert note.startswith(f"clip.pc2: holds a sample every {rate:g} frames of its scene")
+def test_another_rate_is_the_step_of_frame_numbers(opened, rate):
+    clip = opened(pc2(start=1001.0, rate=rate))
+    assert (clip.scene, clip.notes) == (SceneHints(start=1001.0, frame_step=rate), ())
 
 
 DAMAGES = {
@@ -103,5 +103,9 @@ def test_what_is_no_sound_clip_is_refused(tmp_path, opened, data, says):
 def test_without_a_rest_pose_it_is_outlined(tmp_path):
     (tmp_path / "clip.pc2").write_bytes(pc2(start=1, rate=2))
     rows = dict(describe_contents([str(tmp_path / "clip.pc2")], ClipSettings()))
-    assert (rows["frames"], rows["vertices"], rows["scene"]) == ("5", "4", "from frame 1")
-    assert rows["note"].startswith("holds a sample every 2 frames")
+    assert (rows["frames"], rows["vertices"], rows["scene"]) == (
+        "5",
+        "4",
+        "from frame 1, in steps of 2",
+    )
+    assert "note" not in rows

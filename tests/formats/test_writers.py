@@ -17,7 +17,7 @@ from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.usd.errors import USD_SUFFIXES
 from cageik_cli.formats.write import open_writer
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import OutputError
+from cageik_cli.util.errors import OutputError, SettingError
 from tests.formats.written import bytes_under, single, write
 
 OUTPUTS = ("a.npz", "a.pc2", "a.mdd", "a.glb", "a/a_####.obj", "a/a_%04d.ply")
@@ -173,7 +173,7 @@ def test_mdd_as_it_is_described(tmp_path, animation, scene):
     np.testing.assert_array_equal(found, animation.frames.astype(np.float32))
 
 
-@pytest.mark.parametrize("name", ["a.pc2", "a.mdd", "a.glb"])
+@pytest.mark.parametrize("name", ["a.pc2", "a.mdd"])
 @pytest.mark.parametrize(("start", "says"), [(0.0, ""), (1.0, "1"), (1001.5, "1001.5")])
 def test_where_the_first_frame_lands_is_said(tmp_path, animation, name, start, says):
     described = Animation(animation.rest, 5, Scene(start=start), "a")
@@ -181,6 +181,41 @@ def test_where_the_first_frame_lands_is_said(tmp_path, animation, name, start, s
         writer.append(animation.frames)
     assert " ".join(writer.notes).endswith(says)
     assert bool(writer.notes) == bool(says)
+
+
+@pytest.mark.parametrize("name", ["a.pc2", "a.mdd"])
+def test_a_step_is_a_scale_in_blender(tmp_path, animation, name):
+    described = Animation(animation.rest, 5, Scene(start=0, frame_step=2), "a")
+    with open_writer(tmp_path / name, described, False) as writer:
+        writer.append(animation.frames)
+    (note,) = writer.notes
+    assert note.endswith("set its Frame Scale to 0.5")
+
+
+@pytest.mark.parametrize(("start", "count"), [(0, 0), (24, 0), (25, 1), (1001, 1)])
+def test_a_late_first_frame_is_said_of_a_glb(tmp_path, animation, start, count):
+    described = Animation(animation.rest, 5, Scene(start=start), "a")
+    with open_writer(tmp_path / "a.glb", described, False) as writer:
+        writer.append(animation.frames)
+    assert len(writer.notes) == count
+    assert all("--start 0" in note for note in writer.notes)
+
+
+def test_a_glb_has_no_time_before_zero(tmp_path, animation):
+    described = Animation(animation.rest, 5, Scene(start=-1), "a")
+    with pytest.raises(OutputError, match="first frame is -1, and glTF has no time before 0"):
+        opening._find_writers()[".glb"](tmp_path / "a.glb", described)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("step", [0.5, 2.5])
+def test_files_are_named_by_whole_numbers(tmp_path, animation, step):
+    described = Animation(animation.rest, 5, Scene(frame_step=step), "a")
+    with (
+        pytest.raises(SettingError, match=rf"step of frame numbers is {step}, .* --frame-step"),
+        open_writer(tmp_path / "a/a_#.obj", described, False),
+    ):
+        pass
 
 
 # --- glTF, decoded by hand
@@ -236,7 +271,7 @@ def test_glb_by_its_own_accessors(tmp_path, animation, scene):
     path = write(tmp_path / "a.glb", moved, animation.frames, scene=scene)
     file = Glb(path)
     times, frames = file.frames()
-    np.testing.assert_allclose(times, np.arange(5) / 30, rtol=1e-7)
+    np.testing.assert_allclose(times, (7 + np.arange(5)) / 30, rtol=1e-6)
     np.testing.assert_allclose(frames, animation.frames, rtol=0, atol=1e-6)
     primitive = file.json["meshes"][0]["primitives"][0]
     np.testing.assert_array_equal(
@@ -281,7 +316,7 @@ def test_glb_stands_upright_and_in_metres(tmp_path, animation, scene):
 def test_a_clip_of_one_frame(tmp_path, animation):
     file = Glb(write(tmp_path / "a.glb", animation.rest, animation.frames[2:3]))
     times, frames = file.frames()
-    assert times.tolist() == [0]
+    np.testing.assert_allclose(times, [1 / 24], rtol=1e-6)
     np.testing.assert_allclose(frames[0], animation.frames[2], rtol=0, atol=1e-6)
 
 

@@ -114,12 +114,14 @@ def make_report(closed):
     """A function that makes a report of errors and volume changes; None is a skipped frame."""
     report = build_report(closed.result)
 
-    def make(errors, changes=None, names="frame_{}", limits=()):
+    def make(errors, changes=None, names="frame_{}", limits=(), **time):
+        clip = replace(report.clip, **time)
         changes = [None] * len(errors) if changes is None else changes
         frames = tuple(
             replace(
                 report.frames[0],
                 index=k,
+                number=clip.frame_number(k),
                 name=names.format(k),
                 rms_percent=error,
                 max_deviation_percent=None if error is None else 3 * error,
@@ -138,6 +140,6 @@ def make_report(closed):
             rms_percent=known[worst] / 2,
         )
         gates = check_limits("made", summary, Limits(tuple(limits)))
-        return replace(report, frames=frames, summary=summary, gates=gates)
+        return replace(report, clip=clip, frames=frames, summary=summary, gates=gates)
 
     return make

@@ -111,6 +111,8 @@ def test_clip_binding_and_provenance(closed, report):
         "diagonal": pytest.approx(np.linalg.norm(np.ptp(closed.frames[0], axis=0))),
         "closed": True,
         "fps": 24.0,
+        "start": 1,
+        "frame_step": 1,
     }
     assert set(dataclasses.asdict(report.binding)) == {
         "partition_of_unity", "linear_precision", "min_weight", "panels", "estimated_error",

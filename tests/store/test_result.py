@@ -110,6 +110,7 @@ def test_the_schema(path):
     assert attributes["version"] == __version__
     scene = {name: attributes[name] for name in ("fps", "start", "up_axis", "metres_per_unit")}
     assert scene == {"fps": 30.0, "start": 101.0, "up_axis": "Z", "metres_per_unit": 0.01}
+    assert attributes["frame_step"] == 1
     assert attributes["complete"]
     assert json.loads(attributes["settings"]) == SETTINGS
     assert json.loads(attributes["sources"]) == SOURCES
@@ -117,7 +118,7 @@ def test_the_schema(path):
     assert json.loads(attributes["quality"])["condition_number"] == 123.0
     assert set(attributes) == {
         "format", "schema", "version", "fps", "start", "up_axis", "metres_per_unit", "settings",
-        "sources", "skipped", "notes", "quality", "complete", "has_offsets"
+        "frame_step", "sources", "skipped", "notes", "quality", "complete", "has_offsets"
     }  # fmt: skip
 
 
@@ -320,6 +321,8 @@ DAMAGES = [
     *[(attribute("fps", bad), f"{bad:g} ") for bad in (0.0, -1.0, np.nan, np.inf)],
     *[(attribute("up_axis", bad), "axis") for bad in ("X", "", 1.0)],
     (without_attribute("fps"), "attribute `fps` is None, expected a number"),
+    *[(attribute("frame_step", bad), "attribute `frame_step` is") for bad in ("1", [1.0, 1.0])],
+    *[(attribute("frame_step", bad), "step of frame numbers") for bad in (0.0, -1.0, np.nan)],
     *[
         (change, f"`{name}` is not a JSON {kind}")
         for name, kind in {
@@ -404,6 +407,12 @@ def test_a_damaged_result_is_refused_by_name(path, damage, says):
         store.read_result(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert says in str(caught.value)
+
+
+def test_results_of_earlier_versions_have_steps_of_one(path):
+    with h5py.File(path, "a") as file:
+        del file.attrs["frame_step"]
+    assert store.read_result(path).scene.frame_step == 1
 
 
 def test_an_edit_names_its_result(tmp_path, path):

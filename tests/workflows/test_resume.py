@@ -324,7 +324,9 @@ def test_the_report_names_the_gaps(gapped):
     assert record["summary"]["frames_skipped"] == 2
     gap = record["frames"][1]
     assert "0 vertices" in gap.pop("skipped")
-    assert {key for key, value in gap.items() if value is not None} == {"index", "name"}
+    assert {key for key, value in gap.items() if value is not None} == {
+        "index", "number", "name"
+    }  # fmt: skip
     assert record["frames"][2]["skipped"] is None
     good = [frame["rms"] ** 2 for frame in record["frames"] if frame["rms"] is not None]
     assert record["summary"]["rms"] == pytest.approx(np.sqrt(np.mean(good)), rel=1e-12)

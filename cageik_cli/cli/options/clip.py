@@ -8,7 +8,7 @@ import click
 
 from cageik_cli.cli.options.common import PATH_TYPE, usage_errors
 from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.formats.base.settings import AUTO, LAYOUTS, ClipSettings, RestFrame
+from cageik_cli.formats.base.settings import AUTO, LAYOUTS, ClipSettings, Gaps, RestFrame
 from cageik_cli.formats.scene import UP_AXES, SceneHints
 
 
@@ -41,9 +41,20 @@ layout_option = click.option(
     "[default: found from their lengths]",
 )
 
+
+def make_clip_settings(
+    selection: slice, layout: str | None, allow_gaps: bool, close_gaps: bool
+) -> ClipSettings:
+    """Make the record of how a clip is read; gaps cannot be both kept and closed."""
+    if allow_gaps and close_gaps:
+        raise click.UsageError("--allow-gaps and --close-gaps exclude each other; leave one out")
+    gaps: Gaps = "keep" if allow_gaps else "close" if close_gaps else "refuse"
+    return ClipSettings(selection, layout, gaps)
+
+
 CLIP_OPTIONS = OptionGroup(
     "clip",
-    ClipSettings,
+    make_clip_settings,
     click.option(
         "--frames",
         "selection",
@@ -52,16 +63,29 @@ CLIP_OPTIONS = OptionGroup(
         help="Take frames A:B:STEP only, counted from 0, without B.  [default: all]",
     ),
     layout_option,
-    click.option("--allow-gaps", is_flag=True, help="Accept missing numbers in a series of files."),
+    click.option(
+        "--allow-gaps",
+        is_flag=True,
+        help="Keep missing numbers of files as gaps in time, which are filled like skipped frames.",
+    ),
+    click.option(
+        "--close-gaps",
+        is_flag=True,
+        help="Number the frames one after another, whatever numbers of files are missing.",
+    ),
 )
 
 
 def make_scene_hints(
-    fps: float | None, start: float | None, up_axis: str | None, metres_per_unit: float | None
+    fps: float | None,
+    start: float | None,
+    frame_step: float | None,
+    up_axis: str | None,
+    metres_per_unit: float | None,
 ) -> SceneHints:
     """Make the scene of what was typed; impossible values are wrong usage."""
     with usage_errors():
-        return SceneHints(fps, start, up_axis, metres_per_unit)
+        return SceneHints(fps, start, up_axis, metres_per_unit, frame_step)
 
 
 SCENE_OPTIONS = OptionGroup(
@@ -70,6 +94,11 @@ SCENE_OPTIONS = OptionGroup(
     click.option("--fps", type=float, help="Frames per second.  [default: from the source, or 24]"),
     click.option(
         "--start", type=float, help="Number of the first frame.  [default: from the source, or 1]"
+    ),
+    click.option(
+        "--frame-step",
+        type=float,
+        help="From the number of a frame to that of the next.  [default: from the source, or 1]",
     ),
     click.option(
         "--up-axis",

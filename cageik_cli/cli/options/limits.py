@@ -12,6 +12,7 @@ import click
 
 from cageik_cli.cli.options.common import PATH_TYPE
 from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.util.errors import SettingError
 
 if TYPE_CHECKING:
     from cageik_cli.report.limits import Baseline, Limits
@@ -62,6 +63,8 @@ class LimitOptions:
 
         Raises
         ------
+        click.UsageError
+            When the baseline states limits without units.
         InputError
             When the baseline cannot be read, or is not one.
         """
@@ -77,44 +80,53 @@ class LimitOptions:
         if self.baseline is None:
             return Limits(limits)
         regression = self.max_regression.value if self.max_regression else DEFAULT_REGRESSION
-        return Limits(limits, (load_baseline or read_baseline)(self.baseline, regression))
+        try:
+            baseline = (load_baseline or read_baseline)(self.baseline, regression)
+        except SettingError as error:
+            raise click.UsageError(str(error)) from error
+        return Limits(limits, baseline)
 
 
-class LimitValueType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
-    """A number, zero or above: percent with the sign %, file units without."""
+_NUMBER = r"\+?((?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)"
+
+
+class PercentType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4
+    """A number of percent, zero or above, with or without the sign."""
 
     name = "number[%]"
     noun = "a limit"
-    expected = "0.5% or, in file units, 0.02"
+    units: tuple[str, ...] = ("%", "")
+    expected = "2%"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Parse the text."""
         if isinstance(value, LimitValue):
             return value
-        number = r"(\d+\.?\d*|\.\d+)(e[+-]?\d{1,3})?"
-        match = re.fullmatch(rf"\+?({number})\s*(%?)", str(value).strip(), re.ASCII | re.IGNORECASE)
-        if not match or not math.isfinite(float(match[1])):
+        match = re.fullmatch(rf"{_NUMBER}\s*(%|units|)", str(value).strip().lower(), re.ASCII)
+        if not match or not math.isfinite(float(match[1])) or match[2] not in ("", *self.units):
             self.fail(
                 f"{value!r} is not {self.noun}; expected a finite number, zero or above, such as "
                 f"{self.expected}",
                 param,
                 ctx,
             )
-        return self.make_value(Decimal(match[1]), bool(match[4]))
+        number, unit = match.groups()
+        if unit not in self.units:
+            self.fail(
+                f"{value!r} has no unit; give {number}% (of the diagonal) or {number}units (of "
+                "the file)",
+                param,
+                ctx,
+            )
+        return LimitValue(Decimal(number), unit != "units")
 
-    def make_value(self, value: Decimal, has_sign: bool) -> Any:
-        """Make the value of the option."""
-        return LimitValue(value, has_sign)
 
+class LengthLimitType(PercentType):
+    """A length, zero or above: percent of the diagonal, or file units; one of them is typed."""
 
-class PercentType(LimitValueType):
-    """A number of percent, zero or above, with or without the sign."""
-
-    expected = "2%"
-
-    def make_value(self, value: Decimal, has_sign: bool) -> Any:
-        """Make a percentage in any case."""
-        return LimitValue(value, True)
+    name = "length"
+    units = ("%", "units")
+    expected = "0.4% or, in file units, 0.01units"
 
 
 LIMIT_OPTIONS = OptionGroup(
@@ -122,19 +134,19 @@ LIMIT_OPTIONS = OptionGroup(
     LimitOptions,
     click.option(
         "--max-rms",
-        type=LimitValueType(),
-        help="Fail with exit code 3 if the RMS error of the clip is above this: 0.5% of the "
-        "diagonal, or 0.02 in file units.",
+        type=LengthLimitType(),
+        help="Fail with exit code 3 if the RMS error of the clip is above this: 0.4% of the "
+        "diagonal, or 0.01units of the file.",
     ),
     click.option(
         "--max-frame-rms",
-        type=LimitValueType(),
-        help="Fail if the RMS error of any frame is above this.",
+        type=LengthLimitType(),
+        help="Fail if the RMS error of any frame is above this, in % or units.",
     ),
     click.option(
         "--max-deviation",
-        type=LimitValueType(),
-        help="Fail if any vertex of any frame deviates by more than this.",
+        type=LengthLimitType(),
+        help="Fail if any vertex of any frame deviates by more than this, in % or units.",
     ),
     click.option(
         "--max-volume-change",

@@ -3,11 +3,10 @@
 import re
 from collections import Counter
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 from cageik_cli.formats.base.file_data import GZIP_SUFFIX
-from cageik_cli.util.errors import FileAccessError, SettingError
+from cageik_cli.util.errors import SettingError
 
 
 def file_suffix(path: Path) -> str:
@@ -36,36 +35,6 @@ def group_numbered_files(paths: list[Path]) -> dict[str, list[Path]]:
     return {
         stem + (kind if stems[stem] > 1 else ""): files for (stem, kind), files in found.items()
     }
-
-
-def check_no_gaps(paths: list[Path]) -> None:
-    """Refuse files, in order, when a number is missing between them.
-
-    Files that are not numbered in one way, or are in several folders, are not checked.
-
-    Raises
-    ------
-    InputError
-        Naming the first missing file.
-    """
-    found = [_NUMBERED.fullmatch(file_stem(path)) for path in paths]
-    matches = [match for match in found if match]
-    around = {(path.parent, m[1], m[3]) for path, m in zip(paths, matches, strict=False)}
-    if len(matches) < len(paths) or len(around) != 1:
-        return
-    numbers = [int(match[2]) for match in matches]
-    steps = Counter(b - a for a, b in pairwise(numbers))
-    usual = min(steps, key=lambda step: (-steps[step], step), default=0)
-    gaps = [k for k, (a, b) in enumerate(pairwise(numbers)) if b - a > usual > 0]
-    if gaps:
-        first = matches[gaps[0]]
-        number = str(int(first[2]) + usual).zfill(len(first[2]))
-        lost = f"{first[1]}{number}{first[3]}{paths[0].name[len(file_stem(paths[0])) :]}"
-        raise FileAccessError(
-            f"{paths[gaps[0]].parent / lost}: missing between {paths[gaps[0]].name} and "
-            f"{paths[gaps[0] + 1].name}, where frames are numbered in steps of {usual} "
-            f"({len(gaps)} such gaps); restore it, or accept the gaps with --allow-gaps"
-        )
 
 
 _FRAME_NUMBER = re.compile(r"(?P<hashes>#+)|%0?(?P<printf>\d?)d|\$F(?P<houdini>\d?)")

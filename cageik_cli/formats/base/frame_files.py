@@ -7,12 +7,13 @@ from typing import Any, Protocol
 
 from cageik_cli.formats.base.file_data import decompress, read_bytes
 from cageik_cli.formats.base.file_names import file_suffix
-from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.file_numbers import number_files
+from cageik_cli.formats.base.mesh_data import FileMesh, check_not_points
 from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_connectivity
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FormatError, error_context
+from cageik_cli.util.errors import FormatError, MissingFrameError, error_context
 from cageik_cli.util.text import to_unicode
 
 
@@ -52,8 +53,12 @@ class FrameFileReader(MeshSequence):
         return b""
 
     def __init__(self, request: ClipRequest) -> None:
-        paths = [request.paths[k] for k in request.select_frames(len(request.paths))]
-        self._paths = paths
+        series = number_files(request.paths, request.settings.gaps)
+        chosen = series.trim(request.select_frames(len(series.paths)))
+        self._missing = {k: series.missing[n] for k, n in enumerate(chosen) if n in series.missing}
+        self.missing = frozenset(self._missing)
+        self.scene = series.scene.restrict_to_frames(chosen)
+        self._paths = paths = [series.paths[n] for n in chosen]
         self._suffix = file_suffix(paths[0])
         self.names = tuple(to_unicode(path.name) for path in paths)
         self._digests: dict[int, bytes] = {}
@@ -63,7 +68,8 @@ class FrameFileReader(MeshSequence):
             self._fan_triangulated = mesh.fan_triangulated
             # Its shape decides how polygons are cut, for all frames.
             self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)
-        self.notes = tuple(f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
+        notes = (f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
+        self.notes = (*series.notes, *notes)
         self._frame_parser = self.make_frame_parser(data, mesh)
 
     def read_positions(self, index: int) -> Floats:
@@ -105,11 +111,13 @@ class FrameFileReader(MeshSequence):
         digests = b"".join(map(self.digest_or_zeros, range(len(self))))
         return {
             "name": f"{self.names[0]} ... {self.names[-1]}" if len(self) > 1 else self.names[0],
-            "files": len(self),
+            "files": len(self) - len(self.missing),
             "sha256": hashlib.sha256(digests).hexdigest(),
         }
 
     def _read(self, index: int) -> bytes:
+        if index in self._missing:
+            raise MissingFrameError(self._missing[index])
         data = read_bytes(self._paths[index])
         self._digests[index] = hashlib.sha256(data).digest()
         return decompress(data, self._suffix)
@@ -121,8 +129,10 @@ def parse_mesh(reader: type[FrameFileReader], data: bytes) -> FileMesh:
     Raises
     ------
     FormatError
-        When it is empty, or no mesh of the reader's format.
+        When it is empty, a point cloud, or no mesh of the reader's format.
     """
     if not data:
         raise FormatError("the file is empty, expected a mesh; export it again")
-    return reader.parse(data)
+    mesh = reader.parse(data)
+    check_not_points(len(mesh.vertices), len(mesh.faces))
+    return mesh

@@ -6,6 +6,7 @@ import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import FormatError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +44,20 @@ class FileMesh:
             return ()
         plural = "s" * (self.polygon_count > 1)
         return (f"{self.polygon_count} polygon{plural} cut into triangles to compute with",)
+
+
+def check_not_points(vertex_count: int, face_count: int) -> None:
+    """Refuse points without faces.
+
+    Raises
+    ------
+    FormatError
+    """
+    if vertex_count and not face_count:
+        raise FormatError(
+            f"is a point cloud: {vertex_count} points and no faces, expected a mesh; reconstruct "
+            "its surface, or export the mesh with its faces"
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

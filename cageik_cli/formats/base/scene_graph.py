@@ -143,6 +143,12 @@ def frames_per_second(step: float) -> float:
     return round(1 / step, 9)
 
 
+def round_frame_step(step: float | None) -> float | None:
+    """Return a step of frame numbers without the digits of rounding errors; None for 1."""
+    rounded = None if step is None else round(step, 6)
+    return None if rounded == 1 else rounded
+
+
 def choose_mesh(meshes: list[str], member: str | None) -> str:
     """Return the mesh that `member` names, or the only one.
 

@@ -15,7 +15,13 @@ from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.geometry.mesh import TriMesh, validate_positions
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import ConnectivityError, InputError, SettingError, error_context
+from cageik_cli.util.errors import (
+    ConnectivityError,
+    InputError,
+    MissingFrameError,
+    SettingError,
+    error_context,
+)
 from cageik_cli.util.threads import OrderedMap
 
 
@@ -80,10 +86,11 @@ class Block:
         """Number of the frame after the last."""
         return self.start + len(self.positions)
 
-    def raise_read_errors(self) -> None:
-        """Raise the first of the errors, if there is one."""
-        if self.read_errors:
-            raise self.read_errors[min(self.read_errors)]
+    def raise_read_errors(self, ignore_missing: bool = False) -> None:
+        """Raise the first of the errors, if there is one; perhaps not those of missing frames."""
+        for _, error in sorted(self.read_errors.items()):
+            if not (ignore_missing and isinstance(error, MissingFrameError)):
+                raise error
 
 
 class MeshSequence(ABC):
@@ -105,7 +112,9 @@ class MeshSequence(ABC):
     first : TriMesh
         Frame 0 and the connectivity of all.
     scene : SceneHints
-        Scene settings in the files.
+        Scene settings in the files, and the frame numbers in their names.
+    missing : frozenset of int
+        Frames that have no file, because gaps between the numbers of files are kept.
     notes : tuple of str
         What was changed in the frames, one sentence each.
 
@@ -125,6 +134,7 @@ class MeshSequence(ABC):
     names: tuple[str, ...]
     first: TriMesh
     scene: SceneHints = SceneHints()
+    missing: frozenset[int] = frozenset()
     notes: tuple[str, ...] = ()
 
     @abstractmethod

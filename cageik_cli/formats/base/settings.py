@@ -9,6 +9,9 @@ LAYOUTS = ("fvx", "vxf", "fxv")
 AUTO: Final = "auto"
 """As the number of the rest pose: the frame in which the least of the surface touches."""
 
+Gaps = Literal["refuse", "keep", "close"]
+"""What is done with missing numbers of files: refused, kept in time, or closed."""
+
 RestFrame = int | Literal["auto"]
 """Which frame is the rest pose: its number from 0, or `AUTO`."""
 
@@ -23,10 +26,11 @@ class ClipSettings:
         Which of its frames, as Python slices; the step is above zero.
     layout : str, optional
         The order of an array's axes, one of `LAYOUTS`; found from their lengths if absent.
-    allow_gaps : bool
-        Take numbered files although a number is missing.
+    gaps : {"refuse", "keep", "close"}
+        What is done when numbers of files are missing. They are refused; or kept, as frames
+        without files; or closed, so that the frames follow one another.
     """
 
     selection: slice = field(default_factory=lambda: slice(None))
     layout: str | None = None
-    allow_gaps: bool = False
+    gaps: Gaps = "refuse"

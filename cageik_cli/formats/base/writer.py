@@ -89,7 +89,7 @@ class AnimationWriter(ABC):
 
 
 class FrameFileWriter(AnimationWriter):
-    """Writes a file per frame, numbered from the start; formats implement `encode_frame`."""
+    """Writes a file per frame, named by its number; formats implement `encode_frame`."""
 
     writes_folder = True
 
@@ -97,13 +97,18 @@ class FrameFileWriter(AnimationWriter):
         names = FrameNames.parse(target.name)
         if names is None:
             raise ValueError(f"{target.name} has no place for the frame number")
-        start = animation.scene.start
-        if start < 0 or start != int(start):
-            raise SettingError(
-                f"the number of the first frame is {start:g}, expected a whole number from 0 on, "
-                "since files are named by it; give one with --start"
-            )
-        self._folder, self._names, self._next_number = target.parent, names, int(start)
+        start, step = animation.scene.start, animation.scene.frame_step
+        for number, name, option in (
+            (start, "number of the first frame", "--start"),
+            (step, "step of frame numbers", "--frame-step"),
+        ):
+            if number < 0 or number != int(number):
+                raise SettingError(
+                    f"the {name} is {number:.10g}, expected a whole number from 0 on, since files "
+                    f"are named by frame numbers; give one with {option}"
+                )
+        self._folder, self._names = target.parent, names
+        self._next_number, self._step = int(start), int(step)
 
     @abstractmethod
     def encode_frame(self, positions: Floats) -> bytes:
@@ -115,7 +120,7 @@ class FrameFileWriter(AnimationWriter):
             (self._folder / self._names.file_name(self._next_number)).write_bytes(
                 self.encode_frame(positions)
             )
-            self._next_number += 1
+            self._next_number += self._step
 
     def complete(self) -> None:
         """Do nothing: each file is complete."""
@@ -173,11 +178,17 @@ class PointCacheWriter(AnimationWriter):
         self._file.close()
 
 
-def make_blender_notes(start: float) -> tuple[str, ...]:
-    """Return a note on the frame at which Blender's Mesh Cache starts, unless it is right."""
-    if start == 0:
-        return ()
-    return (
-        "Blender's Mesh Cache puts the first frame at scene frame 0; set its Frame Start to "
-        f"{start:g}",
-    )
+def make_blender_notes(scene: Scene) -> tuple[str, ...]:
+    """Return a note on the frames at which Blender's Mesh Cache plays, unless they are right."""
+    notes = []
+    if scene.start != 0:
+        notes.append(
+            "Blender's Mesh Cache puts the first frame at scene frame 0; set its Frame Start to "
+            f"{scene.start:.10g}"
+        )
+    if scene.frame_step != 1:
+        notes.append(
+            "Blender's Mesh Cache plays one frame per scene frame; set its Frame Scale to "
+            f"{1 / scene.frame_step:.6g}"
+        )
+    return tuple(notes)

@@ -57,6 +57,7 @@ class Writer(AnimationWriter):
             ("start", np.float64(scene.start)),
             ("up_axis", np.str_(scene.up_axis)),
             ("metres_per_unit", np.float64(scene.metres_per_unit)),
+            ("frame_step", np.float64(scene.frame_step)),
         ):
             with self._open_member(name) as stream:
                 np.lib.format.write_array(stream, np.asarray(value), allow_pickle=False)

@@ -4,7 +4,7 @@ import codecs
 
 import numpy as np
 
-from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.mesh_data import FileMesh, check_not_points
 from cageik_cli.formats.base.polygons import fan_triangulate, fan_triangulate_polygons
 from cageik_cli.formats.obj.tokens import (
     VERTEX,
@@ -53,6 +53,7 @@ def _parse_word_by_word(tokens: Tokens, data: bytes) -> FileMesh:
             raise FormatError(
                 f"{_quote_line(tokens, line, data)} {error}; export it again"
             ) from error
+    check_not_points(len(vertices), len(polygons))
     if not vertices or not polygons:
         raise FormatError(
             f"{len(vertices)} vertices and {len(polygons)} faces found, expected a mesh in OBJ "

@@ -16,9 +16,9 @@ from cageik_cli.formats.base.scene_graph import (
     Sampling,
     choose_mesh,
     describe_transform,
-    frames_per_second,
     is_mirroring,
     read_constant_polygons,
+    round_frame_step,
     transform_points,
 )
 from cageik_cli.formats.base.sequence import ClipRequest
@@ -189,8 +189,9 @@ def _make_scene_hints(stage: Any, sampling: Sampling) -> SceneHints:
     codes = stage.GetTimeCodesPerSecond()
     is_timed = any(map(stage.HasAuthoredMetadata, ("timeCodesPerSecond", "framesPerSecond")))
     return SceneHints(
-        fps=frames_per_second((sampling.step or 1) / codes) if is_timed and codes > 0 else None,
+        fps=codes if is_timed and codes > 0 else None,
         start=float(sampling.times[0]),
+        frame_step=round_frame_step(sampling.step),
         up_axis=str(UsdGeom.GetStageUpAxis(stage)) if stage.HasAuthoredMetadata("upAxis") else None,
         metres_per_unit=UsdGeom.GetStageMetersPerUnit(stage)
         if UsdGeom.StageHasAuthoredMetersPerUnit(stage)

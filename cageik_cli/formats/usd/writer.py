@@ -43,7 +43,7 @@ class UsdFile:
 
         _check_size_limit(target.suffix.lower(), animation.frame_count * frame_bytes)
         self._target, self._frame_bytes, self._unsaved_bytes = target, frame_bytes, 0
-        self._count, self._start = 0, animation.scene.start
+        self._count, self._scene = 0, animation.scene
         self._folder: TemporaryDirectory[str] | None = None
         self._path, self._member = target, f"{animation.name}.usdc"
         if target.suffix.lower() == ".usdz":
@@ -64,7 +64,7 @@ class UsdFile:
                 self._unsaved_bytes = 0
         self._unsaved_bytes += self._frame_bytes
         self._count += 1
-        return self._start + self._count - 1
+        return self._scene.frame_number(self._count - 1)
 
     def complete(self) -> None:
         """Save what is left, and close the file."""
@@ -112,7 +112,7 @@ def _write_scene_metadata(stage: Any, animation: Animation) -> None:
     stage.SetTimeCodesPerSecond(scene.fps)
     stage.SetFramesPerSecond(scene.fps)
     stage.SetStartTimeCode(scene.start)
-    stage.SetEndTimeCode(scene.start + animation.frame_count - 1)
+    stage.SetEndTimeCode(scene.frame_number(animation.frame_count - 1))
 
 
 def _check_size_limit(suffix: str, size: int) -> None:
@@ -141,7 +141,7 @@ def _write_usdz(path: Path, target: Path, name: str) -> None:
 
 
 class Writer(AnimationWriter):
-    """Writes frame k at time code start + k of the mesh `/NAME/NAME`.
+    """Writes each frame at the time code of its number, of the mesh `/NAME/NAME`.
 
     Blender names the object after the mesh, other programs after its parent.
     """

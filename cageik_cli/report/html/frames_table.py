@@ -7,7 +7,13 @@ from typing import Any
 from cageik_cli.cages.bind import MIN_HARMONIC_WEIGHT
 from cageik_cli.coordinates.binding import WeightQuality
 from cageik_cli.coordinates.settings import ACCURACIES
-from cageik_cli.report.figures import FrameRecord, format_change, format_length, format_percent
+from cageik_cli.report.figures import (
+    FrameRecord,
+    format_change,
+    format_length,
+    format_number,
+    format_percent,
+)
 from cageik_cli.report.record import Report
 from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.solver.dual_laplacian import MAX_CONDITION
@@ -41,13 +47,13 @@ class Column:
 class FrameRow:
     """A frame, the reason if it was skipped, and its metrics; "" where not defined."""
 
-    index: int
+    number: str
     name: str
     skipped: str | None
     cells: tuple[str, ...]
 
 
-INDEX_COLUMN, NAME_COLUMN = Column("index", "#"), Column("name", "Frame", kind="name")
+NUMBER_COLUMN, NAME_COLUMN = Column("number", "#"), Column("name", "Frame", kind="name")
 """Columns of every frame."""
 
 LENGTH_COLUMNS = (
@@ -69,7 +75,7 @@ VOLUME_COLUMNS = (
 
 
 def choose_columns(report: Report) -> tuple[Column, ...]:
-    """Choose the columns in which some frame has a value, besides index and name."""
+    """Choose the columns in which some frame has a value, besides number and name."""
     titles = choose_vocabulary(report.edited_from).columns
     return tuple(
         _set_column_label(column, titles.get(column.name, column.label))
@@ -85,7 +91,7 @@ def _set_column_label(column: Column, label: str) -> Column:
 def build_frame_row(frame: FrameRecord, columns: Sequence[Column]) -> FrameRow:
     """Build a frame's row, with a cell for each of the columns."""
     cells = tuple(_format_cell(frame, column) for column in columns)
-    return FrameRow(frame.index, frame.name, frame.skipped, cells)
+    return FrameRow(format_number(frame.number), frame.name, frame.skipped, cells)
 
 
 def _format_cell(frame: FrameRecord, column: Column) -> str:

@@ -9,12 +9,13 @@ from cageik_cli.report.figures import (
     format_count,
     format_length,
     format_metric,
+    format_number,
     format_percent,
 )
 from cageik_cli.report.html.fit_section import build_fit_values
 from cageik_cli.report.html.frames_table import (
-    INDEX_COLUMN,
     NAME_COLUMN,
+    NUMBER_COLUMN,
     build_frame_row,
     build_quality_rows,
     choose_columns,
@@ -125,7 +126,8 @@ def render_page(
         histogram=_build_histogram_values(report.vertices),
         quality=build_quality_rows(report),
         **_build_provenance(report),
-        columns=(INDEX_COLUMN, NAME_COLUMN, *columns),
+        worst_number=format_number(report.frames[report.summary.worst_frame_index].number),
+        columns=(NUMBER_COLUMN, NAME_COLUMN, *columns),
         rows=[build_frame_row(frame, columns) for frame in report.frames],
         meanings=words.meanings,
         percent=format_percent,

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from cageik_cli.report.figures import format_percent
+from cageik_cli.report.figures import ClipRecord, format_percent
 from cageik_cli.report.plots.limit_lines import (
     LimitLine,
     build_limit_lines,
@@ -63,7 +63,7 @@ class PagePlot:
         Sides of its axes, as shares of the picture's width from the left and of its height from
         the top.
     first, last : float
-        Frame numbers, from 0, at the left and right end of the axes; fractions, because of the
+        Frames, counted from 0, at the left and right end of the axes; fractions, because of the
         margins beside the first and the last frame.
     """
 
@@ -119,7 +119,7 @@ def _draw_plot(report: Report) -> Figure:
     left = figure.add_subplot()
     right = left.twinx()
     left.set(zorder=right.get_zorder() + 1, frame_on=False)
-    _draw_gaps(right, error.values)
+    _draw_gaps(right, error.values, report.clip)
     undrawn, drawn_limits = [], []
     for axes, series in ((left, error), (right, other)):
         _draw_series(axes, series)
@@ -142,12 +142,12 @@ def _draw_plot(report: Report) -> Figure:
 
 
 def _x_limits(count: int) -> tuple[float, float]:
-    """Return the ends of the axes of a clip with `count` frames."""
+    """Return the ends of the axes of a clip with `count` frames, counted from 0."""
     room = max(0.5, 0.01 * count)
     return -room, count - 1 + room
 
 
-def _draw_gaps(axes: Axes, values: Floats) -> None:
+def _draw_gaps(axes: Axes, values: Floats, clip: ClipRecord) -> None:
     """Shade the skipped frames."""
     runs = [
         list(frames)
@@ -156,7 +156,7 @@ def _draw_gaps(axes: Axes, values: Floats) -> None:
     ]
     if runs:
         axes.broken_barh(
-            [(run[0] - 0.5, len(run)) for run in runs],
+            [(clip.frame_number(run[0] - 0.5), len(run) * clip.frame_step) for run in runs],
             (0, 1),
             transform=axes.get_xaxis_transform(),
             color=GAP_COLOUR,
@@ -168,7 +168,7 @@ def _draw_gaps(axes: Axes, values: Floats) -> None:
 
 def _draw_series(axes: Axes, series: Series) -> None:
     axes.plot(
-        np.arange(len(series.values)),
+        series.numbers,
         series.values,
         linestyle=series.style.linestyle,
         color=series.style.colour,
@@ -186,9 +186,9 @@ def _draw_series(axes: Axes, series: Series) -> None:
 
 
 def _draw_reference(axes: Axes, reference: Reference) -> None:
-    few = len(reference.frames) <= MAX_MARKED_FRAMES
+    few = len(reference.numbers) <= MAX_MARKED_FRAMES
     axes.plot(
-        reference.frames,
+        reference.numbers,
         reference.values,
         linestyle=reference.style.linestyle,
         color=reference.style.colour,
@@ -233,8 +233,9 @@ def _draw_clip_rms(axes: Axes, series: Series, report: Report) -> None:
 def _draw_worst_frame(axes: Axes, series: Series, report: Report) -> Box:
     """Ring and label the worst frame on the side with room; return the box of the label."""
     summary, count = report.summary, len(report.frames)
-    place = (summary.worst_frame_index, series.values[summary.worst_frame_index])
-    column = int(np.digitize(place[0] / count, (0.3, 0.7)))
+    worst = summary.worst_frame_index
+    place = (series.numbers[worst], series.values[worst])
+    column = int(np.digitize(worst / count, (0.3, 0.7)))
     side = ("left", "center", "right")[column]
     text = (
         f"{choose_vocabulary(report.edited_from).worst} "
@@ -258,14 +259,14 @@ def _draw_worst_frame(axes: Axes, series: Series, report: Report) -> Box:
         },
     )
     first, last = _x_limits(count)
-    width, at = LETTER_WIDTH * len(text), (place[0] - first) / (last - first)
+    width, at = LETTER_WIDTH * len(text), (worst - first) / (last - first)
     return at - width * column / 2, 0.92, at + width * (1 - column / 2), 1.0
 
 
 def _label_axes(axes: Axes, series: Series, report: Report) -> None:
     """Label the axes and set their ticks."""
-    axes.set_xlim(*_x_limits(len(report.frames)))
-    axes.set_xlabel(f"frame of {make_drawable(report.result)} (the first is 0)")
+    axes.set_xlim(*map(report.clip.frame_number, _x_limits(len(report.frames))))
+    axes.set_xlabel(f"frame of {make_drawable(report.result)}")
     axes.set_ylabel(series.name, color=series.style.colour)
     axes.tick_params(axis="y", labelcolor=series.style.colour, color=series.style.colour)
     axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, min_n_ticks=1, steps=[1, 2, 5, 10]))

@@ -135,9 +135,9 @@ def format_limit_label(check: LimitCheck, words: Vocabulary) -> str:
 def _sample_curve(axes: Axes, series: Series) -> Floats:
     """Sample points along a curve, (k, 2), as shares of the axes."""
     first, last = axes.get_xlim()
-    frames = np.linspace(0, len(series.values) - 1, CURVE_SAMPLES)
-    heights = np.interp(frames, np.arange(len(series.values)), series.values)
-    return np.stack([(frames - first) / (last - first), _axes_fractions(axes, heights)], axis=1)
+    numbers = np.linspace(series.numbers[0], series.numbers[-1], CURVE_SAMPLES)
+    heights = np.interp(numbers, series.numbers, series.values)
+    return np.stack([(numbers - first) / (last - first), _axes_fractions(axes, heights)], axis=1)
 
 
 def _axes_fractions(axes: Axes, heights: Sequence[float] | Floats) -> list[float]:

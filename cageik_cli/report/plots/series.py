@@ -8,7 +8,7 @@ import numpy as np
 from cageik_cli.report.record import Report
 from cageik_cli.report.unfitted import UnfittedRecord
 from cageik_cli.report.vocabulary import choose_vocabulary
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 
 MIN_AXIS_PERCENT = 0.001
 """Percent; no axis ends lower, so that rounding does not look like an error."""
@@ -32,7 +32,8 @@ class Reference:
 
     Attributes
     ----------
-    frames : (k,) int64
+    numbers : (k,) float64
+        Of these frames.
     values : (k,) float64
         Percent.
     label : str
@@ -40,7 +41,7 @@ class Reference:
     style : LineStyle
     """
 
-    frames: Integers
+    numbers: Floats
     values: Floats
     label: str
     style: LineStyle
@@ -52,6 +53,8 @@ class Series:
 
     Attributes
     ----------
+    numbers : (F,) float64
+        Of the frames.
     values : (F,) float64
         Percent; nan in gaps.
     name : str
@@ -67,6 +70,7 @@ class Series:
         The same measure with the weights before a fit.
     """
 
+    numbers: Floats
     values: Floats
     name: str
     metrics: tuple[str, ...]
@@ -87,19 +91,22 @@ def build_series(report: Report) -> tuple[Series, Series]:
     The largest deviation replaces the volume change if the model is open, or no frame has one.
     """
     frames, words = report.frames, choose_vocabulary(report.edited_from)
+    numbers = np.array([frame.number for frame in frames], np.float64)
     error = Series(
+        numbers,
         _plottable_values([frame.rms_percent for frame in frames]),
         f"RMS {words.measure}, % of the diagonal",
         ("rms", "frame_rms"),
         0,
         LineStyle("#0a7d4b", "-", "o"),
         f"RMS {words.measure}" + (", fitted" if report.unfitted else ""),
-        _build_reference(report.unfitted),
+        _build_reference(report.unfitted, numbers),
     )
     changes = [frame.volume_change for frame in frames]
     if report.clip.closed and any(change is not None for change in changes):
         style = LineStyle("#1f4fa3", (0, (3.4, 1.1)), "s")
         return error, Series(
+            numbers,
             _plottable_values(changes),
             "volume change, %",
             ("volume_change",),
@@ -110,15 +117,15 @@ def build_series(report: Report) -> tuple[Series, Series]:
     deviations = _plottable_values([frame.max_deviation_percent for frame in frames])
     name = f"{words.largest}, % of the diagonal"
     style = LineStyle("#8a3a8f", (0, (4, 1, 1, 1)), "^")
-    return error, Series(deviations, name, ("max_deviation",), 1, style, words.largest)
+    return error, Series(numbers, deviations, name, ("max_deviation",), 1, style, words.largest)
 
 
-def _build_reference(unfitted: UnfittedRecord | None) -> Reference | None:
+def _build_reference(unfitted: UnfittedRecord | None, numbers: Floats) -> Reference | None:
     """Build the curve of the weights before a fit."""
     if unfitted is None:
         return None
     return Reference(
-        np.array(unfitted.frames),
+        numbers[list(unfitted.frames)],
         _plottable_values(unfitted.rms_percent),
         unfitted.coordinates,
         LineStyle("#c0641c", (0, (1.2, 1.2)), "d"),

@@ -10,7 +10,7 @@ from cageik_cli.coordinates.fitting.displacements import Displacements
 from cageik_cli.coordinates.fitting.problem import estimate_memory
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers, fit_frames
-from cageik_cli.util.errors import ConnectivityError, InputError
+from cageik_cli.util.errors import ConnectivityError, InputError, MissingFrameError
 from cageik_cli.util.threads import OrderedMap
 
 MAX_FITTED_FRAMES = 100
@@ -53,7 +53,8 @@ class SampleSettings:
     jobs : int
         Threads.
     skips_bad_frames : bool
-        Whether frames that cannot be read are left out; otherwise they are refused.
+        Whether frames that cannot be read are left out, as missing ones are; otherwise they are
+        refused.
     max_frames : int
         Most frames in the sample.
     """
@@ -173,7 +174,8 @@ class _Reader:
         with OrderedMap(self._read_or_error, places, jobs, jobs) as frames:
             for place, frame in zip(places, frames, strict=True):
                 if isinstance(frame, InputError):
-                    if not self._settings.skips_bad_frames:
+                    is_missing = isinstance(frame, MissingFrameError)
+                    if not (is_missing or self._settings.skips_bad_frames):
                         raise frame
                     continue
                 count += 1

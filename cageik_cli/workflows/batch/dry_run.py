@@ -1,6 +1,6 @@
 """What a batch would do, listed without doing it."""
 
-from collections.abc import Iterator
+from dataclasses import dataclass
 
 from cageik_cli.store.result import checkpoint_path
 from cageik_cli.util.errors import CageikError
@@ -13,19 +13,31 @@ from cageik_cli.workflows.plan import plan_extraction
 FAULT_LABEL = "would fail"
 
 
-def dry_run_lines(batch: BatchPlan) -> Iterator[str]:
-    """Yield a few lines per clip: its frames, its cage, where its result goes and what is there."""
-    rejected = {entry.name: entry.fault for entry in batch.rejected}
-    jobs = {job.name: job for job in batch.jobs}
-    failing = 0
-    for name in batch.order:
-        rows = (
-            [(FAULT_LABEL, str(rejected[name]))] if name in rejected else _describe_job(jobs[name])
-        )
-        failing += rows[0][0] == FAULT_LABEL
-        yield format_block(name, rows)
-    count = len(batch.order)
-    yield f"{failing} of {count} clip{'s' * (count != 1)} would fail"
+@dataclass(frozen=True, slots=True)
+class DryRun:
+    """What a batch would do.
+
+    Attributes
+    ----------
+    text : str
+        A few lines per clip, and the count of those that would fail.
+    failing : int
+        Clips that would fail.
+    """
+
+    text: str
+    failing: int
+
+
+def describe_batch(batch: BatchPlan) -> DryRun:
+    """Describe each clip: its frames, its cage, where its result goes and what is there."""
+    rejected = {entry.name: [(FAULT_LABEL, str(entry.fault))] for entry in batch.rejected}
+    planned = {job.name: _describe_job(job) for job in batch.jobs}
+    rows = {name: (rejected | planned)[name] for name in batch.order}
+    failing, count = sum(row[0][0] == FAULT_LABEL for row in rows.values()), len(rows)
+    lines = [format_block(name, row) for name, row in rows.items()]
+    lines.append(f"{failing} of {count} clip{'s' * (count != 1)} would fail")
+    return DryRun("\n".join(lines), failing)
 
 
 def _describe_job(job: ClipJob) -> list[tuple[str, str]]:

@@ -86,7 +86,7 @@ def test_the_scene_is_the_files_unless_told(run, clips):
     scene = extracted(run, *mdd)[0].scene
     assert (scene.fps, scene.start) == (25.0, 0.0)
     scene = extracted(run, *mdd, "--frames", "2::2")[0].scene
-    assert (scene.fps, scene.start) == (12.5, 2.0)
+    assert (scene.fps, scene.start, scene.frame_step) == (25.0, 2.0, 2.0)
     scene = extracted(run, *pc2)[0].scene
     assert (scene.fps, scene.start) == (24.0, 3.0)
     scene = extracted(run, *pc2, "--fps", "30", "--start", "1")[0].scene
@@ -103,7 +103,7 @@ def test_a_result_is_a_clip_of_its_cages(run, clips):
 
     sequence = open_sequence(["first.h5"])
     np.testing.assert_array_equal(frames_of(sequence), cages)
-    assert sequence.scene == SceneHints(25.0, 0.0, "Y", 1.0)
+    assert sequence.scene == SceneHints(25.0, 0.0, "Y", 1.0, 1.0)
 
 
 def test_a_binding_is_no_clip(run, clips):

@@ -16,11 +16,11 @@ EXTRACT = (*TYPED, "--overwrite")
 
 FIELDS = {
     ("max-rms", "%"): "rms_percent",
-    ("max-rms", ""): "rms",
+    ("max-rms", "units"): "rms",
     ("max-frame-rms", "%"): "worst_frame_rms_percent",
-    ("max-frame-rms", ""): "worst_frame_rms",
+    ("max-frame-rms", "units"): "worst_frame_rms",
     ("max-deviation", "%"): "max_deviation_percent",
-    ("max-deviation", ""): "max_deviation",
+    ("max-deviation", "units"): "max_deviation",
     ("max-volume-change", "%"): "volume_change_percent_max",
     ("max-volume-change", ""): "volume_change_percent_max",
 }
@@ -43,8 +43,7 @@ def opened(folder, animation, write_obj) -> Path:
 
 def printed_figure(record, option, sign) -> Decimal:
     value = abs(record["summary"][FIELDS[option, sign]])
-    is_length = sign == "" and option != "max-volume-change"
-    return Decimal(format_length(value) if is_length else format_percent(value))
+    return Decimal(format_length(value) if sign == "units" else format_percent(value))
 
 
 @pytest.mark.parametrize(("option", "sign"), FIELDS)
@@ -56,14 +55,14 @@ def test_a_limit_holds_for_what_is_printed(run, result, option, sign):
     for most, code in ((figure, 0), (figure + step, 0), (figure - step, 3)):
         outcome = run("report", f"--{option}", f"{most}{sign}")
         assert outcome.code == code
-        (line,) = [row for row in outcome.out.splitlines() if "limit" in row]
+        (line,) = [row for row in outcome.out.splitlines() if row[2:16].strip().endswith(" limit")]
         assert line.startswith("  within limit   " if code == 0 else "  over limit     ")
         assert f"{figure}" in line
         assert f"limit {float(most):.10g} " in line
         assert "frame_" in line
 
 
-@pytest.mark.parametrize("sign", ["%", ""])
+@pytest.mark.parametrize("sign", ["%", "units"])
 def test_extract_judges_too_and_writes_all_the_same(run, result, sign):
     figure = printed_figure(result, "max-rms", sign)
     under = figure - Decimal(1).scaleb(figure.as_tuple().exponent)
@@ -82,7 +81,7 @@ def test_extract_judges_too_and_writes_all_the_same(run, result, sign):
 @pytest.mark.parametrize("words", [EXTRACT, ("report",)])
 def test_quiet_says_what_is_over_its_limit_and_nothing_else(run, result, words):
     outcome = run(
-        *words, "-q", "--max-rms", "0", "--max-deviation", "1000%", "--max-frame-rms", "0"
+        *words, "-q", "--max-rms", "0%", "--max-deviation", "1000%", "--max-frame-rms", "0%"
     )
     assert (outcome.code, outcome.out) == (3, "")
     first, second = outcome.err.splitlines()
@@ -102,7 +101,7 @@ def test_what_an_open_model_lacks_is_not_judged(run, opened):
         "metric": "volume_change", "unit": "%", "limit": 0.0, "found": None, "frame": None,
         "passed": None, "baseline": None,
     }  # fmt: skip
-    assert run("report", "--max-volume-change", "0", "--max-rms", "0").code == 3
+    assert run("report", "--max-volume-change", "0", "--max-rms", "0%").code == 3
 
 
 def test_each_of_several_results_is_judged(run, result, animation):
@@ -119,14 +118,15 @@ def test_each_of_several_results_is_judged(run, result, animation):
         assert outcome.err.count("within limit") == (1 if "still.h5" in names else 0)
 
 
-WRONG = ["", "%", "-1", "-0.5%", "nan", "inf%", "1e400", "0.5 percent", "1_0", "1,5", "0x1", "%5",
-         "1%%", "٣", "1e", "1e9999"]  # fmt: skip
+LENGTHS = ["max-rms", "max-frame-rms", "max-deviation"]
+PERCENTS = ["max-volume-change", "max-regression"]
+
+WRONG = ["", "%", "units", "-1", "-0.5%", "-1units", "nan", "inf%", "1e400", "0.5 percent", "1_0",
+         "1,5%", "0x1%", "%5", "1%%", "1unit", "1%units", "٣%", "1e", "1e9999%"]  # fmt: skip
 
 
 @pytest.mark.parametrize("value", WRONG)
-@pytest.mark.parametrize(
-    "option", ["max-rms", "max-frame-rms", "max-deviation", "max-volume-change", "max-regression"]
-)
+@pytest.mark.parametrize("option", LENGTHS + PERCENTS)
 def test_anything_else_is_wrong_usage(run, folder, option, value):
     """Said before any work."""
     outcome = run(*TYPED, f"--{option}", value)
@@ -137,9 +137,52 @@ def test_anything_else_is_wrong_usage(run, folder, option, value):
     assert not Path("cages.h5").exists()
 
 
-@pytest.mark.parametrize("value", ["1000", "1e3", "1000.", "+1000", " 1000% ", "1000 %", ".5e4%"])
-def test_numbers_are_typed_as_one_likes(run, result, value):
-    assert run("report", "--max-rms", value).code == 0
+BARE = ["0", "0.4", "1000", "1e3", "1000.", "+.5"]
+
+
+@pytest.mark.parametrize("value", BARE)
+@pytest.mark.parametrize("option", LENGTHS)
+def test_a_length_without_a_unit_is_wrong_usage(run, folder, option, value):
+    outcome = run(*TYPED, f"--{option}", value)
+    assert (outcome.code, outcome.out) == (2, "")
+    said, number = " ".join(outcome.err.split()), value.removeprefix("+")
+    assert f"'{value}' has no unit; give {number}% (of the diagonal) or {number}units" in said
+    assert not Path("cages.h5").exists()
+
+
+@pytest.mark.parametrize("value", BARE)
+def test_a_change_of_volume_is_always_in_percent(run, result, value):
+    code = 0 if float(value) >= 100 else 3
+    assert run("report", "--max-volume-change", value).code == code
+    assert run("report", "--max-volume-change", f"{value}%").code == code
+    assert run("report", "--max-volume-change", f"{value}units").code == 2
+
+
+@pytest.mark.parametrize(
+    ("value", "code"),
+    [
+        ("1000%", 0), (" 1000% ", 0), ("1000 %", 0), ("+1000%", 0), ("1e3%", 0), (".5e4%", 0),
+        ("0%", 3), ("0.0001%", 3), ("1000units", 0), ("1000 units", 0), ("1e3Units", 0),
+        ("0units", 3), ("1e-9 UNITS", 3),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("option", LENGTHS)
+def test_lengths_are_spelt_in_two_ways(run, result, option, value, code):
+    assert run("report", f"--{option}", value).code == code
+
+
+def test_a_large_limit_in_units_is_noted(run, result):
+    """Somebody may have meant percent."""
+    diagonal = result["clip"]["diagonal"]
+    for share, count in ((0.049, 0), (0.051, 1)):
+        typed = f"{share * diagonal:.9f}"
+        outcome = run("report", "--max-deviation", f"{typed}units", "--json", "-")
+        notes = [note for note in json.loads(outcome.out)["notes"] if "units" in note]
+        assert len(notes) == count
+        assert outcome.err.count("% of the diagonal, more than 5 %") == count
+        assert run("report", "--max-deviation", f"{typed}%", "--json", "-").err.count("5 %") == 0
+    assert f"if percent is meant, give {float(typed):.10g}%" in notes[0]
+    assert "max deviation is 5.1 %" in notes[0]
 
 
 def test_a_regression_is_of_a_baseline(run, result):
@@ -151,10 +194,13 @@ def test_a_regression_is_of_a_baseline(run, result):
 @pytest.mark.parametrize(
     ("table", "code"),
     [
-        ("max-rms = '0%'", 3), ("max_rms = 0", 3), ("max-rms = 0.0", 3), ("max-rms = 1e3", 0),
-        ("max-rms = '1000%'", 0), ("max-volume-change = 0.0001", 3), ("max-rms = -1", 2),
-        ("max-rms = nan", 2), ("max-rms = inf", 2), ("max-rms = true", 2), ("max-rms = [1]", 2),
-        ("max-rms = 'much'", 2), ("max-regression = 5", 2), ("baseline = 5", 2),
+        ("max-rms = '0%'", 3), ("max_rms = '0units'", 3), ("max-rms = '1000%'", 0),
+        ("max-rms = '1000units'", 0), ("max-rms = 0", 2), ("max-rms = 0.0", 2), ("max-rms = 1", 2),
+        ("max-rms = '0.4'", 2), ("max-frame-rms = 0.4", 2), ("max-deviation = 0.4", 2),
+        ("max-volume-change = 0.0001", 3), ("max-volume-change = '100 %'", 0),
+        ("max-rms = -1", 2), ("max-rms = nan", 2), ("max-rms = inf", 2), ("max-rms = true", 2),
+        ("max-rms = [1]", 2), ("max-rms = 'much'", 2), ("max-regression = 5", 2),
+        ("baseline = 5", 2),
         ("baseline = 'nowhere.json'", 1),
     ],
 )  # fmt: skip
@@ -165,8 +211,8 @@ def test_limits_come_from_the_file_of_options_too(run, result, table, code):
 
 
 def test_the_command_line_wins(run, result):
-    Path("cageik.toml").write_text("[report]\nmax-rms = 0\n")
-    assert run("report", "--config", "cageik.toml", "--max-rms", "1000").code == 0
+    Path("cageik.toml").write_text("[report]\nmax-rms = '0%'\n")
+    assert run("report", "--config", "cageik.toml", "--max-rms", "1000%").code == 0
 
 
 def halved(record: dict, name: str = "cages.h5") -> str:
@@ -225,6 +271,36 @@ def test_a_bad_baseline_is_refused_before_any_work(run, folder, words):
     assert not Path("cages.h5").exists()
 
 
+@pytest.mark.parametrize("words", [EXTRACT, ("report",)])
+@pytest.mark.parametrize(
+    ("metric", "key", "option"),
+    [
+        ("rms_percent", "rms", "max-rms"),
+        ("worst_frame_rms_percent", "worst_frame_rms", "max-frame-rms"),
+        ("max_deviation_percent", "max_deviation", "max-deviation"),
+    ],
+)
+def test_a_length_without_a_unit_in_a_baseline_is_wrong_usage(
+    run, result, words, metric, key, option
+):
+    before = Path("cages.h5").read_bytes()
+    summary = {name: value for name, value in result["summary"].items() if name != metric}
+    documents = (
+        ({option: 0.4}, option),
+        ({option.replace("-", "_"): 0.4}, option.replace("-", "_")),
+        (result | {"summary": summary | {key: 0.4}}, key),
+    )
+    for document, named in documents:
+        Path("old.json").write_text(json.dumps(document))
+        outcome = run(*words, "--baseline", "old.json")
+        assert (outcome.code, outcome.out) == (2, "")
+        said = " ".join(outcome.err.split())
+        assert f"`{named}` is 0.4, which has no unit; write {metric}, in percent, or give" in said
+        assert f"--{option} 0.4% or --{option} 0.4units" in said
+        assert "old.json: " in said
+    assert Path("cages.h5").read_bytes() == before
+
+
 def test_a_baseline_is_not_replaced(run, result):
     assert run("report", "--json", "old.json", "-q").code == 0
     before = Path("old.json").read_text()
@@ -249,12 +325,12 @@ def test_results_of_one_file_name_are_called_by_their_paths(run, result):
 
 
 def test_junit_and_markdown_are_alone_on_stdout(run, result):
-    outcome = run("report", "--junit", "-", "--max-rms", "0")
+    outcome = run("report", "--junit", "-", "--max-rms", "0%")
     assert outcome.code == 3
     (suite,) = ElementTree.fromstring(outcome.out)
     assert (suite.get("name"), suite.get("failures")) == ("cages.h5", "1")
     assert outcome.err.startswith("cages.h5: 5 frames")
-    outcome = run("report", "--markdown", "-", "--max-rms", "0", "-q")
+    outcome = run("report", "--markdown", "-", "--max-rms", "0%", "-q")
     assert outcome.code == 3
     assert outcome.out.startswith("## cageik: 1 clip: 1 over limit\n")
     assert len(outcome.err.splitlines()) == 1
@@ -262,10 +338,10 @@ def test_junit_and_markdown_are_alone_on_stdout(run, result):
 
 def test_reports_are_written_although_a_limit_is_passed(run, result):
     words = ["--json", "r.json", "--csv", "f.csv", "--junit", "j.xml", "--markdown", "m.md"]
-    assert run("report", "--max-rms", "0", *words).code == 3
+    assert run("report", "--max-rms", "0%", *words).code == 3
     assert json.loads(Path("r.json").read_text())["gates"][0]["passed"] is False
     for name, option in (("f.csv", "--csv"), ("j.xml", "--junit"), ("m.md", "--markdown")):
-        assert Path(name).read_text() == run("report", "--max-rms", "0", option, "-").out
+        assert Path(name).read_text() == run("report", "--max-rms", "0%", option, "-").out
 
 
 @pytest.mark.parametrize(
@@ -284,11 +360,11 @@ def test_every_exit_code_of_the_installed_command(run_process, result):
     for words, code in (
         (["report"], 0),
         (["report", "--max-rms", "1000%"], 0),
-        (["report", "nowhere.h5", "--max-rms", "0"], 1),
+        (["report", "nowhere.h5", "--max-rms", "0%"], 1),
         (["report", "--max-rms", "low"], 2),
-        (["report", "--max-rms", "0"], 3),
-        ([*EXTRACT, "-q", "--max-rms", "0"], 3),
-        ([*TYPED, "--max-rms", "0"], 1),
+        (["report", "--max-rms", "0%"], 3),
+        ([*EXTRACT, "-q", "--max-rms", "0%"], 3),
+        ([*TYPED, "--max-rms", "0%"], 1),
     ):
         assert run_process("-m", "cageik_cli", *words, **here).code == code
         if code == 3:
@@ -307,7 +383,7 @@ class TestStepSummary:
 
     def test_it_is_appended_to(self, run, page):
         page.write_text("before\n")
-        assert run("report", "--markdown", "m.md", "--max-rms", "0").code == 3
+        assert run("report", "--markdown", "m.md", "--max-rms", "0%").code == 3
         once = Path("m.md").read_text()
         assert page.read_text() == f"before\n{once}\n"
         assert run("report", "-q").err == ""
@@ -322,7 +398,7 @@ class TestStepSummary:
         assert (run("report").code, run("report").err) == (0, "")
         assert not page.exists()
 
-    @pytest.mark.parametrize("limits", [[], ["--max-rms", "0"]])
+    @pytest.mark.parametrize("limits", [[], ["--max-rms", "0%"]])
     def test_what_prevents_it_is_a_warning(self, run, page, limits):
         page.mkdir()
         outcome = run("report", *limits)

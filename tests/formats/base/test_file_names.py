@@ -1,4 +1,4 @@
-"""Names of files: suffixes, the number of a frame, and which number is missing."""
+"""Names of files: suffixes, and the number of a frame in names that are written."""
 
 import re
 from pathlib import Path
@@ -7,11 +7,10 @@ import pytest
 
 from cageik_cli.formats.base.file_names import (
     FrameNames,
-    check_no_gaps,
     file_stem,
     file_suffix,
 )
-from cageik_cli.util.errors import FileAccessError, SettingError
+from cageik_cli.util.errors import SettingError
 
 
 @pytest.mark.parametrize(
@@ -69,39 +68,3 @@ def test_other_names_are_not_ours(name):
     """Names around the number are taken letter by letter."""
     assert not FrameNames("c_", 3, ".obj").matches(name)
     assert not FrameNames("c.", 3, ".obj").matches(name)
-
-
-@pytest.mark.parametrize(
-    ("names", "missing"),
-    [
-        ("f1 f2 f4", "f3"),
-        ("f8 f9 f10 f12", "f11"),
-        ("f_001 f_002 f_004 f_005", "f_003"),
-        ("f10 f20 f40 f50", "f30"),
-        ("walk2_f1.low walk2_f2.low walk2_f4.low", "walk2_f3.low"),
-        ("1 2 3 7", "4"),
-    ],
-)
-def test_a_gap_names_the_first_file_that_is_missing(names, missing):
-    with pytest.raises(FileAccessError) as caught:
-        check_no_gaps([Path("clip") / f"{name}.obj" for name in names.split()])
-    assert str(caught.value).startswith(f"{Path('clip') / missing}.obj: missing between")
-    assert "--allow-gaps" in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        "f1",
-        "f1 f2 f3",
-        "f10 f20 f30",
-        "f7 f12",
-        "f1 f01 f2",
-        "walk run jump9",
-        "a1 a2 b7 b8",
-        "a/f1 a/f2 b/f9",
-        "f1_low f2_low f3_high",
-    ],
-)
-def test_numbers_without_a_gap_and_other_names_pass(names):
-    assert check_no_gaps([Path(f"{name}.obj") for name in names.split()]) is None

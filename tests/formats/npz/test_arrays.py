@@ -163,7 +163,7 @@ def test_an_export_is_read_back(tmp_path):
         writer.append(FRAMES)
     sequence = open_sequence([str(path)])
     np.testing.assert_array_equal(frames_of(sequence), np.load(path)["vertices"])
-    assert sequence.scene == SceneHints(30, 7, "Z", 0.1)
+    assert sequence.scene == SceneHints(30, 7, "Z", 0.1, 1)
 
 
 @pytest.mark.parametrize(

@@ -249,7 +249,7 @@ FAULTS = {
     "blank": (b" \n\n", "empty"),
     "binary": (b"v 0 0 0\n\0\1", "binary"),
     "other text": (b"solid thing\nendsolid\n", "0 vertices and 0 faces"),
-    "no faces": (HEAD, "4 vertices and 0 faces"),
+    "no faces": (HEAD, "is a point cloud: 4 points and no faces"),
     "no vertices": (b"f 1 2 3\n", "0 vertices and 1 faces"),
     "two coordinates": (PLAIN.replace(b"0 -2 0", b"0 -2"), "line 5: `v 0 -2` has 2 coordinates"),
     "a word": (PLAIN.replace(b"-2", b"two"), "line 5: `v 0 two 0`"),

@@ -6,9 +6,9 @@ import pytest
 
 from cageik_cli.report.figures import FrameRecord
 from cageik_cli.report.html.frames_table import (
-    INDEX_COLUMN,
     LENGTH_COLUMNS,
     NAME_COLUMN,
+    NUMBER_COLUMN,
     VOLUME_COLUMNS,
     FrameRow,
     build_frame_row,
@@ -19,6 +19,7 @@ from cageik_cli.report.record import build_report
 
 FIGURES = FrameRecord(
     index=3,
+    number=1003,
     name="a",
     rms=0.0123456789,
     rms_percent=1.23456789,
@@ -35,14 +36,16 @@ FIGURES = FrameRecord(
 
 def test_every_metric_of_a_frame_has_a_column():
     names = [
-        column.name for column in (INDEX_COLUMN, NAME_COLUMN, *LENGTH_COLUMNS, *VOLUME_COLUMNS)
+        column.name for column in (NUMBER_COLUMN, NAME_COLUMN, *LENGTH_COLUMNS, *VOLUME_COLUMNS)
     ]
-    assert sorted([*names, "skipped"]) == sorted(field.name for field in fields(FrameRecord))
+    assert sorted([*names, "index", "skipped"]) == sorted(
+        field.name for field in fields(FrameRecord)
+    )
 
 
 def test_cells_are_formatted_as_in_all_views():
     lengths = ("1.2346", "0.0123457", "0.0000", "2e-07", "7")
-    assert build_frame_row(FIGURES, LENGTH_COLUMNS) == FrameRow(3, "a", None, lengths)
+    assert build_frame_row(FIGURES, LENGTH_COLUMNS) == FrameRow("1003", "a", None, lengths)
     assert build_frame_row(FIGURES, VOLUME_COLUMNS).cells == ("+0.5000", "", "8", "-1.0000")
 
 

@@ -206,7 +206,7 @@ def test_the_table_of_frames_shows_the_record(page, report):
     assert titles[:4] == ["#", "Frame", "RMS, %", "RMS, file units"]
     assert rows == [
         [
-            str(frame.index),
+            str(frame.number),
             frame.name,
             format_percent(frame.rms_percent),
             format_length(frame.rms),
@@ -357,7 +357,7 @@ def test_hostile_names_are_shown_as_text(report):
 def test_two_thousand_frames_with_pictures_are_under_5_mb(report):
     """The pictures are as large as those of a character of 10 000 vertices."""
     frames = [
-        replace(report.frames[k % 5], index=k, name=f"sequence_take_07_{k:06d}.obj")
+        replace(report.frames[k % 5], index=k, number=1 + k, name=f"sequence_take_07_{k:06d}.obj")
         for k in range(2000)
     ]
     page = render_page(replace(report, frames=tuple(frames)), pictures_of_one_point(100_000))

@@ -32,13 +32,13 @@ def report(closed):
 def test_the_curves_are_the_metrics_of_the_record(report):
     (error,), (change,) = lines(report, "rms"), lines(report, "volume_change")
     frames = report.frames
-    np.testing.assert_array_equal(error.get_xydata()[:, 0], range(5))
+    np.testing.assert_array_equal(error.get_xydata()[:, 0], range(1, 6))
     np.testing.assert_array_equal(error.get_ydata(), [frame.rms_percent for frame in frames])
     np.testing.assert_array_equal(change.get_ydata(), [frame.volume_change for frame in frames])
     left, right = draw_plot(report).axes
     assert left.get_ylabel() == "RMS error, % of the diagonal"
     assert right.get_ylabel() == "volume change, %"
-    assert left.get_xlabel() == "frame of cages.h5 (the first is 0)"
+    assert left.get_xlabel() == "frame of cages.h5"
     assert error.get_color() != change.get_color()
     assert error.get_linestyle() != change.get_linestyle()
     assert error.get_marker() != change.get_marker()
@@ -49,7 +49,7 @@ def test_a_fitted_result_has_both_curves(fitted):
     some = replace(report.unfitted, frames=(0, 5, 11), rms_percent=(0.0, 7.0, 3.0))
     told = replace(report, unfitted=some)
     (error,), (before,) = lines(told, "rms"), lines(told, "unfitted")
-    np.testing.assert_array_equal(before.get_xydata(), [[0, 0], [5, 7], [11, 3]])
+    np.testing.assert_array_equal(before.get_xydata(), [[1, 0], [6, 7], [12, 3]])
     assert (error.get_label(), before.get_label()) == ("RMS error, fitted", "mean-value")
     assert error.get_color() != before.get_color()
     assert error.get_linestyle() != before.get_linestyle()
@@ -60,7 +60,7 @@ def test_a_fitted_result_has_both_curves(fitted):
 def test_the_worst_frame_is_ringed_and_labelled(report):
     (ring,), (clip,) = lines(report, "worst"), lines(report, "clip")
     summary = report.summary
-    place = (summary.worst_frame_index, summary.worst_frame_rms_percent)
+    place = (1 + summary.worst_frame_index, summary.worst_frame_rms_percent)
     assert tuple(ring.get_xydata()[0]) == pytest.approx(place)
     assert set(clip.get_ydata()) == {summary.rms_percent}
     name = f"worst {summary.worst_frame_rms_percent:.4f} %, {summary.worst_frame}"
@@ -82,9 +82,21 @@ def test_skipped_frames_are_gaps(make_report):
     np.testing.assert_array_equal(error.get_ydata(), [0, 1, np.nan, np.nan, 2, 1])
     (shades,) = draw_plot(report).axes[1].collections
     (box,) = [path.get_extents() for path in shades.get_paths()]
-    assert (box.x0, box.x1) == (1.5, 3.5)
+    assert (box.x0, box.x1) == (2.5, 4.5)
     assert "skipped" in texts(report)
     assert "skipped" not in texts(make_report([1.0, 2.0]))
+
+
+def test_the_axis_has_the_numbers_of_the_frames(make_report):
+    report = make_report([0.0, 1.0, None, 3.0], start=1001, frame_step=2)
+    (error,), (ring,) = lines(report, "rms"), lines(report, "worst")
+    np.testing.assert_array_equal(error.get_xdata(), [1001, 1003, 1005, 1007])
+    assert tuple(ring.get_xydata()[0]) == (1007, 3)
+    axes = draw_plot(report).axes
+    (box,) = [path.get_extents() for path in axes[1].collections[0].get_paths()]
+    assert (box.x0, box.x1) == (1004, 1006)
+    assert axes[0].get_xlim() == (1000, 1008)
+    assert (build_page_plot(report).first, build_page_plot(report).last) == (-0.5, 3.5)
 
 
 def test_many_limits_without_a_line_are_cut_short(make_report):
@@ -188,7 +200,7 @@ def test_the_page_plot_has_the_position_of_the_axes(report):
     assert {"width", "height"}.isdisjoint(root.attrib)
     _, _, width, height = map(float, root.attrib["viewBox"].split())
     axes = draw_plot(report).axes[0]
-    assert axes.get_xlim() == (plot.first, plot.last)
+    assert axes.get_xlim() == (1 + plot.first, 1 + plot.last)
     # The first path of the axes is their background.
     place = re.search(r'id="axes_1".*? d="(.*?)"', plot.svg, re.DOTALL)[1]
     x, y = np.array(re.findall(r"[ML] ([\d.]+) ([\d.]+)", place), float).T

@@ -6,7 +6,7 @@ import pytest
 
 from cageik_cli.report.overview import ClipEntry
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.batch.dry_run import dry_run_lines
+from cageik_cli.workflows.batch.dry_run import describe_batch
 from cageik_cli.workflows.batch.jobs import ClipJob
 from cageik_cli.workflows.batch.run import BatchPlan
 from cageik_cli.workflows.extract import extract
@@ -26,18 +26,18 @@ def settings(folder):
     )
 
 
-def lines(settings, rejected=()):
+def describe(settings, rejected=()):
     batch = BatchPlan(
         settings.output.parent,
         (ClipJob("a", settings),),
         tuple(ClipEntry(name, fault="no cage") for name in rejected),
         tuple(sorted(["a", *rejected])),
     )
-    return list(dry_run_lines(batch))
+    return describe_batch(batch)
 
 
 def state(settings):
-    return lines(settings)[0].splitlines()[-1].split(".h5, ")[1]
+    return describe(settings).text.splitlines()[-2].split(".h5, ")[1]
 
 
 def test_the_state_of_a_result_is_listed(settings, folder):
@@ -55,9 +55,13 @@ def test_the_state_of_a_result_is_listed(settings, folder):
 
 
 def test_clips_that_would_fail_are_counted(settings, folder):
-    assert lines(settings)[-1] == "0 of 1 clip would fail"
-    assert lines(settings, ["b"])[-1] == "1 of 2 clips would fail"
-    assert "no cage" in lines(settings, ["b"])[1]
+    def check(found, failing, says):
+        assert found.failing == failing
+        assert found.text.splitlines()[-1] == says
+
+    check(describe(settings), 0, "0 of 1 clip would fail")
+    check(describe(settings, ["b"]), 1, "1 of 2 clips would fail")
+    assert "no cage" in describe(settings, ["b"]).text
     missing = replace(settings, cage=folder / "none.obj")
-    assert "none.obj" in lines(missing)[0]
-    assert lines(missing, ["b", "c"])[-1] == "3 of 3 clips would fail"
+    assert "none.obj" in describe(missing).text
+    check(describe(missing, ["b", "c"]), 3, "3 of 3 clips would fail")

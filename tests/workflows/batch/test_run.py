@@ -77,7 +77,7 @@ def test_outcomes_are_noted_as_they_end_and_reported_in_order(tmp_path, done):
     assert [entry.fault for entry in overview.clips] == ["a: is broken", "no cage", None]
     (entry,) = (entry for entry in overview.clips if entry.summary)
     text = f"done, error {entry.summary.rms_percent:.4f} %"
-    assert heard.notes == [("b", "no cage"), ("c", text), ("a", "a: is broken")]
+    assert heard.notes == [("b", "failed"), ("c", text), ("a", "failed")]
     assert heard.steps == [(1, 2), (2, 2)]
     assert scheduler.has_ended
     held = json.loads((tmp_path / "o" / "report.json").read_text())

@@ -104,7 +104,7 @@ function makeCursor(plot) {
     cursor.hidden = tip.hidden = false;
     plot.setAttribute("aria-valuenow", frame);
     plot.setAttribute("aria-valuetext", name);
-    announce(`frame ${frame}, ${name}: ${facts.map((fact) => fact.filter(Boolean).join(" ")).join(", ")}`);
+    announce(`frame ${row.cells[0].textContent}, ${name}: ${facts.map((fact) => fact.filter(Boolean).join(" ")).join(", ")}`);
   };
   const hide = () => { cursor.hidden = tip.hidden = true; current = null; };
 

@@ -1,0 +1,213 @@
+"""Frame numbers in the names of files, and the gaps between them."""
+
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import gcd
+from pathlib import Path
+
+from cageik_cli.formats.base.file_names import file_stem
+from cageik_cli.formats.base.settings import Gaps
+from cageik_cli.formats.scene import SceneHints
+from cageik_cli.util.errors import FileAccessError, SettingError, join_truncated
+
+MAX_FRAME_NUMBER = 1 << 24
+"""Larger numbers are dates or the like; single precision, as of PC2, holds all up to this."""
+
+MAX_MISSING_FRAMES = 10_000
+"""Numbers that may be missing in a series whose gaps are kept."""
+
+_NEGATIVE = re.compile(r"(?:.*[._ ])?-\d+\D*")
+_SUBFRAME = re.compile(r"((?:.*[._ -])?\d+)\.(\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class FileSeries:
+    """The files of a clip, one per frame, and where they are on the timeline.
+
+    Attributes
+    ----------
+    paths : tuple of Path
+        In order; a missing file has the name that it would have.
+    scene : SceneHints
+        The number of the first frame and the step, if the files are numbered in one way.
+    missing : dict
+        By number of the frame, from 0, why it has no file.
+    notes : tuple of str
+        What differs from the numbers of the files, one sentence each.
+    """
+
+    paths: tuple[Path, ...]
+    scene: SceneHints = field(default_factory=SceneHints)
+    missing: dict[int, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def trim(self, chosen: range) -> range:
+        """Return the chosen frames without missing ones at either end.
+
+        Raises
+        ------
+        InputError
+            When all of them are missing.
+        """
+        held = [k for k, frame in enumerate(chosen) if frame not in self.missing]
+        if not held:
+            raise FileAccessError(
+                f"{self.paths[chosen[0]]}: {self.missing[chosen[0]]}, as all frames that are "
+                "chosen; choose others with --frames"
+            )
+        return chosen[held[0] : held[-1] + 1]
+
+
+@dataclass(frozen=True, slots=True)
+class _Numbering:
+    """The numbers of files, and the text around them."""
+
+    before: str
+    numbers: tuple[int, ...]
+    digits: tuple[int, ...]
+    after: str
+
+    def make_path(self, place: int, number: int, path: Path) -> Path:
+        """Return the path of a frame that follows that of `place`, whose file is `path`."""
+        suffix = path.name[len(file_stem(path)) :]
+        return path.with_name(f"{self.before}{number:0{self.digits[place]}d}{self.after}{suffix}")
+
+
+def number_files(paths: tuple[Path, ...], gaps: Gaps) -> FileSeries:
+    """Find the frame numbers of files that are in natural order.
+
+    Files that are not numbered in one way, or are in several folders, have none.
+
+    Parameters
+    ----------
+    paths : tuple of Path
+    gaps : {"refuse", "keep", "close"}
+        What is done with missing numbers: refused; kept as frames without files; or closed, so
+        that files follow one another in the usual step.
+
+    Raises
+    ------
+    InputError
+        When a number is missing and gaps are refused, or two files have the same number; when
+        numbers are negative or those of subframes, unless gaps are closed.
+    """
+    if gaps != "close":
+        _check_whole_numbers(paths)
+    found = _find_numbering(paths)
+    if found is None:
+        return FileSeries(paths)
+    if gaps != "close":
+        _check_numbers_differ(paths, found)
+    steps = [b - a for a, b in pairwise(found.numbers)]
+    usual = _find_usual_step(steps)
+    is_even = all(step == usual for step in steps)
+    if not is_even and gaps == "refuse":
+        _refuse_gaps(paths, found, usual)
+    if found.numbers[-1] > MAX_FRAME_NUMBER and (is_even or gaps == "close"):
+        return FileSeries(paths)
+    if is_even or gaps == "close":
+        notes = () if is_even else (_describe_closed(paths, found, usual),)
+        scene = SceneHints(start=float(found.numbers[0]), frame_step=float(usual))
+        return FileSeries(paths, scene, notes=notes)
+    return _keep_gaps(paths, found, gcd(*steps))
+
+
+def _check_whole_numbers(paths: tuple[Path, ...]) -> None:
+    """Refuse negative numbers and subframes, whose order in time is not that of their names."""
+    stems = [file_stem(path) for path in paths]
+    for path, stem in zip(paths, stems, strict=True):
+        if _NEGATIVE.fullmatch(stem):
+            raise SettingError(
+                f"{path}: has a negative frame number, expected 0 or more; number the files from "
+                "0 on, or take them in the order of their names with --close-gaps"
+            )
+    matches = {stem: match for stem in stems if (match := _SUBFRAME.fullmatch(stem))}
+    frames = Counter(match[1] for match in matches.values())
+    for path, stem in zip(paths, stems, strict=True):
+        match = matches.get(stem)
+        if match and (match[1] in stems or 1 < frames[match[1]] < len(matches)):
+            raise SettingError(
+                f"{path}: is a subframe of {match[1]}, or of another series; frames have whole "
+                "numbers, so leave out such files, export USD or Alembic, or take them in the "
+                "order of their names with --close-gaps"
+            )
+
+
+def _find_numbering(paths: tuple[Path, ...]) -> _Numbering | None:
+    """Find the number that differs from name to name; of a single file, the last in its name."""
+    parts = [re.split(r"(\d+)", file_stem(path)) for path in paths]
+    texts = {tuple(part[::2]) for part in parts}
+    if len(texts) != 1 or len(parts[0]) < 3 or len({path.parent for path in paths}) != 1:
+        return None
+    columns = range(1, len(parts[0]), 2)
+    varying = [k for k in columns if len({part[k] for part in parts}) > 1] or [columns[-1]]
+    if len(varying) > 1:
+        return None
+    place = varying[0]
+    words = [part[place] for part in parts]
+    before, after = "".join(parts[0][:place]), "".join(parts[0][place + 1 :])
+    return _Numbering(before, tuple(map(int, words)), tuple(map(len, words)), after)
+
+
+def _check_numbers_differ(paths: tuple[Path, ...], found: _Numbering) -> None:
+    for k, (a, b) in enumerate(pairwise(found.numbers)):
+        if a == b:
+            raise FileAccessError(
+                f"{paths[k + 1]}: has the frame number of {paths[k].name}, {a}; remove one of them"
+            )
+
+
+def _find_usual_step(steps: list[int]) -> int:
+    """Return the most frequent step above zero; of equally frequent ones, the smallest."""
+    counts = Counter(step for step in steps if step > 0)
+    return min(counts, key=lambda step: (-counts[step], step), default=1)
+
+
+def _refuse_gaps(paths: tuple[Path, ...], found: _Numbering, usual: int) -> None:
+    steps = [b - a for a, b in pairwise(found.numbers)]
+    odd = [k for k, step in enumerate(steps) if step != usual]
+    wide = [k for k in odd if steps[k] > usual]
+    first = (wide or odd)[0]
+    where = f"{paths[first].name} and {paths[first + 1].name}"
+    expected = f"where frames are numbered in steps of {usual}"
+    if wide:
+        lost = found.make_path(first, found.numbers[first] + usual, paths[first])
+        fault = f"{lost}: missing between {where}, {expected} ({len(wide)} such "
+        fault += f"gap{'s' * (len(wide) != 1)}); restore it"
+    else:
+        fault = f"{paths[first + 1]}: {steps[first]} after {paths[first].name}, {expected}"
+        fault += f" ({len(odd)} such place{'s' * (len(odd) != 1)}); remove it"
+    raise FileAccessError(
+        f"{fault}, keep gaps in time with --allow-gaps, or number the frames one after another "
+        "with --close-gaps"
+    )
+
+
+def _describe_closed(paths: tuple[Path, ...], found: _Numbering, usual: int) -> str:
+    odd = [k for k, (a, b) in enumerate(pairwise(found.numbers)) if b - a != usual]
+    return (
+        f"gaps in frame numbers are closed at {join_truncated((paths[k + 1].name for k in odd), 5)}"
+        f"; frames are numbered from {found.numbers[0]} in steps of {usual}, other than their files"
+    )
+
+
+def _keep_gaps(paths: tuple[Path, ...], found: _Numbering, step: int) -> FileSeries:
+    """Make a series in even steps, in which some frames have no file."""
+    first, last = found.numbers[0], found.numbers[-1]
+    lost = (last - first) // step + 1 - len(paths)
+    if lost > MAX_MISSING_FRAMES or last > MAX_FRAME_NUMBER:
+        raise FileAccessError(
+            f"{paths[0]}: {lost} frames are missing in steps of {step} up to {paths[-1].name}, "
+            f"expected at most {MAX_MISSING_FRAMES} and numbers up to {MAX_FRAME_NUMBER}; number "
+            "the frames one after another with --close-gaps"
+        )
+    series, missing = [paths[0]], {}
+    for k, (a, b) in enumerate(pairwise(found.numbers)):
+        for number in range(a + step, b, step):
+            missing[len(series)] = f"missing between {paths[k].name} and {paths[k + 1].name}"
+            series.append(found.make_path(k, number, paths[k]))
+        series.append(paths[k + 1])
+    scene = SceneHints(start=float(first), frame_step=float(step))
+    return FileSeries(tuple(series), scene, missing)
