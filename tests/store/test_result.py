@@ -409,12 +409,6 @@ def test_a_damaged_result_is_refused_by_name(path, damage, says):
     assert says in str(caught.value)
 
 
-def test_results_of_earlier_versions_have_steps_of_one(path):
-    with h5py.File(path, "a") as file:
-        del file.attrs["frame_step"]
-    assert store.read_result(path).scene.frame_step == 1
-
-
 def test_an_edit_names_its_result(tmp_path, path):
     assert store.read_result(path).edited_from is None
     with result_writer.open_result_writer(
