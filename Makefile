@@ -15,7 +15,7 @@ READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/bl
 
 CHROMIUM      ?= chromium
 
-.PHONY: help run test test-slow test-all test-blender test-browser check format fuzz bench growth latency docs fixtures clean
+.PHONY: help run test test-slow test-all test-blender test-browser check format fuzz bench growth latency docs fixtures view-pictures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
@@ -107,6 +107,10 @@ fixtures: $(READY)  ## Make data_fixtures again, byte for byte, and the pictures
 	$(BIN)/cageik cage data_fixtures/walker/frames/walker_1.obj -o $(OUT)/built_cage.obj --overwrite
 	$(BIN)/cageik check --cage $(OUT)/built_cage.obj --rest data_fixtures/walker/frames/walker_1.obj \
 		--plot data_fixtures/pictures/built_cage.png --overwrite
+
+view-pictures: $(READY)  ## Draw the pictures of `cageik view` again, in Chromium
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright
+	$(BIN)/python data_fixtures/make_view_pictures.py "$$(command -v $(CHROMIUM))"
 
 clean:  ## Remove what was built and written here
 	rm -rf $(VENV) $(BLENDER_VENV) $(OUT) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .coverage .hypothesis

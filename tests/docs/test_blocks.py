@@ -23,6 +23,7 @@ NOT_RUN = [
     ("docs/cluster.md", "sh", "needs a Dask cluster"),
     ("docs/handles-file.md", "python", "needs Blender"),
     ("docs/reports-and-limits.md", "yaml", "GitHub workflow"),
+    ("docs/viewing.md", "console", "needs a browser"),
     ("docs/viewing.md", "console", "needs a second machine"),
     ("docs/viewing.md", "console", "serves a page until Ctrl-C"),
 ]
