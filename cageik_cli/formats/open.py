@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from natsort import natsort_keygen, ns
 
 from cageik_cli.formats.base.file_names import check_no_gaps, file_suffix
@@ -15,7 +16,13 @@ from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_co
 from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import FileAccessError, InputError, SettingError, error_context
+from cageik_cli.util.errors import (
+    FileAccessError,
+    FormatError,
+    InputError,
+    SettingError,
+    error_context,
+)
 
 _SKELETON_REASON = (
     "holds the motion of a skeleton, not a mesh; export the mesh that it moves, as OBJ frames"
@@ -57,7 +64,9 @@ def open_sequence(
         When nothing matches, formats are mixed, or the first frame cannot be read.
     """
     reader, request = _resolve_request(arguments, settings or ClipSettings(), rest)
-    return reader(request)
+    sequence = reader(request)
+    sequence.takes_missing = request.settings.missing
+    return sequence
 
 
 def list_members(path: Path) -> list[str]:
@@ -207,5 +216,12 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
             f"--rest-frame {index}: the clip has {len(sequence)} frames, expected "
             f"0 to {len(sequence) - 1}"
         )
-    frame = TriMesh(sequence.read_frame(index), sequence.first.faces)
+    positions = sequence.read_frame(index)
+    missing = np.count_nonzero(np.isnan(positions[:, 0]))
+    if missing:
+        raise FormatError(
+            f"{sequence.location(index)}: {missing} of {len(positions)} vertices of the rest pose "
+            "are missing; take a complete frame by --rest-frame K, or a mesh by --rest"
+        )
+    frame = TriMesh(positions, sequence.first.faces)
     return LoadedMesh(frame, frame, {"name": sequence.names[index]})

@@ -19,11 +19,13 @@ SETTING_MEANINGS = {
     "fit_smoothness": "smoothness over the surface of what a fit changes in the weights",
     "hard": "meet all handles exactly",
     "influences": "cage vertices that move each vertex, at most; none is all",
+    "missing": "take vertices whose position is not a number as missing",
     "outside": "treatment of vertices outside the cage",
     "pose_alpha": "weight of the cage's Laplacian in the edit",
     "pose_beta": "weight of the handles",
     "rest_frame": "frame used as the rest pose; none if the rest pose is a file",
     "rigidity": "rounds that rotate parts of the cage with the edit",
+    "robust": "reject vertices that are thrown away in some frames",
     "snap": "move handles given by position to the nearest point of the surface",
     "vertex_weights": "whether vertices have weights of their own",
 }

@@ -30,6 +30,19 @@ class SolveSettings:
             raise SettingError("alpha and beta are both 0, expected at least one above 0")
 
 
+@dataclass(frozen=True, slots=True)
+class CaptureSettings:
+    """What is done for clips from scanners and trackers; nothing by default.
+
+    Attributes
+    ----------
+    robust : bool
+        Let vertices that are far from where the cage can have them count less, or not at all.
+    """
+
+    robust: bool = False
+
+
 FIT_VERSION = 2
 """Raise it when fitted weights or their reports change, so that caches are not used."""
 

@@ -79,7 +79,7 @@ class RunSpec:
         if self.version != other.version:
             return f"it was of cageik {other.version}"
         if replace(self, block=other.block, fit=other.fit) != other:
-            return "its weights were others"
+            return "its weights were others, or frames on which tolerances are measured"
         return ""
 
 

@@ -15,8 +15,11 @@ from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import (
     INTEGER_METRICS,
+    KEPT_COUNTS,
+    KEPT_NAMES,
     METRIC_NAMES,
     FrameMetrics,
+    KeptMetrics,
     are_lengths,
     find_invalid_metric,
 )
@@ -84,6 +87,8 @@ class Result:
     regions : tuple of StoredRegion, optional
         The worst regions, the worst first; none if the largest deviation is within the usual. None
         if the result was edited, or written by a version that did not look for them.
+    kept : KeptMetrics, optional
+        Metrics over the vertices that were kept; None if all counted alike in all frames.
 
     Examples
     --------
@@ -114,6 +119,7 @@ class Result:
     fit: FitRecord | None = None
     has_offsets: bool = False
     bound: VertexBound | None = None
+    kept: KeptMetrics | None = None
 
     def __repr__(self) -> str:
         return (
@@ -223,6 +229,7 @@ def read_result(path: Path) -> Result:
             fit=read_fit_record(file),
             has_offsets=read_offset_mark(file),
             bound=_read_bound(file),
+            kept=_read_kept_metrics(file, frames, len(rest.vertices), list(skipped)),
         )
 
 
@@ -255,6 +262,21 @@ def _read_frame_metrics(
     return figures
 
 
+def _read_kept_metrics(
+    file: h5py.File, frames: int, vertices: int, skipped: list[int]
+) -> KeptMetrics | None:
+    """Read the metrics over what was kept, if the result has them."""
+    if f"metrics/{KEPT_NAMES[0]}" not in file:
+        return None
+    columns = {name: _read_column(file, name, frames) for name in KEPT_NAMES}
+    for name, column in columns.items():
+        held = np.delete(column, skipped)
+        fits = (held >= 0) & (held <= vertices) if name in KEPT_COUNTS else are_lengths(held)
+        if not fits.all():
+            raise FormatError(f"holds `metrics/{name}` that is impossible; extract it again")
+    return KeptMetrics(**columns)
+
+
 def _read_vertex_rms(file: h5py.File, vertices: int) -> Floats:
     """Read the rms of every vertex, (m,); nan for missing data."""
     values = read_array(file, "metrics/vertex_rms", "f", (vertices,)).astype(np.float64)
@@ -265,7 +287,7 @@ def _read_vertex_rms(file: h5py.File, vertices: int) -> Floats:
 
 
 def _read_column(file: h5py.File, name: str, frames: int) -> Any:
-    if name in INTEGER_METRICS:
+    if name in INTEGER_METRICS + KEPT_COUNTS:
         return read_array(file, f"metrics/{name}", "iu", (frames,))
     with np.errstate(over="ignore", invalid="ignore"):  # values that do not fit are found later
         return read_array(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)

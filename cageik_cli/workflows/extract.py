@@ -31,6 +31,7 @@ from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import locate_note
 from cageik_cli.util.threads import limit_blas_threads
+from cageik_cli.workflows.capture import make_capture_solver
 from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.plan import (
     ExtractionPlan,
@@ -101,7 +102,10 @@ def run_extraction(
         )
     header = _make_header(plan, stored_binding, solver)
     executor = executor or ThreadExecutor(plan.settings.jobs)
-    block_solver = BlockSolver(plan.sequence, solver, plan.settings.skips_bad_frames, progress)
+    capture = make_capture_solver(plan, solver, progress)
+    block_solver = BlockSolver(
+        plan.sequence, solver, plan.settings.skips_bad_frames, progress, capture
+    )
     _solve_and_write(plan, RunOutput(header, stored_binding), block_solver, executor)
     return read_result(plan.settings.output)
 
@@ -151,7 +155,8 @@ def _solve_and_write(
     """Solve the frames that the checkpoint does not hold yet, and compose the result of it."""
     settings, sequence, progress = plan.settings, plan.sequence, block_solver.progress
     memory_plan = output.plan_memory(settings)
-    spec = _make_run_spec(plan, output.stored, memory_plan.block_size)
+    tolerances = None if block_solver.capture is None else block_solver.capture.robust.tolerances
+    spec = _make_run_spec(plan, output.stored, tolerances, memory_plan.block_size)
     # One thread for the products: blocks are solved, and frames read, beside each other.
     with open_checkpoint(settings, spec) as checkpoint, limit_blas_threads(1):
         with progress.stage("read"):
@@ -179,7 +184,8 @@ def _write_result(plan: ExtractionPlan, run_output: RunOutput, checkpoint: Check
         key_meshes: dict[int, Floats] = {}
         binding = header.binding
         for block in checkpoint.blocks():
-            result.append(block.cages, block.rotations, block.metrics)
+            kept = None if block.kept is None else block.kept.metrics
+            result.append(block.cages, block.rotations, block.metrics, kept)
             inside = [k for k in key_frames if block.start <= k < block.stop]
             key_meshes |= {k: _rebuild_frame(binding, block, k) for k in inside}
         errors = [
@@ -259,21 +265,27 @@ def _make_header(
         notes=_collect_notes(plan, stored_binding, solver.missing_count),
         keep_weights=plan.settings.keep_weights,
         fit=stored_binding.fit,
+        has_kept=plan.weighs_frames,
     )
 
 
-def _make_run_spec(plan: ExtractionPlan, stored: StoredBinding, block_size: int) -> RunSpec:
+def _make_run_spec(
+    plan: ExtractionPlan, stored: StoredBinding, tolerances: Floats | None, block_size: int
+) -> RunSpec:
     binding, weights = stored.binding, plan.vertex_weights
     is_fitted_here = plan.settings.fit is not None
     given = stored.unfitted if is_fitted_here and stored.unfitted is not None else binding
     arrays = [binding.rest.vertices, binding.rest.faces, binding.cage.vertices, binding.cage.faces]
     arrays += [given.weights] if weights is None else [given.weights, weights]
+    found = [] if tolerances is None else [tolerances]
+    if not is_fitted_here:
+        arrays += found
     return RunSpec(
         frames=list(plan.sequence.names),
         settings=plan.recorded_settings,
         sources=plan.sources,
         key=_hash_arrays(arrays),
-        fit=_hash_arrays([binding.weights]) if is_fitted_here else "",
+        fit=_hash_arrays([binding.weights, *found]) if is_fitted_here else "",
         vertices=len(binding.rest.vertices),
         cage_vertices=len(binding.cage.vertices),
         block=block_size,

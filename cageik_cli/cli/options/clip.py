@@ -41,9 +41,15 @@ layout_option = click.option(
     "[default: found from their lengths]",
 )
 
+
+def make_clip_settings(selection: slice, layout: str | None, allow_gaps: bool) -> ClipSettings:
+    """Make the settings of a clip, of which no vertices may be missing."""
+    return ClipSettings(selection, layout, allow_gaps)
+
+
 CLIP_OPTIONS = OptionGroup(
     "clip",
-    ClipSettings,
+    make_clip_settings,
     click.option(
         "--frames",
         "selection",

@@ -25,8 +25,11 @@ class ClipSettings:
         The order of an array's axes, one of `LAYOUTS`; found from their lengths if absent.
     allow_gaps : bool
         Take numbered files although a number is missing.
+    missing : bool
+        Take vertices whose position is not a number as missing.
     """
 
     selection: slice = field(default_factory=lambda: slice(None))
     layout: str | None = None
     allow_gaps: bool = False
+    missing: bool = False

@@ -6,6 +6,7 @@ from typing import Any
 
 from cageik_cli.report.figures import (
     VertexMetrics,
+    describe_kept,
     describe_size,
     format_change,
     format_count,
@@ -126,6 +127,7 @@ def render_page(
         change=format_change,
         metric=format_metric,
         count=format_count,
+        kept=describe_kept(report.kept, report.clip.vertices),
         size=describe_size(report.clip, report.summary.fixed_floats, group="\u00a0"),
     )
 

@@ -7,6 +7,7 @@ import pytest
 from cageik_cli.report.figures import FrameRecord
 from cageik_cli.report.html.frames_table import (
     INDEX_COLUMN,
+    KEPT_COLUMNS,
     LENGTH_COLUMNS,
     NAME_COLUMN,
     VOLUME_COLUMNS,
@@ -35,9 +36,11 @@ FIGURES = FrameRecord(
 
 def test_every_metric_of_a_frame_has_a_column():
     names = [
-        column.name for column in (INDEX_COLUMN, NAME_COLUMN, *LENGTH_COLUMNS, *VOLUME_COLUMNS)
+        column.name
+        for group in (LENGTH_COLUMNS, KEPT_COLUMNS, VOLUME_COLUMNS)
+        for column in (INDEX_COLUMN, NAME_COLUMN, *group)
     ]
-    assert sorted([*names, "skipped"]) == sorted(field.name for field in fields(FrameRecord))
+    assert sorted({*names, "skipped"}) == sorted(field.name for field in fields(FrameRecord))
 
 
 def test_cells_are_formatted_as_in_all_views():
