@@ -37,13 +37,13 @@ def add_noise(frames, rng):
 
 
 def add_patches(frames, rng):
-    """Noise that is alike in patches of the surface: five bumps of 2 % in each frame."""
+    """Noise that is alike in patches of the surface: five bumps of 0.5 % in each frame."""
     size, spoilt = diagonal_of(frames), frames.copy()
     for frame in spoilt:
         for _ in range(5):
             centre = frame[rng.integers(len(frame))]
             shape = np.exp(-((np.linalg.norm(frame - centre, axis=1) / (0.05 * size)) ** 2))
-            frame += 0.02 * size * shape[:, None] * rng.standard_normal(3)
+            frame += 0.005 * size * shape[:, None] * rng.standard_normal(3)
     return spoilt
 
 

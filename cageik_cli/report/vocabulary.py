@@ -14,6 +14,7 @@ SETTING_MEANINGS = {
     "cage_clearance": "smallest distance of the cage that was built from the model, in diagonals",
     "cage_vertices": "vertices of the cage that was built, at most",
     "coordinates": "type of coordinates",
+    "fill_gaps": "fill frames without data from those around them",
     "fit_rank": "rank of what a fit changes in the weights; none is any",
     "fit_regularization": "pull of fitted weights to the others",
     "fit_smoothness": "smoothness over the surface of what a fit changes in the weights",
@@ -26,6 +27,7 @@ SETTING_MEANINGS = {
     "rest_frame": "frame used as the rest pose; none if the rest pose is a file",
     "rigidity": "rounds that rotate parts of the cage with the edit",
     "robust": "reject vertices that are thrown away in some frames",
+    "smooth": "period in seconds of motions that are smoothed away by half",
     "snap": "move handles given by position to the nearest point of the surface",
     "vertex_weights": "whether vertices have weights of their own",
 }

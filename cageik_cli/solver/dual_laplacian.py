@@ -201,7 +201,7 @@ class DualLaplacianSolver:
         return AlignedFrames(columns, rotations, centres)
 
     def sample(self, frame: Floats, rotation: Floats) -> Floats:
-        """Return the displacements of `sampled_vertices` in a frame, (s, 3), as a solution has them.
+        """Return the displacements of `sampled_vertices` of a frame, (s, 3), as in a solution.
 
         The frame, (m, 3), is aligned with the rest pose by its rotation, (3, 3).
         """

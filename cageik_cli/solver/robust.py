@@ -24,7 +24,7 @@ import scipy.linalg
 from cageik_cli.coordinates.binding import measure_offsets
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.solver.dual_laplacian import MAX_CONDITION, DualLaplacianSolver, Solution
-from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
 from cageik_cli.util.errors import NumericalError
 
 HUBER_ROUNDS = 2
@@ -241,6 +241,10 @@ class _WeighedBlock:
             sampled=sampled,
         )
 
+    def is_missing(self, place: int, rows: Integers) -> Mask:
+        """Return which of some vertices of a frame are missing."""
+        return np.asarray(self._given[place, rows] == 0)
+
     def read(self, place: int, rows: Integers) -> tuple[Floats, Floats, Floats, Floats]:
         """Return of a frame: vertices, plain residuals at `rows`, covariance, and plain rotation.
 
@@ -270,6 +274,12 @@ class _FollowedVertices:
     def __init__(self, block: _WeighedBlock, place: int, rows: Integers) -> None:
         self._robust, self._solver = block._robust, block._robust.solver
         self.rows = rows
+        # Missing vertices are the most, and stay missing: their part is computed once.
+        self._is_missing = block.is_missing(place, rows)
+        gone = rows[self._is_missing]
+        self._matrix = self._solver.normal - self._solver.weigh_data(
+            self._solver.vertex_weights[gone], gone
+        )
         self._vertices, self._plain, self._covariance, self._turn = block.read(place, rows)
         self._weights = self._solver.binding.weights[rows]
         self._vertex_weights = self._solver.vertex_weights[rows]
@@ -298,11 +308,10 @@ class _FollowedVertices:
             residuals = residuals - self._robust.offsets[self.rows] @ turned
         scale, robust = self._solver.data_scale, self._robust
         right = (robust.rest_pull - robust.offset_pull) @ turned
-        some = np.flatnonzero(lost)
-        weights_lost = self._weights[some]
-        right -= scale * (weights_lost.T @ (lost[some, None] * residuals[some]))
-        roots = np.sqrt(lost[some, None]) * weights_lost
-        self.correction = solve_definite(self._solver.normal - scale * (roots.T @ roots), right)
+        right -= scale * (self._weights.T @ (lost[:, None] * residuals))
+        some = np.flatnonzero((lost > 0) & ~self._is_missing)
+        roots = np.sqrt(lost[some, None]) * self._weights[some]
+        self.correction = solve_definite(self._matrix - scale * (roots.T @ roots), right)
         self.residuals = residuals - self._weights @ self.correction
 
     def _align(self, lost: Floats, left: float) -> Floats:

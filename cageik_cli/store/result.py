@@ -89,6 +89,8 @@ class Result:
         if the result was edited, or written by a version that did not look for them.
     kept : KeptMetrics, optional
         Metrics over the vertices that were kept; None if all counted alike in all frames.
+    filled : tuple of int
+        Skipped frames whose cages were filled from those around them.
 
     Examples
     --------
@@ -120,6 +122,7 @@ class Result:
     has_offsets: bool = False
     bound: VertexBound | None = None
     kept: KeptMetrics | None = None
+    filled: tuple[int, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -131,6 +134,11 @@ class Result:
 def checkpoint_path(path: Path) -> Path:
     """Return the path of the checkpoint of the run that writes the result at `path`."""
     return path.with_name(path.name + CHECKPOINT_SUFFIX)
+
+
+def smoothed_path(path: Path) -> Path:
+    """Return the path of the frames that are smoothed, until the result at `path` is written."""
+    return path.with_name(path.name + ".smooth" + CHECKPOINT_SUFFIX)
 
 
 def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
@@ -150,7 +158,7 @@ def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
         for start in range(first, len(cages), size):
             block = np.asarray(cages[start : start + size], np.float64)
             for k in range(start, start + len(block)):
-                if k in result.skipped:
+                if k in result.skipped and k not in result.filled:
                     block[k - start] = _interpolate_gap(cages, known, k)
             wrong = np.flatnonzero(~np.isfinite(block).all(axis=(1, 2)))
             if len(wrong):
@@ -229,6 +237,7 @@ def read_result(path: Path) -> Result:
             fit=read_fit_record(file),
             has_offsets=read_offset_mark(file),
             bound=_read_bound(file),
+            filled=_read_filled(file, skipped),
             kept=_read_kept_metrics(file, frames, len(rest.vertices), list(skipped)),
         )
 
@@ -275,6 +284,14 @@ def _read_kept_metrics(
         if not fits.all():
             raise FormatError(f"holds `metrics/{name}` that is impossible; extract it again")
     return KeptMetrics(**columns)
+
+
+def _read_filled(file: h5py.File, skipped: dict[int, str]) -> tuple[int, ...]:
+    """Read which of the skipped frames were filled."""
+    held = read_json_attr(file, "filled", list) if "filled" in file.attrs else []
+    if not all(type(k) is int and k in skipped for k in held):
+        raise FormatError("attribute `filled` names frames that are not skipped; extract it again")
+    return tuple(held)
 
 
 def _read_vertex_rms(file: h5py.File, vertices: int) -> Floats:

@@ -88,6 +88,8 @@ class RunSummary:
         The error of the best possible cage animation.
     unfitted : UnfittedClip, optional
         The same clip with the weights before the fit, if they are fitted and both are known.
+    filled : tuple of int
+        Skipped frames whose cages were filled from those around them.
     """
 
     sources: dict[str, Any]
@@ -98,6 +100,7 @@ class RunSummary:
     regions: tuple[Region, ...] | None = None
     bound: VertexBound | None = None
     unfitted: UnfittedClip | None = None
+    filled: tuple[int, ...] = ()
 
 
 class ResultWriter:
@@ -169,6 +172,8 @@ class ResultWriter:
         skipped = {str(k): text for k, text in summary.skipped.items()}
         if summary.bound is not None:
             self._file.attrs["bound"] = to_json(asdict(summary.bound))
+        if summary.filled:
+            self._file.attrs["filled"] = to_json(summary.filled)
         self._file.attrs["sources"] = to_json(summary.sources)
         self._file.attrs["skipped"] = to_json(skipped)
         self._file.attrs["complete"] = True

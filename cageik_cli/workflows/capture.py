@@ -43,7 +43,7 @@ def _make_solver(plan: ExtractionPlan, robust: RobustSolver) -> CapturedBlockSol
         robust=robust,
         frame_weights=plan.frame_weights,
         names=tuple(map(plan.sequence.location, range(len(plan.sequence)))),
-        accepts_gaps=plan.settings.skips_bad_frames,
+        accepts_gaps=plan.settings.skips_bad_frames or plan.settings.capture.fill_gaps,
     )
 
 

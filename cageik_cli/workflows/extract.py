@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,11 +18,12 @@ from cageik_cli.solver.blocks import (
     SolvedBlock,
     ThreadExecutor,
 )
+from cageik_cli.solver.captured_blocks import CapturedBlockSolver
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.regions import MIN_DEVIATION, Region
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
-from cageik_cli.store.result import Result, checkpoint_path, read_result
+from cageik_cli.store.result import Result, checkpoint_path, read_result, smoothed_path
 from cageik_cli.store.result_writer import ResultHeader, RunSummary, open_result_writer
 from cageik_cli.store.unfitted import UnfittedClip
 from cageik_cli.util.arrays import Floats
@@ -42,6 +43,7 @@ from cageik_cli.workflows.plan import (
 )
 from cageik_cli.workflows.regions import find_clip_regions
 from cageik_cli.workflows.resume import open_checkpoint, resume_from_checkpoint
+from cageik_cli.workflows.smooth import run_time_pass
 from cageik_cli.workflows.unfitted import FramesToCompare, measure_unfitted
 
 
@@ -132,10 +134,13 @@ class RunOutput:
     ----------
     header : ResultHeader
     stored : StoredBinding
+    filled : tuple of int
+        Skipped frames whose cages were filled from those around them.
     """
 
     header: ResultHeader
     stored: StoredBinding
+    filled: tuple[int, ...] = ()
 
     @property
     def unfitted(self) -> Binding | None:
@@ -167,8 +172,21 @@ def _solve_and_write(
                 with progress.stage("write"):
                     checkpoint.append(block)
                 progress.update(block.stop, len(sequence))
-        with progress.stage("write"):
-            _write_result(plan, output, checkpoint)
+        if not plan.needs_time_pass or len(checkpoint.summary.skipped) == len(sequence):
+            with progress.stage("write"):
+                _write_result(plan, output, checkpoint)
+            return
+        capture = block_solver.capture
+        assert isinstance(capture, CapturedBlockSolver)
+        path = smoothed_path(settings.output)
+        smoothed = Checkpoint.open(path, checkpoint.spec, resume=False, overwrite=True)
+        try:
+            with progress.stage("smooth"):
+                filled = run_time_pass(plan, capture, checkpoint, smoothed)
+            with progress.stage("write"):
+                _write_result(plan, replace(output, filled=filled), smoothed)
+        finally:
+            smoothed.discard()
 
 
 def _write_result(plan: ExtractionPlan, run_output: RunOutput, checkpoint: Checkpoint) -> None:
@@ -200,6 +218,7 @@ def _write_result(plan: ExtractionPlan, run_output: RunOutput, checkpoint: Check
                 key_frame_errors=np.array(errors),
                 regions=regions,
                 bound=summary.measure_bound(len(binding.cage.vertices)),
+                filled=run_output.filled,
                 unfitted=_measure_unfitted(plan, run_output, summary, key_frames),
             )
         )

@@ -1,6 +1,6 @@
 """The settings of an extraction: from what, to where, and how."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -119,7 +119,7 @@ class ExtractSettings:
 
     def describe_capture(self) -> dict[str, Any]:
         """Return what is done for captured clips as a result records it; empty for nothing."""
-        chosen = {"robust": self.capture.robust, "missing": self.clip.missing}
+        chosen = asdict(self.capture) | {"missing": self.clip.missing}
         return {name: value for name, value in chosen.items() if value}
 
     @property

@@ -18,7 +18,7 @@ from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.vertex_weights import FrameWeightsFile
 from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings
-from cageik_cli.solver.settings import FitSettings
+from cageik_cli.solver.settings import CaptureSettings, FitSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
@@ -75,8 +75,14 @@ class ExtractionPlan:
     def weighs_frames(self) -> bool:
         """Whether vertices of one frame may count differently than in another."""
         settings = self.settings
-        is_asked = settings.capture.robust or settings.clip.missing
+        is_asked = settings.capture != CaptureSettings() or settings.clip.missing
         return is_asked or self.frame_weights is not None
+
+    @property
+    def needs_time_pass(self) -> bool:
+        """Whether frames are smoothed or filled over time, after they are solved."""
+        capture = self.settings.capture
+        return capture.smooth is not None or capture.fill_gaps
 
     @property
     def scene(self) -> Scene:

@@ -16,7 +16,7 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.views.tables import format_csv, format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.settings import CaptureSettings
-from cageik_cli.store.result import read_result
+from cageik_cli.store.result import read_cages, read_result
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract
@@ -28,16 +28,22 @@ MISSING = ClipSettings(missing=True)
 
 
 @pytest.fixture(scope="module")
-def walker(fixtures_folder):
-    """Every fourth frame of the walking figure, its faces and its cage."""
+def walk(fixtures_folder):
+    """The 48 frames of the walking figure, its faces and its cage."""
     folder = fixtures_folder / "walker"
-    lines = [
-        (folder / "frames" / f"walker_{k}.obj").read_text().splitlines() for k in range(1, 49, 4)
-    ]
+    paths = [folder / "frames" / f"walker_{k}.obj" for k in range(1, 49)]
+    lines = [path.read_text().splitlines() for path in paths]
     frames = [[line.split()[1:4] for line in text if line[:2] == "v "] for text in lines]
     faces = [line.split()[1:4] for line in lines[0] if line[:2] == "f "]
     corners = [[int(word.split("/")[0]) - 1 for word in face] for face in faces]
     return np.array(frames, float), np.array(corners), folder / "cage.obj"
+
+
+@pytest.fixture(scope="module")
+def walker(walk):
+    """Every fourth of these frames."""
+    frames, faces, cage = walk
+    return frames[::4], faces, cage
 
 
 @pytest.fixture
@@ -98,7 +104,8 @@ def test_rejected_vertices_are_counted_everywhere(walker, make):
     assert f"most in {report.kept.most_rejected_frame}" in text
     assert "over what was not rejected" in text
     page = render_result_page(result, report)
-    assert "Rejected" in page and "over what was not rejected" in page
+    assert "Rejected" in page
+    assert "over what was not rejected" in page
     assert record["settings"]["robust"] is True
 
 
@@ -125,7 +132,8 @@ def test_missing_pieces_are_left_out(walker, make):
         result.metrics.rms, np.sqrt(np.nanmean(errors**2, axis=1)), rtol=1e-9, atol=1e-12
     )
     np.testing.assert_allclose(result.metrics.max_deviation, np.nanmax(errors, axis=1), atol=1e-12)
-    assert np.isnan(result.metrics.volume[1:]).all() and np.isfinite(result.metrics.volume[0])
+    assert np.isnan(result.metrics.volume[1:]).all()
+    assert np.isfinite(result.metrics.volume[0])
     page = render_result_page(result, build_report(result))
     assert "Missing 18" in page
 
@@ -254,3 +262,82 @@ def test_threads_and_interruptions_do_not_change_the_bytes(walker, make):
     assert resumed.path.read_bytes() == whole
     with pytest.raises(CheckpointError, match="other settings"):
         extract(replace(other, resume=True, capture=CaptureSettings()))
+
+
+SMOOTH = CaptureSettings(robust=True, smooth="auto", fill_gaps=True)
+
+
+def test_all_at_once_is_solved_with_smoothing(walk, make):
+    frames = walk[0]
+    spoilt = corrupt("lost", corrupt("missing", corrupt("outliers", frames)))
+    clean = error_to(frames, *cages_of(make(frames, "clean")))
+    result = extract(make(spoilt, capture=SMOOTH, clip=MISSING))
+    with h5py.File(result.path) as file:
+        found = file["verts"][:]
+        weights = file["weights"][:]
+    known = np.setdiff1d(np.arange(48), list(result.skipped))
+    assert (
+        list(result.filled)
+        == list(result.skipped)
+        == np.flatnonzero(np.isnan(spoilt).all(axis=(1, 2))).tolist()
+    )
+    assert np.isfinite(found).all()
+    plain = make(spoilt, "still", capture=ROBUST, clip=MISSING, on_bad_frame="skip")
+    still = cages_of(plain)[0][known]
+    error = error_to(frames, found, weights)
+    assert error < 0.7 * error_to(frames[known], still, weights)
+    assert error < 1.5 * clean
+    rebuilt = weights @ found[known]
+    errors = np.linalg.norm(rebuilt - spoilt[known], axis=2)
+    rms = np.sqrt(np.nanmean(errors**2, axis=1))
+    np.testing.assert_allclose(result.metrics.rms[known], rms, rtol=1e-9, atol=1e-12)
+
+
+def test_filled_gaps_are_read_as_they_were_filled(walker, make):
+    spoilt = walker[0].copy()
+    spoilt[5] = np.nan
+    settings = make(spoilt, clip=MISSING, capture=CaptureSettings(fill_gaps=True))
+    result = extract(settings)
+    assert result.filled == (5,)
+    plain = make(spoilt, "plain", clip=MISSING, on_bad_frame="skip")
+    linear = np.concatenate(list(read_cages(extract(plain), 16)))
+    filled = np.concatenate(list(read_cages(result, 16)))
+    np.testing.assert_array_equal(np.delete(filled, 5, 0), np.delete(linear, 5, 0))
+    assert np.abs(filled[5] - linear[5]).max() > 1e-3
+    with h5py.File(result.path) as file:
+        np.testing.assert_array_equal(filled[5], file["verts"][5])
+        assert np.isfinite(file["rotations"][5]).all()
+
+
+def test_smoothing_keeps_the_bytes_for_threads_and_interruptions(walker, make):
+    spoilt = corrupt("lost", corrupt("missing", corrupt("outliers", walker[0])))
+    memory = 1570 * 80 * 8 + 2 * 12 * 3 * 1570 * 8
+    settings = make(spoilt, capture=SMOOTH, clip=MISSING, memory=memory)
+    whole = extract(settings).path.read_bytes()
+    assert extract(replace(settings, jobs=3)).path.read_bytes() == whole
+    other = replace(settings, output=Path("other.h5"), overwrite=False)
+    with pytest.raises(KeyboardInterrupt):
+        extract(other, Stopped())
+    assert extract(replace(other, resume=True)).path.read_bytes() == whole
+    assert not list(Path().glob("*.partial"))
+
+
+def test_windows_of_long_clips_change_little(walker, make, monkeypatch):
+    frames = np.concatenate([walker[0], walker[0][::-1]] * 3)
+    noisy = frames + 0.003 * np.random.default_rng(2).standard_normal(frames.shape)
+    settings = make(noisy, capture=CaptureSettings(smooth=0.1), rest=Path("rest/frame_0.obj"))
+    write_objs(Path("rest"), walker[0][:1], walker[1])
+    whole, _ = cages_of(settings)
+    monkeypatch.setattr("cageik_cli.solver.smooth.MIN_WINDOW", 48)
+    monkeypatch.setattr("cageik_cli.solver.smooth.MAX_WINDOW", 48)
+    parts, _ = cages_of(settings)
+    plain, _ = cages_of(replace(settings, capture=CaptureSettings()))
+    assert 0 < np.abs(parts - whole).max() < 0.01 * np.abs(whole - plain).max()
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_clips_too_short_to_smooth_are_kept(walker, make, count):
+    frames = walker[0][:count]
+    plain, _ = cages_of(make(frames, "plain"))
+    found, _ = cages_of(make(frames, capture=CaptureSettings(smooth="auto")))
+    np.testing.assert_array_equal(found, plain)
