@@ -20,6 +20,7 @@ from cageik_cli.report.fit_figures import (
 )
 from cageik_cli.report.limits import LimitCheck, Limits, check_limits, missing_in_baseline
 from cageik_cli.report.regions import RegionRecord, build_regions, list_region_notes
+from cageik_cli.report.standouts import list_standout_notes
 from cageik_cli.report.unfitted import UnfittedRecord, build_unfitted
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord
@@ -97,6 +98,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
             *result.notes,
             *fit_notes,
             *list_region_notes(result, summary),
+            *list_standout_notes(result),
             *missing_in_baseline(result_name, summary, limits),
         ),
         clip=ClipRecord(

@@ -14,7 +14,8 @@ preconditioner of conjugate gradients. Long clips are solved in windows that ove
 It takes two steps. Frames are filled with a fixed strength, and missing vertices are put where
 that has them, without the pull of the Laplacian to the rest pose; then all frames are smoothed
 alike. The strength of the second step is stated as a period, or found by generalised
-cross-validation over all residuals (Craven and Wahba 1979; Garcia 2010). γ_t falls where the acceleration is far above its
+cross-validation over all residuals (Craven and Wahba 1979; Garcia 2010). γ_t falls where the
+acceleration is far above its
 median, so that a hit is not smoothed away.
 """
 
