@@ -4,7 +4,7 @@ import threading
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,10 +155,11 @@ class CaptureSolver(Protocol):
     def robust(self) -> RobustSolver:
         """The solver of frames."""
 
-    def solve_block(
-        self, block: Block, digests: tuple[bytes, ...], workspace: Workspace
-    ) -> SolvedBlock:
-        """Solve and measure a block; frames of too few data become gaps."""
+    def solve_block(self, block: Block, workspace: Workspace) -> Any:
+        """Solve a block; frames of too few data become gaps."""
+
+    def measure_block(self, found: Any, digests: tuple[bytes, ...]) -> SolvedBlock:
+        """Measure what `solve_block` returned."""
 
 
 class BlockSolver:
@@ -206,7 +207,9 @@ class BlockSolver:
         digests = tuple(map(self.sequence.digest_or_zeros, range(block.start, block.stop)))
         if self.capture is not None:
             with self.progress.stage("solve"):
-                return self.capture.solve_block(block, digests, workspace)
+                found = self.capture.solve_block(block, workspace)
+            with self.progress.stage("measure"):
+                return self.capture.measure_block(found, digests)
         with self.progress.stage("solve"):
             solution = self.solver.solve(block.positions, workspace)
         with self.progress.stage("measure"):

@@ -8,7 +8,7 @@ from cageik_cli.formats.base.sequence import Block
 from cageik_cli.solver.blocks import SolvedBlock, make_solved_block
 from cageik_cli.solver.captured import CapturedFrames, FrameWeights, complete_frames
 from cageik_cli.solver.dual_laplacian import Solution
-from cageik_cli.solver.kept import KeptBlock, SparseWeights
+from cageik_cli.solver.kept import KeptBlock, SparseWeights, measure_noise
 from cageik_cli.solver.metrics import (
     KEPT_COUNTS,
     KEPT_NAMES,
@@ -26,11 +26,22 @@ from cageik_cli.util.errors import FormatError, InputError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredBlock:
-    """Errors of a block, which vertices were kept (k, m), and their weights (k, m)."""
+    """Errors of a block, which vertices were kept (k, m), their weights (k, m), and noise (k,)."""
 
     errors: KeptErrors
     is_kept: Mask
     weights: Floats
+    noise: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolvedFrames:
+    """A block, its completed frames, their solution, and weights (k, m) if not all are 1."""
+
+    block: Block
+    captured: CapturedFrames
+    solution: Solution
+    weights: Floats | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,27 +73,33 @@ class CapturedBlockSolver:
         given = self.read_weights(block.start, block.stop)
         return complete_frames(self.robust.solver, block.positions, given)
 
-    def solve_block(
-        self, block: Block, digests: tuple[bytes, ...], workspace: Workspace
-    ) -> SolvedBlock:
-        """Solve and measure a block; frames of too few data become gaps.
+    def solve_block(self, block: Block, workspace: Workspace) -> "SolvedFrames":
+        """Solve a block; frames of too few data become gaps.
 
         Raises
         ------
         InputError
             Naming a frame of too few data, when it must not become a gap.
-        NumericalError
-            When the solve gives numbers that are not finite or too large.
         """
         captured = self.complete(block)
         found = self.robust.solve(captured.positions, captured.weights, workspace)
         block = self._skip_thin_frames(block, captured, found)
-        block = replace(block, positions=captured.positions)
-        measured = self.measure(block, found.solution.reconstructions, captured, found.weights)
-        return make_kept_block(block, found.solution, measured, digests)
+        return SolvedFrames(block, captured, found.solution, found.weights)
 
-    def measure(
-        self, block: Block, rebuilt: Floats, captured: CapturedFrames, weights: Floats | None
+    def measure_block(self, found: "SolvedFrames", digests: tuple[bytes, ...]) -> SolvedBlock:
+        """Measure a block that was solved.
+
+        Raises
+        ------
+        NumericalError
+            When the solve gave numbers that are not finite or too large.
+        """
+        rebuilt = found.solution.reconstructions
+        measured = self._measure(rebuilt, found.captured, found.weights)
+        return make_kept_block(found.block, found.solution, measured, digests)
+
+    def _measure(
+        self, rebuilt: Floats, captured: CapturedFrames, weights: Floats | None
     ) -> "MeasuredBlock":
         """Measure reconstructions over data, and over what was kept by weights (k, m)."""
         is_data = self._find_data(captured)
@@ -92,7 +109,8 @@ class CapturedBlockSolver:
             is_kept = is_data
         rest = self.robust.solver.binding.rest
         errors = measure_kept(rest, captured.positions, rebuilt, is_data, is_kept)
-        return MeasuredBlock(errors, is_kept, weights)
+        noise = measure_noise(rebuilt - captured.positions, is_kept)
+        return MeasuredBlock(errors, is_kept, weights, noise)
 
     def _find_data(self, captured: CapturedFrames) -> Mask:
         """Return which vertices of each frame are data, (k, m)."""
@@ -147,9 +165,19 @@ def make_kept_block(
         metrics=KeptMetrics(**columns),
         weights=SparseWeights.of(weights),
         counts=measured.is_kept[known].sum(axis=0),
+        noise=_forget_beside(measured.noise, gaps),
     )
     squares = np.nan_to_num(errors.squared_errors[known])
     return replace(whole, squared_errors=squares.sum(axis=0), kept=kept)
+
+
+def _forget_beside(noise: Floats, gaps: Integers) -> Floats:
+    """Return noise without that of gaps, and of the frames beside them."""
+    found = noise.copy()
+    for step in (-1, 0, 1):
+        places = gaps + step
+        found[places[(places >= 0) & (places < len(found))]] = np.nan
+    return found
 
 
 def select_frames(metrics: FrameMetrics, places: Integers) -> FrameMetrics:

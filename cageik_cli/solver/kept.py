@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.solver.metrics import KeptMetrics
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,8 +62,35 @@ class KeptBlock:
         None of skipped frames.
     counts : (m,) int64
         Frames in which each vertex was kept.
+    noise : (k,) float64
+        As of `measure_noise`; nan where a frame of the block is missing beside it.
     """
 
     metrics: KeptMetrics
     weights: SparseWeights
     counts: Integers
+    noise: Floats
+
+
+def measure_noise(errors: Floats, is_kept: Mask) -> Floats:
+    """Measure how much residuals tremble from frame to frame, (k,): a mean squared length.
+
+    What a cage cannot follow changes slowly, and cancels in second differences; of independent
+    noise they have six times the variance.
+
+    Parameters
+    ----------
+    errors : (k, m, 3)
+        v̂ − v.
+    is_kept : (k, m) bool
+    """
+    noise = np.full(len(errors), np.nan)
+    if len(errors) < 3:
+        return noise
+    bends = errors[:-2] - 2 * errors[1:-1] + errors[2:]
+    counted = is_kept[:-2] & is_kept[1:-1] & is_kept[2:]
+    squares = np.einsum("kjx,kjx->kj", bends, bends)
+    counts = counted.sum(axis=1)
+    sums = np.where(counted, squares, 0.0).sum(axis=1)
+    noise[1:-1] = np.where(counts > 0, sums / (6 * np.maximum(counts, 1)), np.nan)
+    return noise

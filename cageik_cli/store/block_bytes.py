@@ -84,6 +84,7 @@ def _pack_kept(kept: KeptBlock) -> bytes:
         [
             *(column.tobytes() for column in columns),
             np.ascontiguousarray(kept.counts, "<i8").tobytes(),
+            np.ascontiguousarray(kept.noise, "<f8").tobytes(),
             np.ascontiguousarray(weights.starts, "<i8").tobytes(),
             np.ascontiguousarray(weights.vertices, "<i8").tobytes(),
             np.ascontiguousarray(weights.values, "<f8").tobytes(),
@@ -97,11 +98,12 @@ def _unpack_kept(stream: io.BytesIO, count: int, vertices: int) -> KeptBlock:
         for name in KEPT_NAMES
     }
     counts = np.frombuffer(stream.read(8 * vertices), "<i8")
+    noise = np.frombuffer(stream.read(8 * count), "<f8")
     starts = np.frombuffer(stream.read(8 * (count + 1)), "<i8")
     entries = int(starts[-1])
     places = np.frombuffer(stream.read(8 * entries), "<i8")
     values = np.frombuffer(stream.read(8 * entries), "<f8")
-    return KeptBlock(KeptMetrics(**columns), SparseWeights(starts, places, values), counts)
+    return KeptBlock(KeptMetrics(**columns), SparseWeights(starts, places, values), counts, noise)
 
 
 def _cast_kept_column(name: str, column: np.ndarray) -> np.ndarray:

@@ -18,7 +18,6 @@ from cageik_cli.solver.blocks import (
     SolvedBlock,
     ThreadExecutor,
 )
-from cageik_cli.solver.captured_blocks import CapturedBlockSolver
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.regions import MIN_DEVIATION, Region
 from cageik_cli.store.binding_file import StoredBinding
@@ -176,13 +175,10 @@ def _solve_and_write(
             with progress.stage("write"):
                 _write_result(plan, output, checkpoint)
             return
-        capture = block_solver.capture
-        assert isinstance(capture, CapturedBlockSolver)
         path = smoothed_path(settings.output)
         smoothed = Checkpoint.open(path, checkpoint.spec, resume=False, overwrite=True)
         try:
-            with progress.stage("smooth"):
-                filled = run_time_pass(plan, capture, checkpoint, smoothed)
+            filled = run_time_pass(plan, block_solver, checkpoint, smoothed)
             with progress.stage("write"):
                 _write_result(plan, replace(output, filled=filled), smoothed)
         finally:

@@ -10,8 +10,8 @@ import numpy as np
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import Block
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
-from cageik_cli.solver.blocks import SolvedBlock
-from cageik_cli.solver.captured_blocks import CapturedBlockSolver, make_kept_block
+from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
+from cageik_cli.solver.captured_blocks import CapturedBlockSolver, SolvedFrames
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.solver.settings import AUTO_SMOOTHING
 from cageik_cli.solver.smooth import FrameTerms, TimeSmoother
@@ -99,13 +99,12 @@ class TimePass:
 
     @cached_property
     def _noise(self) -> float:
-        """Mean of the squared residuals of kept vertices over all known frames."""
-        squares = [
-            block.kept.metrics.rms_kept**2
-            for block in self._checkpoint.blocks()
-            if block.kept is not None
-        ]
-        return float(np.nanmean(np.concatenate(squares)))
+        """Mean squared length of the noise of vertices: of what trembles, if that can be told."""
+        kept = [block.kept for block in self._checkpoint.blocks() if block.kept is not None]
+        noise = np.concatenate([one.noise for one in kept])
+        if np.isnan(noise).all():
+            noise = np.concatenate([one.metrics.rms_kept**2 for one in kept])
+        return float(np.nanmedian(noise))
 
     @cached_property
     def _is_fillable(self) -> Mask:
@@ -189,7 +188,7 @@ def find_rotations(binding: Binding, solver: DualLaplacianSolver, cages: Floats)
 
 
 def run_time_pass(
-    plan: ExtractionPlan, capture: CapturedBlockSolver, checkpoint: Checkpoint, output: Checkpoint
+    plan: ExtractionPlan, block_solver: BlockSolver, checkpoint: Checkpoint, output: Checkpoint
 ) -> tuple[int, ...]:
     """Smooth and fill the frames of a checkpoint, and append them to another.
 
@@ -205,14 +204,21 @@ def run_time_pass(
     InputError
         When a frame has changed since it was solved.
     """
+    capture, progress = block_solver.capture, block_solver.progress
+    assert isinstance(capture, CapturedBlockSolver)
     time_pass, filled = TimePass(plan, capture, checkpoint), []
     frames = _cut_into_blocks(time_pass.run(), checkpoint.spec.block, len(plan.sequence))
-    gamma = time_pass.gamma
+    with progress.stage("smooth"):
+        gamma = time_pass.gamma
     with closing(_read_blocks(plan, checkpoint.spec.block, is_needed=gamma > 0)) as reads:
-        for solved, smoothed in zip(checkpoint.blocks(), frames, strict=True):
-            block = next(reads)
+        for solved in checkpoint.blocks():
+            with progress.stage("smooth"):
+                smoothed = next(frames)
+            with progress.stage("read"):
+                block = next(reads)
             if gamma:
-                solved = _measure_again(plan, capture, solved, smoothed, block)
+                with progress.stage("measure"):
+                    solved = _measure_again(plan, capture, solved, smoothed, block)
             output.append(_set_filled(capture, solved, smoothed))
             filled += (np.flatnonzero(smoothed.is_filled) + smoothed.start).tolist()
     return tuple(filled)
@@ -262,15 +268,12 @@ def _measure_again(
     rebuilt = reconstruct_frames(binding, cages, rotations)
     captured = capture.complete(block)
     weights = solved.kept.weights.expand(rebuilt.shape[1])
-    measured = capture.measure(
-        replace(block, positions=captured.positions), rebuilt, captured, weights
-    )
     solution = Solution(cages, rebuilt, rotations, solved.sampled)
     errors: dict[int, InputError] = {
         k: FileAccessError(reason) for k, reason in solved.skipped.items()
     }
-    block = replace(block, positions=captured.positions, read_errors=errors)
-    return make_kept_block(block, solution, measured, solved.digests)
+    found = SolvedFrames(replace(block, read_errors=errors), captured, solution, weights)
+    return capture.measure_block(found, solved.digests)
 
 
 def _set_filled(
