@@ -49,6 +49,7 @@ class Report:
     tells how weights were fitted to clips, and `bound` the smallest error that is possible.
     `unfitted` is the error with the weights before a fit; None if the result does not hold it.
     `kept` tells what was left out as missing or as outliers; None if all vertices count alike.
+    `filled` are the skipped frames whose cages were filled from those around them.
     """
 
     schema: int
@@ -69,6 +70,7 @@ class Report:
     regions: tuple[RegionRecord, ...] | None = None
     unfitted: UnfittedRecord | None = None
     kept: KeptSummary | None = None
+    filled: tuple[str, ...] = ()
 
 
 def build_report(result: Result, limits: Limits | None = None, name: str | None = None) -> Report:
@@ -119,6 +121,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         regions=build_regions(result),
         unfitted=build_unfitted(result),
         kept=_build_kept(result),
+        filled=tuple(result.frames[k] for k in result.filled),
     )
 
 

@@ -64,6 +64,11 @@ class CaptureSettings:
         if isinstance(period, float | int) and not (isfinite(period) and period > 0):
             raise SettingError(f"smooth is {period}, expected seconds above 0, or auto")
 
+    @property
+    def needs_time_pass(self) -> bool:
+        """Whether frames are smoothed or filled over time, after they are solved."""
+        return self.smooth is not None or self.fill_gaps
+
 
 FIT_VERSION = 2
 """Raise it when fitted weights or their reports change, so that caches are not used."""

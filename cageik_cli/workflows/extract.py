@@ -171,7 +171,7 @@ def _solve_and_write(
                 with progress.stage("write"):
                     checkpoint.append(block)
                 progress.update(block.stop, len(sequence))
-        if not plan.needs_time_pass or len(checkpoint.summary.skipped) == len(sequence):
+        if not settings.capture.needs_time_pass or len(checkpoint.summary.skipped) == len(sequence):
             with progress.stage("write"):
                 _write_result(plan, output, checkpoint)
             return

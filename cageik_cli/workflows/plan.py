@@ -79,12 +79,6 @@ class ExtractionPlan:
         return is_asked or self.frame_weights is not None
 
     @property
-    def needs_time_pass(self) -> bool:
-        """Whether frames are smoothed or filled over time, after they are solved."""
-        capture = self.settings.capture
-        return capture.smooth is not None or capture.fill_gaps
-
-    @property
     def scene(self) -> Scene:
         """Return time and space: as set, else as the clip says, else the defaults."""
         return self.settings.scene.override(self.sequence.scene.override(Scene()))

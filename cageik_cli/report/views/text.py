@@ -135,7 +135,11 @@ def _skipped_rows(report: Report) -> list[tuple[str, str]]:
         return []
     total = format_count(len(report.frames), "frame")
     names = join_truncated((frame.name for frame in frames), 5)
-    return [("skipped", f"{len(frames)} of {total}: {names}; {frames[0].skipped}")]
+    rows = [("skipped", f"{len(frames)} of {total}: {names}; {frames[0].skipped}")]
+    if report.filled:
+        count = format_count(len(report.filled), "frame")
+        rows.append(("filled", f"{count} from those around: {join_truncated(report.filled, 5)}"))
+    return rows
 
 
 def _region_rows(report: Report) -> list[tuple[str, str]]:
