@@ -81,7 +81,8 @@ class Reader(ClipFile):
         matrix = self._world_matrix(self._times[0])
         # Alembic's faces wind clockwise.
         mesh = self._read_polygons().make_mesh(
-            self._read_points(self._times[0]), is_clockwise=not is_mirroring(matrix)
+            request.complete_first(self._read_points(self._times[0])),
+            is_clockwise=not is_mirroring(matrix),
         )
         self._fan_triangulated = mesh.fan_triangulated
         self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)

@@ -180,7 +180,8 @@ class Reader(ClipFile):
             self.set_frames(request, self._frames.frame_count, hints)
             self.notes = tuple(f"{to_unicode(path.name)}: {note}" for note in notes)
             check_zero_based(faces, self._frames.vertex_count)
-            self.first = TriMesh(self._frames.read_frame(self.frame_indices[0]), faces)
+            first = self._frames.read_frame(self.frame_indices[0])
+            self.first = TriMesh(request.complete_first(first), faces)
             stack.pop_all()  # open from here on
 
     @classmethod

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from natsort import natsort_keygen, ns
 
 from cageik_cli.formats.base.file_names import file_suffix, group_numbered_files
@@ -18,6 +19,7 @@ from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import (
     FileAccessError,
+    FormatError,
     InputError,
     SettingError,
     error_context,
@@ -67,6 +69,7 @@ def open_sequence(
     reader, request = _resolve_request(arguments, settings or ClipSettings(), rest)
     sequence = reader(request)
     sequence.notes = (*_list_left_out(arguments, request.paths), *sequence.notes)
+    sequence.takes_missing = request.settings.missing
     return sequence
 
 
@@ -265,5 +268,12 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
             f"--rest-frame {index}: the clip has {len(sequence)} frames, expected "
             f"0 to {len(sequence) - 1}"
         )
-    frame = TriMesh(sequence.read_frame(index), sequence.first.faces)
+    positions = sequence.read_frame(index)
+    missing = np.count_nonzero(np.isnan(positions[:, 0]))
+    if missing:
+        raise FormatError(
+            f"{sequence.location(index)}: {missing} of {len(positions)} vertices of the rest pose "
+            "are missing; take a complete frame by --rest-frame K, or a mesh by --rest"
+        )
+    frame = TriMesh(positions, sequence.first.faces)
     return LoadedMesh(frame, frame, {"name": sequence.names[index]})

@@ -1,6 +1,7 @@
-"""Vertex weights: one number per vertex, in a text file or a numpy array."""
+"""Vertex weights: one number per vertex, in a text file or a numpy array; or one row per frame."""
 
 import io
+from dataclasses import dataclass
 from pathlib import Path
 from tokenize import TokenError
 
@@ -8,7 +9,96 @@ import numpy as np
 
 from cageik_cli.formats.base.file_data import describe_source, read_bytes
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FormatError, error_context
+from cageik_cli.util.errors import FileAccessError, FormatError, error_context
+
+MAX_ROWS_BYTES = 1 << 22
+"""Largest part of the weights of frames that is checked at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameWeightsFile:
+    """Weights of the vertices of each frame, in a `.npy` file that is read frame by frame.
+
+    Attributes
+    ----------
+    path : Path
+    largest, mean : float
+        Of all weights in the file; the mean is of those above 0, as the others are missing data.
+    """
+
+    path: Path
+    largest: float
+    mean: float
+
+    def read(self, start: int, stop: int) -> Floats:
+        """Read the weights of frames `start` up to `stop`, exclusive: (k, m), from 0 to 1."""
+        with error_context(self.path):
+            rows = _map_rows(self.path)
+            return np.asarray(rows[start:stop], np.float64) / self.largest
+
+
+def open_frame_weights(path: Path, frames: int, vertices: int) -> FrameWeightsFile | None:
+    """Open the weights of each frame of a clip; None for a file that is not an array (F, m).
+
+    Raises
+    ------
+    InputError
+        When its shape is not that of the clip, or its numbers are no weights.
+    """
+    if path.suffix.lower() != ".npy":
+        return None
+    with error_context(path):
+        try:
+            rows = _map_rows(path)
+        except FormatError:
+            return None  # whoever reads one weight per vertex says what is wrong
+        if rows.ndim != 2:
+            return None
+        if rows.shape != (frames, vertices):
+            raise FormatError(
+                f"weights of frames have shape {rows.shape}, expected ({frames}, {vertices}): the "
+                "frames that are taken and the vertices of the model"
+            )
+        if rows.dtype.kind not in "fiub":
+            raise FormatError(f"holds {rows.dtype} values, expected numbers")
+        return FrameWeightsFile(path, *_check_rows(rows))
+
+
+def _check_rows(rows: np.ndarray) -> tuple[float, float]:
+    """Return the largest weight, and the mean of those above 0; they are read in parts."""
+    size = max(1, MAX_ROWS_BYTES // (8 * rows.shape[1]))
+    largest, total, count = 0.0, 0.0, 0
+    for start in range(0, len(rows), size):
+        part = np.asarray(rows[start : start + size], np.float64)
+        is_wrong = ~(np.isfinite(part) & (part >= 0))
+        if is_wrong.any():
+            frame, vertex = np.argwhere(is_wrong)[0]
+            raise FormatError(
+                f"the weight of vertex {vertex} in frame {start + frame} is {part[frame, vertex]}, "
+                "expected a finite number of 0 or above"
+            )
+        largest = max(largest, float(part.max()))
+        total += float(part.sum())
+        count += int(np.count_nonzero(part))
+    if largest == 0:
+        raise FormatError("all vertex weights are zero; expected at least one above 0")
+    return largest, total / count
+
+
+def _map_rows(path: Path) -> np.ndarray:
+    """Open the array in a `.npy` file without reading it.
+
+    Raises
+    ------
+    InputError
+        When it is none.
+    """
+    try:
+        return np.asanyarray(np.load(path, mmap_mode="r", allow_pickle=False))
+    except OSError as error:
+        raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
+    except (ValueError, TypeError, EOFError, SyntaxError, TokenError) as error:
+        raise FormatError(f"is not a .npy array ({error})") from error
 
 
 def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:

@@ -79,7 +79,7 @@ class RunSpec:
         if self.version != other.version:
             return f"it was of cageik {other.version}"
         if replace(self, block=other.block, fit=other.fit) != other:
-            return "its weights were others"
+            return "its weights were others, or frames on which tolerances are measured"
         return ""
 
 
@@ -281,8 +281,13 @@ def _make_version_error(path: Path) -> CheckpointError:
 
 
 def _read_blocks(file: io.FileIO, spec: RunSpec, done: int = 0) -> Iterator[SolvedBlock]:
-    """Yield the blocks from here, and from frame `done`, on; stop at a damaged or misplaced one."""
+    """Yield the blocks from here, and from frame `done`, on; stop at a damaged or misplaced one.
+
+    Others may read the file between two blocks.
+    """
+    place = file.tell()
     while True:
+        file.seek(place)
         head = file.read(_RECORD_HEADER.size)
         if len(head) < _RECORD_HEADER.size:
             return
@@ -294,7 +299,7 @@ def _read_blocks(file: io.FileIO, spec: RunSpec, done: int = 0) -> Iterator[Solv
         block = from_bytes(data, spec.vertices, spec.cage_vertices)
         if block.start != done:
             return
-        done = block.stop
+        done, place = block.stop, file.tell()
         yield block
 
 

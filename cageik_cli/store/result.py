@@ -16,8 +16,11 @@ from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import (
     INTEGER_METRICS,
+    KEPT_COUNTS,
+    KEPT_NAMES,
     METRIC_NAMES,
     FrameMetrics,
+    KeptMetrics,
     are_lengths,
     find_invalid_metric,
 )
@@ -85,6 +88,10 @@ class Result:
     regions : tuple of StoredRegion, optional
         The worst regions, the worst first; none if the largest deviation is within the usual. None
         if the result was edited, or written by a version that did not look for them.
+    kept : KeptMetrics, optional
+        Metrics over the vertices that were kept; None if all counted alike in all frames.
+    filled : tuple of int
+        Skipped frames whose cages were filled from those around them.
 
     Examples
     --------
@@ -115,6 +122,8 @@ class Result:
     fit: FitRecord | None = None
     has_offsets: bool = False
     bound: VertexBound | None = None
+    kept: KeptMetrics | None = None
+    filled: tuple[int, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -128,6 +137,11 @@ def checkpoint_path(path: Path) -> Path:
     return path.with_name(path.name + CHECKPOINT_SUFFIX)
 
 
+def smoothed_path(path: Path) -> Path:
+    """Return the path of the frames that are smoothed, until the result at `path` is written."""
+    return path.with_name(path.name + ".smooth" + CHECKPOINT_SUFFIX)
+
+
 def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
     """Yield the cages from frame `first` on, in blocks of at most `size`, (k, n, 3), gaps filled.
 
@@ -139,7 +153,8 @@ def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
     InputError
         When a block cannot be read, or is not finite.
     """
-    filler = GapFiller(len(result.frames), result.skipped)
+    gaps = set(result.skipped) - set(result.filled)
+    filler = GapFiller(len(result.frames), gaps)
     with open_checked(result.path) as file:
         cages = get_dataset(file, "verts", "f", (len(result.frames), len(result.cage.vertices), 3))
         for start in range(first, len(cages), size):
@@ -214,6 +229,8 @@ def read_result(path: Path) -> Result:
             fit=read_fit_record(file),
             has_offsets=read_offset_mark(file),
             bound=_read_bound(file),
+            filled=_read_filled(file, skipped),
+            kept=_read_kept_metrics(file, frames, len(rest.vertices), list(skipped)),
         )
 
 
@@ -246,6 +263,29 @@ def _read_frame_metrics(
     return figures
 
 
+def _read_kept_metrics(
+    file: h5py.File, frames: int, vertices: int, skipped: list[int]
+) -> KeptMetrics | None:
+    """Read the metrics over what was kept, if the result has them."""
+    if f"metrics/{KEPT_NAMES[0]}" not in file:
+        return None
+    columns = {name: _read_column(file, name, frames) for name in KEPT_NAMES}
+    for name, column in columns.items():
+        held = np.delete(column, skipped)
+        fits = (held >= 0) & (held <= vertices) if name in KEPT_COUNTS else are_lengths(held)
+        if not fits.all():
+            raise FormatError(f"holds `metrics/{name}` that is impossible; extract it again")
+    return KeptMetrics(**columns)
+
+
+def _read_filled(file: h5py.File, skipped: dict[int, str]) -> tuple[int, ...]:
+    """Read which of the skipped frames were filled."""
+    held = read_json_attr(file, "filled", list) if "filled" in file.attrs else []
+    if not all(type(k) is int and k in skipped for k in held):
+        raise FormatError("attribute `filled` names frames that are not skipped; extract it again")
+    return tuple(held)
+
+
 def _read_vertex_rms(file: h5py.File, vertices: int) -> Floats:
     """Read the rms of every vertex, (m,); nan for missing data."""
     values = read_array(file, "metrics/vertex_rms", "f", (vertices,)).astype(np.float64)
@@ -256,7 +296,7 @@ def _read_vertex_rms(file: h5py.File, vertices: int) -> Floats:
 
 
 def _read_column(file: h5py.File, name: str, frames: int) -> Any:
-    if name in INTEGER_METRICS:
+    if name in INTEGER_METRICS + KEPT_COUNTS:
         return read_array(file, f"metrics/{name}", "iu", (frames,))
     with np.errstate(over="ignore", invalid="ignore"):  # values that do not fit are found later
         return read_array(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)

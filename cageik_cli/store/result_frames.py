@@ -34,7 +34,7 @@ class KeyFrames:
     reconstructed : (k, m, 3) float64
         v̂, the weights times the cages, and the turned offsets if there are any.
     errors : (k, m, 3) float64
-        v − v̂, in diagonals of the rest model.
+        v − v̂, in diagonals of the rest model; nan for vertices that are missing in a frame.
     """
 
     indices: Integers
@@ -123,7 +123,10 @@ def read_key_frames(result: Result, binding: Binding) -> KeyFrames:
             )
         cages = get_dataset(file, "verts", "f", (count, n, 3))
         posed = np.stack([np.asarray(cages[k], np.float64) for k in frames])
-        if not all(are_lengths(np.abs(held)).all() for held in (posed, misses)):
+        is_missing = np.isnan(misses) if result.kept is not None else np.zeros(misses.shape, bool)
+        if not (
+            are_lengths(np.abs(posed)).all() and (are_lengths(np.abs(misses)) | is_missing).all()
+        ):
             raise FormatError("`poses` are not finite, or too large; extract it again")
     turns = None if rotations is None else rotations[frames]
     return KeyFrames(frames, posed, reconstruct_frames(binding, posed, turns), misses)

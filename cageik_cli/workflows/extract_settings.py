@@ -1,14 +1,15 @@
 """The settings of an extraction: from what, to where, and how."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.open import list_input_files
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.solver.settings import FitSettings, SolveSettings
+from cageik_cli.solver.settings import CaptureSettings, FitSettings, SolveSettings
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError
 
@@ -33,7 +34,8 @@ class ExtractSettings:
     rest_frame : int or "auto"
         Which frame then, from 0; or the one in which the least of the surface touches.
     vertex_weights : Path, optional
-        A file with one number per vertex of the model.
+        A file with one number per vertex of the model, or an array (F, m) with one per frame and
+        vertex.
     bind : BindSettings
     solve : SolveSettings
     clip : ClipSettings
@@ -55,6 +57,8 @@ class ExtractSettings:
         An OBJ file to which the cage that is built is written.
     fit : FitSettings, optional
         Fit the weights to the clip; they are not fitted by default.
+    capture : CaptureSettings
+        What is done for clips from scanners and trackers.
     """
 
     frames: tuple[str, ...]
@@ -78,6 +82,7 @@ class ExtractSettings:
     build: BuildSettings = field(default_factory=BuildSettings)
     cage_output: Path | None = None
     fit: FitSettings | None = None
+    capture: CaptureSettings = field(default_factory=CaptureSettings)
 
     def __post_init__(self) -> None:
         if self.cage_output is not None and not self.builds_cage:
@@ -111,6 +116,11 @@ class ExtractSettings:
     def outputs(self) -> list[Path]:
         """Return the files that are written."""
         return [self.output, *([] if self.cage_output is None else [self.cage_output])]
+
+    def describe_capture(self) -> dict[str, Any]:
+        """Return what is done for captured clips as a result records it; empty for nothing."""
+        chosen = asdict(self.capture) | {"missing": self.clip.missing}
+        return {name: value for name, value in chosen.items() if value}
 
     @property
     def builds_cage(self) -> bool:

@@ -15,11 +15,10 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.scene import Scene
-from cageik_cli.formats.vertex_weights import load_vertex_weights
-from cageik_cli.solver.dual_laplacian import normalize_weights
+from cageik_cli.formats.vertex_weights import FrameWeightsFile
 from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings
-from cageik_cli.solver.settings import FitSettings
+from cageik_cli.solver.settings import CaptureSettings, FitSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
@@ -33,6 +32,7 @@ from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.fit import fit_binding, open_fit_cache
 from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
+from cageik_cli.workflows.weights import load_weights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,12 +51,14 @@ class ExtractionPlan:
     stored_binding : StoredBinding, optional
         The weights, if they are known already: those of the binding file, if one is named.
     vertex_weights : (m,) float64, optional
-        Of mean one.
+        Of mean one. All are equal if each frame has its own.
     sources : dict
         Name and digest of each file that was read, all but the frames; and of a cage that was
         built.
     existing : Result, optional
         A complete result of this very plan at the output, to be kept as it is.
+    frame_weights : FrameWeightsFile, optional
+        The weights of the vertices of each frame.
     """
 
     settings: ExtractSettings
@@ -67,6 +69,14 @@ class ExtractionPlan:
     vertex_weights: Floats | None
     sources: dict[str, Any]
     existing: Result | None = None
+    frame_weights: FrameWeightsFile | None = None
+
+    @property
+    def weighs_frames(self) -> bool:
+        """Whether vertices of one frame may count differently than in another."""
+        settings = self.settings
+        is_asked = settings.capture != CaptureSettings() or settings.clip.missing
+        return is_asked or self.frame_weights is not None
 
     @property
     def scene(self) -> Scene:
@@ -118,6 +128,7 @@ class ExtractionPlan:
             "vertex_weights": settings.vertex_weights is not None,
             **built,
             **describe_fit(self.fit_settings),
+            **settings.describe_capture(),
         }
 
     @property
@@ -223,12 +234,15 @@ def plan_extraction(
         sources["cage"] = cage.source
     elif stored_binding is not None:
         sources["cage"] = stored_binding.sources["cage"]
-    weights = None
+    plan = ExtractionPlan(settings, sequence, rest, cage, stored_binding, None, sources)
     if settings.vertex_weights is not None:
-        loaded, sources["vertex_weights"] = load_vertex_weights(settings.vertex_weights)
-        with error_context(settings.vertex_weights):
-            weights = normalize_weights(loaded, len(rest.mesh.vertices))
-    plan = ExtractionPlan(settings, sequence, rest, cage, stored_binding, weights, sources)
+        weights = load_weights(settings.vertex_weights, len(sequence), len(rest.mesh.vertices))
+        plan = replace(
+            plan,
+            vertex_weights=weights.vertices,
+            frame_weights=weights.frames,
+            sources=sources | {"vertex_weights": weights.source},
+        )
     return replace(plan, existing=_find_existing_result(plan)) if settings.resume else plan
 
 

@@ -3,6 +3,7 @@
 import hashlib
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
 from cageik_cli.formats.base.file_data import decompress, read_bytes
@@ -64,13 +65,14 @@ class FrameFileReader(MeshSequence):
         self._digests: dict[int, bytes] = {}
         with error_context(paths[0]):
             data = self._read(0)
-            mesh = parse_mesh(type(self), data)
+            parsed = parse_mesh(type(self), data)
+            mesh = replace(parsed, vertices=request.complete_first(parsed.vertices))
             self._fan_triangulated = mesh.fan_triangulated
             # Its shape decides how polygons are cut, for all frames.
             self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)
         notes = (f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
         self.notes = (*series.notes, *notes)
-        self._frame_parser = self.make_frame_parser(data, mesh)
+        self._frame_parser = self.make_frame_parser(data, parsed)
 
     def read_positions(self, index: int) -> Floats:
         """Read the vertices of one file, and compare its faces with the first frame's."""

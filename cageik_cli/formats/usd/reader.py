@@ -73,7 +73,8 @@ class Reader(ClipFile):
         matrix = self._world_matrix(self._times[0])
         is_left = self._mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
         mesh = self._read_polygons().make_mesh(
-            self._read_points(self._times[0]), is_clockwise=is_left != is_mirroring(matrix)
+            request.complete_first(self._read_points(self._times[0])),
+            is_clockwise=is_left != is_mirroring(matrix),
         )
         self._fan_triangulated = mesh.fan_triangulated
         self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)

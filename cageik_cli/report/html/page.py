@@ -4,6 +4,7 @@ from typing import Any
 
 from cageik_cli.report.figures import (
     VertexMetrics,
+    describe_kept,
     describe_size,
     format_change,
     format_count,
@@ -135,6 +136,7 @@ def render_page(
         change=format_change,
         metric=format_metric,
         count=format_count,
+        kept=describe_kept(report.kept, report.clip.vertices),
         size=describe_size(report.clip, report.summary.fixed_floats, group="\u00a0"),
     )
 
