@@ -258,7 +258,7 @@ def _validate_frame(positions: np.ndarray, takes_missing: bool) -> Floats:
     except FormatError as error:
         if np.isnan(positions).any() and not np.isinf(positions).any():
             raise FormatError(
-                f"{error}, or take them as missing by cageik extract --missing"
+                f"{error}, or take them as missing with --missing of cageik extract"
             ) from error
         raise
 
