@@ -144,7 +144,8 @@ class RunOutput:
     @property
     def unfitted(self) -> Binding | None:
         """The binding with the weights before the fit, if the result compares them."""
-        return self.stored.unfitted if self.header.keep_weights else None
+        is_compared = self.header.keep_weights and not self.header.has_kept
+        return self.stored.unfitted if is_compared else None
 
     def plan_memory(self, settings: ExtractSettings) -> MemoryPlan:
         """Plan the blocks of frames beside all weights that are held."""

@@ -15,10 +15,11 @@ from cageik_cli.report.html.page import render_result_page
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.tables import format_csv, format_json
 from cageik_cli.report.views.text import format_text
-from cageik_cli.solver.settings import CaptureSettings
+from cageik_cli.solver.settings import CaptureSettings, FitSettings
 from cageik_cli.store.result import read_cages, read_result
-from cageik_cli.util.errors import CheckpointError, FormatError, InputError
+from cageik_cli.util.errors import CheckpointError, FormatError, InputError, SettingError
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.bind import BindRunSettings, bind_files
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.extract_settings import ExtractSettings
 from tests.corruptions import corrupt
@@ -345,3 +346,16 @@ def test_clips_too_short_to_smooth_are_kept(walker, make, count):
     plain, _ = cages_of(make(frames, "plain"))
     found, _ = cages_of(make(frames, capture=CaptureSettings(smooth="auto")))
     np.testing.assert_array_equal(found, plain)
+
+
+def test_weights_fitted_to_a_clean_clip_serve_one_with_missing_vertices(walker, make):
+    clean = replace(make(walker[0], "clean", fit=FitSettings()), rest=Path("rest/frame_0.obj"))
+    write_objs(Path("rest"), walker[0][:1], walker[1])
+    with pytest.raises(SettingError, match="--fit needs frames without missing vertices"):
+        replace(clean, clip=MISSING)
+    bind_files(BindRunSettings(clean.cage, clean.rest, Path("fit.h5"), clips=clean.frames))
+    spoilt = make(corrupt("missing", walker[0]), capture=SMOOTH, clip=MISSING)
+    result = extract(replace(spoilt, cage=None, binding=Path("fit.h5"), rest=clean.rest))
+    assert result.fit is not None
+    assert build_report(result).unfitted is None
+    assert build_report(result).kept.most_missing == 314
