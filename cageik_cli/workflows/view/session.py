@@ -5,12 +5,18 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES, check_hdf5_suffix
 from cageik_cli.formats.mesh_file import check_mesh_output, load_mesh, write_mesh
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.reader import parse_handles, read_handles
 from cageik_cli.posing.summary import PoseResult
-from cageik_cli.report.player.clip import PlayerClip, load_player_clip, make_single_pose
+from cageik_cli.report.player.clip import (
+    UNNAMED_CAGE,
+    PlayerClip,
+    load_player_clip,
+    make_single_pose,
+)
 from cageik_cli.store.binding_file import is_binding, read_binding
 from cageik_cli.store.result import read_result
 from cageik_cli.util.errors import OutputError, SettingError, error_context
@@ -216,7 +222,7 @@ def open_session(settings: ViewSettings, progress: ProgressListener) -> ViewSess
             check_mesh_output(path, settings.overwrite)
     _check_handles_output(settings)
     model = BoundModel(read_binding(target).binding) if is_hdf5 else _load_model(settings, progress)
-    clip = make_single_pose(model.binding, target=_name_target(settings))
+    clip = make_single_pose(model.binding, _list_target_words(settings))
     return _ModelSession(settings, clip, model)
 
 
@@ -265,7 +271,16 @@ def _load_model(settings: ViewSettings, progress: ProgressListener) -> BoundMode
         return bind_model(rest, cage, settings.weights, progress)
 
 
-def _name_target(settings: ViewSettings) -> str:
-    """Return what `cageik pose` is told to pose."""
-    cage = "" if settings.cage is None else f" --cage {settings.cage.name}"
-    return f"{settings.target.name}{cage}"
+def _list_target_words(settings: ViewSettings) -> list[str]:
+    """List what `cageik pose` is told to pose: a model in its cage, or a binding file."""
+    if settings.binding is not None:
+        return [settings.binding.name]
+    if settings.target.suffix.lower() in HDF5_SUFFIXES:
+        return [settings.target.name]
+    cage = UNNAMED_CAGE if settings.cage is None else settings.cage.name
+    words = [settings.target.name, "--cage", cage]
+    usual = BindSettings()
+    for name in ("coordinates", "accuracy", "outside"):
+        if (value := getattr(settings.weights.bind, name)) != getattr(usual, name):
+            words += [f"--{name}", value]
+    return words

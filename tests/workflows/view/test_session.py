@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import threading
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,9 +12,12 @@ import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.report.html.view_page import render_view_page
 from cageik_cli.util.errors import CageikError, InputError
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.bind import WeightSettings
 from cageik_cli.workflows.view import run as view_run
 from cageik_cli.workflows.view.jobs import JobBoard
 from cageik_cli.workflows.view.listener import ViewListener
@@ -102,6 +106,29 @@ def test_a_binding_of_another_model_is_refused(clip, run):
     assert run(*bind, "--outside", "project").code == 0
     with pytest.raises(InputError, match=r"^b\.h5: is the binding of another rest pose"):
         open_(replace(MODEL, cage=None, binding=Path("b.h5")))
+
+
+@pytest.mark.parametrize(
+    ("changes", "title", "command"),
+    [
+        ({}, "frame_1.obj", "frame_1.obj --cage cage.obj"),
+        ({"target": Path("my \udcff.obj")}, "my \ufffd.obj", "'my \ufffd.obj' --cage cage.obj"),
+        (
+            {"weights": WeightSettings(BindSettings("mean-value", "fine"))},
+            "frame_1.obj",
+            "frame_1.obj --cage cage.obj --coordinates mean-value --accuracy fine",
+        ),
+        ({"cage": None, "binding": Path("b.h5")}, "b.h5", "b.h5"),
+        ({"cage": None}, "frame_1.obj", "frame_1.obj --cage CAGE.obj"),
+    ],
+)
+def test_the_page_names_the_words_of_the_command(clip, run, coarse_grids, changes, title, command):
+    shutil.copy("frames/frame_1.obj", "my \udcff.obj")
+    bind = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-o", "b.h5")
+    assert run(*bind).code == 0
+    shown = open_(replace(MODEL, **changes)).clip
+    assert (shown.title, shown.target) == (title, command)
+    render_view_page(shown).encode()
 
 
 @pytest.mark.parametrize("settings", [CLIP, MODEL])
