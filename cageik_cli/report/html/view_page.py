@@ -32,7 +32,7 @@ def render_view_page(
         has_player=True,
         words=choose_vocabulary(edited_from),
         player=build_player_values(clip, apply_url),
-        target=clip.target,
+        title=clip.title,
         is_applied=bool(apply_url),
         # In JSON, "<" is only in strings; so written, it cannot end the element that holds it.
         handles=handles.replace("<", "\\u003c"),

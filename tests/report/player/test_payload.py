@@ -101,7 +101,7 @@ def test_the_worst_place_is_the_largest_deviation(closed, clip):
 
 
 def test_a_single_pose_is_exact_at_rest(clip):
-    text = build_payload(make_single_pose(clip.binding, target="model.obj --cage cage.obj"))
+    text = build_payload(make_single_pose(clip.binding, ["model.obj", "--cage", "cage.obj"]))
     header, _ = unpack_arrays(text)
     assert (header["isClip"], header["frames"], header["held"]) == (False, [], [])
     np.testing.assert_allclose(rebuild_frame(text, 0), clip.binding.rest.vertices, atol=1e-6)
