@@ -25,7 +25,7 @@ MAX_COORDINATE = 1e30
 """Diagonals; what is farther away is drawn there, since single precision ends near."""
 
 CAGE_STEP = 2.0**-20
-"""Diagonals: cages are rounded to this. A power of two, so that the last bits of numbers are zero."""
+"""Diagonals: cages are rounded to this. A power of two: the last bits of numbers are then zero."""
 
 MISSING_LEVEL = 0xFFFF
 """Marks vertices that are missing data among the errors."""
