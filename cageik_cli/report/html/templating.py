@@ -7,6 +7,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from cageik_cli import __version__
+from cageik_cli.report.html.scripts import shorten_script
 
 GENERATOR = f"cageik {__version__}"
 
@@ -61,7 +62,7 @@ def render_template(template: str, *, has_player: bool = False, **values: Any) -
     script = _read_template("script.js")
     if has_player:
         names = [f"player/{name}.js" for name in PLAYER_SCRIPTS]
-        script += "".join(_shorten_script(_read_template(name)) for name in names)
+        script += "".join(shorten_script(_read_template(name)) for name in names)
         styles.append("player.css")
     return _environment.get_template(template).render(
         style="".join(map(_read_template, styles)),
@@ -70,12 +71,6 @@ def render_template(template: str, *, has_player: bool = False, **values: Any) -
         generator=GENERATOR,
         **values,
     )
-
-
-def _shorten_script(script: str) -> str:
-    """Leave out indents, empty lines and lines that are comments."""
-    lines = (line.strip() for line in script.splitlines())
-    return "".join(f"{line}\n" for line in lines if line and not line.startswith("//"))
 
 
 def make_data_url(content: bytes, kind: str) -> str:

@@ -10,6 +10,7 @@ from cageik_cli.posing.poser import DEFAULT_ALPHA
 from cageik_cli.report.player.clip import HeldFrame, PlayerClip, find_mirror
 from cageik_cli.report.player.decimation import CoarseMesh, decimate
 from cageik_cli.report.player.packing import pack_arrays
+from cageik_cli.report.player.prediction import Predictor
 from cageik_cli.report.player.quantization import RoundedWeights, find_smooth_motions, round_weights
 from cageik_cli.report.render.colouring import COLOUR_SCALE, MISSING_COLOUR, choose_scale_end
 from cageik_cli.util.arrays import Floats
@@ -23,8 +24,14 @@ MAX_WEIGHTS = 1 << 24
 MAX_COORDINATE = 1e30
 """Diagonals; what is farther away is drawn there, since single precision ends near."""
 
+CAGE_STEP = 2.0**-20
+"""Diagonals: cages are rounded to this. A power of two: the last bits of numbers are then zero."""
+
 MISSING_LEVEL = 0xFFFF
 """Marks vertices that are missing data among the errors."""
+
+PREDICTED = ("weights", "held")
+"""Arrays that are smooth over the surface, and are stored as differences from a prediction."""
 
 MAX_INTEGER = 32_767
 
@@ -68,7 +75,8 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "smooth": np.ascontiguousarray(rounded.motions.T).astype("<f4"),
         "rests": np.ascontiguousarray(rounded.rests.T),
         "cage": _scale((cage.vertices - origin) / diagonal),
-        "cages": _scale((clip.cages - origin) / diagonal),
+        # By coordinate, for the same reason.
+        "cages": _scale(_round_cages((clip.cages - origin) / diagonal)).T,
         # Positions are relative to the origin, and turning about it moves nothing else.
         "rotations": clip.rotations.astype("<f4"),
     }
@@ -98,6 +106,10 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     if len(chosen) < len(rest.vertices):
         arrays["vertices"] = chosen.astype("<u4")
     header |= _add_errors(clip, chosen, arrays)
+    header["predicted"] = [name for name in PREDICTED if name in arrays]
+    predictor = Predictor(coarse.faces, len(chosen))
+    for name in header["predicted"]:
+        arrays[name] = predictor.encode(arrays[name])
     return pack_arrays(header, arrays)
 
 
@@ -108,6 +120,10 @@ def choose_vertices(binding: Binding) -> CoarseMesh:
     if count <= largest:
         return CoarseMesh(np.arange(count), rest.faces)
     return decimate(rest, largest)
+
+
+def _round_cages(cages: Floats) -> Floats:
+    return np.rint(cages / CAGE_STEP) * CAGE_STEP
 
 
 def _scale(values: Floats) -> NDArray[np.float32]:

@@ -10,10 +10,10 @@ from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.html.templating import PLAYER_SCRIPTS
 from cageik_cli.report.player import payload
 from cageik_cli.report.player.clip import load_player_clip
-from cageik_cli.report.player.packing import unpack_arrays
 from cageik_cli.report.record import build_report
 from tests.report.html.test_page import pictures_of_one_point
 from tests.report.markup import find_faults, parse_page
+from tests.report.player.rebuild import unpack_payload
 
 MAX_SCRIPT_BYTES = 75_000
 
@@ -62,7 +62,7 @@ def test_only_one_script_runs_and_the_policy_names_it(page):
 
 def test_the_data_is_that_of_the_clip(page, clip):
     (data, _) = parse_page(page).all("script")
-    header, arrays = unpack_arrays(data.source)
+    header, arrays = unpack_payload(data.source)
     assert tuple(header["frames"]) == clip.frames
     assert arrays["weights"].shape == clip.binding.weights.T.shape
 
