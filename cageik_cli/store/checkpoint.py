@@ -116,18 +116,15 @@ class Checkpoint:
     def open(path: Path, spec: RunSpec, resume: bool, overwrite: bool = False) -> "Checkpoint":
         """Start a checkpoint, or open that of an interrupted run of the same spec.
 
-        One of another spec is replaced only with `overwrite`. One whose run was killed before its
-        spec was written is started again.
+        One of another spec is replaced only with `overwrite`, and what is no checkpoint never. One
+        whose run was killed before its spec was written is started again.
 
         Raises
         ------
         InputError
             When it cannot be written, another run is writing it, or it is of another spec.
         """
-        try:
-            file = open_locked(path)
-        except OSError as error:
-            raise _make_write_error(path, error) from error
+        file = _open_own(path)
         if file is None:
             raise CheckpointError(f"{path}: another run is writing it; wait for it, or stop it")
         try:
@@ -212,13 +209,28 @@ def delete_checkpoint(path: Path) -> None:
     InputError
         When the file is not a checkpoint.
     """
-    if not path.exists():
-        return
-    with io.FileIO(path) as file:
-        _read_spec(path, file)
-    locked = open_locked(path)
-    if locked is not None:
-        remove_locked(path, locked)
+    file = _open_own(path) if os.path.lexists(path) else None
+    if file is not None:
+        try:
+            _read_spec(path, file)
+        except BaseException:
+            file.close()
+            raise
+        remove_locked(path, file)
+
+
+def check_checkpoint_path(path: Path) -> None:
+    """Refuse, before any work, what is not a checkpoint under the name of one.
+
+    Raises
+    ------
+    InputError
+        When there is a link, a file of another kind, or one that cannot be opened.
+    """
+    if os.path.lexists(path):
+        file = _open_own(path)
+        if file is not None:
+            file.close()
 
 
 def is_checkpoint(path: Path) -> bool:
@@ -244,6 +256,28 @@ def checkpoint_progress(path: Path) -> tuple[int, int]:
         return max((block.stop for block in _read_blocks(file, spec)), default=0), len(spec.frames)
 
 
+def _open_own(path: Path) -> io.FileIO | None:
+    """Open and lock a file that is empty or begins as a checkpoint does; None if it is locked.
+
+    Links are not followed: who can write to the folder would choose the file that is replaced.
+    """
+    try:
+        file = open_locked(path)
+    except OSError as error:
+        raise _make_write_error(path, error) from error
+    if file is not None:
+        begin = file.read(len(FORMAT))
+        file.seek(0)
+        if not FORMAT.startswith(begin):
+            file.close()
+            raise _make_foreign_error(path)
+    return file
+
+
+def _make_foreign_error(path: Path) -> FormatError:
+    return FormatError(f"{path}: is not a checkpoint; move it away")
+
+
 def _write_spec(path: Path, file: io.FileIO, spec: RunSpec) -> None:
     """Empty the file and write the spec; delete the file when that fails."""
     text = json.dumps(asdict(spec), sort_keys=True, allow_nan=False).encode()
@@ -263,7 +297,7 @@ def _read_spec(path: Path, file: io.FileIO) -> RunSpec | None:
     if not MAGIC.startswith(begin):
         if begin.startswith(FORMAT):
             raise _make_version_error(path)
-        raise FormatError(f"{path}: is not a checkpoint; move it away")
+        raise _make_foreign_error(path)
     digest, _, size = file.read(MAX_HEAD_BYTES).partition(b"\n")[0].partition(b" ")
     length = int(size) if size.isdigit() else 0
     file.seek(len(begin) + len(digest) + len(size) + 2)
