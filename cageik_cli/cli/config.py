@@ -8,8 +8,14 @@ from typing import Any
 
 import click
 
+from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.input_files import read_input
+
 CLIPS_TABLE = "clips"
 """The table of the tables for some clips of `cageik batch`."""
+
+MAX_CONFIG_BYTES = 1 << 20
+"""Bytes of a file of options; ours have a few hundred per clip at most."""
 
 
 def apply_config(ctx: click.Context, param: click.Parameter, path: Path | None) -> None:
@@ -37,8 +43,8 @@ def read_tables(path: Path) -> dict[str, Any]:
         Naming the file, when it is not TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
+        return tomllib.loads(read_input(path, MAX_CONFIG_BYTES).decode("utf-8-sig"))
+    except (FileAccessError, ValueError, RecursionError) as error:
         raise click.BadParameter(f"{path}: cannot be read as TOML: {error}") from error
 
 

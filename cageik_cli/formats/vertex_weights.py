@@ -6,9 +6,10 @@ from tokenize import TokenError
 
 import numpy as np
 
-from cageik_cli.formats.base.file_data import describe_source, read_bytes
+from cageik_cli.formats.base.file_data import describe_source
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, error_context
+from cageik_cli.util.input_files import read_input
 
 
 def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
@@ -20,7 +21,7 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
         Naming the file, when it cannot be read or is not a list of numbers.
     """
     with error_context(path):
-        data = read_bytes(path)
+        data = read_input(path)
         try:
             if path.suffix.lower() == ".npy":
                 weights = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)

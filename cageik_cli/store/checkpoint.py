@@ -20,7 +20,8 @@ from typing import Any
 from cageik_cli import __version__
 from cageik_cli.solver.blocks import ClipSummary, SolvedBlock
 from cageik_cli.store.block_bytes import from_bytes, to_bytes
-from cageik_cli.util.errors import CheckpointError, FormatError, OutputError
+from cageik_cli.util.errors import CheckpointError, FormatError, OutputError, error_context
+from cageik_cli.util.input_files import open_input
 from cageik_cli.util.locks import open_locked, remove_locked
 
 FORMAT = b"cageik.partial "
@@ -237,7 +238,7 @@ def is_checkpoint(path: Path) -> bool:
     """Return whether a file starts as a checkpoint does, of this or of another version."""
     if not path.is_file():
         return False
-    with path.open("rb") as file:
+    with open_input(path) as file:
         return file.read(len(FORMAT)) == FORMAT
 
 
@@ -249,7 +250,9 @@ def checkpoint_progress(path: Path) -> tuple[int, int]:
     InputError
         When it is not a checkpoint.
     """
-    with io.FileIO(path) as file:
+    with error_context(path):
+        file = open_input(path)
+    with file:
         spec = _read_spec(path, file)
         if spec is None:
             return 0, 0

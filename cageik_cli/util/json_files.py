@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.util.errors import FileAccessError, FormatError
-from cageik_cli.util.text import format_bytes
+from cageik_cli.util.errors import FormatError
+from cageik_cli.util.input_files import read_input
 
 MAX_DEPTH = 16
 """Levels of lists and objects inside each other; our files have at most half as many."""
@@ -100,19 +100,7 @@ def format_step(step: str | int) -> str:
 
 def _read_text(path: Path, expected: JsonFormat) -> str:
     try:
-        size = path.stat().st_size
-        if not path.is_file():
-            raise FileAccessError(f"is not a plain file; give {expected.name}")
-        if size > expected.max_bytes:
-            raise FileAccessError(
-                f"is too large ({format_bytes(size)}, at most {format_bytes(expected.max_bytes)}); "
-                f"give {expected.name}"
-            )
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise FileAccessError(
-            f"cannot be read ({error.strerror or error}); check the path"
-        ) from error
+        return read_input(path, expected.max_bytes, expected.name).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FormatError(
             f"is not UTF-8 text at byte {error.start}; save it as UTF-8, or give {expected.name}"

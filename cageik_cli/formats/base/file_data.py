@@ -7,6 +7,7 @@ import zlib
 from pathlib import Path
 
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
+from cageik_cli.util.input_files import open_input
 from cageik_cli.util.text import to_unicode
 
 GZIP_SUFFIX = ".gz"
@@ -21,22 +22,6 @@ MIN_UNPACKED_LIMIT = 64 * 2**20
 def with_gzip(*suffixes: str) -> tuple[str, ...]:
     """Return the suffixes, and behind them those of the same files packed by gzip."""
     return (*suffixes, *(suffix + GZIP_SUFFIX for suffix in suffixes))
-
-
-def read_bytes(path: Path) -> bytes:
-    """Read a whole file.
-
-    Raises
-    ------
-    FileAccessError
-        When it cannot be read.
-    """
-    if path.is_dir():
-        raise FileAccessError("is a folder, expected a file; give a file in it")
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
 
 
 def decompress(data: bytes, suffix: str) -> bytes:
@@ -67,10 +52,15 @@ def hash_file(path: Path) -> bytes:
     """Return the SHA-256 digest of a file."""
     with error_context(path):
         try:
-            with path.open("rb") as stream:
+            with open_input(path) as stream:
                 return hashlib.file_digest(stream, "sha256").digest()
         except OSError as error:
             raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
+
+
+def describe_file(path: Path) -> dict[str, str]:
+    """Return what is recorded of a file that is not read as a whole: its name and digest."""
+    return {"name": to_unicode(path.name), "sha256": hash_file(path).hex()}
 
 
 def describe_source(path: Path, data: bytes) -> dict[str, str]:

@@ -5,7 +5,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-from cageik_cli.formats.base.file_data import decompress, read_bytes
+from cageik_cli.formats.base.file_data import decompress
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.base.polygons import replace_folded_fans
@@ -13,6 +13,7 @@ from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_co
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, error_context
+from cageik_cli.util.input_files import read_input
 from cageik_cli.util.text import to_unicode
 
 
@@ -110,7 +111,7 @@ class FrameFileReader(MeshSequence):
         }
 
     def _read(self, index: int) -> bytes:
-        data = read_bytes(self._paths[index])
+        data = read_input(self._paths[index])
         self._digests[index] = hashlib.sha256(data).digest()
         return decompress(data, self._suffix)
 

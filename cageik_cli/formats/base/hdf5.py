@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError, error_context
+from cageik_cli.util.input_files import check_input
 
 MAX_COMPRESSION_RATIO = 1100
 """Largest compression of HDF5's filters; a dataset that announces more is damaged."""
@@ -34,8 +35,9 @@ def check_hdf5_suffix(path: Path) -> None:
 
 def open_file(path: Path) -> h5py.File:
     """Open a file for reading, to be closed by the caller."""
-    if not path.is_file():
-        raise FileAccessError("is a folder, expected a file" if path.is_dir() else "no such file")
+    if not path.exists():
+        raise FileAccessError("no such file")
+    check_input(path)
     if not h5py.is_hdf5(path):
         raise FormatError("is not an HDF5 file; give one, or write it again")
     return h5py.File(path, "r")

@@ -17,6 +17,7 @@ import numpy as np
 
 from cageik_cli.formats.base.binary_frames import BinaryFile
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
+from cageik_cli.util.input_files import open_input
 
 MAX_HEADER_BYTES = 1 << 14
 """Bytes that are read for a header; numpy itself accepts 10 000 characters."""
@@ -88,7 +89,11 @@ class NpzArchive:
 
     def __init__(self, path: Path) -> None:
         self._path, self._file = path, BinaryFile.open(path)
-        with _wrap_read_errors("a sound .npz of plain arrays"), zipfile.ZipFile(path) as archive:
+        with (
+            _wrap_read_errors("a sound .npz of plain arrays"),
+            open_input(path) as file,
+            zipfile.ZipFile(file) as archive,
+        ):
             self._members = {
                 info.filename.removesuffix(".npy"): info
                 for info in archive.infolist()
@@ -160,7 +165,11 @@ class NpzArchive:
         with ExitStack() as stack:
             try:
                 target = stack.enter_context(tempfile.TemporaryFile())
-                with zipfile.ZipFile(self._path) as archive, archive.open(info) as member:
+                with (
+                    open_input(self._path) as file,
+                    zipfile.ZipFile(file) as archive,
+                    archive.open(info) as member,
+                ):
                     shutil.copyfileobj(member, target, _COPY_BYTES)
                     size = target.tell()
             except OSError as error:

@@ -59,6 +59,7 @@ from cageik_cli.report.vocabulary import (
 )
 from cageik_cli.solver.region_causes import Cause
 from cageik_cli.store.result import Result
+from cageik_cli.util.input_files import open_input
 
 SECTIONS = (
     ("verdict", "Verdict"),
@@ -201,7 +202,7 @@ def is_page_current(path: Path, report: Report, has_pictures: bool) -> bool:
     """
     if not path.is_file():
         return False
-    with path.open("rb") as file:
+    with open_input(path) as file:
         return _make_record_tag(report, has_pictures).encode() in file.read(HEAD_BYTES)
 
 
