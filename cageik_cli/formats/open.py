@@ -15,7 +15,7 @@ from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_co
 from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import FileAccessError, InputError, SettingError, error_context
+from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 
 _SKELETON_REASON = (
     "holds the motion of a skeleton, not a mesh; export the mesh that it moves, as OBJ frames"
@@ -64,8 +64,8 @@ def list_members(path: Path) -> list[str]:
     """List the clips in a file that holds several; empty if it is a clip itself, or damaged."""
     try:
         return _find_readers()[file_suffix(path)].list_members(path)
-    except InputError:
-        return []  # opening it says what is wrong
+    except Exception:  # whatever is in the file: opening it says what is wrong
+        return []
 
 
 def clip_suffixes() -> tuple[str, ...]:

@@ -10,6 +10,9 @@ from cageik_cli.util.input_files import check_input
 MAX_LAYERS = 10_000
 """Layers of a stage; the value clips of a layer do not count."""
 
+MAX_PRIMS = 1_000_000
+"""Prims of a stage; references to references multiply them."""
+
 
 def check_layers(path: Path) -> list[Any]:
     """Open the layers that a stage is composed of, and check all files that they name.
@@ -21,8 +24,9 @@ def check_layers(path: Path) -> list[Any]:
     Raises
     ------
     InputError
-        When a file is a pipe, a device or a folder, or there are more than `MAX_LAYERS`. USD would
-        wait for a pipe, and read a device without end.
+        When a file is a pipe, a device or a folder, or there are more than `MAX_LAYERS` layers or
+        `MAX_PRIMS` prims. USD would wait for a pipe, read a device without end, and compose prims
+        until memory ends.
     """
     from pxr import Sdf
 
@@ -42,7 +46,64 @@ def check_layers(path: Path) -> list[Any]:
                 check_input(Path(_split_package(file)))
         seen |= named
         waiting += sorted(named & set(_list_composed_files(layer)))
+    try:
+        count = _PrimCounter().count_layer(found[0]) if found else 0
+    except RecursionError as error:
+        raise FormatError("its references are nested too deeply; export the mesh alone") from error
+    if count > MAX_PRIMS:
+        raise FormatError(f"its references make more than {MAX_PRIMS} prims; export the mesh alone")
     return found
+
+
+class _PrimCounter:
+    """Bounds the prims of composed layers, without composing them.
+
+    Each prim counts once in its layer and once for each reference, payload, inherit, specialize
+    and variant that brings it in.
+    """
+
+    def __init__(self) -> None:
+        self._counts: dict[tuple[str, str], int] = {}
+
+    def count_layer(self, layer: Any) -> int:
+        """Bound the prims of a layer and its sublayers."""
+        return self._count(layer, layer.pseudoRoot)
+
+    def _count(self, layer: Any, spec: Any) -> int:
+        """Bound the prims at and below one; a cycle, which USD refuses, counts nothing."""
+        key = layer.identifier, str(spec.path)
+        if key not in self._counts:
+            self._counts[key] = 0
+            self._counts[key] = 1 + sum(self._count_parts(layer, spec))
+        return self._counts[key]
+
+    def _count_parts(self, layer: Any, spec: Any) -> Iterator[int]:
+        """Yield a bound for each child, each arc and each variant of a prim."""
+        for child in spec.nameChildren:
+            yield self._count(layer, child)
+        if spec == layer.pseudoRoot:
+            yield from (self._count_target(layer, name, None) for name in layer.subLayerPaths)
+            return
+        for arcs in (spec.referenceList, spec.payloadList):
+            for arc in arcs.GetAddedOrExplicitItems():
+                yield self._count_target(layer, arc.assetPath, arc.primPath)
+        for paths in (spec.inheritPathList, spec.specializesList):
+            for path in paths.GetAddedOrExplicitItems():
+                yield self._count_target(layer, "", path)
+        for variants in spec.variantSets.values():
+            for variant in variants.variantList:
+                yield self._count(layer, variant.primSpec)
+
+    def _count_target(self, layer: Any, asset: str, path: Any) -> int:
+        """Bound the prims of what a prim refers to; without a path, of the default prim."""
+        from pxr import Sdf
+
+        for file in _resolve(layer, [asset]) if asset else (layer.identifier,):
+            target = Sdf.Layer.Find(file)
+            if target is not None:
+                spec = target.GetPrimAtPath(path) if path else target.pseudoRoot
+                return 0 if spec is None else self._count(target, spec)
+        return 0
 
 
 def _list_named_files(layer: Any) -> Iterator[str]:
