@@ -20,7 +20,6 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import (
     FileAccessError,
     FormatError,
-    InputError,
     SettingError,
     error_context,
     join_truncated,
@@ -77,8 +76,8 @@ def list_members(path: Path) -> list[str]:
     """List the clips in a file that holds several; empty if it is a clip itself, or damaged."""
     try:
         return _find_readers()[file_suffix(path)].list_members(path)
-    except InputError:
-        return []  # opening it says what is wrong
+    except Exception:  # whatever is in the file: opening it says what is wrong
+        return []
 
 
 def clip_suffixes() -> tuple[str, ...]:

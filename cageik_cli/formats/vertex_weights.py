@@ -7,9 +7,12 @@ from tokenize import TokenError
 
 import numpy as np
 
-from cageik_cli.formats.base.file_data import describe_source, read_bytes
+from cageik_cli.formats.base.file_data import describe_source
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
+from cageik_cli.util.input_files import check_input, read_input
+
+_READ_ERRORS = (FormatError, ValueError, TypeError, EOFError, MemoryError, SyntaxError, TokenError)
 
 MAX_ROWS_BYTES = 1 << 22
 """Largest part of the weights of frames that is checked at once."""
@@ -93,6 +96,7 @@ def _map_rows(path: Path) -> np.ndarray:
     InputError
         When it is none.
     """
+    check_input(path)
     try:
         return np.asanyarray(np.load(path, mmap_mode="r", allow_pickle=False))
     except OSError as error:
@@ -110,18 +114,31 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
         Naming the file, when it cannot be read or is not a list of numbers.
     """
     with error_context(path):
-        data = read_bytes(path)
+        data = read_input(path)
         try:
             if path.suffix.lower() == ".npy":
                 weights = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
             else:
-                words = data.decode().replace("_", "?").split()  # 1_0 is Python's, not a file's
-                weights = np.array([float(word) for word in words])
+                weights = _parse_text(data)
             if weights.dtype.kind not in "fiub":
-                raise ValueError(f"it holds {weights.dtype} values")
-        except (ValueError, TypeError, EOFError, MemoryError, SyntaxError, TokenError) as error:
+                raise FormatError(f"it holds {weights.dtype} values")
+        except _READ_ERRORS as error:
+            # What libraries say quotes the file, which may be any that a file of options names.
+            said = f" ({error})" if isinstance(error, FormatError) else ""
             raise FormatError(
-                f"is not a list of numbers ({error}); expected one per line, or a .npy array"
+                f"is not a list of numbers{said}; expected one per line, or a .npy array"
             ) from error
         with np.errstate(over="ignore", invalid="ignore"):  # infinite weights are refused later
             return np.asarray(weights, dtype=np.float64), describe_source(path, data)
+
+
+def _parse_text(data: bytes) -> Floats:
+    """Parse numbers with blanks between them; the message on a fault quotes nothing."""
+    words = data.decode().replace("_", "?").split()  # 1_0 is Python's, not a file's
+    numbers = np.empty(len(words))
+    for k, word in enumerate(words):
+        try:
+            numbers[k] = float(word)
+        except ValueError as error:
+            raise FormatError(f"word {k + 1} is not a number") from error
+    return numbers

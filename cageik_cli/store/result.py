@@ -9,7 +9,13 @@ import h5py
 import numpy as np
 
 from cageik_cli.formats.base.gaps import GapFiller
-from cageik_cli.formats.base.hdf5 import get_dataset, open_checked, read_array
+from cageik_cli.formats.base.hdf5 import (
+    get_dataset,
+    open_checked,
+    read_array,
+    read_attribute,
+    read_texts,
+)
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import SolveQuality
@@ -236,7 +242,7 @@ def read_result(path: Path) -> Result:
 
 def _check_result_format(file: h5py.File) -> None:
     check_format(file, FORMAT, SCHEMA, "a result of cageik extract")
-    complete = file.attrs.get("complete")
+    complete = read_attribute(file, "complete")
     if not (isinstance(complete, np.bool_) and complete):
         raise FormatError(
             "is not complete: the run that wrote it was interrupted; extract it again"
@@ -312,10 +318,7 @@ def _read_bound(file: h5py.File) -> VertexBound | None:
 
 
 def _read_frame_names(file: h5py.File, count: int) -> tuple[str, ...]:
-    names = get_dataset(file, "frames/name", "O", (count,))
-    if h5py.check_string_dtype(names.dtype) is None:
-        raise FormatError("`frames/name` does not hold text; extract it again")
-    return tuple(names.asstr(errors="replace")[:])
+    return read_texts(file, "frames/name", count)
 
 
 def _suggest_instead(path: Path) -> str:

@@ -10,7 +10,7 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.connectivity import check_vertex_order
-from cageik_cli.formats.base.file_data import describe_source, read_bytes
+from cageik_cli.formats.base.file_data import describe_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.mesh_file import load_mesh
@@ -181,8 +181,7 @@ def load_matching_binding(path: Path, rest: LoadedMesh, cage: LoadedMesh | None)
     InputError
         When it is of others, with what differs.
     """
-    with error_context(path):
-        source = describe_source(path, read_bytes(path))
+    source = describe_file(path)
     stored = read_binding(path)
     binding = stored.binding
     sources = {"binding": source, "cage": stored.sources["cage"], "rest": rest.source}

@@ -27,6 +27,7 @@ from cageik_cli.store.result_writer import ResultHeader, RunSummary, open_result
 from cageik_cli.store.unfitted import UnfittedClip
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.input_files import read_input
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import locate_note
@@ -120,7 +121,7 @@ def _write_cage(plan: ExtractionPlan, cage: TriMesh) -> None:
     if path is None:
         return
     data = encode_exact_obj(cage.vertices, cage.faces)
-    is_kept = plan.settings.resume and path.is_file() and path.read_bytes() == data
+    is_kept = plan.settings.resume and path.is_file() and read_input(path) == data
     if not is_kept:
         write_bytes(path, data, plan.settings.overwrite)
 

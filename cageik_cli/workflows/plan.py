@@ -20,7 +20,7 @@ from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.solver.settings import CaptureSettings, FitSettings
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.checkpoint import checkpoint_progress
+from cageik_cli.store.checkpoint import check_checkpoint_path, checkpoint_progress
 from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import CheckpointError, InputError, SettingError, error_context
@@ -193,6 +193,7 @@ def check_output_path(settings: ExtractSettings) -> None:
     check_writable(settings.output, may_replace)
     check_hdf5_suffix(settings.output)
     checkpoint_file = checkpoint_path(settings.output)
+    check_checkpoint_path(checkpoint_file)
     if checkpoint_file.exists() and not may_replace:
         done, count = checkpoint_progress(checkpoint_file)
         raise CheckpointError(

@@ -87,3 +87,16 @@ def test_complex_numbers_are_refused(tmp_path):
     np.save(tmp_path / "weights.npy", np.array([1 + 1j]))
     with pytest.raises(FormatError):
         load_vertex_weights(tmp_path / "weights.npy")
+
+
+@pytest.mark.parametrize("name", ["weights.txt", "weights.npy"])
+@pytest.mark.parametrize("head", [b"", b"1 2\n", b"\x93NUMPY\x01\x00\x10\x00", b"\xff"])
+def test_nothing_of_a_file_that_is_none_is_quoted(tmp_path, name, head):
+    """It may be any file that a stranger's options name."""
+    path = tmp_path / name
+    path.write_bytes(head + b"root:x:0:0:secret ('secret')\n")
+    with pytest.raises(FormatError) as caught:
+        load_vertex_weights(path)
+    assert "is not a list of numbers" in str(caught.value)
+    assert "secret" not in str(caught.value)
+    assert "root" not in str(caught.value).removeprefix(str(path))

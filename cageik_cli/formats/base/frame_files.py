@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
-from cageik_cli.formats.base.file_data import decompress, read_bytes
+from cageik_cli.formats.base.file_data import decompress
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.file_numbers import number_files
 from cageik_cli.formats.base.mesh_data import FileMesh, check_not_points
@@ -15,6 +15,7 @@ from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_co
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, MissingFrameError, error_context
+from cageik_cli.util.input_files import read_input
 from cageik_cli.util.text import to_unicode
 
 
@@ -120,7 +121,7 @@ class FrameFileReader(MeshSequence):
     def _read(self, index: int) -> bytes:
         if index in self._missing:
             raise MissingFrameError(self._missing[index])
-        data = read_bytes(self._paths[index])
+        data = read_input(self._paths[index])
         self._digests[index] = hashlib.sha256(data).digest()
         return decompress(data, self._suffix)
 

@@ -66,8 +66,8 @@ class Tokens:
 
     def split_line(self, line: int) -> list[bytes]:
         """Return the words of a line."""
-        start = self.first_tokens[line]
-        bounds = self.bounds[start : start + self.token_counts[line]].tolist()
+        start, *after = self.first_tokens[line : line + 2].tolist()
+        bounds = self.bounds[start : after[0] if after else None].tolist()
         return [self.text[begin:end] for begin, end in bounds]
 
     def find_lines(self, keyword: bytes) -> NDArray[np.bool_]:
