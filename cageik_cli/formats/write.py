@@ -1,7 +1,7 @@
 """Write animations: from the name of an output to its writer."""
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -97,7 +97,8 @@ def open_writer(
             yield writer
             writer.complete()
         except BaseException:
-            writer.abandon()
+            with suppress(Exception):  # the first error says what is wrong
+                writer.abandon()
             raise
 
 
