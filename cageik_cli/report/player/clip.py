@@ -41,7 +41,7 @@ class HeldFrame:
     label : str
         Why it is held, such as "worst".
     errors : (m, 3) float64
-        v − v̂, in diagonals of the rest model.
+        v − v̂, in diagonals of the rest model; 0 where v is missing.
     """
 
     index: int
@@ -203,7 +203,7 @@ def _list_held_frames(key_frames: KeyFrames) -> list[HeldFrame]:
     found = zip(key_frames.indices.tolist(), labels, key_frames.errors, strict=False)
     held: dict[int, HeldFrame] = {}
     for frame, label, errors in found:
-        held.setdefault(frame, HeldFrame(frame, label, errors))
+        held.setdefault(frame, HeldFrame(frame, label, np.nan_to_num(errors, nan=0.0)))
     return list(held.values())
 
 
