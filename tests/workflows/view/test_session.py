@@ -4,7 +4,7 @@ import json
 import os
 import shutil
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -334,11 +334,12 @@ class Interruptible(ViewListener):
 
     @contextmanager
     def show_edit(self):
-        interrupts = self.interrupts_edit
+        listener = self
 
         class Progress(ProgressListener):
             def update(self, done, total):
-                if interrupts:
+                if listener.interrupts_edit:
+                    listener.told.append("interrupted")
                     raise KeyboardInterrupt
 
         yield Progress()
@@ -353,10 +354,10 @@ class Interruptible(ViewListener):
 @pytest.fixture
 def view(monkeypatch):
     """Serve a page until a client has used it."""
+    wait = JobBoard.wait
 
     def serve(settings, use, interrupts_edit=False):
         listener = Interruptible(use, interrupts_edit)
-        wait = JobBoard.wait
 
         def wait_or_end(self, seconds):
             if listener.is_over.is_set():
@@ -432,14 +433,21 @@ def test_a_page_gives_its_handles_and_notes(clip, view):
     view(settings, use)
 
 
+def apply_and_wait(client, document):
+    """Apply until the server has gone."""
+    assert client.apply(document).status == 202
+    with suppress(ConnectionError, ValueError):
+        wait_for_end(client)
+
+
 def test_an_interrupt_during_an_edit_drops_it(clip, view):
     """What an earlier edit wrote stays; no part of the new one is left."""
     view(CLIP, lambda client: (client.apply(DOCUMENT), wait_for_end(client)))
     before = files()
     settings = replace(CLIP, overwrite=True)
     second = {"handles": [LIFT | {"offset": [0, 0.4, 0]}, *PINS]}
-    listener = view(settings, lambda client: client.apply(second), interrupts_edit=True)
-    assert listener.told == []
+    listener = view(settings, lambda client: apply_and_wait(client, second), interrupts_edit=True)
+    assert listener.told == ["interrupted"]
     assert files() == before
 
 
