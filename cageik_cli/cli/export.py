@@ -14,6 +14,8 @@ from cageik_cli.cli.options.common import (
     overwrite_option,
 )
 from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.cli.options.morphs import MORPH_OPTIONS, check_morph_usage
+from cageik_cli.formats.base.settings import MorphSettings
 from cageik_cli.formats.scene import SceneHints
 
 if TYPE_CHECKING:
@@ -26,6 +28,7 @@ def make_export_settings(
     scene: SceneHints,
     skeleton: bool,
     influences: int | None,
+    morphs: MorphSettings,
     file_format: str | None,
     overwrite: bool,
 ) -> "ExportSettings":
@@ -35,8 +38,21 @@ def make_export_settings(
 
     if influences is not None and not skeleton:
         raise click.UsageError("--influences needs --skeleton; give both, or neither")
-    output = Output(out, file_format, overwrite)
-    return ExportSettings(result, output, scene, skeleton, influences, get_verbosity() > 0)
+    has_morphs = morphs != MorphSettings()
+    if has_morphs and skeleton:
+        raise click.UsageError(
+            "--morphs and --tolerance do not go with --skeleton, which has none; give --influences"
+        )
+    check_morph_usage("--morphs and --tolerance", has_morphs, out)
+    return ExportSettings(
+        result=result,
+        output=Output(out, file_format, overwrite),
+        scene=scene,
+        skeleton=skeleton,
+        influences=influences,
+        compares=get_verbosity() > 0,
+        morphs=morphs,
+    )
 
 
 @click.command("export")
@@ -58,6 +74,7 @@ def make_export_settings(
         help="Fit the weights again, with at most this number of joints per vertex.  [default: "
         "the weights of the result]",
     ),
+    MORPH_OPTIONS,
     format_option,
     overwrite_option,
 )

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+from cageik_cli.formats.base.settings import MorphSettings
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd.skeleton import SkeletonWriter
@@ -39,6 +40,8 @@ class ExportSettings:
         absent.
     compares : bool
         Note the error of other numbers of influences, too.
+    morphs : MorphSettings
+        How morph targets follow the cages, in a format that has them.
     """
 
     result: Path
@@ -47,6 +50,7 @@ class ExportSettings:
     skeleton: bool = False
     influences: int | None = None
     compares: bool = False
+    morphs: MorphSettings = field(default_factory=MorphSettings)
 
     def inputs(self) -> list[Path]:
         """Return the file that is read."""
@@ -75,6 +79,7 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
         frame_count=len(result.frames),
         scene=settings.scene.override(result.scene),
         name="cage",
+        morphs=settings.morphs,
     )
     report_skipped_frames(result, progress)
     if settings.skeleton:

@@ -2,13 +2,14 @@
 
 from abc import ABC, abstractmethod
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.file_names import FrameNames
+from cageik_cli.formats.base.settings import MorphSettings
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
@@ -30,6 +31,8 @@ class Animation:
         Name of the object, for formats that name objects: letters, digits and underscores.
     obj_text : bytes
         The OBJ file that the rest mesh was read from, unpacked; empty if it was another format.
+    morphs : MorphSettings
+        How a format of morph targets follows the frames.
     """
 
     rest: TriMesh
@@ -37,6 +40,7 @@ class Animation:
     scene: Scene
     name: str
     obj_text: bytes = b""
+    morphs: MorphSettings = field(default_factory=MorphSettings)
 
 
 class AnimationWriter(ABC):
