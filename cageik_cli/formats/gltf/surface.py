@@ -37,7 +37,7 @@ class Appearance:
     uv : (f, 3, 2) float, optional
         Of each corner, with v upward, as OBJ and USD have it; uv of vertices are `uv[faces]`.
     material : (f,) int, optional
-        Index of each triangle's material; 0 if absent.
+        Index of each triangle's material, -1 for none; the first if absent.
     materials : tuple of Material
     """
 
@@ -122,6 +122,10 @@ def cut_surface(faces: Integers, vertex_count: int, appearance: Appearance | Non
         whole = Part(0, 0, vertex_count, faces)
         return Surface(np.arange(vertex_count), None, (whole,), look.materials)
     material = np.zeros(len(faces), np.int64) if look.material is None else look.material
+    materials = look.materials
+    if (material < 0).any():
+        material = np.where(material < 0, len(materials), material)
+        materials = (*materials, PLAIN)
     keys = np.stack([np.repeat(material, 3), faces.ravel(), np.zeros(faces.size, np.int64)], axis=1)
     values = None
     if look.uv is not None:
@@ -133,7 +137,7 @@ def cut_surface(faces: Integers, vertex_count: int, appearance: Appearance | Non
         start, stop = np.searchsorted(kept[:, 0], [index, index + 1]).tolist()
         parts.append(Part(index, start, stop, cut[material == index] - start))
     uv = None if values is None else _flip_v(values[kept[:, 2]])
-    return Surface(kept[:, 1], uv, tuple(parts), look.materials)
+    return Surface(kept[:, 1], uv, tuple(parts), materials)
 
 
 def _flip_v(uv: Floats) -> Singles:
