@@ -66,7 +66,7 @@ def make_export_settings(
         "--skeleton",
         is_flag=True,
         help="Write the rest pose with one joint per cage vertex and the weights as skin weights "
-        "(.usd*).",
+        "(.usd*, .glb).",
     ),
     click.option(
         "--influences",

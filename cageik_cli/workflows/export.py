@@ -6,8 +6,10 @@ from pathlib import Path
 
 from cageik_cli.formats.base.settings import MorphSettings
 from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.gltf.skeleton import MAX_INFLUENCES
+from cageik_cli.formats.gltf.skeleton import SkeletonWriter as GltfSkeletonWriter
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.formats.usd.skeleton import SkeletonWriter
+from cageik_cli.formats.usd.skeleton import SkeletonWriter as UsdSkeletonWriter
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
 from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.store.result import Result, read_cages, read_result
@@ -18,6 +20,13 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
+
+SKELETON_WRITERS = {
+    suffix: writer
+    for writer in (UsdSkeletonWriter, GltfSkeletonWriter)
+    for suffix in writer.suffixes
+}
+"""Writers of skeletons, by suffix."""
 
 MAX_BLOCK_BYTES = 1 << 26
 """Bytes of a block of cages, at most."""
@@ -99,7 +108,8 @@ def _write_skeleton(
     )
     rig = make_rig(result, target, request, progress)
     cages = (block.cages for block in rig.blocks())
-    make_writer = partial(SkeletonWriter, skin=rig.skin)
+    writer = SKELETON_WRITERS[settings.output.path.suffix.lower()]
+    make_writer = partial(writer, skin=rig.skin)
     with limit_blas_threads(1):  # the last digits of the cages depend on it
         return write_animation(settings.output, animation, cages, progress, make_writer)
 
@@ -142,8 +152,16 @@ def check_export(settings: ExportSettings) -> None:
         Naming the output and what to do.
     """
     path = settings.output.path
-    if settings.skeleton and path.suffix.lower() not in SkeletonWriter.suffixes:
+    suffix = path.suffix.lower()
+    if settings.skeleton and suffix not in SKELETON_WRITERS:
         raise SettingError(
-            f"{path}: --skeleton works with USD only, expected {', '.join(SkeletonWriter.suffixes)}"
+            f"{path}: --skeleton works with USD and glTF only, expected "
+            f"{', '.join(SKELETON_WRITERS)}"
+        )
+    is_gltf = suffix in GltfSkeletonWriter.suffixes
+    if is_gltf and settings.influences is not None and settings.influences > MAX_INFLUENCES:
+        raise SettingError(
+            f"{path}: --influences is {settings.influences}, and programs read at most "
+            f"{MAX_INFLUENCES} joints per vertex from .glb; give 4, or {MAX_INFLUENCES}"
         )
     settings.output.check_writable()

@@ -177,6 +177,7 @@ def test_no_format_here_replaces_a_result(run, result):
             "c/c_#.obj: the number of the first frame is -1",
         ),
         (["cages.h5", "c.pc2", "--skeleton"], "c.pc2: --skeleton"),
+        (["cages.h5", "c.glb", "--skeleton", "--influences", "9"], "c.glb: --influences is 9"),
         (["cages.h5", "c.glb", "--tolerance", "1e-9%"], "c.glb: 4 morph targets leave a largest"),
         (["cages.h5", "c.usd", "--skeleton", "--influences", "9"], "cages.h5: --influences is 9"),
         (["cages.h5", "c.npz", "--format", "ply"], "c.npz: has another suffix"),
