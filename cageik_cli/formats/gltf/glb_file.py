@@ -179,5 +179,5 @@ def describe_excess(size: int) -> str:
     """Return the message of a file of `size` bytes, which is too large."""
     return (
         f"it would take {size / 2**30:.1f} GiB, and a .glb holds less than 4 GiB; give fewer "
-        "--morphs, or write .usdc, .abc or .pc2"
+        "--morphs, or frames, or write .usdc or .abc"
     )
