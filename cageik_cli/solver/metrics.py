@@ -70,7 +70,7 @@ def measure(
         Its faces define the volume.
     frames, reconstructions : (k, m, 3)
     data_vertices : slice or (c,) int64
-        Vertices that are data: all but those of vertex weight 0.
+        Vertices that are data: all in a face but those of vertex weight 0.
     workspace : Workspace, optional
         Memory to reuse.
     """
@@ -83,7 +83,7 @@ def measure(
     data = frames[:, data_vertices]
     centroids = np.full(len(numbers), 1 / len(numbers)) @ data
     centred = np.subtract(data, centroids[:, None], out=errors[:, : len(numbers)])
-    if rest.is_closed and len(numbers) == frames.shape[1]:
+    if rest.is_closed and len(numbers) == len(rest.used_vertices):
         volume, volume_rebuilt = (signed_volumes(v, rest.faces) for v in (frames, reconstructions))
     else:
         volume = volume_rebuilt = np.full(len(frames), np.nan)
