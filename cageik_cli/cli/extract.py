@@ -36,7 +36,7 @@ from cageik_cli.cli.options.limits import (
     echo_exceeded_limits,
     exit_with_code,
 )
-from cageik_cli.cli.options.solve import SOLVE_OPTIONS
+from cageik_cli.cli.options.solve import SOLVE_OPTIONS, vertex_weights_option
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.scene import SceneHints
@@ -66,7 +66,7 @@ def make_extract_settings(
     bind: BindSettings,
     cache: Path | None,
     solve: SolveSettings,
-    vertex_weights: Path | None,
+    vertex_weights: Path | str | None,
     scene: SceneHints,
     no_weights: bool,
     clip: ClipSettings,
@@ -180,11 +180,7 @@ EXTRACT_OPTIONS = OptionGroup(
     CACHE_OPTIONS,
     SOLVE_OPTIONS,
     FIT_OPTIONS,
-    click.option(
-        "--vertex-weights",
-        type=PATH_TYPE,
-        help="Per-vertex weights (text or .npy); 0 marks missing data.",
-    ),
+    vertex_weights_option,
     SCENE_OPTIONS,
     click.option(
         "--no-weights", is_flag=True, help="Do not store the weights in the result (smaller file)."

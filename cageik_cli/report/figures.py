@@ -4,6 +4,8 @@ Error definitions, for F frames of m vertices, D the rest bounding box's diagona
 
 - rms of a frame: sqrt(mean_i |v̂_i − v_i|²); of the clip: the root of the mean square over frames;
   of a vertex: the root of its mean square over frames.
+- area_rms of the clip: the same with Σ a_i |v̂_i − v_i|² / Σ a_i, a_i a third of the area of the
+  faces at a vertex in the rest pose.
 - e_rms = 2000/√3 · rms/D = 1154.70 · rms/D (Kavan, Sloan and O'Sullivan 2010, eq. 8).
 - kg_error = 100 |V − V̂|_F / |V − E(V)|_F, E(V) each frame's centroid (Karni and Gotsman 2004).
 - volume_change = 100 (V̂ − V)/V and volume_drift = 100 (V − V_rest)/V_rest, percent; signed.
@@ -65,6 +67,7 @@ class ReportSummary:
     `volume_change_percent_max` is the largest change in absolute value, with its sign.
     `fixed_floats` counts the weights that must be stored, `floats_per_frame` the coordinates of a
     cage. `best_possible_percent` is the smallest rms that a cage with as many vertices can have.
+    `area_rms` weighs each vertex by its area in the rest pose; None for a model without area.
     Of weights that were fitted to this clip, `gap_closed_percent` tells how much of the gap from
     the unfitted weights to it they close, and `held_out_rms_percent` their error on frames that
     were held out.
@@ -88,6 +91,8 @@ class ReportSummary:
     frames_skipped: int
     floats_per_frame: int
     fixed_floats: int
+    area_rms: float | None = None
+    area_rms_percent: float | None = None
     best_possible_percent: float | None = None
     gap_closed_percent: float | None = None
     held_out_rms_percent: float | None = None

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.report.figures import (
     ClipRecord,
     FrameRecord,
@@ -177,8 +178,20 @@ def _build_summary(result: Result, frames: tuple[FrameRecord, ...]) -> ReportSum
         frames_skipped=len(result.skipped),
         # Offsets turn with each frame: its rotation has three numbers.
         floats_per_frame=3 * (len(result.cage.vertices) + int(result.has_offsets)),
+        **_summarize_by_area(result),
         **_summarize_fit(result),
     )
+
+
+def _summarize_by_area(result: Result) -> dict[str, Any]:
+    """Return the rms over the clip in which vertices count by their area in the rest pose."""
+    known = np.isfinite(result.vertex_rms)
+    areas = lumped_areas(result.rest)[known]
+    if not areas.any():
+        return {}
+    shares = areas / areas.max()  # squares of lengths times areas could overflow
+    rms = float(np.sqrt(np.average(result.vertex_rms[known] ** 2, weights=shares)))
+    return {"area_rms": rms, "area_rms_percent": 100 * rms / result.rest.diagonal}
 
 
 def _summarize_fit(result: Result) -> dict[str, Any]:

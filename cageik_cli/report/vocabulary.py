@@ -25,7 +25,7 @@ SETTING_MEANINGS = {
     "rest_frame": "frame used as the rest pose; none if the rest pose is a file",
     "rigidity": "rounds that rotate parts of the cage with the edit",
     "snap": "how far positions of handles may be from the surface, percent of the diagonal",
-    "vertex_weights": "whether vertices have weights of their own",
+    "vertex_weights": "whether vertices have weights of their own; area: by their area",
 }
 
 
@@ -114,6 +114,13 @@ MEANINGS = (
         "that a cage cannot follow.",
     ),
     (
+        "Error by area",
+        "√( Σ a |v̂ − v|² / Σ a )",
+        "The same as the error of the clip, but each vertex counts by its area a in the rest pose. "
+        "It does not depend on how densely parts are cut. Where it is higher than the error of the "
+        "clip, dense parts such as a head hide the error of the others.",
+    ),
+    (
         "Max deviation",
         "max |v̂ − v|",
         "The largest distance over the vertices of a frame, or over all frames, with its vertex.",
@@ -192,6 +199,11 @@ EDIT_MEANINGS = (
         "√( mean |v̂ − v|² )",
         "The mean is over the frames. The histogram counts vertices by this distance, and the "
         "model is coloured by it. Where it is high, the edit moved the model most.",
+    ),
+    (
+        "Distance moved by area",
+        "√( Σ a |v̂ − v|² / Σ a )",
+        "The same, but each vertex counts by its area a in the rest pose.",
     ),
     (
         "Max distance",

@@ -30,6 +30,9 @@ class SolveSettings:
             raise SettingError("alpha and beta are both 0, expected at least one above 0")
 
 
+AREA = "area"
+"""Says, in place of a file of vertex weights, that each vertex counts by its area."""
+
 FIT_VERSION = 2
 """Raise it when fitted weights or their reports change, so that caches are not used."""
 

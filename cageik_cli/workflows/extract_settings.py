@@ -32,8 +32,8 @@ class ExtractSettings:
         The rest pose; a frame of the clip if absent.
     rest_frame : int or "auto"
         Which frame then, from 0; or the one in which the least of the surface touches.
-    vertex_weights : Path, optional
-        A file with one number per vertex of the model.
+    vertex_weights : Path or "area", optional
+        A file with one number per vertex of the model; or each vertex counts by its area.
     bind : BindSettings
     solve : SolveSettings
     clip : ClipSettings
@@ -64,7 +64,7 @@ class ExtractSettings:
     cache: Path | None = None
     rest: Path | None = None
     rest_frame: RestFrame = 0
-    vertex_weights: Path | None = None
+    vertex_weights: Path | str | None = None
     bind: BindSettings = field(default_factory=BindSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
     clip: ClipSettings = field(default_factory=ClipSettings)
@@ -105,7 +105,7 @@ class ExtractSettings:
     def inputs(self) -> list[Path]:
         """Return the files that are read."""
         named = (self.cage, self.binding, self.rest, self.vertex_weights)
-        files = [path for path in named if path is not None]
+        files = [path for path in named if isinstance(path, Path)]
         return files + list_input_files(list(self.frames))
 
     def outputs(self) -> list[Path]:

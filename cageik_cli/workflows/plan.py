@@ -15,11 +15,9 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.scene import Scene
-from cageik_cli.formats.vertex_weights import load_vertex_weights
-from cageik_cli.solver.dual_laplacian import normalize_weights
 from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings
-from cageik_cli.solver.settings import FitSettings
+from cageik_cli.solver.settings import AREA, FitSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
@@ -33,6 +31,7 @@ from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.fit import fit_binding, open_fit_cache
 from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
+from cageik_cli.workflows.vertex_weights import load_weights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +114,7 @@ class ExtractionPlan:
             "align": solve.align,
             **asdict(self.bind_settings),
             "rest_frame": self.rest_index,
-            "vertex_weights": settings.vertex_weights is not None,
+            "vertex_weights": _describe_vertex_weights(settings.vertex_weights),
             **built,
             **describe_fit(self.fit_settings),
         }
@@ -147,7 +146,7 @@ class ExtractionPlan:
         return {
             "fit": asdict(settings.fit) if settings.fit is not None else None,
             "solve": asdict(settings.solve),
-            "weighted": self.sources.get("vertex_weights"),
+            "weighted": self.sources.get("vertex_weights", settings.vertex_weights == AREA),
             "memory": settings.memory,
             "skips": settings.skips_bad_frames,
             "clip": (settings.frames, repr(settings.clip), self.sequence.names),
@@ -168,6 +167,11 @@ def describe_fit(settings: FitSettings | None) -> dict[str, Any]:
         "fit_rank": settings.rank,
         "influences": settings.influences,
     }
+
+
+def _describe_vertex_weights(given: Path | str | None) -> bool | str:
+    """Return whether vertices have weights from a file, or the word for those of no file."""
+    return given if isinstance(given, str) else given is not None
 
 
 def check_output_path(settings: ExtractSettings) -> None:
@@ -223,11 +227,8 @@ def plan_extraction(
         sources["cage"] = cage.source
     elif stored_binding is not None:
         sources["cage"] = stored_binding.sources["cage"]
-    weights = None
-    if settings.vertex_weights is not None:
-        loaded, sources["vertex_weights"] = load_vertex_weights(settings.vertex_weights)
-        with error_context(settings.vertex_weights):
-            weights = normalize_weights(loaded, len(rest.mesh.vertices))
+    weights, weight_sources = load_weights(settings.vertex_weights, rest)
+    sources |= weight_sources
     plan = ExtractionPlan(settings, sequence, rest, cage, stored_binding, weights, sources)
     return replace(plan, existing=_find_existing_result(plan)) if settings.resume else plan
 

@@ -60,6 +60,7 @@ def _error_rows(summary: ReportSummary, words: Vocabulary) -> list[tuple[str, st
             f"{format_percent(summary.rms_percent)} % of the diagonal "
             f"(rms {format_length(summary.rms)})",
         ),
+        *_area_rows(summary),
         (
             words.worst_frame,
             f"{format_percent(summary.worst_frame_rms_percent)} % at {summary.worst_frame}",
@@ -71,6 +72,14 @@ def _error_rows(summary: ReportSummary, words: Vocabulary) -> list[tuple[str, st
             f"of {summary.max_deviation_frame}",
         ),
     ]
+
+
+def _area_rows(summary: ReportSummary) -> list[tuple[str, str]]:
+    """Return the row on the rms that does not depend on how densely parts are cut."""
+    if summary.area_rms is None or summary.area_rms_percent is None:
+        return []
+    percent = format_percent(summary.area_rms_percent)
+    return [("by area", f"{percent} % (rms {format_length(summary.area_rms)})")]
 
 
 def _bound_rows(report: Report) -> list[tuple[str, str]]:
