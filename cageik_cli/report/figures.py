@@ -18,7 +18,8 @@ from dataclasses import dataclass
 class ClipRecord:
     """The clip: counts, the diagonal in file units, whether the model is closed, and its time.
 
-    The numbers of frames begin with `start` and go in steps of `frame_step`.
+    The numbers of frames begin with `start` and go in steps of `frame_step`. `body` tells whether
+    the model is closed, and more than a sheet: `is_body`.
     """
 
     frames: int
@@ -29,6 +30,7 @@ class ClipRecord:
     fps: float
     start: float = 1.0
     frame_step: float = 1.0
+    body: bool = True
 
     def frame_number(self, index: float) -> float:
         """Return the number of a frame; `index` counts frames from 0."""
@@ -41,7 +43,8 @@ class FrameRecord:
 
     `index` counts frames from 0, and `number` is the place on the timeline.
 
-    Metrics of volumes are None for an open model, or when vertices are missing data. All metrics
+    Metrics of volumes are None for an open model, or when vertices are missing data; changes also
+    relative to less volume than that of a sheet. All metrics
     of a skipped frame are None, and `skipped` is the reason.
     """
 
@@ -161,6 +164,13 @@ def format_count(count: int, noun: str) -> str:
 def group_digits(count: int, group: str = " ") -> str:
     """Format a number with its digits in groups of three."""
     return f"{count:,}".replace(",", group)
+
+
+def explain_missing_volume(clip: ClipRecord) -> str:
+    """Say why no frame has a change of volume."""
+    if not clip.closed:
+        return "the model is open"
+    return "some vertices are missing data" if clip.body else "the model is a sheet without volume"
 
 
 def describe_size(clip: ClipRecord, fixed_floats: int, group: str = " ") -> str:

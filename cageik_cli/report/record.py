@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.geometry.shape import lumped_areas
+from cageik_cli.geometry.shape import is_body, lumped_areas, measure_least_volume
 from cageik_cli.report.figures import (
     ClipRecord,
     FrameRecord,
@@ -113,6 +113,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
             fps=result.scene.fps,
             start=_make_whole(result.scene.start),
             frame_step=_make_whole(result.scene.frame_step),
+            body=is_body(rest),
         ),
         binding=result.quality,
         fit=result.fit,
@@ -129,9 +130,10 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
 def _build_frames(result: Result) -> tuple[FrameRecord, ...]:
     rest, metrics = result.rest, result.metrics
     percent = 100 / rest.diagonal
-    change = _percent_change(metrics.volume_reconstructed, metrics.volume)
+    least = measure_least_volume(rest)
+    change = _percent_change(metrics.volume_reconstructed, metrics.volume, least)
     rest_volume = rest.volume if rest.is_closed else np.nan
-    drift = _percent_change(metrics.volume, np.full(len(metrics.volume), rest_volume))
+    drift = _percent_change(metrics.volume, np.full(len(metrics.volume), rest_volume), least)
     return tuple(
         FrameRecord(
             index=k,
@@ -253,9 +255,9 @@ def _positive_max(values: Floats) -> float:
     return float(np.nanmax(values)) or 1.0
 
 
-def _percent_change(new: Floats, old: Floats) -> Floats:
-    """Return 100 (new − old)/old; nan where old is zero or nan, infinite where it is tiny."""
-    usable = np.where(old == 0, np.nan, old)
+def _percent_change(new: Floats, old: Floats, least: float) -> Floats:
+    """Return 100 (new − old)/old; nan where old is nan, or at most `least` in absolute value."""
+    usable = np.where(np.abs(old) > least, old, np.nan)
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(100 * (new - old) / usable)
 

@@ -142,8 +142,8 @@ MEANINGS = (
         "Volume change",
         "100 (V̂ − V) / V",
         "Volume that the reconstruction gains (+) or loses (−) against its own input frame, in "
-        "percent. For the clip, the largest change. Not defined for open models, and when vertices "
-        "are missing data.",
+        "percent. For the clip, the largest change. Not defined for open models, for sheets "
+        "without volume, and when vertices are missing data.",
     ),
     (
         "Drift from rest",

@@ -117,6 +117,7 @@ def test_clip_binding_and_provenance(closed, report):
         "fps": 24.0,
         "start": 1,
         "frame_step": 1,
+        "body": True,
     }
     assert set(dataclasses.asdict(report.binding)) == {
         "partition_of_unity", "linear_precision", "min_weight", "panels", "estimated_error",

@@ -5,6 +5,7 @@ from typing import Any
 from cageik_cli.report.figures import (
     VertexMetrics,
     describe_size,
+    explain_missing_volume,
     format_change,
     format_count,
     format_length,
@@ -135,6 +136,7 @@ def render_page(
         change=format_change,
         metric=format_metric,
         count=format_count,
+        no_volume=explain_missing_volume(report.clip),
         size=describe_size(report.clip, report.summary.fixed_floats, group="\u00a0"),
     )
 

@@ -4,6 +4,7 @@ from cageik_cli.coordinates.binding import WeightQuality
 from cageik_cli.report.figures import (
     ReportSummary,
     describe_size,
+    explain_missing_volume,
     format_change,
     format_count,
     format_length,
@@ -173,8 +174,7 @@ def _format_volume(report: Report, words: Vocabulary) -> str:
     summary = report.summary
     change, drift = summary.volume_change_percent_max, summary.volume_drift_percent_max
     if change is None:
-        reason = "some vertices are missing data" if report.clip.closed else "the model is open"
-        return f"not defined, {reason}"
+        return f"not defined, {explain_missing_volume(report.clip)}"
     own = "not defined" if drift is None else f"{format_change(drift)} %"
     return f"largest {format_change(change)} % ({summary.volume_change_frame}); {words.drift} {own}"
 
