@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.geometry.shape import is_body, lumped_areas, measure_least_volume
+from cageik_cli.report.clip_notes import list_clip_notes
 from cageik_cli.report.figures import (
     ClipRecord,
     FrameRecord,
@@ -100,6 +101,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         notes=(
             *result.notes,
             *fit_notes,
+            *list_clip_notes(result),
             *list_region_notes(result, summary),
             *list_limit_notes(limits, rest.diagonal),
             *missing_in_baseline(result_name, summary, limits),
