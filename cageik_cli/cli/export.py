@@ -12,6 +12,7 @@ from cageik_cli.cli.options.common import (
     format_option,
     get_verbosity,
     overwrite_option,
+    recentre_option,
 )
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.formats.scene import SceneHints
@@ -27,6 +28,7 @@ def make_export_settings(
     skeleton: bool,
     influences: int | None,
     file_format: str | None,
+    recentre: bool,
     overwrite: bool,
 ) -> "ExportSettings":
     """Make the settings of an export; values that contradict each other are wrong usage."""
@@ -35,7 +37,7 @@ def make_export_settings(
 
     if influences is not None and not skeleton:
         raise click.UsageError("--influences needs --skeleton; give both, or neither")
-    output = Output(out, file_format, overwrite)
+    output = Output(out, file_format, overwrite, recentre)
     return ExportSettings(result, output, scene, skeleton, influences, get_verbosity() > 0)
 
 
@@ -59,6 +61,7 @@ def make_export_settings(
         "the weights of the result]",
     ),
     format_option,
+    recentre_option,
     overwrite_option,
 )
 @common_options

@@ -54,7 +54,7 @@ class ExportSettings:
 
     def outputs(self) -> list[Path]:
         """Return the file or folder that is written."""
-        return [self.output.target_path]
+        return self.output.list_paths()
 
 
 def export(settings: ExportSettings, progress: ProgressListener | None = None) -> ExportSummary:

@@ -106,6 +106,7 @@ class SkeletonWriter(AnimationWriter):
     """
 
     suffixes = USD_SUFFIXES
+    is_single = True
 
     def __init__(self, target: Path, animation: Animation, skin: Skin) -> None:
         """Start writing to `target`, whose suffix is one of `suffixes`.
@@ -122,7 +123,7 @@ class SkeletonWriter(AnimationWriter):
         InputError
             When usd-core is not installed, or the format cannot hold the animation.
         """
-        points = to_float32(skin.rest.vertices)
+        points = to_float32(skin.rest.vertices - np.array(animation.origin))
         self._cage, self._rotations = animation.rest.vertices, skin.rotations
         self._last_turn = np.array([0.0, 0.0, 0.0, 1.0])
         self._done = 0
