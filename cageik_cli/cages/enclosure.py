@@ -237,11 +237,18 @@ def _project_outside(
         notes = (
             *notes,
             f"{outside.describe('the model')}; they have the weights of the nearest points of the "
-            "cage",
+            f"cage; that alone is an error of {_measure_projection(placement, rest):.2g} % of the "
+            "diagonal (rms), in the rest pose too",
         )
     moved = placement.outside[:, None]
     points = np.where(moved, placement.closest.position, rest.vertices)
     return Enclosure(cage, points, placement.outside_indices, notes)
+
+
+def _measure_projection(placement: Placement, rest: TriMesh) -> float:
+    """Return the rms over all vertices of how far they are projected, percent of the diagonal."""
+    moved = placement.closest.distance[placement.outside_indices]
+    return float(100 * np.sqrt((moved**2).sum() / len(rest.used_vertices)) / rest.diagonal)
 
 
 def _make_outside_error(cage: TriMesh, rest: TriMesh, outside: OutsideVertices) -> OutsideError:
