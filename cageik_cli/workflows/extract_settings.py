@@ -133,6 +133,11 @@ class ExtractSettings:
         return self.cage is None and self.binding is None
 
     @property
+    def accepts_gaps(self) -> bool:
+        """Whether a frame of too few data becomes a gap, which may be filled."""
+        return self.skips_bad_frames or self.capture.fill_gaps
+
+    @property
     def skips_bad_frames(self) -> bool:
         """Whether a frame that cannot be read becomes a gap."""
         return self.on_bad_frame == "skip"

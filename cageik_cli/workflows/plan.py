@@ -340,7 +340,7 @@ def _check_same_run(result: Result, plan: ExtractionPlan) -> None:
                 "--overwrite"
             )
     skipped = [why for k, why in result.skipped.items() if k not in plan.sequence.missing]
-    if skipped and not plan.settings.skips_bad_frames:
+    if skipped and not plan.settings.accepts_gaps:
         raise CheckpointError(
             f"{result.path}: {len(skipped)} frames are skipped in it, the first: "
             f"{skipped[0]}; repair them and use --overwrite, or accept "
