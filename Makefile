@@ -15,7 +15,7 @@ READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/bl
 
 CHROMIUM      ?= chromium
 
-.PHONY: help run test test-slow test-all test-blender test-browser check format fuzz bench growth latency docs fixtures view-pictures clean
+.PHONY: help run test test-slow test-all test-blender test-browser check format fuzz faults bench growth latency docs fixtures view-pictures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
@@ -83,6 +83,10 @@ format: $(READY)  ## Format the code and sort the imports
 
 fuzz: $(READY)  ## Try more random cages than the tests have time for
 	$(BIN)/python -m pytest --numprocesses=auto -m fuzz
+
+# FAULT_SECONDS=7200 tries all points, FAULT_KILLS=200 kills more runs.
+faults: $(READY)  ## Inject errors of the system into runs, and kill runs (minutes; needs strace)
+	$(BIN)/python -m pytest tests/faults -m faults -s
 
 bench: $(READY)  ## Measure speed against yardsticks, as ratios
 	$(BIN)/python -m pytest tests/benchmarks -m bench -s

@@ -4,8 +4,12 @@ A file in the clip's folder, or in one above it, may have options for all clips 
 or in a table `[extract]`, and tables `[clips."walks/*"]` for clips whose path from that folder
 matches. The nearer file wins, in one file the later table, and the command line over all. Paths are
 from the folder of the file; `{clip}` in them is the clip's own folder.
+
+Clips come from other people, and such files with them. They can name inputs, but nothing that is
+written; above the folders that are searched, files of other users are not read.
 """
 
+import os
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatch
 from pathlib import Path
@@ -17,6 +21,12 @@ from cageik_cli.cli.config import CLIPS_TABLE, check_tables, name_table, parse_o
 
 CONFIG_NAME = "cageik.toml"
 EXTRACT_COMMAND = "extract"
+
+WRITTEN_OPTIONS = ("cache",)
+"""Options of a clip that name what is written; a file among the clips may not have them."""
+
+SYSTEM_USER = 0
+"""Owner of the files of the system: root."""
 
 CLIP_FOLDER = "{clip}"
 """Stands for the clip's own folder in paths."""
@@ -33,14 +43,21 @@ class ClipTables:
         Commands that may have tables in a file; only that of `command` is read.
     batch_options : sequence of str
         Options of `command` that apply to the whole batch, by the names of parameters.
+    folders : sequence of Path
+        The folders that are searched. Above them, only files of the user or of the system count.
     """
 
     def __init__(
-        self, command: click.Command, commands: Sequence[str], batch_options: Sequence[str]
+        self,
+        command: click.Command,
+        commands: Sequence[str],
+        batch_options: Sequence[str],
+        folders: Sequence[Path] = (),
     ) -> None:
         self._command = command
         self._commands = commands
         self._batch_options = batch_options
+        self._folders = [folder.absolute() for folder in folders]
         self._tables_by_file: dict[Path, dict[str, Any]] = {}
 
     def collect_options(self, folder: Path, path: Path) -> dict[str, Any]:
@@ -89,7 +106,12 @@ class ClipTables:
             above / CONFIG_NAME
             for above in (place, *place.parents)
             if (above / CONFIG_NAME).is_file()
+            and (self._is_searched(above) or _is_trusted(above / CONFIG_NAME))
         )
+
+    def _is_searched(self, folder: Path) -> bool:
+        """Tell whether a folder is one that is searched, or in one."""
+        return any(searched in (folder, *folder.parents) for searched in self._folders)
 
     def _read_clip_tables(self, file: Path) -> Iterator[tuple[str, Any]]:
         if file not in self._tables_by_file:
@@ -128,6 +150,11 @@ class ClipTables:
                     f"{file}: {name_table(title)} sets {self._name_option(name)}, which no clip of "
                     "a batch has of its own; remove it, or use an option of cageik batch"
                 )
+            if name in WRITTEN_OPTIONS:
+                raise click.BadParameter(
+                    f"{file}: {name_table(title)} sets {self._name_option(name)}, which a file "
+                    f"among clips may not; use --{self._name_option(name)}, or CAGEIK_CACHE"
+                )
         return {
             name: _resolve_path(file, value, folder)
             if is_path(self._command, name, value)
@@ -139,6 +166,11 @@ class ClipTables:
         """Name a parameter as a file of options does."""
         options = [option for option in self._command.params if option.name == name]
         return max(options[0].opts, key=len).removeprefix("--")
+
+
+def _is_trusted(file: Path) -> bool:
+    """Tell whether a file belongs to the user or to the system."""
+    return os.name != "posix" or file.stat().st_uid in (SYSTEM_USER, os.getuid())
 
 
 def _resolve_path(file: Path, value: str, folder: Path) -> str:

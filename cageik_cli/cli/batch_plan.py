@@ -120,7 +120,8 @@ def plan_batch(options: BatchOptions, shared: SharedOptions) -> "BatchPlan":
     options = replace(options, output=options.output.absolute())
     if not options.overwrite:
         (check_batch_folder if options.resume else check_folder_empty)(options.output)
-    tables = ClipTables(extract_command, list_commands(click.get_current_context()), BATCH_OPTIONS)
+    commands = list_commands(click.get_current_context())
+    tables = ClipTables(extract_command, commands, BATCH_OPTIONS, options.folders)
     found = _find_clips(options, shared, tables)
     load_baseline = cache(read_baseline)
     jobs, rejected, is_wrong_usage = [], [], False

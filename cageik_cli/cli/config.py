@@ -1,5 +1,6 @@
 """Options from a TOML file, one table per command; the command line wins."""
 
+import re
 import tomllib
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
@@ -8,8 +9,20 @@ from typing import Any
 
 import click
 
+from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.input_files import read_input
+
 CLIPS_TABLE = "clips"
 """The table of the tables for some clips of `cageik batch`."""
+
+MAX_CONFIG_BYTES = 1 << 20
+"""Bytes of a file of options; ours have a few hundred per clip at most."""
+
+MAX_KEY_PARTS = 16
+"""Parts of a key, such as `clips."walks/*".alpha`; tomllib takes the square of their time."""
+
+_KEY_PART = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""
+_DEEP_KEY = re.compile(rf"(?<![\w-])(?:{_KEY_PART}[ \t]*\.[ \t]*){{{MAX_KEY_PARTS}}}")
 
 
 def apply_config(ctx: click.Context, param: click.Parameter, path: Path | None) -> None:
@@ -37,8 +50,11 @@ def read_tables(path: Path) -> dict[str, Any]:
         Naming the file, when it is not TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
+        text = read_input(path, MAX_CONFIG_BYTES).decode("utf-8-sig")
+        if _DEEP_KEY.search(text):
+            raise ValueError(f"a key has more than {MAX_KEY_PARTS} parts with dots between them")
+        return tomllib.loads(text)
+    except (FileAccessError, ValueError, RecursionError) as error:
         raise click.BadParameter(f"{path}: cannot be read as TOML: {error}") from error
 
 

@@ -1,29 +1,36 @@
 """The one place where errors become messages and exit codes."""
 
-import io
-import sys
 import traceback
 from typing import Any
 
 import click
 
 from cageik_cli.cli.lazy import LazyCommands
+from cageik_cli.cli.signals import interrupt_on_termination
+from cageik_cli.cli.streams import printable_streams
 from cageik_cli.util.errors import format_error
+from cageik_cli.util.leftovers import listen_to_leftovers
+from cageik_cli.util.text import single_line
 
 
 class CageikGroup(click.Group):
     """A command group that shows an error as one sentence; with -vv also its traceback."""
 
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the command line; nothing that it prints controls the terminal."""
+        with printable_streams(), interrupt_on_termination(), listen_to_leftovers(_show_note):
+            return super().main(*args, **kwargs)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; the exit code is 1 for an error, 2 for wrong usage."""
-        for stream in (sys.stdout, sys.stderr):
-            if isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(errors="backslashreplace")  # file names may have any bytes
         try:
             return super().invoke(ctx)
         except BrokenPipeError:
             raise  # nobody reads our output any more; click ends without a message
-        except (click.ClickException, click.exceptions.Exit, click.Abort):
+        except click.ClickException as error:
+            error.message = single_line(error.message)  # type: ignore[misc]  # names may have lines
+            raise
+        except (click.exceptions.Exit, click.Abort):
             raise
         except (Exception, KeyboardInterrupt) as error:
             from cageik_cli.cli.options.common import get_verbosity
@@ -37,3 +44,10 @@ class CageikGroup(click.Group):
         if isinstance(self.commands, LazyCommands):
             with formatter.section("Commands"):
                 formatter.write_dl(sorted(self.commands.summaries.items()))
+
+
+def _show_note(sentence: str) -> None:
+    """Print a note at once, unless the run is quiet."""
+    context = click.get_current_context(silent=True)
+    if context is None or not context.params.get("quiet"):
+        click.echo(f"note: {single_line(sentence)}", err=True)

@@ -1,12 +1,14 @@
 """`cageik extract`: the cage of every frame."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from cageik_cli.cages.settings import BuildSettings
+from cageik_cli.cli.options.capture import CAPTURE_OPTIONS
 from cageik_cli.cli.options.clip import (
     CLIP_OPTIONS,
     SCENE_OPTIONS,
@@ -40,7 +42,7 @@ from cageik_cli.cli.options.solve import SOLVE_OPTIONS, vertex_weights_option
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.solver.settings import FitSettings, SolveSettings
+from cageik_cli.solver.settings import CaptureSettings, FitSettings, SolveSettings
 
 if TYPE_CHECKING:
     from cageik_cli.store.result import Result
@@ -78,6 +80,8 @@ def make_extract_settings(
     cage_vertices: int,
     cage_output: Path | None,
     fit: FitSettings | None,
+    capture: CaptureSettings,
+    missing: bool,
 ) -> "ExtractSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
     from cageik_cli.workflows.extract_settings import ExtractSettings
@@ -100,7 +104,7 @@ def make_extract_settings(
             vertex_weights=vertex_weights,
             bind=bind,
             solve=solve,
-            clip=clip,
+            clip=replace(clip, missing=missing),
             overwrite=overwrite,
             resume=resume,
             on_bad_frame=on_bad_frame,
@@ -111,6 +115,7 @@ def make_extract_settings(
             build=build,
             cage_output=cage_output,
             fit=fit,
+            capture=capture,
         )
 
 
@@ -181,6 +186,10 @@ EXTRACT_OPTIONS = OptionGroup(
     SOLVE_OPTIONS,
     FIT_OPTIONS,
     vertex_weights_option,
+    CAPTURE_OPTIONS,
+    click.option(
+        "--missing", is_flag=True, help="Take vertices whose position is nan as missing data."
+    ),
     SCENE_OPTIONS,
     click.option(
         "--no-weights", is_flag=True, help="Do not store the weights in the result (smaller file)."

@@ -19,8 +19,7 @@ from cageik_cli.cli.options.common import (
     usage_errors,
 )
 from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.cli.options.limits import LimitValue
-from cageik_cli.cli.pose import WEIGHT_OPTION_NAMES, read_snap, snap_option
+from cageik_cli.cli.pose import WEIGHT_OPTION_NAMES
 from cageik_cli.cli.progress import ProgressBar, show_progress
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.view.listener import ViewListener
@@ -42,14 +41,12 @@ def make_view_settings(
     output: Path | None,
     cage_out: Path | None,
     handles_out: Path | None,
-    snap: LimitValue | None,
     weights: "WeightSettings",
     memory: int,
     overwrite: bool,
 ) -> "ViewSettings":
     """Make the settings of a view; options that contradict each other are wrong usage."""
     from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
-    from cageik_cli.posing.handles.model import PlacementSettings
     from cageik_cli.workflows.view.settings import ViewSettings
 
     if target.suffix.lower() in HDF5_SUFFIXES:
@@ -71,7 +68,6 @@ def make_view_settings(
             handles_output=handles_out,
             build=BuildSettings(cage_vertices),
             weights=weights,
-            placement=PlacementSettings(read_snap(snap)),
             memory=memory,
             overwrite=overwrite,
         )
@@ -119,7 +115,6 @@ def _reject(names: tuple[str, ...], reason: str) -> None:
     ),
     click.option("--cage-out", type=PATH_TYPE, help="Also write the posed cage (.obj, .ply)."),
     click.option("--handles-out", type=PATH_TYPE, help="Also write the applied handles (.json)."),
-    snap_option,
     WEIGHT_OPTIONS,
     memory_option,
     overwrite_option,

@@ -30,6 +30,7 @@ from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float3
 from cageik_cli.formats.scene import SceneHints, find_frame_step
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context, require_optional
+from cageik_cli.util.input_files import open_input
 
 FPS_KEY = "cageik_fps"
 """Where a mesh states the frame rate. The archive could only state it together with the time."""
@@ -81,7 +82,8 @@ class Reader(ClipFile):
         matrix = self._world_matrix(self._times[0])
         # Alembic's faces wind clockwise.
         mesh = self._read_polygons().make_mesh(
-            self._read_points(self._times[0]), is_clockwise=not is_mirroring(matrix)
+            request.complete_first(self._read_points(self._times[0])),
+            is_clockwise=not is_mirroring(matrix),
         )
         self._fan_triangulated = mesh.fan_triangulated
         self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)
@@ -117,11 +119,11 @@ class Reader(ClipFile):
 
 def _check_header(path: Path) -> None:
     """Refuse files that the library would open as an empty archive, or not at all."""
-    try:
-        with path.open("rb") as stream:
+    with open_input(path) as stream:
+        try:
             header = stream.read(16)
-    except OSError as error:
-        raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
+        except OSError as error:
+            raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
     if header.startswith(b"\x89HDF"):
         raise FormatError("is an old Alembic file, in HDF5; convert it with abcconvert -toOgawa")
     if not header.startswith(b"Ogawa"):

@@ -13,10 +13,12 @@ from cageik_cli.formats.base.binary_frames import ChunkedFrames
 from cageik_cli.formats.base.clip_file import ClipFile, check_zero_based, single_path
 from cageik_cli.formats.base.hdf5 import (
     get_dataset,
+    has_text_attribute,
     list_numeric_shapes,
     open_checked,
     open_file,
     read_array,
+    read_attribute,
     scalar_attributes,
     wrap_hdf5_errors,
 )
@@ -62,10 +64,10 @@ def find_clips(file: Any) -> tuple[Hdf5Layout, list[str]]:
     InputError
         When there are none, naming what the file holds instead.
     """
-    kind, complete = file.attrs.get("format"), file.attrs.get("complete")
-    if isinstance(kind, str) and kind == "cageik.binding":
+    if has_text_attribute(file, "format", "cageik.binding"):
         raise FormatError("is a binding of cageik bind, not a clip; give the frames")
-    if isinstance(kind, str) and kind == "cageik.result" and not np.all(complete):
+    is_result = has_text_attribute(file, "format", "cageik.result")
+    if is_result and not np.all(read_attribute(file, "complete")):
         raise FormatError("is not complete: its run was interrupted; run cageik extract again")
     if "verts" in file:
         return SPLOCS, ["verts"]
@@ -152,7 +154,7 @@ class Hdf5Frames(ChunkedFrames):
 
 def _read_attribute(file: Any, clip: str, name: str, default: float) -> Floats:
     """Read an attribute of one or three numbers, of the file or of its clip."""
-    value = file.attrs.get(name, file[clip].attrs.get(name, default))
+    value = read_attribute(file, name, read_attribute(file[clip], name, default))
     array = np.asarray(value)
     if array.dtype.kind not in "fiu" or array.shape not in ((), (1,), (3,), (1, 3)):
         raise FormatError(f"attribute `{name}` is {value!r}, expected one or three numbers")
@@ -180,7 +182,8 @@ class Reader(ClipFile):
             self.set_frames(request, self._frames.frame_count, hints)
             self.notes = tuple(f"{to_unicode(path.name)}: {note}" for note in notes)
             check_zero_based(faces, self._frames.vertex_count)
-            self.first = TriMesh(self._frames.read_frame(self.frame_indices[0]), faces)
+            first = self._frames.read_frame(self.frame_indices[0])
+            self.first = TriMesh(request.complete_first(first), faces)
             stack.pop_all()  # open from here on
 
     @classmethod

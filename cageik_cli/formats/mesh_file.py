@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from cageik_cli.formats.base.file_data import decompress, describe_source, read_bytes
+from cageik_cli.formats.base.file_data import decompress, describe_source
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.frame_files import FrameFileReader, parse_mesh
 from cageik_cli.formats.base.mesh_data import LoadedMesh
@@ -13,6 +13,7 @@ from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, OutputError, error_context
+from cageik_cli.util.input_files import read_input
 from cageik_cli.util.outputs import check_writable, write_bytes
 
 
@@ -37,7 +38,7 @@ def load_mesh(path: Path) -> LoadedMesh:
             raise FileAccessError(
                 f"`{suffix}` is not a mesh format that can be read, expected {', '.join(readers)}"
             )
-        data = read_bytes(path)
+        data = read_input(path)
         content = decompress(data, suffix)
         mesh = parse_mesh(readers[suffix], content)
         fan_triangulated = mesh.fan_triangulated

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from natsort import natsort_keygen, ns
 
 from cageik_cli.formats.base.file_names import file_suffix, group_numbered_files
@@ -18,7 +19,7 @@ from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import (
     FileAccessError,
-    InputError,
+    FormatError,
     SettingError,
     error_context,
     join_truncated,
@@ -67,6 +68,7 @@ def open_sequence(
     reader, request = _resolve_request(arguments, settings or ClipSettings(), rest)
     sequence = reader(request)
     sequence.notes = (*_list_left_out(arguments, request.paths), *sequence.notes)
+    sequence.takes_missing = request.settings.missing
     return sequence
 
 
@@ -74,8 +76,8 @@ def list_members(path: Path) -> list[str]:
     """List the clips in a file that holds several; empty if it is a clip itself, or damaged."""
     try:
         return _find_readers()[file_suffix(path)].list_members(path)
-    except InputError:
-        return []  # opening it says what is wrong
+    except Exception:  # whatever is in the file: opening it says what is wrong
+        return []
 
 
 def clip_suffixes() -> tuple[str, ...]:
@@ -265,5 +267,12 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
             f"--rest-frame {index}: the clip has {len(sequence)} frames, expected "
             f"0 to {len(sequence) - 1}"
         )
-    frame = TriMesh(sequence.read_frame(index), sequence.first.faces)
+    positions = sequence.read_frame(index)
+    missing = np.count_nonzero(np.isnan(positions[:, 0]))
+    if missing:
+        raise FormatError(
+            f"{sequence.location(index)}: {missing} of {len(positions)} vertices of the rest pose "
+            "are missing; take a complete frame by --rest-frame K, or a mesh by --rest"
+        )
+    frame = TriMesh(positions, sequence.first.faces)
     return LoadedMesh(frame, frame, {"name": sequence.names[index]})

@@ -1,17 +1,111 @@
-"""Vertex weights: one number per vertex, in a text file or a numpy array."""
+"""Vertex weights: one number per vertex, in a text file or a numpy array; or one row per frame."""
 
 import io
+from dataclasses import dataclass
 from pathlib import Path
 from tokenize import TokenError
 
 import numpy as np
 
-from cageik_cli.formats.base.file_data import describe_source, read_bytes
+from cageik_cli.formats.base.file_data import describe_source
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FormatError, error_context
+from cageik_cli.util.errors import FileAccessError, FormatError, error_context
+from cageik_cli.util.input_files import check_input, read_input
+
+_READ_ERRORS = (FormatError, ValueError, TypeError, EOFError, MemoryError, SyntaxError, TokenError)
+
+MAX_ROWS_BYTES = 1 << 22
+"""Largest part of the weights of frames that is checked at once."""
 
 
-def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
+@dataclass(frozen=True, slots=True)
+class FrameWeightsFile:
+    """Weights of the vertices of each frame, in a `.npy` file that is read frame by frame.
+
+    Attributes
+    ----------
+    path : Path
+    largest, mean : float
+        Of all weights in the file; the mean is of those above 0, as the others are missing data.
+    """
+
+    path: Path
+    largest: float
+    mean: float
+
+    def read(self, start: int, stop: int) -> Floats:
+        """Read the weights of frames `start` up to `stop`, exclusive: (k, m), from 0 to 1."""
+        with error_context(self.path):
+            rows = _map_rows(self.path)
+            return np.asarray(rows[start:stop], np.float64) / self.largest
+
+
+def open_frame_weights(path: Path, frames: int, vertices: int) -> FrameWeightsFile | None:
+    """Open the weights of each frame of a clip; None for a file that is not an array (F, m).
+
+    Raises
+    ------
+    InputError
+        When its shape is not that of the clip, or its numbers are no weights.
+    """
+    if path.suffix.lower() != ".npy":
+        return None
+    with error_context(path):
+        try:
+            rows = _map_rows(path)
+        except FormatError:
+            return None  # whoever reads one weight per vertex says what is wrong
+        if rows.ndim != 2:
+            return None
+        if rows.shape != (frames, vertices):
+            raise FormatError(
+                f"weights of frames have shape {rows.shape}, expected ({frames}, {vertices}): the "
+                "frames that are taken and the vertices of the model"
+            )
+        if rows.dtype.kind not in "fiub":
+            raise FormatError(f"holds {rows.dtype} values, expected numbers")
+        return FrameWeightsFile(path, *_check_rows(rows))
+
+
+def _check_rows(rows: np.ndarray) -> tuple[float, float]:
+    """Return the largest weight, and the mean of those above 0; they are read in parts."""
+    size = max(1, MAX_ROWS_BYTES // (8 * rows.shape[1]))
+    largest, total, count = 0.0, 0.0, 0
+    for start in range(0, len(rows), size):
+        part = np.asarray(rows[start : start + size], np.float64)
+        is_wrong = ~(np.isfinite(part) & (part >= 0))
+        if is_wrong.any():
+            frame, vertex = np.argwhere(is_wrong)[0]
+            raise FormatError(
+                f"the weight of vertex {vertex} in frame {start + frame} is {part[frame, vertex]}, "
+                "expected a finite number of 0 or above"
+            )
+        largest = max(largest, float(part.max()))
+        total += float(part.sum())
+        count += int(np.count_nonzero(part))
+    if largest == 0:
+        raise FormatError("all vertex weights are zero; expected at least one above 0")
+    return largest, total / count
+
+
+def _map_rows(path: Path) -> np.ndarray:
+    """Open the array in a `.npy` file without reading it.
+
+    Raises
+    ------
+    InputError
+        When it is none.
+    """
+    check_input(path)
+    try:
+        return np.asanyarray(np.load(path, mmap_mode="r", allow_pickle=False))
+    except OSError as error:
+        raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
+    except (ValueError, TypeError, EOFError, SyntaxError, TokenError) as error:
+        raise FormatError(f"is not a .npy array ({error})") from error
+
+
+def read_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
     """Read weights from `.npy`, or from text with one number per line; also name and digest.
 
     Raises
@@ -20,18 +114,31 @@ def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
         Naming the file, when it cannot be read or is not a list of numbers.
     """
     with error_context(path):
-        data = read_bytes(path)
+        data = read_input(path)
         try:
             if path.suffix.lower() == ".npy":
                 weights = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
             else:
-                words = data.decode().replace("_", "?").split()  # 1_0 is Python's, not a file's
-                weights = np.array([float(word) for word in words])
+                weights = _parse_text(data)
             if weights.dtype.kind not in "fiub":
-                raise ValueError(f"it holds {weights.dtype} values")
-        except (ValueError, TypeError, EOFError, MemoryError, SyntaxError, TokenError) as error:
+                raise FormatError(f"it holds {weights.dtype} values")
+        except _READ_ERRORS as error:
+            # What libraries say quotes the file, which may be any that a file of options names.
+            said = f" ({error})" if isinstance(error, FormatError) else ""
             raise FormatError(
-                f"is not a list of numbers ({error}); expected one per line, or a .npy array"
+                f"is not a list of numbers{said}; expected one per line, or a .npy array"
             ) from error
         with np.errstate(over="ignore", invalid="ignore"):  # infinite weights are refused later
             return np.asarray(weights, dtype=np.float64), describe_source(path, data)
+
+
+def _parse_text(data: bytes) -> Floats:
+    """Parse numbers with blanks between them; the message on a fault quotes nothing."""
+    words = data.decode().replace("_", "?").split()  # 1_0 is Python's, not a file's
+    numbers = np.empty(len(words))
+    for k, word in enumerate(words):
+        try:
+            numbers[k] = float(word)
+        except ValueError as error:
+            raise FormatError(f"word {k + 1} is not a number") from error
+    return numbers

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -104,7 +104,8 @@ def open_writer(
             yield writer
             writer.complete()
         except BaseException:
-            writer.abandon()
+            with suppress(Exception):  # the first error says what is wrong
+                writer.abandon()
             raise
 
 

@@ -188,6 +188,22 @@ def validate_positions(positions: ArrayLike) -> Floats:
     return array
 
 
+def validate_known_positions(positions: ArrayLike) -> Floats:
+    """Return `positions` as (n, 3) float64, of which some may be missing: nan in all coordinates.
+
+    Raises
+    ------
+    FormatError
+        As `validate_positions` does, for the vertices that are not missing.
+    """
+    array = np.array(positions, dtype=np.float64)
+    is_missing = np.isnan(array).any(axis=-1)
+    array[is_missing] = 0
+    array = validate_positions(array)
+    array[is_missing] = np.nan
+    return array
+
+
 def signed_volumes(frames: Floats, faces: Integers) -> Floats:
     """Compute the signed volume of each frame of a closed mesh, by the divergence theorem.
 

@@ -44,8 +44,9 @@ class FrameRecord:
     `index` counts frames from 0, and `number` is the place on the timeline.
 
     Metrics of volumes are None for an open model, or when vertices are missing data; changes also
-    relative to less volume than that of a sheet. All metrics
-    of a skipped frame are None, and `skipped` is the reason.
+    relative to less volume than that of a sheet. All metrics of a skipped frame are None, and
+    `skipped` is the reason. The fields behind it count vertices that are missing or rejected, and
+    measure the others; None if all count alike in all frames.
     """
 
     index: int
@@ -61,6 +62,28 @@ class FrameRecord:
     volume_change: float | None
     volume_drift: float | None
     skipped: str | None
+    missing: int | None = None
+    rejected: int | None = None
+    rms_kept_percent: float | None = None
+    max_deviation_kept_percent: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class KeptSummary:
+    """Metrics of the clip over the vertices that were kept, and counts of the others.
+
+    `missing_percent` is of all vertices in all frames that were not skipped, `rejected_percent` of
+    those that are data. `most_missing` and `most_rejected` are the counts of the worst frames.
+    """
+
+    rms_percent: float
+    max_deviation_percent: float
+    missing_percent: float
+    most_missing: int
+    most_missing_frame: str
+    rejected_percent: float
+    most_rejected: int
+    most_rejected_frame: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +194,28 @@ def explain_missing_volume(clip: ClipRecord) -> str:
     if not clip.closed:
         return "the model is open"
     return "some vertices are missing data" if clip.body else "the model is a sheet without volume"
+
+
+def describe_kept(kept: KeptSummary | None, vertices: int) -> list[str]:
+    """Say what was missing and rejected, and how large the error is over what was kept."""
+    if kept is None:
+        return []
+    lines = []
+    if kept.most_missing:
+        lines.append(
+            f"missing {kept.missing_percent:.2f} % of the vertices of the frames, most in "
+            f"{kept.most_missing_frame}: {kept.most_missing} of {vertices}"
+        )
+    if kept.most_rejected:
+        lines.append(
+            f"rejected {kept.rejected_percent:.2f} % of the data, most in "
+            f"{kept.most_rejected_frame}: {format_count(kept.most_rejected, 'vertex')}"
+        )
+        lines.append(
+            f"kept error {format_percent(kept.rms_percent)} %, max deviation "
+            f"{format_percent(kept.max_deviation_percent)} % over what was not rejected"
+        )
+    return lines or ["kept all vertices of all frames: none is missing or rejected"]
 
 
 def describe_size(clip: ClipRecord, fixed_floats: int, group: str = " ") -> str:

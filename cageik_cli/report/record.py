@@ -10,6 +10,7 @@ from cageik_cli.report.clip_notes import list_clip_notes
 from cageik_cli.report.figures import (
     ClipRecord,
     FrameRecord,
+    KeptSummary,
     ReportSummary,
     VertexMetrics,
     WorstVertex,
@@ -27,6 +28,7 @@ from cageik_cli.report.limits import (
     missing_in_baseline,
 )
 from cageik_cli.report.regions import RegionRecord, build_regions, list_region_notes
+from cageik_cli.report.standouts import list_standout_notes
 from cageik_cli.report.unfitted import UnfittedRecord, build_unfitted
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord
@@ -54,6 +56,8 @@ class Report:
     deviation is within the usual; None for an edit, and for results of earlier versions. `fit`
     tells how weights were fitted to clips, and `bound` the smallest error that is possible.
     `unfitted` is the error with the weights before a fit; None if the result does not hold it.
+    `kept` tells what was left out as missing or as outliers; None if all vertices count alike.
+    `filled` are the skipped frames whose cages were filled from those around them.
     """
 
     schema: int
@@ -73,6 +77,8 @@ class Report:
     gates: tuple[LimitCheck, ...]
     regions: tuple[RegionRecord, ...] | None = None
     unfitted: UnfittedRecord | None = None
+    kept: KeptSummary | None = None
+    filled: tuple[str, ...] = ()
 
 
 def build_report(result: Result, limits: Limits | None = None, name: str | None = None) -> Report:
@@ -104,6 +110,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
             *list_clip_notes(result),
             *list_region_notes(result, summary),
             *list_limit_notes(limits, rest.diagonal),
+            *list_standout_notes(result),
             *missing_in_baseline(result_name, summary, limits),
         ),
         clip=ClipRecord(
@@ -126,6 +133,8 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         gates=check_limits(result_name, summary, limits),
         regions=build_regions(result),
         unfitted=build_unfitted(result),
+        kept=_build_kept(result),
+        filled=tuple(result.frames[k] for k in result.filled),
     )
 
 
@@ -151,8 +160,44 @@ def _build_frames(result: Result) -> tuple[FrameRecord, ...]:
             volume_change=_finite_or_none(change[k]),
             volume_drift=_finite_or_none(drift[k]),
             skipped=result.skipped.get(k),
+            **_list_kept(result, k),
         )
         for k, name in enumerate(result.frames)
+    )
+
+
+def _list_kept(result: Result, frame: int) -> dict[str, Any]:
+    """Return the fields of a frame on what was kept of it."""
+    kept, percent = result.kept, 100 / result.rest.diagonal
+    if kept is None or frame in result.skipped:
+        return {}
+    return {
+        "missing": int(kept.missing[frame]),
+        "rejected": int(kept.rejected[frame]),
+        "rms_kept_percent": float(percent * kept.rms_kept[frame]),
+        "max_deviation_kept_percent": float(percent * kept.max_deviation_kept[frame]),
+    }
+
+
+def _build_kept(result: Result) -> KeptSummary | None:
+    """Summarise what was kept of the frames that were not skipped."""
+    kept, percent = result.kept, 100 / result.rest.diagonal
+    if kept is None:
+        return None
+    known = np.setdiff1d(np.arange(len(result.frames)), list(result.skipped))
+    missing, rejected = kept.missing[known], kept.rejected[known]
+    vertices = len(result.rest.vertices)
+    data = vertices * len(known) - int(missing.sum())
+    most_missing, most_rejected = (int(counts.argmax()) for counts in (missing, rejected))
+    return KeptSummary(
+        rms_percent=float(percent * np.sqrt(np.mean(kept.rms_kept[known] ** 2))),
+        max_deviation_percent=float(percent * kept.max_deviation_kept[known].max()),
+        missing_percent=float(100 * missing.sum() / (vertices * len(known))),
+        most_missing=int(missing[most_missing]),
+        most_missing_frame=result.frames[known[most_missing]],
+        rejected_percent=float(100 * rejected.sum() / max(1, data)),
+        most_rejected=int(rejected[most_rejected]),
+        most_rejected_frame=result.frames[known[most_rejected]],
     )
 
 

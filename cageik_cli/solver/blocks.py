@@ -4,7 +4,7 @@ import threading
 from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import Block, FramePrefetcher, MeshSequence
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
+from cageik_cli.solver.kept import KeptBlock
 from cageik_cli.solver.metrics import (
     INTEGER_METRICS,
     METRIC_NAMES,
@@ -21,6 +22,7 @@ from cageik_cli.solver.metrics import (
     measure,
 )
 from cageik_cli.solver.peaks import DeviationPeaks
+from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.solver.vertex_bound import VertexBound, VertexBoundAccumulator
 from cageik_cli.util.arrays import Floats, Integers, Workspace, fit_frames
 from cageik_cli.util.progress import ProgressListener
@@ -51,6 +53,9 @@ class SolvedBlock:
     sampled : (s, 3k) float32
         Displacements of some vertices, aligned with the rest pose and in its diagonals; zeros for
         skipped frames.
+    kept : KeptBlock, optional
+        What was kept, if vertices of one frame may count differently than in another. Squared
+        errors and peaks are then of what was kept.
     """
 
     start: int
@@ -62,6 +67,7 @@ class SolvedBlock:
     digests: tuple[bytes, ...]
     skipped: dict[int, str]
     sampled: NDArray[np.float32]
+    kept: KeptBlock | None = None
 
     @property
     def stop(self) -> int:
@@ -142,6 +148,20 @@ class MemoryPlan:
         return MemoryPlan(block, solvers, queue)
 
 
+class CaptureSolver(Protocol):
+    """Solves blocks in which vertices of one frame may count differently than in another."""
+
+    @property
+    def robust(self) -> RobustSolver:
+        """The solver of frames."""
+
+    def solve_block(self, block: Block, workspace: Workspace) -> Any:
+        """Solve a block; frames of too few data become gaps."""
+
+    def measure_block(self, found: Any, digests: tuple[bytes, ...]) -> SolvedBlock:
+        """Measure what `solve_block` returned."""
+
+
 class BlockSolver:
     """Solver and measurement of the blocks of a clip.
 
@@ -153,6 +173,8 @@ class BlockSolver:
         Whether frames that cannot be read become gaps, as missing ones do; otherwise they are
         refused.
     progress : ProgressListener
+    capture : CaptureSolver, optional
+        Solves the blocks, if vertices of one frame may count differently than in another.
 
     All parameters are attributes too.
     """
@@ -163,8 +185,10 @@ class BlockSolver:
         solver: DualLaplacianSolver,
         skips_bad_frames: bool,
         progress: ProgressListener,
+        capture: CaptureSolver | None = None,
     ) -> None:
         self.sequence, self.solver, self.progress = sequence, solver, progress
+        self.capture = capture
         self._thread_local = threading.local()
         self.skips_bad_frames = skips_bad_frames
 
@@ -181,6 +205,12 @@ class BlockSolver:
         if not self.skips_bad_frames:
             block.raise_read_errors(ignore_missing=True)
         workspace = self._thread_local.__dict__.setdefault("workspace", Workspace())
+        digests = tuple(map(self.sequence.digest_or_zeros, range(block.start, block.stop)))
+        if self.capture is not None:
+            with self.progress.stage("solve"):
+                found = self.capture.solve_block(block, workspace)
+            with self.progress.stage("measure"):
+                return self.capture.measure_block(found, digests)
         with self.progress.stage("solve"):
             solution = self.solver.solve(block.positions, workspace)
         with self.progress.stage("measure"):
@@ -188,7 +218,6 @@ class BlockSolver:
             rebuilt = solution.reconstructions
             measured = measure(rest, block.positions, rebuilt, counted, workspace)
         check_finite(block.start, solution.cages, measured.metrics)
-        digests = tuple(map(self.sequence.digest_or_zeros, range(block.start, block.stop)))
         return make_solved_block(block, solution, measured, digests)
 
 
@@ -255,6 +284,7 @@ class ClipSummary:
         self.digests: list[bytes] = []
         self.peaks = DeviationPeaks.none(0)
         self._squared_errors = np.zeros(())
+        self._kept_counts: Integers | None = None
         self._rms: list[Floats] = []
         self._bound = VertexBoundAccumulator()
 
@@ -264,6 +294,9 @@ class ClipSummary:
         self.peaks = self.peaks.merge(block.peaks) if self.frames_done else block.peaks
         self.digests += block.digests
         self._squared_errors = self._squared_errors + block.squared_errors
+        if block.kept is not None:
+            before = 0 if self._kept_counts is None else self._kept_counts
+            self._kept_counts = before + block.kept.counts
         self._rms.append(block.metrics.rms)
         self._bound.update(block.sampled)
 
@@ -274,7 +307,13 @@ class ClipSummary:
 
     @property
     def vertex_rms(self) -> Floats:
-        """Return sqrt(mean |v̂ − v|²), (m,), over solved frames; nan for missing data."""
+        """Return sqrt(mean |v̂ − v|²), (m,), over solved frames; nan for missing data.
+
+        The mean is over the frames in which a vertex was kept, if that differs.
+        """
+        if self._kept_counts is not None:
+            counts = np.where(self._kept_counts > 0, self._kept_counts, np.nan)
+            return np.sqrt(self._squared_errors / counts)
         return np.sqrt(self._squared_errors / max(1, self.frames_done - len(self.skipped)))
 
     def measure_bound(self, points: int) -> VertexBound | None:

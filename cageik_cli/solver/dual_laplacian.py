@@ -23,7 +23,7 @@ from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_bound import spread_vertices
-from cageik_cli.util.arrays import Floats, Workspace
+from cageik_cli.util.arrays import Floats, Integers, Workspace
 from cageik_cli.util.errors import FormatError, NumericalError
 
 MAX_CONDITION = 1e12
@@ -115,6 +115,16 @@ class DualLaplacianSolver:
         Number of vertices that are data.
     sampled_vertices : (s,) int64
         Vertices that are data, spread over their numbers: what is possible is measured on them.
+    vertex_weights : (m,) float64
+    rest : (m, 3) float64
+    rest_cage : (n, 3) float64
+        Both relative to the weighted centroid of the rest pose.
+    smoothness, normal : (n, n) float64
+        (α/n) LᵀL, and the normal matrix.
+    data_scale : float
+        β/m.
+    is_aligned : bool
+        Whether frames are aligned with the rest pose.
 
     Raises
     ------
@@ -128,30 +138,30 @@ class DualLaplacianSolver:
         m, n = binding.weights.shape
         vertex_weights = drop_unused_vertices(vertex_weights, binding.rest)
         self.binding = binding
-        self._align = settings.align
-        self._vertex_weights = np.ones(m) if vertex_weights is None else vertex_weights
+        self.is_aligned = settings.align
+        self.vertex_weights = np.ones(m) if vertex_weights is None else vertex_weights
         self._is_weighted = vertex_weights is not None
-        is_data = self._vertex_weights != 0
+        is_data = self.vertex_weights != 0
         self.missing_count = int(np.count_nonzero(binding.rest.is_used & ~is_data))
         self.data_count = int(np.count_nonzero(is_data))
         self.data_vertices = slice(None) if is_data.all() else np.flatnonzero(is_data)
         self.sampled_vertices = spread_vertices(np.arange(m)[self.data_vertices], n)
         self._diagonal = binding.rest.diagonal
-        self._origin = self._vertex_weights @ binding.rest.vertices / m
-        self._rest = binding.rest.vertices - self._origin
-        self._rest_cage = binding.cage.vertices - self._origin
+        self._origin = self.vertex_weights @ binding.rest.vertices / m
+        self.rest = binding.rest.vertices - self._origin
+        self.rest_cage = binding.cage.vertices - self._origin
         self._weights = binding.weights
         self._offsets = measure_offsets(binding) if binding.has_offsets else None
         # Only their ratio matters; the larger is scaled to 1, so that nothing overflows.
         alpha, beta = np.array([settings.alpha, settings.beta]) / max(settings.alpha, settings.beta)
-        self._data_scale = beta / m
+        self.data_scale = beta / m
         laplacian = uniform_laplacian(binding.cage)
-        self._smoothness = (alpha / n) * laplacian.T @ laplacian
-        data = self._build_data_matrix()
-        condition = _validate_condition(self._smoothness, data, binding)
+        self.smoothness = (alpha / n) * laplacian.T @ laplacian
+        data = self.weigh_data(self.vertex_weights)
+        condition = _validate_condition(self.smoothness, data, binding)
         self.quality = SolveQuality(**asdict(binding.quality), condition_number=condition)
-        normal = self._smoothness + data
-        self._factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
+        self.normal = self.smoothness + data
+        self._factor = scipy.linalg.cho_factor(self.normal, lower=True, check_finite=False)
 
     def solve(self, frames: Floats, workspace: Workspace | None = None) -> Solution:
         """Return the cages of `frames`, (k, m, 3).
@@ -164,7 +174,7 @@ class DualLaplacianSolver:
         sampled = columns[self.sampled_vertices] / self._diagonal
         np.clip(sampled, -MAX_SAMPLED_LENGTH, MAX_SAMPLED_LENGTH, out=sampled)
         displaced = columns_to_frames(self.solve_displacements(columns))
-        turned = (self._rest_cage + displaced) @ aligned.rotations
+        turned = (self.rest_cage + displaced) @ aligned.rotations
         np.matmul(self._weights, frames_to_columns(turned), out=columns)
         moved = workspace.array("moved", *frames.shape)
         np.add(columns_to_frames(columns), aligned.centres[:, None], out=moved)
@@ -181,18 +191,31 @@ class DualLaplacianSolver:
         workspace = workspace or Workspace()
         centres = np.tile(self._origin, (len(frames), 1))
         rotations = np.tile(np.eye(3), (len(frames), 1, 1))
-        if self._align:
-            centres = centroids(frames, self._vertex_weights)
+        if self.is_aligned:
+            centres = centroids(frames, self.vertex_weights)
         centred = workspace.array("centred", *frames.shape)
         np.subtract(frames, centres[:, None], out=centred)
-        if self._align:
-            rotations = best_rotations(centred, self._rest, self._vertex_weights)
+        if self.is_aligned:
+            rotations = best_rotations(centred, self.rest, self.vertex_weights)
         moved = workspace.array("moved", *frames.shape)
         np.matmul(centred, rotations.swapaxes(1, 2), out=moved)
-        moved -= self._rest
-        columns = workspace.array("columns", len(self._rest), 3 * len(frames))
+        moved -= self.rest
+        columns = workspace.array("columns", len(self.rest), 3 * len(frames))
         columns_to_frames(columns)[...] = moved
         return AlignedFrames(columns, rotations, centres)
+
+    def sample(self, frame: Floats, rotation: Floats) -> Floats:
+        """Return the displacements of `sampled_vertices` of a frame, (s, 3), as in a solution.
+
+        The frame, (m, 3), is aligned with the rest pose by its rotation, (3, 3).
+        """
+        centre = self._origin
+        if self.is_aligned:
+            centre = centroids(frame[None], self.vertex_weights)[0]
+        chosen = self.sampled_vertices
+        moved = (frame[chosen] - centre) @ rotation.T - self.rest[chosen]
+        lengths = np.clip(moved / self._diagonal, -MAX_SAMPLED_LENGTH, MAX_SAMPLED_LENGTH)
+        return np.asarray(lengths)
 
     def solve_displacements(self, target: Floats) -> Floats:
         """Return the cage displacements (n, 3k) that fit vertex displacements (m, 3k) best.
@@ -204,14 +227,14 @@ class DualLaplacianSolver:
         if self.quality.condition_number > REFINE_ABOVE_CONDITION:
             residual = target - self._weights @ displaced
             displaced += self._back_substitute(
-                self._normal_rhs(residual) - self._smoothness @ displaced
+                self._normal_rhs(residual) - self.smoothness @ displaced
             )
         return displaced
 
     def _normal_rhs(self, columns: Floats) -> Floats:
         """Return (β/m) HᵀW times columns (m, 3k), as (n, 3k)."""
-        weighted = self._vertex_weights[:, None] * columns if self._is_weighted else columns
-        return np.asarray(self._data_scale * (self._weights.T @ weighted))
+        weighted = self.vertex_weights[:, None] * columns if self._is_weighted else columns
+        return np.asarray(self.data_scale * (self._weights.T @ weighted))
 
     def _back_substitute(self, columns: Floats) -> Floats:
         """Return the inverse of the normal matrix times columns (n, 3k)."""
@@ -219,16 +242,20 @@ class DualLaplacianSolver:
             scipy.linalg.cho_solve(self._factor, columns, overwrite_b=True, check_finite=False)
         )
 
-    def _build_data_matrix(self) -> Floats:
-        """Return (β/m) HᵀWH, (n, n), summed over blocks: a weighted copy of H may not fit."""
-        m, n = self._weights.shape
-        rows = max(1, MAX_WEIGHTED_ENTRIES // n)
+    def weigh_data(self, weights: Floats, rows: Integers | None = None) -> Floats:
+        """Return (β/m) Σ_j weights_j H_jᵀ H_j, (n, n), over all vertices, or those of `rows`.
+
+        It is summed over blocks: a weighted copy of H may not fit.
+        """
+        n = self._weights.shape[1]
+        size = max(1, MAX_WEIGHTED_ENTRIES // n)
         data = np.zeros((n, n))
-        for start in range(0, m, rows):
-            block = slice(start, start + rows)
-            roots = np.sqrt(self._vertex_weights[block, None]) * self._weights[block]
+        for start in range(0, len(weights), size):
+            block = slice(start, start + size)
+            chosen = self._weights[block if rows is None else rows[block]]
+            roots = np.sqrt(weights[block, None]) * chosen
             data += roots.T @ roots
-        return np.asarray(self._data_scale * data)
+        return np.asarray(self.data_scale * data)
 
 
 def frames_to_columns(points: Floats) -> Floats:

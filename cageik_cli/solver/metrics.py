@@ -6,7 +6,7 @@ import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
 from cageik_cli.geometry.shape import is_body
-from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
 from cageik_cli.util.errors import NumericalError
 
 MAX_LENGTH = 1e60
@@ -101,6 +101,91 @@ def measure(
         missing = np.delete(np.arange(frames.shape[1]), numbers)
         all_squares[:, missing] = np.nan
     return FrameErrors(metrics, all_squares)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptMetrics:
+    """Metrics of k frames over the vertices that were kept, each an array (k,).
+
+    Attributes
+    ----------
+    missing : int64
+        Vertices that are not data.
+    rejected : int64
+        Vertices that are data, and were rejected as outliers.
+    rms_kept, max_deviation_kept : float64
+        As in `FrameMetrics`, over data that was not rejected.
+    """
+
+    missing: Integers
+    rejected: Integers
+    rms_kept: Floats
+    max_deviation_kept: Floats
+
+
+KEPT_NAMES = tuple(field.name for field in fields(KeptMetrics))
+KEPT_COUNTS = ("missing", "rejected")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeptErrors:
+    """Errors of frames whose vertices count differently.
+
+    Attributes
+    ----------
+    errors : FrameErrors
+        Metrics over all data; squared errors are nan for vertices that were not kept.
+    metrics : KeptMetrics
+    """
+
+    errors: FrameErrors
+    metrics: KeptMetrics
+
+
+def measure_kept(
+    rest: TriMesh, frames: Floats, reconstructions: Floats, is_data: Mask, is_kept: Mask
+) -> KeptErrors:
+    """Measure the errors of reconstructions over data, and over what was kept of it.
+
+    Volumes are of frames that are all data, with the reconstruction where a vertex was rejected.
+
+    Parameters
+    ----------
+    rest : TriMesh
+    frames, reconstructions : (k, m, 3)
+    is_data, is_kept : (k, m) bool
+        What was kept is data.
+    """
+    errors = reconstructions - frames
+    squares = np.einsum("kjx,kjx->kj", errors, errors)
+    over_data = np.where(is_data, squares, -1.0)
+    worst = over_data.argmax(axis=1)
+    volume = volume_rebuilt = np.full(len(frames), np.nan)
+    whole = np.flatnonzero(is_data.all(axis=1)) if rest.is_closed else np.zeros(0, np.int64)
+    if len(whole):
+        volume, volume_rebuilt = volume.copy(), volume.copy()
+        mended = np.where(is_kept[whole, :, None], frames[whole], reconstructions[whole])
+        volume[whole] = signed_volumes(mended, rest.faces)
+        volume_rebuilt[whole] = signed_volumes(reconstructions[whole], rest.faces)
+    counts = np.maximum(is_data.sum(axis=1), 1)
+    centroids = np.einsum("kj,kjx->kx", is_data, frames) / counts[:, None]
+    spread = np.einsum("kjx,kj->k", (frames - centroids[:, None]) ** 2, is_data) / counts
+    over_kept = np.where(is_kept, squares, 0.0)
+    metrics = FrameMetrics(
+        rms=np.sqrt(np.where(is_data, squares, 0.0).sum(axis=1) / counts),
+        max_deviation=np.sqrt(np.maximum(over_data.max(axis=1), 0)),
+        worst_vertex=worst.astype(np.int64),
+        volume=volume,
+        volume_reconstructed=volume_rebuilt,
+        spread=np.sqrt(spread),
+    )
+    kept = KeptMetrics(
+        missing=(~is_data).sum(axis=1),
+        rejected=(is_data & ~is_kept).sum(axis=1),
+        rms_kept=np.sqrt(over_kept.sum(axis=1) / np.maximum(is_kept.sum(axis=1), 1)),
+        max_deviation_kept=np.sqrt(over_kept.max(axis=1)),
+    )
+    return KeptErrors(FrameErrors(metrics, np.where(is_kept, squares, np.nan)), kept)
 
 
 METRIC_NAMES = tuple(field.name for field in fields(FrameMetrics))

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import isfinite
+from typing import Final, Literal
 
 from cageik_cli.util.errors import SettingError
 
@@ -32,6 +33,45 @@ class SolveSettings:
 
 AREA = "area"
 """Says, in place of a file of vertex weights, that each vertex counts by its area."""
+
+AUTO_SMOOTHING: Final = "auto"
+"""As the period that is smoothed: found by generalised cross-validation."""
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureSettings:
+    """What is done for clips from scanners and trackers; nothing by default.
+
+    Attributes
+    ----------
+    robust : bool
+        Let vertices that are far from where the cage can have them count less, or not at all.
+    smooth : float or "auto", optional
+        Smooth the cages over time: motions of the whole mesh with this period, in seconds, are
+        halved, and quicker ones nearly vanish. Not smoothed by default.
+    fill_gaps : bool
+        Fill frames that are skipped, or have no data, from those around them in time.
+
+    Raises
+    ------
+    SettingError
+        When the period is not above 0.
+    """
+
+    robust: bool = False
+    smooth: float | Literal["auto"] | None = None
+    fill_gaps: bool = False
+
+    def __post_init__(self) -> None:
+        period = self.smooth
+        if isinstance(period, float | int) and not (isfinite(period) and period > 0):
+            raise SettingError(f"smooth is {period}, expected seconds above 0, or auto")
+
+    @property
+    def needs_time_pass(self) -> bool:
+        """Whether frames are smoothed or filled over time, after they are solved."""
+        return self.smooth is not None or self.fill_gaps
+
 
 FIT_VERSION = 2
 """Raise it when fitted weights or their reports change, so that caches are not used."""

@@ -8,20 +8,31 @@ import struct
 import numpy as np
 
 from cageik_cli.solver.blocks import SolvedBlock
-from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics
+from cageik_cli.solver.kept import KeptBlock, SparseWeights
+from cageik_cli.solver.metrics import (
+    INTEGER_METRICS,
+    KEPT_COUNTS,
+    KEPT_NAMES,
+    METRIC_NAMES,
+    FrameMetrics,
+    KeptMetrics,
+)
 from cageik_cli.solver.peaks import DeviationPeaks
 
 DIGEST_BYTES = hashlib.sha256().digest_size
-_HEADER = struct.Struct("<QQQQ")  # first frame, frames, sampled vertices, bytes of the faults
+_HEADER = struct.Struct("<QQQQQ")
+"""First frame, frames, sampled vertices, bytes of the faults, and of what was kept."""
 
 
 def to_bytes(block: SolvedBlock) -> bytes:
     """Return the bytes of a block."""
     faults = json.dumps({str(k): text for k, text in block.skipped.items()}).encode()
     columns = [_cast_column(name, getattr(block.metrics, name)) for name in METRIC_NAMES]
+    kept = b"" if block.kept is None else _pack_kept(block.kept)
+    counts = (block.start, len(block.cages), len(block.sampled), len(faults), len(kept))
     return b"".join(
         [
-            _HEADER.pack(block.start, len(block.cages), len(block.sampled), len(faults)),
+            _HEADER.pack(*counts),
             *block.digests,
             np.ascontiguousarray(block.cages, "<f8").tobytes(),
             np.ascontiguousarray(block.rotations, "<f8").tobytes(),
@@ -31,6 +42,7 @@ def to_bytes(block: SolvedBlock) -> bytes:
             np.ascontiguousarray(block.peaks.frames, "<i8").tobytes(),
             np.ascontiguousarray(block.sampled, "<f4").tobytes(),
             faults,
+            kept,
         ]
     )
 
@@ -38,7 +50,7 @@ def to_bytes(block: SolvedBlock) -> bytes:
 def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
     """Return the block of these bytes."""
     stream = io.BytesIO(data)
-    start, count, rows, length = _HEADER.unpack(stream.read(_HEADER.size))
+    start, count, rows, length, kept_length = _HEADER.unpack(stream.read(_HEADER.size))
     digests = tuple(stream.read(DIGEST_BYTES) for _ in range(count))
     cages = np.frombuffer(stream.read(24 * count * cage_vertices), "<f8")
     rotations = np.frombuffer(stream.read(72 * count), "<f8")
@@ -61,7 +73,41 @@ def from_bytes(data: bytes, vertices: int, cage_vertices: int) -> SolvedBlock:
         digests=digests,
         skipped=faults,
         sampled=sampled.reshape(rows, 3 * count),
+        kept=_unpack_kept(stream, count, vertices) if kept_length else None,
     )
+
+
+def _pack_kept(kept: KeptBlock) -> bytes:
+    columns = [_cast_kept_column(name, getattr(kept.metrics, name)) for name in KEPT_NAMES]
+    weights = kept.weights
+    return b"".join(
+        [
+            *(column.tobytes() for column in columns),
+            np.ascontiguousarray(kept.counts, "<i8").tobytes(),
+            np.ascontiguousarray(kept.noise, "<f8").tobytes(),
+            np.ascontiguousarray(weights.starts, "<i8").tobytes(),
+            np.ascontiguousarray(weights.vertices, "<i8").tobytes(),
+            np.ascontiguousarray(weights.values, "<f8").tobytes(),
+        ]
+    )
+
+
+def _unpack_kept(stream: io.BytesIO, count: int, vertices: int) -> KeptBlock:
+    columns = {
+        name: np.frombuffer(stream.read(8 * count), _cast_kept_column(name, np.empty(0)).dtype)
+        for name in KEPT_NAMES
+    }
+    counts = np.frombuffer(stream.read(8 * vertices), "<i8")
+    noise = np.frombuffer(stream.read(8 * count), "<f8")
+    starts = np.frombuffer(stream.read(8 * (count + 1)), "<i8")
+    entries = int(starts[-1])
+    places = np.frombuffer(stream.read(8 * entries), "<i8")
+    values = np.frombuffer(stream.read(8 * entries), "<f8")
+    return KeptBlock(KeptMetrics(**columns), SparseWeights(starts, places, values), counts, noise)
+
+
+def _cast_kept_column(name: str, column: np.ndarray) -> np.ndarray:
+    return column.astype("<i8" if name in KEPT_COUNTS else "<f8")
 
 
 def _cast_column(name: str, column: np.ndarray) -> np.ndarray:

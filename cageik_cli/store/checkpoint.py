@@ -20,7 +20,8 @@ from typing import Any
 from cageik_cli import __version__
 from cageik_cli.solver.blocks import ClipSummary, SolvedBlock
 from cageik_cli.store.block_bytes import from_bytes, to_bytes
-from cageik_cli.util.errors import CheckpointError, FormatError, OutputError
+from cageik_cli.util.errors import CheckpointError, FormatError, OutputError, error_context
+from cageik_cli.util.input_files import open_input
 from cageik_cli.util.locks import open_locked, remove_locked
 
 FORMAT = b"cageik.partial "
@@ -79,7 +80,7 @@ class RunSpec:
         if self.version != other.version:
             return f"it was of cageik {other.version}"
         if replace(self, block=other.block, fit=other.fit) != other:
-            return "its weights were others"
+            return "its weights were others, or frames on which tolerances are measured"
         return ""
 
 
@@ -116,18 +117,15 @@ class Checkpoint:
     def open(path: Path, spec: RunSpec, resume: bool, overwrite: bool = False) -> "Checkpoint":
         """Start a checkpoint, or open that of an interrupted run of the same spec.
 
-        One of another spec is replaced only with `overwrite`. One whose run was killed before its
-        spec was written is started again.
+        One of another spec is replaced only with `overwrite`, and what is no checkpoint never. One
+        whose run was killed before its spec was written is started again.
 
         Raises
         ------
         InputError
             When it cannot be written, another run is writing it, or it is of another spec.
         """
-        try:
-            file = open_locked(path)
-        except OSError as error:
-            raise _make_write_error(path, error) from error
+        file = _open_own(path)
         if file is None:
             raise CheckpointError(f"{path}: another run is writing it; wait for it, or stop it")
         try:
@@ -212,20 +210,35 @@ def delete_checkpoint(path: Path) -> None:
     InputError
         When the file is not a checkpoint.
     """
-    if not path.exists():
-        return
-    with io.FileIO(path) as file:
-        _read_spec(path, file)
-    locked = open_locked(path)
-    if locked is not None:
-        remove_locked(path, locked)
+    file = _open_own(path) if os.path.lexists(path) else None
+    if file is not None:
+        try:
+            _read_spec(path, file)
+        except BaseException:
+            file.close()
+            raise
+        remove_locked(path, file)
+
+
+def check_checkpoint_path(path: Path) -> None:
+    """Refuse, before any work, what is not a checkpoint under the name of one.
+
+    Raises
+    ------
+    InputError
+        When there is a link, a file of another kind, or one that cannot be opened.
+    """
+    if os.path.lexists(path):
+        file = _open_own(path)
+        if file is not None:
+            file.close()
 
 
 def is_checkpoint(path: Path) -> bool:
     """Return whether a file starts as a checkpoint does, of this or of another version."""
     if not path.is_file():
         return False
-    with path.open("rb") as file:
+    with open_input(path) as file:
         return file.read(len(FORMAT)) == FORMAT
 
 
@@ -237,11 +250,35 @@ def checkpoint_progress(path: Path) -> tuple[int, int]:
     InputError
         When it is not a checkpoint.
     """
-    with io.FileIO(path) as file:
+    with error_context(path):
+        file = open_input(path)
+    with file:
         spec = _read_spec(path, file)
         if spec is None:
             return 0, 0
         return max((block.stop for block in _read_blocks(file, spec)), default=0), len(spec.frames)
+
+
+def _open_own(path: Path) -> io.FileIO | None:
+    """Open and lock a file that is empty or begins as a checkpoint does; None if it is locked.
+
+    Links are not followed: who can write to the folder would choose the file that is replaced.
+    """
+    try:
+        file = open_locked(path)
+    except OSError as error:
+        raise _make_write_error(path, error) from error
+    if file is not None:
+        begin = file.read(len(FORMAT))
+        file.seek(0)
+        if not FORMAT.startswith(begin):
+            file.close()
+            raise _make_foreign_error(path)
+    return file
+
+
+def _make_foreign_error(path: Path) -> FormatError:
+    return FormatError(f"{path}: is not a checkpoint; move it away")
 
 
 def _write_spec(path: Path, file: io.FileIO, spec: RunSpec) -> None:
@@ -263,7 +300,7 @@ def _read_spec(path: Path, file: io.FileIO) -> RunSpec | None:
     if not MAGIC.startswith(begin):
         if begin.startswith(FORMAT):
             raise _make_version_error(path)
-        raise FormatError(f"{path}: is not a checkpoint; move it away")
+        raise _make_foreign_error(path)
     digest, _, size = file.read(MAX_HEAD_BYTES).partition(b"\n")[0].partition(b" ")
     length = int(size) if size.isdigit() else 0
     file.seek(len(begin) + len(digest) + len(size) + 2)
@@ -281,8 +318,13 @@ def _make_version_error(path: Path) -> CheckpointError:
 
 
 def _read_blocks(file: io.FileIO, spec: RunSpec, done: int = 0) -> Iterator[SolvedBlock]:
-    """Yield the blocks from here, and from frame `done`, on; stop at a damaged or misplaced one."""
+    """Yield the blocks from here, and from frame `done`, on; stop at a damaged or misplaced one.
+
+    Others may read the file between two blocks.
+    """
+    place = file.tell()
     while True:
+        file.seek(place)
         head = file.read(_RECORD_HEADER.size)
         if len(head) < _RECORD_HEADER.size:
             return
@@ -294,7 +336,7 @@ def _read_blocks(file: io.FileIO, spec: RunSpec, done: int = 0) -> Iterator[Solv
         block = from_bytes(data, spec.vertices, spec.cage_vertices)
         if block.start != done:
             return
-        done = block.stop
+        done, place = block.stop, file.tell()
         yield block
 
 

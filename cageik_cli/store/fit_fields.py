@@ -12,7 +12,7 @@ from scipy import sparse
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.fitting.problem import Correction
-from cageik_cli.formats.base.hdf5 import read_array
+from cageik_cli.formats.base.hdf5 import read_array, read_attribute
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import are_lengths
 from cageik_cli.store.hdf5_fields import read_json_attr, to_json, write_deflated
@@ -123,7 +123,7 @@ def read_sparse_weights(file: h5py.File, m: int, n: int) -> sparse.csr_array:
 
 def read_offset_mark(file: h5py.File) -> bool:
     """Read whether the weights do not reproduce the rest pose; files without the mark do."""
-    mark = file.attrs.get("has_offsets", np.False_)
+    mark = read_attribute(file, "has_offsets", np.False_)
     if not isinstance(mark, np.bool_):
         raise FormatError(f"attribute `has_offsets` is {mark!r}, expected a truth value")
     if CSR in file and not mark:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from cageik_cli.formats.base.hdf5 import read_array
+from cageik_cli.formats.base.hdf5 import has_text_attribute, read_array, read_attribute
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
@@ -28,8 +28,7 @@ def create_hdf5(sink: DeferredErrorFile) -> h5py.File:
 
 def has_format(file: h5py.File, format_name: str) -> bool:
     """Return whether the attribute `format` is `format_name`; it may hold anything."""
-    name = file.attrs.get("format")
-    return isinstance(name, str) and name == format_name
+    return has_text_attribute(file, "format", format_name)
 
 
 def check_format(file: h5py.File, format_name: str, schema: int, description: str) -> None:
@@ -41,7 +40,7 @@ def check_format(file: h5py.File, format_name: str, schema: int, description: st
     """
     if not has_format(file, format_name):
         raise FormatError(f"is not {description}; give one")
-    found = file.attrs.get("schema")
+    found = read_attribute(file, "schema")
     if not (isinstance(found, np.integer) and found == schema):
         raise FormatError(f"has schema {found}, expected {schema}; write it again")
 
@@ -78,7 +77,7 @@ def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
 
 def read_version(file: h5py.File) -> str:
     """Read the version of the program that wrote the file."""
-    return to_unicode(str(file.attrs.get("version", "unknown")))
+    return to_unicode(str(read_attribute(file, "version", "unknown")))
 
 
 def read_notes(file: h5py.File) -> tuple[str, ...]:
@@ -99,7 +98,7 @@ def read_json_attr(file: h5py.File, name: str, expected_type: type) -> Any:
     InputError
         When it is missing, not JSON, or not of this type.
     """
-    text = file.attrs.get(name)
+    text = read_attribute(file, name)
     try:
         value = json.loads(
             text if isinstance(text, str) else "",
@@ -133,7 +132,7 @@ def read_text_attr(file: h5py.File, name: str) -> str | None:
     InputError
         When it is not text.
     """
-    text = file.attrs.get(name)
+    text = read_attribute(file, name)
     if text is not None and not isinstance(text, str):
         raise FormatError(f"attribute `{name}` is not text; write it again")
     return None if text is None else to_unicode(text)
@@ -159,7 +158,7 @@ def read_scene(file: h5py.File) -> Scene:
     InputError
         When one is missing, or not a number.
     """
-    values = {field.name: file.attrs.get(field.name) for field in fields(Scene)}
+    values = {field.name: read_attribute(file, field.name) for field in fields(Scene)}
     for name, value in values.items():
         if name == "up_axis" and isinstance(value, str):
             continue

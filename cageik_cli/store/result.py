@@ -9,15 +9,24 @@ import h5py
 import numpy as np
 
 from cageik_cli.formats.base.gaps import GapFiller
-from cageik_cli.formats.base.hdf5 import get_dataset, open_checked, read_array
+from cageik_cli.formats.base.hdf5 import (
+    get_dataset,
+    open_checked,
+    read_array,
+    read_attribute,
+    read_texts,
+)
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord
 from cageik_cli.solver.metrics import (
     INTEGER_METRICS,
+    KEPT_COUNTS,
+    KEPT_NAMES,
     METRIC_NAMES,
     FrameMetrics,
+    KeptMetrics,
     are_lengths,
     find_invalid_metric,
 )
@@ -85,6 +94,10 @@ class Result:
     regions : tuple of StoredRegion, optional
         The worst regions, the worst first; none if the largest deviation is within the usual. None
         if the result was edited, or written by a version that did not look for them.
+    kept : KeptMetrics, optional
+        Metrics over the vertices that were kept; None if all counted alike in all frames.
+    filled : tuple of int
+        Skipped frames whose cages were filled from those around them.
 
     Examples
     --------
@@ -115,6 +128,13 @@ class Result:
     fit: FitRecord | None = None
     has_offsets: bool = False
     bound: VertexBound | None = None
+    kept: KeptMetrics | None = None
+    filled: tuple[int, ...] = ()
+
+    @property
+    def gaps(self) -> list[int]:
+        """Return the skipped frames that have no cage."""
+        return sorted(set(self.skipped) - set(self.filled))
 
     def __repr__(self) -> str:
         return (
@@ -128,6 +148,11 @@ def checkpoint_path(path: Path) -> Path:
     return path.with_name(path.name + CHECKPOINT_SUFFIX)
 
 
+def smoothed_path(path: Path) -> Path:
+    """Return the path of the frames that are smoothed, until the result at `path` is written."""
+    return path.with_name(path.name + ".smooth" + CHECKPOINT_SUFFIX)
+
+
 def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
     """Yield the cages from frame `first` on, in blocks of at most `size`, (k, n, 3), gaps filled.
 
@@ -139,7 +164,7 @@ def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
     InputError
         When a block cannot be read, or is not finite.
     """
-    filler = GapFiller(len(result.frames), result.skipped)
+    filler = GapFiller(len(result.frames), result.gaps)
     with open_checked(result.path) as file:
         cages = get_dataset(file, "verts", "f", (len(result.frames), len(result.cage.vertices), 3))
         for start in range(first, len(cages), size):
@@ -214,12 +239,14 @@ def read_result(path: Path) -> Result:
             fit=read_fit_record(file),
             has_offsets=read_offset_mark(file),
             bound=_read_bound(file),
+            filled=_read_filled(file, skipped),
+            kept=_read_kept_metrics(file, frames, len(rest.vertices), list(skipped)),
         )
 
 
 def _check_result_format(file: h5py.File) -> None:
     check_format(file, FORMAT, SCHEMA, "a result of cageik extract")
-    complete = file.attrs.get("complete")
+    complete = read_attribute(file, "complete")
     if not (isinstance(complete, np.bool_) and complete):
         raise FormatError(
             "is not complete: the run that wrote it was interrupted; extract it again"
@@ -246,6 +273,29 @@ def _read_frame_metrics(
     return figures
 
 
+def _read_kept_metrics(
+    file: h5py.File, frames: int, vertices: int, skipped: list[int]
+) -> KeptMetrics | None:
+    """Read the metrics over what was kept, if the result has them."""
+    if f"metrics/{KEPT_NAMES[0]}" not in file:
+        return None
+    columns = {name: _read_column(file, name, frames) for name in KEPT_NAMES}
+    for name, column in columns.items():
+        held = np.delete(column, skipped)
+        fits = (held >= 0) & (held <= vertices) if name in KEPT_COUNTS else are_lengths(held)
+        if not fits.all():
+            raise FormatError(f"holds `metrics/{name}` that is impossible; extract it again")
+    return KeptMetrics(**columns)
+
+
+def _read_filled(file: h5py.File, skipped: dict[int, str]) -> tuple[int, ...]:
+    """Read which of the skipped frames were filled."""
+    held = read_json_attr(file, "filled", list) if "filled" in file.attrs else []
+    if not all(type(k) is int and k in skipped for k in held):
+        raise FormatError("attribute `filled` names frames that are not skipped; extract it again")
+    return tuple(held)
+
+
 def _read_vertex_rms(file: h5py.File, vertices: int) -> Floats:
     """Read the rms of every vertex, (m,); nan for missing data."""
     values = read_array(file, "metrics/vertex_rms", "f", (vertices,)).astype(np.float64)
@@ -256,7 +306,7 @@ def _read_vertex_rms(file: h5py.File, vertices: int) -> Floats:
 
 
 def _read_column(file: h5py.File, name: str, frames: int) -> Any:
-    if name in INTEGER_METRICS:
+    if name in INTEGER_METRICS + KEPT_COUNTS:
         return read_array(file, f"metrics/{name}", "iu", (frames,))
     with np.errstate(over="ignore", invalid="ignore"):  # values that do not fit are found later
         return read_array(file, f"metrics/{name}", "f", (frames,)).astype(np.float64)
@@ -272,10 +322,7 @@ def _read_bound(file: h5py.File) -> VertexBound | None:
 
 
 def _read_frame_names(file: h5py.File, count: int) -> tuple[str, ...]:
-    names = get_dataset(file, "frames/name", "O", (count,))
-    if h5py.check_string_dtype(names.dtype) is None:
-        raise FormatError("`frames/name` does not hold text; extract it again")
-    return tuple(names.asstr(errors="replace")[:])
+    return read_texts(file, "frames/name", count)
 
 
 def _suggest_instead(path: Path) -> str:

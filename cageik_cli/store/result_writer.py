@@ -13,7 +13,14 @@ from cageik_cli import __version__
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.scene import Scene
 from cageik_cli.solver.dual_laplacian import SolveQuality
-from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics
+from cageik_cli.solver.metrics import (
+    INTEGER_METRICS,
+    KEPT_COUNTS,
+    KEPT_NAMES,
+    METRIC_NAMES,
+    FrameMetrics,
+    KeptMetrics,
+)
 from cageik_cli.solver.regions import Region
 from cageik_cli.solver.vertex_bound import VertexBound
 from cageik_cli.store.fit_fields import StoredFit, write_weights
@@ -42,6 +49,8 @@ class ResultHeader:
         The name of the result that was edited.
     fit : StoredFit, optional
         Of weights that are fitted to clips.
+    has_kept : bool
+        Whether metrics over what was kept are written too.
     """
 
     binding: Binding
@@ -53,6 +62,7 @@ class ResultHeader:
     keep_weights: bool
     edited_from: str | None = None
     fit: StoredFit | None = None
+    has_kept: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +88,8 @@ class RunSummary:
         The error of the best possible cage animation.
     unfitted : UnfittedClip, optional
         The same clip with the weights before the fit, if they are fitted and both are known.
+    filled : tuple of int
+        Skipped frames whose cages were filled from those around them.
     """
 
     sources: dict[str, Any]
@@ -88,6 +100,7 @@ class RunSummary:
     regions: tuple[Region, ...] | None = None
     bound: VertexBound | None = None
     unfitted: UnfittedClip | None = None
+    filled: tuple[int, ...] = ()
 
 
 class ResultWriter:
@@ -108,6 +121,9 @@ class ResultWriter:
         for name in METRIC_NAMES:
             kind = "i8" if name in INTEGER_METRICS else "f8"
             file.create_dataset(f"metrics/{name}", (self._frame_count,), kind)
+        for name in KEPT_NAMES if header.has_kept else ():
+            kind = "i8" if name in KEPT_COUNTS else "f8"
+            file.create_dataset(f"metrics/{name}", (self._frame_count,), kind)
         file.attrs.update(format=FORMAT, schema=SCHEMA, version=__version__)
         file.attrs.update(asdict(header.scene))
         file.attrs["settings"] = to_json(header.settings)
@@ -117,13 +133,21 @@ class ResultWriter:
             file.attrs["edited_from"] = header.edited_from
         file.attrs["complete"] = False
 
-    def append(self, cages: Floats, rotations: Floats, metrics: FrameMetrics) -> None:
+    def append(
+        self,
+        cages: Floats,
+        rotations: Floats,
+        metrics: FrameMetrics,
+        kept: KeptMetrics | None = None,
+    ) -> None:
         """Write the next k frames: cages (k, n, 3), rotations (k, 3, 3) and metrics, all finite."""
         done = slice(self._frames_done, self._frames_done + len(cages))
         self._file["verts"][done] = cages
         self._file["rotations"][done] = rotations
         for name in METRIC_NAMES:
             self._file[f"metrics/{name}"][done] = getattr(metrics, name)
+        for name in KEPT_NAMES if kept is not None else ():
+            self._file[f"metrics/{name}"][done] = getattr(kept, name)
         self._sink.raise_deferred_error()
         self._frames_done = done.stop
 
@@ -148,6 +172,8 @@ class ResultWriter:
         skipped = {str(k): text for k, text in summary.skipped.items()}
         if summary.bound is not None:
             self._file.attrs["bound"] = to_json(asdict(summary.bound))
+        if summary.filled:
+            self._file.attrs["filled"] = to_json(summary.filled)
         self._file.attrs["sources"] = to_json(summary.sources)
         self._file.attrs["skipped"] = to_json(skipped)
         self._file.attrs["complete"] = True

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 Number = TypeVar("Number", bound=np.generic)
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 DEFAULT_MEMORY = 1 << 30

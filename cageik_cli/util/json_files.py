@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cageik_cli.util.errors import FileAccessError, FormatError
-from cageik_cli.util.text import format_bytes
+from cageik_cli.util.errors import FormatError
+from cageik_cli.util.input_files import read_input
 
 MAX_DEPTH = 16
 """Levels of lists and objects inside each other; our files have at most half as many."""
@@ -54,7 +54,7 @@ def read_json(path: Path, expected: JsonFormat) -> Any:
     FormatError
         As `parse_json`.
     """
-    return parse_json(_read_bytes(path, expected), expected)
+    return parse_json(read_input(path, expected.max_bytes, expected.name), expected)
 
 
 def parse_json(data: bytes, expected: JsonFormat) -> Any:
@@ -107,23 +107,6 @@ def format_step(step: str | int) -> str:
         return f"[{step}]"
     text = step if step.isidentifier() else format_value(step)
     return f".{text[:MAX_VALUE_LENGTH]}"
-
-
-def _read_bytes(path: Path, expected: JsonFormat) -> bytes:
-    try:
-        size = path.stat().st_size
-        if not path.is_file():
-            raise FileAccessError(f"is not a plain file; give {expected.name}")
-        if size > expected.max_bytes:
-            raise FileAccessError(
-                f"is too large ({format_bytes(size)}, at most {format_bytes(expected.max_bytes)}); "
-                f"give {expected.name}"
-            )
-        return path.read_bytes()
-    except OSError as error:
-        raise FileAccessError(
-            f"cannot be read ({error.strerror or error}); check the path"
-        ) from error
 
 
 def _decode(data: bytes, expected: JsonFormat) -> str:

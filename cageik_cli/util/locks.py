@@ -1,7 +1,9 @@
 """Locks on files: one process at a time writes a checkpoint, a cache entry, a batch's folder."""
 
+import errno
 import io
 import os
+import stat
 import sys
 from pathlib import Path
 
@@ -31,11 +33,11 @@ def open_locked(path: Path) -> io.FileIO | None:
 
     The lock is on the file itself and ends when the file is closed or the process dies. (The
     library filelock truncates the file that it locks, and hands out no open file.) Raises OSError
-    when it cannot be opened.
+    when it cannot be opened, or is a link, a pipe or a device: who can write to the folder could
+    have put it there, and would choose what is written over.
     """
     while True:
-        flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0)
-        file = io.FileIO(os.open(path, flags, 0o666), "r+")
+        file = _open_plain(path)
         if not _try_lock(file):
             file.close()
             return None
@@ -43,6 +45,32 @@ def open_locked(path: Path) -> io.FileIO | None:
         if _is_still_at(file, path):
             return file
         file.close()
+
+
+def _open_plain(path: Path) -> io.FileIO:
+    """Open a plain file to read and write, created if absent; links are not followed."""
+    _refuse_special(path)
+    flags = os.O_RDWR | os.O_CREAT
+    for name in ("O_BINARY", "O_NOFOLLOW", "O_NONBLOCK", "O_NOCTTY"):  # as far as the system has it
+        flags |= getattr(os, name, 0)
+    file = io.FileIO(os.open(path, flags, 0o666), "r+")
+    try:
+        _refuse_special(file.fileno())
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def _refuse_special(place: Path | int) -> None:
+    """Raise OSError for anything but a plain file, by its path or its descriptor."""
+    try:
+        mode = os.lstat(place).st_mode if isinstance(place, Path) else os.fstat(place).st_mode
+    except FileNotFoundError:
+        return
+    if not stat.S_ISREG(mode):
+        kind = "a link" if stat.S_ISLNK(mode) else "not a plain file"
+        raise OSError(errno.ELOOP, f"it is {kind}; move it away")
 
 
 def remove_locked(path: Path, file: io.FileIO) -> None:
@@ -57,6 +85,6 @@ def remove_locked(path: Path, file: io.FileIO) -> None:
 
 def _is_still_at(file: io.FileIO, path: Path) -> bool:
     try:
-        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+        return os.path.samestat(os.fstat(file.fileno()), path.lstat())
     except FileNotFoundError:
         return False

@@ -6,13 +6,13 @@ from pathlib import Path
 
 def format_block(headline: str, rows: Iterable[tuple[str, str]]) -> str:
     """Return a headline with labelled lines under it."""
-    return "\n".join([headline, *map(format_row, rows)])
+    return "\n".join([single_line(headline), *map(format_row, rows)])
 
 
 def format_row(labelled_text: tuple[str, str]) -> str:
     """Return one labelled line."""
     label, text = labelled_text
-    return f"  {label:<14} {text}"
+    return single_line(f"  {label:<14} {text}")
 
 
 def to_unicode(name: str | Path) -> str:
@@ -22,8 +22,22 @@ def to_unicode(name: str | Path) -> str:
 
 def single_line(text: str) -> str:
     """Return text on one line; characters that cannot be printed are replaced."""
+    return make_printable("".join(" " if mark.isspace() else mark for mark in text), allowed="")
+
+
+def make_printable(text: str, allowed: str = "\n\r\t") -> str:
+    """Return text whose characters are all printed, or `allowed`; others become U+FFFD.
+
+    What is replaced are control characters, with which a terminal begins commands, marks that
+    change the direction of the text after them, and halves of pairs.
+    """
+    if text.isprintable():
+        return text
     return "".join(
-        " " if mark.isspace() else mark if mark.isprintable() else "\ufffd" for mark in text
+        mark
+        if mark.isprintable() or mark in allowed or (mark.isspace() and mark > "\x9f")
+        else "\ufffd"
+        for mark in text
     )
 
 

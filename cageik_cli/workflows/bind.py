@@ -10,7 +10,7 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.connectivity import check_vertex_order
-from cageik_cli.formats.base.file_data import describe_source, read_bytes
+from cageik_cli.formats.base.file_data import describe_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.mesh_file import load_mesh
@@ -28,7 +28,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import mark_warning
 from cageik_cli.workflows.fit import fit_binding, open_fit_cache
 from cageik_cli.workflows.repair_hint import suggest_repair
-from cageik_cli.workflows.vertex_weights import load_weights
+from cageik_cli.workflows.vertex_weights import load_vertex_weights
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ def _fit_to_clips(
         for note in clip.notes:
             progress.note("note", note)
         clips.append(clip)
-    weights, _ = load_weights(settings.vertex_weights, rest)
+    weights = load_vertex_weights(settings.vertex_weights, rest).vertices
     sampling = SampleSettings(settings.memory, settings.weights.jobs)
     conditions = FitConditions(settings.solve, weights, sampling)
     cache = open_fit_cache(settings.weights.cache, progress)
@@ -176,8 +176,7 @@ def load_matching_binding(path: Path, rest: LoadedMesh, cage: LoadedMesh | None)
     InputError
         When it is of others, with what differs.
     """
-    with error_context(path):
-        source = describe_source(path, read_bytes(path))
+    source = describe_file(path)
     stored = read_binding(path)
     binding = stored.binding
     sources = {"binding": source, "cage": stored.sources["cage"], "rest": rest.source}

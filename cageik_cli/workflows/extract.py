@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,15 +23,17 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.regions import MIN_DEVIATION, Region
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
-from cageik_cli.store.result import Result, checkpoint_path, read_result
+from cageik_cli.store.result import Result, checkpoint_path, read_result, smoothed_path
 from cageik_cli.store.result_writer import ResultHeader, RunSummary, open_result_writer
 from cageik_cli.store.unfitted import UnfittedClip
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.input_files import read_input
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import locate_note
 from cageik_cli.util.threads import limit_blas_threads
+from cageik_cli.workflows.capture import make_capture_solver
 from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.plan import (
     ExtractionPlan,
@@ -42,6 +44,7 @@ from cageik_cli.workflows.plan import (
 )
 from cageik_cli.workflows.regions import find_clip_regions
 from cageik_cli.workflows.resume import open_checkpoint, resume_from_checkpoint
+from cageik_cli.workflows.smooth import run_time_pass
 from cageik_cli.workflows.unfitted import FramesToCompare, measure_unfitted
 
 
@@ -102,7 +105,10 @@ def run_extraction(
         )
     header = _make_header(plan, stored_binding, solver)
     executor = executor or ThreadExecutor(plan.settings.jobs)
-    block_solver = BlockSolver(plan.sequence, solver, plan.settings.skips_bad_frames, progress)
+    capture = make_capture_solver(plan, solver, progress)
+    block_solver = BlockSolver(
+        plan.sequence, solver, plan.settings.skips_bad_frames, progress, capture
+    )
     _solve_and_write(plan, RunOutput(header, stored_binding), block_solver, executor)
     return read_result(plan.settings.output)
 
@@ -116,7 +122,7 @@ def _write_cage(plan: ExtractionPlan, cage: TriMesh) -> None:
     if path is None:
         return
     data = encode_exact_obj(cage.vertices, cage.faces)
-    is_kept = plan.settings.resume and path.is_file() and path.read_bytes() == data
+    is_kept = plan.settings.resume and path.is_file() and read_input(path) == data
     if not is_kept:
         write_bytes(path, data, plan.settings.overwrite)
 
@@ -129,15 +135,19 @@ class RunOutput:
     ----------
     header : ResultHeader
     stored : StoredBinding
+    filled : tuple of int
+        Skipped frames whose cages were filled from those around them.
     """
 
     header: ResultHeader
     stored: StoredBinding
+    filled: tuple[int, ...] = ()
 
     @property
     def unfitted(self) -> Binding | None:
         """The binding with the weights before the fit, if the result compares them."""
-        return self.stored.unfitted if self.header.keep_weights else None
+        is_compared = self.header.keep_weights and not self.header.has_kept
+        return self.stored.unfitted if is_compared else None
 
     def plan_memory(self, settings: ExtractSettings) -> MemoryPlan:
         """Plan the blocks of frames beside all weights that are held."""
@@ -152,7 +162,8 @@ def _solve_and_write(
     """Solve the frames that the checkpoint does not hold yet, and compose the result of it."""
     settings, sequence, progress = plan.settings, plan.sequence, block_solver.progress
     memory_plan = output.plan_memory(settings)
-    spec = _make_run_spec(plan, output.stored, memory_plan.block_size)
+    tolerances = None if block_solver.capture is None else block_solver.capture.robust.tolerances
+    spec = _make_run_spec(plan, output.stored, tolerances, memory_plan.block_size)
     # One thread for the products: blocks are solved, and frames read, beside each other.
     with open_checkpoint(settings, spec) as checkpoint, limit_blas_threads(1):
         with progress.stage("read"):
@@ -163,8 +174,18 @@ def _solve_and_write(
                 with progress.stage("write"):
                     checkpoint.append(block)
                 progress.update(block.stop, len(sequence))
-        with progress.stage("write"):
-            _write_result(plan, output, checkpoint)
+        if not settings.capture.needs_time_pass or len(checkpoint.summary.skipped) == len(sequence):
+            with progress.stage("write"):
+                _write_result(plan, output, checkpoint)
+            return
+        path = smoothed_path(settings.output)
+        smoothed = Checkpoint.open(path, checkpoint.spec, resume=False, overwrite=True)
+        try:
+            filled = run_time_pass(plan, block_solver, checkpoint, smoothed)
+            with progress.stage("write"):
+                _write_result(plan, replace(output, filled=filled), smoothed)
+        finally:
+            smoothed.discard()
 
 
 def _write_result(plan: ExtractionPlan, run_output: RunOutput, checkpoint: Checkpoint) -> None:
@@ -180,7 +201,8 @@ def _write_result(plan: ExtractionPlan, run_output: RunOutput, checkpoint: Check
         key_meshes: dict[int, Floats] = {}
         binding = header.binding
         for block in checkpoint.blocks():
-            result.append(block.cages, block.rotations, block.metrics)
+            kept = None if block.kept is None else block.kept.metrics
+            result.append(block.cages, block.rotations, block.metrics, kept)
             inside = [k for k in key_frames if block.start <= k < block.stop]
             key_meshes |= {k: _rebuild_frame(binding, block, k) for k in inside}
         errors = [
@@ -195,6 +217,7 @@ def _write_result(plan: ExtractionPlan, run_output: RunOutput, checkpoint: Check
                 key_frame_errors=np.array(errors),
                 regions=regions,
                 bound=summary.measure_bound(len(binding.cage.vertices)),
+                filled=run_output.filled,
                 unfitted=_measure_unfitted(plan, run_output, summary, key_frames),
             )
         )
@@ -260,21 +283,27 @@ def _make_header(
         notes=_collect_notes(plan, stored_binding, solver.missing_count),
         keep_weights=plan.settings.keep_weights,
         fit=stored_binding.fit,
+        has_kept=plan.weighs_frames,
     )
 
 
-def _make_run_spec(plan: ExtractionPlan, stored: StoredBinding, block_size: int) -> RunSpec:
+def _make_run_spec(
+    plan: ExtractionPlan, stored: StoredBinding, tolerances: Floats | None, block_size: int
+) -> RunSpec:
     binding, weights = stored.binding, plan.vertex_weights
     is_fitted_here = plan.settings.fit is not None
     given = stored.unfitted if is_fitted_here and stored.unfitted is not None else binding
     arrays = [binding.rest.vertices, binding.rest.faces, binding.cage.vertices, binding.cage.faces]
     arrays += [given.weights] if weights is None else [given.weights, weights]
+    found = [] if tolerances is None else [tolerances]
+    if not is_fitted_here:
+        arrays += found
     return RunSpec(
         frames=list(plan.sequence.names),
         settings=plan.recorded_settings,
         sources=plan.sources,
         key=_hash_arrays(arrays),
-        fit=_hash_arrays([binding.weights]) if is_fitted_here else "",
+        fit=_hash_arrays([binding.weights, *found]) if is_fitted_here else "",
         vertices=len(binding.rest.vertices),
         cage_vertices=len(binding.cage.vertices),
         block=block_size,

@@ -1,14 +1,15 @@
 """The settings of an extraction: from what, to where, and how."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.open import list_input_files
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.solver.settings import FitSettings, SolveSettings
+from cageik_cli.solver.settings import CaptureSettings, FitSettings, SolveSettings
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError
 
@@ -33,7 +34,8 @@ class ExtractSettings:
     rest_frame : int or "auto"
         Which frame then, from 0; or the one in which the least of the surface touches.
     vertex_weights : Path or "area", optional
-        A file with one number per vertex of the model; or each vertex counts by its area.
+        A file with one number per vertex of the model, or an array (F, m) with one per frame and
+        vertex; or each vertex counts by its area.
     bind : BindSettings
     solve : SolveSettings
     clip : ClipSettings
@@ -55,6 +57,8 @@ class ExtractSettings:
         An OBJ file to which the cage that is built is written.
     fit : FitSettings, optional
         Fit the weights to the clip; they are not fitted by default.
+    capture : CaptureSettings
+        What is done for clips from scanners and trackers.
     """
 
     frames: tuple[str, ...]
@@ -78,6 +82,7 @@ class ExtractSettings:
     build: BuildSettings = field(default_factory=BuildSettings)
     cage_output: Path | None = None
     fit: FitSettings | None = None
+    capture: CaptureSettings = field(default_factory=CaptureSettings)
 
     def __post_init__(self) -> None:
         if self.cage_output is not None and not self.builds_cage:
@@ -96,6 +101,11 @@ class ExtractSettings:
                 f"{self.binding}: brings its weights, which --fit would replace; leave out one of "
                 "them, or fit the binding by cageik bind --fit"
             )
+        if self.clip.missing:
+            raise SettingError(
+                "--fit needs frames without missing vertices; fit a clean clip of the same model "
+                "by cageik bind --fit, and extract by --binding; or leave out --missing"
+            )
         if not self.keep_weights and self.fit.rank is None:
             raise SettingError(
                 "--no-weights leaves out fitted weights, which cannot be computed again; leave it "
@@ -112,10 +122,20 @@ class ExtractSettings:
         """Return the files that are written."""
         return [self.output, *([] if self.cage_output is None else [self.cage_output])]
 
+    def describe_capture(self) -> dict[str, Any]:
+        """Return what is done for captured clips as a result records it; empty for nothing."""
+        chosen = asdict(self.capture) | {"missing": self.clip.missing}
+        return {name: value for name, value in chosen.items() if value}
+
     @property
     def builds_cage(self) -> bool:
         """Whether a cage is built, as none is given."""
         return self.cage is None and self.binding is None
+
+    @property
+    def accepts_gaps(self) -> bool:
+        """Whether a frame of too few data becomes a gap, which may be filled."""
+        return self.skips_bad_frames or self.capture.fill_gaps
 
     @property
     def skips_bad_frames(self) -> bool:

@@ -15,11 +15,12 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.vertex_weights import FrameWeightsFile
 from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings
-from cageik_cli.solver.settings import AREA, FitSettings
+from cageik_cli.solver.settings import AREA, CaptureSettings, FitSettings
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.checkpoint import checkpoint_progress
+from cageik_cli.store.checkpoint import check_checkpoint_path, checkpoint_progress
 from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import CheckpointError, InputError, SettingError, error_context
@@ -31,7 +32,7 @@ from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.fit import fit_binding, open_fit_cache
 from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
-from cageik_cli.workflows.vertex_weights import load_weights
+from cageik_cli.workflows.vertex_weights import load_vertex_weights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,12 +51,14 @@ class ExtractionPlan:
     stored_binding : StoredBinding, optional
         The weights, if they are known already: those of the binding file, if one is named.
     vertex_weights : (m,) float64, optional
-        Of mean one.
+        Of mean one. All are equal if each frame has its own.
     sources : dict
         Name and digest of each file that was read, all but the frames; and of a cage that was
         built.
     existing : Result, optional
         A complete result of this very plan at the output, to be kept as it is.
+    frame_weights : FrameWeightsFile, optional
+        The weights of the vertices of each frame.
     """
 
     settings: ExtractSettings
@@ -66,6 +69,14 @@ class ExtractionPlan:
     vertex_weights: Floats | None
     sources: dict[str, Any]
     existing: Result | None = None
+    frame_weights: FrameWeightsFile | None = None
+
+    @property
+    def weighs_frames(self) -> bool:
+        """Whether vertices of one frame may count differently than in another."""
+        settings = self.settings
+        is_asked = settings.capture != CaptureSettings() or settings.clip.missing
+        return is_asked or self.frame_weights is not None
 
     @property
     def scene(self) -> Scene:
@@ -117,6 +128,7 @@ class ExtractionPlan:
             "vertex_weights": _describe_vertex_weights(settings.vertex_weights),
             **built,
             **describe_fit(self.fit_settings),
+            **settings.describe_capture(),
         }
 
     @property
@@ -186,6 +198,7 @@ def check_output_path(settings: ExtractSettings) -> None:
     check_writable(settings.output, may_replace)
     check_hdf5_suffix(settings.output)
     checkpoint_file = checkpoint_path(settings.output)
+    check_checkpoint_path(checkpoint_file)
     if checkpoint_file.exists() and not may_replace:
         done, count = checkpoint_progress(checkpoint_file)
         raise CheckpointError(
@@ -227,9 +240,18 @@ def plan_extraction(
         sources["cage"] = cage.source
     elif stored_binding is not None:
         sources["cage"] = stored_binding.sources["cage"]
-    weights, weight_sources = load_weights(settings.vertex_weights, rest)
-    sources |= weight_sources
-    plan = ExtractionPlan(settings, sequence, rest, cage, stored_binding, weights, sources)
+    weights = load_vertex_weights(settings.vertex_weights, rest, len(sequence))
+    sources |= weights.sources
+    plan = ExtractionPlan(
+        settings=settings,
+        sequence=sequence,
+        rest=rest,
+        cage=cage,
+        stored_binding=stored_binding,
+        vertex_weights=weights.vertices,
+        sources=sources,
+        frame_weights=weights.frames,
+    )
     return replace(plan, existing=_find_existing_result(plan)) if settings.resume else plan
 
 
@@ -326,7 +348,7 @@ def _check_same_run(result: Result, plan: ExtractionPlan) -> None:
                 "--overwrite"
             )
     skipped = [why for k, why in result.skipped.items() if k not in plan.sequence.missing]
-    if skipped and not plan.settings.skips_bad_frames:
+    if skipped and not plan.settings.accepts_gaps:
         raise CheckpointError(
             f"{result.path}: {len(skipped)} frames are skipped in it, the first: "
             f"{skipped[0]}; repair them and use --overwrite, or accept "

@@ -196,20 +196,32 @@ def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: Progres
 
 
 def _check_outputs(settings: PoseSettings) -> None:
-    _check_target_kind(settings.target)
+    check_target_kind(settings.target, "to edit an animation")
     check_no_overlap(settings.outputs(), settings.inputs())
     for path in settings.outputs():
         check_mesh_output(path, settings.overwrite)
 
 
-def _check_target_kind(target: Path) -> None:
-    """Refuse an animation that was not extracted yet."""
+def check_target_kind(target: Path, purpose: str) -> None:
+    """Refuse an animation that was not extracted yet.
+
+    Parameters
+    ----------
+    target : Path
+    purpose : str
+        Why its result is needed.
+
+    Raises
+    ------
+    FileAccessError
+        Naming the file and what to do.
+    """
     of_models = {*mesh_suffixes(), *HDF5_SUFFIXES}
     if target.is_dir() or file_suffix(target) in {*clip_suffixes()} - of_models:
         what = "a folder" if target.is_dir() else f"a clip (`{file_suffix(target)}`)"
         raise FileAccessError(
-            f"{target}: is {what}, expected a model, a binding or a result; to edit an animation, "
-            "run cageik extract first and pose its result"
+            f"{target}: is {what}, expected a model, a binding or a result; {purpose}, run cageik "
+            "extract first and name its result"
         )
 
 

@@ -38,7 +38,7 @@ def pose(play):
 def single_page(walk):
     """A page that poses the walker at rest."""
     result = walk[0]
-    clip = make_single_pose(read_binding(result), target="walker_1.obj --cage cage.obj")
+    clip = make_single_pose(read_binding(result), ["walker_1.obj", "--cage", "cage.obj"])
     return render_page(build_report(result), None, None, clip)
 
 

@@ -1,5 +1,6 @@
 """Options of clips from `cageik.toml`: layer over layer, the nearest on top."""
 
+import os
 from functools import partial
 from pathlib import Path
 
@@ -119,3 +120,32 @@ def test_a_table_of_clips_may_stand_beside_those_of_commands(run):
     assert "nonsense is not a command" in outcome.err
     write("cageik.toml", '[clips."w*"]\nfps = 25\n')
     assert "x: no such file" in run("info", "--config", "cageik.toml", "x").err
+
+
+@pytest.mark.parametrize(
+    "text", ['cache = "c"\n', '[extract]\ncache = "c"\n', '[clips."*"]\ncache = "c"']
+)
+def test_a_file_among_clips_cannot_say_where_to_write(text):
+    write("walk/cageik.toml", text)
+    with pytest.raises(click.BadParameter, match=r"cageik\.toml: .* sets cache, .*CAGEIK_CACHE"):
+        given("walk")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="files have no owners on this system")
+def test_files_of_others_above_the_folder_are_not_read(monkeypatch):
+    write("cageik.toml", "alpha = 1\n")
+    write("clips/cageik.toml", "beta = 2\n")
+    write("clips/walk/cageik.toml", "fps = 3\n")
+
+    def given(*folders):
+        tables = TABLES([Path(folder) for folder in folders])
+        return tables.collect_options(Path("clips/walk").absolute(), Path("clips/walk").absolute())
+
+    assert given("clips") == {"alpha": 1, "beta": 2, "fps": 3}
+    owner = os.stat("cageik.toml").st_uid
+    monkeypatch.setattr(os, "getuid", lambda: owner + 1)
+    if owner == 0:
+        monkeypatch.setattr("cageik_cli.cli.batch_config.SYSTEM_USER", 99)
+    assert given("clips") == {"beta": 2, "fps": 3}
+    assert given("clips/walk") == {"fps": 3}
+    assert given(".") == {"alpha": 1, "beta": 2, "fps": 3}

@@ -169,7 +169,7 @@ def test_names_that_are_no_text_are_read_stored_and_shown(run, run_process, odd_
                   ["info", "frames"]):  # fmt: skip
         shown = run_process("-m", "cageik_cli", *words, cwd=odd_names)
         assert (shown.code, shown.err) == (0, "")
-        assert any(mark in shown.out for mark in ("p\ufffd_", "\\udcff"))
+        assert "\ufffd" in shown.out
     record = json.loads(run("report", result, "--json", "-", "-q").out)
     assert [frame["name"] for frame in record["frames"]] == [
         f"p\ufffd_{k}.obj" for k in range(1, 6)

@@ -76,7 +76,8 @@ MESSAGES = {
         EXTRACT,
         1,
         "Error: frames/frame_2.obj: vertex 0 is (0, nan, 1) and 1 of 18 vertices are not "
-        "finite; expected finite numbers; export the file again",
+        "finite; expected finite numbers; export the file again, or take them as missing with "
+        "--missing of cageik extract",
     ),
     "open cage": (
         EXTRACT,

@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 
 from cageik_cli.formats.obj.write import encode_exact_obj
+from tests.corruptions import corrupt
 from tests.docs.pages import ROOT
 from tests.shapes import box
 
@@ -22,6 +23,17 @@ def add_damaged_frames(folder):
     shutil.copytree(WALKER / "frames", folder / "frames")
     shutil.copy(WALKER / "cage.obj", folder)
     _damage(folder / "frames" / "walker_30.obj")
+
+
+def add_scan(folder):
+    """Make `scan.npz`, the walking figure with thrown and missing vertices, and `cage.obj`."""
+    paths = [WALKER / "frames" / f"walker_{number}.obj" for number in range(1, 49)]
+    frames = np.stack([_read_vertices(path) for path in paths])
+    lines = paths[0].read_text().splitlines()
+    corners = [[int(c.split("/")[0]) - 1 for c in w.split()[1:]] for w in lines if w[:2] == "f "]
+    spoilt = corrupt("lost", corrupt("missing", corrupt("outliers", frames)))
+    np.savez(folder / "scan.npz", verts=spoilt, faces=np.array(corners))
+    shutil.copy(WALKER / "cage.obj", folder)
 
 
 def add_model(folder):
@@ -80,6 +92,7 @@ def _read_rows(path, keyword, number):
 
 SCENES = {
     "damaged frames": add_damaged_frames,
+    "scan": add_scan,
     "model": add_model,
     "box": add_box,
     "animations": add_animations,

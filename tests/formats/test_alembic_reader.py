@@ -286,5 +286,5 @@ def test_what_is_no_alembic_is_a_sentence(tmp_path, data, sentence):
 
 def test_a_folder_is_a_sentence(tmp_path):
     (tmp_path / "clip.abc").mkdir()
-    with pytest.raises(FileAccessError, match=r"clip\.abc: cannot be read"):
+    with pytest.raises(FileAccessError, match=r"clip\.abc: is a folder"):
         open_sequence([str(tmp_path / "clip.abc")])

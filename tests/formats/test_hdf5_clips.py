@@ -292,7 +292,7 @@ DAMAGES = {
     ),
     "clip of a huge claim": (
         lambda f: (_dfaust(f), _replace(f, "a", shape=(10**6, 3, 10**6), dtype="f8", chunks=True)),
-        "`a` announces 24000000000000 bytes",
+        "`a`: takes at least 24000000000000 bytes",
     ),
     "faces of D-FAUST from 1": (
         lambda f: (_dfaust(f), f["faces"].write_direct(FACES + 1)),
@@ -315,7 +315,7 @@ DAMAGES = {
     "group": (lambda f: _group(f, "verts"), "`verts` is not a dataset"),
     "huge claim": (
         lambda f: _replace(f, "verts", shape=(10**6, 10**6, 3), dtype="f8", chunks=(1, 99, 3)),
-        "`verts` announces 24000000000000 bytes",
+        "`verts`: takes at least 24000000000000 bytes",
     ),
     "integers": (
         lambda f: _replace(f, "verts", data=FRAMES.astype(int)),

@@ -97,6 +97,27 @@ def test_a_full_disk_is_said_and_what_was_there_stays(tmp_path, animation, long,
     assert [item.name for item in tmp_path.iterdir()] == [place(path).name]
 
 
+def measure_largest_file(path):
+    return max(file.stat().st_size for file in (path.iterdir() if path.is_dir() else [path]))
+
+
+@pytest.mark.parametrize("name", [*OUTPUTS, "a.usdc", "a.usdz", "a.usda"])
+def test_a_disk_that_is_full_anywhere_is_said(tmp_path, animation, name):
+    """At the last bytes, too, which are written when the file is closed."""
+    path = write(tmp_path / name, animation.rest, animation.frames)
+    before, size = bytes_under(place(path)), measure_largest_file(place(path))
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for room in {0, 1, *range(0, size, size // 20), *range(size - 200, size, 20), size - 1}:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+        try:
+            with pytest.raises(OutputError, match=r"a(\.\w+)?: cannot be written \("):
+                write(path, animation.rest, animation.frames, overwrite=True)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert bytes_under(place(path)) == before
+        assert [item.name for item in tmp_path.iterdir()] == [place(path).name]
+
+
 @pytest.mark.parametrize("name", ["a.pc2", "a.mdd", "a.glb"])
 def test_what_float32_does_not_hold_is_refused(tmp_path, animation, name):
     with pytest.raises(OutputError, match=r"e\+39 is too large"):

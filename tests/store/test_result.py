@@ -314,7 +314,7 @@ DAMAGES = [
     (attribute("complete", False), "is not complete: the run that wrote it was interrupted"),
     (without_attribute("complete"), "is not complete"),
     *[
-        (attribute("complete", bad), "is not complete")
+        (attribute("complete", bad), "complete")
         for bad in ("False", "True", 1, h5py.Empty("?"), [True, True])
     ],
     *[(attribute("fps", bad), "attribute `fps` is") for bad in ("24", [24.0, 24.0], 1 + 1j, True)],

@@ -61,7 +61,7 @@ def test_other_content_is_refused(path, content, says):
 
 def test_a_file_that_is_too_large_is_not_read(path):
     path.write_bytes(b"[]" + b" " * (SETTINGS.max_bytes - 1))
-    with pytest.raises(FileAccessError, match=r"2 kB, at most 2 kB\); give a settings file"):
+    with pytest.raises(FileAccessError, match=r"2 kB, expected at most 2 kB; give a settings file"):
         read_json(path, SETTINGS)
 
 
@@ -71,7 +71,7 @@ def test_a_missing_file_is_refused(path):
 
 
 def test_a_folder_is_refused(tmp_path):
-    with pytest.raises(FileAccessError, match="plain file"):
+    with pytest.raises(FileAccessError, match="is a folder"):
         read_json(tmp_path, SETTINGS)
 
 

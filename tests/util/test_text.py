@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.util.text import format_bytes, single_line, to_unicode
+from cageik_cli.util.text import format_bytes, format_row, make_printable, single_line, to_unicode
 
 
 @pytest.mark.parametrize(
@@ -51,3 +51,17 @@ def test_bytes(count, text):
 )
 def test_what_has_no_glyph_is_replaced(text, expected):
     assert single_line(text) == expected
+
+
+@pytest.mark.parametrize(
+    "mark", ["\x1b", "\x07", "\x9b", "\x7f", "\u202e", "\u2066", "\u200f", "\ud800"]
+)
+def test_what_controls_a_terminal_is_replaced(mark):
+    assert make_printable(f"a{mark}b\n\tc") == "a\ufffdb\n\tc"
+    assert single_line(f"a{mark}b\nc") == "a\ufffdb c"
+    assert format_row(("label", f"a\n{mark}")) == "  label          a \ufffd"
+
+
+@pytest.mark.parametrize("text", ["", "walk_é.obj", "馬 \U0001f40e", "a\u00a0b", "a\nb\r\tc"])
+def test_what_is_printed_is_kept(text):
+    assert make_printable(text) == text

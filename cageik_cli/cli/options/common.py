@@ -2,6 +2,7 @@
 
 import os
 import re
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -221,13 +222,18 @@ def get_verbosity() -> int:
 
 
 def write_or_print(view: str | bytes, target: Path, overwrite: bool) -> None:
-    """Write to a file, or to stdout for the name `-`."""
+    """Write to a file, or the same bytes to stdout for the name `-`.
+
+    On a terminal, text is printed as all text is, without control characters.
+    """
     from cageik_cli.util.outputs import write_bytes
 
+    data = view.encode() if isinstance(view, str) else view
     if str(target) == "-":
-        click.echo(view, nl=False)
+        is_shown = sys.stdout is not None and sys.stdout.isatty()
+        click.echo(view if is_shown else data, nl=False)
     else:
-        write_bytes(target, view.encode() if isinstance(view, str) else view, overwrite)
+        write_bytes(target, data, overwrite)
 
 
 def _remember_verbosity(ctx: click.Context, param: click.Parameter, value: int) -> None:

@@ -33,8 +33,9 @@ vertex_weights_option = click.option(
     "--vertex-weights",
     type=VertexWeightsType(),
     metavar=f"FILE|{AREA}",
-    help=f"Weights of the vertices: a file (text or .npy), where 0 marks missing data, or {AREA}: "
-    "each vertex counts by its area.",
+    help="Weights of the vertices: a file with one per vertex (text or .npy), or in extract one "
+    f"per frame and vertex (.npy), where 0 marks missing data; or {AREA}: each vertex counts by "
+    "its area.",
 )
 
 SOLVE_DEFAULTS = SolveSettings()

@@ -14,6 +14,7 @@ import numpy as np
 
 from cageik_cli.util.arrays import fit_frames
 from cageik_cli.util.errors import FileAccessError, FormatError
+from cageik_cli.util.input_files import open_input
 
 MAX_CHUNK_BYTES = 1 << 25
 """Bytes of a chunk, unless a single frame has more."""
@@ -88,14 +89,9 @@ class BinaryFile:
         Raises
         ------
         InputError
-            When it cannot be opened.
+            When it cannot be opened, or is no plain file.
         """
-        if path.is_dir():
-            raise FileAccessError("is a folder, expected a file")
-        try:
-            return BinaryFile(path.open("rb", buffering=0))
-        except OSError as error:
-            raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
+        return BinaryFile(open_input(path))
 
     def read_array(self, offset: int, dtype: np.dtype, shape: tuple[int, ...]) -> np.ndarray:
         """Read an array at `offset`, its last axis fastest.

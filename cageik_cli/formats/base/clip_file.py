@@ -73,7 +73,7 @@ class ClipFile(MeshSequence):
                 )
         positions = self.read_positions(0)
         with error_context(self.names[0]):
-            self.first = TriMesh(positions, rest.mesh.faces)
+            self.first = TriMesh(request.complete_first(positions), rest.mesh.faces)
         self._fan_triangulated = TriMesh(self.first.vertices, rest.fan_triangulated.faces)
 
     @property
@@ -174,7 +174,7 @@ class ArrayClipFile(ClipFile):
         positions = self.read_positions(0)
         with error_context(self.path):
             check_zero_based(clip.faces, clip.frames.vertex_count)
-            self.first = TriMesh(positions, clip.faces)
+            self.first = TriMesh(request.complete_first(positions), clip.faces)
 
     @classmethod
     @abstractmethod

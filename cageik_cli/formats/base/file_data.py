@@ -7,15 +7,16 @@ import zlib
 from pathlib import Path
 
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
+from cageik_cli.util.input_files import open_input
 from cageik_cli.util.text import to_unicode
 
 GZIP_SUFFIX = ".gz"
 
-MAX_COMPRESSION_RATIO = 100
-"""A packed file may unpack to this many times its size; the text of a mesh packs to about 1/5."""
+MAX_UNPACKED_RATIO = 40
+"""What is packed may unpack to this many times its size; frames and meshes pack to 1/2 to 1/10."""
 
-MIN_UNPACKED_LIMIT = 64 * 2**20
-"""Bytes that a packed file may unpack to in any case."""
+MIN_UNPACKED_LIMIT = 1 << 20
+"""Bytes that may be unpacked in any case."""
 
 
 def with_gzip(*suffixes: str) -> tuple[str, ...]:
@@ -23,20 +24,27 @@ def with_gzip(*suffixes: str) -> tuple[str, ...]:
     return (*suffixes, *(suffix + GZIP_SUFFIX for suffix in suffixes))
 
 
-def read_bytes(path: Path) -> bytes:
-    """Read a whole file.
+def compute_unpacked_limit(packed: int) -> int:
+    """Return how many bytes may be unpacked of as many packed ones.
+
+    A few kilobytes of zeros could fill memory and disk.
+    """
+    return max(MIN_UNPACKED_LIMIT, MAX_UNPACKED_RATIO * packed)
+
+
+def check_unpacked_size(size: int, packed: int) -> None:
+    """Refuse what takes more bytes, unpacked, than `compute_unpacked_limit` says.
 
     Raises
     ------
-    FileAccessError
-        When it cannot be read.
+    FormatError
     """
-    if path.is_dir():
-        raise FileAccessError("is a folder, expected a file; give a file in it")
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
+    limit = compute_unpacked_limit(packed)
+    if size > limit:
+        raise FormatError(
+            f"takes at least {size} bytes, packed in {packed}, expected at most {limit}; it is "
+            "damaged, or store it without compression"
+        )
 
 
 def decompress(data: bytes, suffix: str) -> bytes:
@@ -45,21 +53,16 @@ def decompress(data: bytes, suffix: str) -> bytes:
     Raises
     ------
     FormatError
-        When it is damaged, or unpacks to more than `MAX_COMPRESSION_RATIO` times its size and
-        `MIN_UNPACKED_LIMIT`.
+        When it is damaged, or unpacks to more than `compute_unpacked_limit` says.
     """
     if not suffix.endswith(GZIP_SUFFIX):
         return data
-    limit = max(MIN_UNPACKED_LIMIT, MAX_COMPRESSION_RATIO * len(data))
+    limit = compute_unpacked_limit(len(data))
     try:
         content = gzip.GzipFile(fileobj=io.BytesIO(data)).read(limit + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise FormatError(f"cannot be unpacked ({error}); pack or copy it again") from error
-    if len(content) > limit:
-        raise FormatError(
-            f"{len(data)} bytes unpack to more than {limit}, expected at most "
-            f"{MAX_COMPRESSION_RATIO} times as many; unpack the file first if that is correct"
-        )
+    check_unpacked_size(len(content), len(data))
     return content
 
 
@@ -67,10 +70,15 @@ def hash_file(path: Path) -> bytes:
     """Return the SHA-256 digest of a file."""
     with error_context(path):
         try:
-            with path.open("rb") as stream:
+            with open_input(path) as stream:
                 return hashlib.file_digest(stream, "sha256").digest()
         except OSError as error:
             raise FileAccessError(f"cannot be read: {error.strerror or error}") from error
+
+
+def describe_file(path: Path) -> dict[str, str]:
+    """Return what is recorded of a file that is not read as a whole: its name and digest."""
+    return {"name": to_unicode(path.name), "sha256": hash_file(path).hex()}
 
 
 def describe_source(path: Path, data: bytes) -> dict[str, str]:

@@ -3,9 +3,10 @@
 import hashlib
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
-from cageik_cli.formats.base.file_data import decompress, read_bytes
+from cageik_cli.formats.base.file_data import decompress
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.file_numbers import number_files
 from cageik_cli.formats.base.mesh_data import FileMesh, check_not_points
@@ -14,6 +15,7 @@ from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_co
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, MissingFrameError, error_context
+from cageik_cli.util.input_files import read_input
 from cageik_cli.util.text import to_unicode
 
 
@@ -64,13 +66,14 @@ class FrameFileReader(MeshSequence):
         self._digests: dict[int, bytes] = {}
         with error_context(paths[0]):
             data = self._read(0)
-            mesh = parse_mesh(type(self), data)
+            parsed = parse_mesh(type(self), data)
+            mesh = replace(parsed, vertices=request.complete_first(parsed.vertices))
             self._fan_triangulated = mesh.fan_triangulated
             # Its shape decides how polygons are cut, for all frames.
             self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)
         notes = (f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
         self.notes = (*series.notes, *notes)
-        self._frame_parser = self.make_frame_parser(data, mesh)
+        self._frame_parser = self.make_frame_parser(data, parsed)
 
     def read_positions(self, index: int) -> Floats:
         """Read the vertices of one file, and compare its faces with the first frame's."""
@@ -118,7 +121,7 @@ class FrameFileReader(MeshSequence):
     def _read(self, index: int) -> bytes:
         if index in self._missing:
             raise MissingFrameError(self._missing[index])
-        data = read_bytes(self._paths[index])
+        data = read_input(self._paths[index])
         self._digests[index] = hashlib.sha256(data).digest()
         return decompress(data, self._suffix)
 

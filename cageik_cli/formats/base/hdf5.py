@@ -2,16 +2,22 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
+from cageik_cli.formats.base.file_data import check_unpacked_size
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError, error_context
+from cageik_cli.util.input_files import check_input
 
-MAX_COMPRESSION_RATIO = 1100
-"""Largest compression of HDF5's filters; a dataset that announces more is damaged."""
+MAX_ATTRIBUTE_VALUES = 16
+"""Numbers in an attribute, such as a position or a matrix."""
+
+MAX_TEXT_BYTES = 1 << 28
+"""Bytes of texts that are read together; many texts may be one and the same in the file."""
 
 HDF5_SUFFIXES = (".h5", ".hdf5")
 _KIND_NAMES = {"f": "floating-point numbers", "iu": "integers", "O": "text"}
@@ -34,8 +40,9 @@ def check_hdf5_suffix(path: Path) -> None:
 
 def open_file(path: Path) -> h5py.File:
     """Open a file for reading, to be closed by the caller."""
-    if not path.is_file():
-        raise FileAccessError("is a folder, expected a file" if path.is_dir() else "no such file")
+    if not path.exists():
+        raise FileAccessError("no such file")
+    check_input(path)
     if not h5py.is_hdf5(path):
         raise FormatError("is not an HDF5 file; give one, or write it again")
     return h5py.File(path, "r")
@@ -96,16 +103,70 @@ def get_dataset(
     ):
         wanted = " x ".join("any" if length is None else str(length) for length in shape)
         raise FormatError(f"`{name}` has shape {found.shape}, expected {wanted}")
-    if found.nbytes > MAX_COMPRESSION_RATIO * max(found.id.get_storage_size(), 1):
-        raise FormatError(
-            f"`{name}` announces {found.nbytes} bytes but holds almost none; write it again"
-        )
+    with error_context(f"`{name}`"):
+        check_unpacked_size(found.nbytes, found.id.get_storage_size())
     return found
 
 
 def read_array(file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]) -> np.ndarray:
-    """Read a whole small dataset, checked as by `get_dataset`."""
+    """Read a whole dataset, checked as by `get_dataset`."""
     return np.asarray(get_dataset(file, name, kinds, shape)[()])
+
+
+def read_texts(file: h5py.File, name: str, count: int) -> tuple[str, ...]:
+    """Read a dataset of `count` texts.
+
+    Raises
+    ------
+    InputError
+        When it is not that, or the texts take more bytes than the file has.
+    """
+    found = get_dataset(file, name, "O", (count,))
+    if h5py.check_string_dtype(found.dtype) is None:
+        raise FormatError(f"`{name}` does not hold text; write it again")
+    size = file.id.get_filesize()
+    step, left, texts = max(1, MAX_TEXT_BYTES // size), size, []
+    for start in range(0, count, step):
+        part = found[start : start + step]
+        left -= sum(map(len, part))
+        if left < 0:
+            raise FormatError(f"`{name}` holds more text than the file has; write it again")
+        texts += [text.decode(errors="replace") for text in part]
+    return tuple(texts)
+
+
+def read_attribute(holder: Any, name: str, default: Any = None) -> Any:
+    """Read an attribute of a file or a dataset: one text, or a few numbers.
+
+    Raises
+    ------
+    FormatError
+        When it is something else. Each of many texts may be one and the same in the file, which
+        would fill the memory.
+    """
+    if name not in holder.attrs:
+        return default
+    if not _is_plain_attribute(holder, name):
+        raise FormatError(f"attribute `{name}` is not one text or a few numbers; write it again")
+    return holder.attrs[name]
+
+
+def has_text_attribute(holder: Any, name: str, text: str) -> bool:
+    """Return whether an attribute is this text; it may hold anything."""
+    if name not in holder.attrs or not _is_plain_attribute(holder, name):
+        return False
+    value = holder.attrs[name]
+    return isinstance(value, str) and value == text
+
+
+def _is_plain_attribute(holder: Any, name: str) -> bool:
+    """Return whether an attribute is one text, or at most `MAX_ATTRIBUTE_VALUES` numbers."""
+    found = holder.attrs.get_id(name)
+    if found.shape is None:
+        return False
+    if h5py.check_string_dtype(found.dtype) is not None:
+        return bool(found.shape == ())
+    return found.dtype.kind in "fiub" and prod(found.shape) <= MAX_ATTRIBUTE_VALUES
 
 
 def list_numeric_shapes(file: h5py.File, kinds: str) -> dict[str, tuple[int, ...]]:
@@ -121,5 +182,5 @@ def list_numeric_shapes(file: h5py.File, kinds: str) -> dict[str, tuple[int, ...
 
 def scalar_attributes(file: h5py.File, names: tuple[str, ...]) -> dict[str, Any]:
     """Return the attributes of these names that are single values."""
-    held = [name for name in names if name in file.attrs]
+    held = [name for name in names if name in file.attrs and _is_plain_attribute(file, name)]
     return {name: file.attrs[name] for name in held if file.attrs.get_id(name).shape == ()}

@@ -13,10 +13,11 @@ import numpy as np
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.geometry.mesh import TriMesh, validate_positions
+from cageik_cli.geometry.mesh import TriMesh, validate_known_positions, validate_positions
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import (
     ConnectivityError,
+    FormatError,
     InputError,
     MissingFrameError,
     SettingError,
@@ -44,6 +45,24 @@ class ClipRequest:
     member: str | None = None
     rest: LoadedMesh | None = None
     settings: ClipSettings = field(default_factory=ClipSettings)
+
+    def complete_first(self, positions: np.ndarray) -> np.ndarray:
+        """Return the vertices of the first frame, (m, 3), for the mesh of all frames' faces.
+
+        Missing ones are at the mean of the others.
+
+        Raises
+        ------
+        FormatError
+            When vertices are not numbers and must not be missing.
+        """
+        if not np.isnan(positions).any():
+            return positions
+        positions = _validate_frame(positions, self.settings.missing)
+        is_missing = np.isnan(positions).any(axis=1)
+        known = positions[~is_missing]
+        positions[is_missing] = known.mean(axis=0) if len(known) else 0.0
+        return positions
 
     def select_frames(self, count: int) -> range:
         """Return the numbers of the selected frames of `count`.
@@ -117,6 +136,8 @@ class MeshSequence(ABC):
         Frames that have no file, because gaps between the numbers of files are kept.
     notes : tuple of str
         What was changed in the frames, one sentence each.
+    takes_missing : bool
+        Whether vertices that are not numbers are missing; otherwise their frames are refused.
 
     Examples
     --------
@@ -136,6 +157,7 @@ class MeshSequence(ABC):
     scene: SceneHints = SceneHints()
     missing: frozenset[int] = frozenset()
     notes: tuple[str, ...] = ()
+    takes_missing: bool = False
 
     @abstractmethod
     def __init__(self, request: ClipRequest) -> None:
@@ -206,6 +228,8 @@ class MeshSequence(ABC):
     def read_frame(self, index: int) -> Floats:
         """Read the vertices of one frame, (m, 3): as many as the first has, and all finite.
 
+        Missing ones are nan, if they may be missing.
+
         Raises
         ------
         InputError
@@ -214,7 +238,7 @@ class MeshSequence(ABC):
         positions = self.read_positions(index)
         with error_context(self.location(index)):
             check_connectivity(len(positions), self.first.faces, self.first, "the rest pose")
-            return validate_positions(positions)
+            return _validate_frame(positions, self.takes_missing)
 
     def blocks(self, size: int, jobs: int, start: int = 0) -> Generator[Block]:
         """Read all frames from `start` on, in order, in blocks of `size`, ahead by threads.
@@ -223,6 +247,20 @@ class MeshSequence(ABC):
         """
         with FramePrefetcher(self, jobs, size, range(start, len(self))) as frames:
             yield from frames.blocks(size)
+
+
+def _validate_frame(positions: np.ndarray, takes_missing: bool) -> Floats:
+    """Return positions (m, 3) that are finite, or missing if that is allowed."""
+    if takes_missing:
+        return validate_known_positions(positions)
+    try:
+        return validate_positions(positions)
+    except FormatError as error:
+        if np.isnan(positions).any() and not np.isinf(positions).any():
+            raise FormatError(
+                f"{error}, or take them as missing with --missing of cageik extract"
+            ) from error
+        raise
 
 
 class FramePrefetcher:

@@ -29,8 +29,11 @@ class ClipSettings:
     gaps : {"refuse", "keep", "close"}
         What is done when numbers of files are missing. They are refused; or kept, as frames
         without files; or closed, so that the frames follow one another.
+    missing : bool
+        Take vertices whose position is not a number as missing.
     """
 
     selection: slice = field(default_factory=lambda: slice(None))
     layout: str | None = None
     gaps: Gaps = "refuse"
+    missing: bool = False

@@ -12,17 +12,17 @@ from dataclasses import dataclass
 from math import prod
 from pathlib import Path
 from tokenize import TokenError
+from typing import IO
 
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import BinaryFile
+from cageik_cli.formats.base.file_data import check_unpacked_size
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
+from cageik_cli.util.input_files import open_input
 
 MAX_HEADER_BYTES = 1 << 14
 """Bytes that are read for a header; numpy itself accepts 10 000 characters."""
-
-MAX_COMPRESSION_RATIO = 1032
-"""Largest compression of deflate, by zlib's documentation."""
 
 _COPY_BYTES = 1 << 20
 
@@ -88,7 +88,11 @@ class NpzArchive:
 
     def __init__(self, path: Path) -> None:
         self._path, self._file = path, BinaryFile.open(path)
-        with _wrap_read_errors("a sound .npz of plain arrays"), zipfile.ZipFile(path) as archive:
+        with (
+            _wrap_read_errors("a sound .npz of plain arrays"),
+            open_input(path) as file,
+            zipfile.ZipFile(file) as archive,
+        ):
             self._members = {
                 info.filename.removesuffix(".npy"): info
                 for info in archive.infolist()
@@ -139,16 +143,10 @@ class NpzArchive:
         return place
 
     def _check_claimed_size(self, info: zipfile.ZipInfo) -> None:
-        """Refuse a member that announces more than deflate can give, or than the disk can hold."""
+        """Refuse a member that announces a lot more than it has, or more than the disk can hold."""
         size, folder = info.file_size, tempfile.gettempdir()
-        if (
-            size
-            > MAX_COMPRESSION_RATIO * min(info.compress_size, self._file.size) + MAX_HEADER_BYTES
-        ):
-            raise FormatError(
-                f"announces {size} bytes out of {info.compress_size}, more than deflate can give; "
-                "the file is damaged, write it again"
-            )
+        packed = min(info.compress_size, self._file.size)
+        check_unpacked_size(size, packed)
         if size > (free := shutil.disk_usage(folder).free):
             raise FileAccessError(
                 f"needs {size} bytes unpacked, and {folder} has {free} free; set TMPDIR to a "
@@ -160,9 +158,12 @@ class NpzArchive:
         with ExitStack() as stack:
             try:
                 target = stack.enter_context(tempfile.TemporaryFile())
-                with zipfile.ZipFile(self._path) as archive, archive.open(info) as member:
-                    shutil.copyfileobj(member, target, _COPY_BYTES)
-                    size = target.tell()
+                with (
+                    open_input(self._path) as file,
+                    zipfile.ZipFile(file) as archive,
+                    archive.open(info) as member,
+                ):
+                    size = _copy_at_most(member, target, info.file_size)
             except OSError as error:
                 raise FileAccessError(
                     f"cannot be unpacked into {tempfile.gettempdir()} ({error}); set TMPDIR "
@@ -172,6 +173,14 @@ class NpzArchive:
                 raise FormatError(f"ends after {size} of {info.file_size} bytes; write it again")
             stack.pop_all()  # BinaryFile closes it
             return BinaryFile(target)
+
+
+def _copy_at_most(source: IO[bytes], target: IO[bytes], limit: int) -> int:
+    """Copy until the end, or just beyond the limit; return the bytes copied."""
+    count = 0
+    while count <= limit and (part := source.read(_COPY_BYTES)):
+        count += target.write(part)
+    return count
 
 
 def _open_array(file: BinaryFile, offset: int, size: int) -> FileArray:

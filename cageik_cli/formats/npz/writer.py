@@ -27,11 +27,11 @@ class Writer(AnimationWriter):
         with ExitStack() as stack:
             self._archive = stack.enter_context(zipfile.ZipFile(target, "w"))
             self._write_static_arrays(animation)
-            self._frames = self._open_member("vertices")
+            self._frames = stack.enter_context(self._open_member("vertices"))
             shape = (animation.frame_count, *animation.rest.vertices.shape)
             header = {"descr": "<f8", "fortran_order": False, "shape": shape}
             np.lib.format.write_array_header_1_0(self._frames, header)
-            stack.pop_all()  # open from here on
+            self._open_files = stack.pop_all()
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
@@ -39,15 +39,11 @@ class Writer(AnimationWriter):
 
     def complete(self) -> None:
         """Write the archive's directory."""
-        self._close()
+        self._open_files.close()
 
     def abandon(self) -> None:
         """Close the file."""
-        self._close()
-
-    def _close(self) -> None:
-        with self._archive, self._frames:
-            pass  # each is closed, even if the other fails
+        self._open_files.close()  # nothing is left to close if `complete` failed
 
     def _write_static_arrays(self, animation: Animation) -> None:
         scene = animation.scene

@@ -63,7 +63,7 @@ class ObjFrameParser:
             return
         head = tokenize(blank_out(first[:cut]))
         found = parse_vertices(head)
-        if found is not None and np.array_equal(found, vertices):
+        if found is not None and np.array_equal(found, vertices, equal_nan=True):
             self._tail = first[cut - 1 :]
             self._line_kinds, self._face_runs = _relevant_line_kinds(head), _find_face_runs(head)
 

@@ -66,8 +66,8 @@ class Tokens:
 
     def split_line(self, line: int) -> list[bytes]:
         """Return the words of a line."""
-        start = self.first_tokens[line]
-        bounds = self.bounds[start : start + self.token_counts[line]].tolist()
+        start, *after = self.first_tokens[line : line + 2].tolist()
+        bounds = self.bounds[start : after[0] if after else None].tolist()
         return [self.text[begin:end] for begin, end in bounds]
 
     def find_lines(self, keyword: bytes) -> NDArray[np.bool_]:
@@ -147,7 +147,7 @@ def _classify_lines(codes: NDArray[np.uint8], begins: Offsets) -> NDArray[np.uin
 def parse_vertices(tokens: Tokens) -> Floats | None:
     """Convert the first three numbers of every `v` line, (n, 3).
 
-    None if there is no such line, or one does not begin with three finite numbers.
+    None if there is no such line, or one does not begin with three numbers, or one is infinite.
     """
     chosen = tokens.line_kinds == VERTEX
     sizes, heads = tokens.token_counts[chosen], tokens.first_tokens[chosen]
@@ -160,7 +160,7 @@ def parse_vertices(tokens: Tokens) -> Floats | None:
     else:
         bounds = tokens.bounds[heads[:, None] + np.arange(1, 4)]
     values = _convert_numbers(tokens.text, bounds, np.float64)
-    if values is None or not np.isfinite(values).all():
+    if values is None or np.isinf(values).any():
         return None
     return values.reshape(-1, 3)
 

@@ -24,6 +24,7 @@ from cageik_cli.formats.base.scene_graph import (
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics, require_usd
+from cageik_cli.formats.usd.layers import check_layers
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, error_context
 
@@ -60,6 +61,7 @@ class Reader(ClipFile):
         """Find the mesh and its frames; return notes on what was changed."""
         from pxr import Usd, UsdGeom
 
+        _ = check_layers(path)  # held, so that they are not read twice
         self._stage = Usd.Stage.Open(str(path))
         stage_range = Usd.PrimRange.Stage(self._stage, Usd.TraverseInstanceProxies())
         meshes = {str(prim.GetPath()): prim for prim in stage_range if prim.IsA(UsdGeom.Mesh)}
@@ -73,7 +75,8 @@ class Reader(ClipFile):
         matrix = self._world_matrix(self._times[0])
         is_left = self._mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
         mesh = self._read_polygons().make_mesh(
-            self._read_points(self._times[0]), is_clockwise=is_left != is_mirroring(matrix)
+            request.complete_first(self._read_points(self._times[0])),
+            is_clockwise=is_left != is_mirroring(matrix),
         )
         self._fan_triangulated = mesh.fan_triangulated
         self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)

@@ -1,6 +1,7 @@
 """USD: one mesh whose points have a time sample per frame, in single precision."""
 
 import zipfile
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -50,11 +51,13 @@ class UsdFile:
             self._folder = TemporaryDirectory(dir=target.parent, prefix=f"{target.stem}.")
             self._path = Path(self._folder.name) / self._member
         binary = {"format": "usdc"} if target.suffix.lower() == ".usd" else {}
-        with capture_diagnostics(OSError):
+        with ExitStack() as stack, capture_diagnostics(OSError):
+            stack.callback(self.abandon)
             self.stage = Usd.Stage.Open(Sdf.Layer.CreateNew(str(self._path), args=binary))
             _write_scene_metadata(self.stage, animation)
             self.root = f"/{animation.name}"
             self.stage.SetDefaultPrim(self.stage.OverridePrim(self.root))
+            stack.pop_all()  # open from here on
 
     def begin_frame(self) -> float:
         """Return the time code of the next frame; samples before it may be saved."""

@@ -1,6 +1,6 @@
 """Handles on the same point of the surface: they are merged into one anchor, or refused."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,9 @@ from cageik_cli.util.errors import HandlesError
 
 TARGET_TOL = 1e-9
 """Targets closer to each other than this, in diagonals, are the same."""
+
+GROUPS_PER_TRACE = 256
+"""Points that are followed through a clip together, so that memory does not grow with handles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,11 +57,14 @@ def merge_coincident(
         anchor then moves to the weighted mean of the targets: of the hard ones if there are any.
     """
     merged = []
-    for group in _group_by_point(placed_handles, surface):
+    groups = _group_by_point(placed_handles, surface)
+    frames = np.arange(affected_frames.start, affected_frames.stop)
+    paths = _trace_points([group for group in groups if len(group) > 1], surface, frames)
+    for group in groups:
         if len(group) == 1:
             merged.append(_merge_group(group, group))
             continue
-        conflict = _describe_conflict(group, surface, affected_frames)
+        conflict = _describe_conflict(group, surface, frames, next(paths))
         if conflict and not allow_conflicts:
             raise HandlesError(
                 f"{conflict}; remove one, or use the mean of their targets with --allow-conflicts"
@@ -79,21 +85,31 @@ def _group_by_point(
         if number[k] < 0:
             is_here = np.linalg.norm(positions - position, axis=1) <= nearest
             number[is_here & (number < 0)] = k
-    return [
-        [one for one, group in zip(placed_handles, number, strict=True) if group == k]
-        for k in np.unique(number)
-    ]
+    groups: dict[int, list[PlacedHandle]] = {}
+    for one, k in zip(placed_handles, number.tolist(), strict=True):
+        groups.setdefault(k, []).append(one)
+    return list(groups.values())
+
+
+def _trace_points(
+    groups: Sequence[Sequence[PlacedHandle]], surface: PosedSurface, frames: Integers
+) -> Iterator[Floats]:
+    """Yield the positions of each group in k frames, (k, 3); a pose serves many groups."""
+    for start in range(0, len(groups), GROUPS_PER_TRACE):
+        anchors = [_make_anchor(group[:1]) for group in groups[start : start + GROUPS_PER_TRACE]]
+        paths = np.empty((len(anchors), len(frames), 3))
+        for i, frame in enumerate(frames.tolist()):
+            paths[:, i] = anchor_positions(anchors, surface.pose_at(frame))
+        yield from paths
 
 
 def _describe_conflict(
-    group: Sequence[PlacedHandle], surface: PosedSurface, affected_frames: range
+    group: Sequence[PlacedHandle], surface: PosedSurface, frames: Integers, positions: Floats
 ) -> str:
-    """Describe two handles of one point that disagree; return "" when all agree."""
-    frames = np.arange(affected_frames.start, affected_frames.stop)
-    anchor = _make_anchor(group[:1])
-    positions = np.array(
-        [anchor_positions([anchor], surface.pose_at(k))[0] for k in affected_frames]
-    )
+    """Describe two handles of one point that disagree; return "" when all agree.
+
+    The point has positions, (k, 3), in frames, (k,).
+    """
     first, *others = (one.handle for one in group)
     expected = _compute_targets(first, frames, positions)
     for other in others:

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterator
 from difflib import get_close_matches
 from importlib.resources import files
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from cageik_cli.posing.handles.json_document import describe_location
@@ -16,6 +17,9 @@ from cageik_cli.util.json_files import format_value
 if TYPE_CHECKING:
     from jsonschema.exceptions import ValidationError
 
+
+MAX_FAULTS = 1000
+"""Faults among which the first in the file is looked for."""
 
 MIN_SIMILARITY = 0.7
 """Similarity, up to 1, at which a field is suggested; `name` and `frames` have 0.6."""
@@ -32,12 +36,13 @@ def check_schema(document: Any) -> None:
     Raises
     ------
     HandlesError
-        For the first fault in the file: handle, field, what was found and what is expected.
+        For the first fault in the file, of the first `MAX_FAULTS`: handle, field, what was found
+        and what is expected.
     """
     from jsonschema import Draft202012Validator
 
     validator = Draft202012Validator(json.loads(read_schema()))
-    faults = validator.iter_errors(document)
+    faults = islice(validator.iter_errors(document), MAX_FAULTS)
     first = min(faults, key=lambda fault: _file_order(document, fault), default=None)
     if first is not None:
         place = describe_location(document, list(first.absolute_path))

@@ -74,12 +74,21 @@ VOLUME_COLUMNS = (
 )
 
 
+KEPT_COLUMNS = (
+    Column("missing", "Missing", cursor_label="missing"),
+    Column("rejected", "Rejected", cursor_label="rejected"),
+    Column("rms_kept_percent", "RMS of kept, %", format_percent),
+    Column("max_deviation_kept_percent", "Max deviation of kept, %", format_percent),
+)
+"""Columns of results whose vertices do not all count alike."""
+
+
 def choose_columns(report: Report) -> tuple[Column, ...]:
     """Choose the columns in which some frame has a value, besides number and name."""
     titles = choose_vocabulary(report.edited_from).columns
     return tuple(
         _set_column_label(column, titles.get(column.name, column.label))
-        for column in (*LENGTH_COLUMNS, *VOLUME_COLUMNS)
+        for column in (*LENGTH_COLUMNS, *KEPT_COLUMNS, *VOLUME_COLUMNS)
         if any(getattr(frame, column.name) is not None for frame in report.frames)
     )
 

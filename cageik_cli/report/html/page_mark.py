@@ -5,6 +5,7 @@ from pathlib import Path
 
 from cageik_cli.report.record import Report
 from cageik_cli.report.views.tables import format_json
+from cageik_cli.util.input_files import open_input
 
 HEAD_BYTES = 512
 """The first bytes of a page, which hold the tag that names its record."""
@@ -24,7 +25,7 @@ def is_page_current(
     """
     if not path.is_file():
         return False
-    with path.open("rb") as file:
+    with open_input(path) as file:
         mark = make_record_mark(report, has_pictures, has_player)
         return f'<meta name="cageik-record" content="{mark}">'.encode() in file.read(HEAD_BYTES)
 

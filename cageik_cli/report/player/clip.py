@@ -1,5 +1,7 @@
 """The record of what a player shows, and how to read it from a result."""
 
+import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,8 +14,15 @@ from cageik_cli.store.result import Result, read_cages
 from cageik_cli.store.result_frames import KeyFrames, read_binding, read_key_frames, read_rotations
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError
+from cageik_cli.util.text import single_line, to_unicode
 
 FRAMES_PER_READ = 64
+
+UNNAMED_CAGE = "CAGE.obj"
+"""Stands for a cage that is in no file."""
+
+UNNAMED_MODEL = ("MODEL.obj", "--cage", UNNAMED_CAGE)
+"""Stands for a model and a cage that are in no files."""
 
 MAX_CAGE_NUMBERS = 1 << 24
 """Coordinates of cages that a page holds at most; the last frames of longer clips are left out."""
@@ -32,7 +41,7 @@ class HeldFrame:
     label : str
         Why it is held, such as "worst".
     errors : (m, 3) float64
-        v − v̂, in diagonals of the rest model.
+        v − v̂, in diagonals of the rest model; 0 where v is missing.
     """
 
     index: int
@@ -85,8 +94,10 @@ class PlayerClip:
         Error of each vertex over the clip, percent of the diagonal; nan for missing data.
     held : tuple of HeldFrame
     focus : Focus, optional
+    title : str
+        What the page calls it: the name of a file, on one line; "" if it is in none.
     target : str
-        What `cageik pose` is told to pose: the name of a file, and options.
+        What `cageik pose` is told to pose, as it is typed: the name of a file, and options.
     left_out : int
         Number of frames at the end of the clip that are not shown.
     """
@@ -102,20 +113,43 @@ class PlayerClip:
     vertex_rms: Floats | None = None
     held: tuple[HeldFrame, ...] = field(default=())
     focus: Focus | None = None
+    title: str = ""
     target: str = ""
     left_out: int = 0
 
 
-def make_single_pose(binding: Binding, up_axis: str = "Y", target: str = "") -> PlayerClip:
-    """Make the clip of a model in its rest pose, to be posed."""
+def make_single_pose(
+    binding: Binding, words: Sequence[str] = (), *, up_axis: str = "Y"
+) -> PlayerClip:
+    """Make the clip of a model in its rest pose, to be posed.
+
+    Parameters
+    ----------
+    binding : Binding
+    words : sequence of str
+        What `cageik pose` is told to pose: the name of a file, and options; none for a model that
+        is in no file.
+    up_axis : str
+        "Y" or "Z".
+    """
     return PlayerClip(
         binding=binding,
         base=binding.rest.vertices,
         cages=binding.cage.vertices[None],
         rotations=np.eye(3)[None],
         up_axis=up_axis,
-        target=target,
+        title=_format_title(words[0]) if words else "",
+        target=_join_words(words or UNNAMED_MODEL),
     )
+
+
+def _format_title(name: str) -> str:
+    return single_line(to_unicode(name))
+
+
+def _join_words(words: Sequence[str]) -> str:
+    """Join words as they are typed in a shell, on one line."""
+    return _format_title(shlex.join(words))
 
 
 def load_player_clip(result: Result) -> PlayerClip | None:
@@ -147,7 +181,8 @@ def load_player_clip(result: Result) -> PlayerClip | None:
         vertex_rms=100 * result.vertex_rms / (result.rest.diagonal or 1.0),
         held=tuple(one for one in _list_held_frames(key_frames) if one.index < count),
         focus=focus if focus.frame < count else None,
-        target=result.path.name,
+        title=_format_title(result.path.name),
+        target=_join_words([result.path.name]),
         left_out=len(result.frames) - count,
     )
 
@@ -168,7 +203,7 @@ def _list_held_frames(key_frames: KeyFrames) -> list[HeldFrame]:
     found = zip(key_frames.indices.tolist(), labels, key_frames.errors, strict=False)
     held: dict[int, HeldFrame] = {}
     for frame, label, errors in found:
-        held.setdefault(frame, HeldFrame(frame, label, errors))
+        held.setdefault(frame, HeldFrame(frame, label, np.nan_to_num(errors, nan=0.0)))
     return list(held.values())
 
 

@@ -67,7 +67,8 @@ def unpack_arrays(text: str) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
 
 def _compress(content: bytes) -> bytes:
     """Return gzip of `content`."""
-    packer = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)
+    # Differences are small numbers without repeated texts: this strategy is made for them.
+    packer = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS, strategy=zlib.Z_FILTERED)
     packed = packer.compress(content) + packer.flush()
     end = struct.pack("<II", zlib.crc32(content), len(content) & 0xFFFFFFFF)
     return GZIP_HEADER + packed + end

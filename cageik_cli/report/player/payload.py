@@ -10,6 +10,7 @@ from cageik_cli.posing.poser import DEFAULT_ALPHA
 from cageik_cli.report.player.clip import HeldFrame, PlayerClip, find_mirror
 from cageik_cli.report.player.decimation import CoarseMesh, decimate
 from cageik_cli.report.player.packing import pack_arrays
+from cageik_cli.report.player.prediction import Predictor
 from cageik_cli.report.player.quantization import RoundedWeights, find_smooth_motions, round_weights
 from cageik_cli.report.render.colouring import COLOUR_SCALE, MISSING_COLOUR, choose_scale_end
 from cageik_cli.util.arrays import Floats
@@ -23,8 +24,14 @@ MAX_WEIGHTS = 1 << 24
 MAX_COORDINATE = 1e30
 """Diagonals; what is farther away is drawn there, since single precision ends near."""
 
+CAGE_STEP = 2.0**-20
+"""Diagonals: cages are rounded to this. A power of two: the last bits of numbers are then zero."""
+
 MISSING_LEVEL = 0xFFFF
 """Marks vertices that are missing data among the errors."""
+
+PREDICTED = ("weights", "held")
+"""Arrays that are smooth over the surface, and are stored as differences from a prediction."""
 
 MAX_INTEGER = 32_767
 
@@ -68,7 +75,8 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "smooth": np.ascontiguousarray(rounded.motions.T).astype("<f4"),
         "rests": np.ascontiguousarray(rounded.rests.T),
         "cage": _scale((cage.vertices - origin) / diagonal),
-        "cages": _scale((clip.cages - origin) / diagonal),
+        # By coordinate, for the same reason.
+        "cages": _scale(_round_cages((clip.cages - origin) / diagonal)).T,
         # Positions are relative to the origin, and turning about it moves nothing else.
         "rotations": clip.rotations.astype("<f4"),
     }
@@ -98,6 +106,10 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
     if len(chosen) < len(rest.vertices):
         arrays["vertices"] = chosen.astype("<u4")
     header |= _add_errors(clip, chosen, arrays)
+    header["predicted"] = [name for name in PREDICTED if name in arrays]
+    predictor = Predictor(coarse.faces, len(chosen))
+    for name in header["predicted"]:
+        arrays[name] = predictor.encode(arrays[name])
     return pack_arrays(header, arrays)
 
 
@@ -108,6 +120,10 @@ def choose_vertices(binding: Binding) -> CoarseMesh:
     if count <= largest:
         return CoarseMesh(np.arange(count), rest.faces)
     return decimate(rest, largest)
+
+
+def _round_cages(cages: Floats) -> Floats:
+    return np.rint(cages / CAGE_STEP) * CAGE_STEP
 
 
 def _scale(values: Floats) -> NDArray[np.float32]:
@@ -138,7 +154,8 @@ def _add_errors(
         arrays["rms"] = levels
         scales["rms"] = {"top": top, "end": choose_scale_end(rms[is_known])}
     if clip.held:
-        errors = np.stack([one.errors[chosen] for one in clip.held])
+        # Vertices that are missing in a frame have no error there.
+        errors = np.nan_to_num(np.stack([one.errors[chosen] for one in clip.held]))
         step = max(float(np.abs(errors).max()) / MAX_INTEGER, MIN_ERROR_STEP)
         # By coordinate, for the same reason as weights by column.
         arrays["held"] = np.rint(errors / step).transpose(0, 2, 1).astype("<i2")
@@ -149,8 +166,9 @@ def _add_errors(
 
 
 def _list_deviations(held: tuple[HeldFrame, ...]) -> Floats:
-    """Return the deviations of all held frames, percent of the diagonal."""
-    return np.concatenate([100 * np.linalg.norm(one.errors, axis=1) for one in held])
+    """Return the deviations of all held frames, percent of the diagonal; none of missing data."""
+    found = np.concatenate([100 * np.linalg.norm(one.errors, axis=1) for one in held])
+    return np.asarray(found[np.isfinite(found)])
 
 
 def _list_focus(clip: PlayerClip, chosen: NDArray[np.int64]) -> dict[str, Any] | None:

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
 from cageik_cli.util.arrays import Floats
 
-SMOOTH_MOTIONS = 8
+SMOOTH_MOTIONS = 12
 """Motions of a cage in which weights are kept more precisely."""
 
 MAX_REST = 127
 """Largest integer of what rounding lost."""
 
-MAX_LEVEL = 32_000
-"""Largest integer a weight is rounded to; the rest of 16 bits is for rows to keep their sum."""
+MAX_LEVEL = 20_000
+"""Largest integer a weight is rounded to. Clips of a dance are drawn to 7e-6 diagonals (rms)."""
 
 ROWS_PER_BLOCK = 4096
 """Rows that are rounded at once, so that memory does not grow with the model."""

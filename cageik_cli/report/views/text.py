@@ -3,6 +3,7 @@
 from cageik_cli.coordinates.binding import WeightQuality
 from cageik_cli.report.figures import (
     ReportSummary,
+    describe_kept,
     describe_size,
     explain_missing_volume,
     format_change,
@@ -40,6 +41,7 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
     rows = [
         *([] if report.edited_from is None else [("edited from", report.edited_from)]),
         *_error_rows(summary, words),
+        *map(_make_kept_row, describe_kept(report.kept, clip.vertices)),
         *_bound_rows(report),
         ("volume change", _format_volume(report, words)),
         *(_published_metrics_rows(summary) if words.has_published_metrics else []),
@@ -81,6 +83,11 @@ def _area_rows(summary: ReportSummary) -> list[tuple[str, str]]:
         return []
     percent = format_percent(summary.area_rms_percent)
     return [("by area", f"{percent} % (rms {format_length(summary.area_rms)})")]
+
+
+def _make_kept_row(text: str) -> tuple[str, str]:
+    label, _, rest = text.partition(" ")
+    return label, rest
 
 
 def _bound_rows(report: Report) -> list[tuple[str, str]]:
@@ -138,7 +145,11 @@ def _skipped_rows(report: Report) -> list[tuple[str, str]]:
         return []
     total = format_count(len(report.frames), "frame")
     names = join_truncated((frame.name for frame in frames), 5)
-    return [("skipped", f"{len(frames)} of {total}: {names}; {frames[0].skipped}")]
+    rows = [("skipped", f"{len(frames)} of {total}: {names}; {frames[0].skipped}")]
+    if report.filled:
+        count = format_count(len(report.filled), "frame")
+        rows.append(("filled", f"{count} from those around: {join_truncated(report.filled, 5)}"))
+    return rows
 
 
 def _region_rows(report: Report) -> list[tuple[str, str]]:

@@ -14,7 +14,13 @@ from typing import Any
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import open_clip_and_rest
-from cageik_cli.solver.blocks import BlockSolver, MemoryPlan, SolvedBlock, ThreadExecutor
+from cageik_cli.solver.blocks import (
+    BlockSolver,
+    CaptureSolver,
+    MemoryPlan,
+    SolvedBlock,
+    ThreadExecutor,
+)
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.errors import ClusterError, FileAccessError
@@ -167,7 +173,9 @@ class ClipContext:
         settings: ExtractSettings, block_solver: BlockSolver, memory_plan: MemoryPlan
     ) -> "ClipContext":
         """Collect what other workers need to solve blocks of the clip."""
-        solver = pickle_without_weights(block_solver.solver.binding, block_solver.solver)
+        solver = pickle_without_weights(
+            block_solver.solver.binding, (block_solver.solver, block_solver.capture)
+        )
         sequence = block_solver.sequence
         return ClipContext(
             settings, memory_plan, sequence.names, sequence.digest_or_zeros(0), solver
@@ -193,9 +201,9 @@ class ClipContext:
 
     def build_block_solver(self, binding: Binding) -> BlockSolver:
         """Make the block solver, of the clip and the weights."""
-        solver = unpickle_with_weights(binding, self._solver)
+        solver, capture = unpickle_with_weights(binding, self._solver)
         return BlockSolver(
-            self.sequence, solver, self.settings.skips_bad_frames, ProgressListener()
+            self.sequence, solver, self.settings.skips_bad_frames, ProgressListener(), capture
         )
 
 
@@ -241,16 +249,19 @@ def describe_killed_worker(error: Any) -> str:
     )
 
 
-def pickle_without_weights(binding: Binding, solver: DualLaplacianSolver) -> bytes:
-    """Pickle a solver without its binding and weights."""
+Solvers = tuple[DualLaplacianSolver, CaptureSolver | None]
+
+
+def pickle_without_weights(binding: Binding, solver: Solvers) -> bytes:
+    """Pickle solvers without their binding and weights."""
     stream = io.BytesIO()
     _WeightlessPickler(stream, binding).dump(solver)
     return stream.getvalue()
 
 
-def unpickle_with_weights(binding: Binding, data: bytes) -> DualLaplacianSolver:
-    """Unpickle the solver of `pickle_without_weights`, with the same binding."""
-    solver: DualLaplacianSolver = _WeightlessUnpickler(io.BytesIO(data), binding).load()
+def unpickle_with_weights(binding: Binding, data: bytes) -> Solvers:
+    """Unpickle the solvers of `pickle_without_weights`, with the same binding."""
+    solver: Solvers = _WeightlessUnpickler(io.BytesIO(data), binding).load()
     return solver
 
 

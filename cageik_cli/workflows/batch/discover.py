@@ -11,7 +11,7 @@ from cageik_cli.formats.mesh_file import mesh_suffixes
 from cageik_cli.formats.open import clip_suffixes, list_members, sort_naturally
 from cageik_cli.store.binding_file import is_binding
 from cageik_cli.store.result import is_result
-from cageik_cli.util.errors import FileAccessError, InputError, OutputError, SettingError
+from cageik_cli.util.errors import FileAccessError, OutputError, SettingError
 from cageik_cli.util.text import single_line, to_unicode
 
 MIN_CLIP_FRAMES = 2
@@ -209,8 +209,8 @@ def _is_cageik_file(path: Path) -> bool:
         return False
     try:
         return is_result(path) or is_binding(path)
-    except InputError:
-        return False  # opening the clip reports it
+    except Exception:  # whatever is in the file: opening the clip reports it
+        return False
 
 
 def _clip_file_suffixes() -> list[str]:

@@ -39,7 +39,10 @@ READ_SECONDS = 10.0
 """A request that has not arrived within this time is given up."""
 
 SEND_SECONDS = 30.0
-"""A client that takes nothing for this time is given up."""
+"""A client that does not take a block within this time is given up."""
+
+SEND_BYTES = 1 << 16
+"""A block: what a line of 20 kbit/s takes in that time."""
 
 MAX_RIGIDITY = 1000
 """Rounds of rigid rotations, at most."""
@@ -206,7 +209,9 @@ class RequestHandler(BaseHTTPRequestHandler):
         for name, value in HEADERS.items():
             self.send_header(name, value)
         self.end_headers()
-        self.wfile.write(data)
+        # The timeout of a socket is for all that is written at once, not for each piece of it.
+        for start in range(0, len(data), SEND_BYTES):
+            self.wfile.write(data[start : start + SEND_BYTES])
 
 
 class _DeadlineReader(io.RawIOBase):

@@ -25,14 +25,14 @@ def run_view(session: ViewSession, port: int, listener: ViewListener) -> None:
 
     Raises
     ------
-    InputError
-        When the handles file is not one, or the port cannot be used.
+    SettingError
+        When the port cannot be used.
     KeyboardInterrupt
         When it is interrupted.
     """
     board = JobBoard()
     apply_url = "apply" if session.can_apply else ""
-    page = render_view_page(session.clip, apply_url, session.read_handles(), session.edited_from)
+    page = render_view_page(session.clip, apply_url, session.first_handles, session.edited_from)
     site = Site(
         secret=secrets.token_urlsafe(SECRET_BYTES),
         page=page.encode(),

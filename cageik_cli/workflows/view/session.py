@@ -5,12 +5,18 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES, check_hdf5_suffix
 from cageik_cli.formats.mesh_file import check_mesh_output, load_mesh, write_mesh
 from cageik_cli.posing.edits import PosingSettings
-from cageik_cli.posing.handles.reader import parse_handles, read_handles
+from cageik_cli.posing.handles.reader import parse_handles
 from cageik_cli.posing.summary import PoseResult
-from cageik_cli.report.player.clip import PlayerClip, load_player_clip, make_single_pose
+from cageik_cli.report.player.clip import (
+    UNNAMED_CAGE,
+    PlayerClip,
+    load_player_clip,
+    make_single_pose,
+)
 from cageik_cli.store.binding_file import is_binding, read_binding
 from cageik_cli.store.result import read_result
 from cageik_cli.util.errors import OutputError, SettingError, error_context
@@ -23,10 +29,12 @@ from cageik_cli.workflows.pose import (
     BoundModel,
     NamedHandles,
     bind_model,
+    check_target_kind,
     pose_model,
     report_layer_notes,
 )
 from cageik_cli.workflows.repair_hint import suggest_repair
+from cageik_cli.workflows.view.first_handles import FirstHandles, read_first_handles
 from cageik_cli.workflows.view.own_files import OwnOutputs, WatchedInput
 from cageik_cli.workflows.view.settings import ViewSettings
 
@@ -77,12 +85,18 @@ class ViewSession(ABC):
         What the page shows.
     edited_from : str, optional
         The result that the clip was edited from, if it was.
+
+    Attributes
+    ----------
+    first_handles : str
+        The JSON of the handles that the page begins with; "" for none.
     """
 
     def __init__(
         self, settings: ViewSettings, clip: PlayerClip, edited_from: str | None = None
     ) -> None:
         self.settings, self.clip, self.edited_from = settings, clip, edited_from
+        self.first_handles = ""
         self._own = OwnOutputs(settings.overwrite)
 
     @property
@@ -90,19 +104,16 @@ class ViewSession(ABC):
         """Whether handles can be applied: there is a file to write."""
         return self.settings.output is not None
 
-    def read_handles(self) -> str:
-        """Read the handles file that the page begins with, and check it; "" if there is none.
+    def begin_with(self, handles: FirstHandles) -> None:
+        """Let the page begin with handles.
 
         Raises
         ------
-        InputError
-            As `read_handles`.
+        HandlesError
+            When they do not fit the model or its clip.
         """
-        path = self.settings.handles
-        if path is None:
-            return ""
-        read_handles(path)
-        return path.read_text(encoding="utf-8-sig")
+        handles.check_places(self.clip)
+        self.first_handles = handles.text
 
     def parse(self, data: bytes, rigidity: int) -> Edit:
         """Return the edit of a handles file that was sent.
@@ -142,7 +153,7 @@ class ViewSession(ABC):
         """Solve, and write all but the handles."""
 
     def _make_posing(self, edit: Edit) -> PosingSettings:
-        return PosingSettings(rigidity=edit.rigidity, placement=self.settings.placement)
+        return PosingSettings(rigidity=edit.rigidity)
 
 
 class _ResultSession(ViewSession):
@@ -197,7 +208,7 @@ class _ModelSession(ViewSession):
 
 
 def open_session(settings: ViewSettings, progress: ProgressListener) -> ViewSession:
-    """Read what is viewed, and check the outputs before any work.
+    """Read what is viewed; the handles and the outputs are checked before any work.
 
     Raises
     ------
@@ -207,7 +218,16 @@ def open_session(settings: ViewSettings, progress: ProgressListener) -> ViewSess
         When the weights cannot be trusted, or no cage can be built.
     """
     check_no_overlap(settings.outputs(), settings.inputs())
+    handles = None if settings.handles is None else read_first_handles(settings.handles)
+    session = _open_target(settings, progress)
+    if handles is not None:
+        session.begin_with(handles)
+    return session
+
+
+def _open_target(settings: ViewSettings, progress: ProgressListener) -> ViewSession:
     target = settings.target
+    check_target_kind(target, "to view an animation")
     is_hdf5 = target.suffix.lower() in HDF5_SUFFIXES
     if is_hdf5 and not is_binding(target):
         return _open_result(settings, progress)
@@ -216,7 +236,7 @@ def open_session(settings: ViewSettings, progress: ProgressListener) -> ViewSess
             check_mesh_output(path, settings.overwrite)
     _check_handles_output(settings)
     model = BoundModel(read_binding(target).binding) if is_hdf5 else _load_model(settings, progress)
-    clip = make_single_pose(model.binding, target=_name_target(settings))
+    clip = make_single_pose(model.binding, _list_target_words(settings))
     return _ModelSession(settings, clip, model)
 
 
@@ -265,7 +285,16 @@ def _load_model(settings: ViewSettings, progress: ProgressListener) -> BoundMode
         return bind_model(rest, cage, settings.weights, progress)
 
 
-def _name_target(settings: ViewSettings) -> str:
-    """Return what `cageik pose` is told to pose."""
-    cage = "" if settings.cage is None else f" --cage {settings.cage.name}"
-    return f"{settings.target.name}{cage}"
+def _list_target_words(settings: ViewSettings) -> list[str]:
+    """List what `cageik pose` is told to pose: a model in its cage, or a binding file."""
+    if settings.binding is not None:
+        return [settings.binding.name]
+    if settings.target.suffix.lower() in HDF5_SUFFIXES:
+        return [settings.target.name]
+    cage = UNNAMED_CAGE if settings.cage is None else settings.cage.name
+    words = [settings.target.name, "--cage", cage]
+    usual = BindSettings()
+    for name in ("coordinates", "accuracy", "outside"):
+        if (value := getattr(settings.weights.bind, name)) != getattr(usual, name):
+            words += [f"--{name}", value]
+    return words

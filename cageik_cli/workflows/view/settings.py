@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.posing.handles.model import PlacementSettings
 from cageik_cli.workflows.bind import WeightSettings
 
 
@@ -30,7 +29,6 @@ class ViewSettings:
         The handles that were applied.
     build : BuildSettings
     weights : WeightSettings
-    placement : PlacementSettings
     memory : int
         Bytes for the weights and blocks of frames of an edit.
     overwrite : bool
@@ -46,7 +44,6 @@ class ViewSettings:
     handles_output: Path | None = None
     build: BuildSettings = field(default_factory=BuildSettings)
     weights: WeightSettings = field(default_factory=WeightSettings)
-    placement: PlacementSettings = field(default_factory=PlacementSettings)
     memory: int = 1 << 30
     overwrite: bool = False
 

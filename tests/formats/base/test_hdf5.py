@@ -63,7 +63,7 @@ def test_what_is_as_expected_is_given(path, name, kinds, shape):
         ("values", "f", (None,), "`values` has shape (4, 3), expected any"),
         ("scalar", "f", (None,), "`scalar` has shape (), expected any"),
         ("none", "f", (None, 3), "`none` has shape (0, 3), expected any x 3"),
-        ("claim", "f", (None, None), "`claim` announces 80000000000 bytes"),
+        ("claim", "f", (None, None), "`claim`: takes at least 80000000000 bytes"),
     ],
 )
 def test_what_is_not_as_expected_is_refused(path, name, kinds, shape, says):

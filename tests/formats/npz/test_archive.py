@@ -11,6 +11,7 @@ from collections import namedtuple
 import numpy as np
 import pytest
 
+from cageik_cli.formats.base import file_data
 from cageik_cli.formats.npz import archive as numpy_files
 from cageik_cli.formats.npz.archive import NpzArchive, open_npy
 from cageik_cli.util.errors import FileAccessError, FormatError
@@ -74,7 +75,8 @@ def test_what_is_unpacked_has_no_name_and_does_not_stay(tmp_path, monkeypatch):
 
 def test_an_array_is_unpacked_in_blocks(tmp_path):
     """32 MiB of it, in a few."""
-    np.savez_compressed(tmp_path / "a.npz", verts=np.zeros((1 << 22,)))
+    values = np.random.default_rng(0).integers(0, 256, 1 << 22).astype(float)
+    np.savez_compressed(tmp_path / "a.npz", verts=values)
     tracemalloc.start()
     assert NpzArchive(tmp_path / "a.npz").open_array("verts").file.size > 1 << 25
     most = tracemalloc.get_traced_memory()[1]
@@ -138,15 +140,19 @@ def test_a_header_that_cannot_be_is_refused(tmp_path, data, says, method):
     assert "\n" not in str(lone.value) + str(member.value)
 
 
-def test_more_than_deflate_can_give_is_refused(tmp_path):
+def test_a_claim_beyond_the_limit_is_refused(tmp_path):
     path = claiming(zipped(tmp_path / "a.npz", npy(VALUES)), 2**32 - 2)
-    with pytest.raises(FormatError, match="4294967294 bytes out of"):
+    with pytest.raises(FormatError, match="4294967294 bytes, packed in"):
         NpzArchive(path).open_array("verts")
 
 
-def test_what_deflate_gives_at_most_is_taken(tmp_path):
-    path = zipped(tmp_path / "a.npz", npy(np.zeros(1 << 22)))
-    assert NpzArchive(path).open_array("verts").shape == (1 << 22,)
+def test_a_bomb_is_refused_and_what_just_fits_is_not(tmp_path, monkeypatch):
+    path = zipped(tmp_path / "a.npz", npy(np.zeros(1 << 17)))  # and a header of 128 bytes
+    monkeypatch.setattr(file_data, "MIN_UNPACKED_LIMIT", (1 << 20) + 128)
+    assert NpzArchive(path).open_array("verts").shape == (1 << 17,)
+    monkeypatch.setattr(file_data, "MIN_UNPACKED_LIMIT", (1 << 20) + 127)
+    with pytest.raises(FormatError, match="`verts`: takes at least 1048704 bytes, packed in"):
+        NpzArchive(path).open_array("verts")
 
 
 @pytest.mark.parametrize(

@@ -279,3 +279,11 @@ def test_faults_name_the_line_and_what_it_says(data, says):
     assert says in str(caught.value)
     assert len(str(caught.value)) < 200
     assert frame_of(data) is None
+
+
+def test_words_of_a_line_are_found_without_looking_at_all_lines(monkeypatch):
+    """A quadratic time would take minutes for a few megabytes."""
+    words = tokenize(blank_out(b"v 0 0 0\n\n" * 1000 + b"f 1 2 3 4\n"))
+    monkeypatch.setattr(np, "diff", None)
+    assert words.split_line(999) == [b"v", b"0", b"0", b"0"]
+    assert words.split_line(1000) == [b"f", b"1", b"2", b"3", b"4"]

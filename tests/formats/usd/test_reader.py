@@ -342,7 +342,7 @@ def test_a_file_cut_short_is_a_sentence(tmp_path, capfd):
 
 def test_a_folder_is_a_sentence(tmp_path):
     (tmp_path / "clip.usd").mkdir()
-    with pytest.raises(FormatError, match=r"clip\.usd: is not a sound USD file"):
+    with pytest.raises(InputError, match=r"clip\.usd: is a folder"):
         open_sequence([str(tmp_path / "clip.usd")])
 
 

@@ -1,10 +1,13 @@
 """Handles on one point of the surface."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import anchor_positions
+from cageik_cli.posing.handles import conflicts
 from cageik_cli.posing.handles.model import PosedSurface
 from cageik_cli.util.errors import HandlesError
 from tests.posing.handles.files import CLIP, FRAMES, HAND, MESH, STILL, drag, read_set
@@ -179,3 +182,22 @@ def test_a_handle_behind_the_camera_is_named(tmp_path):
     chin = {"name": "chin", "face": face, "barycentric": found.barycentric[order].tolist()}
     with pytest.raises(HandlesError, match=r"^handle 'nose': screen.offset: frame 6: the point is"):
         drag(read_set(tmp_path, nose, chin | {"pin": True}), behind)
+
+
+@pytest.mark.parametrize("together", [2, 256])
+def test_poses_are_computed_for_many_points_together(tmp_path, monkeypatch, together):
+    """Each may take long; points are followed in turn, each with its own targets."""
+    monkeypatch.setattr(conflicts, "GROUPS_PER_TRACE", together)
+    frames, count = [], 3
+    surface = replace(CLIP, pose_at=lambda k: (frames.append(k), CLIP.pose_at(k))[1])
+    pairs = [
+        HAND | {"name": f"{name}{vertex}", "vertex": vertex}
+        for vertex in range(count)
+        for name in "ab"
+    ]
+    found = drag(read_set(tmp_path, *pairs), surface)
+    assert [anchor.name for anchor in found.anchors] == ["a0 + b0", "a1 + b1", "a2 + b2"]
+    assert sorted(frames) == sorted([*ALL] * -(-count // together))
+    wrong = pairs[-1] | {"target": [9, 9, 9]}
+    with pytest.raises(HandlesError, match=r"^handles 'a2' and 'b2' conflict"):
+        drag(read_set(tmp_path, *pairs[:-1], wrong), surface)

@@ -14,7 +14,7 @@ def test_a_file_of_the_largest_size_is_read(path):
     path.write_text("[]" + " " * (MAX_BYTES - 2))
     assert read_json(path, HANDLES_FORMAT) == []
     path.write_text("[]" + " " * (MAX_BYTES - 1))
-    with pytest.raises(FileAccessError, match=r"2 MB, at most 2 MB\); give a handles file"):
+    with pytest.raises(FileAccessError, match=r"2 MB, expected at most 2 MB; give a handles file"):
         read_json(path, HANDLES_FORMAT)
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from cageik_cli.report.figures import FrameRecord
 from cageik_cli.report.html.frames_table import (
+    KEPT_COLUMNS,
     LENGTH_COLUMNS,
     NAME_COLUMN,
     NUMBER_COLUMN,
@@ -36,9 +37,11 @@ FIGURES = FrameRecord(
 
 def test_every_metric_of_a_frame_has_a_column():
     names = [
-        column.name for column in (NUMBER_COLUMN, NAME_COLUMN, *LENGTH_COLUMNS, *VOLUME_COLUMNS)
+        column.name
+        for group in (LENGTH_COLUMNS, KEPT_COLUMNS, VOLUME_COLUMNS)
+        for column in (NUMBER_COLUMN, NAME_COLUMN, *group)
     ]
-    assert sorted([*names, "index", "skipped"]) == sorted(
+    assert sorted({*names, "index", "skipped"}) == sorted(
         field.name for field in fields(FrameRecord)
     )
 

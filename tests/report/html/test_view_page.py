@@ -15,13 +15,17 @@ from tests.shapes import ball, box
 @pytest.fixture(scope="module")
 def clip():
     binding = bind(ball(levels=1, size=0.9), box(2.0), BindSettings("mean-value"))
-    return make_single_pose(binding, target="<b>.obj --cage cage.obj")
+    return make_single_pose(binding, ["<b>.obj", "--cage", "cage.obj"])
 
 
 def test_the_page_names_its_model(clip):
     page = render_view_page(clip)
-    assert "<h1>&lt;b&gt;.obj --cage cage.obj</h1>" in page
+    assert "<h1>&lt;b&gt;.obj</h1>" in page
     assert page.count("data-player>") == 1
+
+
+def test_a_model_without_a_name_has_a_heading(clip):
+    assert "<h1>Model in its cage</h1>" in render_view_page(make_single_pose(clip.binding))
 
 
 @pytest.mark.parametrize(("apply_url", "allowed"), [("", False), ("apply", True)])

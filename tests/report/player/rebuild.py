@@ -5,11 +5,45 @@ import numpy as np
 from cageik_cli.report.player.packing import unpack_arrays
 
 
+def unpack_payload(text: str) -> tuple[dict, dict[str, np.ndarray]]:
+    """Return the header, and the arrays as they were before they were made small."""
+    header, arrays = unpack_arrays(text)
+    for name in header["predicted"]:
+        arrays[name] = add_predictions(arrays[name], arrays["faces"])
+    return header, arrays
+
+
+def add_predictions(encoded: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Undo the prediction of numbers from those of vertices before, one vertex after the other."""
+    codes = encoded.view(np.uint16).astype(int)
+    values = np.where(codes & 1, -(codes >> 1) - 1, codes >> 1)
+    before = [[] for _ in range(values.shape[-1])]
+    for face in faces.astype(int).tolist():
+        for vertex in face:
+            before[vertex] += [other for other in face if other < vertex]
+    lack = np.zeros_like(values)
+    for vertex, near in enumerate(before):
+        average = {}
+        for name, one in (("values", values), ("lack", lack)):
+            if near:
+                average[name] = one[..., near].sum(axis=-1) // len(near)
+            else:
+                average[name] = one[..., vertex - 1] if vertex else 0
+        # As 16 bits: sums that are too large begin again.
+        lack[..., vertex] = wrap(values[..., vertex] + average["lack"] // 2)
+        values[..., vertex] = wrap(average["values"] + lack[..., vertex])
+    return values.astype(np.int16)
+
+
+def wrap(numbers: np.ndarray) -> np.ndarray:
+    return (numbers + 32768) % 65536 - 32768
+
+
 def rebuild_frame(text: str, frame: int) -> np.ndarray:
     """Return the positions of a frame, (m, 3), file units."""
-    header, arrays = unpack_arrays(text)
+    header, arrays = unpack_payload(text)
     turn = arrays["rotations"][frame].astype(float)
-    moves = arrays["cages"][frame] - arrays["cage"] @ turn
+    moves = arrays["cages"][:, :, frame].T - arrays["cage"] @ turn
     weights = arrays["weights"].T / header["levels"]
     weights += header["restStep"] * arrays["rests"].T.astype(float) @ arrays["smooth"]
     base = weights @ arrays["cage"] + header["lackStep"] * arrays["lack"].T

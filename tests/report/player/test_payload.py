@@ -10,11 +10,10 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.player import clip as clip_module
 from cageik_cli.report.player import payload
 from cageik_cli.report.player.clip import find_mirror, load_player_clip, make_single_pose
-from cageik_cli.report.player.packing import unpack_arrays
 from cageik_cli.report.player.payload import build_payload
 from cageik_cli.store.result import read_cages
 from cageik_cli.store.result_frames import read_binding, read_rotations
-from tests.report.player.rebuild import rebuild_frame
+from tests.report.player.rebuild import rebuild_frame, unpack_payload
 from tests.shapes import rotation
 
 
@@ -69,7 +68,7 @@ def test_the_same_clip_gives_the_same_bytes(closed, clip):
 
 
 def test_inputs_of_held_frames_are_held(closed, clip):
-    header, arrays = unpack_arrays(build_payload(clip))
+    header, arrays = unpack_payload(build_payload(clip))
     assert header["held"][0]["label"] == "worst"
     for place, one in enumerate(header["held"]):
         errors = arrays["held"][place].T * header["heldStep"] * closed.result.rest.diagonal
@@ -80,7 +79,7 @@ def test_inputs_of_held_frames_are_held(closed, clip):
 def test_the_error_of_each_vertex_is_held(closed, clip):
     rms = clip.vertex_rms.copy()
     rms[3] = np.nan
-    header, arrays = unpack_arrays(build_payload(replace(clip, vertex_rms=rms)))
+    header, arrays = unpack_payload(build_payload(replace(clip, vertex_rms=rms)))
     assert arrays["rms"][3] == 65535
     known = np.delete(np.arange(len(rms)), 3)
     found = arrays["rms"][known] * header["rms"]["top"] / 65534
@@ -90,7 +89,7 @@ def test_the_error_of_each_vertex_is_held(closed, clip):
 
 def test_the_worst_place_is_the_largest_deviation(closed, clip):
     result = closed.result
-    header, _ = unpack_arrays(build_payload(clip))
+    header, _ = unpack_payload(build_payload(clip))
     if not result.regions:
         worst = int(result.metrics.max_deviation.argmax())
         assert header["focus"]["frame"] == worst
@@ -101,15 +100,15 @@ def test_the_worst_place_is_the_largest_deviation(closed, clip):
 
 
 def test_a_single_pose_is_exact_at_rest(clip):
-    text = build_payload(make_single_pose(clip.binding, target="model.obj --cage cage.obj"))
-    header, _ = unpack_arrays(text)
+    text = build_payload(make_single_pose(clip.binding, ["model.obj", "--cage", "cage.obj"]))
+    header, _ = unpack_payload(text)
     assert (header["isClip"], header["frames"], header["held"]) == (False, [], [])
     np.testing.assert_allclose(rebuild_frame(text, 0), clip.binding.rest.vertices, atol=1e-6)
 
 
 def test_a_large_model_is_decimated(clip, monkeypatch):
     monkeypatch.setattr(payload, "MAX_DRAWN_VERTICES", 12)
-    header, arrays = unpack_arrays(build_payload(clip))
+    header, arrays = unpack_payload(build_payload(clip))
     drawn = arrays["vertices"].astype(int)
     assert len(drawn) == arrays["lack"].shape[1] <= 12 < header["vertexCount"]
     found = rebuild_frame(build_payload(clip), 2)

@@ -160,3 +160,18 @@ def test_a_result_with_the_name_of_another_folder_is_refused(folder):
         names("a")
     Path("a/walk").rename("a/stroll")
     assert names("a") == [f"{folder}/run", "stroll"] or names("a") == ["stroll", f"{folder}/run"]
+
+
+@pytest.mark.parametrize("error", [MemoryError(), RecursionError(), OSError(5, "Input/output")])
+@pytest.mark.parametrize("name", ["is_result", "is_binding", "list_members"])
+def test_a_file_that_cannot_be_examined_is_a_clip_that_fails(monkeypatch, name, error):
+    put("a/odd.h5", "a/walk/1.obj", "a/walk/2.obj")
+
+    def fail(path):
+        raise error
+
+    if name == "list_members":
+        monkeypatch.setattr("cageik_cli.formats.hdf5_clips.Reader.list_members", fail)
+    else:
+        monkeypatch.setattr(f"cageik_cli.workflows.batch.discover.{name}", fail)
+    assert names("a") == ["odd.h5", "walk"]

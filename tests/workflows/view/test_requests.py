@@ -1,7 +1,9 @@
 """Requests of strangers to the server of a page: what is refused, and what is read of it."""
 
+import socket
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -230,6 +232,37 @@ def test_slow_headers_are_given_up(client, monkeypatch):
         connection.sendall(b"GET / HTTP/1.1\r\nHost: ")
         assert connection.recv(100) == b""
     assert time.monotonic() - start < 5
+
+
+def test_a_slow_line_gets_the_whole_page(site, monkeypatch):
+    """However long it takes, as long as something arrives."""
+    monkeypatch.setattr(requests, "SEND_SECONDS", 0.4)
+    page = bytes(24 << 20)
+    with serve(replace(site, page=page), 0) as address:
+        client = Client(address)
+        start = time.monotonic()
+        with client.connect() as connection:
+            connection.sendall(client.make_request())
+            received = 0
+            while part := connection.recv(1 << 20, socket.MSG_WAITALL):
+                received += len(part)
+                time.sleep(0.05)
+    assert received > len(page)
+    assert time.monotonic() - start > 2 * requests.SEND_SECONDS
+
+
+def test_a_client_that_takes_nothing_is_given_up(site, monkeypatch):
+    monkeypatch.setattr(requests, "SEND_SECONDS", 0.2)
+    monkeypatch.setattr(server, "MAX_CONNECTIONS", 1)
+    with serve(replace(site, page=bytes(24 << 20)), 0) as address:
+        client = Client(address)
+        with client.connect() as connection:
+            connection.sendall(client.make_request())
+            time.sleep(0.1)
+            assert client.ask("status").status == 0
+            deadline = time.monotonic() + 10
+            while client.ask("status").status != 200:
+                assert time.monotonic() < deadline
 
 
 def test_connections_beyond_the_limit_are_closed(client, monkeypatch):

@@ -2,8 +2,9 @@
 
 import json
 import os
+import shutil
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,9 +12,12 @@ import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.report.html.view_page import render_view_page
 from cageik_cli.util.errors import CageikError, InputError
 from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.bind import WeightSettings
 from cageik_cli.workflows.view import run as view_run
 from cageik_cli.workflows.view.jobs import JobBoard
 from cageik_cli.workflows.view.listener import ViewListener
@@ -104,6 +108,29 @@ def test_a_binding_of_another_model_is_refused(clip, run):
         open_(replace(MODEL, cage=None, binding=Path("b.h5")))
 
 
+@pytest.mark.parametrize(
+    ("changes", "title", "command"),
+    [
+        ({}, "frame_1.obj", "frame_1.obj --cage cage.obj"),
+        ({"target": Path("my \udcff.obj")}, "my \ufffd.obj", "'my \ufffd.obj' --cage cage.obj"),
+        (
+            {"weights": WeightSettings(BindSettings("mean-value", "fine"))},
+            "frame_1.obj",
+            "frame_1.obj --cage cage.obj --coordinates mean-value --accuracy fine",
+        ),
+        ({"cage": None, "binding": Path("b.h5")}, "b.h5", "b.h5"),
+        ({"cage": None}, "frame_1.obj", "frame_1.obj --cage CAGE.obj"),
+    ],
+)
+def test_the_page_names_the_words_of_the_command(clip, run, coarse_grids, changes, title, command):
+    shutil.copy("frames/frame_1.obj", "my \udcff.obj")
+    bind = ("bind", "--cage", "cage.obj", "--rest", "frames/frame_1.obj", "-o", "b.h5")
+    assert run(*bind).code == 0
+    shown = open_(replace(MODEL, **changes)).clip
+    assert (shown.title, shown.target) == (title, command)
+    render_view_page(shown).encode()
+
+
 @pytest.mark.parametrize("settings", [CLIP, MODEL])
 def test_edits_replace_those_before_them(clip, settings):
     session = open_(settings)
@@ -165,6 +192,7 @@ def test_outputs_that_exist_are_refused_before_any_work(clip, settings):
         (replace(MODEL, target=Path("none.obj")), "none.obj: "),
         (replace(MODEL, cage=Path("none.obj")), "none.obj: "),
         (ViewSettings(Path("none.h5")), "none.h5: no such file"),
+        (ViewSettings(Path("frames")), "frames: is a folder, expected a model, a binding or a"),
         (ViewSettings(Path("bare.h5")), "bare.h5: has no weights"),
     ],
 )
@@ -181,15 +209,46 @@ def test_what_cannot_be_viewed_or_written_is_refused(clip, run, settings, told):
 def test_handles_may_be_saved_where_they_were(clip):
     same = Path("handles.json")
     session = open_(replace(CLIP, handles=same, handles_output=same, overwrite=True))
-    assert session.read_handles() == DATA.decode()
+    assert json.loads(session.first_handles) == DOCUMENT
     apply(session, DATA + b"\n")
     assert same.read_bytes() == DATA + b"\n"
 
 
-def test_a_handles_file_that_is_none_is_refused(clip):
+SCREEN = {"source": [1, 1], "target": [2, 2]}
+CAMERA = {"position": [0, 0, 5], "look_at": [0, 0, 0], "up": [0, 1, 0], "fov_degrees": 40}
+
+
+@pytest.mark.parametrize("settings", [CLIP, MODEL])
+@pytest.mark.parametrize(
+    ("document", "told"),
+    [
+        ({}, "has no handles"),
+        ({"handles": [{"name": "a", "position": [0, 0, 1], "pin": True}]}, "'a': has a position"),
+        (
+            {
+                "camera": CAMERA | {"width": 9, "height": 9},
+                "handles": [{"name": "a", "screen": SCREEN}],
+            },
+            "'a': has a position or a screen",
+        ),
+        ({"sets": [DOCUMENT, {"handles": [LIFT | {"radius": 2}]}]}, "'tip': has a radius"),
+        ({"handles": [LIFT | {"vertex": 10**6}]}, "'tip': vertex: there is no vertex 1000000"),
+        ({"frames": [0, 99], "handles": [LIFT]}, "frames: "),
+    ],
+)
+def test_handles_that_the_page_cannot_show_are_refused_at_once(clip, settings, document, told):
+    """In the page, the reason would be in a panel that is closed."""
+    Path("handles.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"^handles\.json: ") as error:
+        open_(replace(settings, handles=Path("handles.json")))
+    assert told in str(error.value)
+
+
+def test_handles_are_read_before_any_work(clip, monkeypatch):
     Path("handles.json").write_text("{}")
+    monkeypatch.setattr("cageik_cli.workflows.view.session.load_mesh", None)
     with pytest.raises(InputError, match=r"^handles\.json: has no handles"):
-        open_(replace(CLIP, handles=Path("handles.json"))).read_handles()
+        open_(replace(MODEL, handles=Path("handles.json")))
 
 
 @pytest.mark.parametrize("settings", [CLIP, MODEL])
@@ -275,11 +334,12 @@ class Interruptible(ViewListener):
 
     @contextmanager
     def show_edit(self):
-        interrupts = self.interrupts_edit
+        listener = self
 
         class Progress(ProgressListener):
             def update(self, done, total):
-                if interrupts:
+                if listener.interrupts_edit:
+                    listener.told.append("interrupted")
                     raise KeyboardInterrupt
 
         yield Progress()
@@ -294,10 +354,10 @@ class Interruptible(ViewListener):
 @pytest.fixture
 def view(monkeypatch):
     """Serve a page until a client has used it."""
+    wait = JobBoard.wait
 
     def serve(settings, use, interrupts_edit=False):
         listener = Interruptible(use, interrupts_edit)
-        wait = JobBoard.wait
 
         def wait_or_end(self, seconds):
             if listener.is_over.is_set():
@@ -357,10 +417,9 @@ def test_a_page_without_an_output_applies_nothing(clip, view):
 
 
 def test_a_page_gives_its_handles_and_notes(clip, view):
-    near = {"name": "near", "position": [0.1, 0.2, 1.3], "pin": True}
-    Path("handles.json").write_text(json.dumps({"handles": [LIFT, near]}))
+    twin = LIFT | {"name": "twin"}
+    Path("handles.json").write_text(json.dumps({"handles": [LIFT, twin]}))
     settings = replace(CLIP, handles=Path("handles.json"))
-    settings = replace(settings, placement=replace(settings.placement, snap=30.0))
 
     def use(client):
         assert (
@@ -369,9 +428,16 @@ def test_a_page_gives_its_handles_and_notes(clip, view):
         )
         client.apply(json.loads(Path("handles.json").read_text()))
         notes = [text for label, text in wait_for_end(client)["rows"] if label == "note"]
-        assert [note for note in notes if "position snapped to face" in note]
+        assert [note for note in notes if "'tip + twin' are on the same point" in note]
 
     view(settings, use)
+
+
+def apply_and_wait(client, document):
+    """Apply until the server has gone."""
+    assert client.apply(document).status == 202
+    with suppress(ConnectionError, ValueError):
+        wait_for_end(client)
 
 
 def test_an_interrupt_during_an_edit_drops_it(clip, view):
@@ -380,8 +446,8 @@ def test_an_interrupt_during_an_edit_drops_it(clip, view):
     before = files()
     settings = replace(CLIP, overwrite=True)
     second = {"handles": [LIFT | {"offset": [0, 0.4, 0]}, *PINS]}
-    listener = view(settings, lambda client: client.apply(second), interrupts_edit=True)
-    assert listener.told == []
+    listener = view(settings, lambda client: apply_and_wait(client, second), interrupts_edit=True)
+    assert listener.told == ["interrupted"]
     assert files() == before
 
 

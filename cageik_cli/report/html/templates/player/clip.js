@@ -3,12 +3,14 @@ class Clip {
   constructor({ header, arrays }) {
     this.header = header;
     this.arrays = arrays;
-    this.cageSize = arrays.cage.length;
-    this.count = arrays.cages.length / this.cageSize;
+    this.count = arrays.rotations.length / 9;
+    // They are packed by coordinate.
+    const n = arrays.cage.length / 3, place = (k) => (k % 3 * n + (k - k % 3) / 3) * this.count;
+    this.cages = listOf(this.count, (frame) => Float32Array.from(arrays.cage, (_, k) => arrays.cages[place(k) + frame]));
     this.held = new Map(header.held.map(({ frame, label }, place) => [frame, { label, place }]));
   }
 
-  cage(frame) { return this.arrays.cages.subarray(frame * this.cageSize, (frame + 1) * this.cageSize); }
+  cage(frame) { return this.cages[frame]; }
 
   rotation(frame) { return this.arrays.rotations.subarray(9 * frame, 9 * frame + 9); }
 

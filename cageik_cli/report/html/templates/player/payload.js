@@ -20,5 +20,26 @@ async function unpackPayload(text) {
     }
     arrays[name] = numbers;
   }
+  for (const name of header.predicted) addPredictions(arrays[name], arrays.faces, arrays.lack.length / 3);
   return { header, arrays };
+}
+
+// Undoes report/player/prediction.py in rows of `count` numbers. Arrays of 16 bits begin again where
+// sums are too large.
+function addPredictions(values, faces, count) {
+  const starts = new Uint32Array(count + 2), before = new Uint32Array(2 * faces.length), lack = new Int16Array(count);
+  const visit = (action) => faces.forEach((vertex, k) => {
+    for (const other of faces.subarray(k - k % 3, k - k % 3 + 3)) if (other < vertex) action(vertex, other);
+  });
+  visit((vertex) => { starts[vertex + 2]++; });
+  for (let j = 2; j < starts.length; j++) starts[j] += starts[j - 1];
+  visit((vertex, other) => { before[starts[vertex + 1]++] = other; });
+  for (let row = 0; row < values.length; row += count) for (let j = 0; j < count; j++) {
+    const from = starts[j], to = starts[j + 1], near = to - from || 1, code = values[row + j] & 65535;
+    let sum = 0, lacks = 0;
+    for (let k = from; k < to; k++) { sum += values[row + before[k]]; lacks += lack[before[k]]; }
+    if (from === to && j) { sum = values[row + j - 1]; lacks = lack[j - 1]; }
+    lack[j] = (Math.floor(lacks / near) >> 1) + (code >> 1 ^ -(code & 1));
+    values[row + j] = Math.floor(sum / near) + lack[j];
+  }
 }

@@ -1,0 +1,144 @@
+"""The files of a USD stage, checked before USD opens them: plain files only."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from cageik_cli.util.errors import FormatError, error_context
+from cageik_cli.util.input_files import check_input
+
+MAX_LAYERS = 10_000
+"""Layers of a stage; the value clips of a layer do not count."""
+
+MAX_PRIMS = 1_000_000
+"""Prims of a stage; references to references multiply them."""
+
+
+def check_layers(path: Path) -> list[Any]:
+    """Open the layers that a stage is composed of, and check all files that they name.
+
+    Returns
+    -------
+    list of Sdf.Layer
+
+    Raises
+    ------
+    InputError
+        When a file is a pipe, a device or a folder, or there are more than `MAX_LAYERS` layers or
+        `MAX_PRIMS` prims. USD would wait for a pipe, read a device without end, and compose prims
+        until memory ends.
+    """
+    from pxr import Sdf
+
+    found: list[Any] = []
+    check_input(path)
+    seen, waiting = {str(path)}, [str(path)]
+    while waiting:
+        layer = Sdf.Layer.FindOrOpen(waiting.pop())
+        if layer is None:
+            continue  # USD says why
+        found.append(layer)
+        if len(found) > MAX_LAYERS:
+            raise FormatError(f"is composed of more than {MAX_LAYERS} layers; export it as one")
+        named = set(_list_named_files(layer)) - seen
+        for file in sorted(named):
+            with error_context(Path(_split_package(file)).name):
+                check_input(Path(_split_package(file)))
+        seen |= named
+        waiting += sorted(named & set(_list_composed_files(layer)))
+    try:
+        count = _PrimCounter().count_layer(found[0]) if found else 0
+    except RecursionError as error:
+        raise FormatError("its references are nested too deeply; export the mesh alone") from error
+    if count > MAX_PRIMS:
+        raise FormatError(f"its references make more than {MAX_PRIMS} prims; export the mesh alone")
+    return found
+
+
+class _PrimCounter:
+    """Bounds the prims of composed layers, without composing them.
+
+    Each prim counts once in its layer and once for each reference, payload, inherit, specialize
+    and variant that brings it in.
+    """
+
+    def __init__(self) -> None:
+        self._counts: dict[tuple[str, str], int] = {}
+
+    def count_layer(self, layer: Any) -> int:
+        """Bound the prims of a layer and its sublayers."""
+        return self._count(layer, layer.pseudoRoot)
+
+    def _count(self, layer: Any, spec: Any) -> int:
+        """Bound the prims at and below one; a cycle, which USD refuses, counts nothing."""
+        key = layer.identifier, str(spec.path)
+        if key not in self._counts:
+            self._counts[key] = 0
+            self._counts[key] = 1 + sum(self._count_parts(layer, spec))
+        return self._counts[key]
+
+    def _count_parts(self, layer: Any, spec: Any) -> Iterator[int]:
+        """Yield a bound for each child, each arc and each variant of a prim."""
+        for child in spec.nameChildren:
+            yield self._count(layer, child)
+        if spec == layer.pseudoRoot:
+            yield from (self._count_target(layer, name, None) for name in layer.subLayerPaths)
+            return
+        for arcs in (spec.referenceList, spec.payloadList):
+            for arc in arcs.GetAddedOrExplicitItems():
+                yield self._count_target(layer, arc.assetPath, arc.primPath)
+        for paths in (spec.inheritPathList, spec.specializesList):
+            for path in paths.GetAddedOrExplicitItems():
+                yield self._count_target(layer, "", path)
+        for variants in spec.variantSets.values():
+            for variant in variants.variantList:
+                yield self._count(layer, variant.primSpec)
+
+    def _count_target(self, layer: Any, asset: str, path: Any) -> int:
+        """Bound the prims of what a prim refers to; without a path, of the default prim."""
+        from pxr import Sdf
+
+        for file in _resolve(layer, [asset]) if asset else (layer.identifier,):
+            target = Sdf.Layer.Find(file)
+            if target is not None:
+                spec = target.GetPrimAtPath(path) if path else target.pseudoRoot
+                return 0 if spec is None else self._count(target, spec)
+        return 0
+
+
+def _list_named_files(layer: Any) -> Iterator[str]:
+    """List the files that exist of those that a layer names: layers, value clips, pictures."""
+    from pxr import UsdUtils
+
+    for group in UsdUtils.ExtractExternalReferences(layer.identifier):
+        yield from _resolve(layer, group)
+
+
+def _list_composed_files(layer: Any) -> Iterator[str]:
+    """List the layers that exist of those that a layer is composed with: not its value clips."""
+    from pxr import Sdf
+
+    variables = layer.expressionVariables
+    for name in layer.GetCompositionAssetDependencies():
+        if Sdf.VariableExpression.IsExpression(name):
+            name = Sdf.VariableExpression(name).Evaluate(dict(variables)).value
+        if isinstance(name, str):
+            yield from _resolve(layer, [name])
+
+
+def _resolve(layer: Any, names: list[str]) -> Iterator[str]:
+    """Return the paths of assets that exist."""
+    from pxr import Ar, Sdf
+
+    for name in names:
+        if name:
+            found = Ar.GetResolver().Resolve(Sdf.ComputeAssetPathRelativeToLayer(layer, name))
+            if found:
+                yield str(found)
+
+
+def _split_package(file: str) -> str:
+    """Return the file itself, without the name of a member of a package."""
+    from pxr import Ar
+
+    return str(Ar.SplitPackageRelativePathOuter(file)[0])

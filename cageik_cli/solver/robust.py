@@ -1,0 +1,349 @@
+"""Solve frames of which some vertices are missing, weigh less, or are thrown far away.
+
+Vertex j of a frame has a weight ω_j from 0 (missing, or rejected) to 1. The cage c of the plain
+solve, of all vertices alike, is corrected by d,
+
+    (A − E) d = (α/n) LᵀL c_rest (R' − R) − (β/m) Σ_j (1 − ω_j) w_j H_jᵀ r_j,
+    E = (β/m) Σ_j (1 − ω_j) w_j H_jᵀ H_j,
+
+with the normal matrix A, the residuals r = v − H c and the rotations R of the plain solve, and the
+rotations R' of the weighted frame. Only vertices with ω_j < 1 are in the sums, so the price is
+theirs. It is the limit of the rounds ṽ = H c + ω (v − H c), which keep A but converge slowly where
+a piece is missing.
+
+Weights of outliers follow the residual in tolerances, u = |r_j| / t_j: 1 up to u = 1, then 1/u in
+the first rounds (Huber 1964) and exp(1 − u²) in the others (Welsch; Holland and Welsch 1977). A
+frame without outliers keeps the plain solution, to the last bit.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from cageik_cli.coordinates.binding import measure_offsets
+from cageik_cli.geometry.rotations import nearest_rotations_by_svd
+from cageik_cli.solver.dual_laplacian import MAX_CONDITION, DualLaplacianSolver, Solution
+from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
+from cageik_cli.util.errors import NumericalError
+
+HUBER_ROUNDS = 2
+"""Rounds in which outliers still pull, so that the next ones start close to the solution."""
+
+MAX_ROUNDS = 20
+MAX_SEARCHES = 5
+"""Times that all vertices of a frame are looked through for outliers, at most."""
+
+WEIGHT_TOL = 0.01
+"""Rounds end when no weight of a frame changes by more."""
+
+MIN_WEIGHT = 1e-4
+"""Smaller weights are 0."""
+
+REJECTED_WEIGHT = 0.5
+"""Vertices of a smaller weight are rejected."""
+
+CANDIDATE_RESIDUAL = 0.5
+"""Vertices with a residual above this share of the tolerance are followed in the rounds."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeighedSolution:
+    """The cages of k frames, and how much each vertex counts in them.
+
+    Attributes
+    ----------
+    solution : Solution
+        Its samples are of the reconstruction where a vertex is missing or rejected.
+    weights : (k, m) float64, optional
+        ω; 0 for missing vertices. None if all are 1.
+    faults : dict
+        Why a frame, by its place among the k, has no solution.
+    """
+
+    solution: Solution
+    weights: Floats | None
+    faults: dict[int, str]
+
+
+class RobustSolver:
+    """Solver of frames whose vertices count differently.
+
+    Parameters
+    ----------
+    solver : DualLaplacianSolver
+    tolerances : (m,) float64, optional
+        Residuals that a vertex may have, file units; above, it is an outlier. Without them
+        outliers are not looked for.
+
+    Both are attributes too.
+
+    Attributes
+    ----------
+    rest_pull, offset_pull : (n, 3) float64
+        (α/n) LᵀL c_rest, and (β/m) HᵀW times the offsets of the binding.
+    offsets : (m, 3) float64
+    """
+
+    def __init__(self, solver: DualLaplacianSolver, tolerances: Floats | None = None) -> None:
+        self.solver, self.tolerances = solver, tolerances
+        binding = solver.binding
+        self.rest_pull = solver.smoothness @ solver.rest_cage
+        self.offsets = measure_offsets(binding) if binding.has_offsets else np.zeros((0, 3))
+        self.offset_pull = np.zeros_like(self.rest_pull)
+        if len(self.offsets):
+            weighted = solver.vertex_weights[:, None] * self.offsets
+            self.offset_pull = solver.data_scale * (binding.weights.T @ weighted)
+
+    def solve(
+        self, frames: Floats, given: Floats | None = None, workspace: Workspace | None = None
+    ) -> WeighedSolution:
+        """Return the cages of `frames`, (k, m, 3).
+
+        Parameters
+        ----------
+        frames : (k, m, 3)
+            Vertices of weight 0 may be anywhere near the others.
+        given : (k, m), optional
+            Weights of the vertices of each frame, from 0 to 1.
+        workspace : Workspace, optional
+            The reconstructions are valid until it is used again.
+        """
+        plain = self.solver.solve(frames, workspace)
+        block = _WeighedBlock(self, frames, plain, given)
+        left = np.arange(len(frames))
+        for count in range(MAX_SEARCHES):
+            left = block.search(left, is_first=count == 0)
+            if not len(left):
+                break
+            block.apply_corrections(left)
+        if block.is_plain:
+            return WeighedSolution(plain, None, {})
+        return WeighedSolution(block.finish(), block.weights, block.faults)
+
+
+class _WeighedBlock:
+    """A block of frames: their weights, corrections of their cages, and what is left.
+
+    Attributes
+    ----------
+    weights : (k, m) float64
+    faults : dict
+    """
+
+    def __init__(
+        self, robust: RobustSolver, frames: Floats, plain: Solution, given: Floats | None
+    ) -> None:
+        self._robust, self._solver = robust, robust.solver
+        self._frames, self._plain = frames, plain
+        self._given = np.ones(frames.shape[:2]) if given is None else given
+        self._plain_residuals = frames - plain.reconstructions
+        self._residuals = self._plain_residuals
+        self._rotations = plain.rotations.copy()
+        self._corrections = np.zeros_like(plain.cages)
+        self._followed = np.zeros(frames.shape[:2], bool)
+        self.weights = self._given.copy()
+        self.faults: dict[int, str] = {}
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether all vertices count alike, so that nothing is corrected."""
+        return bool((self.weights == 1).all())
+
+    def search(self, places: Integers, is_first: bool) -> Integers:
+        """Look for outliers that are not followed yet, and solve the frames that have any.
+
+        Frames of which some vertices have a given weight are solved the first time.
+
+        Returns
+        -------
+        (j,) int64, the frames that were solved
+        """
+        solved = []
+        for place in places.tolist():
+            is_given = self._given[place] != 1
+            limits = self._measure_limits(place)
+            is_new = np.zeros(len(is_given), bool)
+            if limits is not None:
+                squares = np.einsum("jx,jx->j", self._residuals[place], self._residuals[place])
+                is_new = (squares > limits**2) & (self._given[place] > 0) & ~self._followed[place]
+            if not (is_new.any() or (is_first and is_given.any())):
+                continue
+            self._followed[place] |= is_given | is_new
+            if limits is not None:
+                self._followed[place] |= squares > (CANDIDATE_RESIDUAL * limits) ** 2
+            try:
+                self._solve_frame(place, limits)
+                solved.append(place)
+            except NumericalError as error:
+                self.faults[place] = str(error)
+        return np.array(solved, np.int64)
+
+    def _measure_limits(self, place: int) -> Floats | None:
+        """Return the residuals of a frame, (m,), above which a vertex is an outlier.
+
+        Tolerances grow with the frame: where half of the vertices that are data are off by more
+        than half a tolerance, the frame is far off as a whole, and they are no outliers for that.
+        """
+        tolerances = self._robust.tolerances
+        is_data = self._given[place] > 0
+        if tolerances is None or not is_data.any():
+            return None
+        residuals = self._residuals[place]
+        relative = np.sqrt(np.einsum("jx,jx->j", residuals, residuals)) / tolerances
+        middle = np.median(relative if is_data.all() else relative[is_data])
+        return tolerances * max(1.0, 2 * float(middle))
+
+    def _solve_frame(self, place: int, limits: Floats | None) -> None:
+        """Weigh the followed vertices of a frame and solve it, in turn."""
+        frame = _FollowedVertices(self, place, np.flatnonzero(self._followed[place]))
+        given = self._given[place, frame.rows]
+        weights = self.weights[place, frame.rows]
+        if limits is None:
+            frame.solve(weights)
+        else:
+            for count in range(MAX_ROUNDS):
+                relative = np.sqrt(np.einsum("jx,jx->j", frame.residuals, frame.residuals))
+                relative /= limits[frame.rows]
+                found = given * weigh(relative, is_huber=count < HUBER_ROUNDS)
+                if count > HUBER_ROUNDS and np.abs(found - weights).max() <= WEIGHT_TOL:
+                    break
+                weights = found
+                frame.solve(weights)
+        self.weights[place, frame.rows] = weights
+        self._corrections[place], self._rotations[place] = frame.correction, frame.rotation
+
+    def apply_corrections(self, places: Integers) -> None:
+        """Compute what the corrections leave of the residuals of all vertices."""
+        n = self._corrections.shape[1]
+        columns = self._corrections[places].transpose(1, 0, 2).reshape(n, -1)
+        moved = (self._solver.binding.weights @ columns).reshape(-1, len(places), 3)
+        if self._residuals is self._plain_residuals:
+            self._residuals = self._plain_residuals.copy()
+        self._residuals[places] = self._plain_residuals[places] - moved.transpose(1, 0, 2)
+        if len(self._robust.offsets):
+            turned = self._rotations[places] - self._plain.rotations[places]
+            self._residuals[places] -= self._robust.offsets @ turned
+
+    def finish(self) -> Solution:
+        """Return the corrected solution."""
+        plain, sampled = self._plain, self._plain.sampled.copy()
+        rebuilt = np.subtract(self._frames, self._residuals, out=plain.reconstructions)
+        for place in np.flatnonzero((self.weights != 1).any(axis=1)).tolist():
+            # A vertex that is missing or rejected is sampled where its reconstruction is.
+            frame = rebuilt[place] + self.weights[place, :, None] * self._residuals[place]
+            moved = self._solver.sample(frame, self._rotations[place])
+            sampled[:, 3 * place : 3 * place + 3] = moved
+        return Solution(
+            cages=plain.cages + self._corrections,
+            reconstructions=rebuilt,
+            rotations=self._rotations,
+            sampled=sampled,
+        )
+
+    def is_missing(self, place: int, rows: Integers) -> Mask:
+        """Return which of some vertices of a frame are missing."""
+        return np.asarray(self._given[place, rows] == 0)
+
+    def read(self, place: int, rows: Integers) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return of a frame: vertices, plain residuals at `rows`, covariance, and plain rotation.
+
+        Vertices are relative to the weighted centroid.
+        """
+        weights = self._solver.vertex_weights
+        centred = self._frames[place] - weights @ self._frames[place] / weights.sum()
+        covariance = (self._solver.rest * weights[:, None]).T @ centred
+        residuals = self._plain_residuals[place, rows]
+        return centred[rows], residuals, covariance, self._plain.rotations[place]
+
+
+class _FollowedVertices:
+    """The vertices of a frame that may count less than others, and the cage by their weights.
+
+    Attributes
+    ----------
+    rows : (c,) int64
+        Numbers of these vertices.
+    residuals : (c, 3) float64
+        v − H c of the cage that was solved last.
+    correction : (n, 3) float64
+        Of the plain cage.
+    rotation : (3, 3) float64
+    """
+
+    def __init__(self, block: _WeighedBlock, place: int, rows: Integers) -> None:
+        self._robust, self._solver = block._robust, block._robust.solver
+        self.rows = rows
+        # Missing vertices are the most, and stay missing: their part is computed once.
+        self._is_missing = block.is_missing(place, rows)
+        gone = rows[self._is_missing]
+        self._matrix = self._solver.normal - self._solver.weigh_data(
+            self._solver.vertex_weights[gone], gone
+        )
+        self._vertices, self._plain, self._covariance, self._turn = block.read(place, rows)
+        self._weights = self._solver.binding.weights[rows]
+        self._vertex_weights = self._solver.vertex_weights[rows]
+        self._rest = self._solver.rest[rows]
+        self.residuals, self.rotation = self._plain, self._turn
+        self.correction = np.zeros_like(self._robust.rest_pull)
+
+    def solve(self, weights: Floats) -> None:
+        """Solve the cage with these weights, (c,).
+
+        Raises
+        ------
+        NumericalError
+            When the vertices that are left do not determine the cage.
+        """
+        lost = (1 - weights) * self._vertex_weights
+        total = float(self._solver.vertex_weights.sum())
+        left = total - float(lost.sum())
+        if left <= 1e-12 * total:
+            raise NumericalError("no vertex of it is data")
+        if self._solver.is_aligned:
+            self.rotation = self._align(lost, left)
+        turned = self.rotation - self._turn
+        residuals = self._plain
+        if len(self._robust.offsets):
+            residuals = residuals - self._robust.offsets[self.rows] @ turned
+        scale, robust = self._solver.data_scale, self._robust
+        right = (robust.rest_pull - robust.offset_pull) @ turned
+        right -= scale * (self._weights.T @ (lost[:, None] * residuals))
+        some = np.flatnonzero((lost > 0) & ~self._is_missing)
+        roots = np.sqrt(lost[some, None]) * self._weights[some]
+        self.correction = solve_definite(self._matrix - scale * (roots.T @ roots), right)
+        self.residuals = residuals - self._weights @ self.correction
+
+    def _align(self, lost: Floats, left: float) -> Floats:
+        """Return the rotation of the rest pose to the frame without what is lost."""
+        moved, rest = lost @ self._vertices, lost @ self._rest
+        lost_part = (lost[:, None] * self._rest).T @ self._vertices
+        covariance = self._covariance - lost_part - np.outer(rest, moved) / left
+        return np.asarray(nearest_rotations_by_svd(covariance[None])[0])
+
+
+def weigh(relative: Floats, is_huber: bool) -> Floats:
+    """Weigh vertices by their residuals in tolerances, with Huber's weights or Welsch's."""
+    far = np.maximum(relative, 1.0)
+    weights = 1 / far if is_huber else np.exp(1 - np.minimum(far, 1e3) ** 2)
+    return np.where(weights < MIN_WEIGHT, 0.0, weights)
+
+
+def solve_definite(matrix: Floats, right: Floats) -> Floats:
+    """Solve a symmetric positive definite system, (n, n) and (n, k).
+
+    Raises
+    ------
+    NumericalError
+        When it is singular to working precision.
+    """
+    try:
+        factor, lower = scipy.linalg.cho_factor(matrix, lower=True, check_finite=False)
+    except scipy.linalg.LinAlgError:
+        factor = None
+    if factor is not None:
+        pivots = np.diag(factor) ** 2
+        if pivots.max() <= MAX_CONDITION * pivots.min():
+            solved = scipy.linalg.cho_solve((factor, lower), right, check_finite=False)
+            return np.asarray(solved)
+    raise NumericalError("the vertices that are data do not determine the cage")

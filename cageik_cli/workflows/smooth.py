@@ -1,0 +1,291 @@
+"""The second pass of a run: cages smoothed over time and filled, and measured again."""
+
+from collections.abc import Generator, Iterator
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from cageik_cli.coordinates.binding import Binding, reconstruct_frames
+from cageik_cli.formats.base.sequence import Block
+from cageik_cli.geometry.rotations import nearest_rotations_by_svd
+from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
+from cageik_cli.solver.captured_blocks import CapturedBlockSolver, SolvedFrames
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
+from cageik_cli.solver.settings import AUTO_SMOOTHING
+from cageik_cli.solver.smooth import FrameTerms, TimeSmoother
+from cageik_cli.store.checkpoint import Checkpoint
+from cageik_cli.util.arrays import Floats, Mask
+from cageik_cli.util.errors import FileAccessError, InputError
+from cageik_cli.workflows.plan import ExtractionPlan
+
+MAX_FILLED_GAP = 48
+"""Frames of a gap that is filled, at most."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothedFrames:
+    """The cages of all frames, in order, by blocks.
+
+    Attributes
+    ----------
+    start : int
+        Number of the first frame.
+    cages : (k, n, 3) float64
+        nan for gaps that stay.
+    is_filled : (k,) bool
+    """
+
+    start: int
+    cages: Floats
+    is_filled: Mask
+
+
+class TimePass:
+    """Smooths and fills the cages that a checkpoint holds.
+
+    Parameters
+    ----------
+    plan : ExtractionPlan
+    capture : CapturedBlockSolver
+    checkpoint : Checkpoint
+        Of all frames, solved one by one.
+    """
+
+    def __init__(
+        self, plan: ExtractionPlan, capture: CapturedBlockSolver, checkpoint: Checkpoint
+    ) -> None:
+        self._capture, self._checkpoint = capture, checkpoint
+        self._solver = capture.robust.solver
+        self._settings, self._fps = plan.settings.capture, plan.scene.fps
+        self._count = len(plan.sequence)
+        self._smoother = TimeSmoother(self._solver)
+        self._is_known = np.ones(self._count, bool)
+        self._is_known[list(checkpoint.summary.skipped)] = False
+
+    def run(self) -> Iterator[SmoothedFrames]:
+        """Yield the frames of all windows, without their overlaps."""
+        gamma, wanted = self.gamma, self._is_known | self._is_fillable
+        for inner, window, terms in self._read_windows():
+            filled = self._smoother.fill(terms, self._noise)
+            if gamma:
+                smooth = self._smoother.smooth(filled, terms.is_known, gamma)
+            else:
+                smooth = np.where(terms.is_known[:, None, None], terms.cages, filled)
+            smooth = _hold_ends(smooth, terms.is_known)
+            own = slice(inner.start - window.start, inner.stop - window.start)
+            cages, here = smooth[own].copy(), slice(inner.start, inner.stop)
+            cages[~wanted[here]] = np.nan
+            yield SmoothedFrames(inner.start, cages, (wanted & ~self._is_known)[here])
+
+    @cached_property
+    def gamma(self) -> float:
+        """Strength of smoothing; 0 if frames are only filled."""
+        chosen = self._settings.smooth
+        if chosen is None or self._is_known.sum() < 3:
+            return 0.0
+        if chosen != AUTO_SMOOTHING:
+            return self._smoother.convert_length(float(chosen) * self._fps / (2 * np.pi))
+        added = freedom = np.zeros(1)
+        for inner, window, terms in self._read_windows():
+            filled = self._smoother.fill(terms, self._noise)
+            own = slice(inner.start - window.start, inner.stop - window.start)
+            if inner.stop - inner.start >= 3 and np.isfinite(filled[own]).all():
+                more, free = self._smoother.measure_validation(filled[own])
+                added, freedom = added + more, freedom + free
+        residuals = self._noise * int(self._is_known.sum())
+        return self._smoother.choose_strength(added, freedom, residuals, int(self._is_known.sum()))
+
+    @cached_property
+    def _noise(self) -> float:
+        """Mean squared length of the noise of vertices: of what trembles, if that can be told."""
+        kept = [block.kept for block in self._checkpoint.blocks() if block.kept is not None]
+        noise = np.concatenate([one.noise for one in kept])
+        if np.isnan(noise).all():
+            noise = np.concatenate([one.metrics.rms_kept**2 for one in kept])
+        return float(np.nanmedian(noise))
+
+    @cached_property
+    def _is_fillable(self) -> Mask:
+        """Which gaps are short enough to be filled, (F,)."""
+        if not self._settings.fill_gaps:
+            return np.zeros(self._count, bool)
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], self._is_known, [True]])))
+        is_short = np.zeros(self._count, bool)
+        for start, stop in edges.reshape(-1, 2):
+            is_short[start:stop] = stop - start <= MAX_FILLED_GAP
+        return is_short
+
+    def _read_windows(self) -> Iterator[tuple[range, range, FrameTerms]]:
+        """Yield the frames of each window without and with overlaps, and their terms."""
+        size, overlap = self._smoother.window, self._smoother.overlap
+        blocks, held = self._checkpoint.blocks(), _HeldBlocks()
+        step = size - 2 * overlap if self._count > size else self._count
+        for start in range(0, self._count, step):
+            inner = range(start, min(start + step, self._count))
+            window = range(max(0, start - overlap), min(inner.stop + overlap, self._count))
+            while held.stop < window.stop:
+                held.add(next(blocks), self._solver)
+            held.drop(window.start)
+            yield inner, window, held.make_terms(window, self._is_known)
+
+
+class _HeldBlocks:
+    """Frames of a checkpoint that windows still need."""
+
+    def __init__(self) -> None:
+        self.stop = 0
+        self._cages: dict[int, Floats] = {}
+        self._rotations: dict[int, Floats] = {}
+        self._lost: dict[int, Floats] = {}
+
+    def add(self, block: SolvedBlock, solver: DualLaplacianSolver) -> None:
+        """Hold the frames of the next block."""
+        for place in range(len(block.cages)):
+            frame = block.start + place
+            self._cages[frame] = block.cages[place]
+            self._rotations[frame] = block.rotations[place]
+            rows, values = (None, None) if block.kept is None else block.kept.weights.get(place)
+            if rows is not None and values is not None and len(rows):
+                self._lost[frame] = solver.weigh_data(
+                    (1 - values) * solver.vertex_weights[rows], rows
+                )
+        self.stop = block.stop
+
+    def drop(self, start: int) -> None:
+        """Forget the frames before `start`."""
+        for held in (self._cages, self._rotations, self._lost):
+            for frame in [frame for frame in held if frame < start]:
+                del held[frame]
+
+    def make_terms(self, window: range, is_known: Mask) -> FrameTerms:
+        """Return the terms of the frames of a window; frames without data have zeros."""
+        known = is_known[window.start : window.stop]
+        cages = np.nan_to_num(np.stack([self._cages[k] for k in window]))
+        rotations = np.nan_to_num(np.stack([self._rotations[k] for k in window]))
+        lost = {k - window.start: self._lost[k] for k in window if k in self._lost}
+        return FrameTerms(cages, rotations, known, lost)
+
+
+def _hold_ends(cages: Floats, is_known: Mask) -> Floats:
+    """Return cages where frames before the first and behind the last known one are like that."""
+    known = np.flatnonzero(is_known)
+    if not len(known):
+        return cages
+    held = cages.copy()
+    held[: known[0]], held[known[-1] + 1 :] = cages[known[0]], cages[known[-1]]
+    return held
+
+
+def find_rotations(binding: Binding, solver: DualLaplacianSolver, cages: Floats) -> Floats:
+    """Return the rotations (k, 3, 3) of the rest pose to the meshes of cages (k, n, 3)."""
+    if not solver.is_aligned:
+        return np.tile(np.eye(3), (len(cages), 1, 1))
+    weighted = solver.vertex_weights[:, None] * solver.rest
+    # The mesh relative to any point will do, as the weighted rest pose sums to zero.
+    return nearest_rotations_by_svd((binding.weights.T @ weighted).T @ cages)
+
+
+def run_time_pass(
+    plan: ExtractionPlan, block_solver: BlockSolver, checkpoint: Checkpoint, output: Checkpoint
+) -> tuple[int, ...]:
+    """Smooth and fill the frames of a checkpoint, and append them to another.
+
+    Frames are read again where their figures change.
+
+    Returns
+    -------
+    tuple of int
+        The frames that were filled.
+
+    Raises
+    ------
+    InputError
+        When a frame has changed since it was solved.
+    """
+    capture, progress = block_solver.capture, block_solver.progress
+    assert isinstance(capture, CapturedBlockSolver)
+    time_pass, filled = TimePass(plan, capture, checkpoint), []
+    frames = _cut_into_blocks(time_pass.run(), checkpoint.spec.block, len(plan.sequence))
+    with progress.stage("smooth"):
+        gamma = time_pass.gamma
+    with closing(_read_blocks(plan, checkpoint.spec.block, is_needed=gamma > 0)) as reads:
+        for solved in checkpoint.blocks():
+            with progress.stage("smooth"):
+                smoothed = next(frames)
+            with progress.stage("read"):
+                block = next(reads)
+            if gamma:
+                with progress.stage("measure"):
+                    solved = _measure_again(plan, capture, solved, smoothed, block)
+            output.append(_set_filled(capture, solved, smoothed))
+            filled += (np.flatnonzero(smoothed.is_filled) + smoothed.start).tolist()
+    return tuple(filled)
+
+
+def _read_blocks(plan: ExtractionPlan, size: int, is_needed: bool) -> Generator[Block | None]:
+    if not is_needed:
+        while True:
+            yield None
+    yield from plan.sequence.blocks(size, plan.settings.jobs)
+
+
+def _cut_into_blocks(
+    windows: Iterator[SmoothedFrames], size: int, count: int
+) -> Iterator[SmoothedFrames]:
+    """Yield the frames of windows in blocks of `size`."""
+    cages, is_filled, start = np.empty((0, 0, 3)), np.empty(0, bool), 0
+    for window in windows:
+        cages = np.concatenate([cages, window.cages]) if len(cages) else window.cages
+        is_filled = np.concatenate([is_filled, window.is_filled])
+        while len(cages) >= size or (len(cages) and start + len(cages) == count):
+            yield SmoothedFrames(start, cages[:size], is_filled[:size])
+            start += len(cages[:size])
+            cages, is_filled = cages[size:], is_filled[size:]
+
+
+def _measure_again(
+    plan: ExtractionPlan,
+    capture: CapturedBlockSolver,
+    solved: SolvedBlock,
+    smoothed: SmoothedFrames,
+    block: Block | None,
+) -> SolvedBlock:
+    """Return a block with smoothed cages, and what is left of its residuals."""
+    assert block is not None
+    assert solved.kept is not None
+    sequence, binding = plan.sequence, capture.robust.solver.binding
+    for k, digest in enumerate(solved.digests, solved.start):
+        if sequence.digest_or_zeros(k) != digest:
+            raise FileAccessError(
+                f"{sequence.location(k)}: changed during the run; run again with --resume"
+            )
+    skipped = np.array(sorted(solved.skipped), np.int64) - solved.start
+    cages = smoothed.cages.copy()
+    cages[skipped] = binding.cage.vertices
+    rotations = find_rotations(binding, capture.robust.solver, cages)
+    rebuilt = reconstruct_frames(binding, cages, rotations)
+    captured = capture.complete(block)
+    weights = solved.kept.weights.expand(rebuilt.shape[1])
+    solution = Solution(cages, rebuilt, rotations, solved.sampled)
+    errors: dict[int, InputError] = {
+        k: FileAccessError(reason) for k, reason in solved.skipped.items()
+    }
+    found = SolvedFrames(replace(block, read_errors=errors), captured, solution, weights)
+    return capture.measure_block(found, solved.digests)
+
+
+def _set_filled(
+    capture: CapturedBlockSolver, solved: SolvedBlock, smoothed: SmoothedFrames
+) -> SolvedBlock:
+    """Return a block with the cages of the gaps that were filled."""
+    if not smoothed.is_filled.any():
+        return solved
+    binding = capture.robust.solver.binding
+    cages, rotations = solved.cages.copy(), solved.rotations.copy()
+    cages[smoothed.is_filled] = smoothed.cages[smoothed.is_filled]
+    rotations[smoothed.is_filled] = find_rotations(
+        binding, capture.robust.solver, cages[smoothed.is_filled]
+    )
+    return replace(solved, cages=cages, rotations=rotations)

@@ -1,0 +1,161 @@
+"""Frames whose vertices count differently, against least squares; and outliers that are found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cageik_cli import bind
+from cageik_cli.geometry.mesh import uniform_laplacian
+from cageik_cli.solver.alignment import best_rotations
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.robust import RobustSolver, weigh
+from cageik_cli.solver.settings import SolveSettings
+from tests.shapes import ball, box, rotation
+
+RNG = np.random.default_rng(5)
+
+
+@pytest.fixture(scope="module")
+def binding():
+    return bind(ball(levels=2, size=1.0), box(2.0), coordinates="mean-value")
+
+
+@pytest.fixture(scope="module")
+def frames(binding):
+    """Frames that a cage gives, but for a little noise."""
+    cage, count = binding.cage.vertices, 6
+    cages = cage + 0.2 * RNG.standard_normal((count, *cage.shape))
+    meshes = binding.weights @ cages @ rotation(7) + np.array([1.0, 2.0, 3.0])
+    return meshes + 1e-3 * RNG.standard_normal(meshes.shape)
+
+
+def least_squares(binding, settings, frame, weights, turn):
+    """The cage of a weighted frame, aligned by `turn`, from the stacked equations."""
+    n, m = binding.weights.shape[1], len(frame)
+    laplacian = uniform_laplacian(binding.cage)
+    roots = np.sqrt(settings.beta * weights / m)[:, None]
+    rows = np.vstack([np.sqrt(settings.alpha / n) * laplacian, roots * binding.weights])
+    offsets = binding.rest.vertices - binding.weights @ binding.cage.vertices
+    target = frame - (offsets @ turn if binding.has_offsets else 0)
+    delta = np.sqrt(settings.alpha / n) * laplacian @ binding.cage.vertices @ turn
+    return np.linalg.lstsq(rows, np.vstack([delta, roots * target]), rcond=None)[0]
+
+
+def turn_of(binding, frame, weights):
+    shares = weights / weights.sum()
+    rest = binding.rest.vertices
+    return best_rotations((frame - shares @ frame)[None], rest - shares @ rest, weights)[0]
+
+
+@pytest.mark.parametrize("align", [True, False])
+@pytest.mark.parametrize("has_offsets", [True, False])
+def test_weighted_frames_are_solved_as_by_least_squares(binding, frames, align, has_offsets):
+    if has_offsets:
+        squares = binding.weights**2
+        weights = squares / squares.sum(axis=1, keepdims=True)
+        binding = replace(binding, weights=weights, has_offsets=True)
+    settings = SolveSettings(alpha=0.05, beta=1.0, align=align)
+    given = RNG.random(frames.shape[:2]) * (RNG.random(frames.shape[:2]) < 0.6)
+    given[2] = 1  # a frame without weights of its own among them
+    found = RobustSolver(DualLaplacianSolver(binding, settings)).solve(frames, given)
+    assert not found.faults
+    for k, frame in enumerate(frames):
+        turn = turn_of(binding, frame, given[k]) if align else np.eye(3)
+        expected = least_squares(binding, settings, frame, given[k], turn)
+        np.testing.assert_allclose(found.solution.cages[k], expected, rtol=0, atol=1e-9)
+        rebuilt = binding.weights @ found.solution.cages[k]
+        if has_offsets:
+            offsets = binding.rest.vertices - binding.weights @ binding.cage.vertices
+            rebuilt += offsets @ found.solution.rotations[k]
+        np.testing.assert_allclose(found.solution.reconstructions[k], rebuilt, rtol=0, atol=1e-9)
+
+
+def test_where_a_missing_vertex_is_does_not_matter(binding, frames):
+    given = np.ones(frames.shape[:2])
+    given[:, 7:30] = 0
+    moved = frames.copy()
+    moved[:, 7:30] += 0.3
+    solver = RobustSolver(DualLaplacianSolver(binding, SolveSettings()))
+    first, second = solver.solve(frames, given), solver.solve(moved, given)
+    np.testing.assert_allclose(first.solution.cages, second.solution.cages, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(first.solution.sampled, second.solution.sampled, atol=1e-6)
+
+
+def test_frames_without_outliers_keep_every_bit(binding, frames):
+    solver = DualLaplacianSolver(binding, SolveSettings())
+    plain = solver.solve(frames)
+    found = RobustSolver(solver, np.full(frames.shape[1], 0.5)).solve(frames)
+    assert found.weights is None
+    for name in ("cages", "reconstructions", "rotations", "sampled"):
+        np.testing.assert_array_equal(getattr(found.solution, name), getattr(plain, name))
+
+
+def throw(frames, share=0.03):
+    """Throw some vertices of some frames 0.3 to 1 away; also which they are."""
+    is_out = RNG.random(frames.shape[:2]) < share
+    is_out[[0, 3]] = False
+    ways = RNG.standard_normal((np.count_nonzero(is_out), 3))
+    spoilt = frames.copy()
+    spoilt[is_out] += (
+        ways / np.linalg.norm(ways, axis=1)[:, None] * RNG.uniform(0.3, 1, (len(ways), 1))
+    )
+    return spoilt, is_out
+
+
+def test_outliers_are_found_and_do_not_move_the_cage(binding, frames):
+    spoilt, is_out = throw(frames)
+    solver = DualLaplacianSolver(binding, SolveSettings())
+    clean = solver.solve(frames).cages.copy()
+    given = np.where(is_out, 0.0, 1.0)
+    without = RobustSolver(solver).solve(frames, given).solution.cages.copy()
+    plain = solver.solve(spoilt).cages.copy()
+    found = RobustSolver(solver, np.full(frames.shape[1], 0.02)).solve(spoilt)
+    np.testing.assert_array_equal(found.weights < 0.5, is_out)
+    np.testing.assert_allclose(found.solution.cages, without, rtol=0, atol=1e-3)
+    assert np.abs(plain - clean).max() > 20 * np.abs(found.solution.cages - clean).max()
+    np.testing.assert_array_equal(found.solution.cages[[0, 3]], plain[[0, 3]])
+
+
+def test_the_alignment_does_not_follow_outliers(binding, frames):
+    spoilt = frames.copy()
+    spoilt[:, :8] += [0.0, 0.0, 4.0]
+    solver = DualLaplacianSolver(binding, SolveSettings())
+    clean, plain = solver.solve(frames).rotations, solver.solve(spoilt).rotations
+    found = RobustSolver(solver, np.full(frames.shape[1], 0.02)).solve(spoilt).solution.rotations
+    assert np.abs(found - clean).max() < 0.1 * np.abs(plain - clean).max()
+
+
+def test_a_frame_that_is_far_off_as_a_whole_has_no_outliers(binding, frames):
+    spoilt = frames + 0.3 * RNG.standard_normal(frames.shape)
+    solver = DualLaplacianSolver(binding, SolveSettings())
+    found = RobustSolver(solver, np.full(frames.shape[1], 0.01)).solve(spoilt)
+    assert found.weights is None or np.mean(found.weights < 0.5) < 0.05
+
+
+@pytest.mark.parametrize(("left", "alpha"), [(0, 1e-3), (4, 0.0)])
+def test_frames_that_do_not_determine_a_cage_have_a_fault(binding, frames, left, alpha):
+    given = np.ones(frames.shape[:2])
+    given[4, left:] = 0
+    solver = DualLaplacianSolver(binding, SolveSettings(alpha=alpha))
+    found = RobustSolver(solver).solve(frames, given)
+    assert list(found.faults) == [4]
+
+
+def test_blocks_do_not_change_what_is_found(binding, frames):
+    spoilt, _ = throw(frames)
+    solver = RobustSolver(
+        DualLaplacianSolver(binding, SolveSettings()), np.full(frames.shape[1], 0.02)
+    )
+    whole = solver.solve(spoilt)
+    for k in range(len(frames)):
+        alone = solver.solve(spoilt[[k]])
+        np.testing.assert_allclose(
+            alone.solution.cages[0], whole.solution.cages[k], rtol=0, atol=1e-10
+        )
+
+
+def test_weights_of_residuals():
+    relative = np.array([0.0, 1.0, 2.0, 100.0])
+    np.testing.assert_allclose(weigh(relative, is_huber=True), [1, 1, 0.5, 0.01])
+    np.testing.assert_allclose(weigh(relative, is_huber=False), [1, 1, np.exp(-3), 0])

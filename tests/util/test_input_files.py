@@ -1,0 +1,73 @@
+"""Inputs are plain files of a bounded size."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from cageik_cli.util.errors import FileAccessError
+from cageik_cli.util.input_files import check_input, open_input, read_input
+
+
+def test_a_plain_file_is_read_whole_up_to_the_limit(tmp_path):
+    path = tmp_path / "a"
+    path.write_bytes(b"12345")
+    assert read_input(path, 5) == b"12345"
+    with open_input(path) as file:
+        assert file.read() == b"12345"
+    check_input(path)
+    with pytest.raises(FileAccessError, match=r"has 5 bytes, expected at most 4 bytes"):
+        read_input(path, 4)
+
+
+def test_a_link_to_a_plain_file_is_followed(tmp_path):
+    (tmp_path / "a").write_bytes(b"1")
+    (tmp_path / "link").symlink_to("a")
+    assert read_input(tmp_path / "link") == b"1"
+
+
+def test_a_file_without_end_is_not_read_to_memory(tmp_path):
+    with (tmp_path / "huge").open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(FileAccessError, match="expected at most"):
+        read_input(tmp_path / "huge")
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no such file system")
+def test_a_file_that_says_it_is_empty_is_read(tmp_path):
+    path = Path("/proc/self/status")
+    assert path.stat().st_size == 0
+    assert b"Name" in read_input(path)
+    with pytest.raises(FileAccessError, match="expected at most"):
+        read_input(path, 10)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes and devices have no names on this system")
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda path: path.mkdir(), "is a folder"),
+        (os.mkfifo, "is a pipe or a device"),
+        (lambda path: path.symlink_to("/dev/zero"), "is a pipe or a device"),
+        (lambda path: path.symlink_to("nowhere"), "cannot be read: No such file"),
+        (lambda path: None, "cannot be read: No such file"),
+    ],
+)
+def test_what_is_no_plain_file_is_refused(tmp_path, make, says):
+    path = tmp_path / "a"
+    make(path)
+    for read in (open_input, check_input, read_input):
+        with pytest.raises(FileAccessError, match=says):
+            read(path)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="pipes have no names on this system")
+def test_a_pipe_that_takes_the_place_of_a_file_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "a"
+    path.write_text("1")
+    checked = os.stat(path)
+    path.unlink()
+    os.mkfifo(path)
+    monkeypatch.setattr(os, "stat", lambda name: checked)
+    with pytest.raises(FileAccessError, match="is a pipe or a device"):
+        open_input(path)

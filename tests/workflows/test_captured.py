@@ -1,0 +1,387 @@
+"""Captured clips, end to end: outliers, missing vertices, weights of frames, and what is said."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.report.html.page import render_result_page
+from cageik_cli.report.record import build_report
+from cageik_cli.report.views.tables import format_csv, format_json
+from cageik_cli.report.views.text import format_text
+from cageik_cli.solver.settings import CaptureSettings, FitSettings
+from cageik_cli.store.result import read_cages, read_result
+from cageik_cli.util.errors import CheckpointError, FormatError, InputError, SettingError
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows.bind import BindRunSettings, bind_files
+from cageik_cli.workflows.extract import extract
+from cageik_cli.workflows.extract_settings import ExtractSettings
+from tests.corruptions import corrupt
+
+ROBUST = CaptureSettings(robust=True)
+MISSING = ClipSettings(missing=True)
+
+
+@pytest.fixture(scope="module")
+def walk(fixtures_folder):
+    """The 48 frames of the walking figure, its faces and its cage."""
+    folder = fixtures_folder / "walker"
+    paths = [folder / "frames" / f"walker_{k}.obj" for k in range(1, 49)]
+    lines = [path.read_text().splitlines() for path in paths]
+    frames = [[line.split()[1:4] for line in text if line[:2] == "v "] for text in lines]
+    faces = [line.split()[1:4] for line in lines[0] if line[:2] == "f "]
+    corners = [[int(word.split("/")[0]) - 1 for word in face] for face in faces]
+    return np.array(frames, float), np.array(corners), folder / "cage.obj"
+
+
+@pytest.fixture(scope="module")
+def walker(walk):
+    """Every fourth of these frames."""
+    frames, faces, cage = walk
+    return frames[::4], faces, cage
+
+
+@pytest.fixture
+def make(walker, tmp_path, monkeypatch):
+    """Settings for spoilt frames of the walker."""
+    monkeypatch.chdir(tmp_path)
+    _, faces, cage = walker
+
+    def settings(frames, name="clip", **options):
+        np.savez(f"{name}.npz", verts=frames, faces=faces)
+        return ExtractSettings(
+            frames=(f"{name}.npz",), cage=cage, output=Path(f"{name}.h5"), overwrite=True, **options
+        )
+
+    return settings
+
+
+def cages_of(settings, progress=None):
+    with h5py.File(extract(settings, progress).path) as file:
+        return file["verts"][:], file["weights"][:]
+
+
+def error_to(frames, cages, weights):
+    size = np.linalg.norm(np.ptp(frames[0], axis=0))
+    return 100 * np.sqrt(np.mean(((weights @ cages - frames) ** 2).sum(axis=2))) / size
+
+
+def test_outliers_do_not_move_the_cages(walker, make):
+    frames = walker[0]
+    spoilt = corrupt("outliers", frames)
+    clean = error_to(frames, *cages_of(make(frames, "clean")))
+    plain = error_to(frames, *cages_of(make(spoilt, "plain")))
+    robust = error_to(frames, *cages_of(make(spoilt, "robust", capture=ROBUST)))
+    assert plain > 2 * clean
+    assert robust < 1.05 * clean
+
+
+def test_clean_frames_lose_nothing(walker, make):
+    plain = cages_of(make(walker[0], "plain"))[0]
+    robust = cages_of(make(walker[0], "robust", capture=ROBUST))[0]
+    np.testing.assert_allclose(robust, plain, rtol=0, atol=2e-3)
+
+
+def test_rejected_vertices_are_counted_everywhere(walker, make):
+    spoilt = corrupt("outliers", walker[0])
+    result = extract(make(spoilt, capture=ROBUST))
+    is_out = (spoilt != walker[0]).any(axis=2)
+    np.testing.assert_allclose(result.kept.rejected, is_out.sum(axis=1), atol=2)
+    report = build_report(result)
+    assert report.kept.rms_percent < 0.1 * report.summary.rms_percent
+    assert abs(report.summary.volume_change_percent_max) < 5
+    rows = list(csv.DictReader(io.StringIO(format_csv([report]))))
+    assert [int(row["rejected"]) for row in rows] == result.kept.rejected.tolist()
+    record = json.loads(format_json([report]))
+    assert record["kept"]["most_rejected"] == int(result.kept.rejected.max())
+    assert [one["rejected"] for one in record["frames"]] == result.kept.rejected.tolist()
+    text = format_text(report)
+    assert f"most in {report.kept.most_rejected_frame}" in text
+    assert "over what was not rejected" in text
+    page = render_result_page(result, report)
+    assert "Rejected" in page
+    assert "over what was not rejected" in page
+    assert record["settings"]["robust"] is True
+
+
+def test_without_the_options_nothing_of_it_is_stored(walker, make):
+    result = extract(make(walker[0]))
+    assert result.kept is None
+    with h5py.File(result.path) as file:
+        assert "metrics/rejected" not in file
+    assert not {"robust", "missing"} & set(result.settings)
+    assert "rejected" not in format_text(build_report(result))
+
+
+def test_missing_pieces_are_left_out(walker, make):
+    spoilt = corrupt("missing", walker[0])
+    result = extract(make(spoilt, clip=MISSING))
+    is_missing = np.isnan(spoilt[..., 0])
+    np.testing.assert_array_equal(result.kept.missing, is_missing.sum(axis=1))
+    assert not result.kept.rejected.any()
+    np.testing.assert_array_equal(result.metrics.rms, result.kept.rms_kept)
+    with h5py.File(result.path) as file:
+        rebuilt = file["weights"][:] @ file["verts"][:]
+    errors = np.linalg.norm(rebuilt - spoilt, axis=2)
+    np.testing.assert_allclose(
+        result.metrics.rms, np.sqrt(np.nanmean(errors**2, axis=1)), rtol=1e-9, atol=1e-12
+    )
+    np.testing.assert_allclose(result.metrics.max_deviation, np.nanmax(errors, axis=1), atol=1e-12)
+    assert np.isnan(result.metrics.volume[1:]).all()
+    assert np.isfinite(result.metrics.volume[0])
+    page = render_result_page(result, build_report(result))
+    assert "Missing 18" in page
+
+
+def test_missing_vertices_do_not_change_the_rest_of_the_cage(walker, make):
+    frames = walker[0]
+    spoilt = corrupt("missing", frames)
+    clean, weights = cages_of(make(frames, "clean"))
+    found, _ = cages_of(make(spoilt, clip=MISSING))
+    known = ~np.isnan(spoilt[..., 0])
+    error = np.linalg.norm(weights @ found - frames, axis=2)[known]
+    plain = np.linalg.norm(weights @ clean - frames, axis=2)[known]
+    assert np.sqrt(np.mean(error**2)) < 1.05 * np.sqrt(np.mean(plain**2))
+
+
+def write_objs(folder, frames, faces):
+    folder.mkdir()
+    for k, frame in enumerate(frames):
+        lines = ["v {} {} {}".format(*vertex) for vertex in frame]
+        lines += ["f {} {} {}".format(*(face + 1)) for face in faces]
+        (folder / f"frame_{k}.obj").write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("form", ["npz", "obj"])
+def test_missing_vertices_are_refused_without_the_option(walker, make, form):
+    spoilt = corrupt("missing", walker[0])[:3]
+    settings = make(spoilt)
+    if form == "obj":
+        write_objs(Path("objs"), spoilt, walker[1])
+        settings = replace(settings, frames=("objs",))
+    with pytest.raises(FormatError, match=r"(?s)314 of 1570 vertices are not finite.*--missing"):
+        extract(settings)
+    result = extract(replace(settings, clip=MISSING))
+    assert result.kept.missing.tolist() == [0, 314, 314]
+
+
+def test_a_first_frame_with_missing_vertices_needs_another_rest_pose(walker, make):
+    spoilt = walker[0].copy()
+    spoilt[0, 4:9] = np.nan
+    with pytest.raises(FormatError, match=r"5 of 1570 vertices are not finite.*--missing"):
+        extract(make(spoilt))
+    with pytest.raises(
+        FormatError, match=r"5 of 1570 vertices of the rest pose are missing.*--rest"
+    ):
+        extract(make(spoilt, clip=MISSING))
+    other = make(spoilt, clip=MISSING, rest=Path("rest/frame_0.obj"))
+    write_objs(Path("rest"), walker[0][:1], walker[1])
+    result = extract(other)
+    assert result.kept.missing.tolist() == [5] + 11 * [0]
+
+
+def test_infinite_vertices_are_never_missing(walker, make):
+    spoilt = walker[0].copy()
+    spoilt[3, 7, 1] = np.inf
+    with pytest.raises(FormatError, match="not finite") as caught:
+        extract(make(spoilt, clip=MISSING))
+    assert "--missing" not in str(caught.value)
+
+
+def test_frames_of_too_few_data_are_named(walker, make):
+    spoilt = walker[0].copy()
+    spoilt[5], spoilt[7, 30:] = np.nan, np.nan
+    with pytest.raises(FormatError, match=r"clip.npz\[5\]: 0 of 1570 vertices are data"):
+        extract(make(spoilt, clip=MISSING))
+    result = extract(make(spoilt, clip=MISSING, on_bad_frame="skip"))
+    assert list(result.skipped) == [5, 7]
+    assert "30 of 1570 vertices are data" in result.skipped[7]
+    assert np.isnan(result.metrics.rms[[5, 7]]).all()
+    assert np.isfinite(np.delete(result.metrics.rms, [5, 7])).all()
+
+
+def test_weights_of_zero_in_a_frame_are_missing_vertices(walker, make):
+    spoilt = corrupt("missing", walker[0])
+    shares = np.isfinite(spoilt[..., 0]).astype(float)
+    np.save("weights.npy", shares)
+    by_weights = make(walker[0], "weighted", vertex_weights=Path("weights.npy"))
+    first, _ = cages_of(by_weights)
+    second, _ = cages_of(make(spoilt, clip=MISSING))
+    np.testing.assert_allclose(first, second, rtol=0, atol=1e-9)
+    result = read_result(by_weights.output)
+    np.testing.assert_array_equal(result.kept.missing, (shares == 0).sum(axis=1))
+    assert "weights.npy" in result.sources["vertex_weights"]["name"]
+
+
+def test_equal_weights_of_frames_change_nothing(walker, make):
+    np.save("weights.npy", np.full(walker[0].shape[:2], 3, np.float32))
+    weighted, _ = cages_of(make(walker[0], "weighted", vertex_weights=Path("weights.npy")))
+    plain, _ = cages_of(make(walker[0], "plain"))
+    np.testing.assert_allclose(weighted, plain, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("weights", "says"),
+    [
+        (np.ones((11, 1570)), r"shape \(11, 1570\), expected \(12, 1570\)"),
+        (np.full((12, 1570), -1.0), "weight of vertex 0 in frame 0 is -1.0"),
+        (np.zeros((12, 1570)), "all vertex weights are zero"),
+        (np.full((12, 1570), "a"), "expected numbers"),
+    ],
+)
+def test_unusable_weights_of_frames_are_refused(walker, make, weights, says):
+    np.save("weights.npy", weights)
+    with pytest.raises(InputError, match=rf"weights.npy: .*{says}"):
+        extract(make(walker[0], vertex_weights=Path("weights.npy")))
+
+
+class Stopped(ProgressListener):
+    """Ends the run when so many frames are done, as Ctrl-C does."""
+
+    def update(self, done, total):
+        if total == 12 and done == 4:
+            raise KeyboardInterrupt
+
+
+def test_threads_and_interruptions_do_not_change_the_bytes(walker, make):
+    spoilt = corrupt("missing", corrupt("outliers", walker[0]))
+    # Two frames a block.
+    memory = 1570 * 80 * 8 + 2 * 12 * 3 * 1570 * 8
+    settings = make(spoilt, capture=ROBUST, clip=MISSING, memory=memory)
+    whole = extract(settings).path.read_bytes()
+    assert extract(replace(settings, jobs=3)).path.read_bytes() == whole
+    other = replace(settings, output=Path("other.h5"), overwrite=False)
+    with pytest.raises(KeyboardInterrupt):
+        extract(other, Stopped())
+    resumed = extract(replace(other, resume=True))
+    assert resumed.path.read_bytes() == whole
+    with pytest.raises(CheckpointError, match="other settings"):
+        extract(replace(other, resume=True, capture=CaptureSettings()))
+
+
+SMOOTH = CaptureSettings(robust=True, smooth="auto", fill_gaps=True)
+
+
+def test_all_at_once_is_solved_with_smoothing(walk, make):
+    frames = walk[0]
+    spoilt = corrupt("lost", corrupt("missing", corrupt("outliers", frames)))
+    clean = error_to(frames, *cages_of(make(frames, "clean")))
+    result = extract(make(spoilt, capture=SMOOTH, clip=MISSING))
+    with h5py.File(result.path) as file:
+        found = file["verts"][:]
+        weights = file["weights"][:]
+    known = np.setdiff1d(np.arange(48), list(result.skipped))
+    assert (
+        list(result.filled)
+        == list(result.skipped)
+        == np.flatnonzero(np.isnan(spoilt).all(axis=(1, 2))).tolist()
+    )
+    assert np.isfinite(found).all()
+    plain = make(spoilt, "still", capture=ROBUST, clip=MISSING, on_bad_frame="skip")
+    still = cages_of(plain)[0][known]
+    error = error_to(frames, found, weights)
+    assert error < 0.7 * error_to(frames[known], still, weights)
+    assert error < 1.5 * clean
+    rebuilt = weights @ found[known]
+    errors = np.linalg.norm(rebuilt - spoilt[known], axis=2)
+    rms = np.sqrt(np.nanmean(errors**2, axis=1))
+    np.testing.assert_allclose(result.metrics.rms[known], rms, rtol=1e-9, atol=1e-12)
+
+
+def test_filled_gaps_are_read_as_they_were_filled(walker, make):
+    spoilt = walker[0].copy()
+    spoilt[5] = np.nan
+    settings = make(spoilt, clip=MISSING, capture=CaptureSettings(fill_gaps=True))
+    result = extract(settings)
+    assert result.filled == (5,)
+    report = build_report(result)
+    assert report.filled == ("clip.npz[5]",)
+    assert "1 frame from those around: clip.npz[5]" in format_text(report)
+    assert "Filled cages of 1 frame come" in render_result_page(result, report)
+    plain = make(spoilt, "plain", clip=MISSING, on_bad_frame="skip")
+    linear = np.concatenate(list(read_cages(extract(plain), 16)))
+    filled = np.concatenate(list(read_cages(result, 16)))
+    np.testing.assert_array_equal(np.delete(filled, 5, 0), np.delete(linear, 5, 0))
+    assert np.abs(filled[5] - linear[5]).max() > 1e-3
+    with h5py.File(result.path) as file:
+        np.testing.assert_array_equal(filled[5], file["verts"][5])
+        assert np.isfinite(file["rotations"][5]).all()
+
+
+def test_smoothing_keeps_the_bytes_for_threads_and_interruptions(walker, make):
+    spoilt = corrupt("lost", corrupt("missing", corrupt("outliers", walker[0])))
+    memory = 1570 * 80 * 8 + 2 * 12 * 3 * 1570 * 8
+    settings = make(spoilt, capture=SMOOTH, clip=MISSING, memory=memory)
+    whole = extract(settings).path.read_bytes()
+    assert extract(replace(settings, jobs=3)).path.read_bytes() == whole
+    other = replace(settings, output=Path("other.h5"), overwrite=False)
+    with pytest.raises(KeyboardInterrupt):
+        extract(other, Stopped())
+    assert extract(replace(other, resume=True)).path.read_bytes() == whole
+    assert not list(Path().glob("*.partial"))
+
+
+def test_windows_of_long_clips_change_little(walker, make, monkeypatch):
+    frames = np.concatenate([walker[0], walker[0][::-1]] * 3)
+    noisy = frames + 0.003 * np.random.default_rng(2).standard_normal(frames.shape)
+    settings = make(noisy, capture=CaptureSettings(smooth=0.1), rest=Path("rest/frame_0.obj"))
+    write_objs(Path("rest"), walker[0][:1], walker[1])
+    whole, _ = cages_of(settings)
+    monkeypatch.setattr("cageik_cli.solver.smooth.MIN_WINDOW", 48)
+    monkeypatch.setattr("cageik_cli.solver.smooth.MAX_WINDOW", 48)
+    parts, _ = cages_of(settings)
+    plain, _ = cages_of(replace(settings, capture=CaptureSettings()))
+    assert 0 < np.abs(parts - whole).max() < 0.01 * np.abs(whole - plain).max()
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_clips_too_short_to_smooth_are_kept(walker, make, count):
+    frames = walker[0][:count]
+    plain, _ = cages_of(make(frames, "plain"))
+    found, _ = cages_of(make(frames, capture=CaptureSettings(smooth="auto")))
+    np.testing.assert_array_equal(found, plain)
+
+
+def test_weights_fitted_to_a_clean_clip_serve_one_with_missing_vertices(walker, make):
+    clean = replace(make(walker[0], "clean", fit=FitSettings()), rest=Path("rest/frame_0.obj"))
+    write_objs(Path("rest"), walker[0][:1], walker[1])
+    with pytest.raises(SettingError, match="--fit needs frames without missing vertices"):
+        replace(clean, clip=MISSING)
+    bind_files(BindRunSettings(clean.cage, clean.rest, Path("fit.h5"), clips=clean.frames))
+    spoilt = make(corrupt("missing", walker[0]), capture=SMOOTH, clip=MISSING)
+    result = extract(replace(spoilt, cage=None, binding=Path("fit.h5"), rest=clean.rest))
+    assert result.fit is not None
+    assert build_report(result).unfitted is None
+    assert build_report(result).kept.most_missing == 314
+
+
+def test_a_missing_number_is_filled_in_its_time(walk, make):
+    frames, faces, _ = walk
+    folder = Path("objs")
+    write_objs(folder, frames[:12], faces)
+    (folder / "frame_5.obj").unlink()
+    settings = replace(
+        make(frames), frames=("objs",), clip=ClipSettings(gaps="keep"), capture=SMOOTH
+    )
+    result = extract(settings)
+    assert result.filled == (5,)
+    with h5py.File(result.path) as file:
+        rebuilt = file["weights"][:] @ file["verts"][:]
+    plain = cages_of(make(frames[:12], "plain"))
+    size = np.linalg.norm(np.ptp(frames[0], axis=0))
+    assert np.abs(rebuilt[5] - plain[1] @ plain[0][5]).max() < 0.01 * size
+
+
+def test_a_result_with_filled_frames_is_kept_when_resumed(walker, make):
+    spoilt = walker[0].copy()
+    spoilt[5] = np.nan
+    settings = make(spoilt, clip=MISSING, capture=CaptureSettings(fill_gaps=True))
+    whole = extract(settings).path.read_bytes()
+    again = extract(replace(settings, resume=True, overwrite=False))
+    assert again.path.read_bytes() == whole
