@@ -68,7 +68,7 @@ test-browser: $(READY)  ## Open the pages in Chromium, and use them by mouse and
 	@command -v $(CHROMIUM) >/dev/null || { \
 		echo "$(CHROMIUM): no such program; install Chromium or Chrome, or name it:" \
 			"make test-browser CHROMIUM=/path/to/chrome" >&2; exit 1; }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright axe-playwright-python
 	CHROMIUM="$$(command -v $(CHROMIUM))" $(BIN)/python -m pytest tests/browser -m browser
 
 check: $(READY)  ## Format, lint, types, and who imports what
@@ -113,7 +113,7 @@ fixtures: $(READY)  ## Make data_fixtures again, byte for byte, and the pictures
 		--plot data_fixtures/pictures/built_cage.png --overwrite
 
 view-pictures: $(READY)  ## Draw the pictures of `cageik view` again, in Chromium
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright axe-playwright-python
 	$(BIN)/python data_fixtures/make_view_pictures.py "$$(command -v $(CHROMIUM))"
 
 clean:  ## Remove what was built and written here
