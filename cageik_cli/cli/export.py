@@ -12,6 +12,7 @@ from cageik_cli.cli.options.common import (
     format_option,
     get_verbosity,
     overwrite_option,
+    recentre_option,
 )
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.morphs import MORPH_OPTIONS, check_morph_usage
@@ -30,6 +31,7 @@ def make_export_settings(
     influences: int | None,
     morphs: MorphSettings,
     file_format: str | None,
+    recentre: bool,
     overwrite: bool,
 ) -> "ExportSettings":
     """Make the settings of an export; values that contradict each other are wrong usage."""
@@ -46,7 +48,7 @@ def make_export_settings(
     check_morph_usage("--morphs and --tolerance", has_morphs, out)
     return ExportSettings(
         result=result,
-        output=Output(out, file_format, overwrite),
+        output=Output(out, file_format, overwrite, recentre),
         scene=scene,
         skeleton=skeleton,
         influences=influences,
@@ -76,6 +78,7 @@ def make_export_settings(
     ),
     MORPH_OPTIONS,
     format_option,
+    recentre_option,
     overwrite_option,
 )
 @common_options

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,8 @@ class Animation:
         The OBJ file that the rest mesh was read from, unpacked; empty if it was another format.
     morphs : MorphSettings
         How a format of morph targets follows the frames.
+    origin : tuple of float
+        What was subtracted from the rest pose, and is from all positions that are written.
     """
 
     rest: TriMesh
@@ -41,6 +43,16 @@ class Animation:
     name: str
     obj_text: bytes = b""
     morphs: MorphSettings = field(default_factory=MorphSettings)
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def recentre(self) -> "Animation":
+        """Return the animation with the rest pose around the origin, but for a round offset."""
+        used = self.rest.vertices[self.rest.used_vertices]
+        middle = 0.5 * used.min(axis=0) + 0.5 * used.max(axis=0)
+        step = 10.0 ** np.floor(np.log10(self.rest.diagonal or 1.0))
+        x, y, z = (float(value) for value in np.rint(middle / step) * step)
+        rest = TriMesh(self.rest.vertices - np.array([x, y, z]), self.rest.faces)
+        return replace(self, rest=rest, origin=(x, y, z))
 
 
 class AnimationWriter(ABC):
@@ -56,12 +68,15 @@ class AnimationWriter(ABC):
         Lower case, with the dot.
     writes_folder : bool
         Whether it writes a folder with a file per frame, instead of a file.
+    is_single : bool
+        Whether positions are stored in single precision.
     notes : tuple of str
         What a user must know about the output, one sentence each.
     """
 
     suffixes: tuple[str, ...]
     writes_folder: bool = False
+    is_single: bool = False
     notes: tuple[str, ...] = ()
 
     @classmethod  # noqa: B027  # most need no other library
@@ -157,6 +172,7 @@ class PointCacheWriter(AnimationWriter):
         Numpy's name of float32 in the file's byte order.
     """
 
+    is_single = True
     dtype: str
 
     def __init__(self, target: Path, animation: Animation) -> None:

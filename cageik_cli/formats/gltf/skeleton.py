@@ -34,6 +34,7 @@ class SkeletonWriter(AnimationWriter):
     """
 
     suffixes = (".glb",)
+    is_single = True
 
     def __init__(
         self, target: Path, animation: Animation, skin: Skin, appearance: Appearance | None = None
@@ -68,7 +69,7 @@ class SkeletonWriter(AnimationWriter):
                 f"three.js and other viewers read {SET_SIZE} joints per vertex, and leave out the "
                 f"weaker ones; --influences {SET_SIZE} is fitted to that",
             )
-        self._vertices = to_float32(skin.rest.vertices)
+        self._vertices = to_float32(skin.rest.vertices - np.array(animation.origin))
         self._motion = JointMotion(animation.rest, skin.rotations)
         self._turns: list[Floats] = []
         with ExitStack() as stack:

@@ -38,6 +38,7 @@ class Writer(AnimationWriter):
     """
 
     suffixes = (".glb",)
+    is_single = True
 
     @classmethod
     def require_libraries(cls) -> None:

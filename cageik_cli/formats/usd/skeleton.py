@@ -22,6 +22,7 @@ class SkeletonWriter(AnimationWriter):
     """
 
     suffixes = USD_SUFFIXES
+    is_single = True
 
     def __init__(self, target: Path, animation: Animation, skin: Skin) -> None:
         """Start writing to `target`, whose suffix is one of `suffixes`.
@@ -38,7 +39,7 @@ class SkeletonWriter(AnimationWriter):
         InputError
             When usd-core is not installed, or the format cannot hold the animation.
         """
-        points = to_float32(skin.rest.vertices)
+        points = to_float32(skin.rest.vertices - np.array(animation.origin))
         self._motion = JointMotion(animation.rest, skin.rotations)
         self._file = UsdFile(target, animation, _JOINT_BYTES * len(self._motion.names))
         from pxr import Vt
