@@ -18,6 +18,7 @@ from cageik_cli.cli import main
 from cageik_cli.cli.options import common
 from cageik_cli.coordinates import harmonic
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util import compiled
 from tests.shapes import ball, box
 
 # Imported before tests change the accuracies that its help states.
@@ -86,6 +87,16 @@ def cache(tmp_path_factory, monkeypatch) -> Path:
 def no_step_summary(monkeypatch) -> None:
     """No test writes into the summary of the run that it is part of."""
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
+
+
+@pytest.fixture(params=["compiled", "python"])
+def core(request, monkeypatch) -> str:
+    """Run a test with the compiled body of the functions that have two, and with the other."""
+    if request.param == "python":
+        monkeypatch.setattr(compiled, "kernel", None)
+    elif compiled.kernel is None:
+        pytest.skip("the core was not compiled")
+    return str(request.param)
 
 
 @pytest.fixture

@@ -57,3 +57,13 @@ def test_each_contract_finds_a_violation(package, module, line, contract):
     broken = [row for row in done.stdout.splitlines() if " BROKEN" in row]
     assert len(broken) == 1
     assert contract in broken[0]
+
+
+def test_one_module_imports_the_compiled_core():
+    """The linter cannot see it, for it is no Python."""
+    owners = [
+        path.name
+        for path in (ROOT / "cageik_cli").rglob("*.py")
+        if "import _kernel" in path.read_text() or "cageik_cli._kernel" in path.read_text()
+    ]
+    assert owners == ["compiled.py"]

@@ -10,6 +10,7 @@ import click
 from cageik_cli import __version__
 from cageik_cli.cli.errors import CageikGroup
 from cageik_cli.cli.lazy import LazyCommands
+from cageik_cli.util.compiled import describe_core
 
 
 @click.group(
@@ -31,7 +32,11 @@ from cageik_cli.cli.lazy import LazyCommands
     ),
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@click.version_option(__version__, prog_name="cageik")
+@click.version_option(
+    __version__,
+    prog_name="cageik",
+    message=f"%(prog)s, version %(version)s\ncore: {describe_core()}",
+)
 def main() -> None:
     """Turn a mesh animation into a cage animation.
 

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates.bem.boundary_equation import (
-    FADE_FACTOR,
     BoundarySolution,
     interior_weights,
     solve_boundary,
@@ -27,6 +26,7 @@ from cageik_cli.coordinates.bem.boundary_equation import (
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.bem.error_estimate import estimate_error
 from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, exponents
+from cageik_cli.coordinates.bem.potentials import FADE_FACTOR
 from cageik_cli.coordinates.settings import ACCURACIES, Accuracy
 from cageik_cli.coordinates.weights import Weights, ignore_progress
 from cageik_cli.geometry.mesh import TriMesh

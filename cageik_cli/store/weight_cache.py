@@ -13,6 +13,7 @@ from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.entry_cache import DEFAULT_MAX_BYTES, EntryCache, EntryFormat, as_bytes
+from cageik_cli.util import compiled
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,11 +82,13 @@ def compute_key(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
     """Return the key of a binding: a digest of all that its weights, notes and figures depend on.
 
     It covers the faces of the rest pose, on which warnings depend; not the number of threads, which
-    does not change weights.
+    does not change weights. The compiled core does, in the eighth digit: the equations are solved
+    in single precision, which enlarges differences in the last bit.
     """
     recorded = {
         "version": __version__,
         "algorithm": ALGORITHM_VERSIONS[settings.coordinates],
+        "compiled": compiled.kernel is not None,
         **asdict(settings),
         "rest": len(rest.vertices),
         "cage": len(cage.vertices),

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
+from cageik_cli.util import compiled
 from tests.cli.terminal import on_a_terminal
 
 TYPED = ("extract", "frames", "--cage", "cage.obj")
@@ -34,7 +35,7 @@ def test_the_installed_command_is_this_one(run_process):
     from cageik_cli import __version__
 
     done = subprocess.run([command, "--version"], capture_output=True, text=True, check=True)
-    assert done.stdout == f"cageik, version {__version__}\n"
+    assert done.stdout == f"cageik, version {__version__}\ncore: {compiled.describe_core()}\n"
 
 
 def test_the_summary_goes_to_stderr_and_ends_with_what_to_do_next(run, folder):

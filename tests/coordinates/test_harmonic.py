@@ -15,6 +15,8 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError, SettingError
 from tests.shapes import TETRAHEDRON, ball, box, concave, finer, inside, rotation
 
+pytestmark = pytest.mark.usefixtures("core")
+
 CAGES = {"box": box(), "concave": concave(), "ball": ball(1, 1.0)}
 
 

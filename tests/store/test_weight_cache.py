@@ -21,6 +21,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store import entry_cache as module
 from cageik_cli.store import weight_cache
 from cageik_cli.store.weight_cache import WeightCache, compute_key
+from cageik_cli.util import compiled
 from cageik_cli.util.locks import open_locked, remove_locked
 from tests.shapes import TETRAHEDRON, ball, box
 from tests.store.entries import entry, same
@@ -184,6 +185,10 @@ def test_the_key_covers_all_that_weights_depend_on(monkeypatch):
     monkeypatch.undo()
     monkeypatch.setattr(weight_cache, "__version__", "0.0.0")
     keys["version"] = compute_key(ball(1), box(), SETTINGS)
+    monkeypatch.undo()
+    other = None if compiled.kernel else object()
+    monkeypatch.setattr(compiled, "kernel", other)
+    keys["the other core"] = compute_key(ball(1), box(), SETTINGS)
     assert len(set(keys.values())) == len(keys)
 
 

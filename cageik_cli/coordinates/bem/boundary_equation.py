@@ -5,11 +5,9 @@ With q_k the outward normal derivative of the weight w_k on the cage, and φ_k i
     4π w_k(x) = Σ_panels ∫ q_k / r dA + D_k(x),     D_k = Σ_panels ∫ φ_k h/r³ dA,
 
 (Green's representation). For x inside a face, 2π φ_k(x) replaces 4π w_k(x), which gives an equation
-for q_k. It is tested with the polynomials of the densities (Galerkin's method). The potentials of
-terms beyond linear decay with the cube of the distance, and are faded out.
+for q_k. It is tested with the polynomials of the densities (Galerkin's method).
 """
 
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -19,26 +17,15 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
-from cageik_cli.coordinates.bem.higher_terms import higher_moments
-from cageik_cli.coordinates.bem.panels import (
-    close_solid_angles,
-    distances,
-    double_layer,
-    linear_moments,
-    panel_view,
-    set_principal_values,
-)
 from cageik_cli.coordinates.bem.polynomials import (
     LINEAR_TERMS,
     gauss_rule,
     monomials,
     orthogonal_basis,
 )
-from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.coordinates.bem.potentials import Potentials, compute_potentials
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.threads import limit_blas_threads
-
-FADE_FACTOR = 1.25
-"""Terms beyond linear are full up to `reach` over this, and zero from `reach` times this."""
 
 MAX_BLOCK_ENTRIES = 60_000
 """Panels times points evaluated together; they fit in the processor's cache."""
@@ -47,16 +34,6 @@ LU_THREADS = 2
 """A fixed number of threads, so that weights do not depend on the machine."""
 
 Float32s = NDArray[np.float32]
-
-
-class _ThreadWorkspace(threading.local):
-    """The workspace of the current thread."""
-
-    def __init__(self) -> None:
-        self.workspace = Workspace()
-
-
-_THREAD_LOCAL = _ThreadWorkspace()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,28 +49,6 @@ class BoundarySolution:
 
     mesh: BoundaryMesh
     densities: Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Potentials:
-    """Potentials of panels at q points.
-
-    Attributes
-    ----------
-    linear : (3p, q)
-        ∫ (1, x, y)/r of every panel; in workspace memory.
-    near_panels : (c,) int64
-        Indices into `mesh.high_panels` of the panels whose higher terms have not faded out.
-    higher : (d − 3, c, q)
-        ∫ ψ/r of their higher terms.
-    double : (n, q)
-        D_k of every cage vertex.
-    """
-
-    linear: Floats
-    near_panels: Integers
-    higher: Floats
-    double: Floats
 
 
 def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolution:
@@ -178,45 +133,6 @@ def _fill_rows(mesh: BoundaryMesh, chosen: Integers, matrix: Float32s, rhs: Floa
         matrix[into[:, None], columns.ravel()] = integrate_against_tests(higher)
     on_nodes = 2 * np.pi * mesh.evaluate_hats(chosen, barycentric).reshape(-1, rhs.shape[1])
     rhs[into] = integrate_against_tests(on_nodes.T - potentials.double)
-
-
-def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -> Potentials:
-    """Compute the potentials at points, (q, 3), that are strictly inside, or else in faces."""
-    workspace = _THREAD_LOCAL.workspace
-    panels = mesh.panels
-    view = panel_view(panels, points, workspace)
-    if is_inside:
-        close_solid_angles(view)
-    else:
-        set_principal_values(view)
-    linear = linear_moments(panels, view, workspace)
-    near, strength = _find_near_panels(mesh, points)
-    higher = np.empty((mesh.extra_terms, 0, len(points)))
-    if len(near):
-        higher = higher_moments(mesh.higher_terms, near, view, linear, workspace)
-        higher *= strength
-    integrals = double_layer(panels, view, workspace)
-    double = mesh.double_layer_to_hats @ integrals.reshape(-1, len(points))
-    return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
-
-
-def _find_near_panels(mesh: BoundaryMesh, points: Floats) -> tuple[Integers, Floats]:
-    """Return indices into `mesh.high_panels` within reach of any point, and their strength, (c, q).
-
-    The strength is 1 up to a distance of reach / FADE_FACTOR, 0 from reach · FADE_FACTOR, with a
-    continuous slope.
-    """
-    centroids = mesh.panels.centroids[mesh.high_panels]
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    radius = np.linalg.norm(points - middle, axis=1).max()
-    distance = np.linalg.norm(centroids - middle, axis=1)
-    near = np.flatnonzero(distance < FADE_FACTOR * mesh.reach + radius)
-    share = distances(centroids[near], points, _THREAD_LOCAL.workspace, "centroid")
-    share /= mesh.reach[near, None]
-    np.subtract(FADE_FACTOR, share, out=share)
-    share /= FADE_FACTOR - 1 / FADE_FACTOR
-    np.clip(share, 0, 1, out=share)
-    return near, share * share * (3 - 2 * share)
 
 
 def _split_test_panels(mesh: BoundaryMesh) -> list[Integers]:

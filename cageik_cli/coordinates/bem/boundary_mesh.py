@@ -9,7 +9,7 @@ from scipy import sparse
 
 from cageik_cli.coordinates.bem.higher_terms import HigherTerms
 from cageik_cli.coordinates.bem.panel_geometry import Panels
-from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, exponents
+from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, exponents, orthogonal_basis
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -69,9 +69,28 @@ class BoundaryMesh:
         return sparse.csr_array(sparse.hstack(terms, format="csr"))
 
     @cached_property
+    def double_layer_columns(self) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats]:
+        """Return the starts, rows and values of the columns of `double_layer_to_hats`."""
+        columns = self.double_layer_to_hats.tocsc()
+        return columns.indptr.astype(np.int32), columns.indices.astype(np.int32), columns.data
+
+    @cached_property
     def higher_terms(self) -> HigherTerms:
         """Return the terms beyond linear, for their integrals."""
         return HigherTerms(self.panels, self.high_panels, self.order)
+
+    @cached_property
+    def higher_arrays(self) -> tuple[Floats | Integers, ...]:
+        """Return what the compiled core needs of the terms beyond linear, in its order."""
+        arrays = (
+            self.high_panels,
+            self.panels.centroids[self.high_panels],
+            self.reach,
+            self.higher_terms.side_factors,
+            self.panels.metric,
+            orthogonal_basis(self.order)[LINEAR_TERMS:],
+        )
+        return tuple(map(np.ascontiguousarray, arrays))
 
     @cached_property
     def panel_degrees(self) -> Integers:

@@ -4,11 +4,11 @@ import numpy as np
 
 from cageik_cli.coordinates.bem.boundary_equation import (
     BoundarySolution,
-    compute_potentials,
     single_layer,
     split_points,
 )
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.bem.potentials import compute_potentials
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats

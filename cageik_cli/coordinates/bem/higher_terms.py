@@ -63,7 +63,7 @@ class HigherTerms:
         kinds, monomial = np.array(list(_side_sum_places(order))).T
         along = edge_coefficients(order)[:, monomial]
         factors = np.einsum("rsk,srj,ksj->krsj", scale[kinds], along, signs)
-        return np.asarray(factors.reshape(len(chosen), len(kinds), -1))
+        return np.asarray(factors.reshape(len(chosen), len(kinds), 3 * order))
 
 
 _ALONG_X, _ALONG_Y, _RADIAL, _RADIAL_X, _RADIAL_Y = range(5)

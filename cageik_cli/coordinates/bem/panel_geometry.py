@@ -136,6 +136,23 @@ class Panels:
         )
 
     @cached_property
+    def kernel_arrays(self) -> tuple[Floats | Integers, ...]:
+        """Return what the compiled core needs of the panels, in its order."""
+        arrays = (
+            self.vertices,
+            self.corners,
+            self.edges.ends,
+            self.edges.side_edges,
+            self.edges.first_side,
+            self.edge_lengths,
+            self.areas,
+            self.altitudes,
+            self.slopes[:2] / 2,
+            self.linear_forms,
+        )
+        return tuple(map(np.ascontiguousarray, arrays))
+
+    @cached_property
     def _sides(self) -> Floats:
         corner = self.vertices[self.corners].swapaxes(0, 1)
         return np.roll(corner, -2, axis=0) - np.roll(corner, -1, axis=0)
