@@ -46,5 +46,7 @@ int check_indices(const int64_t *numbers, Py_ssize_t count, Py_ssize_t limit, co
 
 PyObject *compute_potentials(PyObject *module, PyObject *arguments);
 PyObject *compute_functions(PyObject *module, PyObject *arguments);
+PyObject *parse_words(PyObject *module, PyObject *arguments);
+PyObject *parse_positions(PyObject *module, PyObject *arguments);
 
 #endif

@@ -72,6 +72,10 @@ static PyMethodDef methods[] = {
      "compute_potentials(limits, panels, hats, terms, points, is_inside, results)"},
     {"compute_functions", compute_functions, METH_VARARGS,
      "compute_functions(y, x, log, arctan2): the logarithm of x and the angle of (x, y)"},
+    {"parse_words", parse_words, METH_VARARGS,
+     "parse_words(text, bounds, is_long, has_integers, numbers): whether all words are numbers"},
+    {"parse_positions", parse_positions, METH_VARARGS,
+     "parse_positions(text, length, positions): whether the text is vertices in plain OBJ lines"},
     {NULL, NULL, 0, NULL},
 };
 

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.file_data import with_gzip
 from cageik_cli.formats.base.frame_files import FrameFileReader
 from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.obj.numbers import read_vertex_lines
 from cageik_cli.formats.obj.parse import parse_obj
 from cageik_cli.formats.obj.tokens import (
     FACE,
@@ -57,7 +58,7 @@ class ObjFrameParser:
     """
 
     def __init__(self, first: bytes, vertices: Floats) -> None:
-        self._tail = b""
+        self._tail, self._count = b"", len(vertices)
         cut = _find_trailing_faces(tokenize(blank_out(first)))
         if not cut:
             return
@@ -71,7 +72,12 @@ class ObjFrameParser:
         """Return the vertices (m, 3) if all faces are the first frame's, else None."""
         if not self._tail or not data.endswith(self._tail):
             return None
-        head = data[: len(data) - len(self._tail) + 1]
+        length = len(data) - len(self._tail) + 1
+        if not self._face_runs:
+            vertices = read_vertex_lines(data, length, self._count)
+            if vertices is not None:
+                return vertices
+        head = data[:length]
         # A last line that continues would take the first of the faces with it.
         if b"\0" in head or head.rstrip(b"\r\n").endswith(b"\\"):
             return None

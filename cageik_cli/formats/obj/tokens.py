@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyarrow
 from numpy.typing import NDArray
 
+from cageik_cli.formats.obj.numbers import convert_words
 from cageik_cli.util.arrays import Floats, Integers
 
 Offsets = NDArray[np.int32] | NDArray[np.int64]
@@ -159,10 +159,8 @@ def parse_vertices(tokens: Tokens) -> Floats | None:
         bounds = tokens.bounds[block].reshape(-1, sizes[0], 2)[:, 1:4]
     else:
         bounds = tokens.bounds[heads[:, None] + np.arange(1, 4)]
-    values = _convert_numbers(tokens.text, bounds, np.float64)
-    if values is None or np.isinf(values).any():
-        return None
-    return values.reshape(-1, 3)
+    values = convert_words(tokens.text, bounds.reshape(-1, 2), np.float64)
+    return None if values is None else values.reshape(-1, 3)
 
 
 def parse_polygons(tokens: Tokens) -> tuple[Integers, Integers] | None:
@@ -175,11 +173,8 @@ def parse_polygons(tokens: Tokens) -> tuple[Integers, Integers] | None:
     is_corner[tokens.first_tokens] = False
     counts = sizes[is_face] - 1
     bounds = _cut_at_slashes(tokens.codes, tokens.bounds[is_corner])
-    # Arrow reads hexadecimal integers, Python does not.
-    if np.isin(tokens.codes[bounds[:, 0] + 1], list(b"xX")).any():
-        return None
-    values = _convert_numbers(tokens.text, bounds, np.int64)
-    if values is None or counts.min() < 3 or (values == 0).any():
+    values = convert_words(tokens.text, bounds, np.int64)
+    if values is None or len(counts) == 0 or counts.min() < 3 or (values == 0).any():
         return None
     known = np.cumsum(tokens.line_kinds == VERTEX)[is_face]
     corners = np.where(values > 0, values - 1, values + np.repeat(known, counts))
@@ -195,25 +190,3 @@ def _cut_at_slashes(codes: NDArray[np.uint8], bounds: Offsets) -> Offsets:
     first = slashes[np.searchsorted(slashes, bounds[:, 0])]
     ends = np.minimum(bounds[:, 1], first, dtype=bounds.dtype, casting="same_kind")
     return np.stack([bounds[:, 0], ends], axis=1)
-
-
-def _convert_numbers(data: bytes, bounds: Offsets, dtype: type[np.generic]) -> NDArray[Any] | None:
-    """Convert the words within `bounds`, rounding as `float` does; None if one is no number."""
-    if not bounds.size:
-        return None
-    # Strings that touch, as Arrow has them: words, and between them what counts as missing.
-    count = bounds.size - 1
-    is_word = np.full(count // 8 + 1, 0b01010101, np.uint8)
-    buffers = [pyarrow.py_buffer(part) for part in (is_word, np.ascontiguousarray(bounds), data)]
-    kind = pyarrow.string() if bounds.dtype == np.int32 else pyarrow.large_string()
-    strings = pyarrow.Array.from_buffers(kind, count, buffers)
-    batch = pyarrow.record_batch([strings], ["number"])
-    wanted = pyarrow.schema([("number", pyarrow.from_numpy_dtype(dtype))])
-    # A reader casts as `pyarrow.compute` does, which takes 50 ms to import.
-    reader = pyarrow.RecordBatchReader.from_batches(batch.schema, [batch]).cast(wanted)
-    try:
-        numbers = reader.read_next_batch().column(0)
-    except pyarrow.ArrowInvalid:
-        return None
-    # Out of the buffer, for pyarrow's own conversion imports pandas where it is installed.
-    return np.frombuffer(numbers.buffers()[1], dtype, count)[::2].copy()

@@ -122,7 +122,7 @@ from cageik_cli.cli import main
 try:
     main(["--help"])
 finally:
-    heavy = {"numpy", "scipy", "h5py", "igl", "trimesh", "pyarrow", "tqdm", "platformdirs"}
+    heavy = {"numpy", "scipy", "h5py", "igl", "trimesh", "tqdm", "platformdirs"}
     print(sorted(heavy & set(sys.modules)), file=sys.stderr)
 """
     outcome = run_process("-c", program)

@@ -14,6 +14,8 @@ from cageik_cli.formats.obj.tokens import blank_out, tokenize
 from cageik_cli.util.errors import FormatError
 from tests.formats.obj.by_lines import fans, parse_by_lines
 
+pytestmark = pytest.mark.usefixtures("core")
+
 VERTICES = [[0, 0, 0], [1.5, 0, 0], [0, -2, 0], [0, 0, 0.25]]
 FACES = [[0, 2, 1], [0, 1, 3]]
 HEAD = b"# a comment\no thing\nv 0 0 0\nv 1.5 0 0\nv 0 -2 0\nv 0 0 0.25\n"
