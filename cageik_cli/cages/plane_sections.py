@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse import csgraph
 
+from cageik_cli.geometry.groups import find_groups
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -82,12 +81,6 @@ def cut_faces(mesh: TriMesh, axis: int, position: float, faces: Integers) -> Sec
     height, other = one[..., axis] - position, two[..., axis] - position
     segments = one + (height / (height - other))[..., None] * (two - one)
     return Section(segments, faces, _label_loops(ends))
-
-
-def find_groups(pairs: Integers, size: int) -> Integers:
-    """Return equal numbers for what `pairs`, (p, 2), tie together, (size,)."""
-    graph = sparse.coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
-    return np.asarray(csgraph.connected_components(graph, directed=False)[1], np.int64)
 
 
 def winds_around(segments: Floats, point: Floats, axis: int) -> bool:

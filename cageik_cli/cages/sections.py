@@ -5,17 +5,17 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cageik_cli.cages.plane_sections import (
     Section,
     Slicer,
-    find_groups,
     is_closed,
     measure_box,
     winds_around,
 )
+from cageik_cli.geometry.groups import find_groups
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface import measure_distances
 from cageik_cli.util.arrays import Floats, Integers
 
 SECTIONS = 24
@@ -202,7 +202,7 @@ def _join_parts(parts: list[Floats], limbs: Integers, min_gap: float) -> list[Fl
 
 
 def _measure_gap(one: Floats, other: Floats) -> float:
-    return float(cKDTree(one).query(other)[0].min())
+    return float(measure_distances(one, other).min())
 
 
 def _describe(parts: list[Floats], axis: int) -> SharedSection:

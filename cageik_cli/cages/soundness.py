@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 
-import igl
 import numpy as np
 from numpy.typing import NDArray
 
@@ -133,6 +132,8 @@ def _find_edge_faults(surface: TriMesh, joined: TriMesh) -> Iterator[Finding | N
 
 
 def _find_nonmanifold_vertices(surface: TriMesh) -> Finding | None:
+    import igl
+
     used = np.unique(surface.faces)
     pinched = used[~np.asarray(igl.is_vertex_manifold(surface.faces))[used]]
     return _make_finding(

@@ -4,7 +4,6 @@ A tree of boxes (libigl) finds the pairs, Shewchuk's predicates (1997; libigl) d
 decision is the sign of the volume of a tetrahedron, which is exact.
 """
 
-import igl.predicates
 import numpy as np
 from numpy.typing import NDArray
 
@@ -136,6 +135,8 @@ def _meet_in_plane(start: Floats, stop: Floats, triangle: Floats) -> Booleans:
 
 def _side_of_plane(a: Floats, b: Floats, c: Floats, point: Floats) -> Integers:
     """Return the side of the plane through a, b, c for each point, (k,): 1, 0, −1; exact."""
+    import igl.predicates
+
     rows = [np.ascontiguousarray(p) for p in (a, b, c, point)]
     return np.asarray(igl.predicates.orient3d(*rows), np.int64)
 
@@ -186,6 +187,8 @@ def _unit_normals(triangles: Floats) -> Floats:
 
 def _find_candidate_pairs(first: TriMesh, second: TriMesh) -> Integers:
     """Find pairs of faces, (p, 2): at least all that have a common point."""
+    import igl.predicates
+
     _, pairs, _ = igl.predicates.find_intersections(
         first.vertices, first.faces, second.vertices, second.faces
     )

@@ -2,14 +2,17 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
-from scipy.sparse import csgraph
 
+from cageik_cli.geometry.groups import find_groups
 from cageik_cli.util.arrays import Floats, Integers, Number
 from cageik_cli.util.errors import FormatError
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 MAX_COORDINATE = 1e50
 """Larger coordinates are refused: squares of areas and volumes would overflow."""
@@ -91,11 +94,7 @@ class TriMesh:
     @cached_property
     def components(self) -> Integers:
         """Number of the connected component of each vertex, (n,); a lone vertex is one."""
-        ends = self.edges.ends
-        graph = sparse.coo_array(
-            (np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(self.vertices),) * 2
-        )
-        return np.asarray(csgraph.connected_components(graph, directed=False)[1], np.int64)
+        return find_groups(self.edges.ends, len(self.vertices))
 
     @cached_property
     def volume(self) -> float:
@@ -248,18 +247,28 @@ def uniform_laplacian(mesh: TriMesh) -> Floats:
     Rows sum to zero; `L @ vertices` are the differential coordinates δ (Savoye and Franco 2010,
     section 3; uniform weights do not change when the cage is posed).
     """
-    return np.asarray(sparse_laplacian(mesh).toarray())
+    entries, rows, columns = _list_laplacian(mesh)
+    laplacian = np.zeros((len(mesh.vertices),) * 2)
+    laplacian[rows, columns] = entries
+    return laplacian
 
 
-def sparse_laplacian(mesh: TriMesh) -> sparse.csr_array:
+def sparse_laplacian(mesh: TriMesh) -> "sparse.csr_array":
     """Build the same Laplacian, (n, n), sparse; the row of a lone vertex is zero."""
+    from scipy import sparse
+
+    entries, rows, columns = _list_laplacian(mesh)
+    return sparse.csr_array((entries, (rows, columns)), shape=(len(mesh.vertices),) * 2)
+
+
+def _list_laplacian(mesh: TriMesh) -> tuple[Floats, Integers, Integers]:
+    """Return the entries of the Laplacian, their rows and their columns; no place comes twice."""
     ends, n = mesh.edges.ends, len(mesh.vertices)
     rows, columns = np.concatenate([ends, ends[:, ::-1]]).T
     degrees = np.bincount(rows, minlength=n)
     entries = np.concatenate([(degrees > 0).astype(np.float64), -1 / degrees[rows]])
     diagonal = np.arange(n)
-    places = np.concatenate([diagonal, rows]), np.concatenate([diagonal, columns])
-    return sparse.csr_array((entries, places), shape=(n, n))
+    return entries, np.concatenate([diagonal, rows]), np.concatenate([diagonal, columns])
 
 
 def _validate_faces(faces: ArrayLike, vertex_count: int) -> Integers:

@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse import csgraph
-from scipy.spatial import cKDTree
 
+from cageik_cli.geometry.groups import find_groups
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import corner_angles
-from cageik_cli.geometry.surface import closest_points
+from cageik_cli.geometry.surface import ClosestPoints, closest_points, measure_distances
 from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.solver.region_causes import Cause, Evidence, judge_cause
 from cageik_cli.util.arrays import Floats, Integers
@@ -167,9 +165,7 @@ def _group_connected(mesh: TriMesh, chosen: np.ndarray) -> list[Integers]:
     """The chosen vertices, those that edges join together."""
     ends = mesh.edges.ends
     ends = ends[chosen[ends].all(axis=1)]
-    size = len(mesh.vertices)
-    graph = sparse.coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
-    label = csgraph.connected_components(graph, directed=False)[1][chosen]
+    label = find_groups(ends, len(mesh.vertices))[chosen]
     numbers = np.flatnonzero(chosen)
     order = np.argsort(label, kind="stable")
     starts = np.flatnonzero(np.diff(label[order])) + 1
@@ -179,9 +175,10 @@ def _group_connected(mesh: TriMesh, chosen: np.ndarray) -> list[Integers]:
 def _describe(model: BoundModel, peaks: DeviationPeaks, group: Integers) -> Region:
     points = model.rest.vertices[group]
     worst = int(group[peaks.deviations[group].argmax()])
-    faces = _find_cage_faces(model, points, group == worst)
+    nearest = closest_points(model.cage, points)
+    faces = _find_cage_faces(nearest, group == worst)
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    evidence = _gather_evidence(model, group, faces)
+    evidence = _gather_evidence(model, group, nearest, faces)
     return Region(
         centre=points.mean(axis=0),
         size=size,
@@ -195,22 +192,23 @@ def _describe(model: BoundModel, peaks: DeviationPeaks, group: Integers) -> Regi
     )
 
 
-def _find_cage_faces(model: BoundModel, points: Floats, is_worst: np.ndarray) -> Integers:
+def _find_cage_faces(nearest: ClosestPoints, is_worst: np.ndarray) -> Integers:
     """The cage faces nearest to most points of a region, that of the worst point first."""
-    nearest = closest_points(model.cage, points).face
-    counts = np.bincount(nearest, minlength=len(model.cage.faces))
-    counts[nearest[is_worst]] = len(points) + 1
+    counts = np.bincount(nearest.face, minlength=len(nearest.mesh.faces))
+    counts[nearest.face[is_worst]] = len(nearest.face) + 1
     order = np.argsort(-counts, kind="stable")[:MAX_CAGE_FACES]
     return order[counts[order] > 0].astype(np.int64)
 
 
-def _gather_evidence(model: BoundModel, group: Integers, faces: Integers) -> Evidence:
+def _gather_evidence(
+    model: BoundModel, group: Integers, nearest: ClosestPoints, faces: Integers
+) -> Evidence:
     points, percent = model.rest.vertices[group], 100 / model.rest.diagonal
     corners = model.cage.vertices[model.cage.faces[faces]]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    near = cKDTree(model.cage.vertices).query(points)[0]
+    near = measure_distances(model.cage.vertices, points)
     return Evidence(
-        cage_distance=float(closest_points(model.cage, points).distance.mean() * percent),
+        cage_distance=float(nearest.distance.mean() * percent),
         vertex_distance=float(near.mean() * percent),
         largest_weight=float(model.weights[group].max(axis=1).mean()),
         smallest_angle=float(corner_angles(model.cage)[faces].min()),

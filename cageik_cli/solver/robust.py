@@ -19,7 +19,6 @@ frame without outliers keeps the plain solution, to the last bit.
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from cageik_cli.coordinates.binding import measure_offsets
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
@@ -337,6 +336,8 @@ def solve_definite(matrix: Floats, right: Floats) -> Floats:
     NumericalError
         When it is singular to working precision.
     """
+    import scipy.linalg
+
     try:
         factor, lower = scipy.linalg.cho_factor(matrix, lower=True, check_finite=False)
     except scipy.linalg.LinAlgError:

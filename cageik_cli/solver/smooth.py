@@ -22,7 +22,6 @@ median, so that a hit is not smoothed away.
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import Floats, Mask
@@ -91,9 +90,11 @@ class TimeSmoother:
     """
 
     def __init__(self, solver: DualLaplacianSolver) -> None:
+        from scipy.linalg import eigh
+
         self._normal, self._smoothness = solver.normal, solver.smoothness
         self._pull = solver.smoothness @ solver.rest_cage
-        self._weights, self._modes = scipy.linalg.eigh(solver.normal)
+        self._weights, self._modes = eigh(solver.normal)
         self._vertex_count = len(solver.rest)
         self._data_scale = solver.data_scale
         self.scale = solver.data_scale * self._vertex_count / len(self._weights)
@@ -162,8 +163,10 @@ class TimeSmoother:
         freedom : (s,) float64
             Number of numbers, per coordinate, that the smoothed cages still have.
         """
+        from scipy.linalg import eigh
+
         second = np.diff(np.eye(len(cages)), 2, axis=0)
-        bends, basis = scipy.linalg.eigh(second.T @ second)
+        bends, basis = eigh(second.T @ second)
         bends[:2] = 0
         power = ((basis.T @ (self._modes.T @ cages).transpose(1, 0, 2)) ** 2).sum(axis=2)
         added, freedom = [], []
@@ -245,6 +248,8 @@ class _ModeSolver:
     """Factors of (w_k o_t I + D₂ᵀ diag(γ) D₂) for all modes k, with o_t = 0 in unknown frames."""
 
     def __init__(self, weights: Floats, modes: Floats, is_known: Mask, gammas: Floats) -> None:
+        from scipy.linalg import cholesky_banded
+
         self._modes = modes
         bands = np.zeros((3, len(is_known)))
         bands[2, :-2] += gammas
@@ -257,12 +262,14 @@ class _ModeSolver:
         for weight in weights:
             own = bands.copy()
             own[2] += weight * is_known
-            self._factors.append(scipy.linalg.cholesky_banded(own, check_finite=False))
+            self._factors.append(cholesky_banded(own, check_finite=False))
 
     def solve(self, right: Floats) -> Floats:
         """Return the solution (F, n, 3) of right sides (F, n, 3)."""
+        from scipy.linalg import cho_solve_banded
+
         columns = np.ascontiguousarray((self._modes.T @ right).transpose(1, 0, 2))
         for k, factor in enumerate(self._factors):
             pair = (factor, False)
-            columns[k] = scipy.linalg.cho_solve_banded(pair, columns[k], check_finite=False)
+            columns[k] = cho_solve_banded(pair, columns[k], check_finite=False)
         return np.asarray(self._modes @ columns.transpose(1, 0, 2))

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
 from cageik_cli import __version__
 from cageik_cli.coordinates.binding import Binding
@@ -157,6 +156,8 @@ def _restore(entry: FitEntry, binding: Binding, clips: tuple[FittedClip, ...]) -
     change = Correction(entry.columns, entry.basis) if record.settings.rank is not None else None
     matrix, weights = None, entry.weights
     if record.settings.influences is not None:
+        from scipy import sparse
+
         places = (entry.data, entry.indices, entry.indptr)
         matrix = sparse.csr_array(places, shape=binding.weights.shape)
         weights = np.asarray(matrix.toarray())

@@ -5,10 +5,10 @@ change of low rank; or a sparse matrix.
 """
 
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
-from scipy import sparse
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.fitting.problem import Correction
@@ -19,6 +19,9 @@ from cageik_cli.store.hdf5_fields import read_json_attr, to_json, write_deflated
 from cageik_cli.store.json_records import parse_record
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError, error_context
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 CSR = "weights_csr"
 LOW_RANK = "fit"
@@ -39,7 +42,7 @@ class StoredFit:
 
     record: FitRecord
     low_rank: Correction | None = None
-    sparse_weights: sparse.csr_array | None = None
+    sparse_weights: "sparse.csr_array | None" = None
 
 
 def write_weights(
@@ -86,7 +89,7 @@ def read_weights(file: h5py.File, m: int, n: int) -> Floats:
     return weights
 
 
-def read_sparse_weights(file: h5py.File, m: int, n: int) -> sparse.csr_array:
+def read_sparse_weights(file: h5py.File, m: int, n: int) -> "sparse.csr_array":
     """Read weights with few influences; what they name is checked before it is used.
 
     Raises
@@ -94,6 +97,8 @@ def read_sparse_weights(file: h5py.File, m: int, n: int) -> sparse.csr_array:
     FormatError
         When they are damaged, do not fit the meshes, or are not finite.
     """
+    from scipy import sparse
+
     data = read_array(file, f"{CSR}/data", "f", (None,)).astype(np.float64, copy=False)
     indices = read_array(file, f"{CSR}/indices", "iu", data.shape)
     bounds = read_array(file, f"{CSR}/indptr", "iu", (m + 1,))

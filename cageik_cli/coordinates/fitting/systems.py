@@ -5,12 +5,15 @@ depend on the number of threads, so neither does the result.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import sparse
 
 from cageik_cli.geometry.mesh import TriMesh, sparse_laplacian
 from cageik_cli.util.arrays import Floats
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 MAX_BLOCK_COLUMNS = 20
 MAX_BLOCK_ENTRIES = 1 << 21
@@ -34,13 +37,15 @@ class SurfaceLaplacian:
         The diagonal of ΛᵀΛ.
     """
 
-    forward: sparse.csr_array
-    backward: sparse.csr_array
+    forward: "sparse.csr_array"
+    backward: "sparse.csr_array"
     diagonal: Floats
 
     @staticmethod
     def from_mesh(mesh: TriMesh) -> "SurfaceLaplacian":
         """Build the operator of the edges of `mesh`."""
+        from scipy import sparse
+
         forward = sparse_laplacian(mesh)
         squares = np.asarray(forward.power(2).sum(axis=0), np.float64)
         return SurfaceLaplacian(forward, sparse.csr_array(forward.T), squares)

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
@@ -119,6 +118,8 @@ class JointMotion:
         the quaternion of the root, the real part last. It has the sign that is nearer to the frame
         before, so that programs which interpolate take the short way.
         """
+        from scipy.spatial.transform import Rotation
+
         for cage in frames:
             rotation = next(self._rotations)
             centre = cage.mean(axis=0)

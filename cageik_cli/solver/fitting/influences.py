@@ -10,9 +10,9 @@ rest pose for the rest cage, and a rigid motion of the whole goes into a root tr
 """
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import sparse
 
 from cageik_cli.coordinates.fitting.displacements import Displacements
 from cageik_cli.coordinates.fitting.problem import Motion
@@ -20,6 +20,9 @@ from cageik_cli.coordinates.fitting.simplex import Influences, SimplexStep
 from cageik_cli.coordinates.fitting.systems import SurfaceLaplacian, count_columns
 from cageik_cli.solver.fitting.alternate import Alternator
 from cageik_cli.util.arrays import Floats
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 SIMPLEX_STEPS = 15
 """Steps of the projected gradient in each round."""
@@ -64,8 +67,10 @@ def _average_neighbours(influences: Influences, surface: SurfaceLaplacian, n: in
     return np.take_along_axis(dense, influences.places, axis=1)
 
 
-def to_sparse(influences: Influences, n: int) -> sparse.csr_array:
+def to_sparse(influences: Influences, n: int) -> "sparse.csr_array":
     """Return the weights, (m, n), without the zeros."""
+    from scipy import sparse
+
     m, count = influences.places.shape
     bounds = np.arange(m + 1) * count
     entries = influences.weights.ravel(), influences.places.ravel(), bounds

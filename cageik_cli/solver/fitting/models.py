@@ -2,8 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-
-from scipy import sparse
+from typing import TYPE_CHECKING
 
 from cageik_cli.coordinates.fitting.displacements import Displacements
 from cageik_cli.coordinates.fitting.low_rank import refit, truncate
@@ -12,6 +11,9 @@ from cageik_cli.solver.fitting.alternate import Alternation, Alternator
 from cageik_cli.solver.fitting.influences import fit_influences, loosen, to_sparse
 from cageik_cli.solver.settings import FitSettings
 from cageik_cli.util.arrays import Floats
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +35,7 @@ class FittedModel:
     weights: Floats
     fixed_floats: int
     low_rank: Correction | None = None
-    sparse_weights: sparse.csr_array | None = None
+    sparse_weights: "sparse.csr_array | None" = None
 
 
 ModelFit = Callable[[Displacements], FittedModel]

@@ -1,0 +1,40 @@
+"""What a command does not need it does not import: the start is most of a warm run."""
+
+import pytest
+
+WATCHED = "{'scipy', 'igl', 'matplotlib', 'jinja2', 'jsonschema', 'trimesh', 'PIL'}"
+RUN = f"""
+import sys
+from cageik_cli.cli import main
+try:
+    main(sys.argv[1:])
+finally:
+    print(sorted({WATCHED} & set(sys.modules)), file=sys.stdout)
+"""
+
+
+@pytest.fixture
+def extraction(folder, run):
+    """The words of an extraction whose weights are in the cache."""
+    words = ["extract", "frames", "--cage", "cage.obj", "-o", "cages.h5", "--overwrite"]
+    assert run(*words).code == 0
+    return words
+
+
+def test_a_warm_extraction_imports_neither_scipy_nor_libigl(extraction, run_process):
+    outcome = run_process("-c", RUN, *extraction)
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.splitlines()[-1] == "[]"
+
+
+def test_an_extraction_that_binds_imports_them(extraction, run_process):
+    """The test above would see it."""
+    outcome = run_process("-c", RUN, *extraction, "--no-cache", "--accuracy", "preview")
+    assert outcome.code == 0, outcome.err
+    assert "scipy" in outcome.out.splitlines()[-1]
+
+
+def test_a_report_as_text_imports_none_of_them(extraction, run_process):
+    outcome = run_process("-c", RUN, "report", "cages.h5")
+    assert outcome.code == 0, outcome.err
+    assert outcome.out.splitlines()[-1] == "[]"
