@@ -6,6 +6,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 PLAIN  := $(VENV)/.installed
 READY  := $(VENV)/.ready
+KERNEL := $(wildcard cageik_cli/kernel/*)
 OUT    ?= out
 
 PYTHON311     ?= python3.11
@@ -15,18 +16,22 @@ READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/bl
 
 CHROMIUM      ?= chromium
 
-.PHONY: help run test test-slow test-all test-blender test-browser check format fuzz faults bench growth latency docs fixtures view-pictures clean
+SANITIZED     := $(OUT)/sanitized
+SANITIZE      := -fsanitize=address,undefined -fno-sanitize-recover=all
+KERNEL_TESTS  := tests/coordinates/bem tests/coordinates/test_harmonic.py tests/formats/obj tests/formats/test_fuzz_readers.py
+
+.PHONY: help run test test-slow test-all test-pure sanitize test-blender test-browser check format fuzz faults bench growth latency docs fixtures view-pictures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
 
 # `run` installs what a user needs; what tests and checks need on top comes with `.ready`.
-$(PLAIN): pyproject.toml
+$(PLAIN): pyproject.toml $(KERNEL)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	@touch $@
 
-$(READY): pyproject.toml
+$(READY): pyproject.toml $(KERNEL)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $(PLAIN) $@
@@ -49,6 +54,22 @@ test-slow: $(READY)  ## Run the tests that `test` leaves out: clusters, killed b
 	$(BIN)/python -m pytest --numprocesses=auto -m slow
 
 test-all: test test-slow  ## Run all tests
+
+test-pure: $(READY)  ## Run the tests of weights and readers without the compiled core
+	CAGEIK_PURE=1 $(BIN)/python -m pytest --numprocesses=auto $(KERNEL_TESTS) \
+		tests/coordinates tests/store/test_weight_cache.py tests/workflows tests/test_fixtures.py
+
+# The sanitizers are in the process before Python is, and so before all that it allocates.
+sanitize: $(READY)  ## Run the tests of the compiled core under the sanitizers of the compiler
+	rm -rf $(SANITIZED)
+	mkdir -p $(SANITIZED)
+	cp -r cageik_cli tests data_fixtures pyproject.toml $(SANITIZED)
+	$(CC) -std=c11 -O1 -g -Wall -Wextra -Werror $(SANITIZE) -DCAGEIK_ONE_TARGET -fPIC -shared \
+		-I"$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_paths()["include"])')" \
+		cageik_cli/kernel/*.c -o $(SANITIZED)/cageik_cli/_kernel.abi3.so -lm
+	cd $(SANITIZED) && env ASAN_OPTIONS=detect_leaks=0 PYTHONMALLOC=malloc OPENBLAS_NUM_THREADS=1 \
+		LD_PRELOAD="$$($(CC) -print-file-name=libasan.so) $$($(CC) -print-file-name=libstdc++.so)" \
+		$(abspath $(BIN))/python -m pytest --capture=sys -m "not slow and not bench" $(KERNEL_TESTS)
 
 $(BLENDER_READY):
 	@$(PYTHON311) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' 2>/dev/null || { \
@@ -117,5 +138,5 @@ view-pictures: $(READY)  ## Draw the pictures of `cageik view` again, in Chromiu
 	$(BIN)/python data_fixtures/make_view_pictures.py "$$(command -v $(CHROMIUM))"
 
 clean:  ## Remove what was built and written here
-	rm -rf $(VENV) $(BLENDER_VENV) $(OUT) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .coverage .hypothesis
+	rm -rf $(VENV) $(BLENDER_VENV) $(OUT) build dist *.egg-info cageik_cli/_kernel.*.so cageik_cli/_kernel.*.pyd .pytest_cache .mypy_cache .ruff_cache .coverage .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
