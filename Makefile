@@ -18,6 +18,7 @@ CHROMIUM      ?= chromium
 
 SANITIZED     := $(OUT)/sanitized
 SANITIZE      := -fsanitize=address,undefined -fno-sanitize-recover=all
+PURE_TESTS    := tests/coordinates tests/formats/obj tests/formats/test_frame_files.py tests/formats/test_fuzz_readers.py tests/cages/test_bind.py tests/workflows/test_bind.py tests/workflows/test_extract.py tests/test_fixtures.py
 KERNEL_TESTS  := tests/coordinates/bem tests/coordinates/test_harmonic.py tests/formats/obj tests/formats/test_fuzz_readers.py
 
 .PHONY: help run test test-slow test-all test-pure sanitize test-blender test-browser check format fuzz faults bench growth latency docs fixtures view-pictures clean
@@ -56,8 +57,7 @@ test-slow: $(READY)  ## Run the tests that `test` leaves out: clusters, killed b
 test-all: test test-slow  ## Run all tests
 
 test-pure: $(READY)  ## Run the tests of weights and readers without the compiled core
-	CAGEIK_PURE=1 $(BIN)/python -m pytest --numprocesses=auto $(KERNEL_TESTS) \
-		tests/coordinates tests/store/test_weight_cache.py tests/workflows tests/test_fixtures.py
+	CAGEIK_PURE=1 $(BIN)/python -m pytest --numprocesses=auto $(PURE_TESTS)
 
 # The sanitizers are in the process before Python is, and so before all that it allocates.
 sanitize: $(READY)  ## Run the tests of the compiled core under the sanitizers of the compiler
