@@ -15,8 +15,8 @@ ROUNDING_TOL = 8 * np.finfo(np.float64).eps
 """The same in the largest coordinate: more for a mesh far from the origin."""
 
 
-MAX_SEARCHED_PAIRS = 100_000
-"""Points times faces, or vertices, that are all compared: trees take longer to import."""
+MAX_COMPARED_PAIRS = 100_000
+"""Pairs of points that are all compared: a tree takes longer to import."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,44 +60,15 @@ class ClosestPoints:
 
 def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
     """Find the point of `mesh` nearest to each of `points`, (m, 3)."""
-    if len(points) * len(mesh.faces) <= MAX_SEARCHED_PAIRS:
-        return _search_all_faces(mesh, points)
     import igl
 
     squares, face, position = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)
     return ClosestPoints(mesh, np.sqrt(squares), face.astype(np.int64), position)
 
 
-def _search_all_faces(mesh: TriMesh, points: Floats) -> ClosestPoints:
-    """Find the nearest points of every face: the foot if it is inside, or those of its sides."""
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    squares = np.einsum("fx,fx->f", normals, normals)
-    normals /= np.sqrt(np.where(squares > 0, squares, 1))[:, None]
-    height = np.einsum("mfx,fx->mf", points[:, None] - corners[:, 0], normals)
-    best = np.where(squares > 0, np.abs(height), np.inf)
-    position = points[:, None] - height[..., None] * normals
-    for k in range(3):
-        side = corners[:, (k + 1) % 3] - corners[:, k]
-        outward = np.cross(side, normals)
-        best[np.einsum("mfx,fx->mf", position - corners[:, k], outward) > 0] = np.inf
-    for k in range(3):
-        start, side = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
-        length = np.einsum("fx,fx->f", side, side)
-        share = np.einsum("mfx,fx->mf", points[:, None] - start, side)
-        share = np.clip(share / np.where(length > 0, length, 1), 0, 1)
-        place = start + share[..., None] * side
-        distance = np.linalg.norm(points[:, None] - place, axis=2)
-        is_nearer = distance < best
-        best[is_nearer], position[is_nearer] = distance[is_nearer], place[is_nearer]
-    face = best.argmin(axis=1)
-    row = np.arange(len(points))
-    return ClosestPoints(mesh, best[row, face], face, position[row, face])
-
-
 def measure_distances(places: Floats, points: Floats) -> Floats:
     """Return the distance of each of `points`, (m, 3), from the nearest of `places`, (n, 3)."""
-    if len(points) * len(places) <= MAX_SEARCHED_PAIRS:
+    if len(points) * len(places) <= MAX_COMPARED_PAIRS:
         offsets = points[:, None] - places
         return np.asarray(np.linalg.norm(offsets, axis=2).min(axis=1))
     from scipy.spatial import cKDTree

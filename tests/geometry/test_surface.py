@@ -3,7 +3,6 @@ import pytest
 import trimesh
 
 from cageik_cli.geometry import surface
-from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import (
     closest_points,
     measure_distances,
@@ -21,26 +20,12 @@ def test_nearest_point_of_a_box_is_that_of_the_formula():
     np.testing.assert_allclose(nearest.distance, expected, atol=1e-12)
 
 
-@pytest.mark.parametrize("mesh", [box(), concave(), ball(2, 1.0)], ids=["box", "concave", "ball"])
-def test_looking_at_every_face_finds_what_the_tree_finds(mesh, monkeypatch):
-    points = np.random.default_rng(3).uniform(-2, 3, (150, 3))
-    points = np.concatenate([points, mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1)])
-    few = closest_points(mesh, points)
-    near = measure_distances(mesh.vertices, points)
-    monkeypatch.setattr(surface, "MAX_SEARCHED_PAIRS", -1)
-    many = closest_points(mesh, points)
-    np.testing.assert_allclose(few.distance, many.distance, rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(few.position, many.position, rtol=1e-12, atol=1e-14)
-    on_face = few.barycentric_weights(np.ones(len(points), bool)) @ mesh.vertices
-    np.testing.assert_allclose(on_face, many.position, rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(near, measure_distances(mesh.vertices, points), rtol=1e-14, atol=0)
-
-
-def test_faces_without_area_are_their_sides():
-    needle = TriMesh([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [5, 5, 5]], [[0, 1, 2], [3, 3, 3]])
-    nearest = closest_points(needle, np.array([[1.5, 1.0, 0], [5.0, 5, 6]]))
-    np.testing.assert_allclose(nearest.distance, [1, 1], rtol=1e-15)
-    np.testing.assert_allclose(nearest.position, [[1.5, 0, 0], [5, 5, 5]], rtol=1e-15)
+@pytest.mark.parametrize("limit", [-1, 100_000])
+def test_distances_from_points_are_those_of_all_pairs(monkeypatch, limit):
+    places, points = np.random.default_rng(3).normal(size=(2, 70, 3))
+    monkeypatch.setattr(surface, "MAX_COMPARED_PAIRS", limit)
+    expected = np.linalg.norm(points[:, None] - places, axis=2).min(axis=1)
+    np.testing.assert_allclose(measure_distances(places, points), expected, rtol=1e-14, atol=0)
 
 
 def test_weights_give_the_nearest_point():

@@ -26,8 +26,14 @@ def _convert_one_by_one(
     text: bytes, bounds: NDArray[Any], dtype: type[np.float64] | type[np.int64]
 ) -> NDArray[Any] | None:
     """Convert words where nothing is compiled: the reference."""
-    words = [text[begin:end] for begin, end in bounds.tolist()]
-    if b"_" in b"".join(words):
+    steps = np.zeros(len(text) + 1, np.int8)
+    steps[bounds[:, 0]] += 1
+    steps[bounds[:, 1]] -= 1
+    is_inside = np.cumsum(steps[:-1], dtype=np.int8) > 0
+    # One split of a text that is blank between the words is quicker than to cut them out.
+    blank_between = np.where(is_inside, np.frombuffer(text, np.uint8), np.uint8(ord(" "))).tobytes()
+    words = blank_between.split()
+    if len(words) != len(bounds) or b"_" in blank_between:
         return None  # Python's digit separator is not a number in a file
     try:
         numbers = np.array(list(map(float if dtype is np.float64 else int, words)), dtype)
