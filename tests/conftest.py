@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -89,15 +89,14 @@ def no_step_summary(monkeypatch) -> None:
     monkeypatch.delenv("GITHUB_STEP_SUMMARY", raising=False)
 
 
-@pytest.fixture(scope="module", params=["compiled", "python"])
-def core(request) -> Iterator[str]:
+@pytest.fixture(params=["compiled", "python"])
+def core(request, monkeypatch) -> str:
     """Run a test with the compiled body of the functions that have two, and with the other."""
-    with pytest.MonkeyPatch.context() as patch:
-        if request.param == "python":
-            patch.setattr(compiled, "kernel", None)
-        elif compiled.kernel is None:
-            pytest.skip("the core was not compiled")
-        yield request.param
+    if request.param == "python":
+        monkeypatch.setattr(compiled, "kernel", None)
+    elif compiled.kernel is None:
+        pytest.skip("the core was not compiled")
+    return str(request.param)
 
 
 @pytest.fixture
