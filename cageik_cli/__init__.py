@@ -5,6 +5,7 @@ AMDO 2010. The command-line tool is `cageik`; the names below are the Python API
 
 - load: `load_clip`, `load_mesh`, `TriMesh`, `MeshSequence`
 - check and bind: `check_cage`, `Diagnosis`, `bind`, `Binding`
+- gradients of harmonic weights: `HarmonicField`
 - fit weights to clips: `fit_weights`, `FitSettings`, `FittedWeights`
 - build a cage: `build_cage`, `BuiltCage`
 - extract: `extract` to arrays, `CageAnimation`; `extract_to_file`, `read_result`, `read_cages`,
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from cageik_cli.cages.build import BuiltCage
     from cageik_cli.cages.diagnosis import Diagnosis
     from cageik_cli.coordinates.binding import Binding
+    from cageik_cli.coordinates.harmonic_field import HarmonicField
     from cageik_cli.formats.base.sequence import MeshSequence
     from cageik_cli.geometry.mesh import TriMesh
     from cageik_cli.posing.anchors import Anchor, closest_point, point_at_vertex
@@ -56,6 +58,7 @@ __all__ = [
     "Diagnosis",
     "FitSettings",
     "FittedWeights",
+    "HarmonicField",
     "MeshSequence",
     "Poser",
     "Result",
@@ -85,6 +88,7 @@ _HOMES = {
     "Diagnosis": "cages.diagnosis",
     "FitSettings": "solver.settings",
     "FittedWeights": "solver.fitting.fit",
+    "HarmonicField": "coordinates.harmonic_field",
     "MeshSequence": "formats.base.sequence",
     "Poser": "posing.poser",
     "Result": "store.result",

@@ -59,6 +59,11 @@ class _ThreadWorkspace(threading.local):
 _THREAD_LOCAL = _ThreadWorkspace()
 
 
+def thread_workspace() -> Workspace:
+    """Return the workspace of the current thread."""
+    return _THREAD_LOCAL.workspace
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BoundarySolution:
     """The normal derivatives of all harmonic coordinates of one cage.
@@ -190,7 +195,7 @@ def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -
     else:
         set_principal_values(view)
     linear = linear_moments(panels, view, workspace)
-    near, strength = _find_near_panels(mesh, points)
+    near, strength = find_near_panels(mesh, points)
     higher = np.empty((mesh.extra_terms, 0, len(points)))
     if len(near):
         higher = higher_moments(mesh.higher_terms, near, view, linear, workspace)
@@ -200,7 +205,7 @@ def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -
     return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
 
 
-def _find_near_panels(mesh: BoundaryMesh, points: Floats) -> tuple[Integers, Floats]:
+def find_near_panels(mesh: BoundaryMesh, points: Floats) -> tuple[Integers, Floats]:
     """Return indices into `mesh.high_panels` within reach of any point, and their strength, (c, q).
 
     The strength is 1 up to a distance of reach / FADE_FACTOR, 0 from reach · FADE_FACTOR, with a
