@@ -65,7 +65,7 @@ class Reader(FrameFileReader):
 
 
 @dataclass(frozen=True, slots=True)
-class _Element:
+class Element:
     """An element of a header, such as vertices or faces: count, and type codes by property."""
 
     name: bytes
@@ -84,10 +84,10 @@ class PlyFrameParser:
     def __init__(self, first: bytes) -> None:
         self._head, self._tail, self._size = b"", b"", len(first)
         if is_binary_ply(first):
-            order, elements, start = _parse_header(first)
-            if elements[0].name == b"vertex" and not _has_lists(elements[0]):
+            order, elements, start = parse_header(first)
+            if elements[0].name == b"vertex" and not has_lists(elements[0]):
                 self._row_dtype, self._vertex_count = (
-                    _make_row_dtype(elements[0], order, {}),
+                    make_row_dtype(elements[0], order, {}),
                     elements[0].count,
                 )
                 self._head = first[:start]
@@ -99,7 +99,7 @@ class PlyFrameParser:
             return None
         if not data.startswith(self._head) or not data.endswith(self._tail):
             return None
-        return _stack_positions(
+        return stack_positions(
             np.frombuffer(data, self._row_dtype, self._vertex_count, len(self._head))
         )
 
@@ -119,16 +119,16 @@ def parse_binary_ply(data: bytes) -> tuple[Floats, Integers, Integers]:
         When it is not one.
     """
     try:
-        order, elements, offset = _parse_header(data)
+        order, elements, offset = parse_header(data)
         vertices, corners, sizes = None, np.empty(0, np.int64), np.empty(0, np.int64)
         for element in elements:
             if element.name == b"face":
                 corners, sizes, offset = _parse_faces(data, offset, element, order)
-            elif element.name == b"vertex" and not _has_lists(element):
+            elif element.name == b"vertex" and not has_lists(element):
                 rows = np.frombuffer(
-                    data, _make_row_dtype(element, order, {}), element.count, offset
+                    data, make_row_dtype(element, order, {}), element.count, offset
                 )
-                vertices, offset = _stack_positions(rows), offset + rows.nbytes
+                vertices, offset = stack_positions(rows), offset + rows.nbytes
             elif vertices is None or not len(sizes):
                 _, _, offset = _parse_list_rows(data, offset, element, order, b"")
         if vertices is None:
@@ -173,7 +173,7 @@ def parse_ascii_ply(data: bytes) -> tuple[Floats, list[Integers]]:
     return vertices, polygons
 
 
-def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
+def parse_header(data: bytes) -> tuple[str, list[Element], int]:
     """Return the byte order, the elements, and where they begin."""
     end = data.index(b"\n", data.index(b"end_header")) + 1
     order, elements = "", []
@@ -181,7 +181,7 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
         if words[:1] == [b"format"]:
             order = _BYTE_ORDERS[words[1]]
         elif words[:1] == [b"element"]:
-            elements.append(_Element(words[1], int(words[2]), {}))
+            elements.append(Element(words[1], int(words[2]), {}))
         elif words[:1] == [b"property"]:
             types = words[2:4] if words[1] == b"list" else words[1:2]
             codes = "".join(_TYPE_CODES[kind] for kind in types)
@@ -191,11 +191,12 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
     return order, elements, end
 
 
-def _has_lists(element: _Element) -> bool:
+def has_lists(element: Element) -> bool:
+    """Return whether rows of an element may differ in size."""
     return any(len(codes) == 2 for codes in element.type_codes.values())
 
 
-def _make_row_dtype(element: _Element, order: str, sizes: dict[bytes, int]) -> np.dtype[Any]:
+def make_row_dtype(element: Element, order: str, sizes: dict[bytes, int]) -> np.dtype[Any]:
     """Return the type of a row whose lists have these sizes; a list's count is field `NAME#`."""
     fields: list[Any] = []
     for name, codes in element.type_codes.items():
@@ -208,13 +209,14 @@ def _make_row_dtype(element: _Element, order: str, sizes: dict[bytes, int]) -> n
     return np.dtype(fields)
 
 
-def _stack_positions(rows: NDArray[Any]) -> Floats:
+def stack_positions(rows: NDArray[Any]) -> Floats:
+    """Return the positions of rows, (n, 3)."""
     with np.errstate(invalid="ignore"):  # a signalling NaN is refused with the others
         return np.stack([rows[axis] for axis in "xyz"], axis=1, dtype=np.float64)
 
 
 def _parse_faces(
-    data: bytes, offset: int, element: _Element, order: str
+    data: bytes, offset: int, element: Element, order: str
 ) -> tuple[Integers, Integers, int]:
     """Read the corners of the faces, how many each has, and where the next element begins."""
     lists = [name for name, codes in element.type_codes.items() if len(codes) == 2]
@@ -226,7 +228,7 @@ def _parse_faces(
         raise ValueError("its faces name vertices by numbers that are not whole")
     if lists == [wanted] and element.count:
         _, sizes, _ = _parse_list_rows(data, offset, replace(element, count=1), order, wanted)
-        kind = _make_row_dtype(element, order, {wanted: int(sizes[0])})
+        kind = make_row_dtype(element, order, {wanted: int(sizes[0])})
         if offset + element.count * kind.itemsize <= len(data):
             rows = np.frombuffer(data, kind, element.count, offset)
             counts = rows[f"{wanted.decode()}#"].astype(np.int64)
@@ -238,7 +240,7 @@ def _parse_faces(
 
 
 def _parse_list_rows(
-    data: bytes, offset: int, element: _Element, order: str, wanted: bytes
+    data: bytes, offset: int, element: Element, order: str, wanted: bytes
 ) -> tuple[bytes, Integers, int]:
     """Read the items of a list in every row, their counts, and where the next element begins."""
     steps = [

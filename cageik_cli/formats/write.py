@@ -202,6 +202,18 @@ class Output:
         """Return the files and folders that are written."""
         return [self.target_path, *([self.offset_path] if self.recentre else [])]
 
+    @property
+    def suffix(self) -> str:
+        """The suffix of the file, or of the files in the folder, in lower case."""
+        target = _resolve_target(self.path, self.file_format)
+        name = self.path if target.frame_names is None else Path(target.frame_names.pattern)
+        return name.suffix.lower()
+
+    @property
+    def names_format(self) -> bool:
+        """Whether the path alone says what is written."""
+        return FrameNames.parse(self.path.name) is not None or bool(self.path.suffix)
+
     def check_writable(self) -> None:
         """Refuse, before any work, what cannot be written; see `check_animation_output`."""
         check_animation_output(self.path, self.overwrite, self.file_format)

@@ -48,8 +48,8 @@ class TriMesh:
     faces: Integers
 
     def __post_init__(self) -> None:
-        vertices = _make_read_only(validate_positions(self.vertices))
-        faces = _make_read_only(_validate_faces(self.faces, len(vertices)))
+        vertices = make_read_only(validate_positions(self.vertices))
+        faces = make_read_only(_validate_faces(self.faces, len(vertices)))
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 
@@ -279,7 +279,8 @@ def _validate_faces(faces: ArrayLike, vertex_count: int) -> Integers:
     return array
 
 
-def _make_read_only(array: NDArray[Number]) -> NDArray[Number]:
+def make_read_only(array: NDArray[Number]) -> NDArray[Number]:
+    """Return the array, or a copy, that cannot be written to."""
     if array.flags.writeable:
         array = array.copy()
         array.flags.writeable = False

@@ -1,7 +1,7 @@
 """Pose a model in its cage by the handles of a file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.mesh_file import check_mesh_output, load_mesh, mesh_suffixes, write_mesh
 from cageik_cli.formats.open import clip_suffixes
+from cageik_cli.formats.points_ply import place_positions
 from cageik_cli.formats.scene import Scene
 from cageik_cli.posing.edits import (
     CageSkin,
@@ -26,13 +27,15 @@ from cageik_cli.posing.handles.model import Handles
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.store.binding_file import read_binding
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
-from cageik_cli.util.outputs import check_no_overlap
+from cageik_cli.util.outputs import check_no_overlap, write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
+from cageik_cli.workflows.deform_splats import fill_rows, note_faults, prepare_splats
+from cageik_cli.workflows.model_file import LoadedModel, load_model
 from cageik_cli.workflows.repair_hint import suggest_repair
 
 
@@ -112,11 +115,14 @@ class BoundModel:
     binding : Binding
     text, cage_text : bytes
         The text of the OBJ files of the model and of the cage, as in `Animation`.
+    file : LoadedModel, optional
+        The file of the model; absent if a binding file holds it.
     """
 
     binding: Binding
     text: bytes = b""
     cage_text: bytes = b""
+    file: LoadedModel | None = None
 
 
 def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:
@@ -139,7 +145,7 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
         posed = pose_model(model, handles, settings.posing)
     report_layer_notes(posed.layers, settings.handles, progress)
     with progress.stage("write"):
-        write_mesh(settings.output, model.binding.rest, posed.mesh, settings.overwrite, model.text)
+        _write_model(settings, model, posed, progress)
         if settings.cage_output is not None:
             cage = model.binding.cage
             write_mesh(settings.cage_output, cage, posed.cage, settings.overwrite, model.cage_text)
@@ -195,6 +201,27 @@ def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: Progres
             progress.note("note", f"{handles.name}: {note}")
 
 
+def _write_model(
+    settings: PoseSettings, model: BoundModel, posed: "PosedModel", progress: ProgressListener
+) -> None:
+    """Write the posed mesh, points or splats."""
+    path, file = settings.output, model.file
+    if file is None or file.points is None:
+        write_mesh(path, model.binding.rest, posed.mesh, settings.overwrite, model.text)
+        return
+    rows = file.points.rows.copy()
+    if file.splats is None:
+        place_positions(rows, posed.mesh)
+    else:
+        jobs = settings.weights.jobs
+        with error_context(settings.target):
+            motion = prepare_splats(model.binding, file.splats, DEFAULT_MEMORY, jobs, progress)
+        with limit_blas_threads(1):
+            faults = fill_rows(motion, rows[None], posed.cage[None], jobs)
+        note_faults(faults, len(rows), file.note(progress))
+    write_bytes(path, file.points.encode(rows), settings.overwrite)
+
+
 def _check_outputs(settings: PoseSettings) -> None:
     check_target_kind(settings.target, "to edit an animation")
     check_no_overlap(settings.outputs(), settings.inputs())
@@ -231,9 +258,10 @@ def _load_bound_model(settings: PoseSettings, progress: ProgressListener) -> Bou
         return BoundModel(read_binding(settings.target).binding)
     if settings.cage is None:
         raise SettingError(f"{settings.target}: is a model without a cage; give one with --cage")
-    rest, cage = load_mesh(settings.target), load_mesh(settings.cage)
+    model, cage = load_model(settings.target), load_mesh(settings.cage)
+    model.check_posed_output(settings.output)
     with error_context(settings.cage), suggest_repair(settings.cage, settings.target):
-        return bind_model(rest, cage, settings.weights, progress)
+        return replace(bind_model(model.mesh, cage, settings.weights, progress), file=model)
 
 
 def bind_model(

@@ -1,0 +1,145 @@
+"""Gaussian splats in a cage: their places and shapes for any pose of the cage.
+
+A splat at x with the covariance Σ goes to Σ_k w_k(x) c_k, with the covariance J Σ Jᵀ, where
+J = Σ_k c_k ⊗ ∇w_k(x) is the derivative of the deformation. Weights and gradients are computed once.
+"""
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli.coordinates.binding import Binding
+from cageik_cli.coordinates.harmonic_field import HarmonicField
+from cageik_cli.coordinates.weights import ignore_progress
+from cageik_cli.geometry.splats import MapFaults, Splats, count_map_faults, move_splats
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import SettingError
+
+SPLATS_PER_BLOCK = 4096
+"""Splats that are moved together; constant, because last digits depend on it."""
+
+SPLATS_PER_GRADIENT = 1 << 15
+"""Splats whose gradients are computed together: neighbours among them share near panels."""
+
+PROJECTED_TOL = 1e-9
+"""A splat further than this, in diagonals, from where its weights put it was moved to the cage."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovedBlock:
+    """Some splats in k frames.
+
+    Attributes
+    ----------
+    chosen : slice
+        Which of all splats.
+    places : (k, 3, b) float64
+    splats : list of Splats
+        Of each frame.
+    faults : MapFaults
+    """
+
+    chosen: slice
+    places: Floats
+    splats: list[Splats]
+    faults: MapFaults
+
+
+class SplatMotion:
+    """Moves splats with a cage.
+
+    Parameters
+    ----------
+    binding : Binding
+        Of the places of m splats, with harmonic weights.
+    splats : Splats
+    memory : int
+        Bytes for gradients, 32 m n. More go to a temporary file.
+    jobs : int
+        Threads.
+    progress : callable
+        Called with (splats done, splats).
+
+    Raises
+    ------
+    SettingError
+        When the weights are not harmonic, and so have no gradients here.
+    """
+
+    def __init__(
+        self,
+        binding: Binding,
+        splats: Splats,
+        memory: int,
+        jobs: int,
+        progress: Callable[[int, int], None] = ignore_progress,
+    ) -> None:
+        if binding.settings.coordinates != "harmonic":
+            raise SettingError(
+                f"splats need gradients of weights, which {binding.settings.coordinates} weights "
+                "do not have here; use --coordinates harmonic"
+            )
+        self._splats = splats
+        count, n = binding.weights.shape
+        self._blocks = [
+            slice(start, min(start + SPLATS_PER_BLOCK, count))
+            for start in range(0, count, SPLATS_PER_BLOCK)
+        ]
+        self._stored = _allocate(4 * n * count, memory)
+        self._cage_count = n
+        self._fill(binding, jobs, progress)
+
+    def __len__(self) -> int:
+        """Return the number of blocks."""
+        return len(self._blocks)
+
+    def move(self, number: int, cages: Floats) -> MovedBlock:
+        """Return the splats of a block in the frames of cages, (k, n, 3)."""
+        chosen = self._blocks[number]
+        middle = cages.mean(axis=1)
+        rows = (cages - middle[:, None]).transpose(0, 2, 1).reshape(-1, self._cage_count)
+        products = (rows @ self._block(chosen)).reshape(4, len(cages), 3, -1)
+        places = products[0] + middle[:, :, None]
+        rest, moved, faults = self._splats[chosen], [], MapFaults()
+        for frame in range(len(cages)):
+            maps = np.ascontiguousarray(products[1:, frame].swapaxes(0, 1))
+            faults += count_map_faults(maps)
+            moved.append(move_splats(rest, maps))
+        return MovedBlock(chosen, places, moved, faults)
+
+    def _block(self, chosen: slice) -> Floats:
+        """Return the weights and their gradients of a block, (4, n, b)."""
+        size = 4 * self._cage_count
+        held = self._stored[size * chosen.start : size * chosen.stop]
+        return held.reshape(4, self._cage_count, -1)
+
+    def _fill(self, binding: Binding, jobs: int, progress: Callable[[int, int], None]) -> None:
+        points = _find_places(binding)
+        field = HarmonicField.solve(binding.cage, points, binding.settings.accuracy, jobs)
+        for start in range(0, len(points), SPLATS_PER_GRADIENT):
+            gradients = field.gradient(points[start : start + SPLATS_PER_GRADIENT], jobs)
+            for chosen in self._blocks:
+                if start <= chosen.start < start + SPLATS_PER_GRADIENT:
+                    block = self._block(chosen)
+                    block[0] = binding.weights[chosen].T
+                    block[1:] = gradients[chosen.start - start : chosen.stop - start].T
+            progress(min(start + SPLATS_PER_GRADIENT, len(points)), len(points))
+
+
+def _find_places(binding: Binding) -> Floats:
+    """Return the points that the weights belong to: on the cage for splats outside it."""
+    points, cage = binding.rest.vertices, binding.cage
+    middle = cage.vertices.mean(axis=0)
+    placed = binding.weights @ (cage.vertices - middle) + middle
+    is_moved = np.linalg.norm(placed - points, axis=1) > PROJECTED_TOL * cage.diagonal
+    return np.where(is_moved[:, None], placed, points)
+
+
+def _allocate(count: int, memory: int) -> Floats:
+    """Return room for numbers: in memory if they fit, else in a temporary file."""
+    if 8 * count <= memory:
+        return np.empty(count)
+    with tempfile.TemporaryFile() as file:  # open as long as it is mapped
+        return np.memmap(file, np.float64, "w+", shape=(count,))
