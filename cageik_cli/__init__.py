@@ -3,7 +3,7 @@
 The method is that of Savoye and Franco, *CageIK: Dual-Laplacian Cage-Based Inverse Kinematics*,
 AMDO 2010. The command-line tool is `cageik`; the names below are the Python API:
 
-- load: `load_clip`, `load_mesh`, `TriMesh`, `MeshSequence`
+- load: `load_clip`, `load_mesh`, `TriMesh`, `PointCloud`, `MeshSequence`
 - check and bind: `check_cage`, `Diagnosis`, `bind`, `Binding`
 - gradients of harmonic weights: `HarmonicField`
 - fit weights to clips: `fit_weights`, `FitSettings`, `FittedWeights`
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from cageik_cli.coordinates.harmonic_field import HarmonicField
     from cageik_cli.formats.base.sequence import MeshSequence
     from cageik_cli.geometry.mesh import TriMesh
+    from cageik_cli.geometry.points import PointCloud
     from cageik_cli.posing.anchors import Anchor, closest_point, point_at_vertex
     from cageik_cli.posing.poser import Poser
     from cageik_cli.solver.fitting.fit import FittedWeights
@@ -60,6 +61,7 @@ __all__ = [
     "FittedWeights",
     "HarmonicField",
     "MeshSequence",
+    "PointCloud",
     "Poser",
     "Result",
     "ShownPage",
@@ -90,6 +92,7 @@ _HOMES = {
     "FittedWeights": "solver.fitting.fit",
     "HarmonicField": "coordinates.harmonic_field",
     "MeshSequence": "formats.base.sequence",
+    "PointCloud": "geometry.points",
     "Poser": "posing.poser",
     "Result": "store.result",
     "ShownPage": "workflows.show",

@@ -122,7 +122,7 @@ def make_deform_settings(
 )
 @common_options
 def deform_command(settings: "DeformSettings", quiet: bool) -> None:
-    """Move a mesh, points or Gaussian splats by a cage animation.
+    """Move a mesh, points or splats by cages.
 
     The cages of RESULT move its rest model, or another mesh. Points are written as .ply, .npz, .pc2
     or .mdd, and splats as .ply or .usd*. With --cages, RESULT may also be a

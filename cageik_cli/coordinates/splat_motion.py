@@ -20,8 +20,8 @@ from cageik_cli.util.errors import SettingError
 SPLATS_PER_BLOCK = 4096
 """Splats that are moved together; constant, because last digits depend on it."""
 
-SPLATS_PER_GRADIENT = 1 << 15
-"""Splats whose gradients are computed together: neighbours among them share near panels."""
+GRADIENT_BYTES = 1 << 26
+"""Bytes of gradients that are computed together: neighbours among them share near panels."""
 
 PROJECTED_TOL = 1e-9
 """A splat further than this, in diagonals, from where its weights put it was moved to the cage."""
@@ -118,14 +118,16 @@ class SplatMotion:
     def _fill(self, binding: Binding, jobs: int, progress: Callable[[int, int], None]) -> None:
         points = _find_places(binding)
         field = HarmonicField.solve(binding.cage, points, binding.settings.accuracy, jobs)
-        for start in range(0, len(points), SPLATS_PER_GRADIENT):
-            gradients = field.gradient(points[start : start + SPLATS_PER_GRADIENT], jobs)
-            for chosen in self._blocks:
-                if start <= chosen.start < start + SPLATS_PER_GRADIENT:
-                    block = self._block(chosen)
-                    block[0] = binding.weights[chosen].T
-                    block[1:] = gradients[chosen.start - start : chosen.stop - start].T
-            progress(min(start + SPLATS_PER_GRADIENT, len(points)), len(points))
+        together = max(1, GRADIENT_BYTES // (24 * self._cage_count * SPLATS_PER_BLOCK))
+        for first in range(0, len(self._blocks), together):
+            group = self._blocks[first : first + together]
+            start, stop = group[0].start, group[-1].stop
+            gradients = field.gradient(points[start:stop], jobs)
+            for chosen in group:
+                block = self._block(chosen)
+                block[0] = binding.weights[chosen].T
+                block[1:] = gradients[chosen.start - start : chosen.stop - start].T
+            progress(stop, len(points))
 
 
 def _find_places(binding: Binding) -> Floats:

@@ -14,6 +14,16 @@ class PointCloud(TriMesh):
     """A mesh that has no faces: it can be bound, moved and posed, but has no surface.
 
     Make one of positions, (m, 3), with `PointCloud.from_points`.
+
+    Examples
+    --------
+    >>> from cageik_cli import PointCloud, bind, load_mesh
+    >>> cloud = PointCloud.from_points([[0.0, 1.0, 0.0], [0.1, 1.0, 0.0]])
+    >>> cloud
+    <PointCloud: 2 points>
+    >>> binding = bind(cloud, load_mesh("data_fixtures/walker/cage.obj"))
+    >>> binding.weights.shape
+    (2, 80)
     """
 
     def __post_init__(self) -> None:

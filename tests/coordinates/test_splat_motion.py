@@ -39,7 +39,7 @@ def binding(points):
 @pytest.fixture
 def small_blocks(monkeypatch):
     monkeypatch.setattr(splat_motion, "SPLATS_PER_BLOCK", 700)
-    monkeypatch.setattr(splat_motion, "SPLATS_PER_GRADIENT", 1400)
+    monkeypatch.setattr(splat_motion, "GRADIENT_BYTES", 2 * 24 * 18 * 700)
 
 
 def move(motion, points, cage):
