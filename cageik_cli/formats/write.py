@@ -210,9 +210,10 @@ class Output:
         return name.suffix.lower()
 
     @property
-    def names_format(self) -> bool:
-        """Whether the path alone says what is written."""
-        return FrameNames.parse(self.path.name) is not None or bool(self.path.suffix)
+    def has_format(self) -> bool:
+        """Whether a format is asked for; otherwise the model decides."""
+        is_named = FrameNames.parse(self.path.name) is not None or bool(self.path.suffix)
+        return is_named or self.file_format is not None
 
     def check_writable(self) -> None:
         """Refuse, before any work, what cannot be written; see `check_animation_output`."""

@@ -113,7 +113,8 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
         When the weights cannot be trusted.
     """
     progress = progress or ProgressListener()
-    settings.output.check_writable()
+    if settings.mesh is None or settings.output.has_format:
+        settings.output.check_writable()
     source = CageSource.read(settings.source)
     if settings.influences is not None:
         result = source.require_result("but --influences needs the settings of a result; give one")

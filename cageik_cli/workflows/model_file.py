@@ -54,8 +54,9 @@ class LoadedModel:
             When its format cannot hold the model, or it cannot be written.
         """
         if self.points is None:
+            output.check_writable()
             return output
-        if output.file_format is None and not output.names_format:
+        if not output.has_format:
             output = replace(output, file_format="ply")
         known = POINT_SUFFIXES if self.splats is None else SPLAT_SUFFIXES
         if output.suffix not in known:

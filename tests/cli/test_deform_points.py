@@ -79,6 +79,16 @@ def test_positions_of_points_are_written_in_other_formats(run, cloud, name):
             np.testing.assert_allclose(arrays["vertices"], expected, rtol=0, atol=1e-6)
 
 
+def test_a_folder_of_points_is_replaced_only_if_asked(run, cloud):
+    words = ("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "out", "-q")
+    assert run(*words).code == 0
+    refused = run(*words)
+    assert refused.code == 1
+    assert "out: " in refused.err
+    assert run(*words, "--overwrite").code == 0
+    assert run("deform", "cages.h5", "-o", "out", "--overwrite").code == 1, "they are no .obj"
+
+
 def test_points_of_a_mesh_move_as_its_vertices(run, result, animation):
     rest = animation.rest
     Path("points.ply").write_bytes(trimesh.PointCloud(rest.vertices).export(file_type="ply"))
@@ -199,6 +209,16 @@ def test_splats_are_posed(run, splats):
     moved = places(rows)[3] - places(splats)[3]
     np.testing.assert_allclose(moved, [0.1, 0.2, 0], rtol=0, atol=1e-2)
     assert abs(covariances(rows) / covariances(splats) - 1).max() > 1e-3
+
+
+def test_info_says_what_a_file_of_points_holds(run, cloud):
+    outcome = run("info", "cloud.ply")
+    assert outcome.code == 0
+    assert "a cloud of points" in outcome.out
+    assert "x, y, z, red, heat" in outcome.out
+    outcome = run("info", "splats.ply")
+    assert "a file of Gaussian splats" in outcome.out
+    assert "spherical harmonics up to band 3" in outcome.out
 
 
 PLACES = {
