@@ -4,7 +4,6 @@ A splat at x with the covariance Σ goes to Σ_k w_k(x) c_k, with the covariance
 J = Σ_k c_k ⊗ ∇w_k(x) is the derivative of the deformation. Weights and gradients are computed once.
 """
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -16,6 +15,7 @@ from cageik_cli.coordinates.weights import ignore_progress
 from cageik_cli.geometry.splats import MapFaults, Splats, count_map_faults, move_splats
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError
+from cageik_cli.util.temporary_array import allocate_floats
 
 SPLATS_PER_BLOCK = 4096
 """Splats that are moved together; constant, because last digits depend on it."""
@@ -66,6 +66,8 @@ class SplatMotion:
     ------
     SettingError
         When the weights are not harmonic, and so have no gradients here.
+    FileAccessError
+        When the disk has no room for the temporary file.
     """
 
     def __init__(
@@ -87,7 +89,7 @@ class SplatMotion:
             slice(start, min(start + SPLATS_PER_BLOCK, count))
             for start in range(0, count, SPLATS_PER_BLOCK)
         ]
-        self._stored = _allocate(4 * n * count, memory)
+        self._stored = allocate_floats(4 * n * count, memory)
         self._cage_count = n
         self._fill(binding, jobs, progress)
 
@@ -137,11 +139,3 @@ def _find_places(binding: Binding) -> Floats:
     placed = binding.weights @ (cage.vertices - middle) + middle
     is_moved = np.linalg.norm(placed - points, axis=1) > PROJECTED_TOL * cage.diagonal
     return np.where(is_moved[:, None], placed, points)
-
-
-def _allocate(count: int, memory: int) -> Floats:
-    """Return room for numbers: in memory if they fit, else in a temporary file."""
-    if 8 * count <= memory:
-        return np.empty(count)
-    with tempfile.TemporaryFile() as file:  # open as long as it is mapped
-        return np.memmap(file, np.float64, "w+", shape=(count,))

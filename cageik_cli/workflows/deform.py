@@ -159,15 +159,15 @@ def _load_model(settings: DeformSettings, source: CageSource) -> LoadedModel:
     Raises
     ------
     SettingError
-        When it has splats, and the weights that are asked for have no gradients.
+        When it has points only, and weights that are fitted to a surface are asked for.
     """
     if settings.mesh is None:
         return LoadedModel(source.rest_model)
     model = load_model(settings.mesh)
-    if model.splats is not None and settings.influences is not None:
+    if model.points is not None and settings.influences is not None:
         raise SettingError(
-            f"{settings.mesh}: is a file of Gaussian splats, which need the gradients of weights, "
-            "and fitted weights have none; leave out --influences"
+            f"{settings.mesh}: is {model.kind}, and weights of few influences are fitted to a "
+            "surface; leave out --influences"
         )
     return model
 

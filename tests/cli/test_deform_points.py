@@ -1,5 +1,6 @@
 """`cageik deform` and `cageik pose` of points without faces and of Gaussian splats."""
 
+import gzip
 import json
 from pathlib import Path
 
@@ -77,6 +78,13 @@ def test_positions_of_points_are_written_in_other_formats(run, cloud, name):
         with np.load(name) as arrays:
             expected = np.stack([places(rows) for rows in frames_in("out")])
             np.testing.assert_allclose(arrays["vertices"], expected, rtol=0, atol=1e-6)
+
+
+def test_packed_points_are_read(run, cloud):
+    Path("cloud.ply.gz").write_bytes(gzip.compress(Path("cloud.ply").read_bytes()))
+    words = ("deform", "cages.h5", "--mesh", "cloud.ply.gz", "-q")
+    assert run(*words, "-o", "all").code == 0
+    np.testing.assert_array_equal(frames_in("all")[2]["heat"], cloud["heat"])
 
 
 def test_a_folder_of_points_is_replaced_only_if_asked(run, cloud):
@@ -163,7 +171,12 @@ REFUSED = {
     "splats of few influences": (
         "splats.ply",
         ["-o", "out", "--influences", "4"],
-        "splats.ply: is a file of Gaussian splats, which need the gradients",
+        "splats.ply: is a file of Gaussian splats, and weights of few influences are",
+    ),
+    "points of few influences": (
+        "cloud.ply",
+        ["-o", "out", "--influences", "4"],
+        "cloud.ply: is a cloud of points, and weights of few influences are",
     ),
     "splats of mean values": (
         "splats.ply",
