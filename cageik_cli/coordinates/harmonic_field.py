@@ -17,9 +17,10 @@ from cageik_cli.coordinates.bem.gradients import WeightGradients
 from cageik_cli.coordinates.harmonic import check_request, solve_to_tolerance
 from cageik_cli.coordinates.settings import ACCURACIES
 from cageik_cli.coordinates.weights import ignore_progress
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import ClosestPoints, closest_points
+from cageik_cli.geometry.mesh import TriMesh, validate_positions
+from cageik_cli.geometry.surface import ClosestPoints, closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import CageError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 POINTS_PER_BLOCK = 4096
@@ -88,6 +89,7 @@ class HarmonicField:
             When the accuracy is unknown, or the cage has too many faces.
         """
         check_request(cage, accuracy)
+        points = validate_positions(points)
         within = ~closest_points(cage, points).is_touching
         origin, scale = _unit_frame(cage)
         tree = _make_tree(cage, points[within] if within.any() else points)
@@ -105,8 +107,14 @@ class HarmonicField:
         """Return the weights of points inside or on the cage, (m, 3), as (m, n).
 
         A point on it has barycentric weights. `progress` is called with (points done, points).
+
+        Raises
+        ------
+        CageError
+            When a point is outside.
         """
-        nearest = closest_points(self.cage, points)
+        points = validate_positions(points)
+        nearest = self._locate(points)
         weights = np.empty((len(points), len(self.cage.vertices)))
         weights[nearest.is_touching] = nearest.barycentric_weights(nearest.is_touching)
 
@@ -127,9 +135,15 @@ class HarmonicField:
         They are exact derivatives of what `evaluate` computes, per file unit. On the cage they are
         the limit from inside. Sums are exact to rounding: the gradients of a point sum to zero, and
         Σ_k c_k ⊗ ∇w_k is the identity. Memory is 24 m n bytes for the result.
+
+        Raises
+        ------
+        CageError
+            When a point is outside.
         """
         scale = _unit_frame(self.cage)[1]
-        nearest = closest_points(self.cage, points)
+        points = validate_positions(points)
+        nearest = self._locate(points)
         gradients = np.empty((len(points), len(self.cage.vertices), 3))
         on_cage = np.flatnonzero(nearest.is_touching)
         for start in range(0, len(on_cage), POINTS_PER_BLOCK):
@@ -143,6 +157,18 @@ class HarmonicField:
         self._visit_blocks(points, np.flatnonzero(~nearest.is_touching), fill, jobs, progress)
         gradients /= scale
         return gradients
+
+    def _locate(self, points: Floats) -> ClosestPoints:
+        """Return the closest points of the cage; refuse points outside it."""
+        nearest = closest_points(self.cage, points)
+        within = np.flatnonzero(~nearest.is_touching)
+        outside = within[winding_numbers(self.cage, points[within]) < 0.5]
+        if len(outside):
+            raise CageError(
+                f"{len(outside)} of {len(points)} points are outside the cage, the first is number "
+                f"{outside[0]} (from 0); take their closest points on it"
+            )
+        return nearest
 
     def _visit_blocks(
         self,

@@ -13,6 +13,7 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.harmonic_field import HarmonicField
 from cageik_cli.coordinates.weights import ignore_progress
 from cageik_cli.geometry.splats import MapFaults, Splats, count_map_faults, move_splats
+from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.temporary_array import allocate_floats
@@ -22,9 +23,6 @@ SPLATS_PER_BLOCK = 4096
 
 GRADIENT_BYTES = 1 << 26
 """Bytes of gradients that are computed together: neighbours among them share near panels."""
-
-PROJECTED_TOL = 1e-9
-"""A splat further than this, in diagonals, from where its weights put it was moved to the cage."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -135,7 +133,5 @@ class SplatMotion:
 def _find_places(binding: Binding) -> Floats:
     """Return the points that the weights belong to: on the cage for splats outside it."""
     points, cage = binding.rest.vertices, binding.cage
-    middle = cage.vertices.mean(axis=0)
-    placed = binding.weights @ (cage.vertices - middle) + middle
-    is_moved = np.linalg.norm(placed - points, axis=1) > PROJECTED_TOL * cage.diagonal
-    return np.where(is_moved[:, None], placed, points)
+    is_outside = winding_numbers(cage, points) < 0.5
+    return np.where(is_outside[:, None], closest_points(cage, points).position, points)

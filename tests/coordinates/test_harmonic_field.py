@@ -6,7 +6,7 @@ from cageik_cli.coordinates.bem import gradients as gradients_module
 from cageik_cli.coordinates.harmonic_field import HarmonicField
 from cageik_cli.coordinates.settings import ACCURACIES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import CageError, SettingError
+from cageik_cli.util.errors import CageError, FormatError, SettingError
 from tests.coordinates.random_cages import points_within, random_cage
 from tests.shapes import TETRAHEDRON, ball, box, concave, inside
 
@@ -120,6 +120,17 @@ def test_progress_is_called_to_the_end():
     seen = []
     field.gradient(points, progress=lambda done, total: seen.append((done, total)))
     assert seen[-1] == (600, 600)
+
+
+def test_points_outside_are_refused():
+    field = HarmonicField.solve(box(), inside(box(), 20), "preview")
+    points = inside(box(), 5)
+    points[3] += 10
+    for method in (field.evaluate, field.gradient):
+        with pytest.raises(CageError, match=r"1 of 5 points are outside the cage, .* number 3"):
+            method(points)
+    with pytest.raises(FormatError, match=r"expected \(count, 3\)"):
+        field.gradient(np.zeros(3))
 
 
 def test_unknown_accuracy_and_too_many_faces_are_refused(monkeypatch):

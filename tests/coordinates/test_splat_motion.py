@@ -124,6 +124,26 @@ def test_a_temporary_file_gives_the_same_bytes(small_blocks, binding, points):
     assert move(held, points, cage)[0].tobytes() == move(mapped, points, cage)[0].tobytes()
 
 
+@pytest.mark.parametrize("depth", [1e-13, 1e-11, 1e-9])
+def test_splats_outside_by_rounding_move_as_those_on_the_cage(rows, depth):
+    """They count as on the cage, and so are not refused."""
+    near = rows[:200].copy()
+    corner = CAGE.vertices[CAGE.faces]
+    centre = corner.mean(axis=1)
+    outward = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    for axis, values in zip("xyz", (centre + depth * outward).T, strict=True):
+        near[axis][: len(centre)] = values
+    points = parse_points(encode_rows(near))
+    binding = bind(PointCloud.from_points(points.positions), CAGE, BindSettings(accuracy="preview"))
+    motion = SplatMotion(binding, read_splats(points), 1 << 30, 1)
+    linear = AFFINE["shear"]
+    out, _ = move(motion, points, CAGE.vertices @ linear.T)
+    expected = linear @ covariances(near) @ linear.T
+    size = np.abs(expected).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(covariances(out) / size, expected / size, rtol=0, atol=1e-9)
+
+
 def test_splats_outside_move_with_the_nearest_point_of_the_cage(rows):
     outer = rows[:100].copy()
     for axis in "xyz":
