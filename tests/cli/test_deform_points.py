@@ -224,6 +224,14 @@ def test_splats_are_posed(run, splats):
     assert abs(covariances(rows) / covariances(splats) - 1).max() > 1e-3
 
 
+def test_a_pose_of_splats_needs_gradients(run, splats):
+    words = ("--cage", "cage.obj", "-o", "posed.ply", "--coordinates", "mean-value")
+    outcome = run("pose", "splats.ply", "h.json", *words)
+    assert outcome.code == 1
+    assert "splats.ply: splats need gradients of weights" in outcome.err
+    assert not Path("posed.ply").exists()
+
+
 def test_info_says_what_a_file_of_points_holds(run, cloud):
     outcome = run("info", "cloud.ply")
     assert outcome.code == 0
