@@ -5,8 +5,10 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.formats.base.file_names import FrameNames
 from cageik_cli.formats.base.registry import discover_plugins
@@ -275,7 +277,7 @@ def write_animation(
                     break
                 with error_context(path):
                     writer.append(block - origin if output.recentre else block)
-                largest = max(largest, float(np.abs(block - origin).max()))
+                largest = max(largest, float(np.abs(_get_positions(block) - origin).max()))
             done += len(block)
             progress.update(done, animation.frame_count)
     if output.recentre:
@@ -284,6 +286,13 @@ def write_animation(
     for note in (*writer.notes, *_list_rounding_notes(writer, largest, animation.rest.diagonal)):
         progress.note("note", f"{path.name}: {note}")
     return ExportSummary(path, done, len(animation.rest.vertices), _total_size(output.target_path))
+
+
+def _get_positions(block: NDArray[Any]) -> Floats:
+    """Return the positions of a block, which has rows of properties if it is of splats."""
+    if block.dtype.names is None:
+        return block
+    return np.stack([block[axis] for axis in "xyz"], axis=-1, dtype=np.float64)
 
 
 def _encode_offset(origin: tuple[float, float, float]) -> bytes:

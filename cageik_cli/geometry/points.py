@@ -1,9 +1,10 @@
 """Clouds of points: meshes without faces."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cageik_cli.geometry.mesh import TriMesh, make_read_only, validate_positions
 from cageik_cli.util.errors import FormatError
@@ -46,6 +47,11 @@ class PointCloud(TriMesh):
             As of `TriMesh`.
         """
         return PointCloud(np.asarray(positions), np.empty((0, 3), np.int64))
+
+    @cached_property
+    def is_used(self) -> NDArray[np.bool_]:
+        """Whether each point is part of the model, (n,): all are."""
+        return np.ones(len(self.vertices), bool)
 
     @property
     def is_closed(self) -> bool:

@@ -16,7 +16,7 @@ from cageik_cli.formats.usd.errors import USD_SUFFIXES
 from cageik_cli.formats.write import Output, WriterFactory
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.geometry.splats import Splats
-from cageik_cli.util.errors import OutputError, error_context
+from cageik_cli.util.errors import OutputError, SettingError, error_context
 from cageik_cli.util.input_files import read_input
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import label_note
@@ -59,6 +59,11 @@ class LoadedModel:
         if not output.has_format:
             output = replace(output, file_format="ply")
         known = POINT_SUFFIXES if self.splats is None else SPLAT_SUFFIXES
+        if self.splats is not None and output.recentre:
+            raise SettingError(
+                f"{self.mesh.source['name']}: is {self.kind}, which --recentre cannot move; leave "
+                "it out"
+            )
         if output.suffix not in known:
             raise OutputError(
                 f"{output.path}: a `{output.suffix}` cannot hold {self.mesh.source['name']}, which "

@@ -87,6 +87,16 @@ def test_packed_points_are_read(run, cloud):
     np.testing.assert_array_equal(frames_in("all")[2]["heat"], cloud["heat"])
 
 
+def test_points_are_moved_to_the_origin(run, cloud):
+    words = ("deform", "cages.h5", "--mesh", "cloud.ply", "-q")
+    assert run(*words, "-o", "here").code == 0
+    outcome = run(*words, "-o", "there", "--recentre")
+    assert outcome.code == 0, outcome.err
+    offset = json.loads(Path("there.offset.json").read_text())["offset"]
+    for one, other in zip(frames_in("here"), frames_in("there"), strict=True):
+        np.testing.assert_allclose(places(other) + offset, places(one), rtol=0, atol=1e-6)
+
+
 def test_a_folder_of_points_is_replaced_only_if_asked(run, cloud):
     words = ("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "out", "-q")
     assert run(*words).code == 0
@@ -182,6 +192,11 @@ REFUSED = {
         "splats.ply",
         ["-o", "out", "--coordinates", "mean-value"],
         "splats.ply: splats need gradients of weights",
+    ),
+    "splats moved to the origin": (
+        "splats.ply",
+        ["-o", "out", "--recentre"],
+        "splats.ply: is a file of Gaussian splats, which --recentre cannot move",
     ),
     "damaged": ("damaged.ply", ["-o", "out"], "damaged.ply: announces 60 points"),
     "splats without a property": ("part.ply", ["-o", "out"], "part.ply: is a file of Gaussian"),

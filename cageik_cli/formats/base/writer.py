@@ -47,7 +47,7 @@ class Animation:
         middle = 0.5 * used.min(axis=0) + 0.5 * used.max(axis=0)
         step = 10.0 ** np.floor(np.log10(self.rest.diagonal or 1.0))
         x, y, z = (float(value) for value in np.rint(middle / step) * step)
-        rest = TriMesh(self.rest.vertices - np.array([x, y, z]), self.rest.faces)
+        rest = type(self.rest)(self.rest.vertices - np.array([x, y, z]), self.rest.faces)
         return replace(self, rest=rest, origin=(x, y, z))
 
 
