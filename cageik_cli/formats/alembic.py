@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.clip_file import ClipFile, single_path
-from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
     Sampling,
@@ -85,8 +84,7 @@ class Reader(ClipFile):
             request.complete_first(self._read_points(self._times[0])),
             is_clockwise=not is_mirroring(matrix),
         )
-        self._fan_triangulated = mesh.fan_triangulated
-        self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)
+        self.first = mesh.make_mesh()
         is_animated = any(transform.getNumSamples() > 1 for transform in self._transforms)
         return [*notes, *describe_transform(matrix, is_animated), *mesh.notes]
 

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.file_data import with_gzip
 from cageik_cli.formats.base.frame_files import FrameFileReader
 from cageik_cli.formats.base.mesh_data import FileMesh
-from cageik_cli.formats.base.polygons import fan_triangulate, fan_triangulate_polygons
+from cageik_cli.formats.base.polygons import fan_triangulate_polygons
 from cageik_cli.formats.base.writer import Animation, FrameFileWriter
+from cageik_cli.geometry.surface_attributes import fan_triangulate
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 

@@ -131,7 +131,6 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
         frame_count=cages.count,
         scene=settings.scene.override(scene),
         name=_make_object_name(settings.mesh),
-        obj_text=mesh.obj_text,
     )
     rotations = _read_needed_rotations(settings, source, binding, cages.count)
     target = Reconstruction(binding, cages, rotations)

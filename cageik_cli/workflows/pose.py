@@ -103,22 +103,6 @@ def read_named_handles(path: Path) -> NamedHandles:
     return NamedHandles(path, read_handles(path), hash_file(path).hex())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BoundModel:
-    """A model in its cage.
-
-    Attributes
-    ----------
-    binding : Binding
-    text, cage_text : bytes
-        The text of the OBJ files of the model and of the cage, as in `Animation`.
-    """
-
-    binding: Binding
-    text: bytes = b""
-    cage_text: bytes = b""
-
-
 def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:
     """Pose a model by handles, and write it.
 
@@ -134,15 +118,14 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
     with progress.stage("open"):
         handles = read_named_handles(settings.handles)
     with progress.stage("bind"):
-        model = _load_bound_model(settings, progress)
+        binding = _load_binding(settings, progress)
     with progress.stage("pose"):
-        posed = pose_model(model, handles, settings.posing)
+        posed = pose_model(binding, handles, settings.posing)
     report_layer_notes(posed.layers, settings.handles, progress)
     with progress.stage("write"):
-        write_mesh(settings.output, model.binding.rest, posed.mesh, settings.overwrite, model.text)
+        write_mesh(settings.output, binding.rest, posed.mesh, settings.overwrite)
         if settings.cage_output is not None:
-            cage = model.binding.cage
-            write_mesh(settings.cage_output, cage, posed.cage, settings.overwrite, model.cage_text)
+            write_mesh(settings.cage_output, binding.cage, posed.cage, settings.overwrite)
     return posed.result
 
 
@@ -164,7 +147,7 @@ class PosedModel:
     result: PoseResult
 
 
-def pose_model(model: BoundModel, handles: NamedHandles, posing: PosingSettings) -> PosedModel:
+def pose_model(binding: Binding, handles: NamedHandles, posing: PosingSettings) -> PosedModel:
     """Pose a model in its cage by handles.
 
     Raises
@@ -172,7 +155,6 @@ def pose_model(model: BoundModel, handles: NamedHandles, posing: PosingSettings)
     HandlesError, NumericalError
         Naming the file of the handles, as `pose`.
     """
-    binding = model.binding
     cage = binding.cage.vertices
     target = EditTarget(
         binding, CageSkin.for_rest_pose(binding), lambda _: cage, None, Scene().up_axis
@@ -225,10 +207,10 @@ def check_target_kind(target: Path, purpose: str) -> None:
         )
 
 
-def _load_bound_model(settings: PoseSettings, progress: ProgressListener) -> BoundModel:
+def _load_binding(settings: PoseSettings, progress: ProgressListener) -> Binding:
     """Read the binding file that is named, or bind the model to the cage."""
     if settings.target.suffix.lower() in HDF5_SUFFIXES:
-        return BoundModel(read_binding(settings.target).binding)
+        return read_binding(settings.target).binding
     if settings.cage is None:
         raise SettingError(f"{settings.target}: is a model without a cage; give one with --cage")
     rest, cage = load_mesh(settings.target), load_mesh(settings.cage)
@@ -238,7 +220,7 @@ def _load_bound_model(settings: PoseSettings, progress: ProgressListener) -> Bou
 
 def bind_model(
     rest: LoadedMesh, cage: LoadedMesh, weights: WeightSettings, progress: ProgressListener
-) -> BoundModel:
+) -> Binding:
     """Bind a model to a cage, and note what was changed in reading them.
 
     Raises
@@ -251,4 +233,4 @@ def bind_model(
         for note in notes:
             label, text = label_note(note)
             progress.note(label, f"{mesh.source['name']}: {text}")
-    return BoundModel(binding, rest.obj_text, cage.obj_text)
+    return binding

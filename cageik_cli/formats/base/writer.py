@@ -22,21 +22,18 @@ class Animation:
     Attributes
     ----------
     rest : TriMesh
-        The rest pose, with the faces of every frame.
+        The rest pose, with the faces and the attributes of every frame.
     frame_count : int
         Number of frames.
     scene : Scene
     name : str
         Name of the object, for formats that name objects: letters, digits and underscores.
-    obj_text : bytes
-        The OBJ file that the rest mesh was read from, unpacked; empty if it was another format.
     """
 
     rest: TriMesh
     frame_count: int
     scene: Scene
     name: str
-    obj_text: bytes = b""
 
 
 class AnimationWriter(ABC):

@@ -10,7 +10,6 @@ import numpy as np
 
 from cageik_cli.formats.base.clip_file import ClipFile, single_path
 from cageik_cli.formats.base.file_data import hash_file
-from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
     Sampling,
@@ -78,8 +77,7 @@ class Reader(ClipFile):
             request.complete_first(self._read_points(self._times[0])),
             is_clockwise=is_left != is_mirroring(matrix),
         )
-        self._fan_triangulated = mesh.fan_triangulated
-        self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)
+        self.first = mesh.make_mesh()
         notes += ["left-handed faces turned"] if is_left else []
         return [*notes, *describe_transform(matrix, bool(moving)), *mesh.notes]
 

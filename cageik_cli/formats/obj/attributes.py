@@ -1,0 +1,173 @@
+"""UVs, normals, names of faces and colours of vertices in an OBJ text."""
+
+import codecs
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.obj.tokens import FACE, VERTEX, Tokens, blank_out, tokenize
+from cageik_cli.geometry.surface_attributes import (
+    NONE,
+    FaceLabels,
+    SurfaceAttributes,
+    UvMap,
+    number_normal_fans,
+)
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import single_line
+
+_SLASH = ord("/")
+
+_NO_SMOOTHING = ("off", "0")
+
+
+def read_obj_attributes(data: bytes, mesh: FileMesh) -> FileMesh:
+    """Return a mesh that was parsed with all else that its OBJ text says of the surface.
+
+    What is damaged, such as indices of UVs that are not there, is left out with a note.
+    """
+    tokens = tokenize(blank_out(data.removeprefix(codecs.BOM_UTF8)))
+    attributes = SurfaceAttributes(mesh.corner_counts, mesh.corners)
+    left_out: list[str] = []
+    for noun, read in (
+        ("texture coordinates are", _read_uvs),
+        ("normals are", _read_normals),
+        ("names of faces are", _read_labels),
+        ("colours are", _read_colours),
+        ("the material library is", _read_library),
+    ):
+        try:
+            attributes = read(tokens, attributes)
+        except (FormatError, ValueError, OverflowError) as error:
+            left_out.append(f"its {noun} left out ({error})".replace("its the", "the"))
+    return replace(mesh, attributes=attributes, left_out=tuple(left_out))
+
+
+def _read_uvs(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    is_value = tokens.find_lines(b"vt")
+    if not is_value.any():
+        return attributes
+    indices = _read_corner_indices(tokens, is_value, 1)
+    if (indices == NONE).all():
+        return attributes
+    lines = (tokens.split_line(line) for line in np.flatnonzero(is_value).tolist())
+    values = [(float(words[1]), float((*words, b"0")[2])) for words in lines if len(words) > 1]
+    if len(values) < np.count_nonzero(is_value):
+        raise ValueError("a line has no number")
+    return replace(attributes, uvs=UvMap(np.array(values), indices))
+
+
+def _read_normals(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    is_value = tokens.find_lines(b"vn")
+    if not is_value.any():
+        return attributes
+    indices = _read_corner_indices(tokens, is_value, 2)
+    if (indices == NONE).all():
+        return attributes
+    # Some programs write a normal anew for each corner.
+    words = [tuple(tokens.split_line(line)) for line in np.flatnonzero(is_value).tolist()]
+    numbers = {value: k for k, value in enumerate(dict.fromkeys(words))}
+    same = np.array([*(numbers[value] for value in words), NONE])  # `NONE` is the last
+    return replace(attributes, normal_fans=number_normal_fans(attributes.corners, same[indices]))
+
+
+def _read_labels(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    faces = np.flatnonzero(tokens.line_kinds == FACE)
+    return replace(
+        attributes,
+        materials=_label_faces(tokens, b"usemtl", faces),
+        groups=_label_faces(tokens, b"g", faces),
+        objects=_label_faces(tokens, b"o", faces),
+        smoothing=_label_faces(tokens, b"s", faces),
+    )
+
+
+def _label_faces(tokens: Tokens, keyword: bytes, faces: Integers) -> FaceLabels | None:
+    """Return the names that the lines of a keyword give the faces after them."""
+    lines = np.flatnonzero(tokens.find_lines(keyword))
+    if not len(lines):
+        return None
+    texts = ["", *(_join_words(tokens, line) for line in lines.tolist())]
+    if keyword == b"s":
+        texts = ["" if text in _NO_SMOOTHING else text for text in texts]
+    names = tuple(dict.fromkeys(text for text in texts if text))
+    numbers = {name: k for k, name in enumerate(names)} | {"": NONE}
+    labels = np.array([numbers[text] for text in texts])[np.searchsorted(lines, faces)]
+    return None if (labels == NONE).all() else FaceLabels(names, labels)
+
+
+def _read_library(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    lines = np.flatnonzero(tokens.find_lines(b"mtllib"))
+    names = " ".join(_join_words(tokens, line) for line in lines.tolist())
+    return replace(attributes, material_library=names)
+
+
+def _read_colours(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    is_vertex = tokens.line_kinds == VERTEX
+    count = int(tokens.token_counts[is_vertex].min()) - 4
+    if count < 3:  # a fourth number is a weight
+        return attributes
+    lines = map(tokens.split_line, np.flatnonzero(is_vertex).tolist())
+    return replace(attributes, colours=_to_floats(lines, min(count, 4)))
+
+
+def _to_floats(lines: "map[list[bytes]]", count: int) -> Floats:
+    return np.array([[float(word) for word in words[4 : 4 + count]] for words in lines])
+
+
+def _join_words(tokens: Tokens, line: int) -> str:
+    """Return the words of a line behind the first, as text."""
+    text = b" ".join(tokens.split_line(line)[1:])
+    try:
+        return single_line(text.decode())
+    except UnicodeDecodeError:
+        return single_line(text.decode("latin-1"))
+
+
+def _read_corner_indices(tokens: Tokens, is_value: NDArray[np.bool_], place: int) -> Integers:
+    """Return index `place` of every corner, from 0; `NONE` where there is none.
+
+    Parameters
+    ----------
+    tokens : Tokens
+    is_value : (l,) bool
+        The lines that are counted.
+    place : int
+        1 for texture coordinates, 2 for normals.
+
+    Raises
+    ------
+    ValueError
+        When an index is no number, or that of no line.
+    """
+    is_face, sizes = tokens.line_kinds == FACE, tokens.token_counts
+    is_corner = np.repeat(is_face, sizes)
+    is_corner[tokens.first_tokens] = False
+    begins, ends = _find_part(tokens, tokens.bounds[is_corner], place)
+    found = np.zeros(len(begins), np.int64)
+    given = np.flatnonzero(ends > begins)
+    bounds = zip(begins[given].tolist(), ends[given].tolist(), strict=True)
+    found[given] = [int(tokens.text[begin:end]) for begin, end in bounds]
+    known = np.repeat(np.cumsum(is_value)[is_face], sizes[is_face] - 1)
+    indices = np.where(found > 0, found - 1, known + found)
+    indices[np.setdiff1d(np.arange(len(found)), given)] = NONE
+    count = np.count_nonzero(is_value)
+    wrong = given[(found[given] == 0) | (indices[given] < 0) | (indices[given] >= count)]
+    if len(wrong):
+        raise ValueError(f"a corner names number {found[wrong[0]]} of {count}")
+    return indices
+
+
+def _find_part(
+    tokens: Tokens, bounds: NDArray[np.integer], place: int
+) -> tuple[Integers, Integers]:
+    """Return where part `place` of each word begins and ends, the parts being cut at slashes."""
+    slashes = np.append(np.flatnonzero(tokens.codes == _SLASH), len(tokens.text))
+    first = np.searchsorted(slashes, bounds[:, 0])
+    ends = bounds[:, 1].astype(np.int64)
+    last = len(slashes) - 1
+    before, after = (slashes[np.minimum(first + k, last)] for k in (place - 1, place))
+    return np.minimum(before + 1, ends), np.minimum(after, ends)
