@@ -35,6 +35,30 @@ def compute_fan_normals(attributes: SurfaceAttributes, positions: Floats) -> Flo
     return _normalize(sums)
 
 
+def compute_corner_normals(attributes: SurfaceAttributes, positions: Floats) -> Floats:
+    """Compute the normal of every corner, (c, 3), of length 1.
+
+    A corner without one has that of its face. Parameters are those of `compute_fan_normals`.
+    """
+    fans = attributes.normal_fans
+    assert fans is not None
+    normals = compute_fan_normals(attributes, positions)[fans]
+    is_bare = fans < 0
+    if is_bare.any():
+        faces = _normalize(compute_area_vectors(attributes, positions))
+        normals[is_bare] = np.repeat(faces, attributes.corner_counts, axis=0)[is_bare]
+    return normals
+
+
+def has_vertex_normals(attributes: SurfaceAttributes) -> bool:
+    """Return whether every corner has a normal, and all corners of a vertex the same."""
+    fans = attributes.normal_fans
+    if fans is None or (fans < 0).any():
+        return False
+    pairs = np.stack([attributes.corners, fans], axis=1)
+    return len(np.unique(pairs, axis=0)) == len(np.unique(attributes.corners))
+
+
 def compute_area_vectors(attributes: SurfaceAttributes, positions: Floats) -> Floats:
     """Compute twice the area vector of each polygon, (p, 3), by Newell's formula."""
     counts, starts, corners = attributes.corner_counts, attributes.starts, attributes.corners

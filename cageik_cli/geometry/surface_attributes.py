@@ -290,13 +290,16 @@ class SurfaceAttributes:
                 f"triangle {int(np.argmin(is_own))} has vertices that are not of its polygon"
             )
 
-    def reverse(self) -> "SurfaceAttributes":
-        """Return them for faces that turn the other way; polygons begin at the same corner."""
+    def reverse(self, keeps_first: bool = True) -> "SurfaceAttributes":
+        """Return them for faces that turn the other way.
+
+        Polygons begin at the same corner, or at what was their last.
+        """
         steps = np.arange(len(self.corners)) - np.repeat(self.starts, self.corner_counts)
         counts, starts = (
             np.repeat(a, self.corner_counts) for a in (self.corner_counts, self.starts)
         )
-        return self._reorder_corners(starts + (counts - steps) % counts)
+        return self._reorder_corners(starts + (counts - steps - (not keeps_first)) % counts)
 
     def _reorder_corners(self, order: Integers) -> "SurfaceAttributes":
         """Return them with the corners in another order within their polygons."""
@@ -343,14 +346,15 @@ def number_normal_fans(corners: Integers, normals: Integers) -> Integers:
 
     Returns
     -------
-    (c,), `NONE` for a corner without a normal.
+    (c,), in the order of the corners; `NONE` for a corner without a normal.
     """
     is_given = normals >= 0
     pairs = np.stack([corners, normals], axis=1)[is_given]
     fans = np.full(len(corners), NONE, np.int64)
     if len(pairs):
         keys = pairs[:, 0] * (int(pairs[:, 1].max()) + 1) + pairs[:, 1]
-        fans[is_given] = np.unique(keys, return_inverse=True)[1]
+        _, first, number = np.unique(keys, return_index=True, return_inverse=True)
+        fans[is_given] = np.argsort(np.argsort(first))[number]
     return fans
 
 

@@ -24,6 +24,7 @@ from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics, require_usd
 from cageik_cli.formats.usd.layers import check_layers
+from cageik_cli.formats.usd.surface_reader import read_surface
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, error_context
 
@@ -73,9 +74,11 @@ class Reader(ClipFile):
         self._times = sampling.times[list(self.frame_indices)].tolist()
         matrix = self._world_matrix(self._times[0])
         is_left = self._mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
+        points = request.complete_first(self._read_points(self._times[0]))
         mesh = self._read_polygons().make_mesh(
-            request.complete_first(self._read_points(self._times[0])),
+            points,
             is_clockwise=is_left != is_mirroring(matrix),
+            read_surface=lambda found: read_surface(self._mesh, found, len(points), self._times[0]),
         )
         self.first = mesh.make_mesh()
         notes += ["left-handed faces turned"] if is_left else []

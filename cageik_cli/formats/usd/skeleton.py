@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics
-from cageik_cli.formats.usd.writer import UsdFile, compute_extent, define_mesh
+from cageik_cli.formats.usd.surface_writer import UsdMesh
+from cageik_cli.formats.usd.writer import UsdFile, compute_extent
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
@@ -131,7 +132,9 @@ class SkeletonWriter(AnimationWriter):
 
         with capture_diagnostics(OSError):
             self._define_skeleton()
-            mesh = define_mesh(self._file.stage, f"{self._file.root}/mesh", skin.rest)
+            skinned = UsdMesh(self._file.stage, f"{self._file.root}/mesh", skin.rest)
+            skinned.write_normals(skin.rest.vertices)
+            mesh = skinned.prim
             mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
             mesh.CreateExtentAttr(compute_extent(points))
             self._bind_mesh(mesh, skin.weights)
