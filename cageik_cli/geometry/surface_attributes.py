@@ -303,11 +303,12 @@ class SurfaceAttributes:
 
     def _reorder_corners(self, order: Integers) -> "SurfaceAttributes":
         """Return them with the corners in another order within their polygons."""
+        corners, uvs, fans = self.corners[order], self.uvs, self.normal_fans
         return replace(
             self,
-            corners=self.corners[order],
-            uvs=None if self.uvs is None else replace(self.uvs, indices=self.uvs.indices[order]),
-            normal_fans=None if self.normal_fans is None else self.normal_fans[order],
+            corners=corners,
+            uvs=None if uvs is None else replace(uvs, indices=uvs.indices[order]),
+            normal_fans=None if fans is None else number_normal_fans(corners, fans[order]),
         )
 
 
