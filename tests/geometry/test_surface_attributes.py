@@ -9,7 +9,6 @@ from cageik_cli.formats.obj.frames import Reader
 from cageik_cli.formats.obj.parse import parse_obj
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_area_vectors, compute_fan_normals
-from cageik_cli.geometry.render_mesh import find_triangle_corners, split_vertices
 from cageik_cli.geometry.surface_attributes import (
     MAX_NAMES,
     FaceLabels,
@@ -18,6 +17,7 @@ from cageik_cli.geometry.surface_attributes import (
     UvMap,
     number_normal_fans,
 )
+from cageik_cli.geometry.triangle_attributes import cut_attributes
 from cageik_cli.util.errors import FormatError
 from tests.assets import SIDES, asset_text, parse_asset
 from tests.shapes import box, quad_text
@@ -84,39 +84,36 @@ def test_normals_of_several_vertices_are_told_apart():
     assert number_normal_fans(np.array([1]), np.array([-1])).tolist() == [-1]
 
 
-def test_split_vertices_draw_what_the_text_says():
-    """Each corner of each triangle has the position, the UV and the material of its polygon."""
-    render, text = split_vertices(ASSET), parse_asset(asset_text())
+def test_triangles_have_what_the_text_says():
+    """Each corner of each triangle has the UV and the material of its polygon."""
+    cut, text = cut_attributes(ASSET), parse_asset(asset_text())
     ends = np.repeat(np.arange(len(text.polygons)), [len(p) - 2 for p in text.polygons])
-    assert [render.material_names[k] for k in render.materials] == [text.names[p][2] for p in ends]
-    for triangle, corners, polygon in zip(ASSET.faces, render.triangles, ends, strict=True):
-        np.testing.assert_array_equal(render.vertices[corners], triangle)
+    assert [cut.material_names[k] for k in cut.materials] == [text.names[p][2] for p in ends]
+    for triangle, uvs, polygon in zip(ASSET.faces, cut.uvs, ends, strict=True):
         places = [text.polygons[polygon].index(vertex) for vertex in triangle]
-        expected = [text.corner_uvs[polygon][place] for place in places]
-        np.testing.assert_array_equal(render.uvs[corners], expected)
-    # The seam of the tube, and the edges of its caps, split vertices; no more than needed.
-    assert len(render.vertices) == (SIDES + 1) ** 2 + 2 * SIDES
-    assert (np.diff(render.vertices) >= 0).all()
+        np.testing.assert_array_equal(uvs, [text.corner_uvs[polygon][place] for place in places])
+    given = np.unique(np.column_stack([ASSET.faces.ravel(), cut.uvs.reshape(-1, 2)]), axis=0)
+    # The seam of the tube, and the edges of its caps, part vertices; no others.
+    assert len(given) == (SIDES + 1) ** 2 + 2 * SIDES
 
 
-def test_split_vertices_have_one_normal_each():
-    render = split_vertices(ASSET)
-    fans = ASSET.attributes.normal_fans[find_triangle_corners(ASSET)]
-    np.testing.assert_array_equal(render.normal_fans[render.triangles], fans)
+def test_triangles_have_the_normals_of_their_corners():
+    cut = cut_attributes(ASSET)
+    pairs = np.column_stack([ASSET.faces.ravel(), cut.normal_fans.ravel()])
+    expected = np.column_stack([ASSET.attributes.corners, ASSET.attributes.normal_fans])
+    np.testing.assert_array_equal(np.unique(pairs, axis=0), np.unique(expected, axis=0))
 
 
 def test_corners_without_uvs_are_at_zero():
-    render = split_vertices(read(quad_text(1).replace("1/1/1 ", "1//1 ")))
-    corner = render.triangles[0, 0]
-    assert (render.vertices[corner], render.uvs[corner].tolist()) == (0, [0, 0])
+    cut = cut_attributes(read(quad_text(1).replace("f 1/1/1 ", "f 1//1 ", 1)))
+    assert cut.uvs[0, 0].tolist() == [0, 0]
 
 
-def test_triangles_alone_are_drawn_as_they_are():
-    render = split_vertices(box())
-    np.testing.assert_array_equal(render.triangles, box().faces)
-    np.testing.assert_array_equal(render.vertices, np.arange(8))
-    assert (render.uvs, render.normal_fans, render.material_names) == (None, None, ())
-    assert (render.materials == -1).all()
+def test_triangles_alone_have_nothing():
+    cut = cut_attributes(box())
+    assert (cut.uvs, cut.normal_fans, cut.materials, cut.material_names) == (None, None, None, ())
+    bare = cut_attributes(TriMesh(box().vertices, box().faces, PLAIN))
+    assert (bare.uvs, bare.normal_fans, bare.materials) == (None, None, None)
 
 
 def test_names_with_their_polygons():
