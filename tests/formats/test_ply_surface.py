@@ -53,7 +53,7 @@ def test_meshio_reads_polygons_of_several_sizes(tmp_path):
     quads = [polygon for polygon in TEXT.polygons if len(polygon) == 4]
     np.testing.assert_array_equal(other.cells_dict["quad"], quads)
     colours = np.column_stack([other.point_data[name] for name in ("red", "green", "blue")])
-    np.testing.assert_array_equal(colours, np.rint(255 * COLOURS))
+    np.testing.assert_array_equal(colours.astype(np.uint8), np.rint(255 * COLOURS))
     normals = np.column_stack([other.point_data[name] for name in ("nx", "ny", "nz")])
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, rtol=1e-6)
     # Vertices of the side away from the caps have one normal, which is radial.

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics
-from cageik_cli.formats.usd.surface_writer import UsdMesh
-from cageik_cli.formats.usd.writer import UsdFile, compute_extent
+from cageik_cli.formats.usd.surface_writer import UsdMesh, count_frame_bytes
+from cageik_cli.formats.usd.with_model import CageDisplay, define_cage
+from cageik_cli.formats.usd.writer import UsdFile
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
@@ -108,7 +109,9 @@ class SkeletonWriter(AnimationWriter):
 
     suffixes = USD_SUFFIXES
 
-    def __init__(self, target: Path, animation: Animation, skin: Skin) -> None:
+    def __init__(
+        self, target: Path, animation: Animation, skin: Skin, cage: CageDisplay | None = None
+    ) -> None:
         """Start writing to `target`, whose suffix is one of `suffixes`.
 
         Parameters
@@ -117,27 +120,26 @@ class SkeletonWriter(AnimationWriter):
         animation : Animation
             Of the cage: its `rest` is the rest cage.
         skin : Skin
+        cage : CageDisplay, optional
+            How the cage is shown beside the mesh; it is not in the file if absent.
 
         Raises
         ------
         InputError
             When usd-core is not installed, or the format cannot hold the animation.
         """
-        points = to_float32(skin.rest.vertices)
+        to_float32(skin.rest.vertices)  # refused before anything is written
         self._cage, self._rotations = animation.rest.vertices, skin.rotations
         self._last_turn = np.array([0.0, 0.0, 0.0, 1.0])
         self._done = 0
-        self._file = UsdFile(target, animation, _JOINT_BYTES * (len(self._cage) + 1))
-        from pxr import Vt
-
+        size = 0 if cage is None else count_frame_bytes(animation.rest)
+        self._file = UsdFile(target, animation, size + _JOINT_BYTES * (len(self._cage) + 1))
         with capture_diagnostics(OSError):
             self._define_skeleton()
-            skinned = UsdMesh(self._file.stage, f"{self._file.root}/mesh", skin.rest)
-            skinned.write_normals(skin.rest.vertices)
-            mesh = skinned.prim
-            mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
-            mesh.CreateExtentAttr(compute_extent(points))
-            self._bind_mesh(mesh, skin.weights)
+            mesh = UsdMesh(self._file.stage, f"{self._file.root}/mesh", skin.rest)
+            mesh.write_positions(skin.rest.vertices)
+            self._bind_mesh(mesh.prim, skin.weights)
+            self._cage_mesh = None if cage is None else define_cage(self._file, animation, cage)
 
     def append(self, frames: Floats) -> None:
         """Write the cages of the next k frames, (k, n, 3)."""
@@ -147,11 +149,13 @@ class SkeletonWriter(AnimationWriter):
         centres = frames.mean(axis=1)
         places = (frames - centres[:, None]) @ rotations.swapaxes(1, 2)
         joints = to_float32(np.concatenate([centres[:, None], places], axis=1))
-        for translations, rotation in zip(joints, rotations, strict=True):
+        for cage, translations, rotation in zip(frames, joints, rotations, strict=True):
             time, turns = self._file.begin_frame(), self._list_turns(rotation)
             with capture_diagnostics(OSError):
                 self._translations.Set(Vt.Vec3fArray.FromNumpy(translations), time)
                 self._turns.Set(Vt.QuatfArray.FromNumpy(turns), time)
+                if self._cage_mesh is not None:
+                    self._cage_mesh.write_positions(cage, time)
         self._done += len(frames)
 
     def complete(self) -> None:

@@ -7,7 +7,11 @@ import numpy as np
 from cageik_cli.formats.base.writer import to_float32
 from cageik_cli.formats.usd.surface_reader import LIBRARY_KEY, UV_NAME
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_corner_normals, has_vertex_normals
+from cageik_cli.geometry.normals import (
+    FALLBACK_NORMAL,
+    compute_corner_normals,
+    has_vertex_normals,
+)
 from cageik_cli.geometry.surface_attributes import NONE, FaceLabels, SurfaceAttributes
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -51,20 +55,37 @@ class UsdMesh:
                 tokens.vertex if self._is_by_vertex else tokens.faceVarying
             )
 
-    def write_normals(self, positions: Floats, *time: float) -> None:
-        """Write the normals at some positions (m, 3), if the mesh was given some."""
+    def write_positions(self, positions: Floats, *time: float) -> None:
+        """Write points (m, 3), their extent and normals, at a time or for all times.
+
+        Raises
+        ------
+        InputError
+            When a value is too large.
+        """
         from pxr import Vt
 
-        attributes = self._shaded
-        if attributes is None:
-            return
-        normals = compute_corner_normals(attributes, positions)
-        if self._is_by_vertex:
-            by_corner = normals
-            normals = np.zeros(positions.shape)
-            normals[:, 2] = 1  # of a vertex in no face
-            normals[attributes.corners] = by_corner
-        self.prim.CreateNormalsAttr().Set(Vt.Vec3fArray.FromNumpy(to_float32(normals)), *time)
+        points = to_float32(positions)
+        extent = np.stack([points.min(axis=0), points.max(axis=0)])
+        self.prim.CreatePointsAttr().Set(Vt.Vec3fArray.FromNumpy(points), *time)
+        self.prim.CreateExtentAttr().Set(Vt.Vec3fArray.FromNumpy(extent), *time)
+        if self._shaded is not None:
+            normals = to_float32(self._compute_normals(self._shaded, positions))
+            self.prim.CreateNormalsAttr().Set(Vt.Vec3fArray.FromNumpy(normals), *time)
+
+    def _compute_normals(self, attributes: SurfaceAttributes, positions: Floats) -> Floats:
+        """Return the normals of the vertices, or of the corners if these have several."""
+        by_corner = compute_corner_normals(attributes, positions)
+        if not self._is_by_vertex:
+            return by_corner
+        normals = np.tile(FALLBACK_NORMAL, (len(positions), 1))
+        normals[attributes.corners] = by_corner
+        return normals
+
+
+def count_frame_bytes(mesh: TriMesh) -> int:
+    """Return the bytes of a frame of a mesh: its points, and its normals, of corners at most."""
+    return 12 * (len(mesh.vertices) + count_normals(mesh))
 
 
 def count_normals(mesh: TriMesh) -> int:

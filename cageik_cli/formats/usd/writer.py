@@ -6,13 +6,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
+from cageik_cli.formats.base.writer import Animation, AnimationWriter
 from cageik_cli.formats.npz.writer import fixed_date_zipinfo
 from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics, require_usd
-from cageik_cli.formats.usd.surface_writer import UsdMesh, count_normals
+from cageik_cli.formats.usd.surface_writer import UsdMesh, count_frame_bytes
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
 
@@ -85,13 +82,6 @@ class UsdFile:
             self._folder.cleanup()
 
 
-def compute_extent(points: NDArray[np.float32]) -> Any:
-    """Return the bounding box of points (m, 3), as USD stores it."""
-    from pxr import Vt
-
-    return Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)]))
-
-
 def _write_scene_metadata(stage: Any, animation: Animation) -> None:
     from pxr import UsdGeom
 
@@ -143,29 +133,21 @@ class Writer(AnimationWriter):
         require_usd("writing USD")
 
     def __init__(self, target: Path, animation: Animation) -> None:
-        rest = animation.rest
-        frame_bytes = 12 * (len(rest.vertices) + count_normals(rest))
-        self._file = UsdFile(target, animation, frame_bytes)
+        self._file = UsdFile(target, animation, count_frame_bytes(animation.rest))
         from pxr import UsdGeom
 
         with capture_diagnostics(OSError):
             # If a mesh were the default prim, the type of a referencing prim would hide it.
             UsdGeom.Xform.Define(self._file.stage, self._file.root)
             path = f"{self._file.root}/{animation.name}"
-            self._mesh = UsdMesh(self._file.stage, path, rest)
-            self._points = self._mesh.prim.CreatePointsAttr()
-            self._extent = self._mesh.prim.CreateExtentAttr()
+            self._mesh = UsdMesh(self._file.stage, path, animation.rest)
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
-        from pxr import Vt
-
         for positions in frames:
-            points, time = to_float32(positions), self._file.begin_frame()
+            time = self._file.begin_frame()
             with capture_diagnostics(OSError):
-                self._mesh.write_normals(positions, time)
-                self._points.Set(Vt.Vec3fArray.FromNumpy(points), time)
-                self._extent.Set(compute_extent(points), time)
+                self._mesh.write_positions(positions, time)
 
     def complete(self) -> None:
         """Save the file."""
