@@ -59,9 +59,13 @@ def read_attributes(file: h5py.File, group: str, mesh: TriMesh) -> TriMesh:
         held = file[group]
         if not isinstance(held, h5py.Group):
             raise FormatError("is not a group; write it again")
-        attributes = _read_parts(file, group, mesh)
-        complete = replace(mesh, attributes=attributes)
-        attributes.check_cut(mesh.faces)
+        try:
+            attributes = _read_parts(file, group, mesh)
+            complete = replace(mesh, attributes=attributes)
+            attributes.check_cut(mesh.faces)
+        except FormatError as error:
+            remedy = "" if "; " in str(error) else "; write it again"
+            raise FormatError(f"{error}{remedy}") from error
         if _read_text(held, "sha256") != compute_digest(attributes):
             raise FormatError("is not what its digest says; write it again")
         return complete
