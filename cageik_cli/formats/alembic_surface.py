@@ -9,13 +9,8 @@ import numpy as np
 from cageik_cli.formats.base.writer import to_float32
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_corner_normals
-from cageik_cli.geometry.surface_attributes import (
-    NONE,
-    FaceLabels,
-    SurfaceAttributes,
-    UvMap,
-    number_normal_fans,
-)
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
+from cageik_cli.geometry.surface_parts import NONE, FaceLabels, UvMap
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import single_line

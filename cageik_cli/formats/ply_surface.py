@@ -11,12 +11,8 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_corner_normals, has_vertex_normals
-from cageik_cli.geometry.surface_attributes import (
-    NONE,
-    SurfaceAttributes,
-    UvMap,
-    number_normal_fans,
-)
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
+from cageik_cli.geometry.surface_parts import NONE, UvMap
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 

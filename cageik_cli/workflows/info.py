@@ -101,7 +101,12 @@ def _checkpoint_rows(path: Path) -> list[tuple[str, str]]:
 
 
 def _format_counts(mesh: TriMesh) -> str:
-    return f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles"
+    return f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles{_format_polygons(mesh)}"
+
+
+def _format_polygons(mesh: TriMesh) -> str:
+    """Return what the triangles are cut from, if they are."""
+    return "" if mesh.attributes is None else f" of {mesh.attributes.description}"
 
 
 def _result_rows(result: Result) -> list[tuple[str, str]]:
@@ -158,7 +163,7 @@ def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
     components = int(mesh.components.max()) + 1
     return [
         ("vertices", str(len(mesh.vertices))),
-        ("triangles", str(len(mesh.faces))),
+        ("triangles", f"{len(mesh.faces)}{_format_polygons(mesh)}"),
         ("surface", f"{volume}, {components} component{'s' * (components > 1)}"),
         ("bounds", f"{_format_point(low)} to {_format_point(high)}, diagonal {mesh.diagonal:.6g}"),
     ]

@@ -144,3 +144,11 @@ def test_a_clip_of_cages_is_one_of_quads(run, clip):
     assert run(*words).code == 0
     assert run("deform", "again.h5", "-o", "c/c_####.obj", "-q").code == 0
     assert_kept(read_obj("c/c_0001.obj"), CAGE)
+
+
+def test_info_says_what_a_file_keeps(run, clip):
+    assert run("extract", clip, "--cage", "cage.obj", "-o", "r.h5", "-q").code == 0
+    kept = "56 triangles of 27 polygons with texture coordinates, normals, 3 materials"
+    assert f"  model          30 vertices, {kept}" in run("info", "r.h5").out
+    found = run("info", "cage.obj").out
+    assert "  triangles      12 of 6 polygons with texture coordinates, normals, 1 mat" in found

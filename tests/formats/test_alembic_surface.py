@@ -19,7 +19,7 @@ from imath import IntArrayFromBuffer, UnsignedIntArray, V2fArrayFromBuffer, V3fA
 from cageik_cli.formats.obj.frames import Reader
 from cageik_cli.formats.obj.parse import parse_obj
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.geometry.surface_attributes import FaceLabels, UvMap
+from cageik_cli.geometry.surface_parts import FaceLabels, UvMap
 from tests.assets import asset_text, parse_asset
 from tests.formats.clips import written
 from tests.shapes import QUADS, box

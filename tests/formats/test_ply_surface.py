@@ -12,7 +12,8 @@ from cageik_cli.formats.obj.frames import Reader
 from cageik_cli.formats.obj.parse import parse_obj
 from cageik_cli.formats.ply import Reader as PlyReader
 from cageik_cli.formats.ply_surface import complete_surface
-from cageik_cli.geometry.surface_attributes import UvMap, number_normal_fans
+from cageik_cli.geometry.surface_attributes import number_normal_fans
+from cageik_cli.geometry.surface_parts import UvMap
 from tests.assets import asset_text, parse_asset
 from tests.shapes import quad_text
 from tests.store.test_attributes import assert_same

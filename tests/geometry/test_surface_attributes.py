@@ -9,14 +9,8 @@ from cageik_cli.formats.obj.frames import Reader
 from cageik_cli.formats.obj.parse import parse_obj
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_area_vectors, compute_fan_normals
-from cageik_cli.geometry.surface_attributes import (
-    MAX_NAMES,
-    FaceLabels,
-    Subdivision,
-    SurfaceAttributes,
-    UvMap,
-    number_normal_fans,
-)
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
+from cageik_cli.geometry.surface_parts import MAX_NAMES, FaceLabels, Subdivision, UvMap
 from cageik_cli.geometry.triangle_attributes import cut_attributes
 from cageik_cli.util.errors import FormatError
 from tests.assets import SIDES, asset_text, parse_asset
@@ -162,3 +156,13 @@ def test_parts_that_do_not_agree_are_refused(make):
 def test_arrays_are_read_only():
     with pytest.raises(ValueError, match="read-only"):
         ASSET.attributes.corners[0] = 1
+
+
+def test_a_description_names_what_there_is():
+    assert PLAIN.description == "6 polygons"
+    assert ASSET.attributes.description == (
+        "27 polygons with texture coordinates, normals, 3 materials, 3 groups, 1 object"
+    )
+    whole = SurfaceAttributes(np.array([24]), QUADS)
+    rich = replace(whole, colours=np.zeros((8, 3)), subdivision=Subdivision("loop"))
+    assert rich.description == "1 polygon with colours, scheme loop"

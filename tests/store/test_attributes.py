@@ -11,7 +11,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.obj.frames import Reader
 from cageik_cli.formats.obj.parse import parse_obj
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.geometry.surface_attributes import Subdivision
+from cageik_cli.geometry.surface_parts import Subdivision
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.util.errors import InputError
 from tests.assets import asset_text

@@ -15,14 +15,8 @@ from cageik_cli.formats.base.hdf5 import (
     read_texts,
 )
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface_attributes import (
-    LABEL_NAMES,
-    MAX_NAME_LENGTH,
-    FaceLabels,
-    Subdivision,
-    SurfaceAttributes,
-    UvMap,
-)
+from cageik_cli.geometry.surface_attributes import LABEL_NAMES, SurfaceAttributes
+from cageik_cli.geometry.surface_parts import MAX_NAME_LENGTH, FaceLabels, Subdivision, UvMap
 from cageik_cli.util.errors import FormatError, error_context
 
 _CREASES = ("crease_vertices", "crease_lengths", "crease_sharpness")

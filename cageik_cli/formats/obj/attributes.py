@@ -8,18 +8,19 @@ from numpy.typing import NDArray
 
 from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.obj.tokens import FACE, VERTEX, Tokens, blank_out, tokenize
-from cageik_cli.geometry.surface_attributes import (
-    NONE,
-    FaceLabels,
-    SurfaceAttributes,
-    UvMap,
-    number_normal_fans,
-)
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
+from cageik_cli.geometry.surface_parts import NONE, FaceLabels, UvMap
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import single_line
 
 _SLASH = ord("/")
+
+_BARE = b"0123456789+-.eEvf \t\r\n"
+"""The characters of a text of positions and faces alone."""
+
+COLOURED_WORDS = 7
+"""Words of a line of a vertex with a colour; a fourth number alone is a weight."""
 
 _NO_SMOOTHING = ("off", "0")
 
@@ -29,6 +30,8 @@ def read_obj_attributes(data: bytes, mesh: FileMesh) -> FileMesh:
 
     What is damaged, such as indices of UVs that are not there, is left out with a note.
     """
+    if _is_bare(data):
+        return mesh
     tokens = tokenize(blank_out(data.removeprefix(codecs.BOM_UTF8)))
     attributes = SurfaceAttributes(mesh.corner_counts, mesh.corners)
     left_out: list[str] = []
@@ -44,6 +47,14 @@ def read_obj_attributes(data: bytes, mesh: FileMesh) -> FileMesh:
         except (FormatError, ValueError, OverflowError) as error:
             left_out.append(f"its {noun} left out ({error})".replace("its the", "the"))
     return replace(mesh, attributes=attributes, left_out=tuple(left_out))
+
+
+def _is_bare(data: bytes) -> bool:
+    """Return whether a text is nothing but positions and vertices of faces, by its characters."""
+    if data.translate(None, _BARE):
+        return False
+    first = data.find(b"v")
+    return len(data[first : data.find(b"\n", first)].split()) < COLOURED_WORDS
 
 
 def _read_uvs(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
@@ -107,9 +118,10 @@ def _read_library(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttri
 
 def _read_colours(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
     is_vertex = tokens.line_kinds == VERTEX
-    count = int(tokens.token_counts[is_vertex].min()) - 4
-    if count < 3:  # a fourth number is a weight
+    size = int(tokens.token_counts[is_vertex].min())
+    if size < COLOURED_WORDS:
         return attributes
+    count = size - 4
     lines = map(tokens.split_line, np.flatnonzero(is_vertex).tolist())
     return replace(attributes, colours=_to_floats(lines, min(count, 4)))
 

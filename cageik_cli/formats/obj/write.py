@@ -8,7 +8,8 @@ import numpy as np
 from cageik_cli.formats.base.writer import Animation, FrameFileWriter
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_fan_normals
-from cageik_cli.geometry.surface_attributes import NONE, FaceLabels, SurfaceAttributes
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
+from cageik_cli.geometry.surface_parts import NONE, FaceLabels
 from cageik_cli.util.arrays import Floats, Integers
 
 

@@ -7,14 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.geometry.surface_attributes import (
-    NONE,
-    FaceLabels,
-    Subdivision,
-    SurfaceAttributes,
-    UvMap,
-    number_normal_fans,
-)
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
+from cageik_cli.geometry.surface_parts import NONE, FaceLabels, Subdivision, UvMap
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import single_line

@@ -12,7 +12,8 @@ from cageik_cli.geometry.normals import (
     compute_corner_normals,
     has_vertex_normals,
 )
-from cageik_cli.geometry.surface_attributes import NONE, FaceLabels, SurfaceAttributes
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
+from cageik_cli.geometry.surface_parts import NONE, FaceLabels
 from cageik_cli.util.arrays import Floats, Integers
 
 MATERIAL_SCOPE = "materials"

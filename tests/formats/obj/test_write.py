@@ -119,7 +119,7 @@ def test_colours_that_are_no_numbers_are_left_out(tmp_path):
 def test_names_that_obj_would_misread_are_changed(tmp_path):
     from dataclasses import replace
 
-    from cageik_cli.geometry.surface_attributes import FaceLabels
+    from cageik_cli.geometry.surface_parts import FaceLabels
 
     mesh = read(BARE + "f 1 2 3\nf 1 3 4\nf 1 2 4 3\n")
     names = FaceLabels(("a#b", "c\\"), np.array([0, 1, -1]))

@@ -10,12 +10,8 @@ from cageik_cli.formats.obj.frames import Reader
 from cageik_cli.formats.obj.parse import parse_obj
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface_attributes import (
-    FaceLabels,
-    Subdivision,
-    UvMap,
-    number_normal_fans,
-)
+from cageik_cli.geometry.surface_attributes import number_normal_fans
+from cageik_cli.geometry.surface_parts import FaceLabels, Subdivision, UvMap
 from tests.assets import asset_text, parse_asset
 from tests.formats.clips import faults_of, written
 from tests.shapes import box
