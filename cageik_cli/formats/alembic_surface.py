@@ -85,7 +85,10 @@ def _read_face_sets(schema: Any, attributes: SurfaceAttributes) -> SurfaceAttrib
     count = len(attributes.corner_counts)
     texts = [""] * count
     for name in schema.getFaceSetNames():
-        faces = np.array(schema.getFaceSet(name).getSchema().getValue().getFaces(), np.int64)
+        sampled = schema.getFaceSet(name).getSchema().getFacesProperty()
+        if not sampled.getNumSamples():
+            continue
+        faces = np.array(read_sample(sampled, 0), np.int64)
         if len(faces) and not 0 <= faces.min() <= faces.max() < count:
             raise FormatError(f"`{name}` names faces that are not there")
         for face in faces.tolist():

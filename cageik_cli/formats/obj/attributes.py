@@ -19,6 +19,9 @@ _SLASH = ord("/")
 _BARE = b"0123456789+-.eEvf \t\r\n"
 """The characters of a text of positions and faces alone."""
 
+MAX_DIGITS = 18
+"""Digits of an index, which fit 64 bits."""
+
 COLOURED_WORDS = 7
 """Words of a line of a vertex with a colour; a fourth number alone is a weight."""
 
@@ -44,7 +47,7 @@ def read_obj_attributes(data: bytes, mesh: FileMesh) -> FileMesh:
     ):
         try:
             attributes = read(tokens, attributes)
-        except (FormatError, ValueError, OverflowError) as error:
+        except (FormatError, ValueError) as error:
             left_out.append(f"its {noun} left out ({error})".replace("its the", "the"))
     return replace(mesh, attributes=attributes, left_out=tuple(left_out))
 
@@ -64,11 +67,13 @@ def _read_uvs(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttribute
     indices = _read_corner_indices(tokens, is_value, 1)
     if (indices == NONE).all():
         return attributes
-    lines = (tokens.split_line(line) for line in np.flatnonzero(is_value).tolist())
-    values = [(float(words[1]), float((*words, b"0")[2])) for words in lines if len(words) > 1]
-    if len(values) < np.count_nonzero(is_value):
+    heads, sizes = tokens.first_tokens[is_value], tokens.token_counts[is_value]
+    if sizes.min() < 2:
         raise ValueError("a line has no number")
-    return replace(attributes, uvs=UvMap(np.array(values), indices))
+    values = np.zeros((len(heads), 2))
+    values[:, 0] = _to_floats(tokens, heads + 1)
+    values[sizes > 2, 1] = _to_floats(tokens, heads[sizes > 2] + 2)
+    return replace(attributes, uvs=UvMap(values, indices))
 
 
 def _read_normals(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
@@ -79,9 +84,11 @@ def _read_normals(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttri
     if (indices == NONE).all():
         return attributes
     # Some programs write a normal anew for each corner.
-    words = [tuple(tokens.split_line(line)) for line in np.flatnonzero(is_value).tolist()]
-    numbers = {value: k for k, value in enumerate(dict.fromkeys(words))}
-    same = np.array([*(numbers[value] for value in words), NONE])  # `NONE` is the last
+    heads, sizes = tokens.first_tokens[is_value], tokens.token_counts[is_value]
+    bounds = np.stack([tokens.bounds[heads, 0], tokens.bounds[heads + sizes - 1, 1]], axis=1)
+    texts = [tokens.text[begin:end] for begin, end in bounds.tolist()]
+    numbers = {text: k for k, text in enumerate(dict.fromkeys(texts))}
+    same = np.array([*(numbers[text] for text in texts), NONE])  # `NONE` is the last
     return replace(attributes, normal_fans=number_normal_fans(attributes.corners, same[indices]))
 
 
@@ -122,12 +129,15 @@ def _read_colours(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttri
     if size < COLOURED_WORDS:
         return attributes
     count = size - 4
-    lines = map(tokens.split_line, np.flatnonzero(is_vertex).tolist())
-    return replace(attributes, colours=_to_floats(lines, min(count, 4)))
+    heads = tokens.first_tokens[is_vertex]
+    columns = [_to_floats(tokens, heads + 4 + k) for k in range(min(count, 4))]
+    return replace(attributes, colours=np.stack(columns, axis=1))
 
 
-def _to_floats(lines: "map[list[bytes]]", count: int) -> Floats:
-    return np.array([[float(word) for word in words[4 : 4 + count]] for words in lines])
+def _to_floats(tokens: Tokens, words: Integers) -> Floats:
+    """Convert words by their numbers."""
+    bounds = tokens.bounds[words].tolist()
+    return np.array([tokens.text[begin:end] for begin, end in bounds], "S").astype(np.float64)
 
 
 def _join_words(tokens: Tokens, line: int) -> str:
@@ -160,17 +170,40 @@ def _read_corner_indices(tokens: Tokens, is_value: NDArray[np.bool_], place: int
     is_corner[tokens.first_tokens] = False
     begins, ends = _find_part(tokens, tokens.bounds[is_corner], place)
     found = np.zeros(len(begins), np.int64)
-    given = np.flatnonzero(ends > begins)
-    bounds = zip(begins[given].tolist(), ends[given].tolist(), strict=True)
-    found[given] = [int(tokens.text[begin:end]) for begin, end in bounds]
+    is_given = ends > begins
+    given = np.flatnonzero(is_given)
+    found[given] = _to_integers(tokens.codes, begins[given], ends[given])
     known = np.repeat(np.cumsum(is_value)[is_face], sizes[is_face] - 1)
     indices = np.where(found > 0, found - 1, known + found)
-    indices[np.setdiff1d(np.arange(len(found)), given)] = NONE
+    indices[~is_given] = NONE
     count = np.count_nonzero(is_value)
     wrong = given[(found[given] == 0) | (indices[given] < 0) | (indices[given] >= count)]
     if len(wrong):
         raise ValueError(f"a corner names number {found[wrong[0]]} of {count}")
     return indices
+
+
+def _to_integers(codes: NDArray[np.uint8], begins: Integers, ends: Integers) -> Integers:
+    """Convert whole numbers between places, digit by digit.
+
+    Raises
+    ------
+    ValueError
+        When one is none, or has more than `MAX_DIGITS` digits.
+    """
+    is_negative = codes[begins] == ord("-")
+    begins = begins + is_negative
+    lengths = ends - begins
+    if len(lengths) and not 0 < lengths.min() <= lengths.max() <= MAX_DIGITS:
+        raise ValueError("an index is no number")
+    values = np.zeros(len(begins), np.int64)
+    for k in range(int(lengths.max(initial=0))):
+        is_there = k < lengths
+        digits = codes[begins[is_there] + k].astype(np.int64) - ord("0")
+        if not ((digits >= 0) & (digits <= 9)).all():
+            raise ValueError("an index is no number")
+        values[is_there] = 10 * values[is_there] + digits
+    return np.where(is_negative, -values, values)
 
 
 def _find_part(
