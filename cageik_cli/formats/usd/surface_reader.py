@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
 from cageik_cli.geometry.surface_parts import NONE, FaceLabels, Subdivision, UvMap
-from cageik_cli.util.arrays import Integers
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import single_line
 
@@ -88,10 +88,8 @@ class _Surface:
         primvar = self._primvars.GetPrimvar("normals")
         if primvar and primvar.HasAuthoredValue():
             values = _to_array(primvar.Get(self._time), 3)
-            numbers, interpolation = (
-                self._read_indices(primvar, len(values)),
-                primvar.GetInterpolation(),
-            )
+            numbers = self._read_indices(primvar, len(values))
+            interpolation = primvar.GetInterpolation()
         else:
             found = self._mesh.GetNormalsAttr().Get(self._time)
             if not found:
@@ -131,7 +129,7 @@ class _Surface:
         for subset in UsdGeom.Subset.GetAllGeomSubsets(self._mesh):
             if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
                 continue
-            faces = _to_array(subset.GetIndicesAttr().Get(self._time), None).astype(np.int64)
+            faces = _to_list(subset.GetIndicesAttr().Get(self._time), "iu")
             if len(faces) and not 0 <= faces.min() <= faces.max() < count:
                 raise FormatError(f"`{subset.GetPrim().GetName()}` names faces that are not there")
             binds = subset.GetFamilyNameAttr().Get() == UsdShade.Tokens.materialBind
@@ -150,13 +148,13 @@ class _Surface:
         """Read the scheme, the creases and the sharp vertices."""
         mesh = self._mesh
         creases, lengths, sharpness, corners, sharp = (
-            _to_array(attribute.Get(self._time), None)
-            for attribute in (
-                mesh.GetCreaseIndicesAttr(),
-                mesh.GetCreaseLengthsAttr(),
-                mesh.GetCreaseSharpnessesAttr(),
-                mesh.GetCornerIndicesAttr(),
-                mesh.GetCornerSharpnessesAttr(),
+            _to_list(attribute.Get(self._time), kinds)
+            for attribute, kinds in (
+                (mesh.GetCreaseIndicesAttr(), "iu"),
+                (mesh.GetCreaseLengthsAttr(), "iu"),
+                (mesh.GetCreaseSharpnessesAttr(), "f"),
+                (mesh.GetCornerIndicesAttr(), "iu"),
+                (mesh.GetCornerSharpnessesAttr(), "f"),
             )
         )
         scheme = str(mesh.GetSubdivisionSchemeAttr().Get())
@@ -179,7 +177,7 @@ class _Surface:
         """Return the indices into `count` values; one after the other if there are none."""
         if not primvar.IsIndexed():
             return np.arange(count)
-        indices = _to_array(primvar.GetIndices(self._time), None).astype(np.int64)
+        indices = _to_list(primvar.GetIndices(self._time), "iu")
         _check_places(indices, count)
         return indices
 
@@ -203,14 +201,20 @@ def _check_places(places: Integers, count: int) -> None:
         raise FormatError(f"they need value {places.max()} of {count}")
 
 
-def _to_array(value: Any, width: int | None) -> NDArray[Any]:
-    """Return a list of numbers (k,), or of `width` numbers each (k, width)."""
+def _to_list(value: Any, kinds: str) -> NDArray[Any]:
+    """Return a list of numbers of some kinds, (k,); empty without a value."""
+    array = np.zeros(0, np.int64) if value is None else np.asarray(value)
+    if array.ndim != 1 or (array.size and array.dtype.kind not in kinds):
+        raise FormatError(f"they are {array.dtype} of shape {array.shape}, expected a list")
+    return array.astype(np.float64 if kinds == "f" else np.int64)
+
+
+def _to_array(value: Any, width: int) -> Floats:
+    """Return lists of `width` numbers each, (k, width)."""
     array = np.zeros(0) if value is None else np.asarray(value)
-    if width is None:
-        return array.astype(np.int64) if not array.size else array
     if array.size == 0:
         raise FormatError("they have no values")
-    if array.dtype.kind != "f" or array.size % width or array.shape[1:] not in ((), (width,)):
+    if array.dtype.kind != "f" or array.ndim not in (1, 2) or array.size != len(array) * width:
         raise FormatError(f"they are {array.dtype} of shape {array.shape}")
     with np.errstate(over="ignore", invalid="ignore"):
         return array.reshape(-1, width).astype(np.float64)

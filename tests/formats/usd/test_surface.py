@@ -263,6 +263,49 @@ def test_what_is_damaged_is_left_out_and_said_so(tmp_path, edit, says):
     np.testing.assert_array_equal(sequence.first.vertices, box().vertices)
 
 
+HOSTILE = {
+    "creases of text": 'string[] creaseIndices = ["a"]',
+    "one crease": "int creaseIndices = 5",
+    "sharpness of whole numbers": "int[] creaseSharpnesses = [1]",
+    "a scheme of numbers": "uniform int subdivisionScheme = 3",
+    "UVs of text": 'string[] primvars:st = ["a"] (interpolation = "vertex")',
+    "one UV": 'texCoord2f primvars:st = (0, 1) (interpolation = "vertex")',
+    "indices of text": 'texCoord2f[] primvars:st = [(0, 1)] (interpolation = "vertex")\n'
+    'string[] primvars:st:indices = ["a"]',
+    "normals of text": 'string[] normals = ["a"]',
+    "one normal": "normal3f normals = (0, 0, 1)",
+    "a colour of text": 'string[] primvars:displayColor = ["a"] (interpolation = "vertex")',
+    "opacity of whole numbers": "color3f[] primvars:displayColor = [(0, 0, 1)] "
+    '(interpolation = "vertex")\nint[] primvars:displayOpacity = [1] (interpolation = "vertex")',
+    "faces of text": 'def GeomSubset "a" {\nuniform token elementType = "face"\n'
+    'string[] indices = ["a"]\n}',
+    "one face": 'def GeomSubset "a" {\nuniform token elementType = "face"\nint indices = 1\n}',
+    "a family of numbers": 'def GeomSubset "a" {\nuniform token elementType = "face"\n'
+    "int familyName = 1\nint[] indices = [9]\n}",
+    "a binding of nothing": "rel material:binding = </nowhere>",
+}
+TRIANGLE = """#usda 1.0
+def Mesh "hero" {{
+point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+int[] faceVertexCounts = [3]
+int[] faceVertexIndices = [0, 1, 2]
+{}
+}}
+"""
+
+
+@pytest.mark.parametrize("line", HOSTILE.values(), ids=HOSTILE)
+def test_attributes_of_other_types_are_left_out(tmp_path, line):
+    (tmp_path / "a.usda").write_text(TRIANGLE.format(line))
+    sequence = open_sequence([str(tmp_path / "a.usda")])
+    assert sequence.first.faces.tolist() == [[0, 1, 2]]
+    attributes = sequence.first.attributes
+    if attributes is not None:  # the scheme is then that of USD by default
+        assert attributes.subdivision.scheme == "catmullClark"
+        given = (attributes.uvs, attributes.normal_fans, attributes.colours, attributes.groups)
+        assert given == (None, None, None, None)
+
+
 def test_triangles_alone_have_no_attributes(tmp_path):
     mesh = TriMesh(box().vertices, box().faces)
     assert read_back(written(tmp_path / "a.usdc", mesh.vertices[None], mesh)).attributes is None
