@@ -45,7 +45,7 @@ def read_surface(
     for noun, read in steps:
         try:
             attributes = read(schema, attributes)
-        except (FormatError, RuntimeError, IndexError, ValueError, UnicodeDecodeError) as error:
+        except (FormatError, RuntimeError, IndexError, TypeError, ValueError) as error:
             cause = " ".join(str(error).rpartition("EXCEPTION:")[2].split())
             left_out.append(f"its {noun} left out ({single_line(cause)})")
     return attributes, tuple(left_out)
