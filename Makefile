@@ -15,7 +15,7 @@ READ_BACK     := $(BLENDER_VENV)/bin/python tests/blender/read_back.py $(OUT)/bl
 
 CHROMIUM      ?= chromium
 
-.PHONY: help run test test-slow test-all test-blender test-browser check format fuzz bench growth latency docs fixtures view-pictures clean
+.PHONY: help run test test-slow test-all test-blender test-browser check format fuzz faults bench growth latency docs fixtures view-pictures clean
 
 help:  ## Show the targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1	/p' $(MAKEFILE_LIST) | expand -t 14
@@ -70,7 +70,7 @@ test-browser: $(READY)  ## Open the pages in Chromium, and use them by mouse and
 	@command -v $(CHROMIUM) >/dev/null || { \
 		echo "$(CHROMIUM): no such program; install Chromium or Chrome, or name it:" \
 			"make test-browser CHROMIUM=/path/to/chrome" >&2; exit 1; }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright axe-playwright-python
 	CHROMIUM="$$(command -v $(CHROMIUM))" $(BIN)/python -m pytest tests/browser -m browser
 
 check: $(READY)  ## Format, lint, types, and who imports what
@@ -85,6 +85,10 @@ format: $(READY)  ## Format the code and sort the imports
 
 fuzz: $(READY)  ## Try more random cages than the tests have time for
 	$(BIN)/python -m pytest --numprocesses=auto -m fuzz
+
+# FAULT_SECONDS=7200 tries all points, FAULT_KILLS=200 kills more runs.
+faults: $(READY)  ## Inject errors of the system into runs, and kill runs (minutes; needs strace)
+	$(BIN)/python -m pytest tests/faults -m faults -s
 
 bench: $(READY)  ## Measure speed against yardsticks, as ratios
 	$(BIN)/python -m pytest tests/benchmarks -m bench -s
@@ -111,7 +115,7 @@ fixtures: $(READY)  ## Make data_fixtures again, byte for byte, and the pictures
 		--plot data_fixtures/pictures/built_cage.png --overwrite
 
 view-pictures: $(READY)  ## Draw the pictures of `cageik view` again, in Chromium
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check playwright axe-playwright-python
 	$(BIN)/python data_fixtures/make_view_pictures.py "$$(command -v $(CHROMIUM))"
 
 clean:  ## Remove what was built and written here

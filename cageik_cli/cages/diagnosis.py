@@ -7,6 +7,7 @@ import numpy as np
 from cageik_cli.cages.enclosure import (
     Placement,
     check_enclosure,
+    describe_unused_vertices,
     find_missing_extent,
     find_outside_vertices,
     locate_vertices,
@@ -209,7 +210,7 @@ def _diagnose_rest(
     if not has_inside:
         return facts, misfit, []
     placement = locate_vertices(_turn_outward(cage), rest)
-    findings = [*find_surface_crossings(placement, rest)]
+    findings = [*_note_unused_vertices(rest), *find_surface_crossings(placement, rest)]
     if outside := find_outside_vertices(placement, rest):
         misfit = explain_misfit(placement.closest.mesh, rest, outside.percent, outside.share)
         facts = replace(facts, transform=misfit.transform, inflation=misfit.inflation)
@@ -222,11 +223,29 @@ def _diagnose_rest(
     return _add_clearance(facts, placement), misfit, findings
 
 
+def _note_unused_vertices(rest: TriMesh) -> list[Finding]:
+    """Return the finding that some vertices of the rest pose are in no face, if so."""
+    numbers = rest.unused_vertices
+    return [
+        Finding(
+            kind="unreferenced-vertex",
+            severity="note",
+            message=message,
+            remedy="delete them if they are left-overs",
+            elements="vertices",
+            numbers=numbers,
+            value=float(len(numbers)),
+            mesh="rest",
+        )
+        for message in describe_unused_vertices(rest)
+    ]
+
+
 def _add_clearance(facts: RestFacts, placement: Placement) -> RestFacts:
     outside = placement.outside_indices
-    if len(outside) == facts.vertices:
+    if len(outside) == np.count_nonzero(placement.is_tested):
         return replace(facts, outside=len(outside))
-    distance = placement.closest.distance.copy()
+    distance = placement.clearance
     distance[outside] = np.inf
     vertex = int(distance.argmin())
     return replace(

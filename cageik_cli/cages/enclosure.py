@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.cages.findings import Finding
+from cageik_cli.cages.findings import Finding, format_elements
 from cageik_cli.cages.misfit import MAX_OUTSIDE_SHARE, explain_misfit
 from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.geometry.mesh import TriMesh
@@ -67,7 +67,7 @@ class OutsideVertices:
     ----------
     numbers : (k,) int64
     count : int
-        Of all vertices of the model.
+        Of all vertices of the model that are in a face.
     worst : int
         The one that is furthest outside.
     percent : float
@@ -121,18 +121,27 @@ class Placement:
         The closest points of the cage.
     outside : (m,) bool
         Whether a vertex is outside, even by rounding.
+    is_tested : (m,) bool
+        Whether a vertex is in a face: the others may be anywhere.
     tolerance : float
         Distance up to which a vertex is outside by rounding, file units.
     """
 
     closest: ClosestPoints
     outside: NDArray[np.bool_]
+    is_tested: NDArray[np.bool_]
     tolerance: float
 
     @property
     def outside_indices(self) -> Integers:
-        """Return the vertices that are outside by more than rounding, (k,)."""
-        return np.flatnonzero(self.outside & (self.closest.distance > self.tolerance))
+        """Return the tested vertices that are outside by more than rounding, (k,)."""
+        is_far = self.closest.distance > self.tolerance
+        return np.flatnonzero(self.outside & self.is_tested & is_far)
+
+    @property
+    def clearance(self) -> Floats:
+        """Return the distance of each vertex from the cage, (m,); inf of those not tested."""
+        return np.where(self.is_tested, self.closest.distance, np.inf)
 
 
 def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> Enclosure:
@@ -167,10 +176,11 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> En
 
 def locate_vertices(cage: TriMesh, rest: TriMesh) -> Placement:
     """Locate the vertices of the rest pose relative to a cage that is turned outward."""
-    largest = max(np.abs(mesh.vertices).max() for mesh in (cage, rest))
+    largest = max(np.abs(mesh.vertices[mesh.used_vertices]).max() for mesh in (cage, rest))
     return Placement(
         closest=closest_points(cage, rest.vertices),
         outside=winding_numbers(cage, rest.vertices) < 0.5,
+        is_tested=rest.is_used,
         tolerance=float(max(TOUCH_TOL * rest.diagonal, ROUNDING_TOL * largest)),
     )
 
@@ -182,7 +192,20 @@ def find_outside_vertices(placement: Placement, rest: TriMesh) -> OutsideVertice
         return None
     worst = numbers[placement.closest.distance[numbers].argmax()]
     percent = 100 * placement.closest.distance[worst] / rest.diagonal
-    return OutsideVertices(numbers, len(rest.vertices), int(worst), float(percent))
+    return OutsideVertices(numbers, len(rest.used_vertices), int(worst), float(percent))
+
+
+def describe_unused_vertices(rest: TriMesh) -> tuple[str, ...]:
+    """Return a note on the vertices of the model that are in no face, if there are any."""
+    numbers = rest.unused_vertices
+    if len(numbers) == 0:
+        return ()
+    is_one = len(numbers) == 1
+    subject = "it gets weight 0, is" if is_one else "they get weight 0, are"
+    return (
+        f"{format_elements('vertex', numbers)} of the model {'is' if is_one else 'are'} in no "
+        f"face: {subject} deformed, and left out of all figures",
+    )
 
 
 def find_missing_extent(rest: TriMesh) -> Finding | None:
@@ -207,17 +230,25 @@ def _project_outside(
     if no_extent := find_missing_extent(rest):
         raise CageError(no_extent.sentence)
     placement = locate_vertices(cage, rest)
+    notes += describe_unused_vertices(rest)
     if outside := find_outside_vertices(placement, rest):
         if policy == "refuse" or outside.is_misplaced:
             raise _make_outside_error(cage, rest, outside)
         notes = (
             *notes,
             f"{outside.describe('the model')}; they have the weights of the nearest points of the "
-            "cage",
+            f"cage; that alone is an error of {_measure_projection(placement, rest):.2g} % of the "
+            "diagonal (rms), in the rest pose too",
         )
     moved = placement.outside[:, None]
     points = np.where(moved, placement.closest.position, rest.vertices)
     return Enclosure(cage, points, placement.outside_indices, notes)
+
+
+def _measure_projection(placement: Placement, rest: TriMesh) -> float:
+    """Return the rms over all vertices of how far they are projected, percent of the diagonal."""
+    moved = placement.closest.distance[placement.outside_indices]
+    return float(100 * np.sqrt((moved**2).sum() / len(rest.used_vertices)) / rest.diagonal)
 
 
 def _make_outside_error(cage: TriMesh, rest: TriMesh, outside: OutsideVertices) -> OutsideError:

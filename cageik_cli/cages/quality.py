@@ -64,7 +64,7 @@ def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
 
 def find_low_clearance(placement: Placement, rest: TriMesh) -> Iterator[Finding]:
     """Find rest vertices on the cage, or close to it."""
-    clearance = placement.closest.distance / rest.diagonal
+    clearance = placement.clearance / rest.diagonal
     near = np.flatnonzero(clearance < MIN_CLEARANCE)
     if len(near):
         worst = near[clearance[near].argmin()]

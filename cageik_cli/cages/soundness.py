@@ -62,7 +62,7 @@ def find_cage_faults(cage: TriMesh) -> tuple[Finding, ...]:
     _, first = np.unique(corners, axis=0, return_index=True)
     is_duplicate = ~repeats_corner & ~np.isin(np.arange(len(corners)), first)
     is_flat = degenerate_face_mask(cage) & ~repeats_corner & ~is_duplicate
-    unreferenced = np.setdiff1d(np.arange(len(cage.vertices)), cage.faces)
+    unreferenced = cage.unused_vertices
     found = [
         _make_finding("repeated-vertex", "has a vertex twice in a face:", "face", repeats_corner),
         _make_finding("degenerate-face", "is degenerate, corners on a line, at", "face", is_flat),

@@ -95,7 +95,7 @@ class ClipTables:
                 Path(value).resolve()
                 for table in tables
                 for name, value in table.items()
-                if is_auxiliary_path(self._command, name)
+                if is_auxiliary_path(self._command, name, value)
             )
         return files
 
@@ -157,7 +157,7 @@ class ClipTables:
                 )
         return {
             name: _resolve_path(file, value, folder)
-            if is_path_option(self._command, name)
+            if is_path(self._command, name, value)
             else value
             for name, value in options.items()
         }
@@ -178,13 +178,14 @@ def _resolve_path(file: Path, value: str, folder: Path) -> str:
     return str(file.parent / value.replace(CLIP_FOLDER, str(folder.absolute())))
 
 
-def is_auxiliary_path(command: click.Command, name: str) -> bool:
+def is_auxiliary_path(command: click.Command, name: str, value: object) -> bool:
     """Tell whether a parameter names a file that is no frame; a rest pose may be a frame."""
-    return name != "rest" and is_path_option(command, name)
+    return name != "rest" and is_path(command, name, value)
 
 
-def is_path_option(command: click.Command, name: str) -> bool:
-    """Tell whether the values of a parameter are paths."""
+def is_path(command: click.Command, name: str, value: object) -> bool:
+    """Tell whether the value of a parameter is a path, and no word that its type knows."""
+    types = [param.type for param in command.params if param.name == name]
     return any(
-        param.name == name and isinstance(param.type, click.Path) for param in command.params
+        isinstance(kind, click.Path) and value not in getattr(kind, "words", ()) for kind in types
     )

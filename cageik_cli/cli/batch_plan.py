@@ -93,7 +93,7 @@ class SharedOptions:
         return {
             Path(file).resolve()
             for name, file in (self.config_file | self.command_line).items()
-            if is_auxiliary_path(extract_command, name) and file is not None
+            if file is not None and is_auxiliary_path(extract_command, name, file)
         }
 
 

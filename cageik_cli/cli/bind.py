@@ -18,7 +18,7 @@ from cageik_cli.cli.options.common import (
 )
 from cageik_cli.cli.options.fit import FIT_STRENGTH_OPTIONS, make_fit_settings, refuse_without_fit
 from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.cli.options.solve import SOLVE_OPTIONS
+from cageik_cli.cli.options.solve import SOLVE_OPTIONS, vertex_weights_option
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.solver.settings import FitSettings, SolveSettings
 
@@ -58,7 +58,7 @@ def make_bind_run_settings(
     clips: tuple[str, ...],
     fit: FitSettings | None,
     solve: SolveSettings,
-    vertex_weights: Path | None,
+    vertex_weights: Path | str | None,
     memory: int,
 ) -> "BindRunSettings":
     """Make the settings of a run; options of a fit without one are wrong usage."""
@@ -104,11 +104,7 @@ def make_bind_run_settings(
     ),
     OptionGroup("fit", make_clip_fit, *FIT_STRENGTH_OPTIONS),
     SOLVE_OPTIONS,
-    click.option(
-        "--vertex-weights",
-        type=PATH_TYPE,
-        help="Per-vertex weights of a fit (text or .npy); 0 marks missing data.",
-    ),
+    vertex_weights_option,
     memory_option,
     overwrite_option,
 )

@@ -16,6 +16,7 @@ from cageik_cli.cli.options.common import (
     make_binding_options,
     memory_option,
     overwrite_option,
+    recentre_option,
 )
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.formats.base.settings import ClipSettings
@@ -26,11 +27,11 @@ if TYPE_CHECKING:
     from cageik_cli.workflows.deform import DeformSettings
 
 
-def make_output(out: Path, file_format: str | None, overwrite: bool) -> "Output":
+def make_output(out: Path, file_format: str | None, recentre: bool, overwrite: bool) -> "Output":
     """Make the record of an animation's output."""
     from cageik_cli.formats.write import Output
 
-    return Output(out, file_format, overwrite)
+    return Output(out, file_format, overwrite, recentre)
 
 
 def make_deform_settings(
@@ -100,6 +101,7 @@ def make_deform_settings(
             help="A file, a folder, or files in a folder, such as mesh/mesh_####.obj.",
         ),
         format_option,
+        recentre_option,
         overwrite_option,
     ),
     CLIP_OPTIONS,

@@ -6,8 +6,10 @@ from typing import Any
 import click
 
 from cageik_cli.cli.lazy import LazyCommands
+from cageik_cli.cli.signals import interrupt_on_termination
 from cageik_cli.cli.streams import printable_streams
 from cageik_cli.util.errors import format_error
+from cageik_cli.util.leftovers import listen_to_leftovers
 from cageik_cli.util.text import single_line
 
 
@@ -16,7 +18,7 @@ class CageikGroup(click.Group):
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; nothing that it prints controls the terminal."""
-        with printable_streams():
+        with printable_streams(), interrupt_on_termination(), listen_to_leftovers(_show_note):
             return super().main(*args, **kwargs)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -42,3 +44,10 @@ class CageikGroup(click.Group):
         if isinstance(self.commands, LazyCommands):
             with formatter.section("Commands"):
                 formatter.write_dl(sorted(self.commands.summaries.items()))
+
+
+def _show_note(sentence: str) -> None:
+    """Print a note at once, unless the run is quiet."""
+    context = click.get_current_context(silent=True)
+    if context is None or not context.params.get("quiet"):
+        click.echo(f"note: {single_line(sentence)}", err=True)

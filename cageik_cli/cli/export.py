@@ -12,6 +12,7 @@ from cageik_cli.cli.options.common import (
     format_option,
     get_verbosity,
     overwrite_option,
+    recentre_option,
 )
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.formats.scene import SceneHints
@@ -29,6 +30,7 @@ def make_export_settings(
     with_model: bool,
     guide: bool,
     file_format: str | None,
+    recentre: bool,
     overwrite: bool,
 ) -> "ExportSettings":
     """Make the settings of an export; values that contradict each other are wrong usage."""
@@ -43,7 +45,7 @@ def make_export_settings(
     display = (CageDisplay.GUIDE if guide else CageDisplay.MESH) if with_model else None
     return ExportSettings(
         result=result,
-        output=Output(out, file_format, overwrite),
+        output=Output(out, file_format, overwrite, recentre),
         scene=scene,
         skeleton=skeleton,
         influences=influences,
@@ -84,6 +86,7 @@ def make_export_settings(
         "render.",
     ),
     format_option,
+    recentre_option,
     overwrite_option,
 )
 @common_options

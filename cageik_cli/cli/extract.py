@@ -38,7 +38,7 @@ from cageik_cli.cli.options.limits import (
     echo_exceeded_limits,
     exit_with_code,
 )
-from cageik_cli.cli.options.solve import SOLVE_OPTIONS
+from cageik_cli.cli.options.solve import SOLVE_OPTIONS, vertex_weights_option
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.scene import SceneHints
@@ -68,7 +68,7 @@ def make_extract_settings(
     bind: BindSettings,
     cache: Path | None,
     solve: SolveSettings,
-    vertex_weights: Path | None,
+    vertex_weights: Path | str | None,
     scene: SceneHints,
     no_weights: bool,
     clip: ClipSettings,
@@ -185,12 +185,7 @@ EXTRACT_OPTIONS = OptionGroup(
     CACHE_OPTIONS,
     SOLVE_OPTIONS,
     FIT_OPTIONS,
-    click.option(
-        "--vertex-weights",
-        type=PATH_TYPE,
-        help="Weights per vertex (text or .npy), or per frame and vertex (.npy); 0 marks missing "
-        "data.",
-    ),
+    vertex_weights_option,
     CAPTURE_OPTIONS,
     click.option(
         "--missing", is_flag=True, help="Take vertices whose position is nan as missing data."

@@ -9,7 +9,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 
-ALGORITHM_VERSIONS = {"harmonic": 5, "mean-value": 2}
+ALGORITHM_VERSIONS = {"harmonic": 6, "mean-value": 3}
 """Raise a number when weights, notes or refusals change, so that caches are not used."""
 
 
@@ -111,10 +111,14 @@ class Binding:
 
 
 def reproduction_error(points: Floats, binding: Binding) -> float:
-    """Return the largest distance of `weights @ cage` from `points`, (m, 3), in rest diagonals."""
-    origin = points.mean(axis=0)
+    """Return the largest distance of `weights @ cage` from `points`, (m, 3), in rest diagonals.
+
+    Vertices that are in no face do not count: they may be outside the cage.
+    """
+    used = binding.rest.used_vertices
+    origin = points[used].mean(axis=0)
     reconstruction = binding.weights @ (binding.cage.vertices - origin)
-    distances = np.linalg.norm(reconstruction - (points - origin), axis=1)
+    distances = np.linalg.norm(reconstruction[used] - (points[used] - origin), axis=1)
     return float(distances.max() / binding.rest.diagonal)
 
 

@@ -235,6 +235,7 @@ class Writer(AnimationWriter):
     """Each frame at its number / fps seconds of the mesh `/NAME`; faces turn clockwise there."""
 
     suffixes = (".abc",)
+    is_single = True
 
     @classmethod
     def require_libraries(cls) -> None:

@@ -34,6 +34,7 @@ class Writer(AnimationWriter):
     """
 
     suffixes = (".glb",)
+    is_single = True
 
     @classmethod
     def require_libraries(cls) -> None:

@@ -105,7 +105,7 @@ def _map_rows(path: Path) -> np.ndarray:
         raise FormatError(f"is not a .npy array ({error})") from error
 
 
-def load_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
+def read_vertex_weights(path: Path) -> tuple[Floats, dict[str, str]]:
     """Read weights from `.npy`, or from text with one number per line; also name and digest.
 
     Raises

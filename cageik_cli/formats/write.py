@@ -1,9 +1,12 @@
 """Write animations: from the name of an output to its writer."""
 
+import json
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from cageik_cli.formats.base.file_names import FrameNames
 from cageik_cli.formats.base.registry import discover_plugins
@@ -15,6 +18,7 @@ from cageik_cli.util.outputs import (
     atomic_path,
     check_folder_writable,
     check_writable,
+    write_bytes,
 )
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_bytes
@@ -24,6 +28,9 @@ DEFAULT_FORMAT = "obj"
 
 DEFAULT_DIGITS = 4
 """Digits of the frame numbers of files in a folder, when no pattern is given."""
+
+MAX_ROUNDING = 1e-5
+"""Rounding to single precision is noted above it, in diagonals."""
 
 WriterFactory = Callable[[Path, Animation], AnimationWriter]
 
@@ -172,20 +179,34 @@ class Output:
     file_format : str, optional
     overwrite : bool
         As of `check_animation_output`.
+    recentre : bool
+        Whether the animation is moved to the origin, and the offset written beside it.
     """
 
     path: Path
     file_format: str | None = None
     overwrite: bool = False
+    recentre: bool = False
 
     @property
     def target_path(self) -> Path:
         """The file or the folder that is written."""
         return output_path(self.path, self.file_format)
 
+    @property
+    def offset_path(self) -> Path:
+        """The file beside it that holds the offset of an animation that was moved."""
+        return self.target_path.with_name(f"{self.target_path.name}.offset.json")
+
+    def list_paths(self) -> list[Path]:
+        """Return the files and folders that are written."""
+        return [self.target_path, *([self.offset_path] if self.recentre else [])]
+
     def check_writable(self) -> None:
         """Refuse, before any work, what cannot be written; see `check_animation_output`."""
         check_animation_output(self.path, self.overwrite, self.file_format)
+        if self.recentre:
+            check_writable(self.offset_path, self.overwrite)
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +248,10 @@ def write_animation(
     InputError
         When it cannot be written, or cannot hold the animation.
     """
-    path, done = output.path, 0
+    path, done, largest = output.path, 0, 0.0
+    if output.recentre:
+        animation = animation.recentre()
+    origin = np.array(animation.origin)
     with open_writer(
         path, animation, output.overwrite, output.file_format, writer_factory
     ) as writer:
@@ -237,12 +261,38 @@ def write_animation(
                 if block is None:
                     break
                 with error_context(path):
-                    writer.append(block)
+                    writer.append(block - origin if output.recentre else block)
+                largest = max(largest, float(np.abs(block - origin).max()))
             done += len(block)
             progress.update(done, animation.frame_count)
-    for note in writer.notes:
+    if output.recentre:
+        write_bytes(output.offset_path, _encode_offset(animation.origin), output.overwrite)
+        progress.note("note", f"{path.name}: moved to the origin, offset in {output.offset_path}")
+    for note in (*writer.notes, *_list_rounding_notes(writer, largest, animation.rest.diagonal)):
         progress.note("note", f"{path.name}: {note}")
     return ExportSummary(path, done, len(animation.rest.vertices), _total_size(output.target_path))
+
+
+def _encode_offset(origin: tuple[float, float, float]) -> bytes:
+    """Return the JSON file that holds what is to be added to every position."""
+    return (json.dumps({"offset": origin}) + "\n").encode()
+
+
+def _list_rounding_notes(
+    writer: AnimationWriter, largest: float, diagonal: float
+) -> tuple[str, ...]:
+    """Return a note if the format rounds coordinates up to `largest` by more than is usual."""
+    if not writer.is_single:
+        return ()
+    rounding = float(np.spacing(np.float32(largest))) / 2
+    if rounding <= MAX_ROUNDING * diagonal:
+        return ()
+    return (
+        f"coordinates of up to {largest:.3g} are rounded by up to {rounding:.2g}, "
+        f"{100 * rounding / diagonal:.2g} % of the diagonal, as the format has single precision; "
+        "--recentre of cageik export and deform moves them to the origin and writes the offset "
+        "beside",
+    )
 
 
 def _total_size(path: Path) -> int:

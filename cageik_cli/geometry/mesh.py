@@ -65,8 +65,25 @@ class TriMesh:
 
     @cached_property
     def diagonal(self) -> float:
-        """Length of the bounding box's diagonal, file units."""
-        return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+        """Length of the diagonal of the box around the faces, file units."""
+        return float(np.linalg.norm(np.ptp(self.vertices[self.used_vertices], axis=0)))
+
+    @cached_property
+    def used_vertices(self) -> Integers:
+        """Numbers of the vertices that are in a face, (u,), ascending."""
+        return np.flatnonzero(self.is_used)
+
+    @cached_property
+    def is_used(self) -> NDArray[np.bool_]:
+        """Whether each vertex is in a face, (n,); others are no part of the surface."""
+        is_used = np.zeros(len(self.vertices), bool)
+        is_used[self.faces] = True
+        return is_used
+
+    @property
+    def unused_vertices(self) -> Integers:
+        """Numbers of the vertices that are in no face, ascending."""
+        return np.flatnonzero(~self.is_used)
 
     @cached_property
     def edges(self) -> "Edges":
@@ -99,6 +116,13 @@ class TriMesh:
             return self
         faces = fan_triangulate(self.attributes.corners, self.attributes.corner_counts)
         return TriMesh(self.vertices, faces, self.attributes)
+
+    def drop_unused_vertices(self) -> "TriMesh":
+        """Return the mesh without vertices that are in no face; itself if there are none."""
+        if self.is_used.all():
+            return self
+        numbers = np.cumsum(self.is_used) - 1
+        return TriMesh(self.vertices[self.used_vertices], numbers[self.faces])
 
     def flip(self) -> "TriMesh":
         """Return the mesh with reversed faces."""
@@ -217,12 +241,13 @@ def signed_volumes(frames: Floats, faces: Integers) -> Floats:
     """
     volumes = np.empty(len(frames))
     corners = [np.ascontiguousarray(corner) for corner in faces.T]
+    reference = faces.min()  # of a face: another vertex may be far away
     # Allocating memory for each frame would cost more than the computation.
     xyz = np.empty((3, frames.shape[1]))
     at, product = np.empty((3, 3, len(faces))), np.empty((2, len(faces)))
     for k, frame in enumerate(frames):
         # Measured from a vertex, a model far from the origin loses no digits.
-        np.subtract(frame.T, frame[0][:, None], out=xyz)
+        np.subtract(frame.T, frame[reference][:, None], out=xyz)
         for corner, place in zip(corners, at, strict=True):
             # The indices are valid, so `clip`, the fastest mode, changes nothing.
             xyz.take(corner, axis=1, out=place, mode="clip")

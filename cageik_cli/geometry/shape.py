@@ -9,6 +9,10 @@ from cageik_cli.util.arrays import Floats, Integers
 MIN_ALTITUDE_RATIO = 1e-9
 """Smallest altitude of a face over its longest side; below it the face has no plane."""
 
+MIN_VOLUME_RATIO = 1e-4
+"""Smallest volume of a body over its area times its diagonal: the ratio of a sheet as thick as
+0.02 % of the diagonal. A change of less volume, in percent, says nothing."""
+
 PARALLEL_TOL = 1e-12
 """Cosine between a direction and a plane's normal; below it they are parallel."""
 
@@ -24,6 +28,23 @@ def face_areas(mesh: TriMesh) -> Floats:
     corner = mesh.vertices[mesh.faces]
     normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     return np.asarray(np.linalg.norm(normals, axis=1) / 2)
+
+
+def lumped_areas(mesh: TriMesh) -> Floats:
+    """Compute a third of the area of the faces at each vertex, (n,), squared file units."""
+    shares = np.repeat(face_areas(mesh) / 3, 3)
+    areas = np.bincount(mesh.faces.ravel(), shares, minlength=len(mesh.vertices))
+    return areas.astype(np.float64)
+
+
+def measure_least_volume(mesh: TriMesh) -> float:
+    """Return the volume up to which a closed mesh is a sheet and no body, cubed file units."""
+    return MIN_VOLUME_RATIO * float(face_areas(mesh).sum()) * mesh.diagonal
+
+
+def is_body(mesh: TriMesh) -> bool:
+    """Return whether a mesh is closed, and its volume more than that of a sheet."""
+    return mesh.is_closed and abs(mesh.volume) > measure_least_volume(mesh)
 
 
 def cross(a: Floats, b: Floats) -> Floats:

@@ -19,6 +19,7 @@ import numpy as np
 import scipy.linalg
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.dual_laplacian import MAX_CONDITION, REFINE_ABOVE_CONDITION
 from cageik_cli.util.arrays import Floats
 
 FREE_MODE_TOL = 1e-9
@@ -84,14 +85,25 @@ class CageResponseSolver:
         inner = balanced.T @ system @ balanced
         values, vectors = np.linalg.eigh(inner)
         with np.errstate(divide="ignore", invalid="ignore"):
-            forces = balanced @ (vectors / values) @ vectors.T @ balanced.T
-        motions = self._resolve_free_modes(rigid_coupling) @ (np.eye(len(rows)) - system @ forces)
-        anchor_response = influence @ forces + self._free_modes @ motions
+            inverse = balanced @ (vectors / values) @ vectors.T @ balanced.T
+        free_motions = self._resolve_free_modes(rigid_coupling)
+
+        def respond(displacements: Floats) -> tuple[Floats, Floats]:
+            forces = inverse @ displacements
+            motions = free_motions @ (displacements - system @ forces)
+            return influence @ forces + self._free_modes @ motions, forces
+
+        anchor_response, forces = respond(np.eye(len(rows)))
+        condition = _condition_number(values.tolist())
+        if REFINE_ABOVE_CONDITION < condition <= MAX_CONDITION:
+            # What the anchors miss, from the motion itself: the system has lost these digits.
+            missed = np.eye(len(rows)) - rows @ anchor_response - compliance[:, None] * forces
+            anchor_response += respond(missed)[0]
         return Response(
             anchor_response=anchor_response,
             differential_response=self._laplacian_response
             - anchor_response @ (rows @ self._laplacian_response),
-            condition_number=_condition_number(values.tolist()),
+            condition_number=condition,
             weakest_mode=balanced @ vectors[:, 0] if len(values) else np.zeros(len(rows)),
             free_modes=len(self._free_modes.T) - (len(rows) - len(inner)),
         )

@@ -330,7 +330,8 @@ def edit_frames(
     is_changed = (edit.cages != cages).any(axis=(1, 2))
     # Only the difference is added: nothing cancels, and unchanged frames stay bit for bit.
     after[is_changed] += reconstruct(edit_target.binding.weights, (edit.cages - cages)[is_changed])
-    measured = measure(edit_target.binding.rest, meshes, after, slice(None))
+    rest = edit_target.binding.rest
+    measured = measure(rest, meshes, after, rest.used_vertices)
     anchors = collect_anchors(layers)
     return EditedFrames(
         frames=frames,

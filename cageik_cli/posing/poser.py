@@ -28,6 +28,9 @@ from cageik_cli.util.errors import HandlesError, NumericalError, SettingError
 DEFAULT_ALPHA = 1e-6
 """Much smaller than in `DualLaplacianSolver`: a few anchors should be met closely."""
 
+SETTLING_ROUNDS = 3
+"""Last rounds, or a tenth of all if that is more, for which anchors stay at their targets."""
+
 MAX_NAMED = 3
 """Anchors that the message on a conflict names."""
 
@@ -199,10 +202,15 @@ class Poser:
         return edited
 
     def _rotate_cells(self, cells: Cells, unrotated: Floats, rounds: int) -> Floats:
-        """Return displacements (n, 3) with rotated cells, from those without rotations."""
-        moved = unrotated
-        for _ in range(rounds):
-            moved = unrotated + self._differential_map(
+        """Return displacements (n, 3) with rotated cells, from those without rotations.
+
+        The anchors go to their targets in steps, one per round, and the cells follow them. Of a
+        large motion at once, nearly equal ones may end in different minima: the pose jumps.
+        """
+        steps = max(1, rounds - max(SETTLING_ROUNDS, rounds // 10))
+        moved = unrotated / steps
+        for step in range(2, rounds + 2):
+            moved = min(1.0, step / steps) * unrotated + self._differential_map(
                 cells.rotate_differences(cells.fit_rotations(moved))
             )
         return moved

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +93,10 @@ class PoseSummary:
     beyond_moved, beyond_moved_percent : float, optional
         Largest distance that a vertex beyond the radii of all layers moved, file units and percent
         of the diagonal; None if there is no such vertex, or a layer has no radii.
+    acceleration_vertex : int, optional
+        The vertex of the mesh whose acceleration the edit raises most; None if it raises none.
+    acceleration, acceleration_before : float, optional
+        Its largest second difference, as of an anchor.
     """
 
     diagonal: float
@@ -110,6 +115,9 @@ class PoseSummary:
     changed: tuple[str, str] | None
     beyond_moved: float | None = None
     beyond_moved_percent: float | None = None
+    acceleration_vertex: int | None = None
+    acceleration: float | None = None
+    acceleration_before: float | None = None
 
 
 class PoseStatistics:
@@ -137,6 +145,7 @@ class PoseStatistics:
         self._volume_change: float | None = None
         self._changed: list[int] = []
         self._acceleration_trackers = _AccelerationTracker(), _AccelerationTracker()
+        self._mesh_trackers = _AccelerationTracker(), _AccelerationTracker()
 
     def update(self, block: EditedFrames) -> None:
         """Add the next frames, if there are any."""
@@ -155,6 +164,10 @@ class PoseStatistics:
             self._acceleration_trackers, (block.anchors_before, block.anchors_after), strict=True
         ):
             tracker.update(block.frames, positions, is_changed)
+        for tracker, positions in zip(
+            self._mesh_trackers, (block.meshes_before, block.meshes_after), strict=True
+        ):
+            tracker.update(block.frames, positions, is_changed)
         self._update_meshes(block)
         if is_changed.any():
             numbers = block.frames[is_changed]
@@ -169,9 +182,10 @@ class PoseStatistics:
             self._farthest = float(metrics.max_deviation[worst])
             self._vertex = int(metrics.worst_vertex[worst])
             self._frame = int(block.frames[worst])
-            self._smallest_motion = float(np.sqrt(block.squared_displacements[worst].min()))
+            self._smallest_motion = float(np.sqrt(np.nanmin(block.squared_displacements[worst])))
         if self._is_beyond.any():
-            largest = float(block.squared_displacements[:, self._is_beyond].max())
+            beyond = np.nan_to_num(block.squared_displacements[:, self._is_beyond])
+            largest = float(beyond.max())
             self._beyond_moved = max(self._beyond_moved, float(np.sqrt(largest)))
         distances = np.linalg.norm(block.edit.cages - block.cages_before, axis=2).max(axis=0)
         if distances.max() > self._cage_farthest:
@@ -211,7 +225,22 @@ class PoseStatistics:
             changed=(name(self._changed[0]), name(self._changed[-1])) if self._changed else None,
             beyond_moved=beyond,
             beyond_moved_percent=None if beyond is None else 100 * beyond / self._diagonal,
+            **self._summarize_acceleration(),
         )
+
+    def _summarize_acceleration(self) -> dict[str, Any]:
+        """Return the fields on the vertex whose acceleration the edit raises most."""
+        before, after = (tracker.max_acceleration for tracker in self._mesh_trackers)
+        if before is None or after is None:
+            return {}
+        vertex = int((after - before).argmax())
+        if after[vertex] <= before[vertex]:
+            return {}
+        return {
+            "acceleration_vertex": vertex,
+            "acceleration": float(after[vertex]),
+            "acceleration_before": float(before[vertex]),
+        }
 
     def _summarize_anchor(self, k: int, frame: str) -> AnchorSummary:
         before, after = (tracker.max_acceleration for tracker in self._acceleration_trackers)

@@ -4,6 +4,8 @@ Error definitions, for F frames of m vertices, D the rest bounding box's diagona
 
 - rms of a frame: sqrt(mean_i |v̂_i − v_i|²); of the clip: the root of the mean square over frames;
   of a vertex: the root of its mean square over frames.
+- area_rms of the clip: the same with Σ a_i |v̂_i − v_i|² / Σ a_i, a_i a third of the area of the
+  faces at a vertex in the rest pose.
 - e_rms = 2000/√3 · rms/D = 1154.70 · rms/D (Kavan, Sloan and O'Sullivan 2010, eq. 8).
 - kg_error = 100 |V − V̂|_F / |V − E(V)|_F, E(V) each frame's centroid (Karni and Gotsman 2004).
 - volume_change = 100 (V̂ − V)/V and volume_drift = 100 (V − V_rest)/V_rest, percent; signed.
@@ -16,7 +18,8 @@ from dataclasses import dataclass
 class ClipRecord:
     """The clip: counts, the diagonal in file units, whether the model is closed, and its time.
 
-    The numbers of frames begin with `start` and go in steps of `frame_step`.
+    The numbers of frames begin with `start` and go in steps of `frame_step`. `body` tells whether
+    the model is closed, and more than a sheet: `is_body`.
     """
 
     frames: int
@@ -27,6 +30,7 @@ class ClipRecord:
     fps: float
     start: float = 1.0
     frame_step: float = 1.0
+    body: bool = True
 
     def frame_number(self, index: float) -> float:
         """Return the number of a frame; `index` counts frames from 0."""
@@ -39,9 +43,10 @@ class FrameRecord:
 
     `index` counts frames from 0, and `number` is the place on the timeline.
 
-    Metrics of volumes are None for an open model, or when vertices are missing data. All metrics
-    of a skipped frame are None, and `skipped` is the reason. The fields behind it count vertices
-    that are missing or rejected, and measure the others; None if all count alike in all frames.
+    Metrics of volumes are None for an open model, or when vertices are missing data; changes also
+    relative to less volume than that of a sheet. All metrics of a skipped frame are None, and
+    `skipped` is the reason. The fields behind it count vertices that are missing or rejected, and
+    measure the others; None if all count alike in all frames.
     """
 
     index: int
@@ -88,6 +93,7 @@ class ReportSummary:
     `volume_change_percent_max` is the largest change in absolute value, with its sign.
     `fixed_floats` counts the weights that must be stored, `floats_per_frame` the coordinates of a
     cage. `best_possible_percent` is the smallest rms that a cage with as many vertices can have.
+    `area_rms` weighs each vertex by its area in the rest pose; None for a model without area.
     Of weights that were fitted to this clip, `gap_closed_percent` tells how much of the gap from
     the unfitted weights to it they close, and `held_out_rms_percent` their error on frames that
     were held out.
@@ -111,6 +117,8 @@ class ReportSummary:
     frames_skipped: int
     floats_per_frame: int
     fixed_floats: int
+    area_rms: float | None = None
+    area_rms_percent: float | None = None
     best_possible_percent: float | None = None
     gap_closed_percent: float | None = None
     held_out_rms_percent: float | None = None
@@ -179,6 +187,13 @@ def format_count(count: int, noun: str) -> str:
 def group_digits(count: int, group: str = " ") -> str:
     """Format a number with its digits in groups of three."""
     return f"{count:,}".replace(",", group)
+
+
+def explain_missing_volume(clip: ClipRecord) -> str:
+    """Say why no frame has a change of volume."""
+    if not clip.closed:
+        return "the model is open"
+    return "some vertices are missing data" if clip.body else "the model is a sheet without volume"
 
 
 def describe_kept(kept: KeptSummary | None, vertices: int) -> list[str]:

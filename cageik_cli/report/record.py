@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.geometry.shape import is_body, lumped_areas, measure_least_volume
+from cageik_cli.report.clip_notes import list_clip_notes
 from cageik_cli.report.figures import (
     ClipRecord,
     FrameRecord,
@@ -105,6 +107,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         notes=(
             *result.notes,
             *fit_notes,
+            *list_clip_notes(result),
             *list_region_notes(result, summary),
             *list_limit_notes(limits, rest.diagonal),
             *list_standout_notes(result),
@@ -119,6 +122,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
             fps=result.scene.fps,
             start=_make_whole(result.scene.start),
             frame_step=_make_whole(result.scene.frame_step),
+            body=is_body(rest),
         ),
         binding=result.quality,
         fit=result.fit,
@@ -137,9 +141,10 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
 def _build_frames(result: Result) -> tuple[FrameRecord, ...]:
     rest, metrics = result.rest, result.metrics
     percent = 100 / rest.diagonal
-    change = _percent_change(metrics.volume_reconstructed, metrics.volume)
+    least = measure_least_volume(rest)
+    change = _percent_change(metrics.volume_reconstructed, metrics.volume, least)
     rest_volume = rest.volume if rest.is_closed else np.nan
-    drift = _percent_change(metrics.volume, np.full(len(metrics.volume), rest_volume))
+    drift = _percent_change(metrics.volume, np.full(len(metrics.volume), rest_volume), least)
     return tuple(
         FrameRecord(
             index=k,
@@ -222,8 +227,20 @@ def _build_summary(result: Result, frames: tuple[FrameRecord, ...]) -> ReportSum
         frames_skipped=len(result.skipped),
         # Offsets turn with each frame: its rotation has three numbers.
         floats_per_frame=3 * (len(result.cage.vertices) + int(result.has_offsets)),
+        **_summarize_by_area(result),
         **_summarize_fit(result),
     )
+
+
+def _summarize_by_area(result: Result) -> dict[str, Any]:
+    """Return the rms over the clip in which vertices count by their area in the rest pose."""
+    known = np.isfinite(result.vertex_rms)
+    areas = lumped_areas(result.rest)[known]
+    if not areas.any():
+        return {}
+    shares = areas / areas.max()  # squares of lengths times areas could overflow
+    rms = float(np.sqrt(np.average(result.vertex_rms[known] ** 2, weights=shares)))
+    return {"area_rms": rms, "area_rms_percent": 100 * rms / result.rest.diagonal}
 
 
 def _summarize_fit(result: Result) -> dict[str, Any]:
@@ -285,9 +302,9 @@ def _positive_max(values: Floats) -> float:
     return float(np.nanmax(values)) or 1.0
 
 
-def _percent_change(new: Floats, old: Floats) -> Floats:
-    """Return 100 (new − old)/old; nan where old is zero or nan, infinite where it is tiny."""
-    usable = np.where(old == 0, np.nan, old)
+def _percent_change(new: Floats, old: Floats, least: float) -> Floats:
+    """Return 100 (new − old)/old; nan where old is nan, or at most `least` in absolute value."""
+    usable = np.where(np.abs(old) > least, old, np.nan)
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(100 * (new - old) / usable)
 

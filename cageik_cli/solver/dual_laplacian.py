@@ -19,7 +19,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding, WeightQuality, measure_offsets
-from cageik_cli.geometry.mesh import uniform_laplacian
+from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_bound import spread_vertices
@@ -100,7 +100,8 @@ class DualLaplacianSolver:
     binding : Binding
     settings : SolveSettings
     vertex_weights : (m,) float64, optional
-        From `normalize_weights`; ones by default. A vertex of weight 0 is missing data.
+        From `normalize_weights`; ones by default. A vertex of weight 0 is missing data, and one in
+        no face has weight 0.
 
     Attributes
     ----------
@@ -109,7 +110,9 @@ class DualLaplacianSolver:
     data_vertices : (c,) int64 or a slice of all
         Vertices that are data: all but those of weight 0.
     missing_count : int
-        Number of vertices of weight 0.
+        Number of vertices of weight 0 that are in a face.
+    data_count : int
+        Number of vertices that are data.
     sampled_vertices : (s,) int64
         Vertices that are data, spread over their numbers: what is possible is measured on them.
     vertex_weights : (m,) float64
@@ -133,14 +136,15 @@ class DualLaplacianSolver:
         self, binding: Binding, settings: SolveSettings, vertex_weights: Floats | None = None
     ) -> None:
         m, n = binding.weights.shape
+        vertex_weights = drop_unused_vertices(vertex_weights, binding.rest)
         self.binding = binding
         self.is_aligned = settings.align
         self.vertex_weights = np.ones(m) if vertex_weights is None else vertex_weights
         self._is_weighted = vertex_weights is not None
-        self.missing_count = int(np.count_nonzero(self.vertex_weights == 0))
-        self.data_vertices = (
-            np.flatnonzero(self.vertex_weights) if self.missing_count else slice(None)
-        )
+        is_data = self.vertex_weights != 0
+        self.missing_count = int(np.count_nonzero(binding.rest.is_used & ~is_data))
+        self.data_count = int(np.count_nonzero(is_data))
+        self.data_vertices = slice(None) if is_data.all() else np.flatnonzero(is_data)
         self.sampled_vertices = spread_vertices(np.arange(m)[self.data_vertices], n)
         self._diagonal = binding.rest.diagonal
         self._origin = self.vertex_weights @ binding.rest.vertices / m
@@ -288,6 +292,22 @@ def normalize_weights(weights: Floats, count: int) -> Floats:
         raise FormatError("all vertex weights are zero; expected at least one above 0")
     shares = weights / weights.max()  # the sum of very large or very small numbers would fail
     return np.asarray(shares * (count / shares.sum()))
+
+
+def drop_unused_vertices(weights: Floats | None, mesh: TriMesh) -> Floats | None:
+    """Return vertex weights (m,) with 0 for vertices in no face; None if all weights are one.
+
+    Raises
+    ------
+    FormatError
+        When no other vertex has a weight above 0.
+    """
+    unused = mesh.unused_vertices
+    if len(unused) == 0 or (weights is not None and not weights[unused].any()):
+        return weights
+    kept = np.ones(len(mesh.vertices)) if weights is None else weights.copy()
+    kept[unused] = 0
+    return normalize_weights(kept, len(kept))
 
 
 def _validate_condition(smoothness: Floats, data: Floats, binding: Binding) -> float:

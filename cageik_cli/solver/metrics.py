@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
+from cageik_cli.geometry.shape import is_body
 from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
 from cageik_cli.util.errors import NumericalError
 
@@ -27,7 +28,8 @@ class FrameMetrics:
     worst_vertex : int64
         The vertex of the largest deviation.
     volume, volume_reconstructed : float64
-        Signed volumes of v and v̂; nan for an open model, or when vertices are missing data.
+        Signed volumes of v and v̂; nan for an open model or a sheet, or when vertices are missing
+        data.
     spread : float64
         sqrt(mean_i |v_i − centroid|²), what `rms` is divided by in Karni and Gotsman's error.
     """
@@ -70,7 +72,7 @@ def measure(
         Its faces define the volume.
     frames, reconstructions : (k, m, 3)
     data_vertices : slice or (c,) int64
-        Vertices that are data: all but those of vertex weight 0.
+        Vertices that are data: all in a face but those of vertex weight 0.
     workspace : Workspace, optional
         Memory to reuse.
     """
@@ -83,7 +85,7 @@ def measure(
     data = frames[:, data_vertices]
     centroids = np.full(len(numbers), 1 / len(numbers)) @ data
     centred = np.subtract(data, centroids[:, None], out=errors[:, : len(numbers)])
-    if rest.is_closed and len(numbers) == frames.shape[1]:
+    if is_body(rest) and len(numbers) == len(rest.used_vertices):
         volume, volume_rebuilt = (signed_volumes(v, rest.faces) for v in (frames, reconstructions))
     else:
         volume = volume_rebuilt = np.full(len(frames), np.nan)

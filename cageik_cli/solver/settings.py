@@ -31,6 +31,9 @@ class SolveSettings:
             raise SettingError("alpha and beta are both 0, expected at least one above 0")
 
 
+AREA = "area"
+"""Says, in place of a file of vertex weights, that each vertex counts by its area."""
+
 AUTO_SMOOTHING: Final = "auto"
 """As the period that is smoothed: found by generalised cross-validation."""
 

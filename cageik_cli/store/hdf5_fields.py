@@ -72,7 +72,7 @@ def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
     )
     if rest.diagonal == 0:
         raise FormatError("`rest/verts` are all one point; write it again")
-    lone = np.setdiff1d(np.arange(len(cage.vertices)), cage.faces)
+    lone = cage.unused_vertices
     if len(lone):
         raise FormatError(f"cage vertex {lone[0]} is in no face of `tris`; write it again")
     rest = read_attributes(file, "attributes/rest", rest)

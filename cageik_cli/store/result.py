@@ -131,6 +131,11 @@ class Result:
     kept: KeptMetrics | None = None
     filled: tuple[int, ...] = ()
 
+    @property
+    def gaps(self) -> list[int]:
+        """Return the skipped frames that have no cage."""
+        return sorted(set(self.skipped) - set(self.filled))
+
     def __repr__(self) -> str:
         return (
             f"<Result: {self.path.name}, {len(self.frames)} frames of {len(self.rest.vertices)} "
@@ -159,8 +164,7 @@ def read_cages(result: Result, size: int, first: int = 0) -> Iterator[Floats]:
     InputError
         When a block cannot be read, or is not finite.
     """
-    gaps = set(result.skipped) - set(result.filled)
-    filler = GapFiller(len(result.frames), gaps)
+    filler = GapFiller(len(result.frames), result.gaps)
     with open_checked(result.path) as file:
         cages = get_dataset(file, "verts", "f", (len(result.frames), len(result.cage.vertices), 3))
         for start in range(first, len(cages), size):

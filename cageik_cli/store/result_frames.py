@@ -74,7 +74,7 @@ def read_binding(result: Result) -> Binding | None:
 def read_rotations(result: Result) -> Floats:
     """Read the rotations from the rest pose to each frame, (F, 3, 3); `points @ R` turns points.
 
-    A skipped frame has that of the nearest frame.
+    A skipped frame that was not filled has that of the nearest frame.
 
     Raises
     ------
@@ -82,14 +82,14 @@ def read_rotations(result: Result) -> Floats:
         When they are missing, or not rotations.
     """
     count = len(result.frames)
-    known = np.setdiff1d(np.arange(count), list(result.skipped))
+    known = np.setdiff1d(np.arange(count), result.gaps)
     with open_checked(result.path) as file:
         rotations = read_array(file, "rotations", "f", (count, 3, 3)).astype(np.float64, copy=False)
         with np.errstate(over="ignore", invalid="ignore"):
             products = rotations @ rotations.swapaxes(1, 2)
             wrong = ~(np.abs(products - np.eye(3)) < ROTATION_TOL).all(axis=(1, 2))
             wrong |= ~(np.linalg.det(np.where(np.isfinite(rotations), rotations, 0)) > 0)
-        wrong[list(result.skipped)] = False
+        wrong[result.gaps] = False
         if wrong.any():
             raise FormatError(
                 f"`rotations` of frame {int(np.argmax(wrong))} are not a rotation; extract it again"

@@ -131,6 +131,11 @@ def describe_error(error: BaseException) -> str:
         text = "interrupted"
     elif isinstance(error, OSError):
         text = f"{error.filename or 'the system'}: {error.strerror or error}"
+    elif isinstance(error, ImportError) and not isinstance(error, ModuleNotFoundError):
+        text = (
+            f"a library cannot be loaded ({error}); check the memory that is free, the limit of "
+            "open files (ulimit -n), and the installation"
+        )
     elif isinstance(error, MemoryError):
         text = "out of memory; use a coarser cage, or a smaller --memory"
     else:
@@ -149,7 +154,7 @@ def join_truncated(items: Iterable[object], limit: int = 10) -> str:
 
 @contextmanager
 def require_optional(library: str, extra: str, purpose: str) -> Iterator[None]:
-    """Turn a failed import inside into an error that says what to install.
+    """Turn the import of a library that is missing into an error that says what to install.
 
     Parameters
     ----------
@@ -162,7 +167,7 @@ def require_optional(library: str, extra: str, purpose: str) -> Iterator[None]:
     """
     try:
         yield
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise MissingLibraryError(
             f"{purpose} needs {library}: pip install 'cageik[{extra}]'"
         ) from error

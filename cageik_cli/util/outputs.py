@@ -5,7 +5,6 @@ A run that fails or is killed leaves what was there before.
 
 import io
 import os
-import secrets
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.util.errors import OutputError
+from cageik_cli.util.exchange import exchange
+from cageik_cli.util.leftovers import clear_leftovers, make_displaced_path, make_unfinished_path
 
 
 def check_writable(path: Path, overwrite: bool) -> None:
@@ -29,8 +30,9 @@ def check_writable(path: Path, overwrite: bool) -> None:
         raise OutputError(f"{path}: is not a plain file, expected the name of a file to write")
     if path.exists() and not overwrite:
         raise _make_exists_error(path)
-    _check_folder_exists(path, path.parent)
-    partial = _unique_path(path)
+    _check_folder_exists(path)
+    clear_leftovers(path)
+    partial = make_unfinished_path(path)
     with _convert_os_errors(path):
         partial.touch(exist_ok=False)
         partial.unlink()
@@ -57,6 +59,7 @@ def check_folder_writable(
         Naming the folder and what to do.
     """
     place, here = path.resolve(), Path.cwd()
+    clear_leftovers(place)
     if place == here or place in here.parents:
         raise OutputError(
             f"{path}: is the current folder or one above it; name a new folder, such as frames"
@@ -73,8 +76,8 @@ def check_folder_writable(
             )
     if entries and not overwrite:
         raise _make_exists_error(path)
-    _check_folder_exists(path, place.parent)
-    partial = _unique_path(place)
+    _check_folder_exists(path)
+    partial = make_unfinished_path(place)
     with _convert_os_errors(path):
         partial.mkdir()
         partial.rmdir()
@@ -86,9 +89,9 @@ def _make_exists_error(path: Path) -> OutputError:
     )
 
 
-def _check_folder_exists(path: Path, folder: Path) -> None:
-    """Refuse the output `path` if the folder that it is renamed in does not exist."""
-    if not folder.is_dir():
+def _check_folder_exists(path: Path) -> None:
+    """Refuse the output `path` if the folder that it is in does not exist, as it is spelt."""
+    if not path.parent.is_dir():
         raise OutputError(f"{path}: the folder {path.parent} does not exist; create it first")
 
 
@@ -182,7 +185,7 @@ def atomic_file(
     OutputError
         When it cannot be written, or another run has written `path` meanwhile.
     """
-    partial = temporary_path or _unique_path(path)
+    partial = temporary_path or make_unfinished_path(path)
     with _convert_os_errors(path):
         if temporary_path is not None:
             temporary_path.unlink(missing_ok=True)
@@ -219,7 +222,7 @@ def atomic_path(path: Path, overwrite: bool) -> Iterator[Path]:
     OutputError
         When it cannot be written, or another run has written `path` meanwhile.
     """
-    partial = path.with_name(f"{path.stem}.{secrets.token_hex(8)}.partial{path.suffix}")
+    partial = make_unfinished_path(path, path.suffix)
     with _convert_os_errors(path):
         try:
             yield partial
@@ -241,7 +244,7 @@ def atomic_folder(
         When it cannot be written, or the folder `path` may not be replaced (any more).
     """
     place = path.resolve()
-    partial = _unique_path(place)
+    partial = make_unfinished_path(place)
     with _convert_os_errors(path):
         partial.mkdir()
         try:
@@ -266,13 +269,16 @@ def _replace_folder(place: Path, new: Path) -> None:
     if not place.exists():
         new.rename(place)
         return
-    old = _unique_path(place)
-    place.rename(old)
-    try:
-        new.rename(place)
-    except OSError:
-        old.rename(place)
-        raise
+    old = new
+    if not exchange(new, place):
+        # A run that is killed between these two leaves a folder that the next run puts back.
+        old = make_displaced_path(place)
+        place.rename(old)
+        try:
+            new.rename(place)
+        except BaseException:
+            old.rename(place)
+            raise
     for file in old.iterdir():
         file.unlink()
     old.rmdir()
@@ -314,8 +320,3 @@ def write_bytes(path: Path, data: bytes, overwrite: bool) -> None:
     check_writable(path, overwrite)
     with atomic_file(path, overwrite) as file:
         file.write(data)
-
-
-def _unique_path(path: Path) -> Path:
-    """Return a name beside `path` that no other run has, on any machine that shares the folder."""
-    return path.with_name(f"{path.name}.{secrets.token_hex(8)}.partial")

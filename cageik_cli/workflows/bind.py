@@ -15,9 +15,7 @@ from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import list_input_files, open_sequence
-from cageik_cli.formats.vertex_weights import load_vertex_weights
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.dual_laplacian import normalize_weights
 from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.solver.settings import FitSettings, SolveSettings
@@ -30,6 +28,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import mark_warning
 from cageik_cli.workflows.fit import fit_binding, open_fit_cache
 from cageik_cli.workflows.repair_hint import suggest_repair
+from cageik_cli.workflows.vertex_weights import load_vertex_weights
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +67,8 @@ class BindRunSettings:
         How they are fitted.
     solve : SolveSettings
         How the cages of the fit are solved.
-    vertex_weights : Path, optional
-        A file with one number per vertex of the model, for the fit.
+    vertex_weights : Path or "area", optional
+        For the fit: a file with one number per vertex of the model, or by their area.
     memory : int
         Bytes for the weights and the frames that they are fitted to.
     """
@@ -82,12 +81,12 @@ class BindRunSettings:
     clips: tuple[str, ...] = ()
     fit: FitSettings = field(default_factory=FitSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
-    vertex_weights: Path | None = None
+    vertex_weights: Path | str | None = None
     memory: int = DEFAULT_MEMORY
 
     def inputs(self) -> list[Path]:
         """Return the files that are read."""
-        weights = [] if self.vertex_weights is None else [self.vertex_weights]
+        weights = [self.vertex_weights] if isinstance(self.vertex_weights, Path) else []
         clips = [path for clip in self.clips for path in list_input_files([clip])]
         return [self.cage, self.rest, *weights, *clips]
 
@@ -141,11 +140,7 @@ def _fit_to_clips(
         for note in clip.notes:
             progress.note("note", note)
         clips.append(clip)
-    weights = None
-    if settings.vertex_weights is not None:
-        loaded, _ = load_vertex_weights(settings.vertex_weights)
-        with error_context(settings.vertex_weights):
-            weights = normalize_weights(loaded, len(rest.mesh.vertices))
+    weights = load_vertex_weights(settings.vertex_weights, rest).vertices
     sampling = SampleSettings(settings.memory, settings.weights.jobs)
     conditions = FitConditions(settings.solve, weights, sampling)
     cache = open_fit_cache(settings.weights.cache, progress)

@@ -43,7 +43,7 @@ def _make_solver(plan: ExtractionPlan, robust: RobustSolver) -> CapturedBlockSol
         robust=robust,
         frame_weights=plan.frame_weights,
         names=tuple(map(plan.sequence.location, range(len(plan.sequence)))),
-        accepts_gaps=plan.settings.skips_bad_frames or plan.settings.capture.fill_gaps,
+        accepts_gaps=plan.settings.accepts_gaps,
     )
 
 
@@ -51,6 +51,8 @@ def _read_frames(plan: ExtractionPlan, capture: CapturedBlockSolver) -> Iterator
     """Read the frames on which tolerances are measured, one by one."""
     is_any = False
     for index in choose_tolerance_frames(len(plan.sequence)).tolist():
+        if index in plan.sequence.missing:
+            continue
         try:
             positions = plan.sequence.read_frame(index)[None]
         except InputError:

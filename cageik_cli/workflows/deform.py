@@ -97,7 +97,7 @@ class DeformSettings:
 
     def outputs(self) -> list[Path]:
         """Return the file or folder that is written."""
-        return [self.output.target_path]
+        return self.output.list_paths()
 
 
 def deform(settings: DeformSettings, progress: ProgressListener | None = None) -> ExportSummary:

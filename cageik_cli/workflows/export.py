@@ -60,7 +60,7 @@ class ExportSettings:
 
     def outputs(self) -> list[Path]:
         """Return the file or folder that is written."""
-        return [self.output.target_path]
+        return self.output.list_paths()
 
 
 def export(settings: ExportSettings, progress: ProgressListener | None = None) -> ExportSummary:
@@ -153,11 +153,11 @@ def _read_reconstruction(result: Result, purpose: str) -> Reconstruction:
 
 def report_skipped_frames(result: Result, progress: ProgressListener) -> None:
     """Note which frames were skipped, and what is written instead."""
-    if result.skipped:
-        names = join_truncated((result.frames[k] for k in result.skipped), 5)
+    if result.gaps:
+        names = join_truncated((result.frames[k] for k in result.gaps), 5)
         progress.note(
             "note",
-            f"{len(result.skipped)} of {len(result.frames)} frames skipped ({names}); their "
+            f"{len(result.gaps)} of {len(result.frames)} frames skipped ({names}); their "
             "cages are interpolated, or the nearest at either end of the clip",
         )
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,8 +13,9 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import validate_positions
+from cageik_cli.solver.area_weights import make_vertex_weights
 from cageik_cli.solver.blocks import MemoryPlan
-from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, normalize_weights
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.metrics import METRIC_NAMES, FrameMetrics, check_finite, measure
 from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Workspace
@@ -95,7 +97,7 @@ def extract(
     alpha: float = SolveSettings().alpha,
     beta: float = SolveSettings().beta,
     align: bool = True,
-    vertex_weights: ArrayLike | None = None,
+    vertex_weights: ArrayLike | Literal["area"] | None = None,
     fit: FitSettings | None = None,
     memory: int = DEFAULT_MEMORY,
     jobs: int | None = None,
@@ -119,8 +121,8 @@ def extract(
         Weights of the cage's Laplacian (higher is smoother) and of the vertices.
     align : bool
         Align each frame rigidly with the rest pose before the solve.
-    vertex_weights : (m,), optional
-        Weights of the vertices; 0 marks missing data.
+    vertex_weights : (m,) or "area", optional
+        Weights of the vertices; 0 marks missing data. Or each vertex counts by its area.
     fit : FitSettings, optional
         Fit the weights to the clip first; `fit_weights` also tells how well they follow frames that
         they were not fitted to.
@@ -157,7 +159,7 @@ def extract(
     jobs = jobs or count_processors()
     binding = _bind_built_cage(clip, binding, cage_vertices, jobs)
     count = len(binding.rest.vertices)
-    frames, weights = _Frames(clip, count), None
+    frames = _Frames(clip, count)
     if fit is not None:
         binding = fit_weights(
             binding,
@@ -168,8 +170,7 @@ def extract(
             memory=memory,
             jobs=jobs,
         ).binding
-    if vertex_weights is not None:
-        weights = normalize_weights(np.asarray(vertex_weights, np.float64), count)
+    weights = make_vertex_weights(vertex_weights, binding.rest)
     plan = MemoryPlan.fit(memory, binding, jobs)
     cages: list[Floats] = []
     rotations: list[Floats] = []

@@ -33,9 +33,9 @@ class ExtractSettings:
         The rest pose; a frame of the clip if absent.
     rest_frame : int or "auto"
         Which frame then, from 0; or the one in which the least of the surface touches.
-    vertex_weights : Path, optional
+    vertex_weights : Path or "area", optional
         A file with one number per vertex of the model, or an array (F, m) with one per frame and
-        vertex.
+        vertex; or each vertex counts by its area.
     bind : BindSettings
     solve : SolveSettings
     clip : ClipSettings
@@ -68,7 +68,7 @@ class ExtractSettings:
     cache: Path | None = None
     rest: Path | None = None
     rest_frame: RestFrame = 0
-    vertex_weights: Path | None = None
+    vertex_weights: Path | str | None = None
     bind: BindSettings = field(default_factory=BindSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
     clip: ClipSettings = field(default_factory=ClipSettings)
@@ -115,7 +115,7 @@ class ExtractSettings:
     def inputs(self) -> list[Path]:
         """Return the files that are read."""
         named = (self.cage, self.binding, self.rest, self.vertex_weights)
-        files = [path for path in named if path is not None]
+        files = [path for path in named if isinstance(path, Path)]
         return files + list_input_files(list(self.frames))
 
     def outputs(self) -> list[Path]:
@@ -131,6 +131,11 @@ class ExtractSettings:
     def builds_cage(self) -> bool:
         """Whether a cage is built, as none is given."""
         return self.cage is None and self.binding is None
+
+    @property
+    def accepts_gaps(self) -> bool:
+        """Whether a frame of too few data becomes a gap, which may be filled."""
+        return self.skips_bad_frames or self.capture.fill_gaps
 
     @property
     def skips_bad_frames(self) -> bool:

@@ -1,6 +1,7 @@
 """Weights fitted to clips or to arrays of frames, without files."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,7 +9,7 @@ from numpy.typing import ArrayLike
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import validate_positions
-from cageik_cli.solver.dual_laplacian import normalize_weights
+from cageik_cli.solver.area_weights import make_vertex_weights
 from cageik_cli.solver.fitting import fit as fitting
 from cageik_cli.solver.fitting.fit import FitConditions, FittedWeights
 from cageik_cli.solver.fitting.sample import FrameReader, SampleSettings
@@ -42,7 +43,7 @@ def fit_weights(
     settings: FitSettings | None = None,
     *,
     solve: SolveSettings | None = None,
-    vertex_weights: ArrayLike | None = None,
+    vertex_weights: ArrayLike | Literal["area"] | None = None,
     memory: int = DEFAULT_MEMORY,
     jobs: int | None = None,
 ) -> FittedWeights:
@@ -61,8 +62,8 @@ def fit_weights(
         How closely to fit, and with how many numbers.
     solve : SolveSettings, optional
         How the cages are solved; as `extract` does by default.
-    vertex_weights : (m,), optional
-        Weights of the vertices; 0 marks missing data.
+    vertex_weights : (m,) or "area", optional
+        Weights of the vertices; 0 marks missing data. Or each vertex counts by its area.
     memory : int
         Limit in bytes for the weights and the frames that they are fitted to, at most 100.
     jobs : int, optional
@@ -84,10 +85,7 @@ def fit_weights(
     >>> after < 0.5 * before
     True
     """
-    weights = None
-    if vertex_weights is not None:
-        count = len(binding.rest.vertices)
-        weights = normalize_weights(np.asarray(vertex_weights, np.float64), count)
+    weights = make_vertex_weights(vertex_weights, binding.rest)
     sampling = SampleSettings(memory, jobs or count_processors())
     conditions = FitConditions(solve or SolveSettings(), weights, sampling)
     return fitting.fit_weights(binding, list(map(as_frames, clips)), settings, conditions)

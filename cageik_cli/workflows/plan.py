@@ -18,7 +18,7 @@ from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.vertex_weights import FrameWeightsFile
 from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings
-from cageik_cli.solver.settings import CaptureSettings, FitSettings
+from cageik_cli.solver.settings import AREA, CaptureSettings, FitSettings
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import check_checkpoint_path, checkpoint_progress
 from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
@@ -32,7 +32,7 @@ from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.fit import fit_binding, open_fit_cache
 from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
-from cageik_cli.workflows.weights import load_weights
+from cageik_cli.workflows.vertex_weights import load_vertex_weights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,7 +125,7 @@ class ExtractionPlan:
             "align": solve.align,
             **asdict(self.bind_settings),
             "rest_frame": self.rest_index,
-            "vertex_weights": settings.vertex_weights is not None,
+            "vertex_weights": _describe_vertex_weights(settings.vertex_weights),
             **built,
             **describe_fit(self.fit_settings),
             **settings.describe_capture(),
@@ -158,7 +158,7 @@ class ExtractionPlan:
         return {
             "fit": asdict(settings.fit) if settings.fit is not None else None,
             "solve": asdict(settings.solve),
-            "weighted": self.sources.get("vertex_weights"),
+            "weighted": self.sources.get("vertex_weights", settings.vertex_weights == AREA),
             "memory": settings.memory,
             "skips": settings.skips_bad_frames,
             "clip": (settings.frames, repr(settings.clip), self.sequence.names),
@@ -179,6 +179,11 @@ def describe_fit(settings: FitSettings | None) -> dict[str, Any]:
         "fit_rank": settings.rank,
         "influences": settings.influences,
     }
+
+
+def _describe_vertex_weights(given: Path | str | None) -> bool | str:
+    """Return whether vertices have weights from a file, or the word for those of no file."""
+    return given if isinstance(given, str) else given is not None
 
 
 def check_output_path(settings: ExtractSettings) -> None:
@@ -235,15 +240,18 @@ def plan_extraction(
         sources["cage"] = cage.source
     elif stored_binding is not None:
         sources["cage"] = stored_binding.sources["cage"]
-    plan = ExtractionPlan(settings, sequence, rest, cage, stored_binding, None, sources)
-    if settings.vertex_weights is not None:
-        weights = load_weights(settings.vertex_weights, len(sequence), len(rest.mesh.vertices))
-        plan = replace(
-            plan,
-            vertex_weights=weights.vertices,
-            frame_weights=weights.frames,
-            sources=sources | {"vertex_weights": weights.source},
-        )
+    weights = load_vertex_weights(settings.vertex_weights, rest, len(sequence))
+    sources |= weights.sources
+    plan = ExtractionPlan(
+        settings=settings,
+        sequence=sequence,
+        rest=rest,
+        cage=cage,
+        stored_binding=stored_binding,
+        vertex_weights=weights.vertices,
+        sources=sources,
+        frame_weights=weights.frames,
+    )
     return replace(plan, existing=_find_existing_result(plan)) if settings.resume else plan
 
 
@@ -340,7 +348,7 @@ def _check_same_run(result: Result, plan: ExtractionPlan) -> None:
                 "--overwrite"
             )
     skipped = [why for k, why in result.skipped.items() if k not in plan.sequence.missing]
-    if skipped and not plan.settings.skips_bad_frames:
+    if skipped and not plan.settings.accepts_gaps:
         raise CheckpointError(
             f"{result.path}: {len(skipped)} frames are skipped in it, the first: "
             f"{skipped[0]}; repair them and use --overwrite, or accept "

@@ -41,7 +41,7 @@ class CageFrames:
         count = len(result.frames)
         return CageFrames(
             count=count,
-            known=np.setdiff1d(np.arange(count), list(result.skipped)),
+            known=np.setdiff1d(np.arange(count), result.gaps),
             read=lambda frame: next(read_cages(result, 1, frame))[0],
             blocks=lambda size: read_cages(result, size),
         )

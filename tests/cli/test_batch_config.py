@@ -70,6 +70,13 @@ def test_a_path_may_be_in_the_folder_of_each_clip():
     assert given(root, root / "face.npz")["cage"] == str(root / "cage.obj")
 
 
+def test_a_word_in_place_of_a_path_stays_a_word():
+    write("anim/cageik.toml", 'vertex-weights = "area"\ncage = "area"\n')
+    root = Path.cwd() / "anim"
+    assert given(root / "walk") == {"vertex_weights": "area", "cage": str(root / "area")}
+    assert TABLES().find_auxiliary_files(root / "walk") == {(root / "area").resolve()}
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

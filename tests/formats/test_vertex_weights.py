@@ -5,7 +5,7 @@ import hashlib
 import numpy as np
 import pytest
 
-from cageik_cli.formats.vertex_weights import load_vertex_weights
+from cageik_cli.formats.vertex_weights import read_vertex_weights
 from cageik_cli.util.errors import FormatError, InputError
 
 WEIGHTS = [1.0, 0.0, 0.1, 1e-300, 2.5]
@@ -15,7 +15,7 @@ WEIGHTS = [1.0, 0.0, 0.1, 1e-300, 2.5]
 def test_text(tmp_path, text):
     path = tmp_path / "weights.txt"
     path.write_bytes(text.encode())
-    weights, source = load_vertex_weights(path)
+    weights, source = read_vertex_weights(path)
     assert weights.dtype == np.float64
     np.testing.assert_array_equal(weights, WEIGHTS)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -26,7 +26,7 @@ def test_text(tmp_path, text):
 def test_numpy_arrays(tmp_path, kind):
     weights = np.array([1, 0, 1, 1]).astype(kind)
     np.save(tmp_path / "weights.npy", weights)
-    found, _ = load_vertex_weights(tmp_path / "weights.npy")
+    found, _ = read_vertex_weights(tmp_path / "weights.npy")
     assert found.dtype == np.float64
     np.testing.assert_array_equal(found, weights)
 
@@ -73,20 +73,20 @@ def test_what_is_no_list_of_numbers_is_refused(tmp_path, name, make, says):
     path = tmp_path / name
     make(path)
     with pytest.raises(InputError) as caught:
-        load_vertex_weights(path)
+        read_vertex_weights(path)
     assert str(caught.value).startswith(f"{path}: {says}")
 
 
 def test_numbers_that_are_too_large_become_infinite_without_a_warning(tmp_path):
     np.save(tmp_path / "weights.npy", np.full(3, np.finfo(np.longdouble).max))
-    weights, _ = load_vertex_weights(tmp_path / "weights.npy")
+    weights, _ = read_vertex_weights(tmp_path / "weights.npy")
     assert np.isinf(weights).all() or np.finfo(np.longdouble).max == np.finfo(float).max
 
 
 def test_complex_numbers_are_refused(tmp_path):
     np.save(tmp_path / "weights.npy", np.array([1 + 1j]))
     with pytest.raises(FormatError):
-        load_vertex_weights(tmp_path / "weights.npy")
+        read_vertex_weights(tmp_path / "weights.npy")
 
 
 @pytest.mark.parametrize("name", ["weights.txt", "weights.npy"])
@@ -96,7 +96,7 @@ def test_nothing_of_a_file_that_is_none_is_quoted(tmp_path, name, head):
     path = tmp_path / name
     path.write_bytes(head + b"root:x:0:0:secret ('secret')\n")
     with pytest.raises(FormatError) as caught:
-        load_vertex_weights(path)
+        read_vertex_weights(path)
     assert "is not a list of numbers" in str(caught.value)
     assert "secret" not in str(caught.value)
     assert "root" not in str(caught.value).removeprefix(str(path))

@@ -1,3 +1,6 @@
+from itertools import pairwise
+from pathlib import Path
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -5,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from cageik_cli import bind, load_mesh
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
 from cageik_cli.posing.anchors import Anchor, SurfacePoint, anchor_matrix, point_at_vertex
@@ -15,6 +19,7 @@ from tests.shapes import ball, box, concave, finer, octahedron, rotation
 
 CAGE = finer(concave(), 1)
 FACES = np.arange(60).reshape(-1, 3)
+WALKER = Path(__file__).parents[2] / "data_fixtures/walker"
 
 
 def bound(cage, seed=0):
@@ -400,3 +405,47 @@ def test_poses_add_up(binding, count, seed, share):
     one, two = some_moves(count, seed), some_moves(count, seed + 1)
     moved = [poser.solve_cage(moves) - CAGE.vertices for moves in (one, two, one + share * two)]
     np.testing.assert_allclose(moved[2], moved[0] + share * moved[1], atol=1e-10)
+
+
+@pytest.mark.parametrize("mirror", [None, MIRROR], ids=["plain", "mirror"])
+@pytest.mark.parametrize("rigidity", [0, 4])
+def test_hard_anchors_are_met_at_large_condition_numbers(mirror, rigidity):
+    """Two anchors close together leave a system that has lost most digits."""
+    held = bound(ROUND)
+    shares = np.array([[0.3, 0.3, 0.4], [0.3 + 4e-5, 0.3 - 4e-5, 0.4], [0.2, 0.5, 0.3]])
+    faces = held.rest.faces[[0, 0, 9]]
+    anchors = [
+        Anchor(f"a{k}", SurfacePoint(face, share), hard=True)
+        for k, (face, share) in enumerate(zip(faces, shares, strict=True))
+    ]
+    poser = Poser(held, anchors, constraints=CageConstraints((3, 11), mirror))
+    assert 1e8 < poser.condition_number < 1e12
+    moves = some_moves(3)
+    assert np.abs(reached(poser, moves, rigidity) - moves).max() < 1e-9
+
+
+def test_large_motions_with_rigidity_do_not_jump():
+    """The largest step on a way to far targets, halved again and again, becomes small."""
+    rest, cage = load_mesh(WALKER / "frames/walker_1.obj"), load_mesh(WALKER / "cage.obj")
+    generator = np.random.default_rng(11)
+    chosen = generator.choice(len(rest.vertices), 4, replace=False)
+    anchors = [Anchor(f"a{k}", point_at_vertex(rest, int(k))) for k in chosen]
+    poser = Poser(bind(rest, cage, accuracy="preview"), anchors)
+    moves = generator.normal(size=(4, 3))
+    moves *= 1.2 * rest.diagonal / np.linalg.norm(moves, axis=1).max()
+
+    def pose(share):
+        return poser.solve_cage(share * moves, rigidity=50)
+
+    shares = np.linspace(0.2, 1, 41)
+    poses = [pose(share) for share in shares]
+    k = int(np.argmax([np.abs(b - a).max() for a, b in pairwise(poses)]))
+    (low, high), (first, last) = shares[k : k + 2], poses[k : k + 2]
+    for _ in range(20):
+        middle = (low + high) / 2
+        found = pose(middle)
+        if np.abs(found - first).max() > np.abs(last - found).max():
+            high, last = middle, found
+        else:
+            low, first = middle, found
+    assert np.abs(last - first).max() < 1e-4 * rest.diagonal

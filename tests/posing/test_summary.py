@@ -102,6 +102,14 @@ def test_the_summary_equals_its_definitions(closed, layers):
         for mesh in (before, after)
     ]
     assert [first.acceleration_before, first.acceleration] == pytest.approx(bends, rel=1e-9)
+    every = [
+        np.linalg.norm(np.diff(mesh[touched], 2, axis=0), axis=2).max(axis=0)
+        for mesh in (before, after)
+    ]
+    vertex = (every[1] - every[0]).argmax()
+    assert found.acceleration_vertex == vertex
+    assert found.acceleration_before == pytest.approx(every[0][vertex], rel=1e-9)
+    assert found.acceleration == pytest.approx(every[1][vertex], rel=1e-9)
 
 
 def test_acceleration_needs_consecutive_frames(closed, layers):

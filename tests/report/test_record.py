@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.report.record import build_report
 
 RTOL = 1e-9
@@ -63,6 +64,7 @@ def test_the_summary(closed, report):
     squares = ((closed.reconstruction - closed.frames) ** 2).sum(axis=2)
     diagonal = np.linalg.norm(np.ptp(closed.frames[0], axis=0))
     rms = np.sqrt(squares.mean())
+    area_rms = np.sqrt(np.average(squares.mean(axis=0), weights=lumped_areas(closed.result.rest)))
     means = closed.frames.mean(axis=1, keepdims=True)
     kg_error = 100 * np.sqrt(squares.sum()) / np.linalg.norm(closed.frames - means)
     change = column(report, "volume_change")
@@ -89,6 +91,8 @@ def test_the_summary(closed, report):
         {
             "rms": rms,
             "rms_percent": 100 * rms / diagonal,
+            "area_rms": area_rms,
+            "area_rms_percent": 100 * area_rms / diagonal,
             "worst_frame_rms": np.sqrt(squares.mean(axis=1).max()),
             "worst_frame_rms_percent": 100 * np.sqrt(squares.mean(axis=1).max()) / diagonal,
             "max_deviation": np.sqrt(squares.max()),
@@ -113,6 +117,7 @@ def test_clip_binding_and_provenance(closed, report):
         "fps": 24.0,
         "start": 1,
         "frame_step": 1,
+        "body": True,
     }
     assert set(dataclasses.asdict(report.binding)) == {
         "partition_of_unity", "linear_precision", "min_weight", "panels", "estimated_error",

@@ -20,7 +20,7 @@ CAGE = finer(concave(), 1)
 def binding():
     """A cloud of 200 points in an L-shaped cage of 42 vertices; its faces do not matter here."""
     points = inside(concave(), 200, margin=0.01)
-    faces = np.arange(198).reshape(-1, 3)
+    faces = np.arange(201).reshape(-1, 3) % 200
     return bind(TriMesh(points, faces), CAGE)
 
 
@@ -152,7 +152,7 @@ def nearly_singular(spread):
     together, apart = weights[:, :2].sum(axis=1), generator.uniform(-1, 1, 300)
     weights[:, 0], weights[:, 1] = together / 2 + spread * apart, together / 2 - spread * apart
     cage = octahedron()
-    return Binding(TriMesh(weights @ cage.vertices, [[0, 1, 2]]), cage, weights)
+    return Binding(TriMesh(weights @ cage.vertices, np.arange(300).reshape(-1, 3)), cage, weights)
 
 
 def test_refinement_recovers_digits(monkeypatch):

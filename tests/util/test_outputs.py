@@ -3,12 +3,20 @@
 import errno
 import io
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from cageik_cli.util import outputs
 from cageik_cli.util.errors import OutputError
+from cageik_cli.util.exchange import exchange
+from cageik_cli.util.leftovers import (
+    listen_to_leftovers,
+    make_displaced_path,
+    make_unfinished_path,
+)
 
 
 @pytest.mark.parametrize(
@@ -78,8 +86,8 @@ def test_runs_of_one_process_number_do_not_meet(tmp_path):
 
 
 def test_nobody_elses_file_is_written_into(tmp_path, monkeypatch):
-    monkeypatch.setattr(outputs.secrets, "token_hex", lambda count: "taken")
-    taken = tmp_path / "a.taken.partial"
+    monkeypatch.setattr("secrets.token_hex", lambda count: "0123abcd")
+    taken = make_unfinished_path(tmp_path / "a")
     taken.write_text("somebody else's")
     for attempt in (outputs.check_writable, lambda *how: outputs.write_text(how[0], "b", how[1])):
         with pytest.raises(OutputError, match=r"a: cannot be written \(File exists\)"):
@@ -284,11 +292,52 @@ def test_a_rename_that_is_refused_brings_the_old_folder_back(tmp_path, monkeypat
             raise PermissionError(errno.EACCES, "Permission denied")
         return rename(self, target)
 
+    monkeypatch.setattr(outputs, "exchange", lambda one, other: False)  # a disk without it
     monkeypatch.setattr(Path, "rename", fail_once)
     with pytest.raises(OutputError, match=r"frames: cannot be written \(Permission denied\)"):
         write_frames(path, "c", overwrite=True)
     assert texts_in(path) == {"frame_0": "a", "frame_1": "b"}
     assert [item.name for item in tmp_path.iterdir()] == ["frames"]
+
+
+@pytest.mark.skipif(not sys.platform.startswith(("linux", "darwin")), reason="no such call")
+def test_a_folder_is_replaced_in_one_step(tmp_path, monkeypatch):
+    path = tmp_path / "frames"
+    write_frames(path, "ab")
+    steps = []
+
+    def watch(one, other):
+        steps.append((texts_in(path), exchange(one, other), texts_in(path)))
+        return True
+
+    monkeypatch.setattr(outputs, "exchange", watch)
+    monkeypatch.setattr(Path, "rename", None)
+    write_frames(path, "c", overwrite=True)
+    assert steps == [({"frame_0": "a", "frame_1": "b"}, True, {"frame_0": "c"})]
+    assert [item.name for item in tmp_path.iterdir()] == ["frames"]
+
+
+def test_what_cannot_be_exchanged_is_left(tmp_path):
+    (tmp_path / "a").mkdir()
+    assert not exchange(tmp_path / "a", tmp_path / "b")
+    assert [item.name for item in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_run_killed_between_two_renames_loses_no_folder(tmp_path, monkeypatch):
+    """Where folders cannot be exchanged: the next run says so, and puts the old one back."""
+    path = tmp_path / "frames"
+    write_frames(path, "ab")
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "getpid", lambda: process.pid)
+        old = make_displaced_path(path)
+    path.rename(old)
+    said = []
+    with listen_to_leftovers(said.append), pytest.raises(OutputError, match="exists already"):
+        outputs.check_folder_writable(path, False, numbered)
+    assert said == [f"{path.resolve()}: put back, as it was before a run that was killed"]
+    assert texts_in(path) == {"frame_0": "a", "frame_1": "b"}
 
 
 def test_a_folder_behind_a_link_is_written_where_it_is(tmp_path):

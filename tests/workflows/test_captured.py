@@ -359,3 +359,29 @@ def test_weights_fitted_to_a_clean_clip_serve_one_with_missing_vertices(walker, 
     assert result.fit is not None
     assert build_report(result).unfitted is None
     assert build_report(result).kept.most_missing == 314
+
+
+def test_a_missing_number_is_filled_in_its_time(walk, make):
+    frames, faces, _ = walk
+    folder = Path("objs")
+    write_objs(folder, frames[:12], faces)
+    (folder / "frame_5.obj").unlink()
+    settings = replace(
+        make(frames), frames=("objs",), clip=ClipSettings(gaps="keep"), capture=SMOOTH
+    )
+    result = extract(settings)
+    assert result.filled == (5,)
+    with h5py.File(result.path) as file:
+        rebuilt = file["weights"][:] @ file["verts"][:]
+    plain = cages_of(make(frames[:12], "plain"))
+    size = np.linalg.norm(np.ptp(frames[0], axis=0))
+    assert np.abs(rebuilt[5] - plain[1] @ plain[0][5]).max() < 0.01 * size
+
+
+def test_a_result_with_filled_frames_is_kept_when_resumed(walker, make):
+    spoilt = walker[0].copy()
+    spoilt[5] = np.nan
+    settings = make(spoilt, clip=MISSING, capture=CaptureSettings(fill_gaps=True))
+    whole = extract(settings).path.read_bytes()
+    again = extract(replace(settings, resume=True, overwrite=False))
+    assert again.path.read_bytes() == whole

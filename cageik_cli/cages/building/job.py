@@ -84,7 +84,9 @@ class Job:
         ladder = tuple((recipe, still) for recipe in LADDER)
         reserve = ladder[:0]
         if clip is not None:
-            rest, frames = (unit.to_units(points) for points in (model.vertices, clip.frames))
+            used = model.used_vertices
+            rest = unit.to_units(model.vertices[used])
+            frames = unit.to_units(clip.frames[:, used])
             aligned = align_poses(rest, frames)
             poses, motion = choose_poses(rest, aligned), Motion.reduce(rest, aligned)
             reserve = ladder[POSED_RUNGS:]

@@ -27,7 +27,7 @@ class UnitModel:
     Attributes
     ----------
     surface : TriMesh
-        Its faces, those without area made `SLIVER` wide. A vertex in no face has one of its own.
+        Its faces, those without area made `SLIVER` wide, and no other vertices.
     samples : (s, 3) float64
         Points of it, about `SPACING` apart.
     centre : (3,) float64
@@ -53,6 +53,8 @@ class UnitModel:
 def normalize_model(model: TriMesh) -> UnitModel:
     """Move and scale the model, and put points on its surface.
 
+    Vertices that are in no face are left out: they may be anywhere.
+
     Raises
     ------
     FormatError
@@ -60,6 +62,7 @@ def normalize_model(model: TriMesh) -> UnitModel:
     """
     if not model.diagonal > 0:
         raise FormatError("the model is one point, expected a surface; give another mesh")
+    model = model.drop_unused_vertices()
     low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
     centre = low + (high - low) / 2
     surface = _widen_slivers(TriMesh((model.vertices - centre) / model.diagonal, model.faces))
@@ -77,18 +80,16 @@ def thin_points(points: Floats, cell: float) -> Floats:
 
 
 def _widen_slivers(mesh: TriMesh) -> TriMesh:
-    """Give every face without area, and every vertex in no face, a little triangle."""
+    """Give every face without area a little triangle."""
     flat = np.flatnonzero(degenerate_face_mask(mesh))
-    lone = np.setdiff1d(np.arange(len(mesh.vertices)), mesh.faces)
-    ends = np.concatenate([_longest_sides(mesh, flat), np.stack([lone, lone], axis=1)])
-    if len(ends) == 0:
+    if len(flat) == 0:
         return mesh
     return add_segments(
         TriMesh(mesh.vertices, np.delete(mesh.faces, flat, axis=0))
         if len(flat) < len(mesh.faces)
         else None,
         mesh.vertices,
-        mesh.vertices[ends],
+        mesh.vertices[_longest_sides(mesh, flat)],
     )
 
 

@@ -106,6 +106,12 @@ timings_option = click.option(
     "--timings", type=PATH_TYPE, help="Write the seconds of each stage to this JSON file."
 )
 
+recentre_option = click.option(
+    "--recentre",
+    is_flag=True,
+    help="Move the animation to the origin, and write the offset beside it (OUT.offset.json).",
+)
+
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace existing outputs.")
 
 format_option = click.option(

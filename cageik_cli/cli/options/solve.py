@@ -1,10 +1,13 @@
 """Options of the solve for the cages."""
 
+from pathlib import Path
+from typing import Any
+
 import click
 
 from cageik_cli.cli.options.common import usage_errors
 from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.solver.settings import AREA, SolveSettings
 
 
 def make_solve_settings(alpha: float, beta: float, align: bool) -> SolveSettings:
@@ -12,6 +15,28 @@ def make_solve_settings(alpha: float, beta: float, align: bool) -> SolveSettings
     with usage_errors():
         return SolveSettings(alpha, beta, align)
 
+
+class VertexWeightsType(click.Path):
+    """A file of weights, or a word for weights that are computed."""
+
+    words = (AREA,)
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the word as it is, and other text as a path."""
+        return value if value in self.words else super().convert(value, param, ctx)
+
+
+vertex_weights_option = click.option(
+    "--vertex-weights",
+    type=VertexWeightsType(),
+    metavar=f"FILE|{AREA}",
+    help="Weights of the vertices: a file with one per vertex (text or .npy), or in extract one "
+    f"per frame and vertex (.npy), where 0 marks missing data; or {AREA}: each vertex counts by "
+    "its area.",
+)
 
 SOLVE_DEFAULTS = SolveSettings()
 

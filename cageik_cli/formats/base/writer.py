@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +28,24 @@ class Animation:
     scene : Scene
     name : str
         Name of the object, for formats that name objects: letters, digits and underscores.
+    origin : tuple of float
+        What was subtracted from the rest pose, and is from all positions that are written.
     """
 
     rest: TriMesh
     frame_count: int
     scene: Scene
     name: str
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def recentre(self) -> "Animation":
+        """Return the animation with the rest pose around the origin, but for a round offset."""
+        used = self.rest.vertices[self.rest.used_vertices]
+        middle = 0.5 * used.min(axis=0) + 0.5 * used.max(axis=0)
+        step = 10.0 ** np.floor(np.log10(self.rest.diagonal or 1.0))
+        x, y, z = (float(value) for value in np.rint(middle / step) * step)
+        rest = self.rest.move(self.rest.vertices - np.array([x, y, z]))
+        return replace(self, rest=rest, origin=(x, y, z))
 
 
 class AnimationWriter(ABC):
@@ -49,12 +61,15 @@ class AnimationWriter(ABC):
         Lower case, with the dot.
     writes_folder : bool
         Whether it writes a folder with a file per frame, instead of a file.
+    is_single : bool
+        Whether positions are stored in single precision.
     notes : tuple of str
         What a user must know about the output, one sentence each.
     """
 
     suffixes: tuple[str, ...]
     writes_folder: bool = False
+    is_single: bool = False
     notes: tuple[str, ...] = ()
 
     @classmethod  # noqa: B027  # most need no other library
@@ -150,6 +165,7 @@ class PointCacheWriter(AnimationWriter):
         Numpy's name of float32 in the file's byte order.
     """
 
+    is_single = True
     dtype: str
 
     def __init__(self, target: Path, animation: Animation) -> None:

@@ -12,9 +12,15 @@ from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.geometry.surface_parts import NONE, FaceLabels
 from cageik_cli.util.arrays import Floats, Integers
 
+MIN_DIGITS = 9
+"""Digits of coordinates, which distinguish all float32 values."""
+
+MAX_DIGITS = 17
+"""More than enough for all float64 values."""
+
 
 class Writer(FrameFileWriter):
-    """Writes vertices with nine digits, which distinguish all float32 values.
+    """Writes vertices with nine digits, and with more where they are far from the origin.
 
     Polygons, UVs, names of faces and colours are those of the mesh. Normals are recomputed where
     it has some.
@@ -24,28 +30,43 @@ class Writer(FrameFileWriter):
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
-        # One format of the whole file is several times as fast as one per line.
-        self._template = make_obj_template(animation.rest)
+        self._rest, self._digits, self._template = animation.rest, 0, b""
         attributes = animation.rest.attributes
         has_normals = attributes is not None and attributes.normal_fans is not None
         self._shaded = attributes if has_normals else None
 
     def encode_frame(self, positions: Floats) -> bytes:
         """Return the text of one frame."""
+        digits = count_digits(positions, self._rest.diagonal)
+        if digits != self._digits:
+            # One format of the whole file is several times as fast as one per line.
+            self._digits, self._template = digits, make_obj_template(self._rest, digits)
         numbers = positions.ravel().tolist()
         if self._shaded is not None:
             numbers += compute_fan_normals(self._shaded, positions).ravel().tolist()
         return self._template % tuple(numbers)
 
 
-def make_obj_template(mesh: TriMesh) -> bytes:
-    """Return a format of the text of a mesh: it takes 3n positions, then 3u normals."""
+def count_digits(positions: Floats, diagonal: float) -> int:
+    """Return the digits with which positions are rounded by at most 5e-8 of the diagonal."""
+    largest = float(np.abs(positions).max())
+    if not largest > diagonal > 0:
+        return MIN_DIGITS
+    return min(MIN_DIGITS + int(np.log10(largest / diagonal)), MAX_DIGITS)
+
+
+def make_obj_template(mesh: TriMesh, digits: int = MIN_DIGITS) -> bytes:
+    """Return a format of the text of a mesh: it takes 3n positions, then 3u normals.
+
+    `digits` are the significant digits of positions.
+    """
+    vertex = "v " + " ".join([f"%.{digits}g"] * 3)
     attributes = mesh.attributes
     if attributes is None:
-        return b"v %.9g %.9g %.9g\n" * len(mesh.vertices) + encode_faces(mesh.faces)
+        return f"{vertex}\n".encode() * len(mesh.vertices) + encode_faces(mesh.faces)
     library = _clean_name(attributes.material_library).replace("%", "%%")
     head = f"mtllib {library}\n" if library else ""
-    head += "".join(_write_vertices(len(mesh.vertices), attributes.colours))
+    head += "".join(_write_vertices(vertex, len(mesh.vertices), attributes.colours))
     if attributes.uvs is not None:
         head += "".join(f"vt {u!r} {v!r}\n" for u, v in attributes.uvs.values.tolist())
     if attributes.normal_fans is not None:
@@ -66,12 +87,12 @@ def encode_exact_obj(vertices: Floats, polygons: Iterable[Integers]) -> bytes:
     return lines + "".join(f"f {face}\n" for face in faces).encode()
 
 
-def _write_vertices(count: int, colours: Floats | None) -> list[str]:
+def _write_vertices(vertex: str, count: int, colours: Floats | None) -> list[str]:
     """Return formats of the lines of vertices, with their colours."""
     if colours is None:
-        return ["v %.9g %.9g %.9g\n"] * count
+        return [f"{vertex}\n"] * count
     texts = (" ".join(map(repr, colour)) for colour in colours.tolist())
-    return [f"v %.9g %.9g %.9g {text}\n" for text in texts]
+    return [f"{vertex} {text}\n" for text in texts]
 
 
 def _write_polygons(attributes: SurfaceAttributes) -> Iterator[str]:

@@ -108,6 +108,7 @@ class SkeletonWriter(AnimationWriter):
     """
 
     suffixes = USD_SUFFIXES
+    is_single = True
 
     def __init__(
         self, target: Path, animation: Animation, skin: Skin, cage: CageDisplay | None = None
@@ -128,7 +129,8 @@ class SkeletonWriter(AnimationWriter):
         InputError
             When usd-core is not installed, or the format cannot hold the animation.
         """
-        to_float32(skin.rest.vertices)  # refused before anything is written
+        points = skin.rest.vertices - np.array(animation.origin)
+        to_float32(points)  # refused before anything is written
         self._cage, self._rotations = animation.rest.vertices, skin.rotations
         self._last_turn = np.array([0.0, 0.0, 0.0, 1.0])
         self._done = 0
@@ -137,7 +139,7 @@ class SkeletonWriter(AnimationWriter):
         with capture_diagnostics(OSError):
             self._define_skeleton()
             mesh = UsdMesh(self._file.stage, f"{self._file.root}/mesh", skin.rest)
-            mesh.write_positions(skin.rest.vertices)
+            mesh.write_positions(points)
             self._bind_mesh(mesh.prim, skin.weights)
             self._cage_mesh = None if cage is None else define_cage(self._file, animation, cage)
 

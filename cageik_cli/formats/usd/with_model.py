@@ -30,6 +30,7 @@ class WithModelWriter(AnimationWriter):
     """
 
     suffixes = USD_SUFFIXES
+    is_single = True
 
     @classmethod
     def require_libraries(cls) -> None:

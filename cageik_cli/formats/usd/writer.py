@@ -126,6 +126,7 @@ class Writer(AnimationWriter):
     """
 
     suffixes = USD_SUFFIXES
+    is_single = True
 
     @classmethod
     def require_libraries(cls) -> None:

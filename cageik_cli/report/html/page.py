@@ -6,6 +6,7 @@ from cageik_cli.report.figures import (
     VertexMetrics,
     describe_kept,
     describe_size,
+    explain_missing_volume,
     format_change,
     format_count,
     format_length,
@@ -24,7 +25,12 @@ from cageik_cli.report.html.frames_table import (
 from cageik_cli.report.html.page_mark import compute_record_digest, make_record_mark
 from cageik_cli.report.html.player_section import build_player_values
 from cageik_cli.report.html.scales import TICK_COUNT, format_ticks
-from cageik_cli.report.html.templating import make_data_url, make_png_url, render_template
+from cageik_cli.report.html.templating import (
+    PLAYER_SCRIPTS,
+    make_data_url,
+    make_png_url,
+    render_template,
+)
 from cageik_cli.report.limits import (
     PERCENT,
     LimitCheck,
@@ -110,7 +116,7 @@ def render_page(
     optional = {"regions": report.regions, "fit": fit, "player": player}
     return render_template(
         "page.html.j2",
-        has_player=player is not None,
+        player_scripts=PLAYER_SCRIPTS if player else (),
         mark=make_record_mark(report, pictures is not None, player is not None),
         report=report,
         digest=compute_record_digest(report),
@@ -136,6 +142,7 @@ def render_page(
         change=format_change,
         metric=format_metric,
         count=format_count,
+        no_volume=explain_missing_volume(report.clip),
         kept=describe_kept(report.kept, report.clip.vertices),
         size=describe_size(report.clip, report.summary.fixed_floats, group="\u00a0"),
     )

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+from collections.abc import Sequence
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -38,14 +39,16 @@ PLAYER_SCRIPTS = (
     "tracks",
     "document",
     "editor",
-    "apply",
     "handles",
     "start",
 )
 """Scripts of the player, in the order in which they use each other."""
 
+VIEW_SCRIPTS = (*PLAYER_SCRIPTS[:-1], "apply", PLAYER_SCRIPTS[-1])
+"""Those of the player in a page that a program serves, and that may send it handles."""
 
-def render_template(template: str, *, has_player: bool = False, **values: Any) -> str:
+
+def render_template(template: str, *, player_scripts: Sequence[str] = (), **values: Any) -> str:
     """Render a page from a template and its values.
 
     All values are escaped. The page's security policy allows only the script of this digest.
@@ -53,15 +56,15 @@ def render_template(template: str, *, has_player: bool = False, **values: Any) -
     Parameters
     ----------
     template : str
-    has_player : bool
-        Whether the page has the script and the style of the player, too.
+    player_scripts : sequence of str
+        Names of scripts of the player that the page has, too, with its style.
     **values
         Of the template.
     """
     styles = ["style.css"]
     script = _read_template("script.js")
-    if has_player:
-        names = [f"player/{name}.js" for name in PLAYER_SCRIPTS]
+    if player_scripts:
+        names = [f"player/{name}.js" for name in player_scripts]
         script += "".join(shorten_script(_read_template(name)) for name in names)
         styles.append("player.css")
     return _environment.get_template(template).render(

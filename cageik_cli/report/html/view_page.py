@@ -1,7 +1,7 @@
 """A page with the player alone: to look at a result, or to pose a model."""
 
 from cageik_cli.report.html.player_section import build_player_values
-from cageik_cli.report.html.templating import render_template
+from cageik_cli.report.html.templating import VIEW_SCRIPTS, render_template
 from cageik_cli.report.player.clip import PlayerClip
 from cageik_cli.report.vocabulary import choose_vocabulary
 
@@ -29,7 +29,7 @@ def render_view_page(
     """
     return render_template(
         "view.html.j2",
-        has_player=True,
+        player_scripts=VIEW_SCRIPTS,
         words=choose_vocabulary(edited_from),
         player=build_player_values(clip, apply_url),
         title=clip.title,

@@ -154,7 +154,8 @@ def _add_errors(
         arrays["rms"] = levels
         scales["rms"] = {"top": top, "end": choose_scale_end(rms[is_known])}
     if clip.held:
-        errors = np.stack([one.errors[chosen] for one in clip.held])
+        # Vertices that are missing in a frame have no error there.
+        errors = np.nan_to_num(np.stack([one.errors[chosen] for one in clip.held]))
         step = max(float(np.abs(errors).max()) / MAX_INTEGER, MIN_ERROR_STEP)
         # By coordinate, for the same reason as weights by column.
         arrays["held"] = np.rint(errors / step).transpose(0, 2, 1).astype("<i2")
@@ -165,8 +166,9 @@ def _add_errors(
 
 
 def _list_deviations(held: tuple[HeldFrame, ...]) -> Floats:
-    """Return the deviations of all held frames, percent of the diagonal."""
-    return np.concatenate([100 * np.linalg.norm(one.errors, axis=1) for one in held])
+    """Return the deviations of all held frames, percent of the diagonal; none of missing data."""
+    found = np.concatenate([100 * np.linalg.norm(one.errors, axis=1) for one in held])
+    return np.asarray(found[np.isfinite(found)])
 
 
 def _list_focus(clip: PlayerClip, chosen: NDArray[np.int64]) -> dict[str, Any] | None:

@@ -210,7 +210,8 @@ def render_fit_pictures(poses: PoseSet, shapes: FitShapes, pixels: int = 360) ->
 
 def _render_compared(poses: PoseSet, one: ComparedPose, top: float, size: int) -> ComparedPictures:
     pose, known = one.pose, np.isfinite(poses.vertex_rms)
-    points = np.concatenate([pose.original, one.unfitted, pose.reconstruction])
+    shapes = np.stack([pose.original, one.unfitted, pose.reconstruction])
+    points = shapes[:, poses.drawn].reshape(-1, 3)
     camera = ParallelCamera.fit(view_axes(poses.up_axis, poses.turn), points, size)
 
     def draw(vertices: Floats, deviation: Floats) -> bytes:
@@ -236,7 +237,7 @@ def _choose_move_views(poses: PoseSet, moved: MovedVertex, size: int) -> dict[st
     turns = {turn: view_axes(poses.up_axis, turn) for turn in REGION_TURNS}
     turn = choose_view(rest, poses.faces, chosen, turns) if chosen.any() else REGION_TURNS[0]
     tip = (cage[moved.vertex] + moved.move)[None]
-    whole = np.concatenate([rest, cage[moved.cage_faces.ravel()], tip])
+    whole = np.concatenate([rest[poses.drawn], cage[moved.cage_faces.ravel()], tip])
     near = np.concatenate([rest[largest > CLOSE_SHARE * largest.max()], tip])
     behind = view_axes(poses.up_axis, turn + 180)
     return {

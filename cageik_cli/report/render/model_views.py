@@ -148,6 +148,11 @@ class PoseSet:
     region: RegionView | None = None
 
     @property
+    def drawn(self) -> Integers:
+        """Return the numbers of the vertices in faces: others may be far away."""
+        return np.unique(self.faces)
+
+    @property
     def turn(self) -> float:
         """Return the degrees to the right of the front from which poses are seen."""
         return VIEW_TURN if self.region is None else self.region.turn
@@ -288,7 +293,8 @@ def render_pictures(poses: PoseSet, pixels: int = 360) -> Pictures:
 
 def _fit_pose(poses: PoseSet, pose: Pose, size: int) -> ParallelCamera:
     """Fit a camera to a pose, on the side of the worst region."""
-    points = np.concatenate([pose.original, pose.reconstruction, pose.cage])
+    drawn = poses.drawn
+    points = np.concatenate([pose.original[drawn], pose.reconstruction[drawn], pose.cage])
     return ParallelCamera.fit(view_axes(poses.up_axis, poses.turn), points, size)
 
 
@@ -319,6 +325,7 @@ def _render_pose(poses: PoseSet, pose: Pose, top: float, camera: ParallelCamera)
 
 def _render_rest(poses: PoseSet, turn: float, top: float, pixels: int) -> bytes:
     rest = poses.poses[0].reconstruction
-    camera = ParallelCamera.fit(view_axes(poses.up_axis, turn), rest, SAMPLES_PER_PIXEL * pixels)
+    axes, size = view_axes(poses.up_axis, turn), SAMPLES_PER_PIXEL * pixels
+    camera = ParallelCamera.fit(axes, rest[poses.drawn], size)
     surface = project_surface(camera, rest, poses.faces)
     return encode_png(render(surface, colour_pixels(surface, poses.vertex_rms, top)))

@@ -54,6 +54,7 @@ def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
         ("volume change", _format_volume(summary)),
         *_changed_rows(summary),
         *_acceleration_rows(summary),
+        *_mesh_acceleration_rows(summary),
         ("system", f"condition number {summary.condition_number:.4g}"),
         *_advice_rows(summary),
     ]
@@ -101,6 +102,18 @@ def _beyond_rows(summary: PoseSummary) -> list[tuple[str, str]]:
         return []
     percent = format_miss(summary.beyond_moved_percent)
     return [("beyond radius", f"vertices moved by at most {percent} % of the diagonal")]
+
+
+def _mesh_acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:
+    """Name the vertex whose acceleration the edit raises most: parts may jump between handles."""
+    after, before = summary.acceleration, summary.acceleration_before
+    if after is None or before is None or after - before <= NO_MOTION_TOL * summary.diagonal:
+        return
+    yield (
+        "of the mesh",
+        f"vertex {summary.acceleration_vertex}: up to {format_metric(after)} per frame² "
+        f"({format_metric(before)} before the edit)",
+    )
 
 
 def _acceleration_rows(summary: PoseSummary) -> Iterator[tuple[str, str]]:

@@ -5,6 +5,7 @@ from cageik_cli.report.figures import (
     ReportSummary,
     describe_kept,
     describe_size,
+    explain_missing_volume,
     format_change,
     format_count,
     format_length,
@@ -62,6 +63,7 @@ def _error_rows(summary: ReportSummary, words: Vocabulary) -> list[tuple[str, st
             f"{format_percent(summary.rms_percent)} % of the diagonal "
             f"(rms {format_length(summary.rms)})",
         ),
+        *_area_rows(summary),
         (
             words.worst_frame,
             f"{format_percent(summary.worst_frame_rms_percent)} % at {summary.worst_frame}",
@@ -73,6 +75,14 @@ def _error_rows(summary: ReportSummary, words: Vocabulary) -> list[tuple[str, st
             f"of {summary.max_deviation_frame}",
         ),
     ]
+
+
+def _area_rows(summary: ReportSummary) -> list[tuple[str, str]]:
+    """Return the row on the rms that does not depend on how densely parts are cut."""
+    if summary.area_rms is None or summary.area_rms_percent is None:
+        return []
+    percent = format_percent(summary.area_rms_percent)
+    return [("by area", f"{percent} % (rms {format_length(summary.area_rms)})")]
 
 
 def _make_kept_row(text: str) -> tuple[str, str]:
@@ -175,8 +185,7 @@ def _format_volume(report: Report, words: Vocabulary) -> str:
     summary = report.summary
     change, drift = summary.volume_change_percent_max, summary.volume_drift_percent_max
     if change is None:
-        reason = "some vertices are missing data" if report.clip.closed else "the model is open"
-        return f"not defined, {reason}"
+        return f"not defined, {explain_missing_volume(report.clip)}"
     own = "not defined" if drift is None else f"{format_change(drift)} %"
     return f"largest {format_change(change)} % ({summary.volume_change_frame}); {words.drift} {own}"
 

@@ -80,7 +80,7 @@ class CageSolve:
 
         with OrderedMap(solve_block, target.blocks(), jobs, jobs) as solved:
             cages, squares = zip(*solved, strict=True)
-        vertices = len(weights) - solver.missing_count
+        vertices = solver.data_count
         rms = np.sqrt(sum(squares) / (vertices * target.weight))
         least = LEAST_MOTION * self.binding.rest.diagonal
         return SolvedMotion(Motion(target, np.hstack(cages), least), float(rms))

@@ -9,6 +9,7 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.fitting.affine import AFFINE_FUNCTIONS, complement_basis, restore_affine
 from cageik_cli.coordinates.fitting.problem import Solving, WeightProblem, estimate_memory
 from cageik_cli.coordinates.fitting.systems import SurfaceLaplacian
+from cageik_cli.solver.dual_laplacian import drop_unused_vertices
 from cageik_cli.solver.fitting.alternate import Alternator, CageSolve, Effort
 from cageik_cli.solver.fitting.held_out import (
     Comparison,
@@ -160,8 +161,10 @@ class Fitter:
 
     def __init__(self, binding: Binding, settings: FitSettings, conditions: FitConditions) -> None:
         _check_freedom(binding, settings)
+        weights = drop_unused_vertices(conditions.vertex_weights, binding.rest)
+        conditions = replace(conditions, vertex_weights=weights)
         self._binding, self._settings, self._conditions = binding, settings, conditions
-        self._cage_solve = CageSolve(binding, conditions.solve, conditions.vertex_weights)
+        self._cage_solve = CageSolve(binding, conditions.solve, weights)
         self._complement = complement_basis(binding.cage)
         self._surface = SurfaceLaplacian.from_mesh(binding.rest)
         # A change of low rank is one of the binding's own weights, which a receiver computes.

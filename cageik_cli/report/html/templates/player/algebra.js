@@ -1,13 +1,28 @@
 // Small linear algebra in double precision. Matrices are lists of rows, or flat 3 x 3 and 4 x 4.
+const { abs, hypot, max, min, sqrt } = Math;
+
+const zeros = (count) => new Float64Array(count);
 const dot = (a, b) => { let sum = 0; for (let k = 0; k < a.length; k++) sum += a[k] * b[k]; return sum; };
 const add = (a, b) => a.map((x, k) => x + b[k]);
 const subtract = (a, b) => a.map((x, k) => x - b[k]);
 const scale = (a, factor) => a.map((x) => x * factor);
-const norm = (a) => Math.sqrt(dot(a, a));
+const norm = (a) => sqrt(dot(a, a));
 const normalize = (a) => scale(a, 1 / (norm(a) || 1));
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-const clamp = (x, low, high) => Math.min(high, Math.max(low, x));
-const makeRows = (count, width) => Array.from({ length: count }, () => new Float64Array(width));
+const clamp = (x, low, high) => min(high, max(low, x));
+const pointOf = (points, k) => [...points.subarray(3 * k, 3 * k + 3)];
+const sumOf = (values) => values.reduce((a, b) => a + b, 0);
+const listOf = (count, make) => Array.from({ length: count }, (_, k) => make(k));
+const makeRows = (count, width) => listOf(count, () => zeros(width));
+
+function makeIdentity(count) {
+  const rows = makeRows(count, count);
+  rows.forEach((row, k) => { row[k] = 1; });
+  return rows;
+}
+
+// Adds a multiple of a list to another.
+function accumulate(sum, share, values) { for (let k = 0; k < sum.length; k++) sum[k] += share * values[k]; }
 
 // A row vector times a flat 3 x 3 matrix: rotations of results act so.
 const turn = (p, r) => [0, 1, 2].map((k) => p[0] * r[k] + p[1] * r[3 + k] + p[2] * r[6 + k]);
@@ -23,10 +38,10 @@ function factorize(matrix) {
       let sum = matrix[i][j];
       for (let k = 0; k < j; k++) sum -= row[k] * other[k];
       if (j < i) { row[j] = sum / other[j]; continue; }
-      largest = Math.max(largest, sum);
-      smallest = Math.min(smallest, sum);
+      largest = max(largest, sum);
+      smallest = min(smallest, sum);
       if (!(smallest > 1e-13 * largest)) return null;
-      row[i] = Math.sqrt(sum);
+      row[i] = sqrt(sum);
     }
   }
   return lower;
@@ -47,22 +62,36 @@ function solveFactored(lower, right) {
   return x;
 }
 
+// Turns two entries of a list by an angle with this cosine and sine.
+function turnPair(list, i, j, c, s) {
+  const x = list[i], y = list[j];
+  list[i] = c * x - s * y;
+  list[j] = s * x + c * y;
+}
+
+// The tangent of the angle that makes [[p, r], [r, q]] diagonal.
+function findTangent(p, q, r) {
+  const zeta = (q - p) / (2 * r);
+  return (zeta < 0 ? -1 : 1) / (abs(zeta) + sqrt(1 + zeta * zeta));
+}
+
 // Singular values by one-sided Jacobi rotations of columns (Hestenes 1958): `columns` become left
 // vectors times values, and `right` holds the right vectors, one per column.
 function decompose(source) {
-  const columns = source.map((column) => Float64Array.from(column)), count = columns.length;
-  const right = makeRows(count, count);
-  for (let k = 0; k < count; k++) right[k][k] = 1;
+  const columns = source.map((column) => Float64Array.from(column)), count = columns.length, right = makeIdentity(count);
   for (let sweep = 0, turned = true; turned && sweep < 60; sweep++) {
     turned = false;
     for (let p = 0; p < count; p++) for (let q = p + 1; q < count; q++) {
       const pp = dot(columns[p], columns[p]), qq = dot(columns[q], columns[q]), pq = dot(columns[p], columns[q]);
-      if (Math.abs(pq) <= 1e-16 * Math.sqrt(pp * qq) || pq === 0) continue;
+      if (abs(pq) <= 1e-16 * sqrt(pp * qq) || pq === 0) continue;
       turned = true;
-      const zeta = (qq - pp) / (2 * pq), t = (zeta < 0 ? -1 : 1) / (Math.abs(zeta) + Math.hypot(1, zeta));
-      const c = 1 / Math.hypot(1, t), s = c * t;
-      for (const [a, b] of [[columns[p], columns[q]], [right[p], right[q]]]) {
-        for (let k = 0; k < a.length; k++) { const x = a[k]; a[k] = c * x - s * b[k]; b[k] = s * x + c * b[k]; }
+      const t = findTangent(pp, qq, pq), c = 1 / hypot(1, t), s = c * t;
+      for (const lists of [columns, right]) {
+        const a = scale(lists[p], c), b = scale(lists[q], c);
+        accumulate(a, -s, lists[q]);
+        accumulate(b, s, lists[p]);
+        lists[p] = a;
+        lists[q] = b;
       }
     }
   }
@@ -83,21 +112,12 @@ function nearestRotation(a, out) {
   for (let sweep = 0; sweep < 20; sweep++) {
     let off = 0;
     for (let p = 0; p < 3; p++) for (let q = p + 1; q < 4; q++) {
-      const pq = m[4 * p + q], size = Math.abs(m[5 * p]) + Math.abs(m[5 * q]);
-      if (Math.abs(pq) <= 1e-17 * size) continue;
+      const pq = m[4 * p + q], size = abs(m[5 * p]) + abs(m[5 * q]);
+      if (abs(pq) <= 1e-17 * size) continue;
       off = 1;
-      const zeta = (m[5 * q] - m[5 * p]) / (2 * pq), t = (zeta < 0 ? -1 : 1) / (Math.abs(zeta) + Math.sqrt(1 + zeta * zeta));
-      const c = 1 / Math.sqrt(1 + t * t), s = c * t;
-      for (let k = 0; k < 16; k += 4) {
-        let x = m[k + p], y = m[k + q];
-        m[k + p] = c * x - s * y; m[k + q] = s * x + c * y;
-        x = v[k + p]; y = v[k + q];
-        v[k + p] = c * x - s * y; v[k + q] = s * x + c * y;
-      }
-      for (let k = 0; k < 4; k++) {
-        const x = m[4 * p + k], y = m[4 * q + k];
-        m[4 * p + k] = c * x - s * y; m[4 * q + k] = s * x + c * y;
-      }
+      const t = findTangent(m[5 * p], m[5 * q], pq), c = 1 / sqrt(1 + t * t), s = c * t;
+      for (let k = 0; k < 16; k += 4) { turnPair(m, k + p, k + q, c, s); turnPair(v, k + p, k + q, c, s); }
+      for (let k = 0; k < 4; k++) turnPair(m, 4 * p + k, 4 * q + k, c, s);
     }
     if (!off) break;
   }

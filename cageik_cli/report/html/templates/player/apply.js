@@ -1,4 +1,5 @@
-// Sends handles to `cageik view` (workflows/view/requests.py), and follows the edit until its end.
+// What only the page of `cageik view` does: it begins with handles that are given, sends handles to
+// the program (workflows/view/requests.py), and follows the edit until its end.
 const STATUS_MILLISECONDS = 250;
 
 async function ask(url, options) {
@@ -20,3 +21,16 @@ async function applyHandles(url, file, rounds, tell) {
     await new Promise((go) => setTimeout(go, STATUS_MILLISECONDS));
   }
 }
+
+extensions.push((section, stage) => {
+  const { clip, editor } = stage, { applyUrl } = clip.header, button = section.querySelector("[data-apply]");
+  const given = document.getElementById("player-handles");
+  button.hidden = !applyUrl;
+  listenTo(button, "click", async () => {
+    const tell = (text) => { editor.complaint = text; stage.request(); };
+    await applyHandles(applyUrl, editor.file, editor.rounds, tell).then(tell, (error) => tell(error.message));
+  });
+  if (given) {
+    try { editor.open(readFile(given.textContent, clip)); } catch (error) { editor.complaint = `handles: ${error.message}`; }
+  }
+});

@@ -1,24 +1,15 @@
 // A camera that looks at a point from a distance, `turn` degrees right of the front and `tilt` above it.
-const FIELD_OF_VIEW = 30, MAX_TILT = 89;
+const DEGREE = Math.PI / 180, HALF_VIEW = 15 * DEGREE, MAX_TILT = 89;
 const UPRIGHT = { Y: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], Z: [[1, 0, 0], [0, 0, 1], [0, -1, 0]] };
 
 class Camera {
   constructor(up) {
-    this.upright = UPRIGHT[up];
-    this.slope = Math.tan(FIELD_OF_VIEW * Math.PI / 360);
-    this.target = [0, 0, 0];
-    this.turn = 32;
-    this.tilt = 14;
-    this.distance = 3;
-    this.shift = [0, 0, 0];
-    this.resize(1, 1);
+    Object.assign(this, { upright: UPRIGHT[up], target: [0, 0, 0], shift: [0, 0, 0], turn: 32, tilt: 14, distance: 3, width: 1, height: 1 });
   }
-
-  resize(width, height) { this.width = width; this.height = height; }
 
   // Right, up and backward of the picture, as rows.
   axes() {
-    const t = this.turn * Math.PI / 180, u = this.tilt * Math.PI / 180;
+    const t = this.turn * DEGREE, u = this.tilt * DEGREE;
     const c = Math.cos(t), s = Math.sin(t), d = Math.cos(u), e = Math.sin(u);
     const rows = [[c, 0, -s], [-e * s, d, -e * c], [d * s, e, d * c]];
     return rows.map((row) => [0, 1, 2].map((k) => row.reduce((sum, x, i) => sum + x * this.upright[i][k], 0)));
@@ -31,7 +22,7 @@ class Camera {
   // The flat 4 x 4 matrix from the world to clip space, by columns.
   matrix() {
     const [right, up, back] = this.axes(), eye = this.eye(), near = this.distance / 50, far = this.distance * 20 + 20;
-    const f = 1 / this.slope, wide = Math.min(1, this.width / this.height), x = f * wide * this.height / this.width, y = f * wide;
+    const [x, y] = this.spans().map((span) => 1 / span);
     const a = (near + far) / (near - far), b = 2 * near * far / (near - far);
     const rows = [
       [...scale(right, x), -x * dot(right, eye)], [...scale(up, y), -y * dot(up, eye)],
@@ -42,7 +33,7 @@ class Camera {
 
   // Half the size of the picture at distance one.
   spans() {
-    const wide = Math.min(1, this.width / this.height), y = this.slope / wide;
+    const wide = min(1, this.width / this.height), y = Math.tan(HALF_VIEW) / wide;
     return [y * this.width / this.height, y];
   }
 
@@ -74,6 +65,6 @@ class Camera {
   frame(centre, radius, turnTo = this.turn) {
     this.target = subtract(centre, this.shift);
     this.turn = turnTo;
-    this.distance = clamp(1.05 * radius / Math.sin(FIELD_OF_VIEW * Math.PI / 360), 0.02, 50);
+    this.distance = clamp(1.05 * radius / Math.sin(HALF_VIEW), 0.02, 50);
   }
 }

@@ -6,7 +6,7 @@ class Clip {
     this.count = arrays.rotations.length / 9;
     // They are packed by coordinate.
     const n = arrays.cage.length / 3, place = (k) => (k % 3 * n + (k - k % 3) / 3) * this.count;
-    this.cages = Array.from({ length: this.count }, (_, frame) => Float32Array.from(arrays.cage, (_, k) => arrays.cages[place(k) + frame]));
+    this.cages = listOf(this.count, (frame) => Float32Array.from(arrays.cage, (_, k) => arrays.cages[place(k) + frame]));
     this.held = new Map(header.held.map(({ frame, label }, place) => [frame, { label, place }]));
   }
 

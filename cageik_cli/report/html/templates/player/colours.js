@@ -23,19 +23,24 @@ class Colours {
     values.fill(0);
     if (mode === "rms" && header.rms) {
       const factor = header.rms.top / 65534 / header.rms.end;
-      for (let j = 0; j < values.length; j++) values[j] = arrays.rms[j] === 65535 ? -1 : arrays.rms[j] * factor;
-      return { ramp: this.ramp, end: header.rms.end };
+      for (let j = 0; j < values.length; j++) values[j] = arrays.rms[j] * factor;
+      return this.markMissing(header.rms.end);
     }
     if (mode === "frame" && this.clip.held.has(frame)) {
       const errors = this.clip.errors(frame), m = values.length, factor = 100 * header.heldStep / header.deviationEnd;
-      for (let j = 0; j < m; j++) values[j] = factor * Math.hypot(errors[j], errors[m + j], errors[2 * m + j]);
-      if (arrays.rms) for (let j = 0; j < m; j++) if (arrays.rms[j] === 65535) values[j] = -1;
-      return { ramp: this.ramp, end: header.deviationEnd };
+      for (let j = 0; j < m; j++) values[j] = factor * hypot(errors[j], errors[m + j], errors[2 * m + j]);
+      return this.markMissing(header.deviationEnd);
     }
     if (moved) {
       values.set(moved);
       return { ramp: this.movedRamp };
     }
     return { ramp: PLAIN.clay };
+  }
+
+  // Marks what is missing data; returns the ramp of errors up to `end`.
+  markMissing(end) {
+    this.clip.arrays.rms?.forEach((level, j) => { if (level === 65535) this.values[j] = -1; });
+    return { ramp: this.ramp, end };
   }
 }

@@ -8,45 +8,39 @@ function makeControls(section, stage) {
   const toggle = () => { transport.play(!transport.isPlaying); stage.request(true); };
 
   slider.max = last;
-  slider.addEventListener("input", () => goTo(Number(slider.value)));
-  play.addEventListener("click", toggle);
-  find("back").addEventListener("click", () => goTo(transport.frame - 1));
-  find("on").addEventListener("click", () => goTo(transport.frame + 1));
-  find("speed").addEventListener("change", (event) => { transport.speed = Number(event.target.value); });
-  find("loop").addEventListener("change", (event) => { transport.isLooping = event.target.checked; });
-  find("smooth").addEventListener("change", (event) => { transport.isSmooth = event.target.checked; });
-  find("follow").checked = view.isFollowing;
-  find("follow").addEventListener("change", (event) => { view.isFollowing = event.target.checked; stage.request(true); });
-  find("show").addEventListener("change", (event) => { view.show = event.target.value; stage.request(true); });
-  find("colours").addEventListener("change", (event) => { view.colours = event.target.value; stage.request(true); });
-  find("cage").addEventListener("change", (event) => { view.hasCage = event.target.checked; stage.request(); });
-  find("reset").addEventListener("click", () => stage.reset());
+  listenTo(slider, "input", () => goTo(Number(slider.value)));
+  const clicks = { play: toggle, back: () => goTo(transport.frame - 1), on: () => goTo(transport.frame + 1), reset: () => stage.reset(), worst: () => stage.frameWorst() };
+  for (const name in clicks) listenTo(find(name), "click", clicks[name]);
+  const bind = (name, owner, key) => {
+    const input = find(name), part = input.type === "checkbox" ? "checked" : "value";
+    input[part] = owner[key];
+    listenTo(input, "change", () => { owner[key] = input[part]; stage.request(true); });
+  };
+  for (const key of ["speed", "loop", "smooth"]) bind(key, transport, key);
+  for (const key of ["follow", "show", "colours", "cage"]) bind(key, view, key);
   find("worst").hidden = !clip.header.focus;
-  find("worst").addEventListener("click", () => stage.frameWorst());
   const jumps = find("jumps");
   for (const [frame, { label }] of clip.held) {
-    const button = Object.assign(document.createElement("button"), { type: "button", textContent: `${label} frame` });
-    button.addEventListener("click", () => goTo(frame));
-    jumps.append(button);
+    jumps.append(makeButton(`${label} frame`, () => goTo(frame)));
   }
-  for (const one of section.querySelectorAll("[data-clip-only]")) one.hidden = !clip.header.isClip;
-  for (const one of section.querySelectorAll("[data-held-only]")) one.hidden = one.disabled = !clip.held.size;
-  for (const one of section.querySelectorAll("[data-rms-only]")) one.hidden = one.disabled = !clip.header.rms;
+  const needs = { clip: clip.header.isClip, held: clip.held.size, rms: clip.header.rms };
+  for (const need in needs) for (const one of section.querySelectorAll(`[data-${need}-only]`)) one.hidden = one.disabled = !needs[need];
 
   const keys = {
-    " ": toggle, ",": () => goTo(transport.frame - 1), ".": () => goTo(transport.frame + 1),
+    " ": toggle, ",": clicks.back, ".": clicks.on,
     Home: () => goTo(0), End: () => goTo(last), PageUp: () => goTo(transport.frame - 10), PageDown: () => goTo(transport.frame + 10),
-    ArrowLeft: () => camera.orbit(-25, 0), ArrowRight: () => camera.orbit(25, 0), ArrowUp: () => camera.orbit(0, -25), ArrowDown: () => camera.orbit(0, 25),
     "+": () => camera.zoom(0.8), "=": () => camera.zoom(0.8), "-": () => camera.zoom(1.25),
-    c: () => find("cage").click(), w: () => { if (clip.header.focus) stage.frameWorst(); }, r: () => stage.reset(),
+    c: () => find("cage").click(), w: () => { if (clip.header.focus) stage.frameWorst(); }, r: clicks.reset,
   };
-  const shifted = { ArrowLeft: [40, 0], ArrowRight: [-40, 0], ArrowUp: [0, 40], ArrowDown: [0, -40] };
-  stage.canvas.addEventListener("keydown", (event) => {
+  const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+  listenTo(stage.canvas, "keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey || event.defaultPrevented) return;
-    const pan = event.shiftKey && shifted[event.key], action = pan ? () => camera.pan(...pan) : keys[event.key];
-    if (!action) return;
+    const arrow = arrows[event.key], action = keys[event.key];
+    if (!arrow && !action) return;
     event.preventDefault();
-    action();
+    if (action) action();
+    else if (event.shiftKey) camera.pan(...scale(arrow, -40));
+    else camera.orbit(...scale(arrow, 25));
     stage.request();
   });
 
@@ -72,6 +66,10 @@ function makeControls(section, stage) {
     showScale(find("scale"), stage.scale, clip.header.colours);
   });
 }
+
+const makeElement = (tag, values) => Object.assign(document.createElement(tag), values);
+
+const makeButton = (textContent, onclick) => makeElement("button", { type: "button", textContent, onclick });
 
 function showScale(figure, { end }, colours) {
   figure.hidden = end === undefined;

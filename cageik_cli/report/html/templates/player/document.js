@@ -3,6 +3,8 @@ const MAX_FILE_BYTES = 2e6, BARYCENTRIC_TOLERANCE = 1e-6;
 
 const listSets = (file) => file.sets ?? [file];
 
+const isIndex = (k, count) => Number.isInteger(k) && k >= 0 && k < count;
+
 const motionOf = (handle) => ["offset", "target", "pin"].find((name) => name in handle);
 
 function refuse(where, what) { throw new Error(`${where}: ${what}`); }
@@ -12,23 +14,23 @@ function readFile(text, clip) {
   if (text.length > MAX_FILE_BYTES) refuse("file", "is too large for a handles file");
   const file = JSON.parse(text), isObject = (one) => typeof one === "object" && one !== null && !Array.isArray(one);
   if (!isObject(file)) refuse("file", "is not a handles file; expected an object with handles");
-  if (file.mirror && !(isPoint(file.mirror.normal) && isPoint(file.mirror.point))) refuse("mirror", "expected a normal and a point");
-  if (file.locked && !(Array.isArray(file.locked) && file.locked.every((k) => Number.isInteger(k) && k >= 0 && 3 * k < clip.arrays.cage.length))) refuse("locked", "expected cage vertices");
+  if (file.mirror && ![file.mirror.normal, file.mirror.point].every(isPoint)) refuse("mirror", "expected a normal and a point");
+  if (file.locked && !(Array.isArray(file.locked) && file.locked.every((k) => isIndex(k, clip.arrays.cage.length / 3)))) refuse("locked", "expected cage vertices");
   const sets = listSets(file);
   if (!Array.isArray(sets) || !sets.length) refuse("sets", "expected a list of sets");
   sets.forEach((set, k) => checkSet(set, clip, sets.length > 1 ? `sets[${k}]: ` : ""));
   return file;
 }
 
-const isPoint = (value) => Array.isArray(value) && value.length === 3 && value.every((x) => typeof x === "number" && Math.abs(x) <= 1e50);
+const isPoint = (value) => Array.isArray(value) && value.length === 3 && value.every((x) => typeof x === "number" && abs(x) <= 1e50);
 
 function checkSet(set, clip, where) {
   if (!Array.isArray(set?.handles) || !set.handles.length) refuse(`${where}handles`, "expected a list of handles");
-  const isFrame = (k) => Number.isInteger(k) && k >= 0 && k < clip.count;
+  const isFrame = (k) => isIndex(k, clip.count);
   const { frames, falloff = 0 } = set;
   if ((frames || set.pick_frame) && !clip.header.isClip) refuse(`${where}frames`, "not possible for a single pose; remove it");
   if (frames && !(frames.length === 2 && frames.every(isFrame) && frames[0] <= frames[1])) refuse(`${where}frames`, `expected two frames from 0 to ${clip.count - 1}`);
-  if (!(Number.isInteger(falloff) && falloff >= 0)) refuse(`${where}falloff`, "expected a number of frames");
+  if (!isIndex(falloff, Infinity)) refuse(`${where}falloff`, "expected a number of frames");
   const names = new Set(), places = new Set();
   for (const handle of set.handles) {
     const at = `${where}handle ${JSON.stringify(handle?.name)}`, motion = handle && motionOf(handle);
@@ -52,15 +54,15 @@ function checkSet(set, clip, where) {
 function resolvePlace({ vertex, face, barycentric }, clip, where) {
   if (vertex !== undefined) {
     const drawn = clip.drawnVertex(vertex), count = clip.header.vertexCount;
-    if (!Number.isInteger(vertex) || vertex < 0 || vertex >= count) refuse(`${where}: vertex`, `there is no vertex ${vertex}; the mesh has ${count}, numbered from 0 to ${count - 1}`);
+    if (!isIndex(vertex, count)) refuse(`${where}: vertex`, `there is no vertex ${vertex}; the mesh has ${count}, numbered from 0 to ${count - 1}`);
     if (drawn < 0) refuse(`${where}: vertex`, `vertex ${vertex} is not among those that the page draws`);
     return { corners: [drawn, drawn, drawn], shares: [1, 0, 0] };
   }
   const faces = clip.arrays.faces, count = faces.length / 3;
   if (clip.arrays.vertices) refuse(`${where}: face`, "the page draws fewer faces than the model has; give a vertex");
-  if (!Number.isInteger(face) || face < 0 || face >= count) refuse(`${where}: face`, `there is no face ${face}; the mesh has ${count} triangles`);
+  if (!isIndex(face, count)) refuse(`${where}: face`, `there is no face ${face}; the mesh has ${count} triangles`);
   if (!isPoint(barycentric)) refuse(`${where}: barycentric`, "expected three numbers");
-  const sum = barycentric.reduce((a, b) => a + b, 0);
-  if (Math.abs(sum - 1) > BARYCENTRIC_TOLERANCE || Math.min(...barycentric) < -BARYCENTRIC_TOLERANCE) refuse(`${where}: barycentric`, "expected numbers of 0 or above with the sum 1");
-  return { corners: [...faces.subarray(3 * face, 3 * face + 3)], shares: scale(barycentric, 1 / sum) };
+  const sum = sumOf(barycentric);
+  if (abs(sum - 1) > BARYCENTRIC_TOLERANCE || min(...barycentric) < -BARYCENTRIC_TOLERANCE) refuse(`${where}: barycentric`, "expected numbers of 0 or above with the sum 1");
+  return { corners: pointOf(faces, face), shares: scale(barycentric, 1 / sum) };
 }

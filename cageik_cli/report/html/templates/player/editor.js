@@ -3,12 +3,8 @@ const LIVE_MILLISECONDS = 12;
 
 class Editor {
   constructor(stage) {
-    Object.assign(this, { stage, clip: stage.clip, skin: stage.skin, active: 0, selected: -1, rounds: stage.clip.header.rigidity });
-    this.past = [];
-    this.future = [];
-    this.isDragging = false;
-    this.cost = 0;
-    this.message = "";
+    const { clip, skin } = stage;
+    Object.assign(this, { stage, clip, skin, active: 0, selected: -1, rounds: clip.header.rigidity, past: [], future: [], isDragging: false, cost: 0, message: "" });
     this.open({ handles: [] });
   }
 
@@ -18,16 +14,17 @@ class Editor {
 
   open(file) {
     this.file = file;
-    this.active = Math.min(this.active, listSets(file).length - 1);
-    this.selected = Math.min(this.selected, this.set.handles.length - 1);
+    this.active = min(this.active, listSets(file).length - 1);
+    this.selected = min(this.selected, this.set.handles.length - 1);
     this.refresh();
   }
 
   // Changes the file by a function, so that it can be undone.
   change(action) {
-    this.past.push(JSON.stringify(this.file));
-    this.future = [];
+    const before = JSON.stringify(this.file);
     action();
+    this.past.push(before);
+    this.future = [];
     this.refresh();
   }
 
@@ -107,7 +104,7 @@ class Editor {
   }
 
   displace({ set, anchors }, frame, cage) {
-    const moves = new Float64Array(3 * anchors.length), strength = blendSet(set, frame), diagonal = this.clip.header.diagonal;
+    const moves = zeros(3 * anchors.length), strength = blendSet(set, frame), diagonal = this.clip.header.diagonal;
     if (!strength) return moves;
     anchors.forEach((anchor, k) => {
       const handle = set.handles[k], motion = motionOf(handle);
@@ -120,13 +117,15 @@ class Editor {
     return moves;
   }
 
+  get layer() { return this.layers[this.active]; }
+
+  // Where a cage of a frame has the anchors of the active set.
+  anchorsIn(cage, frame) { return this.layer.anchors.map((anchor) => this.skin.place(anchor, cage, this.clip.rotation(frame))); }
+
   // Where anchors of the active set are before it, and where its targets are.
   places(frame) {
-    const layer = this.layers[this.active], cage = this.apply(frame, this.active), moves = this.displace(layer, frame, cage);
-    return layer.anchors.map((anchor, k) => {
-      const start = this.skin.place(anchor, cage, this.clip.rotation(frame));
-      return { start, target: add(start, [...moves.subarray(3 * k, 3 * k + 3)]) };
-    });
+    const cage = this.apply(frame, this.active), moves = this.displace(this.layer, frame, cage);
+    return this.anchorsIn(cage, frame).map((start, k) => ({ start, target: add(start, pointOf(moves, k)) }));
   }
 
   // Moves the target of the selected handle in a frame; `target` is in diagonals.
@@ -146,9 +145,14 @@ class Editor {
     let number = this.set.handles.length + 1;
     while (this.set.handles.some(({ name }) => name === `${kind} ${number}`)) number++;
     this.change(() => {
-      this.set.handles.push({ name: `${kind} ${number}`, ...JSON.parse(here), ...(kind === "pin" ? { pin: true } : { offset: [0, 0, 0] }) });
+      this.set.handles.push({ name: `${kind} ${number}`, ...place, ...(kind === "pin" ? { pin: true } : { offset: [0, 0, 0] }) });
       this.selected = this.set.handles.length - 1;
     });
+  }
+
+  select(k) {
+    this.selected = k;
+    this.stage.request();
   }
 
   remove() {
@@ -158,30 +162,28 @@ class Editor {
 
   // What moved more than the handles did, in the frame that is drawn.
   measure(stage) {
-    const { frame, share, isPlaying } = stage.transport, layer = this.layers[this.active];
-    if (share || isPlaying || !layer.poser || !this.isEdited(frame)) return null;
+    const { frame, share, isPlaying } = stage.transport;
+    if (share || isPlaying || !this.layer.poser || !this.isEdited(frame)) return null;
     const before = stage.originalPositions(frame), after = stage.positions, marks = new Float32Array(after.length / 3);
-    const rotation = this.clip.rotation(frame), cage = this.clip.cage(frame);
-    const own = layer.anchors.map((one) => norm(subtract(this.skin.place(one, stage.cage, rotation), this.skin.place(one, cage, rotation))));
-    const largest = Math.max(...own), most = { vertex: 0, distance: 0 };
+    const starts = this.anchorsIn(this.clip.cage(frame), frame);
+    const largest = max(...this.anchorsIn(stage.cage, frame).map((place, k) => norm(subtract(place, starts[k])))), most = { vertex: 0, distance: 0 };
     for (let j = 0; j < marks.length; j++) {
-      const distance = Math.hypot(after[3 * j] - before[3 * j], after[3 * j + 1] - before[3 * j + 1], after[3 * j + 2] - before[3 * j + 2]);
+      const k = 3 * j, distance = hypot(after[k] - before[k], after[k + 1] - before[k + 1], after[k + 2] - before[k + 2]);
       if (distance > most.distance) Object.assign(most, { vertex: j, distance });
       marks[j] = distance > 1.01 * largest + 1e-6 ? 1 : 0;
     }
-    return { marks, most, largest, count: marks.reduce((a, b) => a + b, 0) };
+    return { marks, most, largest, count: sumOf(marks) };
   }
 
   // Handles are discs, pins squares, and lines lead to targets that are not met.
   drawMarks(renderer, toClip, ratio) {
-    const { frame, share } = this.stage.transport, layer = this.layers[this.active];
-    if (share || !layer.anchors.length) return;
-    const rotation = this.clip.rotation(frame), lines = [];
-    const places = layer.anchors.map((one) => this.skin.place(one, this.stage.cage, rotation));
-    if (!this.stage.transport.isPlaying) this.places(frame).forEach(({ target }, k) => { if (norm(subtract(target, places[k])) > 0.002) lines.push(...places[k], ...target); });
-    renderer.drawMarks(lines, toClip, { paint: [0.85, 0.25, 0.1, 1] });
-    layer.set.handles.forEach((handle, k) => {
-      const isSelected = k === this.selected, paint = handle.pin ? [0.1, 0.45, 0.3, 1] : [0.85, 0.25, 0.1, 1];
+    const { frame, share, isPlaying } = this.stage.transport, lines = [], red = [0.85, 0.25, 0.1, 1];
+    if (share) return;
+    const places = this.anchorsIn(this.stage.cage, frame);
+    if (!isPlaying) this.places(frame).forEach(({ target }, k) => { if (norm(subtract(target, places[k])) > 0.002) lines.push(...places[k], ...target); });
+    renderer.drawMarks(lines, toClip, { paint: red });
+    this.set.handles.forEach((handle, k) => {
+      const isSelected = k === this.selected, paint = handle.pin ? [0.1, 0.45, 0.3, 1] : red;
       renderer.drawMarks(places[k], toClip, { paint, rim: isSelected ? [0, 0, 0, 1] : [1, 1, 1, 1], shape: handle.pin ? 2 : 1, size: (isSelected ? 15 : 12) * ratio });
     });
   }

@@ -17,42 +17,40 @@ function makeHandles(section, stage) {
   const find = (name) => section.querySelector(`[data-${name}]`), panel = find("posing");
   let tool = "look", grip = null;
 
-  const anchorPlaces = () => editor.layers[editor.active].anchors.map((one) => stage.skin.place(one, stage.cage, clip.rotation(transport.frame)));
   const hit = (x, y, reach) => {
     let best = reach, found = -1;
-    anchorPlaces().forEach((place, k) => {
-      const [u, v] = camera.project(place), away = Math.hypot(u - x, v - y);
+    editor.anchorsIn(stage.cage, transport.frame).forEach((place, k) => {
+      const [u, v] = camera.project(place), away = hypot(u - x, v - y);
       if (away < best) { best = away; found = k; }
     });
     return found;
   };
   // The surface point under a pixel: a vertex if one is near.
   const pick = (x, y) => {
+    if (tool === "look" || transport.isPlaying) return null;
     const found = stage.skin.pick(stage.positions, camera.ray(x, y));
     if (!found) return null;
-    const near = found.corners[found.barycentric.indexOf(Math.max(...found.barycentric))];
-    const [u, v] = camera.project([...stage.positions.subarray(3 * near, 3 * near + 3)]);
-    const vertex = clip.fileVertex(near), isVertex = clip.arrays.vertices || Math.hypot(u - x, v - y) < SNAP_PIXELS;
+    const near = found.corners[found.barycentric.indexOf(max(...found.barycentric))];
+    const [u, v] = camera.project(pointOf(stage.positions, near));
+    const vertex = clip.fileVertex(near), isVertex = clip.arrays.vertices || hypot(u - x, v - y) < SNAP_PIXELS;
     const shares = found.barycentric.map((share) => Number(share.toFixed(6)));
     shares[0] = Number((1 - shares[1] - shares[2]).toFixed(6));
     return { place: isVertex ? { vertex } : { face: found.face, barycentric: shares }, vertex, face: found.face, shares };
   };
-  const select = (k) => { editor.selected = k; stage.request(); };
-
   const actions = {
     grab(x, y, event) {
       const k = transport.isPlaying ? -1 : hit(stage.partOf(x), y, event.pointerType === "touch" ? 2 * GRAB_PIXELS : GRAB_PIXELS);
       if (k < 0) return false;
-      select(k);
+      editor.select(k);
       if (editor.handle.pin) return false;
       const { target } = editor.places(transport.frame)[k], axis = AXES[find("axis").value];
-      grip = { target, axis, from: movePoint(camera, camera.ray(stage.partOf(x), y), target, axis), file: JSON.stringify(editor.file) };
+      const follow = (u, v) => movePoint(camera, camera.ray(stage.partOf(u), v), target, axis), from = follow(x, y);
+      grip = { move: (u, v) => add(target, subtract(follow(u, v), from)), file: JSON.stringify(editor.file) };
       return true;
     },
     drag(x, y) {
       editor.isDragging = true;
-      const to = movePoint(camera, camera.ray(stage.partOf(x), y), grip.target, grip.axis);
-      editor.aim(transport.frame, add(grip.target, subtract(to, grip.from)));
+      editor.aim(transport.frame, grip.move(x, y));
     },
     drop() {
       if (editor.isDragging) { editor.past.push(grip.file); editor.future = []; }
@@ -61,92 +59,82 @@ function makeHandles(section, stage) {
     },
     click(x, y) {
       const part = stage.partOf(x), k = hit(part, y, GRAB_PIXELS);
-      if (k >= 0) { select(k); return; }
-      const found = tool === "look" || transport.isPlaying ? null : pick(part, y);
-      if (found) editor.add(found.place, tool); else select(-1);
+      const found = k < 0 && pick(part, y);
+      if (found) editor.add(found.place, tool);
+      else editor.select(k);
     },
     hover(x, y) {
-      const found = tool === "look" || transport.isPlaying ? null : pick(stage.partOf(x), y);
+      const found = pick(stage.partOf(x), y);
       find("under").textContent = found ? `vertex ${found.vertex}; face ${found.face}, barycentric ${found.shares.join(", ")}` : "";
     },
   };
 
   const tools = [...panel.querySelectorAll("[data-tool]")];
-  for (const button of tools) button.addEventListener("click", () => {
+  for (const button of tools) listenTo(button, "click", () => {
     tool = button.dataset.tool;
     transport.play(false);
     for (const one of tools) one.setAttribute("aria-pressed", one === button);
   });
-  const listen = (name, action, kind = "click") => find(name).addEventListener(kind, (event) => {
-    try { action(event.target); editor.complaint = ""; } catch (error) { editor.complaint = error.message; }
+  // Buttons act on clicks, inputs on changes; `edit` is for actions that can be undone.
+  const listen = (name, action) => listenTo(find(name), find(name).type === "button" ? "click" : "change", ({ target }) => {
+    try { action(target); editor.complaint = ""; } catch (error) { editor.complaint = error.message; }
     stage.request(true);
   });
-  const numberOf = (input) => { if (input.value === "" || !Number.isFinite(input.valueAsNumber)) throw new Error(`${input.labels[0].textContent}: expected a number`); return input.valueAsNumber; };
-  listen("undo", () => editor.undo());
-  listen("redo", () => editor.redo());
-  listen("remove", () => editor.remove());
+  const edit = (name, action) => listen(name, (input) => editor.change(() => action(input)));
+  const numberOf = (input) => { if (input.value === "" || !Number.isFinite(input.valueAsNumber)) refuse(input.labels[0].textContent, "expected a number"); return input.valueAsNumber; };
+  for (const name of ["undo", "redo", "remove"]) listen(name, () => editor[name]());
   listen("add", () => {
     const vertex = numberOf(find("vertex"));
     resolvePlace({ vertex }, clip, "handle");
     editor.add({ vertex }, tool === "pin" ? "pin" : "handle");
   });
-  listen("rounds", (input) => { editor.rounds = clamp(Math.round(numberOf(input)), 0, 1000); editor.refresh(); }, "change");
-  listen("mirror", (input) => editor.change(() => { if (input.checked) editor.file.mirror = clip.header.mirror; else delete editor.file.mirror; }), "change");
-  listen("layer", (list) => { editor.active = Number(list.value); editor.selected = -1; }, "change");
-  const setFrames = () => editor.change(() => {
-    const [first, last, falloff] = ["first", "last", "falloff"].map((name) => Math.round(numberOf(find(name)))), set = editor.set;
-    set.frames = [clamp(first, 0, clip.count - 1), clamp(last, clamp(first, 0, clip.count - 1), clip.count - 1)];
-    set.falloff = Math.max(0, falloff);
+  listen("rounds", (input) => { editor.rounds = clamp(Math.round(numberOf(input)), 0, 1000); editor.refresh(); });
+  // What is undefined is not in the file that is saved.
+  edit("mirror", (input) => { editor.file.mirror = input.checked ? clip.header.mirror : undefined; });
+  edit("hard", (input) => { editor.handle.hard = input.checked || undefined; });
+  listen("layer", (list) => { editor.active = Number(list.value); editor.selected = -1; });
+  const spans = ["first", "last", "falloff"];
+  for (const name of spans) edit(name, () => {
+    const [first, last, falloff] = spans.map((one) => max(0, Math.round(numberOf(find(one))))), end = clip.count - 1;
+    Object.assign(editor.set, { frames: [min(first, end), clamp(last, min(first, end), end)], falloff });
   });
-  for (const name of ["first", "last", "falloff"]) listen(name, setFrames, "change");
   listen("name", (input) => {
     const name = input.value.trim();
-    if (!name || editor.set.handles.some((one, k) => one.name === name && k !== editor.selected)) throw new Error("Name: expected a name of its own");
+    if (!name || editor.set.handles.some((one, k) => one.name === name && k !== editor.selected)) refuse("Name", "expected a name of its own");
     editor.change(() => { editor.handle.name = name; });
-  }, "change");
-  listen("hard", (input) => editor.change(() => { if (input.checked) editor.handle.hard = true; else delete editor.handle.hard; }), "change");
-  for (const [k, axis] of ["x", "y", "z"].entries()) listen(`move-${axis}`, (input) => {
+  });
+  [..."xyz"].forEach((axis, k) => listen(`move-${axis}`, (input) => {
     const value = numberOf(input), { start, target } = editor.places(transport.frame)[editor.selected];
     target[k] = start[k] + value / clip.header.diagonal * blendSet(editor.set, transport.frame);
     editor.change(() => editor.aim(transport.frame, target));
-  }, "change");
-  listen("key", () => editor.change(() => {
-    const handle = editor.handle, motion = motionOf(handle), now = evaluateTrack(handle[motion], transport.frame);
+  }));
+  edit("key", () => {
+    const { handle } = editor, motion = motionOf(handle), now = evaluateTrack(handle[motion], transport.frame);
     if (Array.isArray(handle[motion])) handle[motion] = { frames: [], values: [] };
     setValue(handle[motion], transport.frame, [...now]);
-  }));
-  listen("unkey", () => editor.change(() => {
-    const handle = editor.handle, motion = motionOf(handle), { frames, values } = handle[motion], at = frames.indexOf(transport.frame);
-    if (frames.length === 1) handle[motion] = values[0]; else { frames.splice(at, 1); values.splice(at, 1); }
-  }));
-  listen("save", () => {
-    const url = URL.createObjectURL(new Blob([writeFile()], { type: "application/json" }));
-    Object.assign(document.createElement("a"), { href: url, download: "handles.json" }).click();
-    setTimeout(() => URL.revokeObjectURL(url), 10000);
   });
-  const writeFile = () => `${JSON.stringify(editor.file, null, 2)}\n`;
-  find("load").addEventListener("change", async ({ target }) => {
+  edit("unkey", () => {
+    const { handle } = editor, motion = motionOf(handle), { frames, values } = handle[motion], at = frames.indexOf(transport.frame);
+    if (frames.length === 1) handle[motion] = values[0];
+    else for (const list of [frames, values]) list.splice(at, 1);
+  });
+  listen("save", () => {
+    const text = encodeURIComponent(`${JSON.stringify(editor.file, null, 2)}\n`);
+    makeElement("a", { href: `data:application/json,${text}`, download: "handles.json" }).click();
+  });
+  listenTo(find("load"), "change", async ({ target }) => {
     try {
       const file = readFile(await target.files[0].text(), clip);
       editor.complaint = "";
-      editor.change(() => { editor.selected = -1; editor.active = 0; editor.file = file; });
+      editor.change(() => Object.assign(editor, { selected: -1, active: 0, file }));
     } catch (error) { editor.complaint = `${target.files[0].name}: ${error.message}`; }
     target.value = "";
     stage.request(true);
   });
-  find("apply").hidden = !clip.header.applyUrl;
-  find("apply").addEventListener("click", async () => {
-    const tell = (text) => { editor.complaint = text; stage.request(); };
-    await applyHandles(clip.header.applyUrl, editor.file, editor.rounds, tell).then(tell, (error) => tell(error.message));
-  });
-  const given = document.getElementById("player-handles");
-  if (given) {
-    try { editor.open(readFile(given.textContent, clip)); } catch (error) { editor.complaint = `handles: ${error.message}`; }
-  }
-  stage.canvas.addEventListener("keydown", (event) => {
+  listenTo(stage.canvas, "keydown", (event) => {
     const isCommand = event.ctrlKey || event.metaKey, key = event.key.toLowerCase();
     if (event.key === "Delete") editor.remove();
-    else if (event.key === "Escape") select(-1);
+    else if (event.key === "Escape") editor.select(-1);
     else if (isCommand && (key === "y" || (key === "z" && event.shiftKey))) editor.redo();
     else if (isCommand && key === "z") editor.undo();
     else return;
@@ -168,16 +156,15 @@ function showHandles(find, { editor, clip, transport, moved }) {
     const focused = list.contains(document.activeElement);
     list.dataset.state = state;
     list.replaceChildren(...set.handles.map((one, k) => {
-      const item = document.createElement("li"), button = Object.assign(document.createElement("button"), { type: "button" });
-      button.textContent = `${one.name}: ${one.vertex === undefined ? `face ${one.face}, ${one.barycentric.join(", ")}` : `vertex ${one.vertex}`}`;
+      const place = one.vertex === undefined ? `face ${one.face}, ${one.barycentric.join(", ")}` : `vertex ${one.vertex}`;
+      const item = makeElement("li"), button = makeButton(`${one.name}: ${place}`, () => editor.select(k));
       button.setAttribute("aria-pressed", k === editor.selected);
-      button.addEventListener("click", () => { editor.selected = k; editor.stage.request(); });
       item.append(button);
       return item;
     }));
     if (focused) list.querySelector('[aria-pressed="true"]')?.focus();
   }
-  for (const [name, isOff] of [["undo", !editor.past.length], ["redo", !editor.future.length], ["save", !set.handles.length], ["apply", !set.handles.length]]) find(name).disabled = isOff;
+  for (const [name, { length }] of Object.entries({ undo: editor.past, redo: editor.future, save: set.handles, apply: set.handles })) find(name).disabled = !length;
   find("mirror").checked = Boolean(file.mirror);
   const sets = listSets(file);
   find("layer").closest("span").hidden = sets.length < 2;
@@ -194,7 +181,7 @@ function showHandles(find, { editor, clip, transport, moved }) {
     const value = motion === "pin" ? null : evaluateTrack(handle[motion], frame);
     if (value) {
       const place = motion === "offset" ? value : subtract(value, clip.toFile(editor.places(frame)[editor.selected].start));
-      ["x", "y", "z"].forEach((axis, k) => put(`move-${axis}`, ROUND(place[k])));
+      [..."xyz"].forEach((axis, k) => put(`move-${axis}`, ROUND(place[k])));
     }
     const keys = handle[motion].frames;
     find("unkey").disabled = !keys?.includes(frame);
@@ -203,10 +190,10 @@ function showHandles(find, { editor, clip, transport, moved }) {
   showStrip(find("strip"), set, handle?.[motion]?.frames ?? [], clip.count - 1);
   const beyond = moved?.count ? `${moved.count} vertices, in orange, move more than the handles do: vertex ${clip.fileVertex(moved.most.vertex)} by ${ROUND(moved.most.distance * clip.header.diagonal)}, the handles by ${ROUND(moved.largest * clip.header.diagonal)} at most. ` : "";
   const said = editor.complaint || editor.message || beyond;
-  if (find("said").textContent !== said) find("said").textContent = said;
+  const say = (name, text) => { if (find(name).textContent !== text) find(name).textContent = text; };
+  say("said", said);
   const output = clip.header.isClip ? "edited.h5" : "posed.obj";
-  const command = set.handles.length ? `cageik pose ${clip.header.target} handles.json --rigidity ${editor.rounds} -o ${output}` : "";
-  if (find("command").textContent !== command) find("command").textContent = command;
+  say("command", set.handles.length ? `cageik pose ${clip.header.target} handles.json --rigidity ${editor.rounds} -o ${output}` : "");
 }
 
 // The frames of the edit and the keys of a handle, under the slider.
@@ -215,7 +202,7 @@ function showStrip(strip, { frames, falloff = 0, handles }, keys, last) {
   if (strip.dataset.state === state) return;
   strip.dataset.state = state;
   const make = (kind, from, to) => {
-    const mark = Object.assign(document.createElement("i"), { className: kind });
+    const mark = makeElement("i", { className: kind });
     Object.assign(mark.style, { left: `${percent(from)}%`, width: to === undefined ? "" : `${percent(to) - percent(from)}%` });
     return mark;
   };

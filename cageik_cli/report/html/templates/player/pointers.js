@@ -1,6 +1,8 @@
 // Mouse, pen and touch on the picture: one pointer turns the model or drags a handle, two move it.
 const CLICK_PIXELS = 5;
 
+const listenTo = (target, kind, action, options) => target.addEventListener(kind, action, options);
+
 // `actions`: orbit(dx, dy), pan(dx, dy), zoom(factor), grab(x, y, event) → whether a handle was
 // grabbed, drag(x, y), drop(), click(x, y), hover(x, y).
 function listenToPointers(canvas, actions) {
@@ -12,16 +14,16 @@ function listenToPointers(canvas, actions) {
   };
   const spread = () => {
     const [[x, y], [u, v]] = [...held.values()];
-    return { middle: [(x + u) / 2, (y + v) / 2], size: Math.hypot(x - u, y - v) };
+    return { middle: [(x + u) / 2, (y + v) / 2], size: hypot(x - u, y - v) };
   };
-  canvas.addEventListener("pointerdown", (event) => {
+  listenTo(canvas, "pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
     held.set(event.pointerId, placeOf(event));
     if (held.size > 1) { if (grabbed) actions.drop(); grabbed = false; moved = Infinity; return; }
     moved = 0;
     grabbed = event.button === 0 && actions.grab(...placeOf(event), event);
   });
-  canvas.addEventListener("pointermove", (event) => {
+  listenTo(canvas, "pointermove", (event) => {
     const [x, y] = placeOf(event);
     if (!held.has(event.pointerId)) { actions.hover(x, y); return; }
     const [left, top] = held.get(event.pointerId), dx = x - left, dy = y - top;
@@ -33,7 +35,7 @@ function listenToPointers(canvas, actions) {
       actions.zoom(before.size / (now.size || 1));
       return;
     }
-    moved += Math.hypot(dx, dy);
+    moved += hypot(dx, dy);
     if (grabbed) { if (moved > CLICK_PIXELS) actions.drag(x, y); }
     else if (event.buttons & 6 || event.shiftKey) actions.pan(dx, dy);
     else actions.orbit(dx, dy);
@@ -44,10 +46,10 @@ function listenToPointers(canvas, actions) {
     else if (event.type === "pointerup" && event.button === 0 && moved <= CLICK_PIXELS) actions.click(...placeOf(event));
     grabbed = false;
   };
-  canvas.addEventListener("pointerup", release);
-  canvas.addEventListener("pointercancel", release);
-  canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-  canvas.addEventListener("wheel", (event) => {
+  listenTo(canvas, "pointerup", release);
+  listenTo(canvas, "pointercancel", release);
+  listenTo(canvas, "contextmenu", (event) => event.preventDefault());
+  listenTo(canvas, "wheel", (event) => {
     // The page scrolls unless the picture has the focus: a reader scrolls past it undisturbed.
     if (document.activeElement !== canvas && !event.ctrlKey) return;
     event.preventDefault();

@@ -11,8 +11,8 @@ class Poser {
 
   // Applies a map of one coordinate to points; across a mirror it is another one.
   map(points, apply) {
-    const count = points.length / 3, out = new Float64Array(3 * this.neighbours.length);
-    const take = (axis) => Float64Array.from({ length: count }, (_, k) => dot(axis, points.subarray(3 * k, 3 * k + 3)));
+    const count = points.length / 3, out = zeros(3 * this.neighbours.length);
+    const take = (axis) => Float64Array.from({ length: count }, (_, k) => dot(axis, pointOf(points, k)));
     const give = (values, axis, sign = 1) => values.forEach((x, k) => { for (let a = 0; a < 3; a++) out[3 * k + a] += sign * x * axis[a]; });
     for (const axis of [[1, 0, 0], [0, 1, 0], [0, 0, 1]]) give(apply(0, take(axis)), axis);
     if (this.normal) {
@@ -36,7 +36,7 @@ class Poser {
 
   // The change of δ when each cell of the cage turns with its motion.
   turnCells(cage, moved) {
-    const near = this.neighbours, n = near.length, turns = new Float64Array(9 * n), s = new Float64Array(9), out = new Float64Array(3 * n);
+    const near = this.neighbours, n = near.length, turns = zeros(9 * n), s = zeros(9), out = zeros(3 * n);
     for (let i = 0; i < n; i++) {
       s.fill(0);
       for (const j of near[i]) for (let c = 0; c < 3; c++) {

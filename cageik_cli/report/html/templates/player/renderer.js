@@ -10,7 +10,6 @@ void main() { gl_Position = toClip * vec4(position, 1.0); facing = normal; level
 const MESH_FRAGMENT = `#version 300 es
 precision highp float;
 uniform vec3 ramp[9], missing, light, eye;
-uniform bool isFlat;
 in vec3 facing;
 in float level;
 out vec4 colour;
@@ -19,7 +18,7 @@ void main() {
   int k = min(int(place), 7);
   vec3 paint = level < -0.5 ? missing : mix(ramp[k], ramp[k + 1], place - float(k));
   vec3 n = normalize(facing) * (gl_FrontFacing ? 1.0 : -1.0);
-  float shade = isFlat ? 1.0 : 0.38 + 0.50 * max(dot(n, light), 0.0) + 0.18 * max(dot(n, eye), 0.0);
+  float shade = 0.38 + 0.50 * max(dot(n, light), 0.0) + 0.18 * max(dot(n, eye), 0.0);
   colour = vec4(paint * shade, 1.0);
 }`;
 
@@ -31,8 +30,7 @@ void main() { gl_Position = toClip * vec4(position, 1.0); gl_PointSize = size; }
 
 const MARK_FRAGMENT = `#version 300 es
 precision highp float;
-uniform vec4 paint;
-uniform vec4 rim;
+uniform vec4 paint, rim;
 uniform int shape;
 out vec4 colour;
 void main() {
@@ -43,11 +41,7 @@ void main() {
 }`;
 
 // Whether pictures are drawn without a graphics card, where smooth edges cost too much.
-function isSoftware() {
-  const gl = document.createElement("canvas").getContext("webgl2"), info = gl?.getExtension("WEBGL_debug_renderer_info");
-  const name = info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)).toLowerCase() : "";
-  return ["swiftshader", "llvmpipe", "software"].some((one) => name.includes(one));
-}
+const isSoftware = () => !document.createElement("canvas").getContext("webgl2", { failIfMajorPerformanceCaveat: true });
 
 class Renderer {
   constructor(canvas, faces, cageEdges) {
@@ -78,12 +72,15 @@ class Renderer {
     attributes.forEach((name, k) => gl.bindAttribLocation(program, k, name));
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program) || "WebGL2 failed");
-    const uniforms = {};
-    for (let k = gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS) - 1; k >= 0; k--) {
-      const { name } = gl.getActiveUniform(program, k);
-      uniforms[name.replace("[0]", "")] = gl.getUniformLocation(program, name);
-    }
-    return { program, uniforms };
+    return program;
+  }
+
+  // Uses a program; returns a function from the names of its uniforms to their places.
+  use(program, toClip) {
+    const gl = this.gl, placeOf = (name) => gl.getUniformLocation(program, name);
+    gl.useProgram(program);
+    gl.uniformMatrix4fv(placeOf("toClip"), false, toClip);
+    return placeOf;
   }
 
   // Sends an array to the buffer of this name.
@@ -110,50 +107,39 @@ class Renderer {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   }
 
-  drawMesh(names, toClip, { ramp, missing, light, eye }) {
-    const gl = this.gl, { program, uniforms } = this.mesh;
-    gl.useProgram(program);
+  // `names` of positions, normals and values; `vectors` by the names of uniforms.
+  drawMesh(names, toClip, vectors) {
+    const gl = this.gl, placeOf = this.use(this.mesh, toClip);
     gl.disable(gl.BLEND);
     gl.depthFunc(gl.LESS);
     gl.enable(gl.POLYGON_OFFSET_FILL);
     gl.polygonOffset(1, 1);
-    gl.uniformMatrix4fv(uniforms.toClip, false, toClip);
-    gl.uniform3fv(uniforms.ramp, ramp);
-    gl.uniform3fv(uniforms.missing, missing);
-    gl.uniform3fv(uniforms.light, light);
-    gl.uniform3fv(uniforms.eye, eye);
-    gl.uniform1i(uniforms.isFlat, 0);
-    this.attach(0, names.positions, 3);
-    this.attach(1, names.normals, 3);
-    this.attach(2, names.values, 1);
+    for (const name in vectors) gl.uniform3fv(placeOf(name), vectors[name]);
+    names.forEach((name, place) => this.attach(place, name, place < 2 ? 3 : 1));
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.faces);
     gl.drawElements(gl.TRIANGLES, this.faceCount, gl.UNSIGNED_INT, 0);
     gl.disable(gl.POLYGON_OFFSET_FILL);
-    gl.disableVertexAttribArray(1);
-    gl.disableVertexAttribArray(2);
   }
 
   useMarks(name, toClip, { paint, rim = paint, shape = 0, size = 1 }) {
-    const gl = this.gl, { program, uniforms } = this.mark;
-    gl.useProgram(program);
+    const gl = this.gl, placeOf = this.use(this.mark, toClip);
     gl.enable(gl.BLEND);
-    gl.uniformMatrix4fv(uniforms.toClip, false, toClip);
-    gl.uniform4fv(uniforms.paint, paint);
-    gl.uniform4fv(uniforms.rim, rim);
-    gl.uniform1i(uniforms.shape, shape);
-    gl.uniform1f(uniforms.size, size);
+    gl.uniform4fv(placeOf("paint"), paint);
+    gl.uniform4fv(placeOf("rim"), rim);
+    gl.uniform1i(placeOf("shape"), shape);
+    gl.uniform1f(placeOf("size"), size);
     this.attach(0, name, 3);
   }
 
   // The cage: clear before surfaces, faint behind them.
   drawCage(toClip, colour, pixels) {
-    const gl = this.gl, count = this.edgeCount;
+    const gl = this.gl;
     for (const [order, opacity] of [[gl.GREATER, 0.22], [gl.LEQUAL, 0.95]]) {
       gl.depthFunc(order);
       gl.depthMask(order === gl.LEQUAL);
       this.useMarks("cage", toClip, { paint: [...colour, opacity] });
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.buffers.edges);
-      gl.drawElements(gl.LINES, count, gl.UNSIGNED_INT, 0);
+      gl.drawElements(gl.LINES, this.edgeCount, gl.UNSIGNED_INT, 0);
       this.useMarks("cage", toClip, { paint: [...colour, opacity], shape: 1, size: 5 * pixels });
       gl.drawArrays(gl.POINTS, 0, this.cagePoints);
     }

@@ -3,7 +3,7 @@
 const FREE_TOLERANCE = 1e-9, MAX_ASYMMETRY = 1e-3;
 
 function listNeighbours(faces, count) {
-  const sets = Array.from({ length: count }, () => new Set()), edges = listEdges(faces);
+  const sets = listOf(count, () => new Set()), edges = listEdges(faces);
   for (let k = 0; k < edges.length; k += 2) { sets[edges[k]].add(edges[k + 1]); sets[edges[k + 1]].add(edges[k]); }
   return sets.map((set) => [...set]);
 }
@@ -20,7 +20,7 @@ function listComponents(neighbours) {
       members.push(at);
       for (const next of neighbours[at]) if (number[next] < 0) { number[next] = number[start]; stack.push(next); }
     }
-    const one = new Float64Array(neighbours.length);
+    const one = zeros(neighbours.length);
     for (const member of members) one[member] = members.length ** -0.5;
     components.push(one);
   });
@@ -31,10 +31,10 @@ function listComponents(neighbours) {
 function findPartners(cage, { normal, point }) {
   const count = cage.length / 3, [, radius] = enclose(cage), partners = new Int32Array(count);
   for (let i = 0; i < count; i++) {
-    const p = [...cage.subarray(3 * i, 3 * i + 3)], image = subtract(p, scale(normal, 2 * dot(subtract(p, point), normal)));
+    const p = pointOf(cage, i), image = subtract(p, scale(normal, 2 * dot(subtract(p, point), normal)));
     let best = Infinity;
     for (let k = 0; k < count; k++) {
-      const away = Math.hypot(cage[3 * k] - image[0], cage[3 * k + 1] - image[1], cage[3 * k + 2] - image[2]);
+      const away = norm(subtract(image, pointOf(cage, k)));
       if (away < best) { best = away; partners[i] = k; }
     }
     if (best > MAX_ASYMMETRY * 2 * radius) return null;
@@ -45,10 +45,8 @@ function findPartners(cage, { normal, point }) {
 // One coordinate of all cage vertices; `sign` is -1 for that across a mirror.
 class CoordinateSolver {
   constructor(neighbours, locked, partners, sign) {
-    const n = this.count = neighbours.length;
-    this.neighbours = neighbours;
-    this.column = new Int32Array(n).fill(-1);
-    this.share = new Float64Array(n);
+    const n = neighbours.length;
+    Object.assign(this, { neighbours, count: n, column: new Int32Array(n).fill(-1), share: zeros(n) });
     let width = 0;
     for (let k = 0; k < n; k++) {
       const partner = partners ? partners[k] : k;
@@ -71,7 +69,7 @@ class CoordinateSolver {
   }
 
   restrict(values) {
-    const out = new Float64Array(this.width);
+    const out = zeros(this.width);
     for (let k = 0; k < this.count; k++) if (this.column[k] >= 0) out[this.column[k]] += this.share[k] * values[k];
     return out;
   }
@@ -83,7 +81,7 @@ class CoordinateSolver {
     const components = listComponents(this.neighbours);
     const { values, right } = decompose(components.map((one) => subtract(one, this.extend(this.restrict(one)))));
     const free = right.filter((_, k) => values[k] < FREE_TOLERANCE).map((shares) => combine(components, shares));
-    const whole = new Float64Array(this.count).fill(this.count ** -0.5), shares = free.map((mode) => dot(mode, whole));
+    const whole = zeros(this.count).fill(this.count ** -0.5), shares = free.map((mode) => dot(mode, whole));
     if (!free.length || norm(subtract(combine(free, shares), whole)) > FREE_TOLERANCE) return free;
     this.canMoveAsOne = true;
     const kept = [whole];
@@ -98,7 +96,7 @@ class CoordinateSolver {
   // Displacements by forces on cage vertices, without free modes.
   push(forces) {
     const moved = this.extend(solveFactored(this.factor, this.restrict(forces)));
-    for (const mode of this.modes) { const share = dot(mode, forces); for (let k = 0; k < moved.length; k++) moved[k] -= share * mode[k]; }
+    for (const mode of this.modes) accumulate(moved, -dot(mode, forces), mode);
     return moved;
   }
 
@@ -111,18 +109,17 @@ class CoordinateSolver {
     const rigid = columns.filter((_, k) => values[k] > FREE_TOLERANCE).map(normalize);
     const clean = (v) => rigid.reduce((rest, one) => subtract(rest, scale(one, dot(one, rest))), v);
     // The system outside the rigid motions; on those, any number that keeps it regular.
-    const half = system.map(clean), size = Math.max(...system.map((row, i) => row[i])) || 1;
-    const inner = Array.from({ length: count }, (_, i) => clean(Float64Array.from(half, (row) => row[i])));
-    for (const one of rigid) for (let i = 0; i < count; i++) for (let k = 0; k < count; k++) inner[i][k] += size * one[i] * one[k];
+    const half = system.map(clean), size = max(...system.map((row, i) => row[i])) || 1;
+    const inner = listOf(count, (i) => clean(Float64Array.from(half, (row) => row[i])));
+    for (const one of rigid) inner.forEach((row, i) => accumulate(row, size * one[i], one));
     const factor = factorize(inner);
     if (!factor) return null;
-    const unit = (i) => { const e = new Float64Array(count); e[i] = 1; return e; };
-    const forces = Array.from({ length: count }, (_, i) => clean(solveFactored(factor, clean(unit(i)))));
-    const left = forces.map((force, i) => subtract(unit(i), Float64Array.from(system, (row) => dot(row, force))));
+    const units = makeIdentity(count), forces = units.map((unit) => clean(solveFactored(factor, clean(unit))));
+    const left = forces.map((force, i) => subtract(units[i], Float64Array.from(system, (row) => dot(row, force))));
     const resolve = this.resolveModes(coupling, count);
     return forces.map((force, i) => {
       const moved = combine(influence, force, this.count);
-      resolve.forEach((row, mode) => { const share = dot(row, left[i]); for (let k = 0; k < this.count; k++) moved[k] += share * this.modes[mode][k]; });
+      resolve.forEach((row, mode) => accumulate(moved, dot(row, left[i]), this.modes[mode]));
       return moved;
     });
   }
@@ -130,12 +127,12 @@ class CoordinateSolver {
   // Free modes per displacement of an anchor: with a choice, components stay together.
   resolveModes(coupling, count) {
     if (!this.canMoveAsOne || !count) return invert(coupling, count);
-    const centre = (v) => { const mean = v.reduce((a, b) => a + b, 0) / count; return v.map((x) => x - mean); };
+    const centre = (v) => { const mean = sumOf(v) / count; return v.map((x) => x - mean); };
     const apart = invert(coupling.slice(1).map(centre), count).map(centre);
-    const together = new Float64Array(count).fill(1 / count);
+    const together = zeros(count).fill(1 / count);
     apart.forEach((row, mode) => {
-      const mean = coupling[mode + 1].reduce((a, b) => a + b, 0) / count;
-      for (let i = 0; i < count; i++) together[i] -= mean * row[i];
+      const mean = sumOf(coupling[mode + 1]) / count;
+      accumulate(together, -mean, row);
     });
     return [scale(together, 1 / this.modes[0][0]), ...apart];
   }
@@ -149,14 +146,14 @@ class CoordinateSolver {
     });
     const moved = this.push(forces);
     const shares = rows.map((row) => dot(row, moved));
-    response.forEach((one, i) => { for (let k = 0; k < moved.length; k++) moved[k] -= shares[i] * one[k]; });
+    response.forEach((one, i) => accumulate(moved, -shares[i], one));
     return moved;
   }
 }
 
 function combine(vectors, shares, length = vectors[0]?.length ?? 0) {
-  const sum = new Float64Array(length);
-  vectors.forEach((vector, k) => { const share = shares[k]; for (let i = 0; i < length; i++) sum[i] += share * vector[i]; });
+  const sum = zeros(length);
+  vectors.forEach((vector, k) => accumulate(sum, shares[k], vector));
   return sum;
 }
 
@@ -165,7 +162,7 @@ function invert(columns, count) {
   const { values, columns: left, right } = decompose(columns), rows = makeRows(columns.length, count);
   values.forEach((value, k) => {
     if (value <= FREE_TOLERANCE) return;
-    rows.forEach((row, p) => { for (let i = 0; i < count; i++) row[i] += right[k][p] * left[k][i] / (value * value); });
+    rows.forEach((row, p) => accumulate(row, right[k][p] / (value * value), left[k]));
   });
   return rows;
 }

@@ -8,17 +8,15 @@ class Skin {
     const m = this.count, n = this.cageCount, step = 1 / header.levels;
     this.weights = new Float32Array(m * n);
     for (let k = 0; k < n; k++) for (let j = 0, to = k; j < m; j++, to += n) this.weights[to] = step * arrays.weights[k * m + j];
-    this.moves = new Float64Array(3 * n);
+    this.moves = zeros(3 * n);
     this.refine(arrays, header.restStep);
-    const lack = new Float32Array(3 * m), still = [1, 0, 0, 0, 1, 0, 0, 0, 1];
-    for (let k = 0; k < 3 * m; k++) lack[k] = header.lackStep * arrays.lack[(k % 3) * m + (k - k % 3) / 3];
+    const rest = this.cage;
+    this.base = new Float32Array(3 * m);
+    for (let k = 0; k < 3 * m; k++) this.base[k] = header.lackStep * arrays.lack[(k % 3) * m + (k - k % 3) / 3];
     // The mesh of the rest cage, as moved from a cage of zeros.
-    this.base = lack;
-    const moved = this.cage, out = new Float32Array(3 * m);
-    this.cage = new Float64Array(3 * n);
-    this.deform(moved, still, out);
-    this.cage = moved;
-    this.base = out;
+    this.cage = zeros(3 * n);
+    this.deform(rest, [1, 0, 0, 0, 1, 0, 0, 0, 1], this.base);
+    this.cage = rest;
   }
 
   // Adds what rounding lost of the weights in the smooth motions of the cage, which poses amplify.
@@ -34,10 +32,8 @@ class Skin {
   displace(cage, rotation) {
     const rest = this.cage, moves = this.moves;
     for (let k = 0; k < cage.length; k += 3) {
-      const x = rest[k], y = rest[k + 1], z = rest[k + 2];
-      for (let a = 0; a < 3; a++) {
-        moves[k + a] = cage[k + a] - (x * rotation[a] + y * rotation[3 + a] + z * rotation[6 + a]);
-      }
+      const turned = turn(rest.subarray(k, k + 3), rotation);
+      for (let a = 0; a < 3; a++) moves[k + a] = cage[k + a] - turned[a];
     }
     return moves;
   }
@@ -60,10 +56,10 @@ class Skin {
 
   // A surface point in cage space: its row, and its place on the base mesh.
   anchor(corners, shares) {
-    const n = this.cageCount, row = new Float64Array(n), base = [0, 0, 0];
+    const n = this.cageCount, row = zeros(n), base = [0, 0, 0];
     corners.forEach((vertex, corner) => {
       const share = shares[corner];
-      for (let k = 0; k < n; k++) row[k] += share * this.weights[vertex * n + k];
+      accumulate(row, share, this.weights.subarray(vertex * n));
       for (let a = 0; a < 3; a++) base[a] += share * this.base[3 * vertex + a];
     });
     return { row, base };
@@ -120,7 +116,7 @@ class Skin {
 function listEdges(faces) {
   const seen = new Set(), edges = [];
   for (let k = 0; k < faces.length; k++) {
-    const a = faces[k], b = faces[k % 3 === 2 ? k - 2 : k + 1], low = Math.min(a, b), high = Math.max(a, b);
+    const a = faces[k], b = faces[k % 3 === 2 ? k - 2 : k + 1], low = min(a, b), high = max(a, b);
     const key = low * 67108864 + high;
     if (!seen.has(key)) { seen.add(key); edges.push(low, high); }
   }

@@ -1,6 +1,9 @@
 // The picture: what is drawn of a clip at a moment, from where, and how long it took.
 const TIMED_FRAMES = 120, TELL_EVERY = 200;
 
+// What other pages add to the player: functions of its section and stage.
+const extensions = [];
+
 class Stage {
   constructor(canvas, payload) {
     this.canvas = canvas;
@@ -10,16 +13,9 @@ class Stage {
     this.colours = new Colours(this.clip);
     this.camera = new Camera(this.clip.header.up);
     this.transport = new Transport(this.clip.count, this.clip.header.fps);
-    const size = payload.arrays.lack.length;
-    this.positions = new Float32Array(size);
-    this.input = new Float32Array(size);
-    this.normals = new Float32Array(size);
-    this.view = { show: "model", colours: "clay", hasCage: true, isFollowing: travels(this.clip) };
-    this.editor = null;
-    this.listeners = [];
-    this.timings = { solve: [], skin: [], normals: [], draw: [], frames: [] };
-    this.isStale = true;
-    this.toldAt = 0;
+    for (const name of ["positions", "input", "normals"]) this[name] = new Float32Array(payload.arrays.lack.length);
+    this.view = { show: "model", colours: "clay", cage: true, follow: travels(this.clip) };
+    Object.assign(this, { editor: null, listeners: [], timings: { solve: [], skin: [], normals: [], draw: [], frames: [] }, isStale: true, toldAt: 0 });
     this.reset();
     new ResizeObserver(() => this.request()).observe(canvas);
   }
@@ -72,10 +68,9 @@ class Stage {
     this.note("normals", performance.now() - placed);
     this.moved = this.editor?.measure(this) ?? null;
     this.computeInput();
-    const chosen = this.colours.choose(this.view.colours, share ? -1 : frame, this.moved?.marks);
-    this.scale = chosen;
+    this.scale = this.colours.choose(this.view.colours, share ? -1 : frame, this.moved?.marks);
     this.renderer.upload("values", this.colours.values);
-    if (this.view.isFollowing) this.camera.shift = subtract(meanOf(this.cage), meanOf(this.skin.cage));
+    if (this.view.follow) this.camera.shift = subtract(meanOf(this.cage), meanOf(this.skin.cage));
   }
 
   // The input of this frame, if the page holds it and it is wanted.
@@ -103,11 +98,11 @@ class Stage {
 
   draw() {
     this.ground = getComputedStyle(this.canvas).backgroundColor.match(/\d+/g).slice(0, 3).map((x) => x / 255);
-    const canvas = this.canvas, ratio = Math.min(devicePixelRatio, 2);
-    const width = Math.max(1, Math.round(canvas.clientWidth * ratio)), height = Math.max(1, Math.round(canvas.clientHeight * ratio));
+    const canvas = this.canvas, ratio = min(devicePixelRatio, 2);
+    const width = max(1, Math.round(canvas.clientWidth * ratio)), height = max(1, Math.round(canvas.clientHeight * ratio));
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
     const isSplit = this.view.show === "both" && this.hasInput, part = isSplit ? width >> 1 : width;
-    this.camera.resize(part / ratio, height / ratio);
+    Object.assign(this.camera, { width: part / ratio, height: height / ratio });
     if (isSplit) this.drawPart(0, part, height, true, ratio);
     this.drawPart(isSplit ? part : 0, part, height, this.view.show === "input" && this.hasInput, ratio);
   }
@@ -115,17 +110,11 @@ class Stage {
   drawPart(left, width, height, isInput, ratio) {
     const { renderer, camera, colours } = this, toClip = camera.matrix(), [right, up, back] = camera.axes();
     renderer.begin(left, width, height, this.ground);
-    const light = normalize(add(add(scale(back, 1), scale(up, 0.8)), scale(right, -0.5)));
-    const paint = { missing: colours.missing, light, eye: back };
-    if (isInput) {
-      const names = { positions: "inputPositions", normals: "inputNormals", values: "zeros" };
-      renderer.drawMesh(names, toClip, { ...paint, ramp: PLAIN.input });
-      return;
-    }
-    if (this.view.show !== "cage") {
-      renderer.drawMesh({ positions: "positions", normals: "normals", values: "values" }, toClip, { ...paint, ramp: this.scale.ramp });
-    }
-    if (this.view.hasCage || this.view.show === "cage") renderer.drawCage(toClip, this.cageColour(), ratio);
+    const light = normalize(add(add(back, scale(up, 0.8)), scale(right, -0.5)));
+    const drawMesh = (names, ramp) => renderer.drawMesh(names, toClip, { missing: colours.missing, light, eye: back, ramp });
+    if (isInput) { drawMesh(["inputPositions", "inputNormals", "zeros"], PLAIN.input); return; }
+    if (this.view.show !== "cage") drawMesh(["positions", "normals", "values"], this.scale.ramp);
+    if (this.view.cage || this.view.show === "cage") renderer.drawCage(toClip, this.cageColour(), ratio);
     this.editor?.drawMarks(renderer, toClip, ratio);
   }
 
@@ -141,7 +130,7 @@ class Stage {
   reset() {
     const [centre, radius] = enclose(this.clip.cage(this.transport.frame));
     this.camera.tilt = 14;
-    if (this.view.isFollowing) this.camera.shift = subtract(meanOf(this.clip.cage(this.transport.frame)), meanOf(this.skin.cage));
+    if (this.view.follow) this.camera.shift = subtract(meanOf(this.clip.cage(this.transport.frame)), meanOf(this.skin.cage));
     this.camera.frame(centre, radius, 32);
     this.request();
   }
@@ -153,7 +142,7 @@ class Stage {
     this.transport.go(frame);
     this.compute();
     this.camera.tilt = 14;
-    this.camera.frame([...this.positions.subarray(3 * vertex, 3 * vertex + 3)], extent, turn);
+    this.camera.frame(pointOf(this.positions, vertex), extent, turn);
     this.request(true);
   }
 }
@@ -168,14 +157,14 @@ function meanOf(points) {
 function enclose(points) {
   const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
   for (let k = 0; k < points.length; k++) {
-    low[k % 3] = Math.min(low[k % 3], points[k]);
-    high[k % 3] = Math.max(high[k % 3], points[k]);
+    low[k % 3] = min(low[k % 3], points[k]);
+    high[k % 3] = max(high[k % 3], points[k]);
   }
   return [scale(add(low, high), 0.5), norm(subtract(high, low)) / 2 || 1];
 }
 
 // Whether the model goes so far that the camera has to go with it.
 function travels(clip) {
-  const middles = Array.from({ length: clip.count }, (_, frame) => meanOf(clip.cage(frame)));
+  const middles = listOf(clip.count, (frame) => meanOf(clip.cage(frame)));
   return enclose(middles.flat())[1] > 0.25;
 }

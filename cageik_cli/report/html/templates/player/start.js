@@ -16,8 +16,9 @@ async function startPlayer(section) {
     ...makeHandles(section, stage),
   });
   makeControls(section, stage);
-  canvas.addEventListener("webglcontextlost", () => showStill(section, new Error("the graphics card was lost; load the page again")));
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => stage.request());
+  for (const extend of extensions) extend(section, stage);
+  listenTo(canvas, "webglcontextlost", () => showStill(section, new Error("the graphics card was lost; load the page again")));
+  listenTo(matchMedia("(prefers-color-scheme: dark)"), "change", () => stage.request());
   section.classList.add("ready");
   await new Promise((done) => { stage.listeners.push(done); stage.request(true); });
   return stage;
@@ -29,7 +30,7 @@ function showStill(section, error) {
   const picture = document.querySelector("#poses .pose:nth-of-type(2) img:last-of-type, #poses img");
   if (picture) figure.prepend(picture.cloneNode());
   figure.querySelector("figcaption").textContent =
-    `The player needs WebGL2 and DecompressionStream, which this browser does not offer (${error.message}). The pictures on this page show the same model.`;
+    `The player needs WebGL2, which this browser does not offer (${error.message}). The pictures on this page show the same model.`;
   figure.hidden = false;
 }
 
@@ -38,7 +39,7 @@ function makeHook(stage) {
   return {
     stage,
     get frame() { return stage.transport.frame; },
-    positions: () => Array.from({ length: stage.positions.length / 3 }, (_, j) => stage.clip.toFile([...stage.positions.subarray(3 * j, 3 * j + 3)])),
+    positions: () => listOf(stage.positions.length / 3, (j) => stage.clip.toFile(pointOf(stage.positions, j))),
     timings: stage.timings,
   };
 }

@@ -5,7 +5,7 @@ function evaluateTrack(track, frame) {
   if (Array.isArray(track)) return track;
   const { frames, values } = track, last = frames.length - 1, x = clamp(frame, frames[0], frames[last]);
   if (!last) return values[0];
-  const k = Math.min(last - 1, Math.max(0, frames.findLastIndex((one) => one <= x)));
+  const k = min(last - 1, max(0, frames.findLastIndex((one) => one <= x)));
   const step = frames[k + 1] - frames[k], t = (x - frames[k]) / step;
   return values[0].map((_, axis) => {
     const y = values.map((one) => one[axis]), a = slopeAt(frames, y, k), b = slopeAt(frames, y, k + 1);
@@ -25,13 +25,13 @@ function slopeAt(x, y, k) {
   const [i, j] = k ? [last - 1, last - 2] : [0, 1], near = rise(i), next = rise(j);
   const slope = ((2 * width(i) + width(j)) * near - width(i) * next) / (width(i) + width(j));
   if (slope * near <= 0) return 0;
-  return near * next <= 0 && Math.abs(slope) > 3 * Math.abs(near) ? 3 * near : slope;
+  return near * next <= 0 && abs(slope) > 3 * abs(near) ? 3 * near : slope;
 }
 
 // The strength of a set of handles in a frame, from 0 to 1.
 function blendSet({ frames, falloff = 0 }, frame) {
   if (!frames) return 1;
-  const off = Math.max(frames[0] - frame, frame - frames[1], 0), x = falloff ? clamp(1 - off / falloff, 0, 1) : Number(off === 0);
+  const off = max(frames[0] - frame, frame - frames[1], 0), x = falloff ? clamp(1 - off / falloff, 0, 1) : Number(off === 0);
   return x ** 3 * (x * (6 * x - 15) + 10);
 }
 

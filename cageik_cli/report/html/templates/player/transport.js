@@ -1,23 +1,22 @@
 // Time: which moment of the clip is shown, and how it goes on.
 class Transport {
   constructor(count, fps) {
-    Object.assign(this, { count, fps, time: 0, isPlaying: false, speed: 1, isLooping: true, isSmooth: true, last: null });
+    Object.assign(this, { count, fps, time: 0, isPlaying: false, speed: 1, loop: true, smooth: true, last: null });
   }
 
   // Goes on to the moment `now`, in milliseconds.
   advance(now) {
-    if (!this.isPlaying) return;
-    const passed = this.last === null ? 0 : Math.min(now - this.last, 500) / 1000;
+    const passed = this.last === null ? 0 : min(now - this.last, 500) / 1000;
     this.last = now;
-    const end = this.isLooping ? this.count : this.count - 1;
+    const end = this.loop ? this.count : this.count - 1;
     this.time += passed * this.fps * this.speed;
     if (this.time < end) return;
-    if (this.isLooping) this.time %= this.count;
+    if (this.loop) this.time %= this.count;
     else { this.time = this.count - 1; this.isPlaying = false; }
   }
 
   play(isPlaying) {
-    if (isPlaying && !this.isLooping && this.time >= this.count - 1) this.time = 0;
+    if (isPlaying && !this.loop && this.time >= this.count - 1) this.time = 0;
     this.isPlaying = isPlaying && this.count > 1;
     this.last = null;
     if (!this.isPlaying) this.time = this.frame;
@@ -25,8 +24,8 @@ class Transport {
 
   go(frame) { this.time = clamp(Math.round(frame), 0, this.count - 1); }
 
-  get frame() { return Math.min(Math.floor(this.time), this.count - 1); }
+  get frame() { return min(Math.floor(this.time), this.count - 1); }
 
   // The share of the next frame; the last frame of a loop is not blended with the first.
-  get share() { return this.isPlaying && this.isSmooth && this.frame < this.count - 1 ? this.time - this.frame : 0; }
+  get share() { return this.isPlaying && this.smooth && this.frame < this.count - 1 ? this.time - this.frame : 0; }
 }

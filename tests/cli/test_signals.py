@@ -1,0 +1,105 @@
+"""A run that is told to end leaves nothing unfinished; one that is killed leaves it to the next."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of this system")
+
+SLOW = """
+import sys, time
+from cageik_cli.formats.npz import writer
+def append(self, frames):
+    print("writing", flush=True)
+    time.sleep(60)
+writer.Writer.append = append
+from cageik_cli.cli import main
+main()
+"""
+
+
+@pytest.fixture
+def result(run, folder):
+    assert run("extract", "frames", "--cage", "cage.obj", "-q").code == 0
+    return folder
+
+
+def end_while_writing(number, prepare=None):
+    """Start an export, and send it a signal while it writes; return its exit code and stderr."""
+    words = [sys.executable, "-c", SLOW, "export", "cages.h5", "a.npz"]
+    with subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=prepare
+    ) as process:
+        assert process.stdout.readline() == "writing\n"
+        process.send_signal(number)
+        if number == signal.SIGHUP and prepare is not None:
+            time.sleep(0.5)
+            assert process.poll() is None
+            process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=60)
+    return process.returncode, said
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_ends_a_run_as_ctrl_c_does(result, name):
+    assert end_while_writing(getattr(signal, name)) == (1, "Error: interrupted\n")
+    assert not [path for path in Path().iterdir() if "partial" in path.name]
+    assert not Path("a.npz").exists()
+
+
+def test_a_run_under_nohup_goes_on(result):
+    def ignore():
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+
+    assert end_while_writing(signal.SIGHUP, ignore)[0] == 1
+
+
+@pytest.mark.parametrize("quiet", [[], ["-q"]])
+def test_what_a_killed_run_left_is_removed_by_the_next(run, result, quiet):
+    assert end_while_writing(signal.SIGKILL)[0] == -9
+    (left,) = (path for path in Path().iterdir() if "partial" in path.name)
+    outcome = run("export", "cages.h5", "a.npz", *quiet)
+    assert outcome.code == 0
+    assert not left.exists()
+    assert (f"note: {left}: removed" in outcome.err) == (not quiet)
+
+
+@pytest.mark.parametrize("out", ["nowhere/../x/c_####.obj", "nowhere/../c.npz", "nowhere/../x"])
+def test_a_folder_on_the_way_that_is_missing_is_refused_before_any_work(run, result, out):
+    before = sorted(Path().rglob("*"))
+    outcome = run("export", "cages.h5", out)
+    assert outcome.code == 1
+    assert "the folder nowhere" in outcome.err
+    assert sorted(Path().rglob("*")) == before
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device")
+@pytest.mark.parametrize(
+    ("words", "written"),
+    [
+        (["extract", "frames", "--cage", "cage.obj", "-o", "b.h5", "-v"], "b.h5"),
+        (["batch", "frames", "--cage", "cage.obj", "-o", "out", "--jobs", "1"], "out/report.json"),
+        (["export", "cages.h5", "b.npz"], "b.npz"),
+    ],
+)
+def test_messages_that_cannot_be_written_change_no_exit_code(result, words, written):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([sys.executable, "-m", "cageik_cli", *words], stderr=full)
+    assert done.returncode == 0
+    assert Path(written).exists()
+
+
+def test_a_library_that_cannot_be_loaded_is_no_internal_error(run, result, monkeypatch):
+    def fail(*words):
+        raise ImportError("libx.so: cannot open shared object file: Error 24")
+
+    monkeypatch.setattr("cageik_cli.workflows.info.describe_files", fail)
+    outcome = run("info", "cages.h5")
+    assert outcome.code == 1
+    assert "a library cannot be loaded (libx.so" in outcome.err
+    assert "internal error" not in outcome.err

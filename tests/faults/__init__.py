@@ -1,0 +1,1 @@
+"""Faults of the system, injected into runs of every command."""

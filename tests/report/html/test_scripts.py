@@ -1,0 +1,55 @@
+"""Scripts without what only their readers need."""
+
+import re
+from importlib.resources import files
+
+import pytest
+
+from cageik_cli.report.html.scripts import shorten_script
+
+SCRIPTS = [*(files("cageik_cli.report.html") / "templates" / "player").iterdir()]
+
+
+@pytest.mark.parametrize(
+    ("script", "short"),
+    [
+        ("  // a word\nconst  far = 1;\n", "let far=1;"),
+        ("a = b + +c - -d ;", "a=b+ +c- -d;"),
+        ('return  "a  b" + \'c  //d\';', 'return"a  b"+\'c  //d\';'),
+        ("if (a) {\n  b = `x  ${c}`;\n}\nelse d();", "if(a){b=`x  ${c}`}else d();"),
+        ("const a = 1;\nconst b = a;\nf();", "let a=1,b=a;f();"),
+        ("const a = () => { b; };\nconst c = 1;", "let a=()=>{b};let c=1;"),
+        ("f((x) => x, async (y) => y, true, [0.5,],);", "f(x=>x,async(y)=>y,!0,[.5,],);"),
+        ("s = `#version 300 es\nconst int a = 1 ;\nvoid f() { a; }`;",
+         "s=`#version 300 es\nconst int a=1;void f(){a;}`;"),
+        ('say("true;} const (x) => 0.5");', 'say("true;} const (x) => 0.5");'),
+    ],
+)  # fmt: skip
+def test_what_is_left_means_the_same(script, short):
+    assert shorten_script(script) == f"{short}\n"
+
+
+def find_faults(script):
+    """Return the lines of a script that do not keep to what is known."""
+    code = re.sub(r"^\s*//.*\n", "", script, flags=re.MULTILINE)
+    code = re.sub(r"`#version[^`]*`", "0", code)
+    lines = [line.strip() for line in code.splitlines() if line.strip()]
+    faults = [line for line in lines if re.search(r"//|/\*", re.sub(r'"[^"]*"', "", line))]
+    faults += [line for line in lines if re.search(r"\$\{[^}`]*`", line)]
+    for line, after in zip(lines, [*lines[1:], ";"], strict=True):
+        is_whole = line[-1] in "{}([;,=:?&|`"
+        goes_on = after[0] in ".?:&|)]}" or line.startswith(("for ", "if ", "else "))
+        faults += [] if is_whole or goes_on else [line]
+    return faults
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
+def test_our_scripts_keep_to_what_is_known(path):
+    assert find_faults(path.read_text()) == []
+
+
+@pytest.mark.parametrize(
+    "line", ["f(); // a word", "f(/* no */);", "const a = b", "f()", "const a = `${b ? `c` : 0}`;"]
+)
+def test_other_scripts_are_found_out(line):
+    assert set(find_faults(f"const a = 1;\n{line}\ng();\n")) == {line}

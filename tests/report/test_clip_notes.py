@@ -1,0 +1,71 @@
+"""Notes on clips that are not the rest pose in motion: mirrored frames, and other units."""
+
+import re
+
+import numpy as np
+import pytest
+
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.report.clip_notes import list_clip_notes
+from cageik_cli.report.record import build_report
+from tests.shapes import rotation
+
+
+@pytest.fixture
+def list_notes(make_case, animation):
+    """The notes on a clip whose first frame is the rest pose, and the others are changed."""
+
+    def made(change, faces=None):
+        frames = animation.frames.copy()
+        frames[1:] = [change(k, frame) for k, frame in enumerate(frames[1:])]
+        faces = animation.rest.faces if faces is None else faces
+        return list_clip_notes(make_case(frames, faces).result)
+
+    return made
+
+
+def test_a_clip_in_motion_has_no_note(list_notes):
+    assert list_notes(lambda k, frame: 0.8 * frame @ rotation(k) + k) == ()
+
+
+@pytest.mark.parametrize("is_open", [False, True])
+def test_mirrored_frames_are_noted(list_notes, animation, is_open):
+    """Those of an open model are found by the volume of their cages."""
+    faces = animation.rest.faces[1:] if is_open else None
+    mirrored = [-1.0, 1, 1]
+    (note,) = list_notes(lambda k, frame: frame * (mirrored if k < 2 else 1), faces)
+    assert note.startswith("2 of 5 frames are mirrored relative to the rest pose (")
+    assert "[1]" in note
+    assert "[3]" not in note
+    assert "scale of -1" in note
+
+
+@pytest.mark.parametrize(
+    ("factor", "size", "unit"),
+    [
+        (100, "times as large as", "centimetres and metres"),
+        (0.01, "times smaller than", "centimetres and metres"),
+        (2.54, "times as large as", "inches and centimetres"),
+        (7, "times as large as", "or of another model"),
+    ],
+)
+def test_frames_of_another_size_are_noted_with_the_likely_unit(list_notes, factor, size, unit):
+    (note,) = list_notes(lambda _, frame: factor * frame)
+    found = re.match(f"the frames are ([0-9.]+) {size} the rest pose", note)
+    assert float(found[1]) == pytest.approx(max(factor, 1 / factor), rel=0.06)
+    assert unit in note
+
+
+def test_frames_somewhat_larger_are_not_noted(list_notes):
+    assert list_notes(lambda _, frame: 1.7 * frame) == ()
+
+
+def test_a_body_folded_flat_is_not_mirrored(list_notes):
+    assert list_notes(lambda _, frame: frame * [1, 1, -0.05]) == ()
+
+
+def test_the_note_is_in_the_report(make_case, animation):
+    frames = np.concatenate([animation.frames[:1], -animation.frames[1:]])
+    report = build_report(make_case(frames, animation.rest.faces).result)
+    assert any("mirrored" in note for note in report.notes)
+    assert TriMesh(frames[1], animation.rest.faces).volume < 0
