@@ -15,6 +15,8 @@ from cageik_cli.cli.options.common import (
     recentre_option,
 )
 from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.cli.options.morphs import MORPH_OPTIONS, check_morph_usage
+from cageik_cli.formats.base.settings import MorphSettings
 from cageik_cli.formats.scene import SceneHints
 
 if TYPE_CHECKING:
@@ -29,6 +31,7 @@ def make_export_settings(
     influences: int | None,
     with_model: bool,
     guide: bool,
+    morphs: MorphSettings,
     file_format: str | None,
     recentre: bool,
     overwrite: bool,
@@ -43,6 +46,12 @@ def make_export_settings(
     if guide and not with_model:
         raise click.UsageError("--guide needs --with-model; give both, or neither")
     display = (CageDisplay.GUIDE if guide else CageDisplay.MESH) if with_model else None
+    has_morphs = morphs != MorphSettings()
+    if has_morphs and skeleton:
+        raise click.UsageError(
+            "--morphs and --tolerance do not go with --skeleton, which has none; give --influences"
+        )
+    check_morph_usage("--morphs and --tolerance", has_morphs, out)
     return ExportSettings(
         result=result,
         output=Output(out, file_format, overwrite, recentre),
@@ -51,6 +60,7 @@ def make_export_settings(
         influences=influences,
         compares=get_verbosity() > 0,
         with_model=display,
+        morphs=morphs,
     )
 
 
@@ -65,7 +75,7 @@ def make_export_settings(
         "--skeleton",
         is_flag=True,
         help="Write the rest pose with one joint per cage vertex and the weights as skin weights "
-        "(.usd*).",
+        "(.usd*, .glb).",
     ),
     click.option(
         "--influences",
@@ -85,6 +95,7 @@ def make_export_settings(
         help="Give the cage of --with-model the purpose `guide`, which programs hide and do not "
         "render.",
     ),
+    MORPH_OPTIONS,
     format_option,
     recentre_option,
     overwrite_option,

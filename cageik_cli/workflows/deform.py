@@ -12,7 +12,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.connectivity import check_vertex_order
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings, MorphSettings
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import list_input_files, open_sequence
@@ -72,6 +72,8 @@ class DeformSettings:
         motion of the mesh; the weights that it has if absent.
     compares : bool
         Note the error of other numbers of influences, too.
+    morphs : MorphSettings
+        How morph targets follow the mesh, in a format that has them.
     """
 
     source: Path
@@ -88,6 +90,7 @@ class DeformSettings:
     jobs: int = 1
     influences: int | None = None
     compares: bool = False
+    morphs: MorphSettings = field(default_factory=lambda: MorphSettings(has_normals=True))
 
     def inputs(self) -> list[Path]:
         """Return the files that are read."""
@@ -131,6 +134,7 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
         frame_count=cages.count,
         scene=settings.scene.override(scene),
         name=_make_object_name(settings.mesh),
+        morphs=settings.morphs,
     )
     rotations = _read_needed_rotations(settings, source, binding, cages.count)
     target = Reconstruction(binding, cages, rotations)

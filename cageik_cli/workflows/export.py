@@ -6,11 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from cageik_cli.formats.base.settings import MorphSettings
 from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.gltf.skeleton import MAX_INFLUENCES
+from cageik_cli.formats.gltf.skeleton import SkeletonWriter as GltfSkeletonWriter
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.formats.usd.skeleton import SkeletonWriter
+from cageik_cli.formats.usd.skeleton import SkeletonWriter as UsdSkeletonWriter
 from cageik_cli.formats.usd.with_model import CageDisplay, WithModelWriter
-from cageik_cli.formats.write import ExportSummary, Output, write_animation
+from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
 from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.store.result_frames import read_binding, read_rotations
@@ -20,6 +23,9 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
+
+SKELETON_SUFFIXES = (*UsdSkeletonWriter.suffixes, *GltfSkeletonWriter.suffixes)
+"""Of the formats that hold skeletons."""
 
 MAX_BLOCK_BYTES = 1 << 26
 """Bytes of a block of cages, at most."""
@@ -44,6 +50,8 @@ class ExportSettings:
         Note the error of other numbers of influences, too.
     with_model : CageDisplay, optional
         Write cage and model in one file, and how the cage is shown there; one of them if absent.
+    morphs : MorphSettings
+        How morph targets follow the cages, in a format that has them.
     """
 
     result: Path
@@ -53,6 +61,7 @@ class ExportSettings:
     influences: int | None = None
     compares: bool = False
     with_model: CageDisplay | None = None
+    morphs: MorphSettings = field(default_factory=MorphSettings)
 
     def inputs(self) -> list[Path]:
         """Return the file that is read."""
@@ -81,6 +90,7 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
         frame_count=len(result.frames),
         scene=settings.scene.override(result.scene),
         name="cage",
+        morphs=settings.morphs,
     )
     report_skipped_frames(result, progress)
     if settings.skeleton:
@@ -102,7 +112,10 @@ def _write_skeleton(
     )
     rig = make_rig(result, target, request, progress)
     cages = (block.cages for block in rig.blocks())
-    make_writer = partial(SkeletonWriter, skin=rig.skin, cage=settings.with_model)
+    if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
+        make_writer: WriterFactory = partial(GltfSkeletonWriter, skin=rig.skin)
+    else:
+        make_writer = partial(UsdSkeletonWriter, skin=rig.skin, cage=settings.with_model)
     with limit_blas_threads(1):  # the last digits of the cages depend on it
         return write_animation(settings.output, animation, cages, progress, make_writer)
 
@@ -171,9 +184,17 @@ def check_export(settings: ExportSettings) -> None:
         Naming the output and what to do.
     """
     path = settings.output.path
-    if settings.skeleton and path.suffix.lower() not in SkeletonWriter.suffixes:
+    suffix = path.suffix.lower()
+    if settings.skeleton and suffix not in SKELETON_SUFFIXES:
         raise SettingError(
-            f"{path}: --skeleton works with USD only, expected {', '.join(SkeletonWriter.suffixes)}"
+            f"{path}: --skeleton works with USD and glTF only, expected "
+            f"{', '.join(SKELETON_SUFFIXES)}"
+        )
+    is_gltf = suffix in GltfSkeletonWriter.suffixes
+    if is_gltf and settings.influences is not None and settings.influences > MAX_INFLUENCES:
+        raise SettingError(
+            f"{path}: --influences is {settings.influences}, and programs read at most "
+            f"{MAX_INFLUENCES} joints per vertex from .glb; give 4, or {MAX_INFLUENCES}"
         )
     if settings.with_model is not None and path.suffix.lower() not in WithModelWriter.suffixes:
         raise SettingError(

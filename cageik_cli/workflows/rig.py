@@ -11,7 +11,7 @@ from cageik_cli.coordinates.binding import (
     reconstruct,
     reconstruct_frames,
 )
-from cageik_cli.formats.usd.skeleton import Skin, SkinWeights, compute_skin_weights
+from cageik_cli.formats.base.skin import Skin, SkinWeights, compute_skin_weights
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.fit import FitConditions, Fitter
 from cageik_cli.solver.fitting.sample import SampleSettings

@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import trimesh
 
 from tests.assets import asset_text, parse_asset
 from tests.shapes import quad_text
@@ -116,6 +117,28 @@ def test_an_asset_survives(run, clip, out):
     assert_kept(read(first.format("model", "model")), ASSET)
     assert run("export", "r.h5", pattern.format("cages", "cages"), "-q").code == 0
     assert_kept(read(first.format("cages", "cages")), CAGE)
+
+
+@pytest.mark.parametrize("kind", [("deform", "--flat"), ("export", "--skeleton")])
+def test_glb_has_the_triangles_of_each_material_with_their_uvs(run, clip, kind):
+    """Read by trimesh, which has one mesh per material, and v upward."""
+    command, option = kind
+    assert run("extract", clip, "--cage", "cage.obj", "-o", "r.h5", "-q").code == 0
+    target = ["-o", "out.glb"] if command == "deform" else ["out.glb"]
+    assert run(command, "r.h5", *target, option, "-q").code == 0
+    parts = trimesh.load_scene("out.glb", process=False).geometry.values()
+    found = {
+        (part.visual.material.name, tuple(np.round(corner, 5)))
+        for part in parts
+        for corner in part.visual.uv[part.faces].reshape(-1, 2)
+    }
+    expected = {
+        (name[2] or "plain", tuple(np.round(uv, 5)))
+        for name, uvs in zip(ASSET.names, ASSET.corner_uvs, strict=True)
+        for uv in uvs
+    }
+    assert {name for name, _ in expected} >= {name for name, _ in found}
+    assert found == expected
 
 
 def test_edited_cages_keep_their_quads(run, clip):

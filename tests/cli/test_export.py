@@ -13,7 +13,7 @@ from cageik_cli.formats.open import open_sequence
 from cageik_cli.workflows import export as exporting
 from tests.clips import frames_of
 from tests.formats.clips import faults_of
-from tests.formats.test_writers import Glb
+from tests.formats.gltf.decoded import Glb
 
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
 
@@ -98,6 +98,32 @@ def test_the_cage_of_a_glb_moves_as_the_results(run, result):
     assert file.json["nodes"][0]["name"] == "cage"
 
 
+def test_options_of_morph_targets_reach_the_writer(run, result):
+    outcome = run("export", "cages.h5", "c.glb", "--morphs", "2")
+    assert outcome.code == 0, outcome.err
+    note = outcome.err.splitlines()[-1]
+    assert note.startswith("  note           c.glb: 2 morph targets; error: rms ")
+    assert run("export", "cages.h5", "c.glb", "--tolerance", "0.5", "--overwrite").code == 0
+    extras = Glb(Path("c.glb")).json["meshes"][0]["extras"]["cageik"]
+    assert extras["largest_percent"] <= 0.5
+    again = Path("c.glb").read_bytes()
+    assert run("export", "cages.h5", "c.glb", "--tolerance", "0.5%", "--overwrite").code == 0
+    assert Path("c.glb").read_bytes() == again
+
+
+def test_a_file_may_hold_options_of_morph_targets(run, result):
+    Path("cageik.toml").write_text('[export]\nmorphs = 9\ntolerance = "0.5%"\n')
+    assert run("export", "cages.h5", "c.glb", "--config", "cageik.toml").code == 0
+    assert run("export", "cages.h5", "d.glb", "--morphs", "9", "--tolerance", "0.5%").code == 0
+    assert Path("c.glb").read_bytes() == Path("d.glb").read_bytes()
+
+
+def test_a_cage_has_no_normals(run, result):
+    """It is to look like what it is: flat faces."""
+    assert run("export", "cages.h5", "c.glb").code == 0
+    assert set(Glb(Path("c.glb")).primitives[0]["attributes"]) == {"POSITION"}
+
+
 def test_blocks_of_cages_change_nothing(run, result, monkeypatch):
     outputs = ("a.npz", "a.glb", "a.mdd", "a/a_#.obj")
     for name in outputs:
@@ -152,7 +178,9 @@ def test_no_format_here_replaces_a_result(run, result):
             ["cages.h5", "c/c_#.obj", "--start", "-1"],
             "c/c_#.obj: the number of the first frame is -1",
         ),
-        (["cages.h5", "c.glb", "--skeleton"], "c.glb: --skeleton"),
+        (["cages.h5", "c.pc2", "--skeleton"], "c.pc2: --skeleton"),
+        (["cages.h5", "c.glb", "--skeleton", "--influences", "9"], "c.glb: --influences is 9"),
+        (["cages.h5", "c.glb", "--tolerance", "1e-9%"], "c.glb: 4 morph targets leave a largest"),
         (["cages.h5", "c.usd", "--skeleton", "--influences", "9"], "cages.h5: --influences is 9"),
         (["cages.h5", "c.npz", "--format", "ply"], "c.npz: has another suffix"),
     ],
@@ -176,6 +204,18 @@ def test_what_cannot_be_fails_with_a_sentence(run, result, words, says):
         (["cages.h5", "c.npz", "--up-axis", "X"], "'X' is not one of 'Y', 'Z'"),
         (["cages.h5", "c.usd", "--influences", "4"], "--influences needs --skeleton"),
         (["cages.h5", "c.usd", "--skeleton", "--influences", "0"], "0 is not in the range"),
+        (["cages.h5", "c.usd", "--morphs", "9"], "--morphs and --tolerance apply to .glb"),
+        (["cages.h5", "c", "--tolerance", "1%"], "--morphs and --tolerance apply to .glb"),
+        (["cages.h5", "c.glb", "--morphs", "1"], "1 is not in the range 2<=x<=256"),
+        (["cages.h5", "c.glb", "--morphs", "257"], "257 is not in the range 2<=x<=256"),
+        (["cages.h5", "c.glb", "--tolerance", "0%"], "--tolerance is 0, expected a percentage"),
+        (["cages.h5", "c.glb", "--tolerance", "-1%"], "'-1%' is not a tolerance; expected"),
+        (["cages.h5", "c.glb", "--tolerance", "nan"], "'nan' is not a tolerance; expected"),
+        (["cages.h5", "c.glb", "--tolerance", "1units"], "'1units' is not a tolerance; expected"),
+        (
+            ["cages.h5", "c.glb", "--skeleton", "--morphs", "9"],
+            "--morphs and --tolerance do not go with --skeleton",
+        ),
     ],
 )
 def test_wrong_usage_is_exit_code_2(run, result, words, says):

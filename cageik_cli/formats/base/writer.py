@@ -2,13 +2,14 @@
 
 from abc import ABC, abstractmethod
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.file_names import FrameNames
+from cageik_cli.formats.base.settings import MorphSettings
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
@@ -28,6 +29,8 @@ class Animation:
     scene : Scene
     name : str
         Name of the object, for formats that name objects: letters, digits and underscores.
+    morphs : MorphSettings
+        How a format of morph targets follows the frames.
     origin : tuple of float
         What was subtracted from the rest pose, and is from all positions that are written.
     """
@@ -36,6 +39,7 @@ class Animation:
     frame_count: int
     scene: Scene
     name: str
+    morphs: MorphSettings = field(default_factory=MorphSettings)
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def recentre(self) -> "Animation":
