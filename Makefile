@@ -63,6 +63,8 @@ test-blender: $(BLENDER_READY) $(READY)  ## Read every format back in Blender, a
 	$(BIN)/python tests/blender/write.py $(OUT)/blender
 	$(READ_BACK) --wrong > $(OUT)/blender/wrong.log
 	$(READ_BACK) > $(OUT)/blender/imports.log
+	$(BIN)/python tests/blender/write_assets.py $(OUT)/blender
+	$(BLENDER_VENV)/bin/python tests/blender/read_assets.py $(OUT)/blender >> $(OUT)/blender/imports.log
 
 test-browser: $(READY)  ## Open the pages in Chromium, and use them by mouse and keyboard
 	@command -v $(CHROMIUM) >/dev/null || { \

@@ -1,5 +1,6 @@
 """`cageik deform`: the cage animation of a result applied to a mesh."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,8 @@ from cageik_cli.cli.options.common import (
     recentre_option,
 )
 from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.cli.options.morphs import MORPH_OPTIONS, check_morph_usage
+from cageik_cli.formats.base.settings import ClipSettings, MorphSettings
 from cageik_cli.formats.scene import SceneHints
 
 if TYPE_CHECKING:
@@ -32,6 +34,11 @@ def make_output(out: Path, file_format: str | None, recentre: bool, overwrite: b
     from cageik_cli.formats.write import Output
 
     return Output(out, file_format, overwrite, recentre)
+
+
+def make_mesh_morphs(morphs: MorphSettings, flat: bool) -> MorphSettings:
+    """Add to the settings of morph targets whether they have normals."""
+    return replace(morphs, has_normals=not flat)
 
 
 def make_deform_settings(
@@ -48,6 +55,7 @@ def make_deform_settings(
     memory: int,
     jobs: int,
     influences: int | None,
+    mesh_morphs: MorphSettings,
 ) -> "DeformSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
     from cageik_cli.workflows.deform import DeformSettings
@@ -57,6 +65,8 @@ def make_deform_settings(
             "--frames, --layout, --allow-gaps and --close-gaps apply to --cages; leave them out, "
             "or give it"
         )
+    is_given = mesh_morphs != MorphSettings(has_normals=True)
+    check_morph_usage("--morphs, --tolerance and --flat", is_given, output.path)
     return DeformSettings(
         source=source,
         output=output,
@@ -72,6 +82,7 @@ def make_deform_settings(
         jobs=jobs,
         influences=influences,
         compares=influences is not None and get_verbosity() > 0,
+        morphs=mesh_morphs,
     )
 
 
@@ -116,6 +127,16 @@ def make_deform_settings(
         type=click.IntRange(min=1),
         help="Fit the weights again to the motion of the mesh, with at most this number of cage "
         "vertices per vertex, as export --skeleton does.  [default: the weights of the mesh]",
+    ),
+    OptionGroup(
+        "mesh_morphs",
+        make_mesh_morphs,
+        MORPH_OPTIONS,
+        click.option(
+            "--flat",
+            is_flag=True,
+            help="Leave out normals: half the size, and programs show facets (.glb).",
+        ),
     ),
     memory_option,
     jobs_option,

@@ -15,6 +15,8 @@ from cageik_cli.cli.options.common import (
     recentre_option,
 )
 from cageik_cli.cli.options.group import OptionGroup
+from cageik_cli.cli.options.morphs import MORPH_OPTIONS, check_morph_usage
+from cageik_cli.formats.base.settings import MorphSettings
 from cageik_cli.formats.scene import SceneHints
 
 if TYPE_CHECKING:
@@ -27,18 +29,39 @@ def make_export_settings(
     scene: SceneHints,
     skeleton: bool,
     influences: int | None,
+    with_model: bool,
+    guide: bool,
+    morphs: MorphSettings,
     file_format: str | None,
     recentre: bool,
     overwrite: bool,
 ) -> "ExportSettings":
     """Make the settings of an export; values that contradict each other are wrong usage."""
+    from cageik_cli.formats.usd.with_model import CageDisplay
     from cageik_cli.formats.write import Output
     from cageik_cli.workflows.export import ExportSettings
 
     if influences is not None and not skeleton:
         raise click.UsageError("--influences needs --skeleton; give both, or neither")
-    output = Output(out, file_format, overwrite, recentre)
-    return ExportSettings(result, output, scene, skeleton, influences, get_verbosity() > 0)
+    if guide and not with_model:
+        raise click.UsageError("--guide needs --with-model; give both, or neither")
+    display = (CageDisplay.GUIDE if guide else CageDisplay.MESH) if with_model else None
+    has_morphs = morphs != MorphSettings()
+    if has_morphs and skeleton:
+        raise click.UsageError(
+            "--morphs and --tolerance do not go with --skeleton, which has none; give --influences"
+        )
+    check_morph_usage("--morphs and --tolerance", has_morphs, out)
+    return ExportSettings(
+        result=result,
+        output=Output(out, file_format, overwrite, recentre),
+        scene=scene,
+        skeleton=skeleton,
+        influences=influences,
+        compares=get_verbosity() > 0,
+        with_model=display,
+        morphs=morphs,
+    )
 
 
 @click.command("export")
@@ -52,7 +75,7 @@ def make_export_settings(
         "--skeleton",
         is_flag=True,
         help="Write the rest pose with one joint per cage vertex and the weights as skin weights "
-        "(.usd*).",
+        "(.usd*, .glb).",
     ),
     click.option(
         "--influences",
@@ -60,6 +83,19 @@ def make_export_settings(
         help="Fit the weights again, with at most this number of joints per vertex.  [default: "
         "the weights of the result]",
     ),
+    click.option(
+        "--with-model",
+        is_flag=True,
+        help="Write the cage and the model that it moves in one file (.usd*). With --skeleton, the "
+        "model is skinned.",
+    ),
+    click.option(
+        "--guide",
+        is_flag=True,
+        help="Give the cage of --with-model the purpose `guide`, which programs hide and do not "
+        "render.",
+    ),
+    MORPH_OPTIONS,
     format_option,
     recentre_option,
     overwrite_option,

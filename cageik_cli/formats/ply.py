@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.file_data import with_gzip
 from cageik_cli.formats.base.frame_files import FrameFileReader
 from cageik_cli.formats.base.mesh_data import FileMesh
-from cageik_cli.formats.base.polygons import fan_triangulate, fan_triangulate_polygons
+from cageik_cli.formats.base.polygons import fan_triangulate_polygons
 from cageik_cli.formats.base.writer import Animation, FrameFileWriter
+from cageik_cli.formats.ply_surface import CORNER_UVS, Columns, PlySurface, complete_surface
+from cageik_cli.geometry.surface_attributes import fan_triangulate
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 
@@ -62,6 +64,17 @@ class Reader(FrameFileReader):
     def make_frame_parser(cls, data: bytes, mesh: FileMesh) -> "PlyFrameParser":
         """Return a parser of frames that differ from the first in their vertices alone."""
         return PlyFrameParser(data)
+
+    @classmethod
+    def read_attributes(cls, data: bytes, mesh: FileMesh) -> FileMesh:
+        """Read UVs, normals and colours."""
+        read = _read_binary_columns if is_binary_ply(data) else _read_ascii_columns
+        try:
+            columns, corner_uvs = read(data)
+        except (ValueError, IndexError, KeyError, OverflowError, struct.error) as error:
+            note = f"its colours, normals and texture coordinates are left out ({error})"
+            return replace(mesh, left_out=(note,))
+        return complete_surface(mesh, columns, corner_uvs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +186,44 @@ def parse_ascii_ply(data: bytes) -> tuple[Floats, list[Integers]]:
     return vertices, polygons
 
 
+def _read_binary_columns(data: bytes) -> tuple[Columns, tuple[NDArray[Any], Integers] | None]:
+    """Read the properties of vertices, and the texture coordinates of the corners of faces."""
+    order, elements, offset = parse_header(data)
+    columns: Columns = {}
+    for element in elements:
+        if element.name == b"vertex" and not has_lists(element):
+            kind = make_row_dtype(element, order, {})
+            rows = np.frombuffer(data, kind, element.count, offset)
+            columns, offset = {name: rows[name] for name in kind.names or ()}, offset + rows.nbytes
+        elif element.name == b"face":
+            code = element.type_codes.get(CORNER_UVS.encode(), "")
+            if len(code) != 2 or code[1] not in "efd":
+                return columns, None
+            name = CORNER_UVS.encode()
+            found, sizes, _ = _parse_list_rows(data, offset, element, order, name)
+            return columns, (np.frombuffer(found, order + code[1]), sizes)
+        else:
+            _, _, offset = _parse_list_rows(data, offset, element, order, b"")
+    return columns, None
+
+
+def _read_ascii_columns(data: bytes) -> tuple[Columns, tuple[NDArray[Any], Integers] | None]:
+    """Read the same of a text."""
+    from trimesh.exchange.ply import load_ply
+
+    try:
+        loaded = load_ply(io.BytesIO(data), fix_texture=False, skip_materials=True)
+        held = loaded["metadata"]["_ply_raw"]
+        columns = {name: np.asarray(column) for name, column in held["vertex"]["data"].items()}
+        lists = held["face"]["data"].get(CORNER_UVS)
+    except Exception as error:  # whatever a damaged file makes trimesh raise
+        raise ValueError(str(error)) from error
+    if lists is None:
+        return columns, None
+    sizes = np.array([len(row) for row in lists], np.int64)
+    return columns, (np.concatenate([np.asarray(row, np.float64) for row in lists]), sizes)
+
+
 def parse_header(data: bytes) -> tuple[str, list[Element], int]:
     """Return the byte order, the elements, and where they begin."""
     end = data.index(b"\n", data.index(b"end_header")) + 1
@@ -263,19 +314,6 @@ def _parse_list_rows(
     return b"".join(items), np.array(sizes, np.int64), offset
 
 
-_HEADER_TEMPLATE = """\
-ply
-format binary_little_endian 1.0
-element vertex {vertices}
-property double x
-property double y
-property double z
-element face {faces}
-property list uchar int vertex_indices
-end_header
-"""
-
-
 class Writer(FrameFileWriter):
     """Writes binary, little-endian files in double precision: every digit is kept."""
 
@@ -283,12 +321,8 @@ class Writer(FrameFileWriter):
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
-        rest = animation.rest
-        counts = {"vertices": len(rest.vertices), "faces": len(rest.faces)}
-        faces = np.empty(len(rest.faces), [("corners", "u1"), ("vertices", "<i4", 3)])
-        faces["corners"], faces["vertices"] = 3, rest.faces
-        self._head, self._tail = _HEADER_TEMPLATE.format(**counts).encode(), faces.tobytes()
+        self._surface = PlySurface(animation.rest)
 
     def encode_frame(self, positions: Floats) -> bytes:
         """Return the bytes of one frame."""
-        return self._head + positions.astype("<f8").tobytes() + self._tail
+        return self._surface.encode_frame(positions)

@@ -104,7 +104,8 @@ def open_writer(
             writer = (writer_factory or target.writer)(name, animation)
         try:
             yield writer
-            writer.complete()
+            with error_context(path):
+                writer.complete()
         except BaseException:
             with suppress(Exception):  # the first error says what is wrong
                 writer.abandon()

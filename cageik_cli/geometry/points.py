@@ -48,6 +48,10 @@ class PointCloud(TriMesh):
         """
         return PointCloud(np.asarray(positions), np.empty((0, 3), np.int64))
 
+    def move(self, positions: ArrayLike) -> "PointCloud":
+        """Return the points at other positions, (n, 3)."""
+        return self.from_points(positions)
+
     @cached_property
     def is_used(self) -> NDArray[np.bool_]:
         """Whether each point is part of the model, (n,): all are."""

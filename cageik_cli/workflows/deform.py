@@ -13,7 +13,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.connectivity import check_vertex_order
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.base.settings import ClipSettings, MorphSettings
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.formats.scene import SceneHints
@@ -74,6 +74,8 @@ class DeformSettings:
         motion of the mesh; the weights that it has if absent.
     compares : bool
         Note the error of other numbers of influences, too.
+    morphs : MorphSettings
+        How morph targets follow the mesh, in a format that has them.
     """
 
     source: Path
@@ -90,6 +92,7 @@ class DeformSettings:
     jobs: int = 1
     influences: int | None = None
     compares: bool = False
+    morphs: MorphSettings = field(default_factory=lambda: MorphSettings(has_normals=True))
 
     def inputs(self) -> list[Path]:
         """Return the files that are read."""
@@ -135,7 +138,7 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
         frame_count=cages.count,
         scene=settings.scene.override(scene),
         name=_make_object_name(settings.mesh),
-        obj_text=model.mesh.obj_text,
+        morphs=settings.morphs,
     )
     # One thread: the last digits depend on how many, and the writer takes longer anyway.
     with limit_blas_threads(1):

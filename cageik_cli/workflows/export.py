@@ -4,10 +4,16 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
+from cageik_cli.formats.base.settings import MorphSettings
 from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.gltf.skeleton import MAX_INFLUENCES
+from cageik_cli.formats.gltf.skeleton import SkeletonWriter as GltfSkeletonWriter
 from cageik_cli.formats.scene import SceneHints
-from cageik_cli.formats.usd.skeleton import SkeletonWriter
-from cageik_cli.formats.write import ExportSummary, Output, write_animation
+from cageik_cli.formats.usd.skeleton import SkeletonWriter as UsdSkeletonWriter
+from cageik_cli.formats.usd.with_model import CageDisplay, WithModelWriter
+from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
 from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.store.result_frames import read_binding, read_rotations
@@ -17,6 +23,9 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
+
+SKELETON_SUFFIXES = (*UsdSkeletonWriter.suffixes, *GltfSkeletonWriter.suffixes)
+"""Of the formats that hold skeletons."""
 
 MAX_BLOCK_BYTES = 1 << 26
 """Bytes of a block of cages, at most."""
@@ -39,6 +48,10 @@ class ExportSettings:
         absent.
     compares : bool
         Note the error of other numbers of influences, too.
+    with_model : CageDisplay, optional
+        Write cage and model in one file, and how the cage is shown there; one of them if absent.
+    morphs : MorphSettings
+        How morph targets follow the cages, in a format that has them.
     """
 
     result: Path
@@ -47,6 +60,8 @@ class ExportSettings:
     skeleton: bool = False
     influences: int | None = None
     compares: bool = False
+    with_model: CageDisplay | None = None
+    morphs: MorphSettings = field(default_factory=MorphSettings)
 
     def inputs(self) -> list[Path]:
         """Return the file that is read."""
@@ -75,10 +90,13 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
         frame_count=len(result.frames),
         scene=settings.scene.override(result.scene),
         name="cage",
+        morphs=settings.morphs,
     )
     report_skipped_frames(result, progress)
     if settings.skeleton:
         return _write_skeleton(settings, result, animation, progress)
+    if settings.with_model is not None:
+        return _write_with_model(settings, result, animation, progress)
     blocks = read_cages(result, fit_frames(MAX_BLOCK_BYTES, len(result.cage.vertices)))
     return write_animation(settings.output, animation, blocks, progress)
 
@@ -87,31 +105,60 @@ def _write_skeleton(
     settings: ExportSettings, result: Result, animation: Animation, progress: ProgressListener
 ) -> ExportSummary:
     """Write the rest pose of a result, skinned to a joint per cage vertex."""
-    target = _read_skeleton(result, settings.influences)
+    target = _read_skeleton(result, settings)
     sampling = SampleSettings(jobs=count_processors())
     request = RigRequest(
         settings.influences, settings.output.path.name, settings.compares, sampling
     )
     rig = make_rig(result, target, request, progress)
     cages = (block.cages for block in rig.blocks())
-    make_writer = partial(SkeletonWriter, skin=rig.skin)
+    if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
+        make_writer: WriterFactory = partial(GltfSkeletonWriter, skin=rig.skin)
+    else:
+        make_writer = partial(UsdSkeletonWriter, skin=rig.skin, cage=settings.with_model)
     with limit_blas_threads(1):  # the last digits of the cages depend on it
         return write_animation(settings.output, animation, cages, progress, make_writer)
 
 
-def _read_skeleton(result: Result, influences: int | None) -> Reconstruction:
+def _write_with_model(
+    settings: ExportSettings, result: Result, animation: Animation, progress: ProgressListener
+) -> ExportSummary:
+    """Write the cages, and beside them the model that they move."""
+    target = _read_reconstruction(result, "the model")
+    display = settings.with_model or CageDisplay.MESH
+    size = fit_frames(MAX_BLOCK_BYTES, len(result.cage.vertices) + len(result.rest.vertices), 4)
+    frames = (np.concatenate([block.cages, block.meshes], axis=1) for block in target.blocks(size))
+    make_writer = partial(WithModelWriter, model=result.rest, cage=display)
+    with limit_blas_threads(1):  # the last digits of the model depend on it
+        return write_animation(settings.output, animation, frames, progress, make_writer)
+
+
+def _read_skeleton(result: Result, settings: ExportSettings) -> Reconstruction:
     """Read what a skin is to follow; refuse what cannot be skinned."""
-    check_influences(result, influences)
-    binding = read_binding(result)
-    if binding is None:
-        raise SettingError(
-            f"{result.path}: has no weights, which a skeleton needs; extract it again without "
-            "--no-weights"
-        )
-    if influences is None and result.fit is not None and not binding.has_offsets:
+    check_influences(result, settings.influences)
+    target = _read_reconstruction(result, "a skeleton")
+    binding = target.binding
+    if settings.influences is None and result.fit is not None and not binding.has_offsets:
         raise SettingError(
             f"{result.path}: its weights are fitted, and negative in places (down to "
             f"{binding.weights.min():.2g}), which skin weights cannot be; give --influences 8"
+        )
+    return target
+
+
+def _read_reconstruction(result: Result, purpose: str) -> Reconstruction:
+    """Read the model that the cages of a result move.
+
+    Raises
+    ------
+    SettingError
+        Naming the purpose, when the result has no weights.
+    """
+    binding = read_binding(result)
+    if binding is None:
+        raise SettingError(
+            f"{result.path}: has no weights, which {purpose} needs; extract it again without "
+            "--no-weights"
         )
     rotations = read_rotations(result) if binding.has_offsets else None
     return Reconstruction(binding, CageFrames.from_result(result), rotations)
@@ -137,8 +184,21 @@ def check_export(settings: ExportSettings) -> None:
         Naming the output and what to do.
     """
     path = settings.output.path
-    if settings.skeleton and path.suffix.lower() not in SkeletonWriter.suffixes:
+    suffix = path.suffix.lower()
+    if settings.skeleton and suffix not in SKELETON_SUFFIXES:
         raise SettingError(
-            f"{path}: --skeleton works with USD only, expected {', '.join(SkeletonWriter.suffixes)}"
+            f"{path}: --skeleton works with USD and glTF only, expected "
+            f"{', '.join(SKELETON_SUFFIXES)}"
+        )
+    is_gltf = suffix in GltfSkeletonWriter.suffixes
+    if is_gltf and settings.influences is not None and settings.influences > MAX_INFLUENCES:
+        raise SettingError(
+            f"{path}: --influences is {settings.influences}, and programs read at most "
+            f"{MAX_INFLUENCES} joints per vertex from .glb; give 4, or {MAX_INFLUENCES}"
+        )
+    if settings.with_model is not None and path.suffix.lower() not in WithModelWriter.suffixes:
+        raise SettingError(
+            f"{path}: --with-model works with USD only, expected "
+            f"{', '.join(WithModelWriter.suffixes)}"
         )
     settings.output.check_writable()

@@ -107,7 +107,12 @@ def _checkpoint_rows(path: Path) -> list[tuple[str, str]]:
 
 
 def _format_counts(mesh: TriMesh) -> str:
-    return f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles"
+    return f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles{_format_polygons(mesh)}"
+
+
+def _format_polygons(mesh: TriMesh) -> str:
+    """Return what the triangles are cut from, if they are."""
+    return "" if mesh.attributes is None else f" of {mesh.attributes.description}"
 
 
 def _result_rows(result: Result) -> list[tuple[str, str]]:
@@ -163,7 +168,7 @@ def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
     components = int(mesh.components.max()) + 1
     return [
         ("vertices", str(len(mesh.vertices))),
-        ("triangles", str(len(mesh.faces))),
+        ("triangles", f"{len(mesh.faces)}{_format_polygons(mesh)}"),
         ("surface", f"{volume}, {components} component{'s' * (components > 1)}"),
         _bounds_row(mesh),
     ]

@@ -127,6 +127,4 @@ def load_model(path: Path) -> LoadedModel:
             return LoadedModel(load_mesh(path))
         splats = read_splats(points) if holds_splats(points) else None
         cloud = PointCloud.from_points(points.positions)
-        source = describe_source(path, data)
-        loaded = LoadedMesh(mesh=cloud, fan_triangulated=cloud, source=source)
-        return LoadedModel(loaded, points, splats)
+        return LoadedModel(LoadedMesh(cloud, describe_source(path, data)), points, splats)

@@ -1,7 +1,7 @@
 """Pose a model in its cage by the handles of a file."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -106,25 +106,6 @@ def read_named_handles(path: Path) -> NamedHandles:
     return NamedHandles(path, read_handles(path), hash_file(path).hex())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BoundModel:
-    """A model in its cage.
-
-    Attributes
-    ----------
-    binding : Binding
-    text, cage_text : bytes
-        The text of the OBJ files of the model and of the cage, as in `Animation`.
-    file : LoadedModel, optional
-        The file of the model; absent if a binding file holds it.
-    """
-
-    binding: Binding
-    text: bytes = b""
-    cage_text: bytes = b""
-    file: LoadedModel | None = None
-
-
 def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:
     """Pose a model by handles, and write it.
 
@@ -140,15 +121,15 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
     with progress.stage("open"):
         handles = read_named_handles(settings.handles)
     with progress.stage("bind"):
-        model = _load_bound_model(settings, progress)
+        target = _load_target(settings, progress)
+        binding = target.binding
     with progress.stage("pose"):
-        posed = pose_model(model, handles, settings.posing)
+        posed = pose_model(binding, handles, settings.posing)
     report_layer_notes(posed.layers, settings.handles, progress)
     with progress.stage("write"):
-        _write_model(settings, model, posed, progress)
+        _write_model(settings, target, posed, progress)
         if settings.cage_output is not None:
-            cage = model.binding.cage
-            write_mesh(settings.cage_output, cage, posed.cage, settings.overwrite, model.cage_text)
+            write_mesh(settings.cage_output, binding.cage, posed.cage, settings.overwrite)
     return posed.result
 
 
@@ -170,7 +151,7 @@ class PosedModel:
     result: PoseResult
 
 
-def pose_model(model: BoundModel, handles: NamedHandles, posing: PosingSettings) -> PosedModel:
+def pose_model(binding: Binding, handles: NamedHandles, posing: PosingSettings) -> PosedModel:
     """Pose a model in its cage by handles.
 
     Raises
@@ -178,7 +159,6 @@ def pose_model(model: BoundModel, handles: NamedHandles, posing: PosingSettings)
     HandlesError, NumericalError
         Naming the file of the handles, as `pose`.
     """
-    binding = model.binding
     cage = binding.cage.vertices
     target = EditTarget(
         binding, CageSkin.for_rest_pose(binding), lambda _: cage, None, Scene().up_axis
@@ -201,13 +181,21 @@ def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: Progres
             progress.note("note", f"{handles.name}: {note}")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Target:
+    """What is posed: a model in its cage, and its file unless a binding file holds it."""
+
+    binding: Binding
+    file: LoadedModel | None = None
+
+
 def _write_model(
-    settings: PoseSettings, model: BoundModel, posed: "PosedModel", progress: ProgressListener
+    settings: PoseSettings, target: _Target, posed: PosedModel, progress: ProgressListener
 ) -> None:
     """Write the posed mesh, points or splats."""
-    path, file = settings.output, model.file
+    path, file = settings.output, target.file
     if file is None or file.points is None:
-        write_mesh(path, model.binding.rest, posed.mesh, settings.overwrite, model.text)
+        write_mesh(path, target.binding.rest, posed.mesh, settings.overwrite)
         return
     rows = file.points.rows.copy()
     if file.splats is None:
@@ -215,7 +203,7 @@ def _write_model(
     else:
         jobs = settings.weights.jobs
         with error_context(settings.target):
-            motion = prepare_splats(model.binding, file.splats, DEFAULT_MEMORY, jobs, progress)
+            motion = prepare_splats(target.binding, file.splats, DEFAULT_MEMORY, jobs, progress)
         with limit_blas_threads(1):
             faults = fill_rows(motion, rows[None], posed.cage[None], jobs)
         note_faults(faults, len(rows), file.note(progress))
@@ -252,21 +240,21 @@ def check_target_kind(target: Path, purpose: str) -> None:
         )
 
 
-def _load_bound_model(settings: PoseSettings, progress: ProgressListener) -> BoundModel:
+def _load_target(settings: PoseSettings, progress: ProgressListener) -> _Target:
     """Read the binding file that is named, or bind the model to the cage."""
     if settings.target.suffix.lower() in HDF5_SUFFIXES:
-        return BoundModel(read_binding(settings.target).binding)
+        return _Target(read_binding(settings.target).binding)
     if settings.cage is None:
         raise SettingError(f"{settings.target}: is a model without a cage; give one with --cage")
     model, cage = load_model(settings.target), load_mesh(settings.cage)
     model.check_posed_output(settings.output)
     with error_context(settings.cage), suggest_repair(settings.cage, settings.target):
-        return replace(bind_model(model.mesh, cage, settings.weights, progress), file=model)
+        return _Target(bind_model(model.mesh, cage, settings.weights, progress), model)
 
 
 def bind_model(
     rest: LoadedMesh, cage: LoadedMesh, weights: WeightSettings, progress: ProgressListener
-) -> BoundModel:
+) -> Binding:
     """Bind a model to a cage, and note what was changed in reading them.
 
     Raises
@@ -279,4 +267,4 @@ def bind_model(
         for note in notes:
             label, text = label_note(note)
             progress.note(label, f"{mesh.source['name']}: {text}")
-    return BoundModel(binding, rest.obj_text, cage.obj_text)
+    return binding

@@ -43,11 +43,16 @@ def import_alembic(filepath: str) -> None:
     bpy.ops.wm.alembic_import(filepath=filepath, as_background_job=False)
 
 
+def import_gltf(filepath: str) -> None:
+    """Import, without a mesh that shows the bones."""
+    bpy.ops.import_scene.gltf(filepath=filepath, disable_bone_shape=True)
+
+
 IMPORTERS = {
     "obj": bpy.ops.wm.obj_import,
     "ply": bpy.ops.wm.ply_import,
     "usd": bpy.ops.wm.usd_import,
-    "gltf": bpy.ops.import_scene.gltf,
+    "gltf": import_gltf,
     "alembic": import_alembic,
 }
 
@@ -96,8 +101,9 @@ def only_mesh() -> bpy.types.Object:
 def refuse_other_range(kind: str, first: float, last: float) -> None:
     """The import sets the scene to the frames of the file, but for glTF, which has an action."""
     if kind == "gltf":
-        keys = only_mesh().data.shape_keys
-        found = tuple(keys.animation_data.action.frame_range)
+        skinned = only_mesh().parent
+        animated = only_mesh().data.shape_keys if skinned is None else skinned
+        found = tuple(animated.animation_data.action.frame_range)
     else:
         found = (bpy.context.scene.frame_start, bpy.context.scene.frame_end)
     if not np.allclose(found, (first, last), rtol=0, atol=1e-4):

@@ -86,6 +86,8 @@ CAGES_AND_MESHES = (
 SKELETONS = (
     *(Case("usd", f"skeleton.{suffix}", "skin", tolerance=SKINNED) for suffix in USD),
     Case("usd", "skeleton_z.usdc", "skin", first=101, tolerance=SKINNED, **Z_UP),
+    Case("gltf", "skeleton.glb", "skin", tolerance=SKINNED),
+    Case("gltf", "skeleton_z.glb", "skin", first=101, fps=30, tolerance=SKINNED, **Z_UP),
 )
 
 
@@ -117,7 +119,7 @@ def main(folder: Path) -> None:
 def options_of(case: Case) -> list[str]:
     """What the command is told of the scene, and of the files of a folder."""
     scene = "--fps 30 --start 101 --up-axis Z --metres-per-unit 0.01"
-    chosen = scene.split() if "_z." in case.path else []
+    chosen = ["--frame-step", "1", *(scene.split() if "_z." in case.path else [])]
     return [*chosen, "--format", "ply"] if case.kind == "ply" else chosen
 
 

@@ -6,11 +6,13 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import compute_vertex_normals
 from cageik_cli.workflows import deform as deforming
+from tests.assets import parse_asset
 from tests.clips import frames_of
+from tests.formats.gltf.decoded import Glb
 from tests.shapes import box, finer, quad_text
 
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
@@ -132,17 +134,14 @@ def test_frames_keep_what_the_obj_file_of_the_mesh_says(run, result):
     words = ("deform", "cages.h5", "--mesh", "card.obj")
     assert run(*words, "-o", "out/####.obj").code == 0
     assert run(*words, *OUT).code == 0
-    faces = [line for line in quad_text(0.5).splitlines() if line[:2] == "f "]
-    kept = [line.removesuffix("/1").replace("/1 ", " ") for line in faces]
+    expected = parse_asset(quad_text(0.5))
     files = sorted(Path("out").iterdir())
     assert len(files) == 5
     for file, positions in zip(files, frames_in(), strict=True):
-        mesh = load_mesh(file)
-        assert mesh.notes == ("6 polygons cut into triangles to compute with",)
-        np.testing.assert_allclose(mesh.mesh.vertices, positions, rtol=1e-8, atol=1e-12)
-        lines = file.read_text().splitlines()
-        assert [line for line in lines if line[:2] == "f "] == kept
-        assert {"mtllib skins/box.mtl", "vt 1 0", "g side5", "usemtl red"} < set(lines)
+        found = parse_asset(file.read_text())
+        np.testing.assert_allclose(found.vertices, positions, rtol=1e-8, atol=1e-12)
+        assert (found.polygons, found.corner_uvs) == (expected.polygons, expected.corner_uvs)
+        assert (found.names, found.library) == (expected.names, expected.library)
 
 
 @pytest.mark.parametrize("mesh", [(), ("--mesh", "card.ply")], ids=["rest", "ply"])
@@ -219,6 +218,40 @@ def test_neither_threads_nor_memory_change_the_bytes(run, result, write_obj, ani
     for k, more in enumerate((["--jobs", "1"], ["--jobs", "2"], ["--memory", "10K"])):
         assert run(*words, *more, "-o", f"{k}.npz").code == 0
         assert Path(f"{k}.npz").read_bytes() == Path("m.npz").read_bytes()
+
+
+def test_a_glb_has_normals_unless_it_is_flat(run, result):
+    outcome = run("deform", "cages.h5", "-o", "m.glb")
+    assert outcome.code == 0, outcome.err
+    file = Glb(Path("m.glb"))
+    weights, cages, faces = arrays("weights", "verts", "rest/tris")
+    np.testing.assert_allclose(file.frames()[1], weights @ cages, rtol=0, atol=1e-5)
+    assert set(file.primitives[0]["attributes"]) == {"POSITION", "NORMAL"}
+    normals = [compute_vertex_normals(frame, faces) for frame in weights @ cages]
+    np.testing.assert_allclose(file.morph("NORMAL"), normals, rtol=0, atol=0.02)
+    assert np.abs(file.attribute("NORMAL") - normals[-1]).max() > 0.1
+    assert run("deform", "cages.h5", "-o", "flat.glb", "--flat", "--tolerance", "1%").code == 0
+    flat = Glb(Path("flat.glb"))
+    assert set(flat.primitives[0]["attributes"]) == {"POSITION"}
+    assert flat.json["meshes"][0]["extras"]["cageik"]["largest_percent"] <= 1
+
+
+def test_a_tolerance_that_is_not_reached_writes_nothing(run, result):
+    outcome = run("deform", "cages.h5", "-o", "m.glb", "--morphs", "2", "--tolerance", "1e-9%")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith("Error: m.glb: 2 morph targets leave a largest error of ")
+    assert not Path("m.glb").exists()
+
+
+def test_skipped_frames_of_a_glb_are_interpolated(run, folder):
+    """They are in time, and say so."""
+    Path("frames/frame_3.obj").unlink()
+    assert run(*EXTRACT, "--allow-gaps").code == 0
+    outcome = run("deform", "cages.h5", "-o", "m.glb")
+    assert "1 of 5 frames skipped (frame_3.obj)" in outcome.err
+    times, frames = Glb(Path("m.glb")).frames()
+    np.testing.assert_allclose(times, np.arange(1, 6) / 24, rtol=1e-6)
+    np.testing.assert_allclose(frames[2], (frames[1] + frames[3]) / 2, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -351,6 +384,12 @@ def test_what_cannot_be_fails_with_a_sentence(run, result, words, says):
         (["cages.h5", *OUT, "--memory", "0"], "is not a size such as 512MiB or 1GiB"),
         (["cages.h5", *OUT, "--cache", "a", "--no-cache"], "--cache and --no-cache exclude each"),
         (["cages.h5", *OUT, "--fps", "nan"], "nan frames per second"),
+        (
+            ["cages.h5", *OUT, "--morphs", "9"],
+            "--flat apply to .glb files, and the output is m.npz",
+        ),
+        (["cages.h5", *OUT, "--flat"], "--flat apply to .glb files, and the output is m.npz"),
+        (["cages.h5", "-o", "m", "--tolerance", "1%"], "--flat apply to .glb files"),
     ],
 )
 def test_wrong_usage_is_exit_code_2(run, result, words, says):

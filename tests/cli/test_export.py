@@ -1,5 +1,6 @@
 """`cageik export`: the cages of a result, in the formats of others."""
 
+import re
 from pathlib import Path
 
 import h5py
@@ -11,7 +12,8 @@ from cageik_cli.formats import write as opening
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.workflows import export as exporting
 from tests.clips import frames_of
-from tests.formats.test_writers import Glb
+from tests.formats.clips import faults_of
+from tests.formats.gltf.decoded import Glb
 
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
 
@@ -96,6 +98,32 @@ def test_the_cage_of_a_glb_moves_as_the_results(run, result):
     assert file.json["nodes"][0]["name"] == "cage"
 
 
+def test_options_of_morph_targets_reach_the_writer(run, result):
+    outcome = run("export", "cages.h5", "c.glb", "--morphs", "2")
+    assert outcome.code == 0, outcome.err
+    note = outcome.err.splitlines()[-1]
+    assert note.startswith("  note           c.glb: 2 morph targets; error: rms ")
+    assert run("export", "cages.h5", "c.glb", "--tolerance", "0.5", "--overwrite").code == 0
+    extras = Glb(Path("c.glb")).json["meshes"][0]["extras"]["cageik"]
+    assert extras["largest_percent"] <= 0.5
+    again = Path("c.glb").read_bytes()
+    assert run("export", "cages.h5", "c.glb", "--tolerance", "0.5%", "--overwrite").code == 0
+    assert Path("c.glb").read_bytes() == again
+
+
+def test_a_file_may_hold_options_of_morph_targets(run, result):
+    Path("cageik.toml").write_text('[export]\nmorphs = 9\ntolerance = "0.5%"\n')
+    assert run("export", "cages.h5", "c.glb", "--config", "cageik.toml").code == 0
+    assert run("export", "cages.h5", "d.glb", "--morphs", "9", "--tolerance", "0.5%").code == 0
+    assert Path("c.glb").read_bytes() == Path("d.glb").read_bytes()
+
+
+def test_a_cage_has_no_normals(run, result):
+    """It is to look like what it is: flat faces."""
+    assert run("export", "cages.h5", "c.glb").code == 0
+    assert set(Glb(Path("c.glb")).primitives[0]["attributes"]) == {"POSITION"}
+
+
 def test_blocks_of_cages_change_nothing(run, result, monkeypatch):
     outputs = ("a.npz", "a.glb", "a.mdd", "a/a_#.obj")
     for name in outputs:
@@ -150,7 +178,9 @@ def test_no_format_here_replaces_a_result(run, result):
             ["cages.h5", "c/c_#.obj", "--start", "-1"],
             "c/c_#.obj: the number of the first frame is -1",
         ),
-        (["cages.h5", "c.glb", "--skeleton"], "c.glb: --skeleton"),
+        (["cages.h5", "c.pc2", "--skeleton"], "c.pc2: --skeleton"),
+        (["cages.h5", "c.glb", "--skeleton", "--influences", "9"], "c.glb: --influences is 9"),
+        (["cages.h5", "c.glb", "--tolerance", "1e-9%"], "c.glb: 4 morph targets leave a largest"),
         (["cages.h5", "c.usd", "--skeleton", "--influences", "9"], "cages.h5: --influences is 9"),
         (["cages.h5", "c.npz", "--format", "ply"], "c.npz: has another suffix"),
     ],
@@ -174,6 +204,18 @@ def test_what_cannot_be_fails_with_a_sentence(run, result, words, says):
         (["cages.h5", "c.npz", "--up-axis", "X"], "'X' is not one of 'Y', 'Z'"),
         (["cages.h5", "c.usd", "--influences", "4"], "--influences needs --skeleton"),
         (["cages.h5", "c.usd", "--skeleton", "--influences", "0"], "0 is not in the range"),
+        (["cages.h5", "c.usd", "--morphs", "9"], "--morphs and --tolerance apply to .glb"),
+        (["cages.h5", "c", "--tolerance", "1%"], "--morphs and --tolerance apply to .glb"),
+        (["cages.h5", "c.glb", "--morphs", "1"], "1 is not in the range 2<=x<=256"),
+        (["cages.h5", "c.glb", "--morphs", "257"], "257 is not in the range 2<=x<=256"),
+        (["cages.h5", "c.glb", "--tolerance", "0%"], "--tolerance is 0, expected a percentage"),
+        (["cages.h5", "c.glb", "--tolerance", "-1%"], "'-1%' is not a tolerance; expected"),
+        (["cages.h5", "c.glb", "--tolerance", "nan"], "'nan' is not a tolerance; expected"),
+        (["cages.h5", "c.glb", "--tolerance", "1units"], "'1units' is not a tolerance; expected"),
+        (
+            ["cages.h5", "c.glb", "--skeleton", "--morphs", "9"],
+            "--morphs and --tolerance do not go with --skeleton",
+        ),
     ],
 )
 def test_wrong_usage_is_exit_code_2(run, result, words, says):
@@ -294,3 +336,66 @@ def test_frames_of_others_are_never_replaced_by_an_export(run, folder):
     assert {path: path.read_bytes() for path in Path("frames").iterdir()} == before
     mesh = trimesh.load("frames/frame_1.obj", process=False)
     assert len(mesh.vertices) == 18
+
+
+def read_stage(path):
+    """Purposes, and the points of the meshes below the default prim at frame 9, by name."""
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.Open(path)
+    meshes = [UsdGeom.Mesh(p) for p in stage.GetDefaultPrim().GetChildren() if p.IsA(UsdGeom.Mesh)]
+    return {
+        mesh.GetPrim().GetName(): (
+            mesh.ComputePurpose(),
+            np.array(mesh.GetPointsAttr().Get(9)),
+        )
+        for mesh in meshes
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "purpose"), [((), "default"), (("--guide",), "guide")], ids=["shown", "guide"]
+)
+def test_cage_and_model_in_one_stage(run, result, options, purpose):
+    outcome = run("export", "cages.h5", "both.usdc", "--with-model", *options)
+    assert outcome.code == 0, outcome.err
+    assert faults_of("both.usdc") == []
+    found = read_stage("both.usdc")
+    assert {name: held[0] for name, held in found.items()} == {"cage": purpose, "model": "default"}
+    assert run("deform", "cages.h5", "-o", "model.npz", "-q").code == 0
+    with np.load("model.npz") as file:
+        model = file["vertices"]
+    np.testing.assert_allclose(found["cage"][1], verts()[2], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found["model"][1], model[2], rtol=1e-6, atol=1e-6)
+
+
+def test_a_skinned_model_beside_its_cage(run, result):
+    words = ("export", "cages.h5", "s.usda", "--skeleton", "--influences", "4")
+    assert run(*words, "--with-model", "--guide").code == 0
+    assert faults_of("s.usda") == []
+    found = read_stage("s.usda")
+    assert {name: held[0] for name, held in found.items()} == {"cage": "guide", "mesh": "default"}
+    # The joints are where the vertices of this cage are.
+    assert run(*words[:2], "alone.usda", *words[3:]).code == 0
+    assert set(read_stage("alone.usda")) == {"mesh"}
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (("c.abc", "--with-model"), 1, r"c\.abc: --with-model works with USD only, expected \.usd"),
+        (("c.usda", "--guide"), 2, "--guide needs --with-model"),
+    ],
+)
+def test_options_of_the_model_that_do_not_fit(run, result, words, code, says):
+    outcome = run("export", "cages.h5", *words)
+    assert outcome.code == code
+    assert re.search(says, outcome.err)
+    assert not Path(words[0]).exists()
+
+
+def test_a_model_needs_weights(run, folder):
+    assert run(*EXTRACT, "--no-weights").code == 0
+    outcome = run("export", "cages.h5", "c.usda", "--with-model")
+    assert outcome.code == 1
+    assert "has no weights, which the model needs; extract it again" in outcome.err

@@ -22,6 +22,7 @@ NOT_RUN = [
     ("docs/cluster.md", "python", "needs SLURM"),
     ("docs/cluster.md", "sh", "needs a Dask cluster"),
     ("docs/handles-file.md", "python", "needs Blender"),
+    ("docs/recipes.md", "python", "needs Blender"),
     ("docs/reports-and-limits.md", "yaml", "GitHub workflow"),
     ("docs/viewing.md", "console", "needs a browser"),
     ("docs/viewing.md", "console", "needs a second machine"),

@@ -1,13 +1,11 @@
 """Every kind of animation: what others read of it, and that it is whole, streamed and the same."""
 
-import json
 import resource
 import struct
 from pathlib import Path
 
 import meshio
 import numpy as np
-import pygltflib
 import pytest
 import trimesh
 
@@ -213,22 +211,6 @@ def test_a_step_is_a_scale_in_blender(tmp_path, animation, name):
     assert note.endswith("set its Frame Scale to 0.5")
 
 
-@pytest.mark.parametrize(("start", "count"), [(0, 0), (24, 0), (25, 1), (1001, 1)])
-def test_a_late_first_frame_is_said_of_a_glb(tmp_path, animation, start, count):
-    described = Animation(animation.rest, 5, Scene(start=start), "a")
-    with open_writer(tmp_path / "a.glb", described, False) as writer:
-        writer.append(animation.frames)
-    assert len(writer.notes) == count
-    assert all("--start 0" in note for note in writer.notes)
-
-
-def test_a_glb_has_no_time_before_zero(tmp_path, animation):
-    described = Animation(animation.rest, 5, Scene(start=-1), "a")
-    with pytest.raises(OutputError, match="first frame is -1, and glTF has no time before 0"):
-        opening._find_writers()[".glb"](tmp_path / "a.glb", described)
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize("step", [0.5, 2.5])
 def test_files_are_named_by_whole_numbers(tmp_path, animation, step):
     described = Animation(animation.rest, 5, Scene(frame_step=step), "a")
@@ -237,119 +219,3 @@ def test_files_are_named_by_whole_numbers(tmp_path, animation, step):
         open_writer(tmp_path / "a/a_#.obj", described, False),
     ):
         pass
-
-
-# --- glTF, decoded by hand
-
-
-class Glb:
-    """What the chunks of a file hold, by its own accessors."""
-
-    def __init__(self, path):
-        data = path.read_bytes()
-        magic, version, length = struct.unpack("<4sII", data[:12])
-        assert (magic, version, length) == (b"glTF", 2, len(data))
-        size, kind = struct.unpack("<I4s", data[12:20])
-        assert (kind, size % 4) == (b"JSON", 0)
-        self.json = json.loads(data[20 : 20 + size])
-        binary, kind = struct.unpack("<I4s", data[20 + size : 28 + size])
-        assert (kind, binary % 4) == (b"BIN\0", 0)
-        self.binary = data[28 + size :]
-        assert len(self.binary) == binary == self.json["buffers"][0]["byteLength"]
-
-    def array(self, index):
-        accessor = self.json["accessors"][index]
-        view = self.json["bufferViews"][accessor["bufferView"]]
-        width = {"SCALAR": 1, "VEC3": 3}[accessor["type"]]
-        kind = {5126: "<f4", 5125: "<u4"}[accessor["componentType"]]
-        assert view.get("byteStride", 4 * width) == 4 * width
-        start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
-        count = accessor["count"] * width
-        assert accessor.get("byteOffset", 0) + 4 * count <= view["byteLength"]
-        found = np.frombuffer(self.binary, kind, count, start).reshape(-1, width)
-        for name, bound in (("min", found.min(axis=0)), ("max", found.max(axis=0))):
-            if name in accessor:
-                np.testing.assert_array_equal(np.array(accessor[name], "f4"), bound)
-        return found
-
-    def frames(self):
-        """Morphed positions at each time, in the file's own space: (F, m, 3), and the times."""
-        primitive = self.json["meshes"][0]["primitives"][0]
-        base = self.array(primitive["attributes"]["POSITION"]).astype(float)
-        targets = np.array([self.array(t["POSITION"]) for t in primitive["targets"]], float)
-        (animation,) = self.json["animations"]
-        (channel,) = animation["channels"]
-        assert channel["target"] == {"node": 0, "path": "weights"}
-        sampler = animation["samplers"][channel["sampler"]]
-        assert sampler.get("interpolation", "LINEAR") == "LINEAR"
-        times = self.array(sampler["input"])[:, 0]
-        weights = self.array(sampler["output"]).reshape(len(times), -1)
-        return times, base + np.einsum("ft,tmx->fmx", weights, targets)
-
-
-def test_glb_by_its_own_accessors(tmp_path, animation, scene):
-    moved = TriMesh(animation.rest.vertices + 5, animation.rest.faces)
-    path = write(tmp_path / "a.glb", moved, animation.frames, scene=scene)
-    file = Glb(path)
-    times, frames = file.frames()
-    np.testing.assert_allclose(times, (7 + np.arange(5)) / 30, rtol=1e-6)
-    np.testing.assert_allclose(frames, animation.frames, rtol=0, atol=1e-6)
-    primitive = file.json["meshes"][0]["primitives"][0]
-    np.testing.assert_array_equal(
-        file.array(primitive["indices"]).reshape(-1, 3), animation.rest.faces
-    )
-    base = file.array(primitive["attributes"]["POSITION"])
-    np.testing.assert_array_equal(base, moved.vertices.astype(np.float32))
-    for index in [primitive["attributes"], *primitive["targets"]]:
-        assert {"min", "max"} <= set(file.json["accessors"][index["POSITION"]])
-    assert file.json["asset"]["version"] == "2.0"
-
-
-def test_glb_in_pygltflib_and_trimesh(tmp_path, animation):
-    path = write(tmp_path / "a.glb", animation.rest, animation.frames, name="cage")
-    loaded = pygltflib.GLTF2().load(str(path))
-    targets = loaded.meshes[0].primitives[0].targets
-    assert len(targets) == 5
-    for target, frame in zip(targets, animation.frames, strict=True):
-        accessor = loaded.accessors[target["POSITION"]]
-        start = loaded.bufferViews[accessor.bufferView].byteOffset + accessor.byteOffset
-        moves = np.frombuffer(loaded.binary_blob(), "<f4", 3 * accessor.count, start)
-        found = animation.rest.vertices + moves.reshape(-1, 3)
-        np.testing.assert_allclose(found, frame, rtol=0, atol=1e-6)
-    assert loaded.nodes[0].name == loaded.meshes[0].name == "cage"
-    assert loaded.nodes[0].rotation is loaded.nodes[0].scale is None
-    mesh = trimesh.load(path, process=False, force="mesh")
-    np.testing.assert_allclose(mesh.vertices, animation.rest.vertices, rtol=0, atol=1e-6)
-    np.testing.assert_array_equal(mesh.faces, animation.rest.faces)
-
-
-def test_glb_stands_upright_and_in_metres(tmp_path, animation, scene):
-    """What is up in the file's own space is +y, and a hundred units are a metre."""
-    path = write(tmp_path / "a.glb", animation.rest, animation.frames, scene=scene)
-    whole = trimesh.load(path, process=False)
-    (node,) = whole.graph.nodes_geometry
-    transform, _ = whole.graph[node]
-    up = transform @ [0, 0, 100, 1]
-    np.testing.assert_allclose(up, [0, 1, 0, 1], rtol=0, atol=1e-7)
-    np.testing.assert_allclose(transform @ [100, 0, 0, 1], [1, 0, 0, 1], rtol=0, atol=1e-7)
-
-
-def test_a_clip_of_one_frame(tmp_path, animation):
-    file = Glb(write(tmp_path / "a.glb", animation.rest, animation.frames[2:3]))
-    times, frames = file.frames()
-    np.testing.assert_allclose(times, [1 / 24], rtol=1e-6)
-    np.testing.assert_allclose(frames[0], animation.frames[2], rtol=0, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("count", "says"), [(40_000, "6.0 GiB"), (2_000_000, "14901.6 GiB"), (29_000, None)]
-)
-def test_what_a_glb_has_no_room_for_is_refused_at_once(tmp_path, animation, count, says):
-    described = Animation(animation.rest, count, Scene(), "a")
-    kind = opening._find_writers()[".glb"]
-    if says is None:
-        kind(tmp_path / "a.glb", described).abandon()
-        return
-    with pytest.raises(OutputError, match=rf"{count} frames of 18 vertices take {says} as morph"):
-        kind(tmp_path / "a.glb", described)
-    assert not list(tmp_path.iterdir())

@@ -17,6 +17,7 @@ from cageik_cli.workflows import export as exporting
 from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from cageik_cli.workflows.rig import RigRequest, make_rig
 from tests.clips import frames_of
+from tests.formats.gltf.decoded import Glb
 from tests.shapes import finer
 
 WALKER = Path(__file__).parents[2] / "data_fixtures" / "walker"
@@ -264,6 +265,19 @@ def test_projected_vertices_start_where_the_cage_has_them(run, folder, animation
     words = () if count is None else ("--influences", count)
     assert run("export", "cages.h5", "c.usdc", "--skeleton", *words).code == 0
     assert furthest("c.usdc") < 0.02
+
+
+@pytest.mark.parametrize("suffix", [".usdc", ".glb"])
+def test_a_skeleton_of_any_format_moves_as_the_rig(run, folder, suffix):
+    assert run(*EXTRACT).code == 0
+    outcome = run("export", "cages.h5", f"c{suffix}", "--skeleton", "--influences", 3)
+    assert outcome.code == 0, outcome.err
+    expected = np.concatenate([block.meshes for block in rig(3).blocks()])
+    if suffix == ".glb":
+        found = np.array([Glb(Path("c.glb")).skinned(k) for k in range(len(expected))])
+    else:
+        found = skinned("c.usdc")
+    np.testing.assert_allclose(found, expected, rtol=0, atol=SINGLE)
 
 
 @pytest.mark.slow

@@ -37,3 +37,37 @@ class ClipSettings:
     layout: str | None = None
     gaps: Gaps = "refuse"
     missing: bool = False
+
+
+DEFAULT_MORPHS = 60
+"""Morph targets at most, where neither their number nor a tolerance is given."""
+
+MAX_MORPHS = 256
+"""Morph targets at most: all that WebGL 2 guarantees room for, as layers of a texture."""
+
+
+@dataclass(frozen=True, slots=True)
+class MorphSettings:
+    """How a file of morph targets follows the frames.
+
+    Attributes
+    ----------
+    count : int, optional
+        Targets at most; `MAX_MORPHS` with a tolerance, else `DEFAULT_MORPHS`, if absent.
+    tolerance : float, optional
+        Largest distance of a vertex from its place in a frame, percent of the diagonal of the rest
+        pose.
+    has_normals : bool
+        Write normals, which morph too.
+    """
+
+    count: int | None = None
+    tolerance: float | None = None
+    has_normals: bool = False
+
+    @property
+    def limit(self) -> int:
+        """Targets at most."""
+        if self.count is not None:
+            return self.count
+        return DEFAULT_MORPHS if self.tolerance is None else MAX_MORPHS

@@ -5,11 +5,12 @@ import pytest
 from pxr import Usd, UsdGeom, UsdSkel
 from scipy.spatial.transform import Rotation
 
+from cageik_cli.formats.base.skin import Skin, compute_skin_weights
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.usd.errors import USD_SUFFIXES
-from cageik_cli.formats.usd.skeleton import SkeletonWriter, Skin, compute_skin_weights
+from cageik_cli.formats.usd.skeleton import SkeletonWriter
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FormatError, OutputError
 from tests.formats.clips import faults_of

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.formats.usd import skeleton as skinning
-from cageik_cli.formats.usd.skeleton import MIN_WEIGHT, compute_skin_weights
+from cageik_cli.formats.base import skin as skinning
+from cageik_cli.formats.base.skin import MIN_WEIGHT, compute_skin_weights
 from cageik_cli.util.errors import CageError
 
 RANDOM = np.random.default_rng(7)

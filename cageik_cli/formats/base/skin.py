@@ -1,0 +1,133 @@
+"""A mesh with skin weights, and the motion of its joints: one per cage vertex, below a root."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import CageError
+
+MIN_WEIGHT = 1e-7
+"""Smaller weights are dropped: beside a weight of 1, single precision loses them."""
+
+_BLOCK_ROWS = 1 << 14
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkinWeights:
+    """The k influences of each of m vertices, the strongest first.
+
+    Attributes
+    ----------
+    joints : (m, k) int64
+        Joints of a row differ.
+    values : (m, k) float64
+        Not negative, rows sum to one; a row of fewer than k influences ends in zeros.
+    """
+
+    joints: Integers
+    values: Floats
+
+    def to_dense(self, count: int) -> Floats:
+        """Return the weights as a matrix (m, count) over all joints."""
+        matrix = np.zeros((len(self.joints), count))
+        np.put_along_axis(matrix, self.joints, self.values, axis=1)
+        return matrix
+
+
+def compute_skin_weights(weights: Floats) -> SkinWeights:
+    """Compute skin weights from cage weights: negative ones are cut off, the sum scaled to 1.
+
+    Parameters
+    ----------
+    weights : (m, n)
+        Rows sum to one.
+
+    Raises
+    ------
+    InputError
+        When a row has no weight above zero.
+    """
+    blocks = [slice(row, row + _BLOCK_ROWS) for row in range(0, len(weights), _BLOCK_ROWS)]
+    k = max(int((weights[rows] >= MIN_WEIGHT).sum(axis=1).max()) for rows in blocks)
+    joints = np.empty((len(weights), k), np.int64)
+    values = np.empty((len(weights), k))
+    for rows in blocks:
+        joints[rows] = np.argsort(-weights[rows], axis=1, kind="stable")[:, :k]
+        largest = np.take_along_axis(weights[rows], joints[rows], axis=1)
+        values[rows] = np.where(largest >= MIN_WEIGHT, largest, 0.0)
+    sums = values.sum(axis=1, keepdims=True)
+    if not sums.all():
+        raise CageError(
+            f"vertex {int(np.argmin(sums))} has no weight above zero; bind the mesh again"
+        )
+    return SkinWeights(joints, values / sums)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Skin:
+    """A mesh with skin weights, and how the whole of it turns.
+
+    Attributes
+    ----------
+    rest : TriMesh
+        m vertices.
+    weights : SkinWeights
+    rotations : (F, 3, 3) float64
+        R of each frame; `points @ R` turns points of the rest pose to it.
+    """
+
+    rest: TriMesh
+    weights: SkinWeights
+    rotations: Floats
+
+
+class JointMotion:
+    """Places the joints of a skin frame by frame.
+
+    The root is in the mean of the cage's vertices, and turns. Its children are where the cage's
+    vertices are, and turn with it. So a skin of weights S gives
+
+        S c + (X − S C) R,
+
+    with X the rest mesh, c the cage of the frame, C the rest cage and R the rotation of the frame.
+    If S are all the weights of a binding, this is `weights @ cage`, whatever R is.
+
+    Parameters
+    ----------
+    cage : TriMesh
+        At rest, n vertices.
+    rotations : (F, 3, 3)
+        R of each frame.
+    """
+
+    def __init__(self, cage: TriMesh, rotations: Floats) -> None:
+        centre = cage.vertices.mean(axis=0)
+        self.names = name_joints(len(cage.vertices))
+        self.bind_places = np.vstack([centre, cage.vertices])
+        self.rest_translations = np.vstack([centre, cage.vertices - centre])
+        self._rotations = iter(rotations)
+        self._last_turn = np.array([0.0, 0.0, 0.0, 1.0])
+
+    def advance(self, frames: Floats) -> Iterator[tuple[Floats, Floats]]:
+        """Yield the joints of the next k cages, (k, n, 3).
+
+        These are the translations of the root and of its children relative to it, (n + 1, 3), and
+        the quaternion of the root, the real part last. It has the sign that is nearer to the frame
+        before, so that programs which interpolate take the short way.
+        """
+        for cage in frames:
+            rotation = next(self._rotations)
+            centre = cage.mean(axis=0)
+            turn = Rotation.from_matrix(rotation.T).as_quat()
+            self._last_turn = -turn if turn @ self._last_turn < 0 else turn
+            yield np.vstack([centre, (cage - centre) @ rotation.T]), self._last_turn
+
+
+def name_joints(count: int) -> list[str]:
+    """Return the names of the root and of the joints of `count` cage vertices."""
+    digits = max(3, len(str(count - 1)))
+    return ["root", *(f"cage_{k:0{digits}}" for k in range(count))]

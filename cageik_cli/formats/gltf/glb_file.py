@@ -1,0 +1,183 @@
+"""A GLB file in the making: arrays in a temporary file, and the JSON that describes them."""
+
+import shutil
+import struct
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli import __version__
+from cageik_cli.util.errors import OutputError, require_optional
+
+MAX_FILE_BYTES = 2**32 - 1
+"""Largest size that a GLB file can state."""
+
+Singles = NDArray[np.float32]
+
+_SHAPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+
+
+def require_pygltflib() -> None:
+    """Raise MissingLibraryError without pygltflib."""
+    with require_optional("pygltflib", "gltf", "writing .glb"):
+        import pygltflib  # noqa: F401
+
+
+class VectorTargets:
+    """Vectors of K targets at m vertices in the file, written some vertices at a time.
+
+    Attributes
+    ----------
+    shape : (int, int)
+        K and m.
+    start : int
+        Byte at which they begin.
+    low, high : (K, 3) float32
+        Bounds of what was written.
+    """
+
+    def __init__(self, shape: tuple[int, int], start: int) -> None:
+        self.shape, self.start = shape, start
+        self.low = np.full((shape[0], 3), np.inf, np.float32)
+        self.high = -self.low
+
+    def offset(self, target: int, vertex: int = 0) -> int:
+        """Return the byte at which a target's vector of a vertex begins."""
+        return self.start + 12 * (target * self.shape[1] + vertex)
+
+
+class GlbFile:
+    """Arrays of a GLB file, which are described by accessors, and the scene over them.
+
+    Parameters
+    ----------
+    target : Path
+        The file; arrays are kept in a temporary file beside it until it is complete.
+    """
+
+    def __init__(self, target: Path) -> None:
+        self._target = target
+        self._data = tempfile.TemporaryFile(dir=target.parent)  # noqa: SIM115  # until complete
+        self._size = 0
+        self._views: list[object] = []
+        self._accessors: list[object] = []
+
+    def add_array(self, array: NDArray[Any], use: int | None = None, bounds: bool = False) -> int:
+        """Add an array, (k,) or (k, width), and return the number of its accessor.
+
+        Parameters
+        ----------
+        array : (k,) or (k, width)
+            float32, uint32, uint16 or uint8; a row takes a multiple of 4 bytes if the array is
+            an attribute of vertices.
+        use : int, optional
+            What graphics cards use it for: pygltflib's ARRAY_BUFFER or ELEMENT_ARRAY_BUFFER.
+        bounds : bool
+            State the smallest and largest value.
+        """
+        array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
+        rows = array.reshape(len(array), -1)
+        start = self._reserve(array.nbytes)
+        self._write_at(start, array)
+        limits = {}
+        if bounds:
+            limits = {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+        return self._add_accessor(start, rows, use, limits)
+
+    def reserve_targets(self, target_count: int, vertex_count: int) -> VectorTargets:
+        """Reserve a place for vectors of targets."""
+        start = self._reserve(12 * target_count * vertex_count)
+        return VectorTargets((target_count, vertex_count), start)
+
+    def write_targets(self, targets: VectorTargets, vertex: int, vectors: Singles) -> None:
+        """Write vectors (K, b, 3) of all targets at b vertices from `vertex` on."""
+        np.minimum(targets.low, vectors.min(axis=1), out=targets.low)
+        np.maximum(targets.high, vectors.max(axis=1), out=targets.high)
+        for k, rows in enumerate(vectors):
+            self._write_at(targets.offset(k, vertex), np.ascontiguousarray(rows, "<f4"))
+
+    def add_targets(self, targets: VectorTargets, bounds: bool) -> list[int]:
+        """Return the accessors of the targets, when all of them are written."""
+        import pygltflib as gltf
+
+        shape = np.broadcast_to(np.float32(0), (targets.shape[1], 3))
+        numbers = []
+        for k, (low, high) in enumerate(zip(targets.low, targets.high, strict=True)):
+            limits = {"min": low.tolist(), "max": high.tolist()} if bounds else {}
+            place = targets.offset(k)
+            numbers.append(self._add_accessor(place, shape, gltf.ARRAY_BUFFER, limits))
+        return numbers
+
+    def complete(self, **scene: Any) -> None:
+        """Compose the file: `scene` are the other fields of pygltflib's GLTF2."""
+        import pygltflib as gltf
+
+        document = gltf.GLTF2(
+            asset=gltf.Asset(generator=f"cageik {__version__}"),
+            accessors=self._accessors,
+            bufferViews=self._views,
+            buffers=[gltf.Buffer(byteLength=self._size)],
+            **scene,
+        )
+        text = document.gltf_to_json(separators=(",", ":"), indent=None).encode()
+        text += b" " * (-len(text) % 4)
+        size = 12 + 8 + len(text) + 8 + self._size
+        if size > MAX_FILE_BYTES:
+            raise OutputError(describe_excess(size))
+        self._data.seek(0)
+        with self._target.open("wb") as file:
+            file.write(struct.pack("<4sII", b"glTF", 2, size))
+            file.write(struct.pack("<I4s", len(text), b"JSON") + text)
+            file.write(struct.pack("<I4s", self._size, b"BIN\0"))
+            shutil.copyfileobj(self._data, file, 1 << 20)
+        self.close()
+
+    def close(self) -> None:
+        """Close the temporary file."""
+        self._data.close()
+
+    def _reserve(self, size: int) -> int:
+        """Return the byte at which `size` more bytes begin; their end is padded to 4 bytes."""
+        start = self._size
+        self._size += size + -size % 4
+        self._data.truncate(self._size)
+        return start
+
+    def _write_at(self, start: int, array: NDArray[Any]) -> None:
+        self._data.seek(start)
+        self._data.write(array.data)
+
+    def _add_accessor(
+        self, start: int, rows: NDArray[Any], use: int | None, limits: dict[str, list[float]]
+    ) -> int:
+        """Describe `rows` (k, width) that begin at a byte, by a view of their own."""
+        import pygltflib as gltf
+
+        kinds = {
+            "f4": gltf.FLOAT,
+            "u4": gltf.UNSIGNED_INT,
+            "u2": gltf.UNSIGNED_SHORT,
+            "u1": gltf.UNSIGNED_BYTE,
+        }
+        view = gltf.BufferView(buffer=0, byteOffset=start, byteLength=rows.nbytes, target=use)
+        self._views.append(view)
+        accessor = gltf.Accessor(
+            bufferView=len(self._views) - 1,
+            componentType=kinds[f"{rows.dtype.kind}{rows.dtype.itemsize}"],
+            type=_SHAPES[rows.shape[1]],
+            count=len(rows),
+            **limits,
+        )
+        self._accessors.append(accessor)
+        return len(self._accessors) - 1
+
+
+def describe_excess(size: int) -> str:
+    """Return the message of a file of `size` bytes, which is too large."""
+    return (
+        f"it would take {size / 2**30:.1f} GiB, and a .glb holds less than 4 GiB; give fewer "
+        "--morphs, or frames, or write .usdc or .abc"
+    )

@@ -1,0 +1,186 @@
+"""A cage animation as a skinned glTF: a joint per cage vertex, cage weights as skin weights."""
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.formats.base.skin import JointMotion, Skin, SkinWeights
+from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
+from cageik_cli.formats.gltf.glb_file import GlbFile
+from cageik_cli.formats.gltf.placement import check_start, compute_times, make_node_transform
+from cageik_cli.formats.gltf.surface import Appearance, cut_surface, find_appearance
+from cageik_cli.formats.gltf.vector_spool import VectorSpool
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import OutputError
+
+SET_SIZE = 4
+"""Joints per vertex in one set of attributes; programs read one set or two."""
+
+MAX_INFLUENCES = 2 * SET_SIZE
+"""Joints per vertex that programs read."""
+
+_PLACED, _ROOT = 1, 2
+"""Nodes: the skinned mesh, what turns z up, the root joint, its children."""
+
+
+class SkeletonWriter(AnimationWriter):
+    """Writes the rest mesh, skinned to joints that translate below a root that also turns.
+
+    `JointMotion` says where they are. There are no normals: joints that only translate would leave
+    them as they are at rest.
+    """
+
+    suffixes = (".glb",)
+    is_single = True
+
+    def __init__(
+        self, target: Path, animation: Animation, skin: Skin, appearance: Appearance | None = None
+    ) -> None:
+        """Start writing to `target`.
+
+        Parameters
+        ----------
+        target : Path
+        animation : Animation
+            Of the cage: its `rest` is the rest cage.
+        skin : Skin
+            Of at most `MAX_INFLUENCES`.
+        appearance : Appearance, optional
+            That of the attributes of the skin's rest pose if absent.
+            Of the mesh of the skin.
+
+        Raises
+        ------
+        InputError
+            When the format cannot hold the animation.
+        """
+        count = skin.weights.joints.shape[1]
+        if count > MAX_INFLUENCES:
+            raise OutputError(
+                f"up to {count} joints move a vertex, and programs read at most {MAX_INFLUENCES} "
+                "from .glb; give --influences 4, or 8"
+            )
+        self._animation, self._skin = animation, skin
+        self._appearance = appearance or find_appearance(skin.rest)
+        self.notes = check_start(animation.scene)
+        if count > SET_SIZE:
+            self.notes += (
+                f"three.js and other viewers read {SET_SIZE} joints per vertex, and leave out the "
+                f"weaker ones; --influences {SET_SIZE} is fitted to that",
+            )
+        self._vertices = to_float32(skin.rest.vertices - np.array(animation.origin))
+        self._motion = JointMotion(animation.rest, skin.rotations)
+        self._turns: list[Floats] = []
+        with ExitStack() as stack:
+            self._file = GlbFile(target)
+            stack.callback(self._file.close)
+            self._places = VectorSpool(target.parent, len(self._motion.names))
+            stack.callback(self._places.close)
+            self._open = stack.pop_all()
+
+    def append(self, frames: Floats) -> None:
+        """Keep the cages of the next k frames, (k, n, 3)."""
+        for places, turn in self._motion.advance(frames):
+            self._places.append(to_float32(places))
+            self._turns.append(turn)
+
+    def complete(self) -> None:
+        """Compose the file."""
+        import pygltflib as gltf
+
+        name, surface = self._animation.name, self._cut_mesh()
+        self._file.complete(
+            scene=0,
+            scenes=[gltf.Scene(nodes=[0, _PLACED])],
+            nodes=self._make_nodes(),
+            meshes=[gltf.Mesh(name="mesh", primitives=surface[0])],
+            materials=surface[1],
+            skins=[self._write_skin()],
+            animations=[gltf.Animation(name=name, **self._write_motion())],
+        )
+        self._open.close()
+
+    def abandon(self) -> None:
+        """Close the temporary files."""
+        self._open.close()
+
+    def _cut_mesh(self) -> tuple[list[Any], list[object]]:
+        """Write the mesh with its weights; return its primitives and materials."""
+        import pygltflib as gltf
+
+        rest = self._skin.rest
+        surface = cut_surface(rest.faces, len(rest.vertices), self._appearance)
+        sets = _make_sets(self._skin.weights)
+        primitives = []
+        for part in surface.parts:
+            chosen = surface.origins[part.start : part.stop]
+            attributes = {}
+            for name, values in {"POSITION": self._vertices, **sets}.items():
+                is_place = name == "POSITION"
+                rows = values[chosen]
+                attributes[name] = self._file.add_array(rows, gltf.ARRAY_BUFFER, bounds=is_place)
+            primitives.append(surface.make_primitive(self._file, part, attributes))
+        return primitives, surface.make_materials()
+
+    def _make_nodes(self) -> list[object]:
+        import pygltflib as gltf
+
+        names, places = self._motion.names, to_float32(self._motion.rest_translations).tolist()
+        joints = [
+            gltf.Node(name=name, translation=place)
+            for name, place in zip(names, places, strict=True)
+        ]
+        joints[0].children = list(range(_ROOT + 1, _ROOT + len(names)))
+        transform = make_node_transform(self._animation.scene)
+        placed = gltf.Node(name=self._animation.name, children=[_ROOT], **transform)
+        return [gltf.Node(name="mesh", mesh=0, skin=0), placed, *joints]
+
+    def _write_skin(self) -> object:
+        import pygltflib as gltf
+
+        places = self._motion.bind_places
+        matrices = np.tile(np.eye(4), (len(places), 1, 1))
+        matrices[:, 3, :3] = -places  # glTF has them column by column
+        inverse = self._file.add_array(to_float32(matrices.reshape(-1, 16)))
+        joints = list(range(_ROOT, _ROOT + len(places)))
+        return gltf.Skin(inverseBindMatrices=inverse, skeleton=_ROOT, joints=joints)
+
+    def _write_motion(self) -> dict[str, list[object]]:
+        """Write the translations of all joints, and the rotation of the root."""
+        import pygltflib as gltf
+
+        times = self._file.add_array(compute_times(self._animation), bounds=True)
+        channels: list[object] = []
+        samplers: list[object] = []
+
+        def add(node: int, path: str, values: NDArray[Any]) -> None:
+            output = self._file.add_array(values.astype(np.float32))
+            target = gltf.AnimationChannelTarget(node=node, path=path)
+            channels.append(gltf.AnimationChannel(sampler=len(samplers), target=target))
+            samplers.append(gltf.AnimationSampler(input=times, output=output))
+
+        add(_ROOT, "rotation", np.array(self._turns))
+        for first, block in self._places.read_blocks(0, len(self._motion.names)):
+            places = block.reshape(len(block), -1, 3).swapaxes(0, 1)
+            for k, moves in enumerate(places, start=_ROOT + first):
+                add(k, "translation", moves)
+        return {"channels": channels, "samplers": samplers}
+
+
+def _make_sets(weights: SkinWeights) -> dict[str, NDArray[Any]]:
+    """Return the joints and weights (m, 4) of each set; the root is joint 0, and weighs nothing."""
+    m, count = weights.joints.shape
+    joint_count = int(weights.joints.max()) + 2
+    kind = np.uint8 if joint_count <= 256 else np.uint16
+    joints = np.zeros((m, count + -count % SET_SIZE), kind)
+    values = np.zeros(joints.shape, np.float32)
+    values[:, :count] = weights.values
+    joints[:, :count] = np.where(values[:, :count] > 0, weights.joints + 1, 0)
+    sets: dict[str, NDArray[Any]] = {}
+    for k in range(joints.shape[1] // SET_SIZE):
+        columns = slice(SET_SIZE * k, SET_SIZE * (k + 1))
+        sets |= {f"JOINTS_{k}": joints[:, columns], f"WEIGHTS_{k}": values[:, columns]}
+    return sets
