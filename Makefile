@@ -84,6 +84,8 @@ test-blender: $(BLENDER_READY) $(READY)  ## Read every format back in Blender, a
 	$(BIN)/python tests/blender/write.py $(OUT)/blender
 	$(READ_BACK) --wrong > $(OUT)/blender/wrong.log
 	$(READ_BACK) > $(OUT)/blender/imports.log
+	$(BIN)/python tests/blender/write_assets.py $(OUT)/blender
+	$(BLENDER_VENV)/bin/python tests/blender/read_assets.py $(OUT)/blender >> $(OUT)/blender/imports.log
 
 test-browser: $(READY)  ## Open the pages in Chromium, and use them by mouse and keyboard
 	@command -v $(CHROMIUM) >/dev/null || { \
@@ -128,6 +130,7 @@ fixtures: $(READY)  ## Make data_fixtures again, byte for byte, and the pictures
 	$(BIN)/python data_fixtures/make_fixtures.py
 	$(BIN)/python data_fixtures/make_picture.py
 	$(BIN)/python data_fixtures/make_pose_pictures.py
+	$(BIN)/python -m tests.splats_picture data_fixtures/pictures/splats.png
 	@mkdir -p $(OUT)
 	$(BIN)/cageik cage data_fixtures/walker/frames/walker_1.obj -o $(OUT)/built_cage.obj --overwrite
 	$(BIN)/cageik check --cage $(OUT)/built_cage.obj --rest data_fixtures/walker/frames/walker_1.obj \

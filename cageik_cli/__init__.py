@@ -3,8 +3,9 @@
 The method is that of Savoye and Franco, *CageIK: Dual-Laplacian Cage-Based Inverse Kinematics*,
 AMDO 2010. The command-line tool is `cageik`; the names below are the Python API:
 
-- load: `load_clip`, `load_mesh`, `TriMesh`, `MeshSequence`
+- load: `load_clip`, `load_mesh`, `TriMesh`, `PointCloud`, `MeshSequence`
 - check and bind: `check_cage`, `Diagnosis`, `bind`, `Binding`
+- gradients of harmonic weights: `HarmonicField`
 - fit weights to clips: `fit_weights`, `FitSettings`, `FittedWeights`
 - build a cage: `build_cage`, `BuiltCage`
 - extract: `extract` to arrays, `CageAnimation`; `extract_to_file`, `read_result`, `read_cages`,
@@ -23,8 +24,10 @@ if TYPE_CHECKING:
     from cageik_cli.cages.build import BuiltCage
     from cageik_cli.cages.diagnosis import Diagnosis
     from cageik_cli.coordinates.binding import Binding
+    from cageik_cli.coordinates.harmonic_field import HarmonicField
     from cageik_cli.formats.base.sequence import MeshSequence
     from cageik_cli.geometry.mesh import TriMesh
+    from cageik_cli.geometry.points import PointCloud
     from cageik_cli.posing.anchors import Anchor, closest_point, point_at_vertex
     from cageik_cli.posing.poser import Poser
     from cageik_cli.solver.fitting.fit import FittedWeights
@@ -56,7 +59,9 @@ __all__ = [
     "Diagnosis",
     "FitSettings",
     "FittedWeights",
+    "HarmonicField",
     "MeshSequence",
+    "PointCloud",
     "Poser",
     "Result",
     "ShownPage",
@@ -85,7 +90,9 @@ _HOMES = {
     "Diagnosis": "cages.diagnosis",
     "FitSettings": "solver.settings",
     "FittedWeights": "solver.fitting.fit",
+    "HarmonicField": "coordinates.harmonic_field",
     "MeshSequence": "formats.base.sequence",
+    "PointCloud": "geometry.points",
     "Poser": "posing.poser",
     "Result": "store.result",
     "ShownPage": "workflows.show",

@@ -96,11 +96,11 @@ def _compute_weights(
 
 
 def _list_cage_warnings(enclosure: Enclosure, rest: TriMesh) -> tuple[str, ...]:
-    """Return warnings about the room in the cage, unless vertices are outside it.
+    """Return warnings about the room in the cage, unless it has points only or some are outside.
 
     `cageik check` looks more thoroughly; this takes a hundredth of the time of the weights.
     """
-    if len(enclosure.projected_indices):
+    if len(enclosure.projected_indices) or not len(rest.faces):
         return ()
     return tuple(finding.sentence for finding in find_room_faults(enclosure.cage, rest, False))
 

@@ -21,7 +21,7 @@ from cageik_cli.util.compiled import describe_core
             "bind": "Compute and save the weights of a model.",
             "cage": "Build a cage around a model, or repair one.",
             "check": "Diagnose a cage.",
-            "deform": "Move a mesh by a cage animation.",
+            "deform": "Move a mesh, points or splats by cages.",
             "export": "Convert a cage animation to other formats.",
             "extract": "Extract the cage of every frame.",
             "info": "Describe files.",

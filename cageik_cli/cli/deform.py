@@ -92,7 +92,10 @@ def make_deform_settings(
     make_deform_settings,
     click.argument("source", metavar="RESULT", type=PATH_TYPE),
     click.option(
-        "--mesh", type=PATH_TYPE, help="Another mesh in the rest cage.  [default: the rest model]"
+        "--mesh",
+        type=PATH_TYPE,
+        help="Another mesh in the rest cage, or points or Gaussian splats (.ply).  "
+        "[default: the rest model]",
     ),
     click.option(
         "--cages",
@@ -140,9 +143,10 @@ def make_deform_settings(
 )
 @common_options
 def deform_command(settings: "DeformSettings", quiet: bool) -> None:
-    """Move a mesh by a cage animation.
+    """Move a mesh, points or splats by cages.
 
-    The cages of RESULT move its rest model, or another mesh. With --cages, RESULT may also be a
+    The cages of RESULT move its rest model, or another mesh. Points are written as .ply, .npz, .pc2
+    or .mdd, and splats as .ply or .usd*. With --cages, RESULT may also be a
     binding. The suffix of OUT is the format: a file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a folder
     of frames (.obj, .ply), or numbered files in a folder.
     --frames, --layout, --allow-gaps and --close-gaps apply to --cages.

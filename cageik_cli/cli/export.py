@@ -29,17 +29,23 @@ def make_export_settings(
     scene: SceneHints,
     skeleton: bool,
     influences: int | None,
+    with_model: bool,
+    guide: bool,
     morphs: MorphSettings,
     file_format: str | None,
     recentre: bool,
     overwrite: bool,
 ) -> "ExportSettings":
     """Make the settings of an export; values that contradict each other are wrong usage."""
+    from cageik_cli.formats.usd.with_model import CageDisplay
     from cageik_cli.formats.write import Output
     from cageik_cli.workflows.export import ExportSettings
 
     if influences is not None and not skeleton:
         raise click.UsageError("--influences needs --skeleton; give both, or neither")
+    if guide and not with_model:
+        raise click.UsageError("--guide needs --with-model; give both, or neither")
+    display = (CageDisplay.GUIDE if guide else CageDisplay.MESH) if with_model else None
     has_morphs = morphs != MorphSettings()
     if has_morphs and skeleton:
         raise click.UsageError(
@@ -53,6 +59,7 @@ def make_export_settings(
         skeleton=skeleton,
         influences=influences,
         compares=get_verbosity() > 0,
+        with_model=display,
         morphs=morphs,
     )
 
@@ -75,6 +82,18 @@ def make_export_settings(
         type=click.IntRange(min=1),
         help="Fit the weights again, with at most this number of joints per vertex.  [default: "
         "the weights of the result]",
+    ),
+    click.option(
+        "--with-model",
+        is_flag=True,
+        help="Write the cage and the model that it moves in one file (.usd*). With --skeleton, the "
+        "model is skinned.",
+    ),
+    click.option(
+        "--guide",
+        is_flag=True,
+        help="Give the cage of --with-model the purpose `guide`, which programs hide and do not "
+        "render.",
     ),
     MORPH_OPTIONS,
     format_option,

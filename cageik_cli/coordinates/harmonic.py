@@ -88,13 +88,7 @@ def harmonic_weights(
     SettingError
         When the accuracy is unknown.
     """
-    if accuracy not in ACCURACIES:
-        raise SettingError(f"accuracy is {accuracy!r}, expected one of {', '.join(ACCURACIES)}")
-    if len(cage.faces) > MAX_FACES:
-        raise CageError(
-            f"the cage has {len(cage.faces)} faces, at most {MAX_FACES} fit in memory; "
-            "use a coarser cage"
-        )
+    check_request(cage, accuracy)
     weights, within = weights_on_surface(cage, points)
     if len(within) == 0:
         return Weights(weights)
@@ -102,7 +96,7 @@ def harmonic_weights(
     unit = TriMesh((cage.vertices - origin) / scale, cage.faces)
     tree = cKDTree((points[within] - origin) / scale)
     with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
-        boundary, error = _solve_to_tolerance(unit, tree, ACCURACIES[accuracy], pool)
+        boundary, error = solve_to_tolerance(unit, tree, ACCURACIES[accuracy], pool)
 
         def fill(block: slice) -> int:
             chosen = tree.indices[block]
@@ -114,7 +108,18 @@ def harmonic_weights(
     return Weights(weights, len(boundary.mesh.panels.corners), error)
 
 
-def _solve_to_tolerance(
+def check_request(cage: TriMesh, accuracy: str) -> None:
+    """Refuse an unknown accuracy, and a cage with too many faces; raises as `harmonic_weights`."""
+    if accuracy not in ACCURACIES:
+        raise SettingError(f"accuracy is {accuracy!r}, expected one of {', '.join(ACCURACIES)}")
+    if len(cage.faces) > MAX_FACES:
+        raise CageError(
+            f"the cage has {len(cage.faces)} faces, at most {MAX_FACES} fit in memory; "
+            "use a coarser cage"
+        )
+
+
+def solve_to_tolerance(
     cage: TriMesh, points: cKDTree, accuracy: Accuracy, pool: ThreadPoolExecutor
 ) -> tuple[BoundarySolution, float]:
     """Divide panels until the estimated error is below the tolerance, or there are too many."""

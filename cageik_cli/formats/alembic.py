@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.formats.alembic_surface import AlembicSurface, read_sample, read_surface
 from cageik_cli.formats.base.clip_file import ClipFile, single_path
-from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
     Sampling,
@@ -26,7 +26,7 @@ from cageik_cli.formats.base.scene_graph import (
     transform_points,
 )
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
+from cageik_cli.formats.base.writer import Animation, AnimationWriter
 from cageik_cli.formats.scene import SceneHints, find_frame_step
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context, require_optional
@@ -84,9 +84,9 @@ class Reader(ClipFile):
         mesh = self._read_polygons().make_mesh(
             request.complete_first(self._read_points(self._times[0])),
             is_clockwise=not is_mirroring(matrix),
+            read_surface=partial(read_surface, self._schema),
         )
-        self._fan_triangulated = mesh.fan_triangulated
-        self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)
+        self.first = mesh.make_mesh()
         is_animated = any(transform.getNumSamples() > 1 for transform in self._transforms)
         return [*notes, *describe_transform(matrix, is_animated), *mesh.notes]
 
@@ -101,7 +101,7 @@ class Reader(ClipFile):
 
     def _read_points(self, time: float) -> Floats:
         index = self._points.getTimeSampling().getNearIndex(time, self._points.getNumSamples())
-        points = np.array(_read_sample(self._points, index), np.float32)
+        points = np.array(read_sample(self._points, index), np.float32)
         return transform_points(points.reshape(-1, 3), self._world_matrix(time))
 
     def _world_matrix(self, time: float) -> Floats:
@@ -195,15 +195,8 @@ def _interpolate_matrix(transform: Any, time: float) -> Floats:
 
 
 def _read_polygons_at(properties: tuple[Any, Any], sample: int) -> Polygons:
-    counts, corners = (_read_sample(p, min(sample, p.getNumSamples() - 1)) for p in properties)
+    counts, corners = (read_sample(p, min(sample, p.getNumSamples() - 1)) for p in properties)
     return Polygons(np.array(counts, np.int64), np.array(corners, np.int64))
-
-
-def _read_sample(sampled: Any, index: int) -> Any:
-    """Read one array; a missing one, which has no digest, would crash the library."""
-    if not sampled.getKey(index):
-        raise FormatError(f"sample {index} of `{sampled.getName()}` is missing; export it again")
-    return sampled.getValue(index)
 
 
 def _read_frame_rate(archive: Any, mesh: Any) -> float | None:
@@ -255,12 +248,9 @@ class Writer(AnimationWriter):
             from alembic3d.Abc import OArchive
             from alembic3d.AbcCoreAbstract import MetaData, TimeSampling
             from alembic3d.AbcGeom import OPolyMesh
-            from imath import IntArray, IntArrayFromBuffer
 
         _check_disk_space(target, animation)
-        scene, faces = animation.scene, animation.rest.faces
-        corners = np.ascontiguousarray(faces[:, ::-1], np.int32).ravel()
-        self._faces = (IntArrayFromBuffer(corners), IntArray(3, len(faces)))
+        scene, self._surface = animation.scene, AlembicSurface(animation.rest)
         try:
             # With a name of the program, the archive would hold the time, too.
             archive = OArchive(str(target))
@@ -276,15 +266,12 @@ class Writer(AnimationWriter):
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
-        from alembic3d.AbcGeom import OPolyMeshSchemaSample
-        from imath import V3fArrayFromBuffer
-
-        for points in map(to_float32, frames):
-            positions = V3fArrayFromBuffer(points)
-            self._schema.set(OPolyMeshSchemaSample(positions, *self._faces))
+        for positions in frames:
+            self._schema.set(self._surface.make_sample(positions))
 
     def complete(self) -> None:
-        """Close the file."""
+        """Write what is of all frames, and close the file."""
+        self._surface.write_face_sets(self._schema)
         del self._schema
 
     def abandon(self) -> None:
@@ -294,8 +281,8 @@ class Writer(AnimationWriter):
 
 def _check_disk_space(target: Path, animation: Animation) -> None:
     """Refuse what does not fit: Alembic ends the process when its last write fails."""
-    size = 12 * animation.frame_count * len(animation.rest.vertices) + 16 * len(
-        animation.rest.faces
-    )
+    rest = animation.rest
+    corners = 0 if rest.attributes is None else len(rest.attributes.corners)
+    size = 12 * animation.frame_count * (len(rest.vertices) + corners) + 16 * len(rest.faces)
     if size > shutil.disk_usage(target.parent).free:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

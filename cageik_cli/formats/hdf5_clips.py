@@ -22,6 +22,7 @@ from cageik_cli.formats.base.hdf5 import (
     scalar_attributes,
     wrap_hdf5_errors,
 )
+from cageik_cli.formats.base.hdf5_attributes import read_attributes
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.scene import SceneHints, parse_scene_metadata
 from cageik_cli.geometry.mesh import TriMesh
@@ -183,7 +184,10 @@ class Reader(ClipFile):
             self.notes = tuple(f"{to_unicode(path.name)}: {note}" for note in notes)
             check_zero_based(faces, self._frames.vertex_count)
             first = self._frames.read_frame(self.frame_indices[0])
-            self.first = TriMesh(request.complete_first(first), faces)
+            mesh = TriMesh(request.complete_first(first), faces)
+            # Of a result; other programs may have another group of that name.
+            is_result = has_text_attribute(file, "format", "cageik.result")
+            self.first = read_attributes(file, "attributes/cage", mesh) if is_result else mesh
             stack.pop_all()  # open from here on
 
     @classmethod

@@ -6,7 +6,6 @@ from cageik_cli.formats.base.file_data import decompress, describe_source
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.frame_files import FrameFileReader, parse_mesh
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.registry import discover_plugins
 from cageik_cli.formats.base.writer import Animation, FrameFileWriter
 from cageik_cli.formats.scene import Scene
@@ -40,16 +39,8 @@ def load_mesh(path: Path) -> LoadedMesh:
             )
         data = read_input(path)
         content = decompress(data, suffix)
-        mesh = parse_mesh(readers[suffix], content)
-        fan_triangulated = mesh.fan_triangulated
-        return LoadedMesh(
-            mesh=replace_folded_fans(fan_triangulated, mesh.corner_counts),
-            fan_triangulated=fan_triangulated,
-            source=describe_source(path, data),
-            notes=mesh.notes,
-            obj_text=readers[suffix].keep_obj_text(content),
-            corner_counts=mesh.corner_counts,
-        )
+        mesh = readers[suffix].read_attributes(content, parse_mesh(readers[suffix], content))
+        return LoadedMesh(mesh.make_mesh(), describe_source(path, data), mesh.notes)
 
 
 def check_mesh_output(path: Path, overwrite: bool) -> None:
@@ -64,23 +55,15 @@ def check_mesh_output(path: Path, overwrite: bool) -> None:
     check_writable(path, overwrite)
 
 
-def write_mesh(
-    path: Path, mesh: TriMesh, positions: Floats, overwrite: bool, obj_text: bytes = b""
-) -> None:
+def write_mesh(path: Path, mesh: TriMesh, positions: Floats, overwrite: bool) -> None:
     """Write a mesh at other positions, (m, 3), as animations of one file per frame are written.
-
-    Parameters
-    ----------
-    path, mesh, positions, overwrite
-    obj_text : bytes
-        As of `Animation`.
 
     Raises
     ------
     OutputError
         When it cannot be written.
     """
-    animation = Animation(mesh, 1, Scene(start=0), path.stem, obj_text)
+    animation = Animation(mesh, 1, Scene(start=0), path.stem)
     writer = _choose_mesh_writer(path)(path.with_name(f"_####{path.suffix.lower()}"), animation)
     write_bytes(path, writer.encode_frame(positions), overwrite)
 

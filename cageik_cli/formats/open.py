@@ -247,11 +247,19 @@ def open_clip_and_rest(
     sequence = open_sequence(list(frames), settings, rest)
     if rest is not None:
         with error_context(rest_path):
-            count, faces = len(rest.fan_triangulated.vertices), rest.fan_triangulated.faces
-            check_connectivity(count, faces, sequence.fan_triangulated, "the first frame")
-        # Polygons are cut as in the first frame.
-        return sequence, replace(rest, mesh=TriMesh(rest.mesh.vertices, sequence.first.faces))
+            fans = rest.mesh.fan_triangulated
+            expected = sequence.first.fan_triangulated
+            check_connectivity(len(fans.vertices), fans.faces, expected, "the first frame")
+        return sequence, replace(rest, mesh=_cut_alike(rest.mesh, sequence.first))
     return sequence, load_rest_frame(sequence, rest_index)
+
+
+def _cut_alike(rest: TriMesh, first: TriMesh) -> TriMesh:
+    """Return a rest pose with its polygons cut as in the first frame.
+
+    Its attributes are its own, or those of the frame if it has the triangles alone.
+    """
+    return TriMesh(rest.vertices, first.faces, rest.attributes or first.attributes)
 
 
 def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
@@ -274,5 +282,4 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
             f"{sequence.location(index)}: {missing} of {len(positions)} vertices of the rest pose "
             "are missing; take a complete frame by --rest-frame K, or a mesh by --rest"
         )
-    frame = TriMesh(positions, sequence.first.faces)
-    return LoadedMesh(frame, frame, {"name": sequence.names[index]})
+    return LoadedMesh(sequence.first.move(positions), {"name": sequence.names[index]})

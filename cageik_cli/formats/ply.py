@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.file_data import with_gzip
 from cageik_cli.formats.base.frame_files import FrameFileReader
 from cageik_cli.formats.base.mesh_data import FileMesh
-from cageik_cli.formats.base.polygons import fan_triangulate, fan_triangulate_polygons
+from cageik_cli.formats.base.polygons import fan_triangulate_polygons
 from cageik_cli.formats.base.writer import Animation, FrameFileWriter
+from cageik_cli.formats.ply_surface import CORNER_UVS, Columns, PlySurface, complete_surface
+from cageik_cli.geometry.surface_attributes import fan_triangulate
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 
@@ -63,9 +65,20 @@ class Reader(FrameFileReader):
         """Return a parser of frames that differ from the first in their vertices alone."""
         return PlyFrameParser(data)
 
+    @classmethod
+    def read_attributes(cls, data: bytes, mesh: FileMesh) -> FileMesh:
+        """Read UVs, normals and colours."""
+        read = _read_binary_columns if is_binary_ply(data) else _read_ascii_columns
+        try:
+            columns, corner_uvs = read(data)
+        except (ValueError, IndexError, KeyError, OverflowError, struct.error) as error:
+            note = f"its colours, normals and texture coordinates are left out ({error})"
+            return replace(mesh, left_out=(note,))
+        return complete_surface(mesh, columns, corner_uvs)
+
 
 @dataclass(frozen=True, slots=True)
-class _Element:
+class Element:
     """An element of a header, such as vertices or faces: count, and type codes by property."""
 
     name: bytes
@@ -84,10 +97,10 @@ class PlyFrameParser:
     def __init__(self, first: bytes) -> None:
         self._head, self._tail, self._size = b"", b"", len(first)
         if is_binary_ply(first):
-            order, elements, start = _parse_header(first)
-            if elements[0].name == b"vertex" and not _has_lists(elements[0]):
+            order, elements, start = parse_header(first)
+            if elements[0].name == b"vertex" and not has_lists(elements[0]):
                 self._row_dtype, self._vertex_count = (
-                    _make_row_dtype(elements[0], order, {}),
+                    make_row_dtype(elements[0], order, {}),
                     elements[0].count,
                 )
                 self._head = first[:start]
@@ -99,7 +112,7 @@ class PlyFrameParser:
             return None
         if not data.startswith(self._head) or not data.endswith(self._tail):
             return None
-        return _stack_positions(
+        return stack_positions(
             np.frombuffer(data, self._row_dtype, self._vertex_count, len(self._head))
         )
 
@@ -119,16 +132,16 @@ def parse_binary_ply(data: bytes) -> tuple[Floats, Integers, Integers]:
         When it is not one.
     """
     try:
-        order, elements, offset = _parse_header(data)
+        order, elements, offset = parse_header(data)
         vertices, corners, sizes = None, np.empty(0, np.int64), np.empty(0, np.int64)
         for element in elements:
             if element.name == b"face":
                 corners, sizes, offset = _parse_faces(data, offset, element, order)
-            elif element.name == b"vertex" and not _has_lists(element):
+            elif element.name == b"vertex" and not has_lists(element):
                 rows = np.frombuffer(
-                    data, _make_row_dtype(element, order, {}), element.count, offset
+                    data, make_row_dtype(element, order, {}), element.count, offset
                 )
-                vertices, offset = _stack_positions(rows), offset + rows.nbytes
+                vertices, offset = stack_positions(rows), offset + rows.nbytes
             elif vertices is None or not len(sizes):
                 _, _, offset = _parse_list_rows(data, offset, element, order, b"")
         if vertices is None:
@@ -173,7 +186,45 @@ def parse_ascii_ply(data: bytes) -> tuple[Floats, list[Integers]]:
     return vertices, polygons
 
 
-def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
+def _read_binary_columns(data: bytes) -> tuple[Columns, tuple[NDArray[Any], Integers] | None]:
+    """Read the properties of vertices, and the texture coordinates of the corners of faces."""
+    order, elements, offset = parse_header(data)
+    columns: Columns = {}
+    for element in elements:
+        if element.name == b"vertex" and not has_lists(element):
+            kind = make_row_dtype(element, order, {})
+            rows = np.frombuffer(data, kind, element.count, offset)
+            columns, offset = {name: rows[name] for name in kind.names or ()}, offset + rows.nbytes
+        elif element.name == b"face":
+            code = element.type_codes.get(CORNER_UVS.encode(), "")
+            if len(code) != 2 or code[1] not in "efd":
+                return columns, None
+            name = CORNER_UVS.encode()
+            found, sizes, _ = _parse_list_rows(data, offset, element, order, name)
+            return columns, (np.frombuffer(found, order + code[1]), sizes)
+        else:
+            _, _, offset = _parse_list_rows(data, offset, element, order, b"")
+    return columns, None
+
+
+def _read_ascii_columns(data: bytes) -> tuple[Columns, tuple[NDArray[Any], Integers] | None]:
+    """Read the same of a text."""
+    from trimesh.exchange.ply import load_ply
+
+    try:
+        loaded = load_ply(io.BytesIO(data), fix_texture=False, skip_materials=True)
+        held = loaded["metadata"]["_ply_raw"]
+        columns = {name: np.asarray(column) for name, column in held["vertex"]["data"].items()}
+        lists = held["face"]["data"].get(CORNER_UVS)
+    except Exception as error:  # whatever a damaged file makes trimesh raise
+        raise ValueError(str(error)) from error
+    if lists is None:
+        return columns, None
+    sizes = np.array([len(row) for row in lists], np.int64)
+    return columns, (np.concatenate([np.asarray(row, np.float64) for row in lists]), sizes)
+
+
+def parse_header(data: bytes) -> tuple[str, list[Element], int]:
     """Return the byte order, the elements, and where they begin."""
     end = data.index(b"\n", data.index(b"end_header")) + 1
     order, elements = "", []
@@ -181,7 +232,7 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
         if words[:1] == [b"format"]:
             order = _BYTE_ORDERS[words[1]]
         elif words[:1] == [b"element"]:
-            elements.append(_Element(words[1], int(words[2]), {}))
+            elements.append(Element(words[1], int(words[2]), {}))
         elif words[:1] == [b"property"]:
             types = words[2:4] if words[1] == b"list" else words[1:2]
             codes = "".join(_TYPE_CODES[kind] for kind in types)
@@ -191,11 +242,12 @@ def _parse_header(data: bytes) -> tuple[str, list[_Element], int]:
     return order, elements, end
 
 
-def _has_lists(element: _Element) -> bool:
+def has_lists(element: Element) -> bool:
+    """Return whether rows of an element may differ in size."""
     return any(len(codes) == 2 for codes in element.type_codes.values())
 
 
-def _make_row_dtype(element: _Element, order: str, sizes: dict[bytes, int]) -> np.dtype[Any]:
+def make_row_dtype(element: Element, order: str, sizes: dict[bytes, int]) -> np.dtype[Any]:
     """Return the type of a row whose lists have these sizes; a list's count is field `NAME#`."""
     fields: list[Any] = []
     for name, codes in element.type_codes.items():
@@ -208,13 +260,14 @@ def _make_row_dtype(element: _Element, order: str, sizes: dict[bytes, int]) -> n
     return np.dtype(fields)
 
 
-def _stack_positions(rows: NDArray[Any]) -> Floats:
+def stack_positions(rows: NDArray[Any]) -> Floats:
+    """Return the positions of rows, (n, 3)."""
     with np.errstate(invalid="ignore"):  # a signalling NaN is refused with the others
         return np.stack([rows[axis] for axis in "xyz"], axis=1, dtype=np.float64)
 
 
 def _parse_faces(
-    data: bytes, offset: int, element: _Element, order: str
+    data: bytes, offset: int, element: Element, order: str
 ) -> tuple[Integers, Integers, int]:
     """Read the corners of the faces, how many each has, and where the next element begins."""
     lists = [name for name, codes in element.type_codes.items() if len(codes) == 2]
@@ -226,7 +279,7 @@ def _parse_faces(
         raise ValueError("its faces name vertices by numbers that are not whole")
     if lists == [wanted] and element.count:
         _, sizes, _ = _parse_list_rows(data, offset, replace(element, count=1), order, wanted)
-        kind = _make_row_dtype(element, order, {wanted: int(sizes[0])})
+        kind = make_row_dtype(element, order, {wanted: int(sizes[0])})
         if offset + element.count * kind.itemsize <= len(data):
             rows = np.frombuffer(data, kind, element.count, offset)
             counts = rows[f"{wanted.decode()}#"].astype(np.int64)
@@ -238,7 +291,7 @@ def _parse_faces(
 
 
 def _parse_list_rows(
-    data: bytes, offset: int, element: _Element, order: str, wanted: bytes
+    data: bytes, offset: int, element: Element, order: str, wanted: bytes
 ) -> tuple[bytes, Integers, int]:
     """Read the items of a list in every row, their counts, and where the next element begins."""
     steps = [
@@ -261,19 +314,6 @@ def _parse_list_rows(
     return b"".join(items), np.array(sizes, np.int64), offset
 
 
-_HEADER_TEMPLATE = """\
-ply
-format binary_little_endian 1.0
-element vertex {vertices}
-property double x
-property double y
-property double z
-element face {faces}
-property list uchar int vertex_indices
-end_header
-"""
-
-
 class Writer(FrameFileWriter):
     """Writes binary, little-endian files in double precision: every digit is kept."""
 
@@ -281,12 +321,8 @@ class Writer(FrameFileWriter):
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
-        rest = animation.rest
-        counts = {"vertices": len(rest.vertices), "faces": len(rest.faces)}
-        faces = np.empty(len(rest.faces), [("corners", "u1"), ("vertices", "<i4", 3)])
-        faces["corners"], faces["vertices"] = 3, rest.faces
-        self._head, self._tail = _HEADER_TEMPLATE.format(**counts).encode(), faces.tobytes()
+        self._surface = PlySurface(animation.rest)
 
     def encode_frame(self, positions: Floats) -> bytes:
         """Return the bytes of one frame."""
-        return self._head + positions.astype("<f8").tobytes() + self._tail
+        return self._surface.encode_frame(positions)

@@ -5,8 +5,10 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.formats.base.file_names import FrameNames
 from cageik_cli.formats.base.registry import discover_plugins
@@ -203,6 +205,19 @@ class Output:
         """Return the files and folders that are written."""
         return [self.target_path, *([self.offset_path] if self.recentre else [])]
 
+    @property
+    def suffix(self) -> str:
+        """The suffix of the file, or of the files in the folder, in lower case."""
+        target = _resolve_target(self.path, self.file_format)
+        name = self.path if target.frame_names is None else Path(target.frame_names.pattern)
+        return name.suffix.lower()
+
+    @property
+    def has_format(self) -> bool:
+        """Whether a format is asked for; otherwise the model decides."""
+        is_named = FrameNames.parse(self.path.name) is not None or bool(self.path.suffix)
+        return is_named or self.file_format is not None
+
     def check_writable(self) -> None:
         """Refuse, before any work, what cannot be written; see `check_animation_output`."""
         check_animation_output(self.path, self.overwrite, self.file_format)
@@ -263,7 +278,7 @@ def write_animation(
                     break
                 with error_context(path):
                     writer.append(block - origin if output.recentre else block)
-                largest = max(largest, float(np.abs(block - origin).max()))
+                largest = max(largest, float(np.abs(_get_positions(block) - origin).max()))
             done += len(block)
             progress.update(done, animation.frame_count)
     if output.recentre:
@@ -272,6 +287,13 @@ def write_animation(
     for note in (*writer.notes, *_list_rounding_notes(writer, largest, animation.rest.diagonal)):
         progress.note("note", f"{path.name}: {note}")
     return ExportSummary(path, done, len(animation.rest.vertices), _total_size(output.target_path))
+
+
+def _get_positions(block: NDArray[Any]) -> Floats:
+    """Return the positions of a block, which has rows of properties if it is of splats."""
+    if block.dtype.names is None:
+        return block
+    return np.stack([block[axis] for axis in "xyz"], axis=-1, dtype=np.float64)
 
 
 def _encode_offset(origin: tuple[float, float, float]) -> bytes:

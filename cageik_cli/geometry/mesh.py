@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cageik_cli.geometry.groups import find_groups
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, fan_triangulate
 from cageik_cli.util.arrays import Floats, Integers, Number
 from cageik_cli.util.errors import FormatError
 
@@ -29,12 +30,15 @@ class TriMesh:
         `MAX_COORDINATE`. Read-only.
     faces : (f, 3) int64
         Indices into `vertices`, counted from 0. Read-only.
+    attributes : SurfaceAttributes, optional
+        The polygons that the triangles are cut from, their UVs and materials; None if there are
+        only triangles. The solve does not use them, and exports keep them.
 
     Raises
     ------
     InputError
-        When an array has another shape, a position is not finite or too large, or a face names a
-        vertex that does not exist.
+        When an array has another shape, a position is not finite or too large, a face names a
+        vertex that does not exist, or the attributes are those of another mesh.
 
     Examples
     --------
@@ -49,10 +53,13 @@ class TriMesh:
 
     vertices: Floats
     faces: Integers
+    attributes: SurfaceAttributes | None = None
 
     def __post_init__(self) -> None:
-        vertices = _make_read_only(validate_positions(self.vertices))
-        faces = _make_read_only(_validate_faces(self.faces, len(vertices)))
+        vertices = make_read_only(validate_positions(self.vertices))
+        faces = make_read_only(_validate_faces(self.faces, len(vertices)))
+        if self.attributes is not None:
+            self.attributes.check_fits(len(vertices), len(faces))
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 
@@ -101,6 +108,14 @@ class TriMesh:
         """Signed volume, cubed file units; positive when the faces turn outward. Closed meshes."""
         return float(signed_volumes(self.vertices[None], self.faces)[0])
 
+    @cached_property
+    def fan_triangulated(self) -> "TriMesh":
+        """The mesh with every polygon as a fan: connectivity is compared by it."""
+        if self.attributes is None:
+            return self
+        faces = fan_triangulate(self.attributes.corners, self.attributes.corner_counts)
+        return TriMesh(self.vertices, faces, self.attributes)
+
     def drop_unused_vertices(self) -> "TriMesh":
         """Return the mesh without vertices that are in no face; itself if there are none."""
         if self.is_used.all():
@@ -110,7 +125,12 @@ class TriMesh:
 
     def flip(self) -> "TriMesh":
         """Return the mesh with reversed faces."""
-        return TriMesh(self.vertices, self.faces[:, ::-1])
+        attributes = None if self.attributes is None else self.attributes.reverse()
+        return TriMesh(self.vertices, self.faces[:, ::-1], attributes)
+
+    def move(self, positions: ArrayLike) -> "TriMesh":
+        """Return the mesh with its vertices at other positions, (n, 3)."""
+        return TriMesh(positions, self.faces, self.attributes)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -288,7 +308,8 @@ def _validate_faces(faces: ArrayLike, vertex_count: int) -> Integers:
     return array
 
 
-def _make_read_only(array: NDArray[Number]) -> NDArray[Number]:
+def make_read_only(array: NDArray[Number]) -> NDArray[Number]:
+    """Return the array, or a copy, that cannot be written to."""
     if array.flags.writeable:
         array = array.copy()
         array.flags.writeable = False

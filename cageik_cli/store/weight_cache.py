@@ -64,7 +64,7 @@ class WeightCache(EntryCache[CacheEntry]):
         def from_entry(entry: CacheEntry) -> Binding:
             return Binding(
                 rest=rest,
-                cage=TriMesh(cage.vertices, entry.faces),
+                cage=cage if np.array_equal(cage.faces, entry.faces) else cage.flip(),
                 weights=entry.weights,
                 settings=settings,
                 panels=entry.panels,

@@ -34,6 +34,8 @@ FilePath = str | PathLike[str]
 def load_mesh(path: FilePath) -> TriMesh:
     """Read one mesh (.obj, .ply, .off, each also .gz); polygons become triangles.
 
+    `attributes` of the mesh keeps the polygons, texture coordinates and materials.
+
     Parameters
     ----------
     path : str or path-like

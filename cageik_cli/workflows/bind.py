@@ -136,7 +136,7 @@ def _fit_to_clips(
     for name in settings.clips:
         clip = open_sequence([name], rest=rest)
         with error_context(name):
-            check_vertex_order(clip, rest.fan_triangulated, "the rest pose")
+            check_vertex_order(clip, rest.mesh.fan_triangulated, "the rest pose")
         for note in clip.notes:
             progress.note("note", note)
         clips.append(clip)
@@ -186,7 +186,9 @@ def load_matching_binding(path: Path, rest: LoadedMesh, cage: LoadedMesh | None)
         sources["cage"] = cage.source
         _check_same_mesh(path, "cage", binding.cage, outward)
     _check_same_mesh(path, "rest pose", binding.rest, rest.mesh)
-    return replace(stored, sources=sources)
+    if rest.mesh.attributes is not None:
+        binding = replace(binding, rest=rest.mesh)
+    return replace(stored, binding=binding, sources=sources)
 
 
 def _check_same_mesh(path: Path, what: str, expected: TriMesh, given: TriMesh) -> None:

@@ -20,6 +20,7 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import check_connectivity
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
+from cageik_cli.formats.obj.write import encode_exact_obj
 from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import error_context
@@ -140,7 +141,8 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
         built = build_cage(model.mesh, settings.build, clip, progress.update)
     cage = load_built_cage(built.cage, list_warnings(built), settings.output.name)
     with progress.stage("write"):
-        write_bytes(settings.output, cage.obj_text, settings.overwrite)
+        text = encode_exact_obj(built.cage.vertices, built.cage.faces)
+        write_bytes(settings.output, text, settings.overwrite)
     return CageResult(settings, model, built, cage, rest_frame)
 
 
@@ -183,8 +185,8 @@ def _read_animation(settings: CageSettings, model: LoadedMesh) -> Clip | None:
         return None
     sequence = open_sequence(list(settings.animation), settings.clip, model)
     with error_context(model.source["name"]):
-        count, faces = len(model.fan_triangulated.vertices), model.fan_triangulated.faces
-        check_connectivity(count, faces, sequence.fan_triangulated, "the first frame")
+        fans, expected = model.mesh.fan_triangulated, sequence.first.fan_triangulated
+        check_connectivity(len(fans.vertices), fans.faces, expected, "the first frame")
     held = [k for k in range(len(sequence)) if k not in sequence.missing]
     return make_measured_clip(
         model.mesh, len(held), lambda k: sequence.read_frame(held[k]), settings.jobs

@@ -62,13 +62,7 @@ def check_cage_output(path: Path, overwrite: bool) -> None:
 def load_built_cage(cage: TriMesh, notes: tuple[str, ...], name: str) -> LoadedMesh:
     """Return a built cage as if it were read from a file of this name."""
     text = encode_exact_obj(cage.vertices, cage.faces)
-    return LoadedMesh(
-        mesh=cage,
-        fan_triangulated=cage,
-        source=describe_source(Path(name), text),
-        notes=notes,
-        obj_text=text,
-    )
+    return LoadedMesh(cage, describe_source(Path(name), text), notes)
 
 
 def _build(model: TriMesh, settings: BuildSettings, progress: ProgressListener) -> CageEntry:

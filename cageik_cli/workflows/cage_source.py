@@ -76,12 +76,12 @@ class CageSource:
     @property
     def rest_cage(self) -> LoadedMesh:
         """The rest cage as a mesh that was read."""
-        return LoadedMesh(self.cage, self.cage, {"name": f"the cage of {self.path.name}"})
+        return LoadedMesh(self.cage, {"name": f"the cage of {self.path.name}"})
 
     @property
     def rest_model(self) -> LoadedMesh:
         """The rest pose as a mesh that was read."""
-        return LoadedMesh(self.rest, self.rest, {"name": f"the rest pose of {self.path.name}"})
+        return LoadedMesh(self.rest, {"name": f"the rest pose of {self.path.name}"})
 
     def read_binding(self) -> Binding | None:
         """Read the weights; None if a result was written without."""

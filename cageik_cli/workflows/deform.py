@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from cageik_cli.cages.enclosure import OutsideError
 from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding
@@ -14,7 +15,6 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.settings import ClipSettings, MorphSettings
 from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
@@ -29,7 +29,9 @@ from cageik_cli.util.text import label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
 from cageik_cli.workflows.cage_source import CageSource
+from cageik_cli.workflows.deform_splats import move_frames, prepare_splats
 from cageik_cli.workflows.export import report_skipped_frames
+from cageik_cli.workflows.model_file import LoadedModel, load_model
 from cageik_cli.workflows.reconstruction import Block, CageFrames, Reconstruction
 from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
 
@@ -114,14 +116,16 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
         When the weights cannot be trusted.
     """
     progress = progress or ProgressListener()
-    settings.output.check_writable()
+    if settings.mesh is None or settings.output.has_format:
+        settings.output.check_writable()
     source = CageSource.read(settings.source)
     if settings.influences is not None:
         result = source.require_result("but --influences needs the settings of a result; give one")
         check_influences(result, settings.influences)
     clip = _open_cage_clip(settings, source, progress)
-    mesh = load_mesh(settings.mesh) if settings.mesh is not None else source.rest_model
-    binding = _load_or_compute_binding(settings, mesh, source, progress)
+    model = _load_model(settings, source)
+    output = model.choose_output(settings.output)
+    binding = _load_or_compute_binding(settings, model.mesh, source, progress)
     if clip is None:
         result = source.require_result(NO_CAGES)
         report_skipped_frames(result, progress)
@@ -134,20 +138,61 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
         frame_count=cages.count,
         scene=settings.scene.override(scene),
         name=_make_object_name(settings.mesh),
-        obj_text=mesh.obj_text,
         morphs=settings.morphs,
     )
+    # One thread: the last digits depend on how many, and the writer takes longer anyway.
+    with limit_blas_threads(1):
+        frames = _move_model(settings, source, _Motion(model, binding, cages), progress)
+        factory = model.choose_writer(output)
+        return write_animation(output, animation, frames, progress, factory)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Motion:
+    """A model, its weights, and the cages that move it."""
+
+    model: LoadedModel
+    binding: Binding
+    cages: CageFrames
+
+
+def _load_model(settings: DeformSettings, source: CageSource) -> LoadedModel:
+    """Read the model that is moved.
+
+    Raises
+    ------
+    SettingError
+        When it has points only, and weights that are fitted to a surface are asked for.
+    """
+    if settings.mesh is None:
+        return LoadedModel(source.rest_model)
+    model = load_model(settings.mesh)
+    if model.points is not None and settings.influences is not None:
+        raise SettingError(
+            f"{settings.mesh}: is {model.kind}, and weights of few influences are fitted to a "
+            "surface; leave out --influences"
+        )
+    return model
+
+
+def _move_model(
+    settings: DeformSettings, source: CageSource, motion: _Motion, progress: ProgressListener
+) -> Iterator[Any]:
+    """Return the frames that the writer of the model takes, in blocks."""
+    model, binding, cages = motion.model, motion.binding, motion.cages
+    if model.splats is not None and model.points is not None:
+        with error_context(settings.mesh):
+            held = prepare_splats(binding, model.splats, settings.memory, settings.jobs, progress)
+        return move_frames(held, model.points, cages, settings.jobs, model.note(progress))
     rotations = _read_needed_rotations(settings, source, binding, cages.count)
     target = Reconstruction(binding, cages, rotations)
     if settings.influences is None:
         memory = settings.memory - binding.weights.nbytes
         blocks = target.blocks(choose_block_size(memory, len(binding.rest.vertices)))
     else:
+        result = source.require_result("but --influences needs the settings of a result")
         blocks = _limit_influences(settings, result, target, progress)
-    frames = (block.meshes for block in blocks)
-    # One thread: the last digits depend on how many, and the writer takes longer anyway.
-    with limit_blas_threads(1):
-        return write_animation(settings.output, animation, frames, progress)
+    return (block.meshes for block in blocks)
 
 
 def _limit_influences(

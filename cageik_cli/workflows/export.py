@@ -4,13 +4,16 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from cageik_cli.formats.base.settings import MorphSettings
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.gltf.skeleton import MAX_INFLUENCES
 from cageik_cli.formats.gltf.skeleton import SkeletonWriter as GltfSkeletonWriter
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd.skeleton import SkeletonWriter as UsdSkeletonWriter
-from cageik_cli.formats.write import ExportSummary, Output, write_animation
+from cageik_cli.formats.usd.with_model import CageDisplay, WithModelWriter
+from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
 from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.store.result import Result, read_cages, read_result
 from cageik_cli.store.result_frames import read_binding, read_rotations
@@ -21,12 +24,8 @@ from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
 
-SKELETON_WRITERS = {
-    suffix: writer
-    for writer in (UsdSkeletonWriter, GltfSkeletonWriter)
-    for suffix in writer.suffixes
-}
-"""Writers of skeletons, by suffix."""
+SKELETON_SUFFIXES = (*UsdSkeletonWriter.suffixes, *GltfSkeletonWriter.suffixes)
+"""Of the formats that hold skeletons."""
 
 MAX_BLOCK_BYTES = 1 << 26
 """Bytes of a block of cages, at most."""
@@ -49,6 +48,8 @@ class ExportSettings:
         absent.
     compares : bool
         Note the error of other numbers of influences, too.
+    with_model : CageDisplay, optional
+        Write cage and model in one file, and how the cage is shown there; one of them if absent.
     morphs : MorphSettings
         How morph targets follow the cages, in a format that has them.
     """
@@ -59,6 +60,7 @@ class ExportSettings:
     skeleton: bool = False
     influences: int | None = None
     compares: bool = False
+    with_model: CageDisplay | None = None
     morphs: MorphSettings = field(default_factory=MorphSettings)
 
     def inputs(self) -> list[Path]:
@@ -93,6 +95,8 @@ def export(settings: ExportSettings, progress: ProgressListener | None = None) -
     report_skipped_frames(result, progress)
     if settings.skeleton:
         return _write_skeleton(settings, result, animation, progress)
+    if settings.with_model is not None:
+        return _write_with_model(settings, result, animation, progress)
     blocks = read_cages(result, fit_frames(MAX_BLOCK_BYTES, len(result.cage.vertices)))
     return write_animation(settings.output, animation, blocks, progress)
 
@@ -101,32 +105,60 @@ def _write_skeleton(
     settings: ExportSettings, result: Result, animation: Animation, progress: ProgressListener
 ) -> ExportSummary:
     """Write the rest pose of a result, skinned to a joint per cage vertex."""
-    target = _read_skeleton(result, settings.influences)
+    target = _read_skeleton(result, settings)
     sampling = SampleSettings(jobs=count_processors())
     request = RigRequest(
         settings.influences, settings.output.path.name, settings.compares, sampling
     )
     rig = make_rig(result, target, request, progress)
     cages = (block.cages for block in rig.blocks())
-    writer = SKELETON_WRITERS[settings.output.path.suffix.lower()]
-    make_writer = partial(writer, skin=rig.skin)
+    if settings.output.path.suffix.lower() in GltfSkeletonWriter.suffixes:
+        make_writer: WriterFactory = partial(GltfSkeletonWriter, skin=rig.skin)
+    else:
+        make_writer = partial(UsdSkeletonWriter, skin=rig.skin, cage=settings.with_model)
     with limit_blas_threads(1):  # the last digits of the cages depend on it
         return write_animation(settings.output, animation, cages, progress, make_writer)
 
 
-def _read_skeleton(result: Result, influences: int | None) -> Reconstruction:
+def _write_with_model(
+    settings: ExportSettings, result: Result, animation: Animation, progress: ProgressListener
+) -> ExportSummary:
+    """Write the cages, and beside them the model that they move."""
+    target = _read_reconstruction(result, "the model")
+    display = settings.with_model or CageDisplay.MESH
+    size = fit_frames(MAX_BLOCK_BYTES, len(result.cage.vertices) + len(result.rest.vertices), 4)
+    frames = (np.concatenate([block.cages, block.meshes], axis=1) for block in target.blocks(size))
+    make_writer = partial(WithModelWriter, model=result.rest, cage=display)
+    with limit_blas_threads(1):  # the last digits of the model depend on it
+        return write_animation(settings.output, animation, frames, progress, make_writer)
+
+
+def _read_skeleton(result: Result, settings: ExportSettings) -> Reconstruction:
     """Read what a skin is to follow; refuse what cannot be skinned."""
-    check_influences(result, influences)
-    binding = read_binding(result)
-    if binding is None:
-        raise SettingError(
-            f"{result.path}: has no weights, which a skeleton needs; extract it again without "
-            "--no-weights"
-        )
-    if influences is None and result.fit is not None and not binding.has_offsets:
+    check_influences(result, settings.influences)
+    target = _read_reconstruction(result, "a skeleton")
+    binding = target.binding
+    if settings.influences is None and result.fit is not None and not binding.has_offsets:
         raise SettingError(
             f"{result.path}: its weights are fitted, and negative in places (down to "
             f"{binding.weights.min():.2g}), which skin weights cannot be; give --influences 8"
+        )
+    return target
+
+
+def _read_reconstruction(result: Result, purpose: str) -> Reconstruction:
+    """Read the model that the cages of a result move.
+
+    Raises
+    ------
+    SettingError
+        Naming the purpose, when the result has no weights.
+    """
+    binding = read_binding(result)
+    if binding is None:
+        raise SettingError(
+            f"{result.path}: has no weights, which {purpose} needs; extract it again without "
+            "--no-weights"
         )
     rotations = read_rotations(result) if binding.has_offsets else None
     return Reconstruction(binding, CageFrames.from_result(result), rotations)
@@ -153,15 +185,20 @@ def check_export(settings: ExportSettings) -> None:
     """
     path = settings.output.path
     suffix = path.suffix.lower()
-    if settings.skeleton and suffix not in SKELETON_WRITERS:
+    if settings.skeleton and suffix not in SKELETON_SUFFIXES:
         raise SettingError(
             f"{path}: --skeleton works with USD and glTF only, expected "
-            f"{', '.join(SKELETON_WRITERS)}"
+            f"{', '.join(SKELETON_SUFFIXES)}"
         )
     is_gltf = suffix in GltfSkeletonWriter.suffixes
     if is_gltf and settings.influences is not None and settings.influences > MAX_INFLUENCES:
         raise SettingError(
             f"{path}: --influences is {settings.influences}, and programs read at most "
             f"{MAX_INFLUENCES} joints per vertex from .glb; give 4, or {MAX_INFLUENCES}"
+        )
+    if settings.with_model is not None and path.suffix.lower() not in WithModelWriter.suffixes:
+        raise SettingError(
+            f"{path}: --with-model works with USD only, expected "
+            f"{', '.join(WithModelWriter.suffixes)}"
         )
     settings.output.check_writable()

@@ -1,4 +1,4 @@
-"""Describe a file in a few lines: a result, a binding, a checkpoint, a clip or a mesh."""
+"""Describe a file in a few lines: a result, a binding, a checkpoint, a clip, a mesh or points."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -10,10 +10,12 @@ from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.settings import ClipSettings
-from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
+from cageik_cli.formats.mesh_file import mesh_suffixes
 from cageik_cli.formats.open import describe_contents, open_sequence
+from cageik_cli.formats.points_ply import PointFile
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
 from cageik_cli.report.figures import group_digits
 from cageik_cli.report.fit_figures import format_fit_rows, list_fit_notes
 from cageik_cli.report.views.text import format_accuracy_row, format_weights_row
@@ -24,6 +26,7 @@ from cageik_cli.store.checkpoint import checkpoint_progress, is_checkpoint
 from cageik_cli.store.result import Result, is_result, read_result
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import format_block, label_note, locate_note
+from cageik_cli.workflows.model_file import LoadedModel, load_model
 
 
 def describe_files(arguments: list[str], layout: str | None = None) -> str:
@@ -44,7 +47,10 @@ def describe_files(arguments: list[str], layout: str | None = None) -> str:
         if all(pages):
             return "\n\n".join(pages)
     if len(paths) == 1 and paths[0].is_file() and file_suffix(paths[0]) in mesh_suffixes():
-        loaded = load_mesh(paths[0])
+        model = load_model(paths[0])
+        if model.points is not None:
+            return format_block(str(paths[0]), _point_rows(model, model.points))
+        loaded = model.mesh
         rows = _mesh_rows(loaded.mesh) + [("note", note) for note in loaded.notes]
         return format_block(str(paths[0]), [("holds", "a mesh"), *rows, _cage_row(loaded.mesh)])
     settings = ClipSettings(layout=layout, gaps="keep")
@@ -101,7 +107,12 @@ def _checkpoint_rows(path: Path) -> list[tuple[str, str]]:
 
 
 def _format_counts(mesh: TriMesh) -> str:
-    return f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles"
+    return f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles{_format_polygons(mesh)}"
+
+
+def _format_polygons(mesh: TriMesh) -> str:
+    """Return what the triangles are cut from, if they are."""
+    return "" if mesh.attributes is None else f" of {mesh.attributes.description}"
 
 
 def _result_rows(result: Result) -> list[tuple[str, str]]:
@@ -153,15 +164,30 @@ def _missing_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
 
 
 def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
-    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     volume = f"closed, volume {mesh.volume:.6g}" if mesh.is_closed else "open"
     components = int(mesh.components.max()) + 1
     return [
         ("vertices", str(len(mesh.vertices))),
-        ("triangles", str(len(mesh.faces))),
+        ("triangles", f"{len(mesh.faces)}{_format_polygons(mesh)}"),
         ("surface", f"{volume}, {components} component{'s' * (components > 1)}"),
-        ("bounds", f"{_format_point(low)} to {_format_point(high)}, diagonal {mesh.diagonal:.6g}"),
+        _bounds_row(mesh),
     ]
+
+
+def _point_rows(model: LoadedModel, points: PointFile) -> list[tuple[str, str]]:
+    rows = [("holds", model.kind), ("points", str(len(points.rows)))]
+    if model.splats is None:
+        rows.append(("properties", join_truncated(points.names, 20)))
+    else:
+        coefficients = model.splats.harmonics.shape[1]
+        rows.append(("colours", f"spherical harmonics up to band {REST_COUNTS[coefficients]}"))
+    return [*rows, _bounds_row(model.mesh.mesh)]
+
+
+def _bounds_row(mesh: TriMesh) -> tuple[str, str]:
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    text = f"{_format_point(low)} to {_format_point(high)}, diagonal {mesh.diagonal:.6g}"
+    return "bounds", text
 
 
 def _cage_row(mesh: TriMesh) -> tuple[str, str]:

@@ -303,7 +303,7 @@ def _restore_unfitted(
     settings, binding = plan.settings, stored.binding
     if stored.fit is None or stored.unfitted is not None or not settings.keep_weights:
         return stored
-    cage = LoadedMesh(binding.cage, binding.cage, stored.sources["cage"])
+    cage = LoadedMesh(binding.cage, stored.sources["cage"])
     weight_settings = WeightSettings(binding.settings, settings.cache, settings.jobs)
     with error_context(settings.binding):
         unfitted = bind_cached(plan.rest, cage, weight_settings, progress).binding

@@ -13,6 +13,7 @@ from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.mesh_file import check_mesh_output, load_mesh, mesh_suffixes, write_mesh
 from cageik_cli.formats.open import clip_suffixes
+from cageik_cli.formats.points_ply import place_positions
 from cageik_cli.formats.scene import Scene
 from cageik_cli.posing.edits import (
     CageSkin,
@@ -26,13 +27,15 @@ from cageik_cli.posing.handles.model import Handles
 from cageik_cli.posing.handles.reader import read_handles
 from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
 from cageik_cli.store.binding_file import read_binding
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
-from cageik_cli.util.outputs import check_no_overlap
+from cageik_cli.util.outputs import check_no_overlap, write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
+from cageik_cli.workflows.deform_splats import fill_rows, note_faults, prepare_splats
+from cageik_cli.workflows.model_file import LoadedModel, load_model
 from cageik_cli.workflows.repair_hint import suggest_repair
 
 
@@ -103,22 +106,6 @@ def read_named_handles(path: Path) -> NamedHandles:
     return NamedHandles(path, read_handles(path), hash_file(path).hex())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BoundModel:
-    """A model in its cage.
-
-    Attributes
-    ----------
-    binding : Binding
-    text, cage_text : bytes
-        The text of the OBJ files of the model and of the cage, as in `Animation`.
-    """
-
-    binding: Binding
-    text: bytes = b""
-    cage_text: bytes = b""
-
-
 def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> PoseResult:
     """Pose a model by handles, and write it.
 
@@ -134,15 +121,15 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
     with progress.stage("open"):
         handles = read_named_handles(settings.handles)
     with progress.stage("bind"):
-        model = _load_bound_model(settings, progress)
+        target = _load_target(settings, progress)
+        binding = target.binding
     with progress.stage("pose"):
-        posed = pose_model(model, handles, settings.posing)
+        posed = pose_model(binding, handles, settings.posing)
     report_layer_notes(posed.layers, settings.handles, progress)
     with progress.stage("write"):
-        write_mesh(settings.output, model.binding.rest, posed.mesh, settings.overwrite, model.text)
+        _write_model(settings, target, posed, progress)
         if settings.cage_output is not None:
-            cage = model.binding.cage
-            write_mesh(settings.cage_output, cage, posed.cage, settings.overwrite, model.cage_text)
+            write_mesh(settings.cage_output, binding.cage, posed.cage, settings.overwrite)
     return posed.result
 
 
@@ -164,7 +151,7 @@ class PosedModel:
     result: PoseResult
 
 
-def pose_model(model: BoundModel, handles: NamedHandles, posing: PosingSettings) -> PosedModel:
+def pose_model(binding: Binding, handles: NamedHandles, posing: PosingSettings) -> PosedModel:
     """Pose a model in its cage by handles.
 
     Raises
@@ -172,7 +159,6 @@ def pose_model(model: BoundModel, handles: NamedHandles, posing: PosingSettings)
     HandlesError, NumericalError
         Naming the file of the handles, as `pose`.
     """
-    binding = model.binding
     cage = binding.cage.vertices
     target = EditTarget(
         binding, CageSkin.for_rest_pose(binding), lambda _: cage, None, Scene().up_axis
@@ -193,6 +179,35 @@ def report_layer_notes(layers: Sequence[Layer], handles: Path, progress: Progres
     for layer in layers:
         for note in layer.schedule.notes:
             progress.note("note", f"{handles.name}: {note}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Target:
+    """What is posed: a model in its cage, and its file unless a binding file holds it."""
+
+    binding: Binding
+    file: LoadedModel | None = None
+
+
+def _write_model(
+    settings: PoseSettings, target: _Target, posed: PosedModel, progress: ProgressListener
+) -> None:
+    """Write the posed mesh, points or splats."""
+    path, file = settings.output, target.file
+    if file is None or file.points is None:
+        write_mesh(path, target.binding.rest, posed.mesh, settings.overwrite)
+        return
+    rows = file.points.rows.copy()
+    if file.splats is None:
+        place_positions(rows, posed.mesh)
+    else:
+        jobs = settings.weights.jobs
+        with error_context(settings.target):
+            motion = prepare_splats(target.binding, file.splats, DEFAULT_MEMORY, jobs, progress)
+        with limit_blas_threads(1):
+            faults = fill_rows(motion, rows[None], posed.cage[None], jobs)
+        note_faults(faults, len(rows), file.note(progress))
+    write_bytes(path, file.points.encode(rows), settings.overwrite)
 
 
 def _check_outputs(settings: PoseSettings) -> None:
@@ -225,20 +240,21 @@ def check_target_kind(target: Path, purpose: str) -> None:
         )
 
 
-def _load_bound_model(settings: PoseSettings, progress: ProgressListener) -> BoundModel:
+def _load_target(settings: PoseSettings, progress: ProgressListener) -> _Target:
     """Read the binding file that is named, or bind the model to the cage."""
     if settings.target.suffix.lower() in HDF5_SUFFIXES:
-        return BoundModel(read_binding(settings.target).binding)
+        return _Target(read_binding(settings.target).binding)
     if settings.cage is None:
         raise SettingError(f"{settings.target}: is a model without a cage; give one with --cage")
-    rest, cage = load_mesh(settings.target), load_mesh(settings.cage)
+    model, cage = load_model(settings.target), load_mesh(settings.cage)
+    model.check_posed_output(settings.output)
     with error_context(settings.cage), suggest_repair(settings.cage, settings.target):
-        return bind_model(rest, cage, settings.weights, progress)
+        return _Target(bind_model(model.mesh, cage, settings.weights, progress), model)
 
 
 def bind_model(
     rest: LoadedMesh, cage: LoadedMesh, weights: WeightSettings, progress: ProgressListener
-) -> BoundModel:
+) -> Binding:
     """Bind a model to a cage, and note what was changed in reading them.
 
     Raises
@@ -251,4 +267,4 @@ def bind_model(
         for note in notes:
             label, text = label_note(note)
             progress.note(label, f"{mesh.source['name']}: {text}")
-    return BoundModel(binding, rest.obj_text, cage.obj_text)
+    return binding

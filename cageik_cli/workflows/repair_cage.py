@@ -80,9 +80,10 @@ def repair_cage_file(
     with progress.stage("open"):
         cage, model = load_mesh(settings.cage), load_mesh(settings.model)
     with progress.stage("repair"), error_context(settings.cage):
-        repaired = repair_cage(
-            cage.fan_triangulated, model.mesh, settings.repair, cage.corner_counts, progress.update
-        )
+        attributes = cage.mesh.attributes
+        counts = None if attributes is None else attributes.corner_counts
+        fans = cage.mesh.fan_triangulated
+        repaired = repair_cage(fans, model.mesh, settings.repair, counts, progress.update)
         if not repaired.is_fit:
             left = "; ".join(finding.sentence for finding in repaired.faults)
             raise CageError(f"cannot be repaired, what is left: {left}")

@@ -12,7 +12,6 @@ from cageik_cli.coordinates.binding import (
     reconstruct_frames,
 )
 from cageik_cli.formats.base.skin import Skin, SkinWeights, compute_skin_weights
-from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.fitting.fit import FitConditions, Fitter
 from cageik_cli.solver.fitting.sample import SampleSettings
@@ -180,7 +179,7 @@ def _settle_rest(target: Reconstruction) -> Reconstruction:
     if binding.has_offsets:
         return target
     vertices = reconstruct(binding.weights, binding.cage.vertices[None])[0]
-    rest = TriMesh(vertices, binding.rest.faces)
+    rest = binding.rest.move(vertices)
     return Reconstruction(replace(binding, rest=rest), target.cages)
 
 

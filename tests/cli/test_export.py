@@ -1,5 +1,6 @@
 """`cageik export`: the cages of a result, in the formats of others."""
 
+import re
 from pathlib import Path
 
 import h5py
@@ -11,6 +12,7 @@ from cageik_cli.formats import write as opening
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.workflows import export as exporting
 from tests.clips import frames_of
+from tests.formats.clips import faults_of
 from tests.formats.gltf.decoded import Glb
 
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
@@ -334,3 +336,66 @@ def test_frames_of_others_are_never_replaced_by_an_export(run, folder):
     assert {path: path.read_bytes() for path in Path("frames").iterdir()} == before
     mesh = trimesh.load("frames/frame_1.obj", process=False)
     assert len(mesh.vertices) == 18
+
+
+def read_stage(path):
+    """Purposes, and the points of the meshes below the default prim at frame 9, by name."""
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.Open(path)
+    meshes = [UsdGeom.Mesh(p) for p in stage.GetDefaultPrim().GetChildren() if p.IsA(UsdGeom.Mesh)]
+    return {
+        mesh.GetPrim().GetName(): (
+            mesh.ComputePurpose(),
+            np.array(mesh.GetPointsAttr().Get(9)),
+        )
+        for mesh in meshes
+    }
+
+
+@pytest.mark.parametrize(
+    ("options", "purpose"), [((), "default"), (("--guide",), "guide")], ids=["shown", "guide"]
+)
+def test_cage_and_model_in_one_stage(run, result, options, purpose):
+    outcome = run("export", "cages.h5", "both.usdc", "--with-model", *options)
+    assert outcome.code == 0, outcome.err
+    assert faults_of("both.usdc") == []
+    found = read_stage("both.usdc")
+    assert {name: held[0] for name, held in found.items()} == {"cage": purpose, "model": "default"}
+    assert run("deform", "cages.h5", "-o", "model.npz", "-q").code == 0
+    with np.load("model.npz") as file:
+        model = file["vertices"]
+    np.testing.assert_allclose(found["cage"][1], verts()[2], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found["model"][1], model[2], rtol=1e-6, atol=1e-6)
+
+
+def test_a_skinned_model_beside_its_cage(run, result):
+    words = ("export", "cages.h5", "s.usda", "--skeleton", "--influences", "4")
+    assert run(*words, "--with-model", "--guide").code == 0
+    assert faults_of("s.usda") == []
+    found = read_stage("s.usda")
+    assert {name: held[0] for name, held in found.items()} == {"cage": "guide", "mesh": "default"}
+    # The joints are where the vertices of this cage are.
+    assert run(*words[:2], "alone.usda", *words[3:]).code == 0
+    assert set(read_stage("alone.usda")) == {"mesh"}
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (("c.abc", "--with-model"), 1, r"c\.abc: --with-model works with USD only, expected \.usd"),
+        (("c.usda", "--guide"), 2, "--guide needs --with-model"),
+    ],
+)
+def test_options_of_the_model_that_do_not_fit(run, result, words, code, says):
+    outcome = run("export", "cages.h5", *words)
+    assert outcome.code == code
+    assert re.search(says, outcome.err)
+    assert not Path(words[0]).exists()
+
+
+def test_a_model_needs_weights(run, folder):
+    assert run(*EXTRACT, "--no-weights").code == 0
+    outcome = run("export", "cages.h5", "c.usda", "--with-model")
+    assert outcome.code == 1
+    assert "has no weights, which the model needs; extract it again" in outcome.err

@@ -5,10 +5,12 @@ import shutil
 import h5py
 import numpy as np
 
+from cageik_cli import extract_to_file, load_mesh
 from cageik_cli.formats.obj.write import encode_exact_obj
 from tests.corruptions import corrupt
 from tests.docs.pages import ROOT
 from tests.shapes import box
+from tests.splats import encode_rows, make_splat_rows
 
 WALKER = ROOT / "data_fixtures" / "walker"
 
@@ -42,6 +44,17 @@ def add_model(folder):
     shutil.copy(WALKER / "cage.obj", folder)
     text = (WALKER / "handles.json").read_text()
     (folder / "handles.json").write_text(text.replace("1040", "10400"))
+
+
+def add_splats(folder):
+    """Make `walker.h5`, and `scan.ply` and `splats.ply` on the figure at rest."""
+    extract_to_file(WALKER / "frames", WALKER / "cage.obj", folder / "walker.h5")
+    rows = make_splat_rows(load_mesh(WALKER / "frames" / "walker_1.obj"), 4000)
+    (folder / "splats.ply").write_bytes(encode_rows(rows))
+    scan = np.zeros(4000, [*((axis, "<f4") for axis in "xyz"), ("red", "u1")])
+    for axis in "xyz":
+        scan[axis] = rows[axis]
+    (folder / "scan.ply").write_bytes(encode_rows(scan))
 
 
 def add_box(folder):
@@ -96,4 +109,5 @@ SCENES = {
     "model": add_model,
     "box": add_box,
     "animations": add_animations,
+    "splats": add_splats,
 }

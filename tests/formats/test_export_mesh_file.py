@@ -22,18 +22,6 @@ def test_trimesh_reads_it(tmp_path, name):
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_the_text_of_an_obj_file_is_kept_in_one(tmp_path):
-    text = b"".join(b"v 0 0 0 %d\n" % k for k in range(len(MESH.vertices))) + b"f 1/1/1 2//2 3\n"
-    for name in ("text.obj", "text.ply"):
-        write_mesh(tmp_path / name, MESH, MOVED, overwrite=False, obj_text=text)
-    lines = (tmp_path / "text.obj").read_text().splitlines()
-    assert lines[-1] == "f 1/1 2 3"
-    assert lines[5].split()[4:] == ["5"]
-    np.testing.assert_allclose([list(map(float, line.split()[1:4])) for line in lines[:-1]], MOVED)
-    write_mesh(tmp_path / "bare.ply", MESH, MOVED, overwrite=False)
-    assert (tmp_path / "text.ply").read_bytes() == (tmp_path / "bare.ply").read_bytes()
-
-
 @pytest.mark.parametrize("name", ["posed.npz", "posed.abc", "posed", "posed.fbx"])
 def test_files_that_hold_no_single_mesh_are_refused(tmp_path, name):
     with pytest.raises(OutputError, match=rf"{name}: .*expected \.obj, \.ply"):

@@ -13,6 +13,8 @@ from cageik_cli.formats.obj.write import count_digits
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.write import Output, write_animation
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.progress import ProgressListener
 from tests.shapes import ball, changed
@@ -37,11 +39,11 @@ def _folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-def write(path, offset, obj_text=b"", **options):
+def write(path, offset, attributes=None, **options):
     """Write three frames; return them, the notes, and the frames that are read back."""
     frames = np.stack([REST.vertices * (1 + 0.1 * k) + offset for k in range(3)])
-    rest = changed(REST, vertices=frames[0])
-    animation, notes = Animation(rest, 3, Scene(), "mesh", obj_text), Notes()
+    rest = TriMesh(frames[0], REST.faces, attributes)
+    animation, notes = Animation(rest, 3, Scene(), "mesh"), Notes()
     write_animation(Output(Path(path), **options), animation, iter([frames[:2], frames[2:]]), notes)
     return frames, notes.texts
 
@@ -81,12 +83,18 @@ def test_other_formats_keep_their_digits(path):
     assert np.abs(read(path) - frames).max() <= 5e-8 * REST.diagonal
 
 
-def test_obj_files_with_other_text_keep_their_digits():
-    text = b"# 100%.9g\n" + b"v 0 0 0\n" * len(REST.vertices)
-    text += b"".join(b"f %d %d %d\n" % tuple(face) for face in (REST.faces + 1).tolist())
-    frames, _ = write("out/f_####.obj", FAR, text)
+def test_obj_files_with_a_surface_keep_their_digits():
+    corners = REST.faces.ravel()
+    library = SurfaceAttributes(
+        np.full(len(REST.faces), 3),
+        corners,
+        material_library="100%.9g",
+        normal_fans=number_normal_fans(corners, corners),
+    )
+    frames, _ = write("out/f_####.obj", FAR, library)
     assert np.abs(read("out/f_####.obj") - frames).max() <= 5e-8 * REST.diagonal
-    assert Path("out/f_0001.obj").read_bytes().startswith(b"# 100%.9g\nv 500000.5 4000000 0\n")
+    text = Path("out/f_0001.obj").read_bytes()
+    assert text.startswith(b"mtllib 100%.9g\nv 500000.5 4000000 0\n")
 
 
 @pytest.mark.parametrize("path", ["out.pc2", "out.mdd", "out.usdc", "out.abc", *EXACT])

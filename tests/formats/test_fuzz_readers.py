@@ -28,7 +28,7 @@ RNG = np.random.default_rng(0)
 FRAMES = RNG.normal(size=(6, 8, 3)).astype("f4")
 FACES = RNG.integers(0, 8, (10, 3)).astype("i4")
 FACES[0] = 5, 6, 7
-REST = LoadedMesh(*[TriMesh(FRAMES[0], FACES)] * 2, {"name": "rest.obj"})
+REST = LoadedMesh(TriMesh(FRAMES[0], FACES), {"name": "rest.obj"})
 
 
 def write_mdd(path):

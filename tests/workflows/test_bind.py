@@ -167,7 +167,7 @@ def test_a_missing_binding_is_refused(made):
 
 def test_warnings_about_a_cage_are_the_same_from_the_cache(tmp_path):
     rest, cage = ball(4), box(2.0)
-    meshes = [LoadedMesh(mesh, mesh, {"name": name}) for mesh, name in ((rest, "r"), (cage, "c"))]
+    meshes = [LoadedMesh(mesh, {"name": name}) for mesh, name in ((rest, "r"), (cage, "c"))]
     settings = WeightSettings(BindSettings("mean-value"), tmp_path)
     cold, warm = (bind_cached(*meshes, settings, Listener()).binding.notes for _ in range(2))
     assert cold == warm

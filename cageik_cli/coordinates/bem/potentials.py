@@ -44,6 +44,11 @@ class _ThreadWorkspace(threading.local):
 _THREAD_LOCAL = _ThreadWorkspace()
 
 
+def thread_workspace() -> Workspace:
+    """Return the workspace of the current thread."""
+    return _THREAD_LOCAL.workspace
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Potentials:
     """Potentials of panels at q points; in workspace memory, valid until the next in this thread.
@@ -68,8 +73,8 @@ class Potentials:
 
 def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -> Potentials:
     """Compute the potentials at points, (q, 3), that are strictly inside, or else in faces."""
-    near = _find_near_panels(mesh, points)
-    workspace = _THREAD_LOCAL.workspace
+    near = find_near_panels(mesh, points)
+    workspace = thread_workspace()
     if compiled.kernel is None:
         return _compute_in_numpy(mesh, points, is_inside, near, workspace)
     p, q = len(mesh.panels.corners), len(points)
@@ -105,13 +110,13 @@ def _compute_in_numpy(
     higher = np.empty((mesh.extra_terms, 0, len(points)))
     if len(near):
         higher = higher_moments(mesh.higher_terms, near, view, linear, workspace)
-        higher *= _compute_strength(mesh, near, points, workspace)
+        higher *= compute_strength(mesh, near, points, workspace)
     integrals = double_layer(panels, view, workspace)
     double = mesh.double_layer_to_hats @ integrals.reshape(-1, len(points))
     return Potentials(linear.reshape(-1, len(points)), near, higher, np.asarray(double))
 
 
-def _find_near_panels(mesh: BoundaryMesh, points: Floats) -> Integers:
+def find_near_panels(mesh: BoundaryMesh, points: Floats) -> Integers:
     """Return indices into `mesh.high_panels` within reach of the box around the points."""
     centroids = mesh.panels.centroids[mesh.high_panels]
     low, high = points.min(axis=0), points.max(axis=0)
@@ -119,7 +124,7 @@ def _find_near_panels(mesh: BoundaryMesh, points: Floats) -> Integers:
     return np.flatnonzero(np.linalg.norm(outside, axis=1) < FADE_FACTOR * mesh.reach)
 
 
-def _compute_strength(
+def compute_strength(
     mesh: BoundaryMesh, near: Integers, points: Floats, workspace: Workspace
 ) -> Floats:
     """Return the strength of the higher terms of panels at points, (c, q).

@@ -36,7 +36,6 @@ class ClipFile(MeshSequence):
 
     path: Path
     frame_indices: range
-    _fan_triangulated: TriMesh | None = None
     _reading: tuple[str | None, str | None] = (None, None)
 
     def set_frames(self, request: ClipRequest, count: int, scene: SceneHints | None = None) -> None:
@@ -73,13 +72,7 @@ class ClipFile(MeshSequence):
                 )
         positions = self.read_positions(0)
         with error_context(self.names[0]):
-            self.first = TriMesh(request.complete_first(positions), rest.mesh.faces)
-        self._fan_triangulated = TriMesh(self.first.vertices, rest.fan_triangulated.faces)
-
-    @property
-    def fan_triangulated(self) -> TriMesh:
-        """Frame 0 with every polygon as a fan: connectivity is compared by it."""
-        return self._fan_triangulated or self.first
+            self.first = rest.mesh.move(request.complete_first(positions))
 
     def digest(self, index: int) -> bytes:
         """Return the SHA-256 digest of the file."""

@@ -19,7 +19,7 @@ def check_vertex_order(sequence: MeshSequence, expected: TriMesh, expected_name:
     InputError
         Naming the first difference from the mesh called `expected_name`.
     """
-    found = sequence.fan_triangulated
+    found = sequence.first.fan_triangulated
     counts = [(len(mesh.vertices), len(mesh.faces)) for mesh in (found, expected)]
     if counts[0] == counts[1]:
         if any(_has_same_edges(mesh, expected) for mesh in (found, sequence.first)):

@@ -10,9 +10,7 @@ from cageik_cli.formats.base.file_data import decompress
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.file_numbers import number_files
 from cageik_cli.formats.base.mesh_data import FileMesh, check_not_points
-from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_connectivity
-from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, MissingFrameError, error_context
 from cageik_cli.util.input_files import read_input
@@ -50,9 +48,12 @@ class FrameFileReader(MeshSequence):
         return None
 
     @classmethod
-    def keep_obj_text(cls, data: bytes) -> bytes:
-        """Return the OBJ text in a file, for the OBJ writer; empty for other formats."""
-        return b""
+    def read_attributes(cls, data: bytes, mesh: FileMesh) -> FileMesh:
+        """Return what was parsed with all else that the file, unpacked, says of the surface.
+
+        Frames are compared and solved without it, so only the first frame's is read.
+        """
+        return mesh
 
     def __init__(self, request: ClipRequest) -> None:
         series = number_files(request.paths, request.settings.gaps)
@@ -67,10 +68,10 @@ class FrameFileReader(MeshSequence):
         with error_context(paths[0]):
             data = self._read(0)
             parsed = parse_mesh(type(self), data)
-            mesh = replace(parsed, vertices=request.complete_first(parsed.vertices))
-            self._fan_triangulated = mesh.fan_triangulated
+            completed = replace(parsed, vertices=request.complete_first(parsed.vertices))
+            mesh = self.read_attributes(data, completed)
             # Its shape decides how polygons are cut, for all frames.
-            self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)
+            self.first = mesh.make_mesh()
         notes = (f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)
         self.notes = (*series.notes, *notes)
         self._frame_parser = self.make_frame_parser(data, parsed)
@@ -84,15 +85,9 @@ class FrameFileReader(MeshSequence):
             if vertices is not None:
                 return vertices
             mesh = parse_mesh(type(self), data)
-            check_connectivity(
-                len(mesh.vertices), mesh.faces, self.fan_triangulated, "the rest pose"
-            )
+            expected = self.first.fan_triangulated
+            check_connectivity(len(mesh.vertices), mesh.faces, expected, "the rest pose")
             return mesh.vertices
-
-    @property
-    def fan_triangulated(self) -> TriMesh:
-        """Frame 0 with every polygon as a fan: connectivity is compared by it."""
-        return self._fan_triangulated
 
     def location(self, index: int) -> str:
         """Return the frame's path."""

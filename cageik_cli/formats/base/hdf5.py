@@ -67,6 +67,16 @@ def wrap_hdf5_errors(path: Path) -> Iterator[None]:
             ) from error
 
 
+def is_inside(file: h5py.File, name: str) -> bool:
+    """Return whether there is something of this name, and it is in this file and no other."""
+    parent = ""
+    for part in name.split("/"):
+        parent = f"{parent}/{part}"
+        if not isinstance(file.get(parent, getlink=True), h5py.HardLink):
+            return False
+    return True
+
+
 def get_dataset(
     file: h5py.File, name: str, kinds: str, shape: tuple[int | None, ...]
 ) -> h5py.Dataset:
@@ -87,11 +97,8 @@ def get_dataset(
     InputError
         When it is missing, is in another file, or has another type, shape or size.
     """
-    parent = ""
-    for part in name.split("/"):
-        parent = f"{parent}/{part}"
-        if not isinstance(file.get(parent, getlink=True), h5py.HardLink):
-            raise FormatError(f"has no dataset `{name}`")
+    if not is_inside(file, name):
+        raise FormatError(f"has no dataset `{name}`")
     found = file[name]
     if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
         raise FormatError(f"`{name}` is not a dataset in this file")

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 
@@ -21,11 +23,17 @@ class FileMesh:
         From 0; polygons are cut into fans at their first corner.
     corner_counts : (p,) int64
         How many corners each face of the file has.
+    attributes : SurfaceAttributes, optional
+        What else the file says of the surface; its polygons alone if absent.
+    left_out : tuple of str
+        What of that cannot be used, one sentence each.
     """
 
     vertices: Floats
     faces: Integers
     corner_counts: Integers
+    attributes: SurfaceAttributes | None = None
+    left_out: tuple[str, ...] = ()
 
     @property
     def polygon_count(self) -> int:
@@ -33,17 +41,40 @@ class FileMesh:
         return int(np.count_nonzero(self.corner_counts > 3))
 
     @property
-    def fan_triangulated(self) -> TriMesh:
-        """The checked mesh with every polygon as a fan: connectivity is compared by it."""
-        return TriMesh(self.vertices, self.faces)
+    def corners(self) -> Integers:
+        """The vertices of the faces of the file, one face after the other, (c,)."""
+        first = np.cumsum(self.corner_counts - 2) - (self.corner_counts - 2)
+        corners = np.empty(int(self.corner_counts.sum()), np.int64)
+        starts = np.cumsum(self.corner_counts) - self.corner_counts
+        corners[starts], corners[starts + 1] = self.faces[first, 0], self.faces[first, 1]
+        is_later = np.ones(len(corners), bool)
+        is_later[starts] = is_later[starts + 1] = False
+        corners[is_later] = self.faces[:, 2]
+        return corners
+
+    def make_mesh(self) -> TriMesh:
+        """Return the checked mesh, with polygons as fans, or as ears where a fan would fold over.
+
+        Raises
+        ------
+        FormatError
+        """
+        mesh = TriMesh(self.vertices, self.faces)
+        attributes = self.attributes
+        if attributes is None and self.polygon_count:
+            attributes = SurfaceAttributes(self.corner_counts, self.corners)
+        if attributes is None or attributes.is_plain:
+            return mesh
+        return replace_folded_fans(TriMesh(mesh.vertices, mesh.faces, attributes))
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What was changed, one sentence each."""
         if not self.polygon_count:
-            return ()
+            return self.left_out
         plural = "s" * (self.polygon_count > 1)
-        return (f"{self.polygon_count} polygon{plural} cut into triangles to compute with",)
+        cut = f"{self.polygon_count} polygon{plural} cut into triangles to compute with"
+        return (cut, *self.left_out)
 
 
 def check_not_points(vertex_count: int, face_count: int) -> None:
@@ -56,7 +87,8 @@ def check_not_points(vertex_count: int, face_count: int) -> None:
     if vertex_count and not face_count:
         raise FormatError(
             f"is a point cloud: {vertex_count} points and no faces, expected a mesh; reconstruct "
-            "its surface, or export the mesh with its faces"
+            "its surface, or export the mesh with its faces; deform --mesh and pose take points as "
+            ".ply"
         )
 
 
@@ -67,21 +99,12 @@ class LoadedMesh:
     Attributes
     ----------
     mesh : TriMesh
-    fan_triangulated : TriMesh
-        The same with every polygon as a fan: connectivity is compared by it.
     source : dict
         `name` and `sha256` of the file; the name alone of a frame of the clip.
     notes : tuple of str
         What was changed, one sentence each.
-    obj_text : bytes
-        The OBJ file, unpacked; empty for other formats.
-    corner_counts : (p,) int64, optional
-        Corners of each polygon, in the order of the fans; absent when a frame of a clip.
     """
 
     mesh: TriMesh
-    fan_triangulated: TriMesh
     source: dict[str, str]
     notes: tuple[str, ...] = ()
-    obj_text: bytes = b""
-    corner_counts: Integers | None = None

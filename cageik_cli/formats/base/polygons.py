@@ -6,8 +6,8 @@ from itertools import chain
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface_attributes import fan_triangulate
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import FormatError
 
 FOLD_TOL = 1e-9
 """A fan is folded when it has a triangle turned against the polygon by more of its area."""
@@ -28,33 +28,15 @@ def fan_triangulate_polygons(
     return fan_triangulate(corners, sizes), sizes
 
 
-def fan_triangulate(corners: Integers, corner_counts: Integers) -> Integers:
-    """Cut polygons into fans, (f, 3); their `corners` follow one another, `corner_counts` each.
-
-    Raises
-    ------
-    InputError
-        Naming a polygon of fewer than three corners.
-    """
-    small = np.flatnonzero(corner_counts < 3)
-    if len(small):
-        raise FormatError(
-            f"face {small[0]} has {corner_counts[small[0]]} corners, expected 3 or more; "
-            "export it again"
-        )
-    counts = corner_counts - 2
-    first = np.repeat(np.cumsum(corner_counts) - corner_counts, counts)
-    place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    return np.asarray(corners[np.stack([first, first + place + 1, first + place + 2], axis=1)])
-
-
-def replace_folded_fans(mesh: TriMesh, corner_counts: Integers) -> TriMesh:
+def replace_folded_fans(mesh: TriMesh) -> TriMesh:
     """Cut the polygons again whose fans fold over, by clipping ears.
 
     Ears are found in the plane of the polygon's area vector (Newell); a polygon that crosses
     itself and has none keeps its fan. A polygon's triangles stay where its fan was.
     """
-    counts = corner_counts - 2
+    if mesh.attributes is None:
+        return mesh
+    counts = mesh.attributes.corner_counts - 2
     starts = np.cumsum(counts) - counts
     a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
     areas = np.cross(b - a, c - a)
@@ -64,13 +46,13 @@ def replace_folded_fans(mesh: TriMesh, corner_counts: Integers) -> TriMesh:
     if not folded.any():
         return mesh
     faces = mesh.faces.copy()
-    for k in np.unique(np.repeat(np.arange(len(corner_counts)), counts)[folded]):
+    for k in np.unique(mesh.attributes.triangle_polygons[folded]):
         fan = slice(starts[k], starts[k] + counts[k])
         ring = np.concatenate([faces[fan][0, :2], faces[fan][:, 2]])
         ears = _clip_ears(_project_to_plane(mesh.vertices[ring], whole[k]))
         if ears is not None:
             faces[fan] = ring[ears]
-    return TriMesh(mesh.vertices, faces)
+    return TriMesh(mesh.vertices, faces, mesh.attributes)
 
 
 def _project_to_plane(points: Floats, normal: Floats) -> Floats:

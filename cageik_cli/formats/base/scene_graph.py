@@ -1,7 +1,7 @@
 """Meshes in scenes: polygons of either winding, moved by transforms, sampled in time."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.base.polygons import fan_triangulate_polygons
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import ConnectivityError, FormatError, SettingError, join_truncated
 
 Time = TypeVar("Time", int, float)
+
+SurfaceReader = Callable[[SurfaceAttributes], tuple[SurfaceAttributes, tuple[str, ...]]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +41,19 @@ class Polygons:
             and np.array_equal(self.corners, other.corners)
         )
 
-    def make_mesh(self, points: Floats, is_clockwise: bool) -> FileMesh:
-        """Make a mesh with these points; `is_clockwise` when the faces wind clockwise.
+    def make_mesh(
+        self, points: Floats, is_clockwise: bool, read_surface: SurfaceReader | None = None
+    ) -> FileMesh:
+        """Make a mesh with these points.
+
+        Parameters
+        ----------
+        points : (m, 3)
+        is_clockwise : bool
+            Whether the faces wind clockwise.
+        read_surface : callable, optional
+            Completes the attributes of the polygons, in the order of the file, and returns notes
+            on what is left out.
 
         Raises
         ------
@@ -58,7 +73,14 @@ class Polygons:
         polygons = np.split(self.corners, np.cumsum(self.corner_counts)[:-1])
         if is_clockwise:
             polygons = [polygon[::-1] for polygon in polygons]
-        return FileMesh(points, *fan_triangulate_polygons(polygons))
+        mesh = FileMesh(points, *fan_triangulate_polygons(polygons))
+        if read_surface is None:
+            return mesh
+        TriMesh(points, mesh.faces)  # names vertices that are not there
+        counts, corners = (a.astype(np.int64) for a in (self.corner_counts, self.corners))
+        found, left_out = read_surface(SurfaceAttributes(counts, corners))
+        attributes = found.reverse(keeps_first=False) if is_clockwise else found
+        return replace(mesh, attributes=attributes, left_out=left_out)
 
 
 def read_constant_polygons(read_at: Callable[[Time], Polygons], times: Iterable[Time]) -> Polygons:

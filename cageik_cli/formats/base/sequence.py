@@ -203,11 +203,6 @@ class MeshSequence(ABC):
     def describe_source(self) -> dict[str, Any]:
         """Return the name and digest of all that is read."""
 
-    @property
-    def fan_triangulated(self) -> TriMesh:
-        """Frame 0 with every polygon as a fan: connectivity is compared by it."""
-        return self.first
-
     def __len__(self) -> int:
         return len(self.names)
 

@@ -23,14 +23,12 @@ class Animation:
     Attributes
     ----------
     rest : TriMesh
-        The rest pose, with the faces of every frame.
+        The rest pose, with the faces and the attributes of every frame.
     frame_count : int
         Number of frames.
     scene : Scene
     name : str
         Name of the object, for formats that name objects: letters, digits and underscores.
-    obj_text : bytes
-        The OBJ file that the rest mesh was read from, unpacked; empty if it was another format.
     morphs : MorphSettings
         How a format of morph targets follows the frames.
     origin : tuple of float
@@ -41,7 +39,6 @@ class Animation:
     frame_count: int
     scene: Scene
     name: str
-    obj_text: bytes = b""
     morphs: MorphSettings = field(default_factory=MorphSettings)
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -51,7 +48,7 @@ class Animation:
         middle = 0.5 * used.min(axis=0) + 0.5 * used.max(axis=0)
         step = 10.0 ** np.floor(np.log10(self.rest.diagonal or 1.0))
         x, y, z = (float(value) for value in np.rint(middle / step) * step)
-        rest = TriMesh(self.rest.vertices - np.array([x, y, z]), self.rest.faces)
+        rest = self.rest.move(self.rest.vertices - np.array([x, y, z]))
         return replace(self, rest=rest, origin=(x, y, z))
 
 

@@ -11,7 +11,7 @@ from cageik_cli.formats.base.skin import JointMotion, Skin, SkinWeights
 from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.gltf.glb_file import GlbFile
 from cageik_cli.formats.gltf.placement import check_start, compute_times, make_node_transform
-from cageik_cli.formats.gltf.surface import Appearance, cut_surface
+from cageik_cli.formats.gltf.surface import Appearance, cut_surface, find_appearance
 from cageik_cli.formats.gltf.vector_spool import VectorSpool
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
@@ -49,6 +49,7 @@ class SkeletonWriter(AnimationWriter):
         skin : Skin
             Of at most `MAX_INFLUENCES`.
         appearance : Appearance, optional
+            That of the attributes of the skin's rest pose if absent.
             Of the mesh of the skin.
 
         Raises
@@ -62,7 +63,8 @@ class SkeletonWriter(AnimationWriter):
                 f"up to {count} joints move a vertex, and programs read at most {MAX_INFLUENCES} "
                 "from .glb; give --influences 4, or 8"
             )
-        self._animation, self._skin, self._appearance = animation, skin, appearance
+        self._animation, self._skin = animation, skin
+        self._appearance = appearance or find_appearance(skin.rest)
         self.notes = check_start(animation.scene)
         if count > SET_SIZE:
             self.notes += (

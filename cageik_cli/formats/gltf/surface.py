@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.gltf.glb_file import GlbFile, Singles
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.triangle_attributes import cut_attributes
 from cageik_cli.util.arrays import Floats, Integers
 
 
@@ -44,6 +46,14 @@ class Appearance:
     uv: Floats | None = None
     material: Integers | None = None
     materials: tuple[Material, ...] = (PLAIN,)
+
+
+def find_appearance(mesh: TriMesh) -> Appearance:
+    """Return what the attributes of a mesh say of its triangles."""
+    cut = cut_attributes(mesh)
+    if cut.materials is None:
+        return Appearance(cut.uvs)
+    return Appearance(cut.uvs, cut.materials, tuple(map(Material, cut.material_names)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +115,7 @@ class Surface:
         )
 
 
-def cut_surface(faces: Integers, vertex_count: int, appearance: Appearance | None) -> Surface:
+def cut_surface(faces: Integers, vertex_count: int, look: Appearance) -> Surface:
     """Cut a mesh into parts of one material, whose vertices have one UV each.
 
     A mesh with one material and no UVs keeps its vertices and their order. Otherwise vertices are
@@ -115,9 +125,8 @@ def cut_surface(faces: Integers, vertex_count: int, appearance: Appearance | Non
     ----------
     faces : (f, 3)
     vertex_count : int
-    appearance : Appearance, optional
+    look : Appearance
     """
-    look = appearance or Appearance()
     if look.uv is None and look.material is None:
         whole = Part(0, 0, vertex_count, faces)
         return Surface(np.arange(vertex_count), None, (whole,), look.materials)

@@ -21,7 +21,7 @@ from cageik_cli.formats.gltf.morphs import (
     compute_modes,
 )
 from cageik_cli.formats.gltf.placement import check_start, compute_times, make_node_transform
-from cageik_cli.formats.gltf.surface import Appearance, Part, cut_surface
+from cageik_cli.formats.gltf.surface import Appearance, Part, cut_surface, find_appearance
 from cageik_cli.formats.gltf.vector_spool import VectorSpool
 from cageik_cli.geometry.shape import compute_vertex_normals
 from cageik_cli.util.arrays import Floats
@@ -51,7 +51,9 @@ class Writer(AnimationWriter):
         self._animation, self._settings = animation, animation.morphs
         self.notes = check_start(animation.scene)
         faces, vertex_count = animation.rest.faces, len(animation.rest.vertices)
-        self._surface = cut_surface(faces, vertex_count, appearance)
+        self._surface = cut_surface(
+            faces, vertex_count, appearance or find_appearance(animation.rest)
+        )
         self._check_size()
         self._rest = to_float32(animation.rest.vertices).astype(np.float64)
         self._rest_normals = compute_vertex_normals(self._rest, faces)

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.file_data import with_gzip
 from cageik_cli.formats.base.frame_files import FrameFileReader
 from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.obj.attributes import read_obj_attributes
 from cageik_cli.formats.obj.numbers import read_vertex_lines
 from cageik_cli.formats.obj.parse import parse_obj
 from cageik_cli.formats.obj.tokens import (
@@ -35,9 +36,9 @@ class Reader(FrameFileReader):
         return ObjFrameParser(data, mesh.vertices)
 
     @classmethod
-    def keep_obj_text(cls, data: bytes) -> bytes:
-        """Return the text itself, for the writer keeps all but positions and normals."""
-        return data
+    def read_attributes(cls, data: bytes, mesh: FileMesh) -> FileMesh:
+        """Read UVs, normals, names of faces and colours of vertices."""
+        return read_obj_attributes(data, mesh)
 
 
 class ObjFrameParser:

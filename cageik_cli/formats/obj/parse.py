@@ -5,7 +5,7 @@ import codecs
 import numpy as np
 
 from cageik_cli.formats.base.mesh_data import FileMesh, check_not_points
-from cageik_cli.formats.base.polygons import fan_triangulate, fan_triangulate_polygons
+from cageik_cli.formats.base.polygons import fan_triangulate_polygons
 from cageik_cli.formats.obj.tokens import (
     VERTEX,
     Tokens,
@@ -14,6 +14,7 @@ from cageik_cli.formats.obj.tokens import (
     parse_vertices,
     tokenize,
 )
+from cageik_cli.geometry.surface_attributes import fan_triangulate
 from cageik_cli.util.errors import FormatError, InputError
 
 

@@ -1,22 +1,16 @@
-"""OBJ files with other positions; all other text of the original file is kept."""
+"""OBJ files: positions of each frame, and all that is known of the surface."""
 
-import codecs
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from cageik_cli.formats.base.writer import Animation, FrameFileWriter
-from cageik_cli.formats.obj.tokens import FACE, VERTEX, Tokens, blank_out, tokenize
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.normals import compute_fan_normals
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
+from cageik_cli.geometry.surface_parts import NONE, FaceLabels
 from cageik_cli.util.arrays import Floats, Integers
-
-_NUMBER_MARK = 0
-"""Marks the place of a number, since no text has this byte."""
-
-_BLOCK_BYTES = 1 << 22
-"""Bytes whose words are found at once, and on to the end of a line."""
-
 
 MIN_DIGITS = 9
 """Digits of coordinates, which distinguish all float32 values."""
@@ -25,86 +19,32 @@ MAX_DIGITS = 17
 """More than enough for all float64 values."""
 
 
-def make_obj_template(text: bytes, digits: int = MIN_DIGITS) -> bytes:
-    """Return a format of the text for the positions of its n vertices: it takes 3n numbers.
-
-    All else stays byte for byte, but for normals, which would be stale: `vn` lines are dropped,
-    and the third index of corners.
-
-    Parameters
-    ----------
-    text : bytes
-        That `parse_obj` reads.
-    digits : int
-        Significant digits of the numbers.
-    """
-    number = _make_number_format(digits)
-    body = text.removeprefix(codecs.BOM_UTF8)
-    pieces, begin = [text[: len(text) - len(body)]], 0
-    body = body.replace(b"%", b"%%")
-    bare = blank_out(body)
-    while begin < len(body):
-        end = bare.find(b"\n", begin + _BLOCK_BYTES) + 1 or len(body)
-        block = _make_block_template(body[begin:end], tokenize(bare[begin:end]))
-        pieces.append(block.replace(bytes([_NUMBER_MARK]), number))
-        begin = end
-    return b"".join(pieces)
-
-
-def _make_block_template(text: bytes, words: Tokens) -> bytes:
-    """Return the format of some lines, whose words are known, with marks in place of numbers."""
-    places = words.first_tokens[words.line_kinds == VERTEX, None] + np.arange(1, 4)
-    numbers = words.bounds[places.ravel()]
-    codes = np.frombuffer(text, np.uint8).copy()
-    codes[numbers[:, 0]] = _NUMBER_MARK
-    behind = numbers + np.array([1, 0])
-    normals = words.line_bounds(np.flatnonzero(words.find_lines(b"vn")))
-    dropped = np.concatenate([behind, normals, _find_normal_indices(words)])
-    # No two of these begin, or end, at one place; the last may end at a newline that was added.
-    steps = np.zeros(len(codes) + 2, np.int8)
-    steps[dropped[:, 0]] += 1
-    steps[dropped[:, 1]] -= 1
-    kept = np.cumsum(steps[: len(codes)], dtype=np.int8) == 0
-    left: bytes = codes[kept].tobytes()
-    return left
-
-
-def _find_normal_indices(words: Tokens) -> Integers:
-    """Return where the third index of each corner begins, with the slashes before it, and ends."""
-    slashes = np.flatnonzero(words.codes == ord("/"))
-    word = np.searchsorted(words.bounds[:, 0], slashes, side="right") - 1
-    is_face = np.repeat(words.line_kinds == FACE, words.token_counts)
-    is_first = np.diff(word, prepend=-1) > 0
-    second = np.flatnonzero(is_face[word] & ~is_first & np.roll(is_first, 1))
-    # Without texture coordinates both slashes go.
-    is_pair = slashes[second] == slashes[second - 1] + 1
-    return np.stack([slashes[second] - is_pair, words.bounds[word[second], 1]], axis=1)
-
-
 class Writer(FrameFileWriter):
     """Writes vertices with nine digits, and with more where they are far from the origin.
 
-    Everything else but normals is as in the OBJ file that the mesh was read from; a mesh of another
-    format is written as vertices and triangles alone.
+    Polygons, UVs, names of faces and colours are those of the mesh. Normals are recomputed where
+    it has some.
     """
 
     suffixes = (".obj",)
 
     def __init__(self, target: Path, animation: Animation) -> None:
         super().__init__(target, animation)
-        self._animation, self._digits, self._template = animation, 0, b""
+        self._rest, self._digits, self._template = animation.rest, 0, b""
+        attributes = animation.rest.attributes
+        has_normals = attributes is not None and attributes.normal_fans is not None
+        self._shaded = attributes if has_normals else None
 
     def encode_frame(self, positions: Floats) -> bytes:
         """Return the text of one frame."""
-        digits = count_digits(positions, self._animation.rest.diagonal)
+        digits = count_digits(positions, self._rest.diagonal)
         if digits != self._digits:
             # One format of the whole file is several times as fast as one per line.
-            text, rest = self._animation.obj_text, self._animation.rest
-            self._digits = digits
-            self._template = (
-                make_obj_template(text, digits) if text else _make_triangle_template(rest, digits)
-            )
-        return self._template % tuple(positions.ravel().tolist())
+            self._digits, self._template = digits, make_obj_template(self._rest, digits)
+        numbers = positions.ravel().tolist()
+        if self._shaded is not None:
+            numbers += compute_fan_normals(self._shaded, positions).ravel().tolist()
+        return self._template % tuple(numbers)
 
 
 def count_digits(positions: Floats, diagonal: float) -> int:
@@ -115,16 +55,29 @@ def count_digits(positions: Floats, diagonal: float) -> int:
     return min(MIN_DIGITS + int(np.log10(largest / diagonal)), MAX_DIGITS)
 
 
-def _make_number_format(digits: int) -> bytes:
-    return f"%.{digits}g".encode()
+def make_obj_template(mesh: TriMesh, digits: int = MIN_DIGITS) -> bytes:
+    """Return a format of the text of a mesh: it takes 3n positions, then 3u normals.
+
+    `digits` are the significant digits of positions.
+    """
+    vertex = "v " + " ".join([f"%.{digits}g"] * 3)
+    attributes = mesh.attributes
+    if attributes is None:
+        return f"{vertex}\n".encode() * len(mesh.vertices) + encode_faces(mesh.faces)
+    library = _clean_name(attributes.material_library).replace("%", "%%")
+    head = f"mtllib {library}\n" if library else ""
+    head += "".join(_write_vertices(vertex, len(mesh.vertices), attributes.colours))
+    if attributes.uvs is not None:
+        head += "".join(f"vt {u!r} {v!r}\n" for u, v in attributes.uvs.values.tolist())
+    if attributes.normal_fans is not None:
+        head += "vn %.6g %.6g %.6g\n" * (int(attributes.normal_fans.max()) + 1)
+    lines = _write_polygons(attributes)
+    return head.encode() + "".join(lines).replace("%", "%%").encode()
 
 
-def _make_triangle_template(mesh: TriMesh, digits: int) -> bytes:
-    """Return a format of vertices and triangles alone."""
-    number = _make_number_format(digits)
-    vertex = b"v " + b" ".join([number] * 3) + b"\n"
-    faces = b"f %d %d %d\n" * len(mesh.faces) % tuple((mesh.faces + 1).ravel().tolist())
-    return vertex * len(mesh.vertices) + faces
+def encode_faces(faces: Integers) -> bytes:
+    """Return the lines of triangles (f, 3)."""
+    return b"f %d %d %d\n" * len(faces) % tuple((faces + 1).ravel().tolist())
 
 
 def encode_exact_obj(vertices: Floats, polygons: Iterable[Integers]) -> bytes:
@@ -132,3 +85,64 @@ def encode_exact_obj(vertices: Floats, polygons: Iterable[Integers]) -> bytes:
     lines = b"v %r %r %r\n" * len(vertices) % tuple(vertices.ravel().tolist())
     faces = (" ".join(map(str, (ring + 1).tolist())) for ring in polygons)
     return lines + "".join(f"f {face}\n" for face in faces).encode()
+
+
+def _write_vertices(vertex: str, count: int, colours: Floats | None) -> list[str]:
+    """Return formats of the lines of vertices, with their colours."""
+    if colours is None:
+        return [f"{vertex}\n"] * count
+    texts = (" ".join(map(repr, colour)) for colour in colours.tolist())
+    return [f"{vertex} {text}\n" for text in texts]
+
+
+def _write_polygons(attributes: SurfaceAttributes) -> Iterator[str]:
+    """Yield the lines of the polygons, and before them those of names that change."""
+    words = list(_write_corners(attributes))
+    changes = _write_label_changes(attributes)
+    starts = attributes.starts.tolist()
+    for number, (start, count) in enumerate(
+        zip(starts, attributes.corner_counts.tolist(), strict=True)
+    ):
+        yield from changes.get(number, ())
+        yield f"f {' '.join(words[start : start + count])}\n"
+
+
+def _write_corners(attributes: SurfaceAttributes) -> Iterator[str]:
+    """Yield each corner as `v`, `v/vt`, `v//vn` or `v/vt/vn`, counted from 1."""
+    absent = np.full(len(attributes.corners), NONE)
+    uvs = absent if attributes.uvs is None else attributes.uvs.indices
+    normals = absent if attributes.normal_fans is None else attributes.normal_fans
+    columns = ((indices + 1).tolist() for indices in (attributes.corners, uvs, normals))
+    for vertex, uv, normal in zip(*columns, strict=True):
+        if normal:
+            yield f"{vertex}/{uv or ''}/{normal}"
+        else:
+            yield f"{vertex}/{uv}" if uv else str(vertex)
+
+
+def _write_label_changes(attributes: SurfaceAttributes) -> dict[int, list[str]]:
+    """Return the lines of names before the polygons at which they change, by its number."""
+    found: dict[int, list[str]] = {}
+    for labels, keyword, none in (
+        (attributes.objects, "o", "default"),
+        (attributes.groups, "g", "default"),
+        (attributes.materials, "usemtl", "default"),
+        (attributes.smoothing, "s", "off"),
+    ):
+        for number, name in _find_changes(labels) if labels is not None else ():
+            found.setdefault(number, []).append(f"{keyword} {_clean_name(name) or none}\n")
+    return found
+
+
+def _find_changes(labels: FaceLabels) -> Iterator[tuple[int, str]]:
+    """Yield the polygons whose name is another than that of the one before, with the name."""
+    changed = np.flatnonzero(np.diff(labels.indices, prepend=NONE))
+    for number in changed.tolist():
+        index = int(labels.indices[number])
+        yield number, "" if index == NONE else labels.names[index]
+
+
+def _clean_name(name: str) -> str:
+    """Return a name without what OBJ takes for a comment, or for a line that continues."""
+    name = name.replace("#", "_")
+    return name[:-1] + "_" if name.endswith("\\") else name

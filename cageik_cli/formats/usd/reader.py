@@ -10,7 +10,6 @@ import numpy as np
 
 from cageik_cli.formats.base.clip_file import ClipFile, single_path
 from cageik_cli.formats.base.file_data import hash_file
-from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
     Sampling,
@@ -25,6 +24,7 @@ from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics, require_usd
 from cageik_cli.formats.usd.layers import check_layers
+from cageik_cli.formats.usd.surface_reader import read_surface
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, error_context
 
@@ -74,12 +74,13 @@ class Reader(ClipFile):
         self._times = sampling.times[list(self.frame_indices)].tolist()
         matrix = self._world_matrix(self._times[0])
         is_left = self._mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
+        points = request.complete_first(self._read_points(self._times[0]))
         mesh = self._read_polygons().make_mesh(
-            request.complete_first(self._read_points(self._times[0])),
+            points,
             is_clockwise=is_left != is_mirroring(matrix),
+            read_surface=lambda found: read_surface(self._mesh, found, len(points), self._times[0]),
         )
-        self._fan_triangulated = mesh.fan_triangulated
-        self.first = replace_folded_fans(self._fan_triangulated, mesh.corner_counts)
+        self.first = mesh.make_mesh()
         notes += ["left-handed faces turned"] if is_left else []
         return [*notes, *describe_transform(matrix, bool(moving)), *mesh.notes]
 

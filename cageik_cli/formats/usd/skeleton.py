@@ -8,7 +8,9 @@ import numpy as np
 from cageik_cli.formats.base.skin import JointMotion, Skin, SkinWeights
 from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics
-from cageik_cli.formats.usd.writer import UsdFile, compute_extent, define_mesh
+from cageik_cli.formats.usd.surface_writer import UsdMesh, count_frame_bytes
+from cageik_cli.formats.usd.with_model import CageDisplay, define_cage
+from cageik_cli.formats.usd.writer import UsdFile
 from cageik_cli.util.arrays import Floats
 
 _JOINT_BYTES = 12 + 16
@@ -24,7 +26,9 @@ class SkeletonWriter(AnimationWriter):
     suffixes = USD_SUFFIXES
     is_single = True
 
-    def __init__(self, target: Path, animation: Animation, skin: Skin) -> None:
+    def __init__(
+        self, target: Path, animation: Animation, skin: Skin, cage: CageDisplay | None = None
+    ) -> None:
         """Start writing to `target`, whose suffix is one of `suffixes`.
 
         Parameters
@@ -33,23 +37,25 @@ class SkeletonWriter(AnimationWriter):
         animation : Animation
             Of the cage: its `rest` is the rest cage.
         skin : Skin
+        cage : CageDisplay, optional
+            How the cage is shown beside the mesh; it is not in the file if absent.
 
         Raises
         ------
         InputError
             When usd-core is not installed, or the format cannot hold the animation.
         """
-        points = to_float32(skin.rest.vertices - np.array(animation.origin))
+        points = skin.rest.vertices - np.array(animation.origin)
+        to_float32(points)  # refused before anything is written
         self._motion = JointMotion(animation.rest, skin.rotations)
-        self._file = UsdFile(target, animation, _JOINT_BYTES * len(self._motion.names))
-        from pxr import Vt
-
+        size = 0 if cage is None else count_frame_bytes(animation.rest)
+        self._file = UsdFile(target, animation, size + _JOINT_BYTES * len(self._motion.names))
         with capture_diagnostics(OSError):
             self._define_skeleton()
-            mesh = define_mesh(self._file.stage, f"{self._file.root}/mesh", skin.rest)
-            mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
-            mesh.CreateExtentAttr(compute_extent(points))
-            self._bind_mesh(mesh, skin.weights)
+            mesh = UsdMesh(self._file.stage, f"{self._file.root}/mesh", skin.rest)
+            mesh.write_positions(points)
+            self._bind_mesh(mesh.prim, skin.weights)
+            self._cage_mesh = None if cage is None else define_cage(self._file, animation, cage)
 
     def append(self, frames: Floats) -> None:
         """Write the cages of the next k frames, (k, n, 3)."""
@@ -57,12 +63,14 @@ class SkeletonWriter(AnimationWriter):
 
         turns = np.zeros((len(self._motion.names), 4), np.float32)
         turns[:, 3] = 1
-        for places, turn in self._motion.advance(frames):
+        for cage, (places, turn) in zip(frames, self._motion.advance(frames), strict=True):
             time, translations = self._file.begin_frame(), to_float32(places)
             turns[0] = turn
             with capture_diagnostics(OSError):
                 self._translations.Set(Vt.Vec3fArray.FromNumpy(translations), time)
                 self._turns.Set(Vt.QuatfArray.FromNumpy(turns), time)
+                if self._cage_mesh is not None:
+                    self._cage_mesh.write_positions(cage, time)
 
     def complete(self) -> None:
         """Save the file."""

@@ -6,13 +6,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
+from cageik_cli.formats.base.writer import Animation, AnimationWriter
 from cageik_cli.formats.npz.writer import fixed_date_zipinfo
 from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics, require_usd
-from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.formats.usd.surface_writer import UsdMesh, count_frame_bytes
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
 
@@ -85,27 +82,6 @@ class UsdFile:
             self._folder.cleanup()
 
 
-def define_mesh(stage: Any, path: str, mesh: TriMesh) -> Any:
-    """Define a mesh prim that has the faces of `mesh`, and no points yet."""
-    from pxr import UsdGeom, Vt
-
-    prim = UsdGeom.Mesh.Define(stage, path)
-    # By default, a mesh is subdivided by Catmull and Clark.
-    prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    prim.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
-    corners = np.ascontiguousarray(mesh.faces, np.int32).ravel()
-    prim.CreateFaceVertexCountsAttr(Vt.IntArray(len(mesh.faces), 3))
-    prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(corners))
-    return prim
-
-
-def compute_extent(points: NDArray[np.float32]) -> Any:
-    """Return the bounding box of points (m, 3), as USD stores it."""
-    from pxr import Vt
-
-    return Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)]))
-
-
 def _write_scene_metadata(stage: Any, animation: Animation) -> None:
     from pxr import UsdGeom
 
@@ -158,26 +134,21 @@ class Writer(AnimationWriter):
         require_usd("writing USD")
 
     def __init__(self, target: Path, animation: Animation) -> None:
-        self._file = UsdFile(target, animation, 12 * len(animation.rest.vertices))
+        self._file = UsdFile(target, animation, count_frame_bytes(animation.rest))
         from pxr import UsdGeom
 
         with capture_diagnostics(OSError):
             # If a mesh were the default prim, the type of a referencing prim would hide it.
             UsdGeom.Xform.Define(self._file.stage, self._file.root)
-            mesh = define_mesh(
-                self._file.stage, f"{self._file.root}/{animation.name}", animation.rest
-            )
-            self._points, self._extent = mesh.CreatePointsAttr(), mesh.CreateExtentAttr()
+            path = f"{self._file.root}/{animation.name}"
+            self._mesh = UsdMesh(self._file.stage, path, animation.rest)
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
-        from pxr import Vt
-
-        for points in map(to_float32, frames):
+        for positions in frames:
             time = self._file.begin_frame()
             with capture_diagnostics(OSError):
-                self._points.Set(Vt.Vec3fArray.FromNumpy(points), time)
-                self._extent.Set(compute_extent(points), time)
+                self._mesh.write_positions(positions, time)
 
     def complete(self) -> None:
         """Save the file."""

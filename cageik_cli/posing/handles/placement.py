@@ -88,6 +88,11 @@ class _PointFinder:
 
     def find_point(self, handle: Handle) -> SurfacePoint:
         """Return the point of a handle."""
+        if not len(self._surface.mesh.faces) and not isinstance(handle.place, OnVertex):
+            raise HandlesError(
+                "the model is a cloud of points and has no surface; name one of its points by "
+                "`vertex`"
+            )
         match handle.place:
             case OnVertex(vertex):
                 with error_context("vertex"):

@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
+from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES, check_hdf5_suffix
 from cageik_cli.formats.mesh_file import check_mesh_output, load_mesh, write_mesh
@@ -26,7 +27,6 @@ from cageik_cli.workflows.bind import load_matching_binding
 from cageik_cli.workflows.cached_cage import build_cached
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.pose import (
-    BoundModel,
     NamedHandles,
     bind_model,
     check_target_kind,
@@ -187,22 +187,21 @@ class _ResultSession(ViewSession):
 class _ModelSession(ViewSession):
     """A model in its cage; edits are poses of it."""
 
-    def __init__(self, settings: ViewSettings, clip: PlayerClip, model: BoundModel) -> None:
+    def __init__(self, settings: ViewSettings, clip: PlayerClip, binding: Binding) -> None:
         super().__init__(settings, clip)
-        self._model = model
+        self._binding = binding
 
     def _apply(self, edit_: Edit, output: Path, progress: ProgressListener) -> PoseResult:
-        model = self._model
         with progress.stage("pose"):
-            posed = pose_model(model, edit_.handles, self._make_posing(edit_))
+            posed = pose_model(self._binding, edit_.handles, self._make_posing(edit_))
         report_layer_notes(posed.layers, edit_.handles.path, progress)
         with progress.stage("write"):
-            rest, cage = model.binding.rest, model.binding.cage
-            write_mesh(output, rest, posed.mesh, self._own.may_replace(output), model.text)
+            rest, cage = self._binding.rest, self._binding.cage
+            write_mesh(output, rest, posed.mesh, self._own.may_replace(output))
             self._own.record(output)
             path = self.settings.cage_output
             if path is not None:
-                write_mesh(path, cage, posed.cage, self._own.may_replace(path), model.cage_text)
+                write_mesh(path, cage, posed.cage, self._own.may_replace(path))
                 self._own.record(path)
         return posed.result
 
@@ -235,9 +234,9 @@ def _open_target(settings: ViewSettings, progress: ProgressListener) -> ViewSess
         if path is not None:
             check_mesh_output(path, settings.overwrite)
     _check_handles_output(settings)
-    model = BoundModel(read_binding(target).binding) if is_hdf5 else _load_model(settings, progress)
-    clip = make_single_pose(model.binding, _list_target_words(settings))
-    return _ModelSession(settings, clip, model)
+    binding = read_binding(target).binding if is_hdf5 else _load_model(settings, progress)
+    clip = make_single_pose(binding, _list_target_words(settings))
+    return _ModelSession(settings, clip, binding)
 
 
 def _open_result(settings: ViewSettings, progress: ProgressListener) -> ViewSession:
@@ -266,14 +265,13 @@ def _check_handles_output(settings: ViewSettings) -> None:
     check_writable(path, settings.overwrite)
 
 
-def _load_model(settings: ViewSettings, progress: ProgressListener) -> BoundModel:
+def _load_model(settings: ViewSettings, progress: ProgressListener) -> Binding:
     """Read a rest model, and its weights: of a binding file, or of a cage, given or built."""
     with progress.stage("open"):
         rest = load_mesh(settings.target)
         cage = None if settings.cage is None else load_mesh(settings.cage)
         if settings.binding is not None:
-            binding = load_matching_binding(settings.binding, rest, cage).binding
-            return BoundModel(binding, rest.obj_text, b"" if cage is None else cage.obj_text)
+            return load_matching_binding(settings.binding, rest, cage).binding
     if cage is None:
         with progress.stage("cage"), error_context(settings.target):
             cage = build_cached(rest.mesh, settings.build, settings.weights.cache, progress)

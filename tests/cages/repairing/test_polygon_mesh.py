@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
-from cageik_cli.formats.base.polygons import fan_triangulate_polygons, replace_folded_fans
+from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.base.polygons import fan_triangulate_polygons
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import QUADS, box
 
@@ -63,7 +64,8 @@ def test_a_folded_quad_starts_at_another_corner_as_readers_cut_it():
     unfolded = mesh.unfold()
     assert unfolded.corner_counts.tolist() == [4]
     assert not unfolded.is_folded.any()
-    read = replace_folded_fans(unfolded.triangles, unfolded.corner_counts)
+    fans = unfolded.triangles
+    read = FileMesh(fans.vertices, fans.faces, unfolded.corner_counts).make_mesh()
     np.testing.assert_array_equal(read.faces, unfolded.triangles.faces)
 
 

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.base.polygons import (
     _project_to_plane,
     fan_triangulate_polygons,
-    replace_folded_fans,
 )
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FormatError
@@ -29,7 +29,7 @@ def cut(points, start=0, seed=0):
     flat = np.column_stack([points, np.zeros(len(points))])
     order = np.roll(np.arange(len(points)), -start)
     faces, sizes = fan_triangulate_polygons([order])
-    mesh = replace_folded_fans(TriMesh(flat @ turn.T + [5, -3, 2], faces), sizes)
+    mesh = FileMesh(flat @ turn.T + [5, -3, 2], faces, sizes).make_mesh()
     return mesh, turn[:, 2]
 
 
@@ -105,9 +105,8 @@ def test_degenerate_polygons_give_as_many_triangles_of_their_corners(points):
 
 def test_a_bent_quad_stays_a_fan():
     faces, sizes = fan_triangulate_polygons([[0, 1, 2, 3]])
-    mesh = replace_folded_fans(
-        TriMesh([[0, 0, 0], [1, 0, 0.4], [1, 1, 0], [0, 1, 0.4]], faces), sizes
-    )
+    vertices = np.array([[0, 0, 0], [1, 0, 0.4], [1, 1, 0], [0, 1, 0.4]])
+    mesh = FileMesh(vertices, faces, sizes).make_mesh()
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3]])
 
 
@@ -125,7 +124,7 @@ def test_triangles_stay_in_the_place_of_their_polygon():
     vertices = np.concatenate([flat, flat + np.array([9, 0, 0])])
     faces, sizes = fan_triangulate_polygons([[0, 1, 2], [5, 6, 7, 4], [0, 2, 3]])
     np.testing.assert_array_equal(sizes, [3, 4, 3])
-    mesh = replace_folded_fans(TriMesh(vertices, faces), sizes)
+    mesh = FileMesh(vertices, faces, sizes).make_mesh()
     np.testing.assert_array_equal(mesh.faces[[0, 3]], faces[[0, 3]])
     assert {frozenset(face) for face in mesh.faces[1:3].tolist()} == {
         frozenset((4, 5, 6)),

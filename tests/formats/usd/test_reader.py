@@ -182,7 +182,7 @@ def test_polygons_are_cut_and_compared_as_fans(stage):
     corners = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [1.5, 0.5, 0], [3, 3, 0]]
     add_mesh(stage, frames=[np.array(corners)], times=(1,), faces=[[0, 1, 2, 3], [2, 1, 4]])
     sequence = opened(stage)
-    assert sequence.fan_triangulated.faces.tolist() == [[0, 1, 2], [0, 2, 3], [2, 1, 4]]
+    assert sequence.first.fan_triangulated.faces.tolist() == [[0, 1, 2], [0, 2, 3], [2, 1, 4]]
     areas = np.cross(
         *(
             sequence.first.vertices[sequence.first.faces[:2, k]]

@@ -1,0 +1,137 @@
+"""Gaussian splats in a cage: their places and shapes for any pose of the cage.
+
+A splat at x with the covariance Σ goes to Σ_k w_k(x) c_k, with the covariance J Σ Jᵀ, where
+J = Σ_k c_k ⊗ ∇w_k(x) is the derivative of the deformation. Weights and gradients are computed once.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli.coordinates.binding import Binding
+from cageik_cli.coordinates.harmonic_field import HarmonicField
+from cageik_cli.coordinates.weights import ignore_progress
+from cageik_cli.geometry.splats import MapFaults, Splats, count_map_faults, move_splats
+from cageik_cli.geometry.surface import closest_points, winding_numbers
+from cageik_cli.util.arrays import Floats
+from cageik_cli.util.errors import SettingError
+from cageik_cli.util.temporary_array import allocate_floats
+
+SPLATS_PER_BLOCK = 4096
+"""Splats that are moved together; constant, because last digits depend on it."""
+
+GRADIENT_BYTES = 1 << 26
+"""Bytes of gradients that are computed together: neighbours among them share near panels."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovedBlock:
+    """Some splats in k frames.
+
+    Attributes
+    ----------
+    chosen : slice
+        Which of all splats.
+    places : (k, 3, b) float64
+    splats : list of Splats
+        Of each frame.
+    faults : MapFaults
+    """
+
+    chosen: slice
+    places: Floats
+    splats: list[Splats]
+    faults: MapFaults
+
+
+class SplatMotion:
+    """Moves splats with a cage.
+
+    Parameters
+    ----------
+    binding : Binding
+        Of the places of m splats, with harmonic weights.
+    splats : Splats
+    memory : int
+        Bytes for gradients, 32 m n. More go to a temporary file.
+    jobs : int
+        Threads.
+    progress : callable
+        Called with (splats done, splats).
+
+    Raises
+    ------
+    SettingError
+        When the weights are not harmonic, and so have no gradients here.
+    FileAccessError
+        When the disk has no room for the temporary file.
+    """
+
+    def __init__(
+        self,
+        binding: Binding,
+        splats: Splats,
+        memory: int,
+        jobs: int,
+        progress: Callable[[int, int], None] = ignore_progress,
+    ) -> None:
+        if binding.settings.coordinates != "harmonic":
+            raise SettingError(
+                f"splats need gradients of weights, which {binding.settings.coordinates} weights "
+                "do not have here; use --coordinates harmonic"
+            )
+        self._splats = splats
+        count, n = binding.weights.shape
+        self._blocks = [
+            slice(start, min(start + SPLATS_PER_BLOCK, count))
+            for start in range(0, count, SPLATS_PER_BLOCK)
+        ]
+        self._stored = allocate_floats(4 * n * count, memory)
+        self._cage_count = n
+        self._fill(binding, jobs, progress)
+
+    def __len__(self) -> int:
+        """Return the number of blocks."""
+        return len(self._blocks)
+
+    def move(self, number: int, cages: Floats) -> MovedBlock:
+        """Return the splats of a block in the frames of cages, (k, n, 3)."""
+        chosen = self._blocks[number]
+        middle = cages.mean(axis=1)
+        rows = (cages - middle[:, None]).transpose(0, 2, 1).reshape(-1, self._cage_count)
+        products = (rows @ self._block(chosen)).reshape(4, len(cages), 3, -1)
+        places = products[0] + middle[:, :, None]
+        rest, moved, faults = self._splats[chosen], [], MapFaults()
+        for frame in range(len(cages)):
+            maps = np.ascontiguousarray(products[1:, frame].swapaxes(0, 1))
+            faults += count_map_faults(maps)
+            moved.append(move_splats(rest, maps))
+        return MovedBlock(chosen, places, moved, faults)
+
+    def _block(self, chosen: slice) -> Floats:
+        """Return the weights and their gradients of a block, (4, n, b)."""
+        size = 4 * self._cage_count
+        held = self._stored[size * chosen.start : size * chosen.stop]
+        return held.reshape(4, self._cage_count, -1)
+
+    def _fill(self, binding: Binding, jobs: int, progress: Callable[[int, int], None]) -> None:
+        points = _find_places(binding)
+        field = HarmonicField.solve(binding.cage, points, binding.settings.accuracy, jobs)
+        together = max(1, GRADIENT_BYTES // (24 * self._cage_count * SPLATS_PER_BLOCK))
+        for first in range(0, len(self._blocks), together):
+            group = self._blocks[first : first + together]
+            start, stop = group[0].start, group[-1].stop
+            gradients = field.gradient(points[start:stop], jobs)
+            for chosen in group:
+                block = self._block(chosen)
+                block[0] = binding.weights[chosen].T
+                block[1:] = gradients[chosen.start - start : chosen.stop - start].T
+            progress(stop, len(points))
+
+
+def _find_places(binding: Binding) -> Floats:
+    """Return the points that the weights belong to: on the cage for splats outside it."""
+    points, cage = binding.rest.vertices, binding.cage
+    is_outside = winding_numbers(cage, points) < 0.5
+    return np.where(is_outside[:, None], closest_points(cage, points).position, points)

@@ -1,0 +1,191 @@
+"""UVs, normals and materials of a polygon mesh in Alembic."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cageik_cli.formats.base.writer import to_float32
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.normals import compute_corner_normals
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
+from cageik_cli.geometry.surface_parts import NONE, FaceLabels, UvMap
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import single_line
+
+NORMAL_DECIMALS = 4
+"""Normals of a vertex that are equal to so many decimals are one."""
+
+
+def read_surface(
+    schema: Any, attributes: SurfaceAttributes
+) -> tuple[SurfaceAttributes, tuple[str, ...]]:
+    """Read all that a mesh says of its surface in its first sample.
+
+    Parameters
+    ----------
+    schema : IPolyMeshSchema
+    attributes : SurfaceAttributes
+        Its polygons, as the file has them.
+
+    Returns
+    -------
+    attributes : SurfaceAttributes
+    notes : tuple of str
+        What is left out, one sentence each.
+    """
+    left_out: list[str] = []
+    steps: tuple[tuple[str, Callable[[Any, SurfaceAttributes], SurfaceAttributes]], ...] = (
+        ("texture coordinates", _read_uvs),
+        ("normals", _read_normals),
+        ("face sets", _read_face_sets),
+    )
+    for noun, read in steps:
+        try:
+            attributes = read(schema, attributes)
+        except (FormatError, RuntimeError, IndexError, TypeError, ValueError) as error:
+            cause = " ".join(str(error).rpartition("EXCEPTION:")[2].split())
+            left_out.append(f"its {noun} left out ({single_line(cause)})")
+    return attributes, tuple(left_out)
+
+
+def read_sample(sampled: Any, index: int) -> Any:
+    """Read one array; a missing one, which has no digest, would crash the library."""
+    if not sampled.getKey(index):
+        raise FormatError(f"sample {index} of `{sampled.getName()}` is missing; export it again")
+    return sampled.getValue(index)
+
+
+def _read_uvs(schema: Any, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    parameter = schema.getUVsParam()
+    if not parameter.valid() or not parameter.getNumSamples():
+        return attributes
+    values = np.array(read_sample(parameter.getValueProperty(), 0), np.float64)
+    places = _locate(parameter, attributes, len(values))
+    return replace(attributes, uvs=UvMap(values.reshape(-1, 2), places))
+
+
+def _read_normals(schema: Any, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    parameter = schema.getNormalsParam()
+    if not parameter.valid() or not parameter.getNumSamples():
+        return attributes
+    values = np.array(read_sample(parameter.getValueProperty(), 0), np.float64).reshape(-1, 3)
+    if not np.isfinite(values).all():
+        raise FormatError("they are not finite")
+    # Many programs write the same normal for each corner anew.
+    same = np.unique(values.round(NORMAL_DECIMALS), axis=0, return_inverse=True)[1].ravel()
+    places = _locate(parameter, attributes, len(values))
+    return replace(attributes, normal_fans=number_normal_fans(attributes.corners, same[places]))
+
+
+def _read_face_sets(schema: Any, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    """Read the face sets as materials, as other programs do."""
+    count = len(attributes.corner_counts)
+    texts = [""] * count
+    for name in schema.getFaceSetNames():
+        sampled = schema.getFaceSet(name).getSchema().getFacesProperty()
+        if not sampled.getNumSamples():
+            continue
+        faces = np.array(read_sample(sampled, 0), np.int64)
+        if len(faces) and not 0 <= faces.min() <= faces.max() < count:
+            raise FormatError(f"`{name}` names faces that are not there")
+        for face in faces.tolist():
+            texts[face] = single_line(name)
+    return replace(attributes, materials=FaceLabels.from_texts(texts))
+
+
+def _locate(parameter: Any, attributes: SurfaceAttributes, count: int) -> Integers:
+    """Return the place of the value of each corner among `count` values."""
+    from alembic3d.AbcGeom import GeometryScope
+
+    scope, places = parameter.getScope(), np.arange(count)
+    if parameter.isIndexed():
+        places = np.array(read_sample(parameter.getIndexProperty(), 0), np.int64)
+    if scope in (GeometryScope.kVertexScope, GeometryScope.kVaryingScope):
+        corners = attributes.corners
+    elif scope == GeometryScope.kFacevaryingScope:
+        corners = np.arange(len(attributes.corners))
+    else:
+        raise FormatError("they are not those of corners or vertices")
+    if corners.max(initial=-1) >= len(places):
+        raise FormatError(f"{len(places)} values, expected {corners.max() + 1}")
+    found = places[corners]
+    if len(found) and not 0 <= found.min() <= found.max() < count:
+        raise FormatError(f"they name value {found.max()} of {count}")
+    return np.asarray(found, np.int64)
+
+
+class AlembicSurface:
+    """The faces of a mesh as Alembic has them, clockwise, with their UVs and normals."""
+
+    def __init__(self, mesh: TriMesh) -> None:
+        from imath import IntArrayFromBuffer
+
+        attributes = mesh.attributes
+        if attributes is None:
+            counts, corners = np.full(len(mesh.faces), 3), mesh.faces[:, ::-1].ravel()
+        else:
+            attributes = attributes.reverse(keeps_first=False)
+            counts, corners = attributes.corner_counts, attributes.corners
+        self._attributes = attributes
+        self._faces = tuple(
+            IntArrayFromBuffer(np.ascontiguousarray(part, np.int32)) for part in (corners, counts)
+        )
+        self._uvs = None if attributes is None else _make_uvs(attributes)
+
+    def make_sample(self, positions: Floats) -> Any:
+        """Return the sample of a frame, (m, 3)."""
+        from alembic3d.AbcGeom import (
+            GeometryScope,
+            ON3fGeomParamSample,
+            OPolyMeshSchemaSample,
+            OV2fGeomParamSample,
+        )
+        from imath import V3fArrayFromBuffer
+
+        points = V3fArrayFromBuffer(to_float32(positions))
+        attributes = self._attributes
+        if attributes is None or (attributes.normal_fans is None and self._uvs is None):
+            return OPolyMeshSchemaSample(points, *self._faces)
+        uvs = self._uvs or OV2fGeomParamSample()
+        if attributes.normal_fans is None:
+            return OPolyMeshSchemaSample(points, *self._faces, uvs)
+        # Of faces that are turned, they point inward.
+        normals = V3fArrayFromBuffer(to_float32(-compute_corner_normals(attributes, positions)))
+        sample = ON3fGeomParamSample(normals, GeometryScope.kFacevaryingScope)
+        return OPolyMeshSchemaSample(points, *self._faces, uvs, sample)
+
+    def write_face_sets(self, schema: Any) -> None:
+        """Write a face set for each material, which other programs take as such."""
+        from alembic3d.AbcGeom import OFaceSetSchemaSample
+        from imath import IntArrayFromBuffer
+
+        labels = None if self._attributes is None else self._attributes.materials
+        taken: set[str] = set()
+        for name, polygons in labels.list_members() if labels is not None else ():
+            name = name.replace("/", "_")  # a slash would be a path
+            while name in taken:
+                name += "_"
+            taken.add(name)
+            faces = IntArrayFromBuffer(np.ascontiguousarray(polygons, np.int32))
+            schema.createFaceSet(name).getSchema().set(OFaceSetSchemaSample(faces))
+
+
+def _make_uvs(attributes: SurfaceAttributes) -> Any | None:
+    """Return the UVs of corners; those without are at zero."""
+    from alembic3d.AbcGeom import GeometryScope, OV2fGeomParamSample
+    from imath import UnsignedIntArray, V2fArrayFromBuffer
+
+    if attributes.uvs is None:
+        return None
+    values, indices = attributes.uvs.values, attributes.uvs.indices
+    if (indices == NONE).any():
+        indices = np.where(indices == NONE, len(values), indices)
+        values = np.concatenate([values, np.zeros((1, 2))])
+    numbers = UnsignedIntArray(len(indices))
+    for place, index in enumerate(indices.tolist()):
+        numbers[place] = index
+    table = V2fArrayFromBuffer(to_float32(values))
+    return OV2fGeomParamSample(table, numbers, GeometryScope.kFacevaryingScope)

@@ -1,0 +1,218 @@
+"""UVs, normals, names of faces and colours of vertices in an OBJ text."""
+
+import codecs
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.formats.base.mesh_data import FileMesh
+from cageik_cli.formats.obj.tokens import FACE, VERTEX, Tokens, blank_out, tokenize
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
+from cageik_cli.geometry.surface_parts import NONE, FaceLabels, UvMap
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import single_line
+
+_SLASH = ord("/")
+
+_BARE = b"0123456789+-.eEvf \t\r\n"
+"""The characters of a text of positions and faces alone."""
+
+MAX_DIGITS = 18
+"""Digits of an index, which fit 64 bits."""
+
+COLOURED_WORDS = 7
+"""Words of a line of a vertex with a colour; a fourth number alone is a weight."""
+
+_NO_SMOOTHING = ("off", "0")
+
+
+def read_obj_attributes(data: bytes, mesh: FileMesh) -> FileMesh:
+    """Return a mesh that was parsed with all else that its OBJ text says of the surface.
+
+    What is damaged, such as indices of UVs that are not there, is left out with a note.
+    """
+    if _is_bare(data):
+        return mesh
+    tokens = tokenize(blank_out(data.removeprefix(codecs.BOM_UTF8)))
+    attributes = SurfaceAttributes(mesh.corner_counts, mesh.corners)
+    left_out: list[str] = []
+    for noun, read in (
+        ("texture coordinates are", _read_uvs),
+        ("normals are", _read_normals),
+        ("names of faces are", _read_labels),
+        ("colours are", _read_colours),
+        ("the material library is", _read_library),
+    ):
+        try:
+            attributes = read(tokens, attributes)
+        except (FormatError, ValueError) as error:
+            left_out.append(f"its {noun} left out ({error})".replace("its the", "the"))
+    return replace(mesh, attributes=attributes, left_out=tuple(left_out))
+
+
+def _is_bare(data: bytes) -> bool:
+    """Return whether a text is nothing but positions and vertices of faces, by its characters."""
+    if data.translate(None, _BARE):
+        return False
+    first = data.find(b"v")
+    return len(data[first : data.find(b"\n", first)].split()) < COLOURED_WORDS
+
+
+def _read_uvs(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    is_value = tokens.find_lines(b"vt")
+    if not is_value.any():
+        return attributes
+    indices = _read_corner_indices(tokens, is_value, 1)
+    if (indices == NONE).all():
+        return attributes
+    heads, sizes = tokens.first_tokens[is_value], tokens.token_counts[is_value]
+    if sizes.min() < 2:
+        raise ValueError("a line has no number")
+    values = np.zeros((len(heads), 2))
+    values[:, 0] = _to_floats(tokens, heads + 1)
+    values[sizes > 2, 1] = _to_floats(tokens, heads[sizes > 2] + 2)
+    return replace(attributes, uvs=UvMap(values, indices))
+
+
+def _read_normals(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    is_value = tokens.find_lines(b"vn")
+    if not is_value.any():
+        return attributes
+    indices = _read_corner_indices(tokens, is_value, 2)
+    if (indices == NONE).all():
+        return attributes
+    # Some programs write a normal anew for each corner.
+    heads, sizes = tokens.first_tokens[is_value], tokens.token_counts[is_value]
+    bounds = np.stack([tokens.bounds[heads, 0], tokens.bounds[heads + sizes - 1, 1]], axis=1)
+    texts = [tokens.text[begin:end] for begin, end in bounds.tolist()]
+    numbers = {text: k for k, text in enumerate(dict.fromkeys(texts))}
+    same = np.array([*(numbers[text] for text in texts), NONE])  # `NONE` is the last
+    return replace(attributes, normal_fans=number_normal_fans(attributes.corners, same[indices]))
+
+
+def _read_labels(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    faces = np.flatnonzero(tokens.line_kinds == FACE)
+    return replace(
+        attributes,
+        materials=_label_faces(tokens, b"usemtl", faces),
+        groups=_label_faces(tokens, b"g", faces),
+        objects=_label_faces(tokens, b"o", faces),
+        smoothing=_label_faces(tokens, b"s", faces),
+    )
+
+
+def _label_faces(tokens: Tokens, keyword: bytes, faces: Integers) -> FaceLabels | None:
+    """Return the names that the lines of a keyword give the faces after them."""
+    lines = np.flatnonzero(tokens.find_lines(keyword))
+    if not len(lines):
+        return None
+    texts = ["", *(_join_words(tokens, line) for line in lines.tolist())]
+    if keyword == b"s":
+        texts = ["" if text in _NO_SMOOTHING else text for text in texts]
+    names = tuple(dict.fromkeys(text for text in texts if text))
+    numbers = {name: k for k, name in enumerate(names)} | {"": NONE}
+    labels = np.array([numbers[text] for text in texts])[np.searchsorted(lines, faces)]
+    return None if (labels == NONE).all() else FaceLabels(names, labels)
+
+
+def _read_library(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    lines = np.flatnonzero(tokens.find_lines(b"mtllib"))
+    names = " ".join(_join_words(tokens, line) for line in lines.tolist())
+    return replace(attributes, material_library=names)
+
+
+def _read_colours(tokens: Tokens, attributes: SurfaceAttributes) -> SurfaceAttributes:
+    is_vertex = tokens.line_kinds == VERTEX
+    size = int(tokens.token_counts[is_vertex].min())
+    if size < COLOURED_WORDS:
+        return attributes
+    count = size - 4
+    heads = tokens.first_tokens[is_vertex]
+    columns = [_to_floats(tokens, heads + 4 + k) for k in range(min(count, 4))]
+    return replace(attributes, colours=np.stack(columns, axis=1))
+
+
+def _to_floats(tokens: Tokens, words: Integers) -> Floats:
+    """Convert words by their numbers."""
+    bounds = tokens.bounds[words].tolist()
+    return np.array([tokens.text[begin:end] for begin, end in bounds], "S").astype(np.float64)
+
+
+def _join_words(tokens: Tokens, line: int) -> str:
+    """Return the words of a line behind the first, as text."""
+    text = b" ".join(tokens.split_line(line)[1:])
+    try:
+        return single_line(text.decode())
+    except UnicodeDecodeError:
+        return single_line(text.decode("latin-1"))
+
+
+def _read_corner_indices(tokens: Tokens, is_value: NDArray[np.bool_], place: int) -> Integers:
+    """Return index `place` of every corner, from 0; `NONE` where there is none.
+
+    Parameters
+    ----------
+    tokens : Tokens
+    is_value : (l,) bool
+        The lines that are counted.
+    place : int
+        1 for texture coordinates, 2 for normals.
+
+    Raises
+    ------
+    ValueError
+        When an index is no number, or that of no line.
+    """
+    is_face, sizes = tokens.line_kinds == FACE, tokens.token_counts
+    is_corner = np.repeat(is_face, sizes)
+    is_corner[tokens.first_tokens] = False
+    begins, ends = _find_part(tokens, tokens.bounds[is_corner], place)
+    found = np.zeros(len(begins), np.int64)
+    is_given = ends > begins
+    given = np.flatnonzero(is_given)
+    found[given] = _to_integers(tokens.codes, begins[given], ends[given])
+    known = np.repeat(np.cumsum(is_value)[is_face], sizes[is_face] - 1)
+    indices = np.where(found > 0, found - 1, known + found)
+    indices[~is_given] = NONE
+    count = np.count_nonzero(is_value)
+    wrong = given[(found[given] == 0) | (indices[given] < 0) | (indices[given] >= count)]
+    if len(wrong):
+        raise ValueError(f"a corner names number {found[wrong[0]]} of {count}")
+    return indices
+
+
+def _to_integers(codes: NDArray[np.uint8], begins: Integers, ends: Integers) -> Integers:
+    """Convert whole numbers between places, digit by digit.
+
+    Raises
+    ------
+    ValueError
+        When one is none, or has more than `MAX_DIGITS` digits.
+    """
+    is_negative = codes[begins] == ord("-")
+    begins = begins + is_negative
+    lengths = ends - begins
+    if len(lengths) and not 0 < lengths.min() <= lengths.max() <= MAX_DIGITS:
+        raise ValueError("an index is no number")
+    values = np.zeros(len(begins), np.int64)
+    for k in range(int(lengths.max(initial=0))):
+        is_there = k < lengths
+        digits = codes[begins[is_there] + k].astype(np.int64) - ord("0")
+        if not ((digits >= 0) & (digits <= 9)).all():
+            raise ValueError("an index is no number")
+        values[is_there] = 10 * values[is_there] + digits
+    return np.where(is_negative, -values, values)
+
+
+def _find_part(
+    tokens: Tokens, bounds: NDArray[np.integer], place: int
+) -> tuple[Integers, Integers]:
+    """Return where part `place` of each word begins and ends, the parts being cut at slashes."""
+    slashes = np.append(np.flatnonzero(tokens.codes == _SLASH), len(tokens.text))
+    first = np.searchsorted(slashes, bounds[:, 0])
+    ends = bounds[:, 1].astype(np.int64)
+    last = len(slashes) - 1
+    before, after = (slashes[np.minimum(first + k, last)] for k in (place - 1, place))
+    return np.minimum(before + 1, ends), np.minimum(after, ends)

@@ -1,0 +1,236 @@
+"""UVs, normals, colours, materials, groups and subdivision of a mesh in USD."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
+from cageik_cli.geometry.surface_parts import NONE, FaceLabels, Subdivision, UvMap
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import single_line
+
+LIBRARY_KEY = "materialLibrary"
+"""Where the custom data of a mesh names the file of its materials, as an OBJ file does."""
+
+UV_NAME = "st"
+
+NORMAL_DECIMALS = 4
+"""Normals of a vertex that are equal to so many decimals are one."""
+
+_PER_VERTEX, _PER_CORNER, _PER_FACE = ("vertex", "varying"), ("faceVarying",), ("uniform",)
+
+
+def read_surface(
+    mesh: Any, attributes: SurfaceAttributes, vertex_count: int, time: float
+) -> tuple[SurfaceAttributes, tuple[str, ...]]:
+    """Read all that a mesh says of its surface at a time.
+
+    Parameters
+    ----------
+    mesh : UsdGeom.Mesh
+    attributes : SurfaceAttributes
+        Its polygons, as the file has them.
+    vertex_count : int
+    time : float
+
+    Returns
+    -------
+    attributes : SurfaceAttributes
+    notes : tuple of str
+        What is left out, one sentence each.
+    """
+    surface = _Surface(mesh, vertex_count, time)
+    left_out: list[str] = []
+    steps: tuple[tuple[str, Callable[[SurfaceAttributes], SurfaceAttributes]], ...] = (
+        ("texture coordinates", surface.read_uvs),
+        ("normals", surface.read_normals),
+        ("colours", surface.read_colours),
+        ("materials and groups", surface.read_labels),
+        ("subdivision", surface.read_subdivision),
+    )
+    for noun, read in steps:
+        try:
+            attributes = read(attributes)
+        except FormatError as error:
+            left_out.append(f"its {noun} left out ({error})")
+    return attributes, tuple(left_out)
+
+
+class _Surface:
+    """Reads the parts of one mesh."""
+
+    def __init__(self, mesh: Any, vertex_count: int, time: float) -> None:
+        from pxr import UsdGeom
+
+        self._mesh, self._vertex_count, self._time = mesh, vertex_count, time
+        self._primvars = UsdGeom.PrimvarsAPI(mesh)
+
+    def read_uvs(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the primvar `st`, or else the first that holds texture coordinates."""
+        primvar = self._find_uvs()
+        if primvar is None:
+            return attributes
+        values = _to_array(primvar.Get(self._time), 2)
+        numbers = self._read_indices(primvar, len(values))
+        indices = numbers[_locate(primvar.GetInterpolation(), attributes, len(numbers))]
+        absent = primvar.GetUnauthoredValuesIndex()
+        if absent >= 0:
+            indices = np.where(indices == absent, NONE, indices)
+            values = values[:absent] if absent == len(values) - 1 else values
+        return replace(attributes, uvs=UvMap(values, indices))
+
+    def read_normals(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read which corners share a normal."""
+        primvar = self._primvars.GetPrimvar("normals")
+        if primvar and primvar.HasAuthoredValue():
+            values = _to_array(primvar.Get(self._time), 3)
+            numbers = self._read_indices(primvar, len(values))
+            interpolation = primvar.GetInterpolation()
+        else:
+            found = self._mesh.GetNormalsAttr().Get(self._time)
+            if not found:
+                return attributes
+            values = _to_array(found, 3)
+            numbers, interpolation = np.arange(len(values)), self._mesh.GetNormalsInterpolation()
+        places = _locate(interpolation, attributes, len(numbers))
+        # Many programs write the same normal for each corner anew.
+        same = np.unique(values.round(NORMAL_DECIMALS), axis=0, return_inverse=True)[1].ravel()
+        fans = number_normal_fans(attributes.corners, same[numbers][places])
+        return replace(attributes, normal_fans=fans)
+
+    def read_colours(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the colours of vertices."""
+        columns = []
+        for name, width in (("displayColor", 3), ("displayOpacity", 1)):
+            primvar = self._primvars.GetPrimvar(name)
+            if not primvar or not primvar.HasAuthoredValue():
+                break
+            if primvar.GetInterpolation() not in _PER_VERTEX:
+                if width == 1:
+                    break
+                raise FormatError(f"they are {primvar.GetInterpolation()}, expected vertex")
+            values = _to_array(primvar.Get(self._time), width)
+            indices = self._read_indices(primvar, len(values))
+            _check_places(np.arange(self._vertex_count), len(indices))
+            columns.append(values[indices[: self._vertex_count]])
+        return replace(attributes, colours=np.hstack(columns)) if columns else attributes
+
+    def read_labels(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the subsets of faces: those that bind materials, and others, which are groups."""
+        from pxr import UsdGeom, UsdShade
+
+        count = len(attributes.corner_counts)
+        everywhere = UsdShade.MaterialBindingAPI(self._mesh).ComputeBoundMaterial()[0]
+        texts = [[_name(everywhere.GetPrim()) if everywhere else ""] * count, [""] * count]
+        for subset in UsdGeom.Subset.GetAllGeomSubsets(self._mesh):
+            if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
+                continue
+            faces = _to_list(subset.GetIndicesAttr().Get(self._time), "iu")
+            if len(faces) and not 0 <= faces.min() <= faces.max() < count:
+                raise FormatError(f"`{subset.GetPrim().GetName()}` names faces that are not there")
+            binds = subset.GetFamilyNameAttr().Get() == UsdShade.Tokens.materialBind
+            name = _name_material(subset) if binds else _name(subset.GetPrim())
+            for face in faces.tolist():
+                texts[0 if binds else 1][face] = name
+        library = self._mesh.GetPrim().GetCustomDataByKey(LIBRARY_KEY)
+        return replace(
+            attributes,
+            materials=FaceLabels.from_texts(texts[0]),
+            groups=FaceLabels.from_texts(texts[1]),
+            material_library=single_line(library) if isinstance(library, str) else "",
+        )
+
+    def read_subdivision(self, attributes: SurfaceAttributes) -> SurfaceAttributes:
+        """Read the scheme, the creases and the sharp vertices."""
+        mesh = self._mesh
+        creases, lengths, sharpness, corners, sharp = (
+            _to_list(attribute.Get(self._time), kinds)
+            for attribute, kinds in (
+                (mesh.GetCreaseIndicesAttr(), "iu"),
+                (mesh.GetCreaseLengthsAttr(), "iu"),
+                (mesh.GetCreaseSharpnessesAttr(), "f"),
+                (mesh.GetCornerIndicesAttr(), "iu"),
+                (mesh.GetCornerSharpnessesAttr(), "f"),
+            )
+        )
+        scheme = str(mesh.GetSubdivisionSchemeAttr().Get())
+        subdivision = Subdivision(scheme, creases, lengths, sharpness, corners, sharp)
+        named = np.concatenate([subdivision.crease_vertices, subdivision.corner_vertices])
+        if named.max(initial=-1) >= self._vertex_count:
+            raise FormatError(f"it names vertex {named.max()} of {self._vertex_count}")
+        return replace(attributes, subdivision=subdivision)
+
+    def _find_uvs(self) -> Any | None:
+        """Return the primvar of the texture coordinates."""
+        from pxr import Sdf
+
+        names = (Sdf.ValueTypeNames.TexCoord2fArray, Sdf.ValueTypeNames.Float2Array)
+        usual = self._primvars.GetPrimvar(UV_NAME)
+        found = [usual, *self._primvars.GetPrimvarsWithAuthoredValues()]
+        return next((each for each in found if each and each.GetTypeName() in names), None)
+
+    def _read_indices(self, primvar: Any, count: int) -> Integers:
+        """Return the indices into `count` values; one after the other if there are none."""
+        if not primvar.IsIndexed():
+            return np.arange(count)
+        indices = _to_list(primvar.GetIndices(self._time), "iu")
+        _check_places(indices, count)
+        return indices
+
+
+def _locate(interpolation: str, attributes: SurfaceAttributes, count: int) -> Integers:
+    """Return the place of the value of each corner among the `count` of a primvar."""
+    if interpolation in _PER_VERTEX:
+        places = attributes.corners
+    elif interpolation in _PER_CORNER:
+        places = np.arange(len(attributes.corners))
+    elif interpolation in _PER_FACE:
+        places = np.repeat(np.arange(len(attributes.corner_counts)), attributes.corner_counts)
+    else:
+        raise FormatError(f"they are {interpolation}")
+    _check_places(places, count)
+    return places
+
+
+def _check_places(places: Integers, count: int) -> None:
+    if len(places) and not 0 <= places.min() <= places.max() < count:
+        raise FormatError(f"they need value {places.max()} of {count}")
+
+
+def _to_list(value: Any, kinds: str) -> NDArray[Any]:
+    """Return a list of numbers of some kinds, (k,); empty without a value."""
+    array = np.zeros(0, np.int64) if value is None else np.asarray(value)
+    if array.ndim != 1 or (array.size and array.dtype.kind not in kinds):
+        raise FormatError(f"they are {array.dtype} of shape {array.shape}, expected a list")
+    return array.astype(np.float64 if kinds == "f" else np.int64)
+
+
+def _to_array(value: Any, width: int) -> Floats:
+    """Return lists of `width` numbers each, (k, width)."""
+    array = np.zeros(0) if value is None else np.asarray(value)
+    if array.size == 0:
+        raise FormatError("they have no values")
+    if array.dtype.kind != "f" or array.ndim not in (1, 2) or array.size != len(array) * width:
+        raise FormatError(f"they are {array.dtype} of shape {array.shape}")
+    with np.errstate(over="ignore", invalid="ignore"):
+        return array.reshape(-1, width).astype(np.float64)
+
+
+def _name_material(subset: Any) -> str:
+    """Return the name of the material that is bound to a subset, or that of the subset."""
+    from pxr import UsdShade
+
+    path = UsdShade.MaterialBindingAPI(subset).GetDirectBinding().GetMaterialPath()
+    prim = subset.GetPrim().GetStage().GetPrimAtPath(path) if path else None
+    if prim:
+        return _name(prim)
+    return str(path.name) if path else _name(subset.GetPrim())
+
+
+def _name(prim: Any) -> str:
+    """Return the name of a prim, as people see it."""
+    return single_line(prim.GetDisplayName() or prim.GetName())

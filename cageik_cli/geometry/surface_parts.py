@@ -1,0 +1,204 @@
+"""The parts of what a file says of a surface: UVs, names of faces, subdivision."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import FormatError
+
+MAX_NAMES = 100_000
+"""Names of materials, groups, objects or smoothing groups of a mesh."""
+
+MAX_NAME_LENGTH = 1024
+"""Characters of such a name."""
+
+MAX_VALUE = 1e9
+"""Larger texture coordinates, colours and sharpnesses are refused."""
+
+NONE = -1
+"""The index of a corner or a face that has no value."""
+
+SUBDIVISION_SCHEMES = ("none", "catmullClark", "loop", "bilinear")
+
+
+def _no_indices() -> Integers:
+    return np.empty(0, np.int64)
+
+
+def _no_values() -> Floats:
+    return np.empty(0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UvMap:
+    """Texture coordinates with indices of their own.
+
+    Attributes
+    ----------
+    values : (u, 2) float64
+    indices : (c,) int64
+        The value of each corner; `NONE` for one that has none.
+
+    Raises
+    ------
+    FormatError
+        When an array has another shape, or a value is not finite.
+    """
+
+    values: Floats
+    indices: Integers
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", freeze_values("UVs", self.values, 2))
+        indices = freeze_indices("UV indices", self.indices, NONE, len(self.values))
+        object.__setattr__(self, "indices", indices)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceLabels:
+    """A name for each face: its material, say.
+
+    Attributes
+    ----------
+    names : tuple of str
+        All different.
+    indices : (p,) int64
+        The name of each polygon; `NONE` for one that has none.
+
+    Raises
+    ------
+    FormatError
+        When there are too many names, one is empty, too long or of several lines, or an index is
+        that of none of them.
+    """
+
+    names: tuple[str, ...]
+    indices: Integers
+
+    def __post_init__(self) -> None:
+        if len(self.names) > MAX_NAMES:
+            raise FormatError(f"{len(self.names)} names of faces, expected at most {MAX_NAMES}")
+        for name in self.names:
+            if not 0 < len(name) <= MAX_NAME_LENGTH or not name.isprintable():
+                raise FormatError(
+                    f"a name of faces has {len(name)} characters, expected 1 to {MAX_NAME_LENGTH} "
+                    "on one line, which can be printed"
+                )
+        if len(set(self.names)) < len(self.names):
+            raise FormatError("a name of faces is there twice")
+        indices = freeze_indices("face names", self.indices, NONE, len(self.names))
+        object.__setattr__(self, "indices", indices)
+
+    @staticmethod
+    def from_texts(texts: list[str]) -> "FaceLabels | None":
+        """Label faces by a text each, empty for none; None if no face has one."""
+        names = dict.fromkeys(text for text in texts if text)
+        numbers = {name: k for k, name in enumerate(names)} | {"": NONE}
+        indices = np.array([numbers[text] for text in texts], np.int64)
+        return FaceLabels(tuple(names), indices) if names else None
+
+    def list_members(self) -> Iterator[tuple[str, Integers]]:
+        """Yield each name that is used, with the numbers of its polygons."""
+        order = np.argsort(self.indices, kind="stable")
+        bounds = np.searchsorted(self.indices[order], np.arange(len(self.names) + 1))
+        for k, name in enumerate(self.names):
+            if bounds[k] < bounds[k + 1]:
+                yield name, order[bounds[k] : bounds[k + 1]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subdivision:
+    """How a renderer is to subdivide the mesh, in the words of USD.
+
+    Attributes
+    ----------
+    scheme : str
+        One of `SUBDIVISION_SCHEMES`.
+    crease_vertices, crease_lengths : (k,), (e,) int64
+        The vertices of the creases, one crease after the other, and how many each has.
+    crease_sharpness : (e,) or (k - e,) float64
+        Of each crease, or of each of their edges.
+    corner_vertices, corner_sharpness : (s,) int64, (s,) float64
+        Vertices that stay sharp.
+
+    Raises
+    ------
+    FormatError
+        When the parts do not agree.
+    """
+
+    scheme: str = "none"
+    crease_vertices: Integers = field(default_factory=_no_indices)
+    crease_lengths: Integers = field(default_factory=_no_indices)
+    crease_sharpness: Floats = field(default_factory=_no_values)
+    corner_vertices: Integers = field(default_factory=_no_indices)
+    corner_sharpness: Floats = field(default_factory=_no_values)
+
+    def __post_init__(self) -> None:
+        if self.scheme not in SUBDIVISION_SCHEMES:
+            raise FormatError(
+                f"the subdivision scheme is `{self.scheme}`, expected one of "
+                f"{', '.join(SUBDIVISION_SCHEMES)}"
+            )
+        for name in ("crease_vertices", "crease_lengths", "corner_vertices"):
+            lowest = 2 if name == "crease_lengths" else 0
+            array = freeze_indices(name, getattr(self, name), lowest, None)
+            object.__setattr__(self, name, array)
+        for name in ("crease_sharpness", "corner_sharpness"):
+            object.__setattr__(self, name, freeze_values(name, getattr(self, name), None))
+        creases, ends = len(self.crease_lengths), len(self.crease_vertices)
+        if int(self.crease_lengths.sum()) != ends:
+            raise FormatError(f"creases of {self.crease_lengths.sum()} vertices name {ends}")
+        if len(self.crease_sharpness) not in (creases, ends - creases):
+            raise FormatError(
+                f"{creases} creases have {len(self.crease_sharpness)} values of sharpness"
+            )
+        if len(self.corner_vertices) != len(self.corner_sharpness):
+            raise FormatError(
+                f"{len(self.corner_vertices)} sharp vertices have {len(self.corner_sharpness)} "
+                "values of sharpness"
+            )
+
+
+def freeze_indices(noun: str, values: ArrayLike, lowest: int, count: int | None) -> Integers:
+    """Return whole numbers (k,) from `lowest` to below `count`, read-only.
+
+    Raises
+    ------
+    FormatError
+        Naming what they are.
+    """
+    array = np.asarray(values)
+    if array.ndim != 1 or (array.size and not np.issubdtype(array.dtype, np.integer)):
+        raise FormatError(
+            f"{noun} are {array.dtype} of shape {array.shape}, expected a list of whole numbers"
+        )
+    array = array.astype(np.int64)
+    if array.size and (array.min() < lowest or (count is not None and array.max() >= count)):
+        most = "" if count is None else f" to {count - 1}"
+        raise FormatError(
+            f"{noun} are {array.min()} to {array.max()}, expected {lowest}{most or ' or more'}"
+        )
+    array.flags.writeable = False
+    return array
+
+
+def freeze_values(noun: str, values: ArrayLike, width: int | None) -> Floats:
+    """Return finite numbers (k,) or (k, width), read-only.
+
+    Raises
+    ------
+    FormatError
+        Naming what they are.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        array = np.array(values, np.float64)
+    if array.ndim != (1 if width is None else 2) or (width is not None and array.shape[1] != width):
+        raise FormatError(f"{noun} have shape {array.shape}")
+    if not (np.abs(array) <= MAX_VALUE).all():
+        raise FormatError(f"{noun} are not finite, or beyond {MAX_VALUE:g}")
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,177 @@
+"""An asset through extraction and deformation: polygons, UVs and materials in each format.
+
+Each output is read by another program: USD by usd-core, Alembic by alembic3d, OBJ line by line.
+"""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import trimesh
+
+from tests.assets import asset_text, parse_asset
+from tests.shapes import quad_text
+
+ASSET, CAGE = parse_asset(asset_text()), parse_asset(quad_text(1.2))
+COUNT = 3
+
+
+def pose(vertices, k):
+    """Frame k: the asset stretched and bent."""
+    x, y, z = vertices.T
+    return np.column_stack([x + 0.05 * k * z**2, y, z * (1 + 0.02 * k)])
+
+
+def write_frames(folder, text, vertices):
+    """Frames with the text of a file, at other positions."""
+    folder.mkdir()
+    for k in range(COUNT):
+        positions = iter(pose(vertices, k))
+        lines = [
+            "v {:.9g} {:.9g} {:.9g}".format(*next(positions)) if line[:2] == "v " else line
+            for line in text.splitlines()
+        ]
+        (folder / f"{folder.name}_{k + 1}.obj").write_text("\n".join(lines) + "\n")
+
+
+def read_obj(path):
+    """Polygons, the UVs of their corners, and their materials."""
+    asset = parse_asset(Path(path).read_text())
+    return asset.polygons, asset.corner_uvs, [name[2] for name in asset.names]
+
+
+def split(values, counts):
+    return [part.tolist() for part in np.split(np.array(values), np.cumsum(counts)[:-1])]
+
+
+def read_usd(path):
+    from pxr import Usd, UsdGeom, UsdShade
+
+    stage = Usd.Stage.Open(path)
+    mesh = next(UsdGeom.Mesh(prim) for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh))
+    counts = np.array(mesh.GetFaceVertexCountsAttr().Get())
+    uvs = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st").ComputeFlattened()
+    names = [""] * len(counts)
+    binding = UsdShade.MaterialBindingAPI(mesh)
+    whole = binding.ComputeBoundMaterial()[0]
+    if whole:
+        names = [whole.GetPrim().GetName()] * len(counts)
+    for subset in binding.GetMaterialBindSubsets():
+        prim = UsdShade.MaterialBindingAPI(subset).ComputeBoundMaterial()[0].GetPrim()
+        for face in subset.GetIndicesAttr().Get():
+            names[face] = prim.GetDisplayName() or prim.GetName()
+    return split(mesh.GetFaceVertexIndicesAttr().Get(), counts), split(uvs, counts), names
+
+
+def read_abc(path):
+    from alembic3d.Abc import IArchive
+    from alembic3d.AbcGeom import IPolyMesh
+
+    top = IArchive(path).getTop()
+    schema = IPolyMesh(top, top.children[0].getName()).getSchema()
+    counts = np.array(schema.getFaceCountsProperty().getValue(0))
+    names = [""] * len(counts)
+    for name in schema.getFaceSetNames():
+        for face in schema.getFaceSet(name).getSchema().getValue().getFaces():
+            names[face] = name
+    polygons = split(schema.getFaceIndicesProperty().getValue(0), counts)
+    uvs = split(schema.getUVsParam().getExpandedValue().getVals(), counts)
+    return [ring[::-1] for ring in polygons], [ring[::-1] for ring in uvs], names
+
+
+OUTPUTS = {
+    "obj": ("{}/{}_####.obj", "{}/{}_0002.obj", read_obj),
+    "usd": ("{}.usdc", "{}.usdc", read_usd),
+    "abc": ("{}.abc", "{}.abc", read_abc),
+}
+
+
+def assert_kept(found, expected):
+    polygons, uvs, names = found
+    assert polygons == expected.polygons
+    assert names == [name[2] for name in expected.names]
+    for ring, wanted in zip(uvs, expected.corner_uvs, strict=True):
+        np.testing.assert_allclose(ring, wanted, atol=1e-7)
+
+
+@pytest.fixture(params=["obj", "usd", "abc"])
+def clip(request, run, tmp_path, monkeypatch):
+    """The clip of the asset in a format: those that hold one file come from the OBJ frames."""
+    monkeypatch.chdir(tmp_path)
+    write_frames(Path("frames"), asset_text(), ASSET.vertices)
+    Path("cage.obj").write_text(quad_text(1.2))
+    if request.param == "obj":
+        return "frames"
+    assert run("extract", "frames", "--cage", "cage.obj", "-o", "first.h5", "-q").code == 0
+    name = f"clip.{'usda' if request.param == 'usd' else 'abc'}"
+    assert run("deform", "first.h5", "-o", name, "-q").code == 0
+    return name
+
+
+@pytest.mark.parametrize("out", OUTPUTS)
+def test_an_asset_survives(run, clip, out):
+    pattern, first, read = OUTPUTS[out]
+    assert run("extract", clip, "--cage", "cage.obj", "-o", "r.h5", "-q").code == 0
+    assert run("deform", "r.h5", "-o", pattern.format("model", "model"), "-q").code == 0
+    assert_kept(read(first.format("model", "model")), ASSET)
+    assert run("export", "r.h5", pattern.format("cages", "cages"), "-q").code == 0
+    assert_kept(read(first.format("cages", "cages")), CAGE)
+
+
+@pytest.mark.parametrize("kind", [("deform", "--flat"), ("export", "--skeleton")])
+def test_glb_has_the_triangles_of_each_material_with_their_uvs(run, clip, kind):
+    """Read by trimesh, which has one mesh per material, and v upward."""
+    command, option = kind
+    assert run("extract", clip, "--cage", "cage.obj", "-o", "r.h5", "-q").code == 0
+    target = ["-o", "out.glb"] if command == "deform" else ["out.glb"]
+    assert run(command, "r.h5", *target, option, "-q").code == 0
+    parts = trimesh.load_scene("out.glb", process=False).geometry.values()
+    found = {
+        (part.visual.material.name, tuple(np.round(corner, 5)))
+        for part in parts
+        for corner in part.visual.uv[part.faces].reshape(-1, 2)
+    }
+    expected = {
+        (name[2] or "plain", tuple(np.round(uv, 5)))
+        for name, uvs in zip(ASSET.names, ASSET.corner_uvs, strict=True)
+        for uv in uvs
+    }
+    assert {name for name, _ in expected} >= {name for name, _ in found}
+    assert found == expected
+
+
+def test_edited_cages_keep_their_quads(run, clip):
+    """Exported, edited by another program and read back, they move the model."""
+    assert run("extract", clip, "--cage", "cage.obj", "-o", "r.h5", "-q").code == 0
+    assert run("export", "r.h5", "edit/c_####.obj", "-q").code == 0
+    for path in Path("edit").iterdir():
+        path.write_text(path.read_text().replace("v ", "v 9", 1).replace("v 9-", "v -"))
+    assert run("deform", "r.h5", "--cages", "edit", "-o", "m/m_####.obj", "-q").code == 0
+    assert_kept(read_obj("m/m_0001.obj"), ASSET)
+
+
+def test_results_stay_results_of_splocs(run, clip):
+    assert run("extract", clip, "--cage", "cage.obj", "-o", "r.h5", "-q").code == 0
+    with h5py.File("r.h5") as file:
+        assert file["verts"].shape == (COUNT, 8, 3)
+        faces = file["tris"][:]
+    assert (faces.shape, set(faces.ravel())) == ((12, 3), set(range(8)))
+
+
+def test_a_clip_of_cages_is_one_of_quads(run, clip):
+    """A result is itself a clip: of its cages."""
+    assert run("extract", clip, "--cage", "cage.obj", "-o", "r.h5", "-q").code == 0
+    words = ("extract", "r.h5", "--cage", "big.obj", "-o", "again.h5", "-q")
+    Path("big.obj").write_text(quad_text(2.0))
+    assert run(*words).code == 0
+    assert run("deform", "again.h5", "-o", "c/c_####.obj", "-q").code == 0
+    assert_kept(read_obj("c/c_0001.obj"), CAGE)
+
+
+def test_info_says_what_a_file_keeps(run, clip):
+    assert run("extract", clip, "--cage", "cage.obj", "-o", "r.h5", "-q").code == 0
+    kept = "56 triangles of 27 polygons with texture coordinates, normals, 3 materials"
+    assert f"  model          30 vertices, {kept}" in run("info", "r.h5").out
+    found = run("info", "cage.obj").out
+    assert "  triangles      12 of 6 polygons with texture coordinates, normals, 1 mat" in found

@@ -1,0 +1,273 @@
+"""`cageik deform` and `cageik pose` of points without faces and of Gaussian splats."""
+
+import gzip
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import trimesh
+
+from cageik_cli.formats.points_ply import parse_points
+from tests.splats import covariances, encode_rows, make_splat_rows
+
+EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")
+HANDLES = {
+    "handles": [
+        {"name": "a", "vertex": 3, "offset": [0.1, 0.2, 0]},
+        {"name": "b", "vertex": 40, "pin": True},
+    ]
+}
+
+
+@pytest.fixture
+def result(run, folder):
+    assert run(*EXTRACT).code == 0
+    Path("h.json").write_text(json.dumps(HANDLES))
+    return folder
+
+
+@pytest.fixture
+def splats(result, animation):
+    rows = make_splat_rows(animation.rest, 60)
+    Path("splats.ply").write_bytes(encode_rows(rows))
+    return rows
+
+
+@pytest.fixture
+def cloud(splats):
+    rows = np.zeros(60, [*((axis, "<f4") for axis in "xyz"), ("red", "u1"), ("heat", "<f8")])
+    for axis in "xyz":
+        rows[axis] = splats[axis]
+    rows["red"], rows["heat"] = np.arange(60), np.linspace(0, 1, 60)
+    Path("cloud.ply").write_bytes(encode_rows(rows))
+    return rows
+
+
+def read(path):
+    return parse_points(Path(path).read_bytes()).rows
+
+
+def places(rows):
+    return np.stack([rows[axis] for axis in "xyz"], axis=1).astype(np.float64)
+
+
+def frames_in(folder):
+    return [read(path) for path in sorted(Path(folder).iterdir())]
+
+
+def test_points_move_with_their_properties(run, cloud):
+    outcome = run("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "out")
+    assert outcome.code == 0, outcome.err
+    assert "wrote out: 5 frames of 60 vertices" in outcome.err
+    frames = frames_in("out")
+    assert len(frames) == 5
+    for rows in frames:
+        np.testing.assert_array_equal(rows["red"], cloud["red"])
+        np.testing.assert_array_equal(rows["heat"], cloud["heat"])
+    assert abs(places(frames[4]) - places(cloud)).max() > 0.01
+
+
+@pytest.mark.parametrize("name", ["cloud.npz", "cloud.pc2", "cloud.mdd"])
+def test_positions_of_points_are_written_in_other_formats(run, cloud, name):
+    outcome = run("deform", "cages.h5", "--mesh", "cloud.ply", "-o", name)
+    assert outcome.code == 0, outcome.err
+    assert run("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "out", "-q").code == 0
+    if name.endswith("npz"):
+        with np.load(name) as arrays:
+            expected = np.stack([places(rows) for rows in frames_in("out")])
+            np.testing.assert_allclose(arrays["vertices"], expected, rtol=0, atol=1e-6)
+
+
+def test_packed_points_are_read(run, cloud):
+    Path("cloud.ply.gz").write_bytes(gzip.compress(Path("cloud.ply").read_bytes()))
+    words = ("deform", "cages.h5", "--mesh", "cloud.ply.gz", "-q")
+    assert run(*words, "-o", "all").code == 0
+    np.testing.assert_array_equal(frames_in("all")[2]["heat"], cloud["heat"])
+
+
+def test_points_are_moved_to_the_origin(run, cloud):
+    words = ("deform", "cages.h5", "--mesh", "cloud.ply", "-q")
+    assert run(*words, "-o", "here").code == 0
+    outcome = run(*words, "-o", "there", "--recentre")
+    assert outcome.code == 0, outcome.err
+    offset = json.loads(Path("there.offset.json").read_text())["offset"]
+    for one, other in zip(frames_in("here"), frames_in("there"), strict=True):
+        np.testing.assert_allclose(places(other) + offset, places(one), rtol=0, atol=1e-6)
+
+
+def test_a_folder_of_points_is_replaced_only_if_asked(run, cloud):
+    words = ("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "out", "-q")
+    assert run(*words).code == 0
+    refused = run(*words)
+    assert refused.code == 1
+    assert "out: " in refused.err
+    assert run(*words, "--overwrite").code == 0
+    assert run("deform", "cages.h5", "-o", "out", "--overwrite").code == 1, "they are no .obj"
+
+
+def test_points_of_a_mesh_move_as_its_vertices(run, result, animation):
+    rest = animation.rest
+    Path("points.ply").write_bytes(trimesh.PointCloud(rest.vertices).export(file_type="ply"))
+    assert run("deform", "cages.h5", "--mesh", "points.ply", "-o", "points.npz", "-q").code == 0
+    assert run("deform", "cages.h5", "-o", "mesh.npz", "-q").code == 0
+    found, expected = (np.load(name)["vertices"] for name in ("points.npz", "mesh.npz"))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+
+
+def test_points_outside_are_refused_or_taken_to_the_cage(run, cloud):
+    cloud["x"][7] += 20
+    Path("cloud.ply").write_bytes(encode_rows(cloud))
+    words = ("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "out")
+    refused = run(*words)
+    assert refused.code == 1
+    assert "1 of 60 vertices of cloud.ply are outside the cage" in refused.err
+    assert "--outside project" in refused.err
+    assert not Path("out").exists()
+    assert run(*words, "--outside", "project").code == 0
+
+
+def test_splats_move_as_their_rest_pose_says(run, splats):
+    """The first frame is the rest pose: nothing changes."""
+    outcome = run("deform", "cages.h5", "--mesh", "splats.ply", "-o", "out/s_####.ply")
+    assert outcome.code == 0, outcome.err
+    frames = frames_in("out")
+    assert len(frames) == 5
+    with h5py.File("cages.h5") as file:
+        moved = abs(file["verts"][0] - file["cage/verts"][:]).max()
+    np.testing.assert_allclose(places(frames[0]), places(splats), rtol=0, atol=2 * moved + 1e-6)
+    for rows in frames:
+        for name in ("opacity", "nx", "f_dc_0"):
+            np.testing.assert_array_equal(rows[name], splats[name])
+    assert abs(covariances(frames[4]) / covariances(splats) - 1).max() > 1e-3
+
+
+def test_splats_have_the_same_bytes_with_any_memory_and_threads(run, splats):
+    words = ("deform", "cages.h5", "--mesh", "splats.ply", "-q")
+    assert run(*words, "-o", "one", "--jobs", "1").code == 0
+    assert run(*words, "-o", "two", "--jobs", "2", "--memory", "1MiB").code == 0
+    names = sorted(path.name.removeprefix("one_") for path in Path("one").iterdir())
+    assert len(names) == 5
+    for name in names:
+        assert Path("one", f"one_{name}").read_bytes() == Path("two", f"two_{name}").read_bytes()
+
+
+def test_splats_are_written_as_usd(run, splats):
+    usd = pytest.importorskip("pxr.Usd")
+    outcome = run("deform", "cages.h5", "--mesh", "splats.ply", "-o", "s.usdc")
+    assert outcome.code == 0, outcome.err
+    stage = usd.Stage.Open("s.usdc")
+    prim = stage.GetPrimAtPath("/splats/splats")
+    assert prim.GetAttribute("positions").GetNumTimeSamples() == 5
+
+
+def test_splats_that_are_turned_inside_out_are_counted(run, splats, write_obj, animation):
+    cage = animation.cage
+    write_obj(Path("mirrored/c_1.obj"), cage.vertices * [-1, 1, 1], cage.faces)
+    write_obj(Path("mirrored/c_2.obj"), cage.vertices * [1, 0, 1], cage.faces)
+    words = ("deform", "cages.h5", "--mesh", "splats.ply", "-o", "out", "--cages", "mirrored")
+    outcome = run(*words)
+    assert outcome.code == 0, outcome.err
+    text = " ".join(outcome.err.split())
+    assert "60 of 120 moved splats are turned inside out" in text
+    assert "60 of 120 moved splats are flattened" in text
+
+
+REFUSED = {
+    "points as a mesh": ("cloud.ply", ["-o", "out/a_#.obj"], "a cloud of points; write .ply, .npz"),
+    "points as USD": ("cloud.ply", ["-o", "a.usdc"], "a cloud of points; write .ply, .npz"),
+    "splats as arrays": ("splats.ply", ["-o", "a.npz"], "Gaussian splats; write .ply, .usd"),
+    "splats of few influences": (
+        "splats.ply",
+        ["-o", "out", "--influences", "4"],
+        "splats.ply: is a file of Gaussian splats, and weights of few influences are",
+    ),
+    "points of few influences": (
+        "cloud.ply",
+        ["-o", "out", "--influences", "4"],
+        "cloud.ply: is a cloud of points, and weights of few influences are",
+    ),
+    "splats of mean values": (
+        "splats.ply",
+        ["-o", "out", "--coordinates", "mean-value"],
+        "splats.ply: splats need gradients of weights",
+    ),
+    "splats moved to the origin": (
+        "splats.ply",
+        ["-o", "out", "--recentre"],
+        "splats.ply: is a file of Gaussian splats, which --recentre cannot move",
+    ),
+    "damaged": ("damaged.ply", ["-o", "out"], "damaged.ply: announces 60 points"),
+    "splats without a property": ("part.ply", ["-o", "out"], "part.ply: is a file of Gaussian"),
+    "not finite": ("nan.ply", ["-o", "out"], "nan.ply: vertex 3 is (nan"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_done_is_said(run, cloud, splats, case):
+    name, words, expected = REFUSED[case]
+    Path("damaged.ply").write_bytes(Path("splats.ply").read_bytes()[:-9])
+    Path("part.ply").write_bytes(Path("splats.ply").read_bytes().replace(b"rot_3", b"rat_3"))
+    cloud["x"][3] = np.nan
+    Path("nan.ply").write_bytes(encode_rows(cloud))
+    outcome = run("deform", "cages.h5", "--mesh", name, *words)
+    assert outcome.code == 1, outcome.err
+    assert expected in " ".join(outcome.err.split())
+    assert not Path("out").exists()
+
+
+def test_points_are_posed(run, cloud):
+    words = ("pose", "cloud.ply", "h.json", "--cage", "cage.obj")
+    outcome = run(*words, "-o", "posed.ply", "--plot", "posed.png")
+    assert outcome.code == 0, outcome.err
+    rows = read("posed.ply")
+    np.testing.assert_array_equal(rows["heat"], cloud["heat"])
+    np.testing.assert_allclose(places(rows)[3] - places(cloud)[3], [0.1, 0.2, 0], rtol=0, atol=1e-2)
+    refused = run(*words, "-o", "posed.obj")
+    assert refused.code == 1
+    assert "cloud.ply, which is a cloud of points; write a .ply" in " ".join(refused.err.split())
+
+
+def test_splats_are_posed(run, splats):
+    outcome = run("pose", "splats.ply", "h.json", "--cage", "cage.obj", "-o", "posed.ply")
+    assert outcome.code == 0, outcome.err
+    rows = read("posed.ply")
+    np.testing.assert_array_equal(rows["opacity"], splats["opacity"])
+    moved = places(rows)[3] - places(splats)[3]
+    np.testing.assert_allclose(moved, [0.1, 0.2, 0], rtol=0, atol=1e-2)
+    assert abs(covariances(rows) / covariances(splats) - 1).max() > 1e-3
+
+
+def test_a_pose_of_splats_needs_gradients(run, splats):
+    words = ("--cage", "cage.obj", "-o", "posed.ply", "--coordinates", "mean-value")
+    outcome = run("pose", "splats.ply", "h.json", *words)
+    assert outcome.code == 1
+    assert "splats.ply: splats need gradients of weights" in outcome.err
+    assert not Path("posed.ply").exists()
+
+
+def test_info_says_what_a_file_of_points_holds(run, cloud):
+    outcome = run("info", "cloud.ply")
+    assert outcome.code == 0
+    assert "a cloud of points" in outcome.out
+    assert "x, y, z, red, heat" in outcome.out
+    outcome = run("info", "splats.ply")
+    assert "a file of Gaussian splats" in outcome.out
+    assert "spherical harmonics up to band 3" in outcome.out
+
+
+PLACES = {
+    "face": {"face": 0, "barycentric": [0.2, 0.3, 0.5]},
+    "position": {"position": [0.5, 0.5, 0.5]},
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_handles_of_points_are_vertices(run, cloud, place):
+    handle = {"name": "a", "offset": [0.1, 0, 0], **PLACES[place]}
+    Path("h.json").write_text(json.dumps({"handles": [handle]}))
+    words = ("--cage", "cage.obj", "-o", "posed.ply", "--snap", "5%")
+    outcome = run("pose", "cloud.ply", "h.json", *words)
+    assert outcome.code == 1
+    assert "a cloud of points and has no surface; name one of its points" in outcome.err

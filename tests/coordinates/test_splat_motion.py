@@ -1,0 +1,178 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cageik_cli.cages.bind import bind
+from cageik_cli.coordinates import splat_motion
+from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.coordinates.splat_motion import SplatMotion
+from cageik_cli.formats.points_ply import parse_points, place_positions
+from cageik_cli.formats.splat_ply import place_splats, read_splats
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.points import PointCloud
+from cageik_cli.util.errors import FormatError, SettingError
+from tests.shapes import ball
+from tests.splats import covariances, encode_rows, make_splat_rows
+
+CAGE = ball(1, 1.0)
+COUNT = 3000
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """In double precision, so that the file's types lose nothing."""
+    held = make_splat_rows(ball(2, 0.8), COUNT, 1)
+    return held.astype([(name, "<f8") for name in held.dtype.names])
+
+
+@pytest.fixture(scope="module")
+def points(rows):
+    return parse_points(encode_rows(rows))
+
+
+@pytest.fixture(scope="module")
+def binding(points):
+    settings = BindSettings(accuracy="preview")
+    return bind(PointCloud.from_points(points.positions), CAGE, settings)
+
+
+@pytest.fixture
+def small_blocks(monkeypatch):
+    monkeypatch.setattr(splat_motion, "SPLATS_PER_BLOCK", 700)
+    monkeypatch.setattr(splat_motion, "GRADIENT_BYTES", 2 * 24 * 18 * 700)
+
+
+def move(motion, points, cage):
+    out = points.rows.copy()
+    faults = []
+    for number in range(len(motion)):
+        block = motion.move(number, cage[None])
+        place_positions(out[block.chosen], block.places[0].T)
+        place_splats(out[block.chosen], block.splats[0])
+        faults.append(block.faults)
+    return out, faults
+
+
+AFFINE = {
+    "turn": Rotation.from_rotvec([0.4, -0.8, 2.0]).as_matrix(),
+    "stretch": np.diag([2.0, 1.0, 0.25]),
+    "shear": np.array([[1, 0.7, 0], [0, 1, -0.4], [0.2, 0, 1.0]]),
+}
+
+
+@pytest.mark.parametrize("name", AFFINE)
+def test_affine_motions_move_covariances(small_blocks, binding, points, rows, name):
+    motion = SplatMotion(binding, read_splats(points), 1 << 30, 2)
+    linear, shift = AFFINE[name], np.array([10.0, -3, 5])
+    out, _ = move(motion, points, CAGE.vertices @ linear.T + shift)
+    places = np.stack([out[axis] for axis in "xyz"], axis=1)
+    np.testing.assert_allclose(places, points.positions @ linear.T + shift, rtol=0, atol=1e-11)
+    expected = linear @ covariances(rows) @ linear.T
+    size = np.abs(expected).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(covariances(out) / size, expected / size, rtol=0, atol=1e-9)
+
+
+def test_a_bent_cage_moves_them_by_its_derivative(binding, points, rows):
+    """That of the places, by differences of weights at points beside them."""
+    motion = SplatMotion(binding, read_splats(points), 1 << 30, 2)
+    x, y, z = CAGE.vertices.T
+    bent = np.stack([x + 0.3 * y * y, y + 0.2 * x * z, z - 0.2 * x * y], axis=1)
+    out, faults = move(motion, points, bent)
+    field = splat_motion.HarmonicField.solve(CAGE, points.positions, "preview")
+    some = points.positions[:50]
+    step = 1e-4
+    maps = np.stack(
+        [
+            (field.evaluate(some + s) - field.evaluate(some - s)) @ bent / (2 * step)
+            for s in step * np.eye(3)
+        ],
+        axis=2,
+    )
+    expected = maps @ covariances(rows[:50]) @ maps.swapaxes(1, 2)
+    size = np.abs(expected).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(covariances(out[:50]) / size, expected / size, rtol=0, atol=1e-5)
+    assert sum(fault.mirrored + fault.flat for fault in faults) == 0
+
+
+def test_colours_turn_with_the_splats(binding, points, rows):
+    motion = SplatMotion(binding, read_splats(points), 1 << 30, 2)
+    turn = AFFINE["turn"]
+    out, _ = move(motion, points, CAGE.vertices @ turn.T)
+    # In the first band, the coefficients are the components -y, z, -x of a vector.
+    before = np.stack([-rows["f_rest_2"], -rows["f_rest_0"], rows["f_rest_1"]])
+    after = np.stack([-out["f_rest_2"], -out["f_rest_0"], out["f_rest_1"]])
+    np.testing.assert_allclose(after, turn @ before, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("linear", "expected"),
+    [(np.diag([1, 1, -1.0]), (COUNT, 0)), (np.diag([1, 1, 0.0]), (0, COUNT))],
+)
+def test_lost_shapes_are_counted(binding, points, linear, expected):
+    motion = SplatMotion(binding, read_splats(points), 1 << 30, 1)
+    out, faults = move(motion, points, CAGE.vertices @ linear)
+    found = sum(fault.mirrored for fault in faults), sum(fault.flat for fault in faults)
+    assert found == expected
+    assert all(np.isfinite(out[name]).all() for name in out.dtype.names)
+
+
+def test_a_temporary_file_gives_the_same_bytes(small_blocks, binding, points):
+    held, mapped = (SplatMotion(binding, read_splats(points), room, 2) for room in (1 << 30, 0))
+    assert not isinstance(held._stored, np.memmap)
+    assert isinstance(mapped._stored, np.memmap)
+    cage = CAGE.vertices @ AFFINE["shear"]
+    assert move(held, points, cage)[0].tobytes() == move(mapped, points, cage)[0].tobytes()
+
+
+@pytest.mark.parametrize("depth", [1e-13, 1e-11, 1e-9])
+def test_splats_outside_by_rounding_move_as_those_on_the_cage(rows, depth):
+    """They count as on the cage, and so are not refused."""
+    near = rows[:200].copy()
+    corner = CAGE.vertices[CAGE.faces]
+    centre = corner.mean(axis=1)
+    outward = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    for axis, values in zip("xyz", (centre + depth * outward).T, strict=True):
+        near[axis][: len(centre)] = values
+    points = parse_points(encode_rows(near))
+    binding = bind(PointCloud.from_points(points.positions), CAGE, BindSettings(accuracy="preview"))
+    motion = SplatMotion(binding, read_splats(points), 1 << 30, 1)
+    linear = AFFINE["shear"]
+    out, _ = move(motion, points, CAGE.vertices @ linear.T)
+    expected = linear @ covariances(near) @ linear.T
+    size = np.abs(expected).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(covariances(out) / size, expected / size, rtol=0, atol=1e-9)
+
+
+def test_splats_outside_move_with_the_nearest_point_of_the_cage(rows):
+    outer = rows[:100].copy()
+    for axis in "xyz":
+        outer[axis][0] *= 1.6
+    points = parse_points(encode_rows(outer))
+    cloud = PointCloud.from_points(points.positions)
+    binding = bind(cloud, CAGE, BindSettings(accuracy="preview", outside="project"))
+    assert binding.projected == 1
+    motion = SplatMotion(binding, read_splats(points), 1 << 30, 1)
+    linear = AFFINE["shear"]
+    out, _ = move(motion, points, CAGE.vertices @ linear.T)
+    expected = linear @ covariances(outer) @ linear.T
+    size = np.abs(expected).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(covariances(out) / size, expected / size, rtol=0, atol=1e-9)
+
+
+def test_weights_without_gradients_are_refused(points):
+    cloud = PointCloud.from_points(points.positions)
+    binding = bind(cloud, CAGE, BindSettings("mean-value"))
+    with pytest.raises(SettingError, match="--coordinates harmonic"):
+        SplatMotion(binding, read_splats(points), 1 << 30, 1)
+
+
+def test_a_cloud_is_a_mesh_without_faces():
+    cloud = PointCloud.from_points(CAGE.vertices)
+    assert repr(cloud) == "<PointCloud: 18 points>"
+    assert not cloud.is_closed
+    with pytest.raises(ValueError, match="read-only"):
+        cloud.vertices[0] = 1
+    with pytest.raises(FormatError, match="has no faces"):
+        PointCloud(CAGE.vertices, CAGE.faces)
+    assert isinstance(cloud, TriMesh)

@@ -1,0 +1,207 @@
+import numpy as np
+import pytest
+import trimesh
+
+from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.points_ply import PointWriter, parse_points, place_positions
+from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.splat_ply import holds_splats, place_splats, read_splats
+from cageik_cli.geometry.points import PointCloud
+from cageik_cli.util.errors import FormatError, OutputError
+from tests.formats.test_fuzz_readers import damaged
+from tests.shapes import ball
+from tests.splats import covariances, encode_rows, make_splat_rows
+
+KIND = [("x", "<f4"), ("red", "u1"), ("y", "<f8"), ("z", "<f4"), ("label", "<i2"), ("nx", "<f4")]
+
+
+def make_rows(count=7):
+    random = np.random.default_rng(0)
+    rows = np.zeros(count, KIND)
+    for name in "xyz":
+        rows[name] = random.normal(size=count)
+    rows["red"], rows["label"], rows["nx"] = random.integers(0, 200, count), -5, 0.25
+    return rows
+
+
+@pytest.mark.parametrize("text", [False, True])
+def test_all_properties_come_back(text):
+    rows = make_rows()
+    points = parse_points(encode_rows(rows, text))
+    np.testing.assert_array_equal(points.rows, rows)
+    expected = np.stack([rows[name] for name in "xyz"], axis=1)
+    np.testing.assert_array_equal(points.positions, expected)
+    assert points.encode(points.rows) == encode_rows(rows)
+
+
+def test_big_endian_files_stay_so():
+    rows = make_rows().astype([(name, kind.replace("<", ">")) for name, kind in KIND])
+    data = encode_rows(make_rows()).replace(b"little", b"big").split(b"end_header\n")[0]
+    data += b"end_header\n" + rows.tobytes()
+    points = parse_points(data)
+    np.testing.assert_array_equal(points.rows["label"], -5)
+    assert points.encode(points.rows) == data
+
+
+def test_what_follows_the_points_of_a_binary_file_is_kept():
+    camera = b"element camera 2\nproperty float view\n"
+    data = encode_rows(make_rows(), extra=camera) + np.ones(2, "<f4").tobytes()
+    points = parse_points(data)
+    assert points.encode(points.rows) == data
+
+
+def test_a_frame_differs_in_its_positions_alone(tmp_path):
+    rows = make_rows()
+    points = parse_points(encode_rows(rows))
+    cloud = PointCloud.from_points(points.positions)
+    animation = Animation(cloud, 2, Scene(start=1), "cloud")
+    writer = PointWriter(tmp_path / "p_##.ply", animation, points)
+    writer.append(np.stack([points.positions, points.positions + 1]))
+    writer.complete()
+    assert (tmp_path / "p_01.ply").read_bytes() == encode_rows(rows)
+    moved = parse_points((tmp_path / "p_02.ply").read_bytes()).rows
+    for name, _ in KIND:
+        shift = 1 if name in "xyz" else 0
+        np.testing.assert_allclose(moved[name], rows[name] + shift, rtol=0, atol=1e-6)
+
+
+def test_other_programs_read_what_is_written(tmp_path):
+    rows = make_rows()
+    points = parse_points(encode_rows(rows, text=True))
+    (tmp_path / "p.ply").write_bytes(points.encode(points.rows))
+    loaded = trimesh.load(tmp_path / "p.ply")
+    np.testing.assert_allclose(loaded.vertices, points.positions, rtol=0, atol=1e-12)
+
+
+def test_meshes_and_other_files_are_left_to_their_readers():
+    assert parse_points(ball(1).vertices.tobytes()) is None
+    mesh = trimesh.Trimesh(ball(1).vertices, ball(1).faces, process=False)
+    assert parse_points(mesh.export(file_type="ply")) is None
+    assert parse_points(b"ply\nformat binary_little_endian 1.0\nelement vertex many\n") is None
+    assert parse_points(b"ply\nformat binary_middle_endian 1.0\nend_header\n") is None
+
+
+def replace_in(old, new, text=False):
+    data = encode_rows(make_rows(), text)
+    assert old in data
+    return data.replace(old, new, 1)
+
+
+FAULTS = {
+    "too few bytes": (encode_rows(make_rows())[:-1], "announces 7 points of at least 23 bytes"),
+    "absurd count": (replace_in(b"vertex 7", b"vertex 99999999999"), "99999999999 points"),
+    "absurd count of a text": (replace_in(b"vertex 7", b"vertex 99999999999", True), "cut short"),
+    "negative count": (replace_in(b"vertex 7", b"vertex -7"), "has no points"),
+    "no points": (replace_in(b"vertex 7", b"vertex 0"), "has no points"),
+    "no z": (replace_in(b"double y", b"double why"), "no property `y`"),
+    "whole y": (replace_in(b"double y", b"int64 y"), "`y` is a whole number"),
+    "a list": (replace_in(b"uchar red", b"list uchar int red"), "a list"),
+    "chunks first": (
+        replace_in(b"element vertex", b"element chunk 0\nproperty float min_x\nelement vertex"),
+        "`chunk` before its points",
+    ),
+    "strange name": (replace_in(b"uchar red", "uchar größe".encode()), "not plain text"),
+    "text too short": (encode_rows(make_rows(), True)[:-60], "not rows of 6 numbers"),
+    "text with a row too few": (replace_in(b"vertex 7", b"vertex 8", True), "holds 7"),
+    "text too long": (encode_rows(make_rows(), True) + b"1 2 3 4 5 6\n", "holds more"),
+    "text with words": (replace_in(b"0.25", b"none", True), "not a sound PLY"),
+    "text with others": (
+        encode_rows(make_rows(), True, b"element camera 1\nproperty float view\n") + b"1\n",
+        "has `camera` besides",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_are_named(fault):
+    data, expected = FAULTS[fault]
+    with pytest.raises(FormatError) as caught:
+        parse_points(data)
+    assert expected in str(caught.value)
+
+
+def test_a_position_too_large_for_its_property_is_refused():
+    rows = make_rows()
+    with pytest.raises(OutputError, match="1e\\+39 is too large"):
+        place_positions(rows, np.full((7, 3), 1e39))
+
+
+def test_splats_are_known_by_their_properties():
+    splats = parse_points(encode_rows(make_splat_rows(ball(1), 20)))
+    assert holds_splats(splats)
+    assert not holds_splats(parse_points(encode_rows(make_rows())))
+
+
+@pytest.mark.parametrize("degree", range(4))
+def test_splats_at_rest_come_back(degree):
+    rows = make_splat_rows(ball(1), 20, degree)
+    splats = read_splats(parse_points(encode_rows(rows)))
+    assert splats.harmonics.shape == (3, (degree + 1) ** 2 - 1, 20)
+    out = rows.copy()
+    place_splats(out, splats)
+    for name in rows.dtype.names:
+        if not name.startswith("rot_"):  # their length is not kept
+            np.testing.assert_allclose(out[name], rows[name], rtol=2e-7)
+    np.testing.assert_allclose(covariances(out), covariances(rows), rtol=0, atol=1e-7)
+
+
+def test_the_coefficients_of_a_colour_are_together():
+    rows = make_splat_rows(ball(1), 20, 2)
+    splats = read_splats(parse_points(encode_rows(rows)))
+    np.testing.assert_array_equal(splats.harmonics[1, 3], rows["f_rest_11"])
+
+
+def change(name, value):
+    rows = make_splat_rows(ball(1), 20)
+    for each in name if isinstance(name, list) else [name]:
+        rows[each][4] = value
+    return rows
+
+
+def without(*names):
+    rows = make_splat_rows(ball(1), 20)
+    return rows[[name for name in rows.dtype.names if name not in names]].astype(
+        [(name, "<f4") for name in rows.dtype.names if name not in names]
+    )
+
+
+SPLAT_FAULTS = {
+    "nan": (change("f_rest_7", np.nan), "`f_rest_7` of splat 4 (from 0) is nan"),
+    "infinite": (change("scale_1", np.inf), "`scale_1` of splat 4 (from 0) is inf"),
+    "huge": (change("scale_1", 500), "`scale_1` of splat 4 (from 0) is 500, expected at most 80"),
+    "no turn": (change([f"rot_{k}" for k in range(4)], 0), "`rot_0` of splat 4"),
+    "two axes": (without("scale_2"), "without `scale_2`"),
+    "no opacity": (without("opacity"), "without `opacity`"),
+    "gap": (without("f_rest_3"), "without `f_rest_3`"),
+    "odd count": (without("f_rest_44"), "44 properties f_rest_*"),
+}
+
+
+@pytest.mark.parametrize("fault", SPLAT_FAULTS)
+def test_faults_of_splats_are_named(fault):
+    rows, expected = SPLAT_FAULTS[fault]
+    with pytest.raises(FormatError) as caught:
+        read_splats(parse_points(encode_rows(rows)))
+    assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["cloud", "text", "splats"])
+def test_damaged_files_are_read_or_refused(kind):
+    """Sound points or a sentence, whatever is wrong."""
+    rows = make_splat_rows(ball(1), 20) if kind == "splats" else make_rows()
+    sound = encode_rows(rows, text=kind == "text")
+    random = np.random.default_rng(3)
+    outcomes = set()
+    for _ in range(400):
+        try:
+            points = parse_points(bytes(damaged(sound, random)))
+            if points is not None:
+                PointCloud.from_points(points.positions)
+                if holds_splats(points):
+                    read_splats(points)
+        except FormatError:
+            outcomes.add("refused")
+        else:
+            outcomes.add("read" if points is not None else "left")
+    assert "refused" in outcomes
+    assert "read" in outcomes

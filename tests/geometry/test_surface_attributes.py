@@ -1,0 +1,168 @@
+"""Polygons and their attributes: the same surface however it is turned, cut or split."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cageik_cli.formats.obj.frames import Reader
+from cageik_cli.formats.obj.parse import parse_obj
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.normals import compute_area_vectors, compute_fan_normals
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
+from cageik_cli.geometry.surface_parts import MAX_NAMES, FaceLabels, Subdivision, UvMap
+from cageik_cli.geometry.triangle_attributes import cut_attributes
+from cageik_cli.util.errors import FormatError
+from tests.assets import SIDES, asset_text, parse_asset
+from tests.shapes import box, quad_text
+
+
+def read(text):
+    return Reader.read_attributes(text.encode(), parse_obj(text.encode())).make_mesh()
+
+
+ASSET = read(asset_text())
+QUADS = np.array([0, 1, 3, 2, 4, 6, 7, 5, 0, 4, 5, 1, 2, 3, 7, 6, 0, 2, 6, 4, 1, 5, 7, 3])
+PLAIN = SurfaceAttributes(np.full(6, 4), QUADS)
+
+
+def test_a_reversed_surface_shows_its_other_side_and_twice_is_itself():
+    turned = ASSET.flip()
+    assert turned.volume == pytest.approx(-ASSET.volume, rel=1e-12)
+    assert turned.fan_triangulated.volume == pytest.approx(-ASSET.volume, rel=1e-12)
+    turned.attributes.check_cut(turned.faces)
+    areas = compute_area_vectors(ASSET.attributes, ASSET.vertices)
+    np.testing.assert_allclose(
+        compute_area_vectors(turned.attributes, ASSET.vertices), -areas, atol=1e-15
+    )
+    back = turned.attributes.reverse()
+    for name in ("corners", "normal_fans"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(ASSET.attributes, name))
+    np.testing.assert_array_equal(back.uvs.indices, ASSET.attributes.uvs.indices)
+
+
+def test_corners_keep_their_uvs_when_reversed():
+    def pairs(attributes):
+        return set(zip(attributes.corners.tolist(), attributes.uvs.indices.tolist(), strict=True))
+
+    assert pairs(ASSET.attributes.reverse()) == pairs(ASSET.attributes)
+
+
+def test_areas_of_polygons_are_the_sums_of_their_triangles():
+    a, b, c = (ASSET.vertices[corner] for corner in ASSET.faces.T)
+    sums = np.zeros((len(ASSET.attributes.corner_counts), 3))
+    np.add.at(sums, ASSET.attributes.triangle_polygons, np.cross(b - a, c - a))
+    found = compute_area_vectors(ASSET.attributes, ASSET.vertices)
+    np.testing.assert_allclose(found, sums, atol=1e-15)
+
+
+def test_normals_are_units_that_turn_with_the_mesh():
+    normals = compute_fan_normals(ASSET.attributes, ASSET.vertices)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, rtol=1e-12)
+    turn = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0.0]])
+    np.testing.assert_allclose(
+        compute_fan_normals(ASSET.attributes, 1e-60 * ASSET.vertices @ turn),
+        normals @ turn,
+        atol=1e-9,
+    )
+
+
+def test_a_normal_without_area_has_some_direction():
+    normals = compute_fan_normals(ASSET.attributes, np.zeros(ASSET.vertices.shape))
+    np.testing.assert_array_equal(normals, np.tile([0, 0, 1.0], (len(normals), 1)))
+
+
+def test_normals_of_several_vertices_are_told_apart():
+    fans = number_normal_fans(np.array([5, 5, 7, 7, 5]), np.array([0, 0, 0, 1, -1]))
+    assert fans.tolist() == [0, 0, 1, 2, -1]
+    assert number_normal_fans(np.array([1]), np.array([-1])).tolist() == [-1]
+
+
+def test_triangles_have_what_the_text_says():
+    """Each corner of each triangle has the UV and the material of its polygon."""
+    cut, text = cut_attributes(ASSET), parse_asset(asset_text())
+    ends = np.repeat(np.arange(len(text.polygons)), [len(p) - 2 for p in text.polygons])
+    assert [cut.material_names[k] for k in cut.materials] == [text.names[p][2] for p in ends]
+    for triangle, uvs, polygon in zip(ASSET.faces, cut.uvs, ends, strict=True):
+        places = [text.polygons[polygon].index(vertex) for vertex in triangle]
+        np.testing.assert_array_equal(uvs, [text.corner_uvs[polygon][place] for place in places])
+    given = np.unique(np.column_stack([ASSET.faces.ravel(), cut.uvs.reshape(-1, 2)]), axis=0)
+    # The seam of the tube, and the edges of its caps, part vertices; no others.
+    assert len(given) == (SIDES + 1) ** 2 + 2 * SIDES
+
+
+def test_triangles_have_the_normals_of_their_corners():
+    cut = cut_attributes(ASSET)
+    pairs = np.column_stack([ASSET.faces.ravel(), cut.normal_fans.ravel()])
+    expected = np.column_stack([ASSET.attributes.corners, ASSET.attributes.normal_fans])
+    np.testing.assert_array_equal(np.unique(pairs, axis=0), np.unique(expected, axis=0))
+
+
+def test_corners_without_uvs_are_at_zero():
+    cut = cut_attributes(read(quad_text(1).replace("f 1/1/1 ", "f 1//1 ", 1)))
+    assert cut.uvs[0, 0].tolist() == [0, 0]
+
+
+def test_triangles_alone_have_nothing():
+    cut = cut_attributes(box())
+    assert (cut.uvs, cut.normal_fans, cut.materials, cut.material_names) == (None, None, None, ())
+    bare = cut_attributes(TriMesh(box().vertices, box().faces, PLAIN))
+    assert (bare.uvs, bare.normal_fans, bare.materials) == (None, None, None)
+
+
+def test_names_with_their_polygons():
+    labels = FaceLabels(("a", "unused", "b"), np.array([2, 0, -1, 2]))
+    found = [(name, polygons.tolist()) for name, polygons in labels.list_members()]
+    assert found == [("a", [1]), ("b", [0, 3])]
+    assert FaceLabels.from_texts(["", ""]) is None
+    made = FaceLabels.from_texts(["b", "", "a", "b"])
+    assert (made.names, made.indices.tolist()) == (("b", "a"), [0, -1, 1, 0])
+
+
+def test_what_is_plain():
+    assert SurfaceAttributes(np.full(12, 3), box().faces.ravel()).is_plain
+    assert not PLAIN.is_plain
+    for change in (
+        {"subdivision": Subdivision("catmullClark")},
+        {"material_library": "a.mtl"},
+        {"colours": np.zeros((8, 3))},
+    ):
+        assert not replace(
+            SurfaceAttributes(np.full(12, 3), box().faces.ravel()), **change
+        ).is_plain
+
+
+WRONG = {
+    "too many names": lambda: FaceLabels(tuple(map(str, range(MAX_NAMES + 1))), np.zeros(1, int)),
+    "UVs as a list": lambda: UvMap(np.zeros(4), np.zeros(1, int)),
+    "UVs of text": lambda: UvMap(np.zeros((2, 2)), np.array(["0"])),
+    "normals of others": lambda: replace(PLAIN, normal_fans=np.zeros(3, int)),
+    "UVs of others": lambda: replace(PLAIN, uvs=UvMap(np.zeros((1, 2)), np.zeros(3, int))),
+    "labels of others": lambda: replace(PLAIN, groups=FaceLabels(("a",), np.zeros(5, int))),
+    "colours of two": lambda: replace(PLAIN, colours=np.zeros((8, 2))),
+    "sharp vertices": lambda: Subdivision("none", corner_vertices=np.array([1])),
+    "other triangles": lambda: TriMesh(box().vertices, box().faces[:-1], PLAIN),
+    "other vertices": lambda: TriMesh(box().vertices[:-1], box().faces[:2] * 0, PLAIN),
+    "other colours": lambda: replace(box(), attributes=replace(PLAIN, colours=np.zeros((7, 3)))),
+}
+
+
+@pytest.mark.parametrize("make", WRONG.values(), ids=WRONG)
+def test_parts_that_do_not_agree_are_refused(make):
+    with pytest.raises(FormatError):
+        make()
+
+
+def test_arrays_are_read_only():
+    with pytest.raises(ValueError, match="read-only"):
+        ASSET.attributes.corners[0] = 1
+
+
+def test_a_description_names_what_there_is():
+    assert PLAIN.description == "6 polygons"
+    assert ASSET.attributes.description == (
+        "27 polygons with texture coordinates, normals, 3 materials, 3 groups, 1 object"
+    )
+    whole = SurfaceAttributes(np.array([24]), QUADS)
+    rich = replace(whole, colours=np.zeros((8, 3)), subdivision=Subdivision("loop"))
+    assert rich.description == "1 polygon with colours, scheme loop"
