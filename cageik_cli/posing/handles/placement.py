@@ -130,7 +130,7 @@ class _PointFinder:
         if percent > self._max_snap_percent:
             raise HandlesError(
                 f"is {away:.3g} away from the surface ({percent:.3g} % of the diagonal, at most "
-                f"{self._max_snap_percent:g} %); the closest point is on "
+                f"{self._max_snap_percent:g} %); the closest point is at "
                 f"{self._format_place(point)}; correct the position, or allow it with --snap "
                 f"{_round_up(percent)}%"
             )

@@ -1,11 +1,14 @@
 """Scripts without what only their readers need."""
 
 import re
+import shutil
+import subprocess
 from importlib.resources import files
 
 import pytest
 
 from cageik_cli.report.html.scripts import shorten_script
+from cageik_cli.report.html.templating import VIEW_SCRIPTS
 
 SCRIPTS = [*(files("cageik_cli.report.html") / "templates" / "player").iterdir()]
 
@@ -53,3 +56,20 @@ def test_our_scripts_keep_to_what_is_known(path):
 )
 def test_other_scripts_are_found_out(line):
     assert set(find_faults(f"const a = 1;\n{line}\ng();\n")) == {line}
+
+
+def parses(script, path):
+    """Whether Node finds no fault in a script."""
+    path.write_text(script)
+    found = subprocess.run(
+        [shutil.which("node"), "--check", path], capture_output=True, check=False
+    )
+    return found.returncode == 0
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="Node reads the script, and is not here")
+def test_the_shortened_scripts_are_one_script(tmp_path):
+    folder = files("cageik_cli.report.html") / "templates" / "player"
+    whole = "".join(shorten_script((folder / f"{name}.js").read_text()) for name in VIEW_SCRIPTS)
+    assert parses(whole, tmp_path / "whole.js")
+    assert not parses(whole.replace("}", "", 1), tmp_path / "broken.js")

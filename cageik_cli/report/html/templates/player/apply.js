@@ -14,7 +14,7 @@ async function applyHandles(url, file, rounds, tell) {
   const { job } = await ask(`${url}?rigidity=${rounds}`, options);
   for (;;) {
     const { job: last, state, stage, done, total, rows, written, error } = await ask("status");
-    if (last !== job) throw new Error("another page has applied its handles since");
+    if (last !== job) throw new Error("another edit has run since; look at its output, and apply again if it is not yours");
     if (state === "failed") throw new Error(error);
     if (state === "done") return [`wrote ${written.join(", ")}`, ...rows.filter(([label]) => label === "note").map(([, text]) => text)].join("; ");
     tell(total ? `${stage}: ${done} of ${total} frames` : `${stage || "waiting"} …`);

@@ -29,8 +29,8 @@ function showStill(section, error) {
   const figure = section.querySelector("[data-still]");
   const picture = document.querySelector("#poses .pose:nth-of-type(2) img:last-of-type, #poses img");
   if (picture) figure.prepend(picture.cloneNode());
-  figure.querySelector("figcaption").textContent =
-    `The player needs WebGL2, which this browser does not offer (${error.message}). The pictures on this page show the same model.`;
+  const advice = picture ? "The pictures on this page show the same model." : "Open the page in another browser.";
+  figure.querySelector("figcaption").textContent = `The player needs WebGL2, which this browser does not offer (${error.message}). ${advice}`;
   figure.hidden = false;
 }
 
