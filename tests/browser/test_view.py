@@ -46,14 +46,15 @@ def serve(tmp_path, monkeypatch, browser):
 
 
 def apply(opened) -> str:
-    """Press Apply, and wait for what is said of it."""
+    """Press Apply, and wait for what is said of it, which is not what was said before."""
     page = opened.page
+    before = page.locator("[data-said]").text_content()
     page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
     page.locator("[data-apply]").click()
     said = page.locator("[data-said]")
     page.wait_for_function(
-        "(one) => /^wrote|exists/.test(one.textContent)",
-        arg=said.element_handle(),
+        "([one, before]) => /^wrote|exists/.test(one.textContent) && one.textContent !== before",
+        arg=[said.element_handle(), before],
         timeout=60_000,
     )
     return said.text_content()

@@ -1,4 +1,6 @@
 // Poses a cage by anchors, with rounds of rigid rotations (posing/poser.py, posing/rigidity.py).
+const SETTLING_ROUNDS = 3;
+
 class Poser {
   // `cageSolvers` is of `makeSolvers`; `anchors` have a row in cage space, a weight and `hard`.
   constructor(cageSolvers, anchors, alpha) {
@@ -26,10 +28,12 @@ class Poser {
   // The cage whose anchors are displaced.
   edit(cage, displacements, rounds) {
     const unrotated = this.map(displacements, (k, t) => combine(this.responses[k], t, this.neighbours.length));
-    let moved = unrotated;
-    for (let round = 0; round < rounds; round++) {
+    // The anchors go to their targets in steps, one per round, all but the last.
+    const steps = max(1, rounds - max(SETTLING_ROUNDS, Math.floor(rounds / 10)));
+    let moved = scale(unrotated, 1 / steps);
+    for (let step = 2; step < rounds + 2; step++) {
       const turned = this.map(this.turnCells(cage, moved), (k, b) => this.solvers[k].change(b, this.rows, this.responses[k]));
-      moved = add(unrotated, turned);
+      moved = add(scale(unrotated, min(1, step / steps)), turned);
     }
     return add(Float64Array.from(cage), moved);
   }
