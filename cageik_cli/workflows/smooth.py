@@ -100,11 +100,14 @@ class TimePass:
     @cached_property
     def _noise(self) -> float:
         """Mean squared length of the noise of vertices: of what trembles, if that can be told."""
-        kept = [block.kept for block in self._checkpoint.blocks() if block.kept is not None]
-        noise = np.concatenate([one.noise for one in kept])
-        if np.isnan(noise).all():
-            noise = np.concatenate([one.metrics.rms_kept**2 for one in kept])
-        return float(np.nanmedian(noise))
+        noise, squares = [], []
+        for block in self._checkpoint.blocks():
+            # Blocks are not held: their weights grow with frames and vertices.
+            if block.kept is not None:
+                noise.append(block.kept.noise)
+                squares.append(block.kept.metrics.rms_kept**2)
+        found = np.concatenate(noise)
+        return float(np.nanmedian(np.concatenate(squares) if np.isnan(found).all() else found))
 
     @cached_property
     def _is_fillable(self) -> Mask:
