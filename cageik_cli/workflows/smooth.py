@@ -127,11 +127,22 @@ class TimePass:
         step = size - 2 * overlap if self._count > size else self._count
         for start in range(0, self._count, step):
             inner = range(start, min(start + step, self._count))
-            window = range(max(0, start - overlap), min(inner.stop + overlap, self._count))
+            window = self._overlap(inner, overlap)
             while held.stop < window.stop:
                 held.add(next(blocks), self._solver)
             held.drop(window.start)
             yield inner, window, held.make_terms(window, self._is_known)
+
+    def _overlap(self, inner: range, overlap: int) -> range:
+        """Return frames with so many more at both ends, beside those of gaps that are filled.
+
+        A gap at an end would otherwise have its cages from one side only.
+        """
+        counted = np.flatnonzero(self._is_known | ~self._is_fillable)
+        first, behind = np.searchsorted(counted, [inner.start, inner.stop])
+        start = counted[first - overlap] if first > overlap else 0
+        stop = counted[behind + overlap - 1] + 1 if behind + overlap < len(counted) else self._count
+        return range(int(start), int(stop))
 
 
 class _HeldBlocks:

@@ -219,6 +219,23 @@ def test_weights_of_zero_in_a_frame_are_missing_vertices(walker, make):
     assert "weights.npy" in result.sources["vertex_weights"]["name"]
 
 
+def test_gaps_longer_than_the_overlap_are_filled_from_both_sides(walker, make, monkeypatch):
+    frames = np.concatenate([walker[0], walker[0][::-1]] * 3)
+    frames[30:52] = np.nan
+    settings = make(
+        frames,
+        clip=MISSING,
+        capture=CaptureSettings(fill_gaps=True),
+        rest=Path("rest/frame_0.obj"),
+    )
+    write_objs(Path("rest"), walker[0][:1], walker[1])
+    whole, _ = cages_of(settings)
+    monkeypatch.setattr("cageik_cli.solver.smooth.MIN_WINDOW", 32)
+    monkeypatch.setattr("cageik_cli.solver.smooth.MAX_WINDOW", 32)
+    parts, _ = cages_of(settings)
+    np.testing.assert_allclose(parts, whole, rtol=0, atol=1e-2)
+
+
 def test_a_small_weight_that_is_given_is_not_rejected(walker, make):
     shares = np.ones(walker[0].shape[:2])
     shares[3] = 0.4
