@@ -104,9 +104,11 @@ class CapturedBlockSolver:
         """Measure reconstructions over data, and over what was kept by weights (k, m)."""
         is_data = self._find_data(captured)
         weights = np.ones(is_data.shape) if weights is None else weights
-        is_kept = is_data & (weights >= REJECTED_WEIGHT)
-        if self.robust.tolerances is None:
-            is_kept = is_data
+        is_kept = is_data
+        if self.robust.tolerances is not None:
+            # A small weight that is given is no outlier: only what is taken from it counts.
+            given = 1.0 if captured.weights is None else captured.weights
+            is_kept = is_data & (weights >= REJECTED_WEIGHT * given)
         rest = self.robust.solver.binding.rest
         errors = measure_kept(rest, captured.positions, rebuilt, is_data, is_kept)
         noise = measure_noise(rebuilt - captured.positions, is_kept)

@@ -40,7 +40,7 @@ MIN_WEIGHT = 1e-4
 """Smaller weights are 0."""
 
 REJECTED_WEIGHT = 0.5
-"""Vertices of a smaller weight are rejected."""
+"""Vertices that are left a smaller share of their given weight are rejected."""
 
 CANDIDATE_RESIDUAL = 0.5
 """Vertices with a residual above this share of the tolerance are followed in the rounds."""

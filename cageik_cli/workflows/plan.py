@@ -252,6 +252,7 @@ def plan_extraction(
         sources=sources,
         frame_weights=weights.frames,
     )
+    settings.capture.check_period(plan.scene.fps)
     return replace(plan, existing=_find_existing_result(plan)) if settings.resume else plan
 
 

@@ -100,11 +100,14 @@ class TimePass:
     @cached_property
     def _noise(self) -> float:
         """Mean squared length of the noise of vertices: of what trembles, if that can be told."""
-        kept = [block.kept for block in self._checkpoint.blocks() if block.kept is not None]
-        noise = np.concatenate([one.noise for one in kept])
-        if np.isnan(noise).all():
-            noise = np.concatenate([one.metrics.rms_kept**2 for one in kept])
-        return float(np.nanmedian(noise))
+        noise, squares = [], []
+        for block in self._checkpoint.blocks():
+            # Blocks are not held: their weights grow with frames and vertices.
+            if block.kept is not None:
+                noise.append(block.kept.noise)
+                squares.append(block.kept.metrics.rms_kept**2)
+        found = np.concatenate(noise)
+        return float(np.nanmedian(np.concatenate(squares) if np.isnan(found).all() else found))
 
     @cached_property
     def _is_fillable(self) -> Mask:
@@ -124,11 +127,22 @@ class TimePass:
         step = size - 2 * overlap if self._count > size else self._count
         for start in range(0, self._count, step):
             inner = range(start, min(start + step, self._count))
-            window = range(max(0, start - overlap), min(inner.stop + overlap, self._count))
+            window = self._overlap(inner, overlap)
             while held.stop < window.stop:
                 held.add(next(blocks), self._solver)
             held.drop(window.start)
             yield inner, window, held.make_terms(window, self._is_known)
+
+    def _overlap(self, inner: range, overlap: int) -> range:
+        """Return frames with so many more at both ends, beside those of gaps that are filled.
+
+        A gap at an end would otherwise have its cages from one side only.
+        """
+        counted = np.flatnonzero(self._is_known | ~self._is_fillable)
+        first, behind = np.searchsorted(counted, [inner.start, inner.stop])
+        start = counted[first - overlap] if first > overlap else 0
+        stop = counted[behind + overlap - 1] + 1 if behind + overlap < len(counted) else self._count
+        return range(int(start), int(stop))
 
 
 class _HeldBlocks:

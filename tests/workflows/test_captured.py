@@ -219,6 +219,34 @@ def test_weights_of_zero_in_a_frame_are_missing_vertices(walker, make):
     assert "weights.npy" in result.sources["vertex_weights"]["name"]
 
 
+def test_gaps_longer_than_the_overlap_are_filled_from_both_sides(walker, make, monkeypatch):
+    frames = np.concatenate([walker[0], walker[0][::-1]] * 3)
+    frames[30:52] = np.nan
+    settings = make(
+        frames,
+        clip=MISSING,
+        capture=CaptureSettings(fill_gaps=True),
+        rest=Path("rest/frame_0.obj"),
+    )
+    write_objs(Path("rest"), walker[0][:1], walker[1])
+    whole, _ = cages_of(settings)
+    monkeypatch.setattr("cageik_cli.solver.smooth.MIN_WINDOW", 32)
+    monkeypatch.setattr("cageik_cli.solver.smooth.MAX_WINDOW", 32)
+    parts, _ = cages_of(settings)
+    np.testing.assert_allclose(parts, whole, rtol=0, atol=1e-2)
+
+
+def test_a_small_weight_that_is_given_is_not_rejected(walker, make):
+    shares = np.ones(walker[0].shape[:2])
+    shares[3] = 0.4
+    shares[5, :200] = 0.2
+    np.save("weights.npy", shares)
+    settings = make(walker[0], vertex_weights=Path("weights.npy"), capture=ROBUST)
+    rejected = extract(settings).kept.rejected
+    plain = extract(make(walker[0], "plain", capture=ROBUST)).kept.rejected
+    np.testing.assert_allclose(rejected, plain, atol=2)
+
+
 def test_equal_weights_of_frames_change_nothing(walker, make):
     np.save("weights.npy", np.full(walker[0].shape[:2], 3, np.float32))
     weighted, _ = cages_of(make(walker[0], "weighted", vertex_weights=Path("weights.npy")))
@@ -338,6 +366,18 @@ def test_windows_of_long_clips_change_little(walker, make, monkeypatch):
     parts, _ = cages_of(settings)
     plain, _ = cages_of(replace(settings, capture=CaptureSettings()))
     assert 0 < np.abs(parts - whole).max() < 0.01 * np.abs(whole - plain).max()
+
+
+@pytest.mark.parametrize(("period", "is_refused"), [(10.0, False), (10.1, True), (1e300, True)])
+def test_periods_that_cannot_be_smoothed_are_refused(walker, make, period, is_refused):
+    settings = make(walker[0], capture=CaptureSettings(smooth=period))
+    if is_refused:
+        with pytest.raises(
+            InputError, match=r"expected at most 10 \(240 frames at 24 per second\)"
+        ):
+            extract(settings)
+    else:
+        assert np.isfinite(cages_of(settings)[0]).all()
 
 
 @pytest.mark.parametrize("count", [1, 2])
