@@ -23,7 +23,7 @@ from cageik_cli.formats.scene import UP_AXES
 
 if TYPE_CHECKING:
     from cageik_cli.posing.edits import PosingSettings
-    from cageik_cli.posing.summary import PoseSnapshot
+    from cageik_cli.posing.snapshot import PoseSnapshot
     from cageik_cli.workflows.bind import WeightSettings
     from cageik_cli.workflows.edit import EditSettings
     from cageik_cli.workflows.pose import PoseSettings

@@ -134,12 +134,14 @@ class CapturedBlockSolver:
             reason = fault or f"fewer than the {least} vertices of the cage"
             errors[block.start + place] = FormatError(
                 f"{self.names[block.start + place]}: {count} of {captured.positions.shape[1]} "
-                f"vertices are data ({reason}); leave a gap by --on-bad-frame skip, or fill it by "
-                "--fill-gaps"
+                f"vertices are data ({reason})"
             )
         errors = {k: error for k, error in errors.items() if k not in block.read_errors}
         if errors and not self.accepts_gaps:
-            raise errors[min(errors)]
+            raise FormatError(
+                f"{errors[min(errors)]}; leave a gap by --on-bad-frame skip, or fill it by "
+                "--fill-gaps"
+            )
         return replace(block, read_errors=block.read_errors | errors)
 
 

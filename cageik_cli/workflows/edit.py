@@ -19,7 +19,8 @@ from cageik_cli.posing.edits import (
     build_layers,
     edit_frames,
 )
-from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
+from cageik_cli.posing.snapshot import PoseResult, take_snapshot
+from cageik_cli.posing.summary import PoseStatistics
 from cageik_cli.solver.blocks import MemoryPlan, SolvedBlock, summarize_blocks
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
 from cageik_cli.solver.peaks import DeviationPeaks

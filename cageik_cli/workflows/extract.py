@@ -92,6 +92,7 @@ def run_extraction(
     progress = progress or ProgressListener()
     if plan.existing is not None:
         delete_checkpoint(checkpoint_path(plan.settings.output))
+        delete_checkpoint(smoothed_path(plan.settings.output))
         progress.note("unchanged", "up to date, nothing to do")
         _write_cage(plan, plan.existing.cage)
         return plan.existing

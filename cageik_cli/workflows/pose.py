@@ -25,7 +25,8 @@ from cageik_cli.posing.edits import (
 )
 from cageik_cli.posing.handles.model import Handles
 from cageik_cli.posing.handles.reader import read_handles
-from cageik_cli.posing.summary import PoseResult, PoseStatistics, take_snapshot
+from cageik_cli.posing.snapshot import PoseResult, take_snapshot
+from cageik_cli.posing.summary import PoseStatistics
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context

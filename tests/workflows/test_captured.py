@@ -16,7 +16,8 @@ from cageik_cli.report.record import build_report
 from cageik_cli.report.views.tables import format_csv, format_json
 from cageik_cli.report.views.text import format_text
 from cageik_cli.solver.settings import CaptureSettings, FitSettings
-from cageik_cli.store.result import read_cages, read_result
+from cageik_cli.store.checkpoint import Checkpoint
+from cageik_cli.store.result import read_cages, read_result, smoothed_path
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, SettingError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import BindRunSettings, bind_files
@@ -202,6 +203,7 @@ def test_frames_of_too_few_data_are_named(walker, make):
     result = extract(make(spoilt, clip=MISSING, on_bad_frame="skip"))
     assert list(result.skipped) == [5, 7]
     assert "30 of 1570 vertices are data" in result.skipped[7]
+    assert result.skipped[7].endswith("of the cage)")  # no advice where it was followed
     assert np.isnan(result.metrics.rms[[5, 7]]).all()
     assert np.isfinite(np.delete(result.metrics.rms, [5, 7])).all()
 
@@ -425,3 +427,15 @@ def test_a_result_with_filled_frames_is_kept_when_resumed(walker, make):
     whole = extract(settings).path.read_bytes()
     again = extract(replace(settings, resume=True, overwrite=False))
     assert again.path.read_bytes() == whole
+
+
+def test_a_run_killed_after_its_result_leaves_nothing_at_the_next(walker, make, monkeypatch):
+    """Killed between writing the result and deleting the frames that were smoothed for it."""
+    settings = make(walker[0], capture=CaptureSettings(smooth=0.2))
+    with monkeypatch.context() as patched:
+        patched.setattr(Checkpoint, "discard", Checkpoint.close)
+        result = extract(settings)
+    left = smoothed_path(settings.output)
+    assert left.exists()
+    assert extract(replace(settings, resume=True, overwrite=False)).path == result.path
+    assert not left.exists()

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 
-from cageik_cli.posing.summary import PoseSnapshot
+from cageik_cli.posing.snapshot import PoseSnapshot
 from cageik_cli.report.figures import format_percent
 from cageik_cli.report.plots.pose_marks import (
     MARK_OFFSETS,

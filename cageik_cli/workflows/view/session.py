@@ -11,7 +11,7 @@ from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES, check_hdf5_suffix
 from cageik_cli.formats.mesh_file import check_mesh_output, load_mesh, write_mesh
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.reader import parse_handles
-from cageik_cli.posing.summary import PoseResult
+from cageik_cli.posing.snapshot import PoseResult
 from cageik_cli.report.player.clip import (
     UNNAMED_CAGE,
     PlayerClip,
