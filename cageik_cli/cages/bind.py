@@ -52,6 +52,7 @@ def bind(
     settings = settings or BindSettings()
     enclosure = check_enclosure(cage, rest, settings.outside)
     weights = _compute_weights(enclosure, settings, jobs, progress)
+    room_faults = _list_room_faults(enclosure.cage, rest)
     binding = Binding(
         rest=rest,
         cage=enclosure.cage,
@@ -61,7 +62,8 @@ def bind(
         estimated_error=weights.error,
         projected=len(enclosure.projected_indices),
         notes=enclosure.notes + tuple(map(mark_warning, _list_weight_warnings(weights, settings))),
-        cage_warnings=_list_cage_warnings(enclosure, rest),
+        cage_warnings=() if len(enclosure.projected_indices) else room_faults,
+        has_loose_cage=bool(room_faults) if len(rest.faces) else None,
     )
     if not weights.error <= MAX_ESTIMATED_ERROR:
         raise NumericalError(
@@ -95,14 +97,14 @@ def _compute_weights(
     return harmonic_weights(cage, points, settings.accuracy, jobs, progress)
 
 
-def _list_cage_warnings(enclosure: Enclosure, rest: TriMesh) -> tuple[str, ...]:
-    """Return warnings about the room in the cage, unless it has points only or some are outside.
+def _list_room_faults(cage: TriMesh, rest: TriMesh) -> tuple[str, ...]:
+    """Return what is poor about the room in the cage, unless the model has points only.
 
     `cageik check` looks more thoroughly; this takes a hundredth of the time of the weights.
     """
-    if len(enclosure.projected_indices) or not len(rest.faces):
+    if not len(rest.faces):
         return ()
-    return tuple(finding.sentence for finding in find_room_faults(enclosure.cage, rest, False))
+    return tuple(finding.sentence for finding in find_room_faults(cage, rest, False))
 
 
 def _list_weight_warnings(weights: Weights, settings: BindSettings) -> tuple[str, ...]:

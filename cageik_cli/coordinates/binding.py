@@ -63,6 +63,8 @@ class Binding:
         Changes of the cage, and warnings about the weights, one sentence each.
     cage_warnings : tuple of str
         What is poor about the cage if it is this model's own: not for other meshes in it.
+    has_loose_cage : bool, optional
+        Whether the cage has far too much room for this model; None if that was not judged.
     has_offsets : bool
         Whether `weights @ cage.vertices` is not the rest pose, as of weights with few influences.
         A frame is then W c + R (X - W C), with R the rotation of the rest pose to the frame.
@@ -88,6 +90,7 @@ class Binding:
     projected: int = 0
     notes: tuple[str, ...] = ()
     cage_warnings: tuple[str, ...] = ()
+    has_loose_cage: bool | None = None
     has_offsets: bool = False
 
     def __repr__(self) -> str:

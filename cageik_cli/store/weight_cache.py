@@ -30,6 +30,8 @@ class CacheEntry:
     projected : int
     notes, cage_warnings : tuple of str
         As in `Binding`.
+    has_loose_cage : bool, optional
+        As in `Binding`: a run with bad regions asks for it.
     seconds : float
         The time that it took to compute.
     """
@@ -41,6 +43,7 @@ class CacheEntry:
     projected: int
     notes: tuple[str, ...]
     cage_warnings: tuple[str, ...]
+    has_loose_cage: bool | None
     seconds: float
 
 
@@ -72,6 +75,7 @@ class WeightCache(EntryCache[CacheEntry]):
                 projected=entry.projected,
                 notes=entry.notes,
                 cage_warnings=entry.cage_warnings,
+                has_loose_cage=entry.has_loose_cage,
             )
 
         key = compute_key(rest, cage, settings)
@@ -111,5 +115,6 @@ def _make_entry(binding: Binding, seconds: float) -> CacheEntry:
         projected=binding.projected,
         notes=binding.notes,
         cage_warnings=binding.cage_warnings,
+        has_loose_cage=binding.has_loose_cage,
         seconds=seconds,
     )

@@ -25,10 +25,17 @@ def find_clip_regions(binding: Binding, summary: ClipSummary) -> tuple[Region, .
         return ()
     model = BoundModel(binding.rest, binding.cage, binding.weights)
     regions = find_worst_regions(model, summary.peaks)
-    if has_too_much_room(binding.cage, binding.rest):
+    if _has_loose_cage(binding):
         return blame_loose_cage(regions, binding.rest.diagonal)
     places = _find_shared_places(binding, regions)
     return blame_shared_places(regions, places, binding.rest.diagonal)
+
+
+def _has_loose_cage(binding: Binding) -> bool:
+    """Return whether the cage is far too loose, as the bind found, or judged now if it did not."""
+    if binding.has_loose_cage is not None:
+        return binding.has_loose_cage
+    return has_too_much_room(binding.cage, binding.rest)
 
 
 def _find_shared_places(binding: Binding, regions: tuple[Region, ...]) -> list[SharedPlace]:

@@ -3,7 +3,7 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.build import BuildSettings, build_cage
-from cageik_cli.cages.room import MIN_MODEL_VERTICES, find_room_faults
+from cageik_cli.cages.room import MIN_MODEL_VERTICES, find_room_faults, has_too_much_room
 from cageik_cli.cages.similarity import MAX_SIZE_RATIO
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
@@ -103,3 +103,9 @@ def test_a_binding_has_the_warnings_unless_vertices_are_outside():
     assert binding.notes == ()
     moved = placed(box(), 1.5, [1.2, 0, 0])
     assert bind(MODEL, moved, settings).cage_warnings == ()
+
+
+@pytest.mark.parametrize("scale", [1.5, 1.05])
+def test_a_binding_knows_whether_its_cage_is_loose(scale):
+    binding = bind(MODEL, box(scale), BindSettings("mean-value"))
+    assert binding.has_loose_cage is has_too_much_room(box(scale), MODEL)

@@ -89,6 +89,7 @@ def test_a_hit_gives_the_binding_that_was_computed(kept, said, coarse_panels, na
     np.testing.assert_array_equal(found.cage.vertices, computed.cage.vertices)
     assert found.quality == computed.quality
     assert (found.notes, found.settings) == (computed.notes, settings)
+    assert found.has_loose_cage is computed.has_loose_cage is not None
     assert len(found.notes) == (0 if shape == "sound" else 1)
     assert (found.projected > 0) == (shape == "projected")
 
@@ -427,7 +428,7 @@ for _ in range(turns):
     k = int(generator.integers(3))
     if generator.random() < 0.5:
         weights = np.full((500, 8 * (k + 1)), float(k))
-        cache.write(f"{k:064x}", CacheEntry(faces, weights, k, 0.0, 0, (), (), 1.0))
+        cache.write(f"{k:064x}", CacheEntry(faces, weights, k, 0.0, 0, (), (), None, 1.0))
     else:
         found = cache.read(f"{k:064x}")
         if found is not None:

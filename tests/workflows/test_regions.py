@@ -12,9 +12,15 @@ from cageik_cli.solver.region_causes import Cause
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.result import read_result
 from cageik_cli.store.result_frames import read_binding, read_key_frames
+from cageik_cli.util.progress import ProgressListener
+from cageik_cli.workflows import regions
 from cageik_cli.workflows.edit import EditSettings, edit
-from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.plan import ExtractSettings
+from cageik_cli.workflows.extract import extract, run_extraction
+from cageik_cli.workflows.plan import (
+    ExtractSettings,
+    load_or_compute_binding,
+    plan_extraction,
+)
 from tests.cages.test_sections import trousers
 from tests.shapes import box, finer
 
@@ -75,6 +81,19 @@ def test_a_clip_that_is_met_has_no_regions(fixtures_folder, tmp_path):
     assert result.regions == ()
     with h5py.File(result.path) as file:
         assert len(file["poses/frame"]) == 3
+
+
+@pytest.mark.parametrize("is_loose", [True, False, None])
+def test_what_the_bind_found_of_the_room_is_not_measured_again(plain, is_loose, monkeypatch):
+    measured = []
+    monkeypatch.setattr(regions, "has_too_much_room", lambda *_: measured.append(1) or True)
+    plan = plan_extraction(plain)
+    stored = load_or_compute_binding(plan, ProgressListener())
+    stored = replace(stored, binding=replace(stored.binding, has_loose_cage=is_loose))
+    result = run_extraction(plan_extraction(plain, stored))
+    causes = {region.cause for region in result.regions}
+    assert (causes == {Cause.LOOSE_CAGE}) == (is_loose is not False)
+    assert bool(measured) == (is_loose is None)
 
 
 def test_limbs_in_one_loop_of_the_cage_are_the_cause(trouser_clip):

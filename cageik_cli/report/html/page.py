@@ -112,14 +112,15 @@ def render_page(
         The same text for the same arguments.
     """
     columns, words = choose_columns(report), choose_vocabulary(report.edited_from)
+    digest = compute_record_digest(report)
     fit = build_fit_values(report, fit_pictures, words)
     optional = {"regions": report.regions, "fit": fit, "player": player}
     return render_template(
         "page.html.j2",
         player_scripts=PLAYER_SCRIPTS if player else (),
-        mark=make_record_mark(report, pictures is not None, player is not None),
+        mark=make_record_mark(digest, pictures is not None, player is not None),
         report=report,
-        digest=compute_record_digest(report),
+        digest=digest,
         words=words,
         sections=_list_sections(words, {name for name, part in optional.items() if not part}),
         fit=fit,

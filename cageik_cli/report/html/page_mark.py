@@ -26,11 +26,11 @@ def is_page_current(
     if not path.is_file():
         return False
     with open_input(path) as file:
-        mark = make_record_mark(report, has_pictures, has_player)
+        mark = make_record_mark(compute_record_digest(report), has_pictures, has_player)
         return f'<meta name="cageik-record" content="{mark}">'.encode() in file.read(HEAD_BYTES)
 
 
-def make_record_mark(report: Report, has_pictures: bool, has_player: bool) -> str:
-    """Return the mark in the head of a report's page, which says what it shows."""
+def make_record_mark(digest: str, has_pictures: bool, has_player: bool) -> str:
+    """Return the mark in the head of the page of a report with this digest: what it shows."""
     parts = [" pictures"] * has_pictures + [" player"] * has_player
-    return compute_record_digest(report) + "".join(parts)
+    return digest + "".join(parts)

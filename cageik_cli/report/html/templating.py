@@ -3,6 +3,7 @@
 import base64
 import hashlib
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -62,10 +63,8 @@ def render_template(template: str, *, player_scripts: Sequence[str] = (), **valu
         Of the template.
     """
     styles = ["style.css"]
-    script = _read_template("script.js")
+    script = _join_scripts(tuple(player_scripts))
     if player_scripts:
-        names = [f"player/{name}.js" for name in player_scripts]
-        script += "".join(shorten_script(_read_template(name)) for name in names)
         styles.append("player.css")
     return _environment.get_template(template).render(
         style="".join(map(_read_template, styles)),
@@ -74,6 +73,14 @@ def render_template(template: str, *, player_scripts: Sequence[str] = (), **valu
         generator=GENERATOR,
         **values,
     )
+
+
+@cache
+def _join_scripts(player_scripts: tuple[str, ...]) -> str:
+    """Return the script of a page with these scripts of the player; all pages share it."""
+    names = [f"player/{name}.js" for name in player_scripts]
+    shortened = [shorten_script(_read_template(name)) for name in names]
+    return "".join([_read_template("script.js"), *shortened])
 
 
 def make_data_url(content: bytes, kind: str) -> str:
