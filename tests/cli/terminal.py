@@ -10,6 +10,17 @@ import pytest
 
 def on_a_terminal(*words):
     """Run the command with a terminal as its stderr, and give what it drew there."""
+    done, drawn = _run_on_terminal(words, has_stdout=False)
+    assert done.stdout == b""
+    return done.returncode, drawn
+
+
+def print_on_terminal(*words):
+    """Run the command with a terminal as its stdout and stderr; return what it drew."""
+    return _run_on_terminal(words, has_stdout=True)[1]
+
+
+def _run_on_terminal(words, has_stdout):
     pty, termios = pytest.importorskip("pty"), pytest.importorskip("termios")
     reader, terminal = pty.openpty()
     termios.tcsetwinsize(terminal, (24, 100))
@@ -26,10 +37,10 @@ def on_a_terminal(*words):
     listener.start()
     try:
         process = [sys.executable, "-m", "cageik_cli", *words]
-        done = subprocess.run(process, stdout=subprocess.PIPE, stderr=terminal, timeout=120)
+        stdout = terminal if has_stdout else subprocess.PIPE
+        done = subprocess.run(process, stdout=stdout, stderr=terminal, timeout=120)
     finally:
         os.close(terminal)
         listener.join()
         os.close(reader)
-    assert done.stdout == b""
-    return done.returncode, b"".join(drawn).decode()
+    return done, b"".join(drawn).decode()

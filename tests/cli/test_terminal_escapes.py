@@ -1,46 +1,18 @@
 """Names and contents of files cannot control the terminal that messages are printed on."""
 
-import os
 import shutil
-import subprocess
-import sys
-import threading
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-pty = pytest.importorskip("pty")
+from tests.cli.terminal import print_on_terminal
 
 EVIL = "e\x1b]0;owned\x07\x1b[2J\x9b31m\u202etxt\x7f\x08"
 CONTROLS = [chr(k) for k in (*range(9), 11, 12, *range(14, 32), *range(127, 160))]
 CONTROLS += ["\u202a", "\u202b", "\u202d", "\u202e", "\u2066", "\u2067", "\u2068", "\u200f"]
 BASE = ["extract", "frames", "--cage", "cage.obj"]
-
-
-def print_on_terminal(*words):
-    """Run the command with a terminal as its stdout and stderr; return what it drew."""
-    reader, terminal = pty.openpty()
-    drawn = []
-
-    def read():
-        try:
-            while data := os.read(reader, 4096):
-                drawn.append(data)
-        except OSError:  # how Linux says that the other end is closed
-            pass
-
-    listener = threading.Thread(target=read)
-    listener.start()
-    try:
-        words = [sys.executable, "-m", "cageik_cli", *words]
-        subprocess.run(words, stdout=terminal, stderr=terminal, timeout=120)
-    finally:
-        os.close(terminal)
-        listener.join()
-        os.close(reader)
-    return b"".join(drawn).decode()
 
 
 def find_controls(text):
