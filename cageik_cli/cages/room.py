@@ -10,7 +10,6 @@ from cageik_cli.cages.looseness import Looseness, measure_looseness
 from cageik_cli.cages.sections import SharedSection, find_shared_sections
 from cageik_cli.cages.similarity import MAX_SIZE_RATIO, find_transform
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import face_areas
 from cageik_cli.util.arrays import Integers
 
 TYPICAL_GAP = 16.5
@@ -118,7 +117,7 @@ def _describe_typical(looseness: Looseness, rest: TriMesh, gap: float) -> str:
     """Say what built cages reach: their gap, all over this surface, adds to the volume."""
     if looseness.volume_ratio is None:
         return f"{gap:.2g} %"
-    layer = float(face_areas(rest).sum()) * gap / 100 * rest.diagonal
+    layer = float(rest.face_areas.sum()) * gap / 100 * rest.diagonal
     return f"{1 + layer / abs(rest.volume):.2g} times and {gap:.2g} %"
 
 

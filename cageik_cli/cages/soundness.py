@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from cageik_cli.cages.findings import Finding, format_elements, pluralize
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask, face_areas
+from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import CageError, join_truncated
 from cageik_cli.util.text import mark_warning
@@ -162,7 +162,7 @@ def _find_loose_components(surface: TriMesh) -> Iterator[Finding]:
 def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
     if not bounds_volume(surface):
         return
-    area = face_areas(surface).sum()
+    area = surface.face_areas.sum()
     no_numbers = np.empty(0, np.int64)
     if abs(surface.volume) <= MIN_VOLUME_RATIO * area * surface.diagonal:
         yield Finding(

@@ -19,6 +19,11 @@ MAX_COORDINATE = 1e50
 """Larger coordinates are refused: squares of areas and volumes would overflow."""
 
 
+MIN_VOLUME_RATIO = 1e-4
+"""Smallest volume of a body over its area times its diagonal: the ratio of a sheet as thick as
+0.02 % of the diagonal. A change of less volume, in percent, says nothing."""
+
+
 @dataclass(frozen=True, eq=False)
 class TriMesh:
     """A triangle mesh whose faces turn counter-clockwise seen from outside.
@@ -107,6 +112,23 @@ class TriMesh:
     def volume(self) -> float:
         """Signed volume, cubed file units; positive when the faces turn outward. Closed meshes."""
         return float(signed_volumes(self.vertices[None], self.faces)[0])
+
+    @cached_property
+    def face_areas(self) -> Floats:
+        """The area of each face, (f,), squared file units."""
+        corner = self.vertices[self.faces]
+        normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        return np.asarray(np.linalg.norm(normals, axis=1) / 2)
+
+    @cached_property
+    def least_volume(self) -> float:
+        """Volume up to which a closed mesh is a sheet and no body, cubed file units."""
+        return MIN_VOLUME_RATIO * float(self.face_areas.sum()) * self.diagonal
+
+    @cached_property
+    def is_body(self) -> bool:
+        """Whether the mesh is closed, and its volume more than that of a sheet."""
+        return self.is_closed and abs(self.volume) > self.least_volume
 
     @cached_property
     def fan_triangulated(self) -> "TriMesh":

@@ -9,10 +9,6 @@ from cageik_cli.util.arrays import Floats, Integers
 MIN_ALTITUDE_RATIO = 1e-9
 """Smallest altitude of a face over its longest side; below it the face has no plane."""
 
-MIN_VOLUME_RATIO = 1e-4
-"""Smallest volume of a body over its area times its diagonal: the ratio of a sheet as thick as
-0.02 % of the diagonal. A change of less volume, in percent, says nothing."""
-
 PARALLEL_TOL = 1e-12
 """Cosine between a direction and a plane's normal; below it they are parallel."""
 
@@ -21,13 +17,6 @@ NEXT, LAST = [1, 2, 0], [2, 0, 1]
 
 FACES_PER_BLOCK = 256
 """Faces whose opposite faces are searched together."""
-
-
-def face_areas(mesh: TriMesh) -> Floats:
-    """Compute the area of each face, (f,), squared file units."""
-    corner = mesh.vertices[mesh.faces]
-    normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    return np.asarray(np.linalg.norm(normals, axis=1) / 2)
 
 
 def compute_vertex_normals(
@@ -56,19 +45,9 @@ def compute_vertex_normals(
 
 def lumped_areas(mesh: TriMesh) -> Floats:
     """Compute a third of the area of the faces at each vertex, (n,), squared file units."""
-    shares = np.repeat(face_areas(mesh) / 3, 3)
+    shares = np.repeat(mesh.face_areas / 3, 3)
     areas = np.bincount(mesh.faces.ravel(), shares, minlength=len(mesh.vertices))
     return areas.astype(np.float64)
-
-
-def measure_least_volume(mesh: TriMesh) -> float:
-    """Return the volume up to which a closed mesh is a sheet and no body, cubed file units."""
-    return MIN_VOLUME_RATIO * float(face_areas(mesh).sum()) * mesh.diagonal
-
-
-def is_body(mesh: TriMesh) -> bool:
-    """Return whether a mesh is closed, and its volume more than that of a sheet."""
-    return mesh.is_closed and abs(mesh.volume) > measure_least_volume(mesh)
 
 
 def cross(a: Floats, b: Floats) -> Floats:
@@ -93,7 +72,7 @@ def degenerate_face_mask(mesh: TriMesh) -> NDArray[np.bool_]:
     corner = mesh.vertices[mesh.faces]
     sides = corner - np.roll(corner, 1, axis=1)
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    return np.asarray(~(2 * face_areas(mesh) > MIN_ALTITUDE_RATIO * longest**2), np.bool_)
+    return np.asarray(~(2 * mesh.face_areas > MIN_ALTITUDE_RATIO * longest**2), np.bool_)
 
 
 def bounds_volume(mesh: TriMesh) -> bool:
@@ -115,7 +94,7 @@ def thin_face_pairs(mesh: TriMesh, max_ratio: float) -> tuple[Integers, Floats]:
     """
     corner = mesh.vertices[mesh.faces]
     base, one, two = corner[:, 0], corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    width = np.sqrt(face_areas(mesh))
+    width = np.sqrt(mesh.face_areas)
     normal = np.cross(one, two) / (2 * width**2)[:, None]
     # Barycentric coordinates of a point are these gradients times its distance from the base.
     gradients = (np.cross(edge, normal) / (2 * width**2)[:, None] for edge in (two, -one))

@@ -1,12 +1,15 @@
 """Points and a surface: closest points, barycentric weights, winding numbers."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.threads import run_blocks
 
 SURFACE_TOL = 1e-12
 """A point closer to a surface than this, in diagonals, is on it."""
@@ -17,6 +20,13 @@ ROUNDING_TOL = 8 * np.finfo(np.float64).eps
 
 MAX_COMPARED_PAIRS = 100_000
 """Pairs of points that are all compared: a tree takes longer to import."""
+
+MAX_COMPARED_FACES = 2_000
+"""Faces that are all compared with each point, where that is compiled: for more, trees of libigl
+are faster, and worth their import."""
+
+PAIRS_PER_BLOCK = 500_000
+"""Pairs of points and faces that one thread compares at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,10 +70,28 @@ class ClosestPoints:
 
 def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
     """Find the point of `mesh` nearest to each of `points`, (m, 3)."""
-    import igl
+    if compiled.kernel is None or len(mesh.faces) > MAX_COMPARED_FACES:
+        import igl
 
-    squares, face, position = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)
-    return ClosestPoints(mesh, np.sqrt(squares), face.astype(np.int64), position)
+        squares, face, position = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)
+        return ClosestPoints(mesh, np.sqrt(squares), face.astype(np.int64), position)
+    squares, face = np.empty(len(points)), np.empty(len(points), np.int64)
+    position = np.empty((len(points), 3))
+    _compare_faces(compiled.kernel.closest_points, mesh, points, (squares, face, position))
+    return ClosestPoints(mesh, np.sqrt(squares), face, position)
+
+
+def _compare_faces(
+    function: Callable[..., None], mesh: TriMesh, points: Floats, results: tuple[np.ndarray, ...]
+) -> None:
+    """Call a compiled function with all faces and blocks of points, for blocks of its results."""
+    places, vertices = (np.ascontiguousarray(v, np.float64) for v in (points, mesh.vertices))
+    faces = np.ascontiguousarray(mesh.faces)
+
+    def fill(block: slice) -> None:
+        function(places[block], vertices, faces, *(result[block] for result in results))
+
+    run_blocks(fill, len(points), PAIRS_PER_BLOCK // max(1, len(faces)))
 
 
 def measure_distances(places: Floats, points: Floats) -> Floats:
@@ -94,6 +122,10 @@ def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]
 
 def winding_numbers(mesh: TriMesh, points: Floats) -> Floats:
     """Compute how often the surface winds around each point, (m,): 1 inside, 0 outside."""
-    import igl
+    if compiled.kernel is None or len(mesh.faces) > MAX_COMPARED_FACES:
+        import igl
 
-    return np.asarray(igl.winding_number(mesh.vertices, mesh.faces, points), np.float64).ravel()
+        return np.asarray(igl.winding_number(mesh.vertices, mesh.faces, points), np.float64).ravel()
+    winding = np.empty(len(points))
+    _compare_faces(compiled.kernel.winding_numbers, mesh, points, (winding,))
+    return winding

@@ -48,5 +48,11 @@ PyObject *compute_potentials(PyObject *module, PyObject *arguments);
 PyObject *compute_functions(PyObject *module, PyObject *arguments);
 PyObject *parse_words(PyObject *module, PyObject *arguments);
 PyObject *parse_positions(PyObject *module, PyObject *arguments);
+PyObject *sum_moments(PyObject *module, PyObject *arguments);
+PyObject *align_frames(PyObject *module, PyObject *arguments);
+PyObject *place_columns(PyObject *module, PyObject *arguments);
+PyObject *compare_frames(PyObject *module, PyObject *arguments);
+PyObject *closest_points(PyObject *module, PyObject *arguments);
+PyObject *winding_numbers(PyObject *module, PyObject *arguments);
 
 #endif

@@ -76,6 +76,17 @@ static PyMethodDef methods[] = {
      "parse_words(text, bounds, is_long, has_integers, numbers): whether all words are numbers"},
     {"parse_positions", parse_positions, METH_VARARGS,
      "parse_positions(text, length, positions): whether the text is vertices in plain OBJ lines"},
+    {"sum_moments", sum_moments, METH_VARARGS,
+     "sum_moments(frames, weights, rest, centres, covariances)"},
+    {"align_frames", align_frames, METH_VARARGS,
+     "align_frames(frames, centres, rotations, rest, columns)"},
+    {"place_columns", place_columns, METH_VARARGS, "place_columns(columns, centres, frames)"},
+    {"compare_frames", compare_frames, METH_VARARGS,
+     "compare_frames(frames, reconstructions, is_data, faces, squares, sums, worst)"},
+    {"closest_points", closest_points, METH_VARARGS,
+     "closest_points(points, vertices, faces, squares, nearest, positions)"},
+    {"winding_numbers", winding_numbers, METH_VARARGS,
+     "winding_numbers(points, vertices, faces, winding)"},
     {NULL, NULL, 0, NULL},
 };
 

@@ -19,7 +19,7 @@ class ClipRecord:
     """The clip: counts, the diagonal in file units, whether the model is closed, and its time.
 
     The numbers of frames begin with `start` and go in steps of `frame_step`. `body` tells whether
-    the model is closed, and more than a sheet: `is_body`.
+    the model is closed, and more than a sheet: `TriMesh.is_body`.
     """
 
     frames: int

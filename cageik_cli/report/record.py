@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.geometry.shape import is_body, lumped_areas, measure_least_volume
+from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.report.clip_notes import list_clip_notes
 from cageik_cli.report.figures import (
     ClipRecord,
@@ -122,7 +122,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
             fps=result.scene.fps,
             start=_make_whole(result.scene.start),
             frame_step=_make_whole(result.scene.frame_step),
-            body=is_body(rest),
+            body=rest.is_body,
         ),
         binding=result.quality,
         fit=result.fit,
@@ -141,7 +141,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
 def _build_frames(result: Result) -> tuple[FrameRecord, ...]:
     rest, metrics = result.rest, result.metrics
     percent = 100 / rest.diagonal
-    least = measure_least_volume(rest)
+    least = rest.least_volume
     change = _percent_change(metrics.volume_reconstructed, metrics.volume, least)
     rest_volume = rest.volume if rest.is_closed else np.nan
     drift = _percent_change(metrics.volume, np.full(len(metrics.volume), rest_volume), least)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
+from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats
 
 
@@ -40,3 +41,64 @@ def best_rotations(centred: Floats, rest: Floats, weights: Floats) -> Floats:
     """
     covariances = (rest * weights[:, None]).T @ centred
     return nearest_rotations_by_svd(covariances)
+
+
+def best_motions(frames: Floats, rest: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Return the weighted centroids of frames, (k, 3), and the best rotations about them.
+
+    Parameters
+    ----------
+    frames : (k, m, 3)
+    rest, weights
+        As in `best_rotations`.
+    """
+    if compiled.kernel is None:
+        centres = centroids(frames, weights)
+        return centres, best_rotations(frames - centres[:, None], rest, weights)
+    centres, covariances = np.empty((len(frames), 3)), np.empty((len(frames), 3, 3))
+    frames, weights = np.ascontiguousarray(frames), np.ascontiguousarray(weights)
+    compiled.kernel.sum_moments(frames, weights, rest, centres, covariances)
+    return centres, nearest_rotations_by_svd(covariances)
+
+
+def move_to_rest(
+    frames: Floats, centres: Floats, rotations: Floats, rest: Floats, columns: Floats
+) -> None:
+    """Fill `columns`, (m, 3k), with R (v − centre) − rest of k frames, (k, m, 3).
+
+    Parameters
+    ----------
+    frames : (k, m, 3)
+    centres : (k, 3)
+    rotations : (k, 3, 3)
+        From `best_motions`.
+    rest : (m, 3)
+    columns : (m, 3k)
+        The result; of each vertex all frames, one after the other.
+    """
+    if compiled.kernel is not None:
+        frames, rotations = np.ascontiguousarray(frames), np.ascontiguousarray(rotations)
+        compiled.kernel.align_frames(frames, centres, rotations, rest, columns)
+        return
+    moved = np.matmul(frames - centres[:, None], rotations.swapaxes(1, 2))
+    moved -= rest
+    columns_to_frames(columns)[...] = moved
+
+
+def place_columns(columns: Floats, centres: Floats, frames: Floats) -> None:
+    """Fill `frames`, (k, m, 3), with `columns`, (m, 3k), plus the centres of the frames, (k, 3)."""
+    if compiled.kernel is not None:
+        compiled.kernel.place_columns(columns, np.ascontiguousarray(centres), frames)
+    else:
+        np.add(columns_to_frames(columns), centres[:, None], out=frames)
+
+
+def frames_to_columns(points: Floats) -> Floats:
+    """Return the points of k frames, (k, p, 3), as columns (p, 3k)."""
+    k, p, _ = points.shape
+    return points.transpose(1, 0, 2).reshape(p, 3 * k)
+
+
+def columns_to_frames(columns: Floats) -> Floats:
+    """Return columns (p, 3k) as points of k frames, (k, p, 3); a view."""
+    return columns.reshape(len(columns), -1, 3).transpose(1, 0, 2)

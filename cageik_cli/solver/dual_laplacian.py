@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding, WeightQuality, measure_offsets
 from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
-from cageik_cli.solver.alignment import best_rotations, centroids
+from cageik_cli.solver.alignment import (
+    best_motions,
+    centroids,
+    columns_to_frames,
+    frames_to_columns,
+    move_to_rest,
+    place_columns,
+)
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_bound import spread_vertices
 from cageik_cli.util.arrays import Floats, Integers, Workspace
@@ -178,7 +185,7 @@ class DualLaplacianSolver:
         turned = (self.rest_cage + displaced) @ aligned.rotations
         np.matmul(self._weights, frames_to_columns(turned), out=columns)
         moved = workspace.array("moved", *frames.shape)
-        np.add(columns_to_frames(columns), aligned.centres[:, None], out=moved)
+        place_columns(columns, aligned.centres, moved)
         if self._offsets is not None:
             moved += self._offsets @ aligned.rotations
         centred, rotations = turned + aligned.centres[:, None], aligned.rotations
@@ -193,16 +200,9 @@ class DualLaplacianSolver:
         centres = np.tile(self._origin, (len(frames), 1))
         rotations = np.tile(np.eye(3), (len(frames), 1, 1))
         if self.is_aligned:
-            centres = centroids(frames, self.vertex_weights)
-        centred = workspace.array("centred", *frames.shape)
-        np.subtract(frames, centres[:, None], out=centred)
-        if self.is_aligned:
-            rotations = best_rotations(centred, self.rest, self.vertex_weights)
-        moved = workspace.array("moved", *frames.shape)
-        np.matmul(centred, rotations.swapaxes(1, 2), out=moved)
-        moved -= self.rest
+            centres, rotations = best_motions(frames, self.rest, self.vertex_weights)
         columns = workspace.array("columns", len(self.rest), 3 * len(frames))
-        columns_to_frames(columns)[...] = moved
+        move_to_rest(frames, centres, rotations, self.rest, columns)
         return AlignedFrames(columns, rotations, centres)
 
     def sample(self, frame: Floats, rotation: Floats) -> Floats:
@@ -255,17 +255,6 @@ class DualLaplacianSolver:
             roots = np.sqrt(weights[block, None]) * chosen
             data += roots.T @ roots
         return np.asarray(self.data_scale * data)
-
-
-def frames_to_columns(points: Floats) -> Floats:
-    """Return the points of k frames, (k, p, 3), as columns (p, 3k)."""
-    k, p, _ = points.shape
-    return points.transpose(1, 0, 2).reshape(p, 3 * k)
-
-
-def columns_to_frames(columns: Floats) -> Floats:
-    """Return columns (p, 3k) as points of k frames, (k, p, 3); a view."""
-    return columns.reshape(len(columns), -1, 3).transpose(1, 0, 2)
 
 
 def normalize_weights(weights: Floats, count: int) -> Floats:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh, signed_volumes
-from cageik_cli.geometry.shape import is_body
+from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats, Integers, Mask, Workspace
 from cageik_cli.util.errors import NumericalError
 
@@ -50,7 +50,7 @@ class FrameErrors:
     ----------
     metrics : FrameMetrics
     squared_errors : (k, m) float64
-        |v̂_i − v_i|², nan for vertices that are missing data.
+        |v̂_i − v_i|², nan for vertices that are missing data; in workspace memory, if one was given.
     """
 
     metrics: FrameMetrics
@@ -76,31 +76,74 @@ def measure(
     workspace : Workspace, optional
         Memory to reuse.
     """
-    errors = (workspace or Workspace()).array("errors", *frames.shape)
-    np.subtract(reconstructions, frames, out=errors)
-    all_squares = np.einsum("kjx,kjx->kj", errors, errors)
-    squares = all_squares[:, data_vertices]
-    worst = squares.argmax(axis=1)
-    numbers = np.arange(frames.shape[1])[data_vertices]
-    data = frames[:, data_vertices]
-    centroids = np.full(len(numbers), 1 / len(numbers)) @ data
-    centred = np.subtract(data, centroids[:, None], out=errors[:, : len(numbers)])
-    if is_body(rest) and len(numbers) == len(rest.used_vertices):
-        volume, volume_rebuilt = (signed_volumes(v, rest.faces) for v in (frames, reconstructions))
-    else:
-        volume = volume_rebuilt = np.full(len(frames), np.nan)
-    metrics = FrameMetrics(
-        rms=np.sqrt(squares.mean(axis=1)),
-        max_deviation=np.sqrt(np.take_along_axis(squares, worst[:, None], axis=1)[:, 0]),
-        worst_vertex=numbers[worst].astype(np.int64),
-        volume=volume,
-        volume_reconstructed=volume_rebuilt,
-        spread=np.sqrt(np.einsum("kjx,kjx->k", centred, centred) / len(numbers)),
+    is_data = np.zeros(frames.shape[1], bool)
+    is_data[data_vertices] = True
+    has_volume = rest.is_body and is_data[rest.used_vertices].all()
+    faces = rest.faces if has_volume else rest.faces[:0]
+    compare = _compare_in_numpy if compiled.kernel is None else _compare
+    sums, worst, squares = compare(
+        frames, reconstructions, is_data, faces, workspace or Workspace()
     )
-    if len(numbers) < frames.shape[1]:
-        missing = np.delete(np.arange(frames.shape[1]), numbers)
-        all_squares[:, missing] = np.nan
-    return FrameErrors(metrics, all_squares)
+    count = np.count_nonzero(is_data)
+    volumes = sums[:, 3:] / 6 if has_volume else np.full((len(frames), 2), np.nan)
+    metrics = FrameMetrics(
+        rms=np.sqrt(sums[:, 0] / count),
+        max_deviation=np.sqrt(sums[:, 1]),
+        worst_vertex=worst,
+        volume=volumes[:, 0],
+        volume_reconstructed=volumes[:, 1],
+        spread=np.sqrt(sums[:, 2] / count),
+    )
+    if count < frames.shape[1]:
+        squares[:, ~is_data] = np.nan
+    return FrameErrors(metrics, squares)
+
+
+Comparison = tuple[Floats, Integers, Floats]
+"""Of k frames: sums (k, 5), worst vertices (k,), and squared errors (k, m).
+
+The sums are those of |v̂ − v|², their largest, that of |v − centroid|², and six times the signed
+volumes of v and v̂.
+"""
+
+
+def _compare(
+    frames: Floats, reconstructions: Floats, is_data: Mask, faces: Integers, workspace: Workspace
+) -> Comparison:
+    """Compare frames with their reconstructions, compiled."""
+    sums, worst = np.empty((len(frames), 5)), np.empty(len(frames), np.int64)
+    squares = workspace.array("squares", *frames.shape[:2])
+    compiled.kernel.compare_frames(
+        np.ascontiguousarray(frames, np.float64),
+        np.ascontiguousarray(reconstructions, np.float64),
+        is_data.view(np.uint8),
+        np.ascontiguousarray(faces),
+        squares,
+        sums,
+        worst,
+    )
+    return sums, worst, squares
+
+
+def _compare_in_numpy(
+    frames: Floats, reconstructions: Floats, is_data: Mask, faces: Integers, workspace: Workspace
+) -> Comparison:
+    """Compare frames with their reconstructions where nothing is compiled: the reference."""
+    errors = workspace.array("errors", *frames.shape)
+    np.subtract(reconstructions, frames, out=errors)
+    squares = np.einsum("kjx,kjx->kj", errors, errors)
+    compared = np.where(is_data, squares, -1.0)
+    counted = np.where(is_data, squares, 0.0)
+    centroids = is_data @ frames / np.count_nonzero(is_data)
+    centred = np.subtract(frames, centroids[:, None], out=errors)
+    sums = np.zeros((len(frames), 5))
+    sums[:, 0] = counted.sum(axis=1)
+    sums[:, 1] = compared.max(axis=1)
+    sums[:, 2] = np.where(is_data, np.einsum("kjx,kjx->kj", centred, centred), 0.0).sum(axis=1)
+    if len(faces):
+        for column, positions in enumerate((frames, reconstructions), start=3):
+            sums[:, column] = 6 * signed_volumes(positions, faces)
+    return sums, compared.argmax(axis=1).astype(np.int64), squares
 
 
 @dataclass(frozen=True, slots=True, eq=False)

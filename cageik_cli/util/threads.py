@@ -56,6 +56,22 @@ def set_blas_threads(count: int = 1) -> None:
     threadpool_limits(limits=count, user_api="blas")
 
 
+def run_blocks(function: Callable[[slice], object], count: int, size: int) -> None:
+    """Call a function with the slices of `count` items, of at most `size` each, over threads.
+
+    A single block runs in this thread.
+    """
+    size = max(1, size)
+    blocks = [slice(start, min(start + size, count)) for start in range(0, count, size)]
+    if len(blocks) < 2:
+        for block in blocks:
+            function(block)
+        return
+    with ThreadPoolExecutor(count_processors()) as pool:
+        for _ in pool.map(function, blocks):
+            pass
+
+
 class OrderedMap(Generic[Item, Output]):
     """An iterator over `function(item)` in the order of the items, computed ahead by threads.
 

@@ -9,8 +9,7 @@ import numpy as np
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.obj.write import encode_exact_obj
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import MIN_VOLUME_RATIO, is_body
+from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
 from cageik_cli.solver.blocks import (
     BlockExecutor,
     BlockSolver,
@@ -334,7 +333,7 @@ def _collect_notes(
             f"the model is open ({holes} edges without a counterpart), so its volume is not "
             "defined and volume figures are left out"
         )
-    elif not is_body(rest.mesh):
+    elif not rest.mesh.is_body:
         notes.append(
             f"the model is closed, but a sheet: its volume, {rest.mesh.volume:.3g}, is at most "
             f"{MIN_VOLUME_RATIO:g} of its area times its diagonal, so changes of volume are left "

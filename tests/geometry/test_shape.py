@@ -8,7 +8,6 @@ from cageik_cli.geometry.shape import (
     compute_vertex_normals,
     corner_angles,
     degenerate_face_mask,
-    face_areas,
     thin_face_pairs,
 )
 from tests.shapes import ball, box, concave, finer, rotation
@@ -25,8 +24,8 @@ def test_angles_of_every_face_sum_to_180_degrees():
 
 
 def test_areas():
-    np.testing.assert_allclose(face_areas(RIGHT), [np.sqrt(3) / 2], rtol=1e-15)
-    assert face_areas(box()).sum() == pytest.approx(24)
+    np.testing.assert_allclose(RIGHT.face_areas, [np.sqrt(3) / 2], rtol=1e-15)
+    assert box().face_areas.sum() == pytest.approx(24)
 
 
 def test_normals_of_a_ball_point_outward():

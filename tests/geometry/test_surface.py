@@ -3,15 +3,17 @@ import pytest
 import trimesh
 
 from cageik_cli.geometry import surface
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import (
     closest_points,
     measure_distances,
     winding_numbers,
 )
+from cageik_cli.util import compiled
 from tests.shapes import ball, box, concave
 
 
-def test_nearest_point_of_a_box_is_that_of_the_formula():
+def test_nearest_point_of_a_box_is_that_of_the_formula(core):
     points = np.random.default_rng(0).uniform(-2, 2, (200, 3))
     nearest = closest_points(box(), points)
     outside = np.linalg.norm(np.maximum(np.abs(points) - 1, 0), axis=1)
@@ -28,7 +30,7 @@ def test_distances_from_points_are_those_of_all_pairs(monkeypatch, limit):
     np.testing.assert_allclose(measure_distances(places, points), expected, rtol=1e-14, atol=0)
 
 
-def test_weights_give_the_nearest_point():
+def test_weights_give_the_nearest_point(core):
     mesh = concave()
     points = np.random.default_rng(1).uniform(-1, 3, (100, 3))
     nearest = closest_points(mesh, points)
@@ -39,7 +41,7 @@ def test_weights_give_the_nearest_point():
     assert nearest.barycentric_weights(np.zeros(100, bool)).shape == (0, len(mesh.vertices))
 
 
-def test_winding_numbers_tell_inside_as_trimesh_does():
+def test_winding_numbers_tell_inside_as_trimesh_does(core):
     mesh = ball(2, 1.0)
     points = np.random.default_rng(2).uniform(-1.2, 1.2, (500, 3))
     radius = np.linalg.norm(points, axis=1)
@@ -48,3 +50,80 @@ def test_winding_numbers_tell_inside_as_trimesh_does():
     np.testing.assert_array_equal(found[clear], radius[clear] < 0.95)
     assert trimesh.Trimesh(mesh.vertices, mesh.faces).is_watertight
     np.testing.assert_allclose(winding_numbers(mesh.flip(), np.zeros((1, 3))), -1, atol=1e-12)
+
+
+def places_around(mesh):
+    """Points off a mesh, on its faces, edges and vertices, and far from it."""
+    generator = np.random.default_rng(5)
+    corner = mesh.vertices[mesh.faces]
+    return np.concatenate(
+        [
+            generator.uniform(-3, 3, (333, 3)),
+            corner.mean(axis=1),
+            corner[:, :2].mean(axis=1),
+            mesh.vertices,
+            1e4 * generator.normal(size=(20, 3)),
+        ]
+    )
+
+
+@pytest.mark.parametrize("mesh", [box(), concave(), ball(1)], ids=["box", "concave", "ball"])
+def test_all_faces_compared_give_what_the_tree_gives(mesh, monkeypatch):
+    if compiled.kernel is None:
+        pytest.skip("the core was not compiled")
+    points = places_around(mesh)
+    off = closest_points(mesh, points).distance > 1e-9
+    found, windings = closest_points(mesh, points), winding_numbers(mesh, points[off])
+    monkeypatch.setattr(surface, "MAX_COMPARED_FACES", 0)
+    expected = closest_points(mesh, points)
+    np.testing.assert_allclose(found.distance, expected.distance, rtol=1e-12, atol=1e-14)
+    at = np.linalg.norm(found.position - points, axis=1)
+    np.testing.assert_allclose(at, expected.distance, rtol=1e-12, atol=1e-14)
+    weights = found.barycentric_weights(np.ones(len(points), bool))
+    np.testing.assert_allclose(weights @ mesh.vertices, found.position, atol=1e-11)
+    np.testing.assert_allclose(windings, winding_numbers(mesh, points[off]), atol=1e-12)
+
+
+def test_blocks_of_points_change_nothing(monkeypatch):
+    if compiled.kernel is None:
+        pytest.skip("the core was not compiled")
+    mesh = ball(2)
+    points = places_around(mesh)
+    whole = closest_points(mesh, points), winding_numbers(mesh, points)
+    monkeypatch.setattr(surface, "PAIRS_PER_BLOCK", 7 * len(mesh.faces))
+    parts = closest_points(mesh, points), winding_numbers(mesh, points)
+    np.testing.assert_array_equal(whole[0].position, parts[0].position)
+    np.testing.assert_array_equal(whole[0].face, parts[0].face)
+    np.testing.assert_array_equal(whole[1], parts[1])
+
+
+def test_a_face_without_area_is_a_segment_or_a_point(core):
+    line = TriMesh([[0, 0, 0], [1, 0, 0], [3, 0, 0]], [[0, 1, 2]])
+    point = TriMesh([[1, 2, 3]] * 3, [[0, 1, 2]])
+    found = closest_points(line, np.array([[2.0, 1, 0], [-1, 0, 0], [5, 0, 0]]))
+    np.testing.assert_allclose(found.position, [[2, 0, 0], [0, 0, 0], [3, 0, 0]], atol=1e-15)
+    np.testing.assert_allclose(closest_points(point, np.zeros((1, 3))).distance, np.sqrt(14))
+
+
+def test_no_points_have_no_closest_points(core):
+    found = closest_points(box(), np.zeros((0, 3)))
+    assert found.position.shape == (0, 3)
+    assert winding_numbers(box(), np.zeros((0, 3))).shape == (0,)
+
+
+def test_the_compiled_functions_refuse_what_does_not_fit():
+    kernel = compiled.kernel
+    if kernel is None:
+        pytest.skip("the core was not compiled")
+    points, mesh = np.zeros((4, 3)), box()
+    results = np.empty(4), np.empty(4, np.int64), np.empty((4, 3))
+    with pytest.raises(ValueError, match="faces: number 8, expected 0 to 7"):
+        kernel.closest_points(points, mesh.vertices, mesh.faces + 1, *results)
+    with pytest.raises(ValueError, match="faces: number 8, expected 0 to 7"):
+        kernel.winding_numbers(points, mesh.vertices, mesh.faces + 1, results[0])
+    with pytest.raises(ValueError, match="squares: length 3"):
+        kernel.closest_points(points, mesh.vertices, mesh.faces, results[0][1:], *results[1:])
+    with pytest.raises(ValueError, match="winding: length 3"):
+        kernel.winding_numbers(points, mesh.vertices, mesh.faces, results[0][1:])
+    with pytest.raises(TypeError, match="points: expected an array of float64"):
+        kernel.winding_numbers(points.astype(int), mesh.vertices, mesh.faces, results[0])

@@ -5,8 +5,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.shape import MIN_VOLUME_RATIO, is_body, measure_least_volume
+from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
 from cageik_cli.report.html.page import render_page
 from cageik_cli.report.limits import Limit, Limits
 from cageik_cli.report.record import build_report
@@ -76,7 +75,7 @@ def test_a_frame_without_volume_has_no_change_and_the_others_have(make_case):
 
 def test_the_ratio_is_of_volume_to_area_times_diagonal():
     cube = box()
-    assert measure_least_volume(cube) == pytest.approx(MIN_VOLUME_RATIO * 24 * np.sqrt(12))
-    assert is_body(cube)
-    assert is_body(cube.flip())
-    assert not is_body(TriMesh(cube.vertices, cube.faces[1:]))
+    assert cube.least_volume == pytest.approx(MIN_VOLUME_RATIO * 24 * np.sqrt(12))
+    assert cube.is_body
+    assert cube.flip().is_body
+    assert not TriMesh(cube.vertices, cube.faces[1:]).is_body

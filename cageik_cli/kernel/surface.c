@@ -1,0 +1,210 @@
+/* Points against all triangles of a small surface: the closest point, and the winding number. */
+
+#include "functions.h"
+
+enum { LANES = 32 };
+
+typedef double Row[LANES];
+
+typedef struct {
+    Py_ssize_t points, vertices, faces;
+    const double *point, *vertex;
+    const int64_t *face;
+    double *square, *position, *winding;
+    int64_t *nearest;
+} Surface;
+
+INLINE int take_points(const Surface *s, Py_ssize_t start, Row *at)
+{
+    int count = s->points - start < LANES ? (int)(s->points - start) : LANES;
+    for (int j = 0; j < LANES; j++)
+        for (int axis = 0; axis < 3; axis++)
+            at[axis][j] = s->point[3 * (start + (j < count ? j : count - 1)) + axis];
+    return count;
+}
+
+INLINE double dot(const double *a, const double *b)
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+INLINE void subtract(const double *a, const double *b, double *out)
+{
+    for (int axis = 0; axis < 3; axis++)
+        out[axis] = a[axis] - b[axis];
+}
+
+INLINE void cross(const double *a, const double *b, double *out)
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* Keeps the closest point of the segment from `a` along `side`, for each lane. */
+INLINE void meet_side(Row *at, const double *a, const double *side, Row *foot, double *least)
+{
+    const double length = dot(side, side), share = length > 0 ? 1 / length : 0;
+    for (int j = 0; j < LANES; j++) {
+        double x = at[0][j] - a[0], y = at[1][j] - a[1], z = at[2][j] - a[2];
+        double t = (x * side[0] + y * side[1] + z * side[2]) * share;
+        t = t > 0 ? t : 0;
+        t = t < 1 ? t : 1;
+        double fx = a[0] + t * side[0], fy = a[1] + t * side[1], fz = a[2] + t * side[2];
+        double dx = at[0][j] - fx, dy = at[1][j] - fy, dz = at[2][j] - fz;
+        double square = dx * dx + dy * dy + dz * dz;
+        int is_nearer = square < least[j];
+        foot[0][j] = is_nearer ? fx : foot[0][j];
+        foot[1][j] = is_nearer ? fy : foot[1][j];
+        foot[2][j] = is_nearer ? fz : foot[2][j];
+        least[j] = is_nearer ? square : least[j];
+    }
+}
+
+/* Keeps the foot on the plane where it is in the triangle; then no other point is closer. */
+INLINE void meet_plane(Row *at, const double *a, const double *ab, const double *ac, Row *foot,
+                       double *least)
+{
+    double normal[3], u[3], v[3];
+    cross(ab, ac, normal);
+    const double size = dot(normal, normal), share = size > 0 ? 1 / size : 0;
+    cross(ac, normal, u), cross(normal, ab, v);
+    for (int j = 0; j < LANES; j++) {
+        double x = at[0][j] - a[0], y = at[1][j] - a[1], z = at[2][j] - a[2];
+        double b = (x * u[0] + y * u[1] + z * u[2]) * share;
+        double c = (x * v[0] + y * v[1] + z * v[2]) * share;
+        double h = (x * normal[0] + y * normal[1] + z * normal[2]) * share;
+        int is_inside = (size > 0) & (b >= 0) & (c >= 0) & (b + c <= 1);
+        foot[0][j] = is_inside ? at[0][j] - h * normal[0] : foot[0][j];
+        foot[1][j] = is_inside ? at[1][j] - h * normal[1] : foot[1][j];
+        foot[2][j] = is_inside ? at[2][j] - h * normal[2] : foot[2][j];
+        least[j] = is_inside ? h * h * size : least[j];
+    }
+}
+
+FOR_EACH_PROCESSOR
+static void find_closest(const Surface *s, Py_ssize_t start)
+{
+    Row at[3], best, found[3], foot[3], least;
+    int64_t nearest[LANES];
+    int count = take_points(s, start, at);
+    for (int j = 0; j < LANES; j++)
+        best[j] = HUGE_VAL, nearest[j] = 0, found[0][j] = found[1][j] = found[2][j] = 0;
+    for (Py_ssize_t i = 0; i < s->faces; i++) {
+        const int64_t *face = s->face + 3 * i;
+        const double *a = s->vertex + 3 * face[0], *b = s->vertex + 3 * face[1];
+        const double *c = s->vertex + 3 * face[2];
+        double ab[3], bc[3], ca[3], ac[3];
+        subtract(b, a, ab), subtract(c, b, bc), subtract(a, c, ca), subtract(c, a, ac);
+        for (int j = 0; j < LANES; j++)
+            least[j] = HUGE_VAL;
+        meet_side(at, a, ab, foot, least);
+        meet_side(at, b, bc, foot, least);
+        meet_side(at, c, ca, foot, least);
+        meet_plane(at, a, ab, ac, foot, least);
+        for (int j = 0; j < LANES; j++) {
+            int is_nearer = least[j] < best[j];
+            nearest[j] = is_nearer ? (int64_t)i : nearest[j];
+            for (int axis = 0; axis < 3; axis++)
+                found[axis][j] = is_nearer ? foot[axis][j] : found[axis][j];
+            best[j] = is_nearer ? least[j] : best[j];
+        }
+    }
+    for (int j = 0; j < count; j++) {
+        s->square[start + j] = best[j];
+        s->nearest[start + j] = nearest[j];
+        for (int axis = 0; axis < 3; axis++)
+            s->position[3 * (start + j) + axis] = found[axis][j];
+    }
+}
+
+/* The solid angles of the faces over 4 pi (Van Oosterom and Strackee 1983). */
+FOR_EACH_PROCESSOR
+static void add_angles(const Surface *s, Py_ssize_t start)
+{
+    Row at[3], total, a[3], b[3], c[3];
+    int count = take_points(s, start, at);
+    for (int j = 0; j < LANES; j++)
+        total[j] = 0;
+    for (Py_ssize_t i = 0; i < s->faces; i++) {
+        const int64_t *face = s->face + 3 * i;
+        for (int axis = 0; axis < 3; axis++) {
+            const double ax = s->vertex[3 * face[0] + axis], bx = s->vertex[3 * face[1] + axis];
+            const double cx = s->vertex[3 * face[2] + axis];
+            for (int j = 0; j < LANES; j++) {
+                a[axis][j] = ax - at[axis][j];
+                b[axis][j] = bx - at[axis][j];
+                c[axis][j] = cx - at[axis][j];
+            }
+        }
+        for (int j = 0; j < LANES; j++) {
+            double ax = a[0][j], ay = a[1][j], az = a[2][j], bx = b[0][j], by = b[1][j];
+            double bz = b[2][j], cx = c[0][j], cy = c[1][j], cz = c[2][j];
+            double ra = sqrt(ax * ax + ay * ay + az * az), rb = sqrt(bx * bx + by * by + bz * bz);
+            double rc = sqrt(cx * cx + cy * cy + cz * cz);
+            double triple = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz)
+                            + az * (bx * cy - by * cx);
+            double below = ra * rb * rc + (ax * bx + ay * by + az * bz) * rc
+                           + (bx * cx + by * cy + bz * cz) * ra + (cx * ax + cy * ay + cz * az) * rb;
+            total[j] += compute_arctan2(triple, below);
+        }
+    }
+    for (int j = 0; j < count; j++)
+        s->winding[start + j] = total[j] / 6.283185307179586477;
+}
+
+static int take_surface(Arrays *arrays, PyObject **objects, Surface *s)
+{
+    Py_ssize_t points[2] = {ANY, 3}, vertices[2] = {ANY, 3}, faces[2] = {ANY, 3};
+    int is_valid = (s->point = take_array(arrays, objects[0], "points", 'd', READ, 2, points)) &&
+                   (s->vertex = take_array(arrays, objects[1], "vertices", 'd', READ, 2, vertices)) &&
+                   (s->face = take_array(arrays, objects[2], "faces", 'q', READ, 2, faces)) &&
+                   check_indices(s->face, 3 * faces[0], vertices[0], "faces");
+    s->points = points[0], s->vertices = vertices[0], s->faces = faces[0];
+    return is_valid;
+}
+
+PyObject *closest_points(PyObject *module, PyObject *arguments)
+{
+    Arrays arrays = {.count = 0};
+    Surface s;
+    PyObject *objects[3], *square, *nearest, *position;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOOOOO", &objects[0], &objects[1], &objects[2], &square,
+                          &nearest, &position))
+        return NULL;
+    int is_valid = take_surface(&arrays, objects, &s);
+    Py_ssize_t places[2] = {s.points, 3};
+    is_valid = is_valid &&
+               (s.square = take_array(&arrays, square, "squares", 'd', WRITE, 1, &s.points)) &&
+               (s.nearest = take_array(&arrays, nearest, "nearest", 'q', WRITE, 1, &s.points)) &&
+               (s.position = take_array(&arrays, position, "positions", 'd', WRITE, 2, places));
+    if (is_valid) {
+        Py_BEGIN_ALLOW_THREADS
+        for (Py_ssize_t start = 0; start < s.points; start += LANES)
+            find_closest(&s, start);
+        Py_END_ALLOW_THREADS
+    }
+    release_arrays(&arrays);
+    return is_valid ? Py_NewRef(Py_None) : NULL;
+}
+
+PyObject *winding_numbers(PyObject *module, PyObject *arguments)
+{
+    Arrays arrays = {.count = 0};
+    Surface s;
+    PyObject *objects[3], *winding;
+    (void)module;
+    if (!PyArg_ParseTuple(arguments, "OOOO", &objects[0], &objects[1], &objects[2], &winding))
+        return NULL;
+    int is_valid = take_surface(&arrays, objects, &s) &&
+                   (s.winding = take_array(&arrays, winding, "winding", 'd', WRITE, 1, &s.points));
+    if (is_valid) {
+        Py_BEGIN_ALLOW_THREADS
+        for (Py_ssize_t start = 0; start < s.points; start += LANES)
+            add_angles(&s, start);
+        Py_END_ALLOW_THREADS
+    }
+    release_arrays(&arrays);
+    return is_valid ? Py_NewRef(Py_None) : NULL;
+}

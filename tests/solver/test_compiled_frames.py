@@ -1,0 +1,159 @@
+"""The compiled functions on frames against their bodies in numpy."""
+
+import numpy as np
+import pytest
+
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver.alignment import best_motions, move_to_rest, place_columns
+from cageik_cli.solver.metrics import METRIC_NAMES, measure
+from cageik_cli.util import compiled
+from tests.shapes import ball, box
+
+COUNTS = (1, 7, 8, 9, 63, 64, 65, 200)
+
+
+@pytest.fixture
+def in_numpy(monkeypatch):
+    """Call a function without the compiled body."""
+    if compiled.kernel is None:
+        pytest.skip("the core was not compiled")
+
+    def call(function, *arguments):
+        with monkeypatch.context() as patch:
+            patch.setattr(compiled, "kernel", None)
+            return function(*arguments)
+
+    return call
+
+
+def make_frames(count, frames=3, far=0.0):
+    generator = np.random.default_rng(count)
+    return generator.normal(size=(frames, count, 3)) + far
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_motions_and_columns_are_those_of_numpy(count, in_numpy):
+    frames, rest = make_frames(count), make_frames(count, 1)[0]
+    weights = np.random.default_rng(1).uniform(0, 2, count)
+    centres, rotations = best_motions(frames, rest, weights)
+    expected, turns = in_numpy(best_motions, frames, rest, weights)
+    np.testing.assert_allclose(centres, expected, atol=1e-14)
+    if count > 3:  # fewer points leave a rotation free
+        np.testing.assert_allclose(rotations, turns, atol=1e-12)
+    columns, in_python = np.full((2, count, 9), np.nan)
+    move_to_rest(frames, centres, rotations, rest, columns)
+    in_numpy(move_to_rest, frames, centres, rotations, rest, in_python)
+    np.testing.assert_allclose(columns, in_python, atol=1e-14)
+    placed, in_python = np.full((2, *frames.shape), np.nan)
+    place_columns(columns, centres, placed)
+    in_numpy(place_columns, columns, centres, in_python)
+    np.testing.assert_array_equal(placed, in_python)
+
+
+def assert_measured_as_in_numpy(in_numpy, rest, frames, rebuilt, data):
+    found = measure(rest, frames, rebuilt, data)
+    expected = in_numpy(measure, rest, frames, rebuilt, data)
+    np.testing.assert_allclose(found.squared_errors, expected.squared_errors, rtol=1e-14)
+    for name in METRIC_NAMES:
+        np.testing.assert_allclose(
+            getattr(found.metrics, name), getattr(expected.metrics, name), rtol=1e-13, err_msg=name
+        )
+    return found
+
+
+@pytest.mark.parametrize("far", [0.0, 1e4])
+def test_measures_are_those_of_numpy(far, in_numpy):
+    rest = ball(2)
+    noise = 0.1 * make_frames(len(rest.vertices), 4)
+    frames = rest.vertices + noise[:2] + far
+    found = assert_measured_as_in_numpy(in_numpy, rest, frames, frames + noise[2:], slice(None))
+    assert np.isfinite(found.metrics.volume).all()
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_measures_of_any_number_of_data_vertices_are_those_of_numpy(count, in_numpy):
+    rest = ball(2)
+    frames, rebuilt = make_frames(2 * len(rest.vertices)).reshape(2, -1, len(rest.vertices), 3)
+    chosen = np.sort(np.random.default_rng(count).permutation(len(rest.vertices))[:count])
+    found = assert_measured_as_in_numpy(in_numpy, rest, frames, rebuilt, chosen)
+    assert np.isin(found.metrics.worst_vertex, chosen).all()
+    assert np.isnan(found.metrics.volume).all() == (count < len(rest.vertices))
+    assert np.isnan(found.squared_errors).sum() == 3 * (len(rest.vertices) - len(chosen))
+
+
+def test_the_first_of_equal_deviations_is_the_worst():
+    rest = box()
+    frames = np.stack([rest.vertices, rest.vertices])
+    rebuilt = frames.copy()
+    rebuilt[1, [5, 2, 7]] += [0, 0, 1]
+    assert measure(rest, frames, rebuilt, slice(None)).metrics.worst_vertex.tolist() == [0, 2]
+    data = np.array([3, 5, 7])
+    assert measure(rest, frames, rebuilt, data).metrics.worst_vertex.tolist() == [3, 5]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("vertex", [0, 6])
+def test_what_is_not_finite_is_not_lost(value, vertex):
+    rest = box()
+    frames = rest.vertices[None].copy()
+    rebuilt = frames.copy()
+    rebuilt[0, vertex, 1] = value
+    assert not np.isfinite(measure(rest, frames, rebuilt, slice(None)).metrics.rms[0])
+
+
+def test_the_compiled_functions_refuse_arrays_that_do_not_fit():
+    kernel = compiled.kernel
+    if kernel is None:
+        pytest.skip("the core was not compiled")
+    frames, rest = make_frames(8), make_frames(8, 1)[0]
+    weights, columns, centres = np.ones(8), np.empty((8, 9)), np.empty((3, 3))
+    turns = np.empty((3, 3, 3))
+    wrong = [
+        lambda: kernel.sum_moments(frames, weights[1:], rest, centres, turns),
+        lambda: kernel.sum_moments(frames, weights, rest[1:], centres, turns),
+        lambda: kernel.sum_moments(frames[:, :, :2].copy(), weights, rest, centres, turns),
+        lambda: kernel.align_frames(frames, centres[1:], turns, rest, columns),
+        lambda: kernel.align_frames(frames, centres, turns[1:], rest, columns),
+        lambda: kernel.align_frames(frames, centres, turns, rest, columns[:, :6].copy()),
+        lambda: kernel.place_columns(columns[1:], centres, frames),
+        lambda: kernel.place_columns(columns, centres[1:], frames),
+    ]
+    for call in wrong:
+        with pytest.raises(ValueError, match="expected"):
+            call()
+    with pytest.raises(TypeError, match="weights: expected an array of float64"):
+        kernel.sum_moments(frames, np.ones(8, np.float32), rest, centres, turns)
+    frames.flags.writeable = False
+    with pytest.raises((BufferError, ValueError)):
+        kernel.place_columns(columns, centres, frames)
+
+
+def test_the_compiled_comparison_refuses_faces_out_of_range_and_other_arrays():
+    kernel = compiled.kernel
+    if kernel is None:
+        pytest.skip("the core was not compiled")
+    frames = make_frames(8)
+    results = (np.empty((3, 8)), np.empty((3, 5)), np.empty(3, np.int64))
+    is_data, faces = np.ones(8, np.uint8), np.array([[0, 1, 7]])
+    kernel.compare_frames(frames, frames, is_data, faces, *results)
+    for face in ([0, 1, 8], [-1, 0, 1]):
+        with pytest.raises(ValueError, match="faces: number"):
+            kernel.compare_frames(frames, frames, is_data, np.array([face]), *results)
+    for spoiled in (
+        (frames, frames[:2], is_data, faces, *results),
+        (frames, frames, is_data[1:], faces, *results),
+        (frames, frames, is_data, faces, results[0][:, 1:].copy(), *results[1:]),
+        (frames, frames, is_data, faces, results[0], results[1][:, 1:].copy(), results[2]),
+        (frames, frames, is_data, faces, *results[:2], results[2][1:]),
+    ):
+        with pytest.raises(ValueError, match="expected"):
+            kernel.compare_frames(*spoiled)
+    with pytest.raises(TypeError, match="data: expected an array of uint8"):
+        kernel.compare_frames(frames, frames, np.ones(8), faces, *results)
+
+
+def test_an_open_mesh_has_no_volume():
+    whole = box()
+    rest = TriMesh(whole.vertices, whole.faces[1:])
+    frames = rest.vertices[None]
+    assert np.isnan(measure(rest, frames, frames, slice(None)).metrics.volume).all()
