@@ -15,7 +15,7 @@ from cageik_cli.cages.plane_sections import (
 )
 from cageik_cli.geometry.groups import find_groups
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface import measure_distances
+from cageik_cli.geometry.neighbours import measure_distances
 from cageik_cli.util.arrays import Floats, Integers
 
 SECTIONS = 24

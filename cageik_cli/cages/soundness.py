@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.cages.findings import Finding, format_elements, pluralize
+from cageik_cli.geometry.groups import find_groups
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask
@@ -132,13 +133,28 @@ def _find_edge_faults(surface: TriMesh, joined: TriMesh) -> Iterator[Finding | N
 
 
 def _find_nonmanifold_vertices(surface: TriMesh) -> Finding | None:
-    import igl
-
-    used = np.unique(surface.faces)
-    pinched = used[~np.asarray(igl.is_vertex_manifold(surface.faces))[used]]
+    pinched = np.flatnonzero(count_fans(surface) > 1)
     return _make_finding(
         "pinched-vertex", "is not manifold: its parts touch in a point at", "vertex", pinched
     )
+
+
+def count_fans(surface: TriMesh) -> Integers:
+    """Count the parts of the faces at each vertex that edges hold together, (n,); 0 without one.
+
+    Corners of faces are one part if the faces share an edge there.
+    """
+    faces, edges = surface.faces, surface.edges
+    corners = np.arange(faces.size).reshape(faces.shape)
+    # The corners at both ends of each side of a face, in the order of the edge's ends.
+    after, before = np.roll(corners, -1, axis=1), np.roll(corners, 1, axis=1)
+    is_forward = np.roll(faces, -1, axis=1) < np.roll(faces, 1, axis=1)
+    low, high = np.where(is_forward, after, before), np.where(is_forward, before, after)
+    first = edges.first_side[edges.side_edges].ravel()
+    pairs = [np.stack([end.ravel(), end.ravel()[first]], axis=1) for end in (low, high)]
+    part = find_groups(np.concatenate(pairs), faces.size)
+    one = np.unique(part, return_index=True)[1]
+    return np.bincount(faces.ravel()[one], minlength=len(surface.vertices))
 
 
 def _find_loose_components(surface: TriMesh) -> Iterator[Finding]:

@@ -15,7 +15,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates.bem.boundary_equation import (
     BoundarySolution,
@@ -30,6 +29,7 @@ from cageik_cli.coordinates.bem.potentials import FADE_FACTOR
 from cageik_cli.coordinates.settings import ACCURACIES, Accuracy
 from cageik_cli.coordinates.weights import Weights, ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.neighbours import measure_distances, order_by_place
 from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import CageError, SettingError
@@ -39,7 +39,8 @@ MIN_PANELS = 60
 """Faces of cages with fewer panels are divided into four, which costs little."""
 
 MAX_FACES = 5000
-"""Largest number of faces of a cage; its matrix then has (3 × 5000)² float32, 0.9 GB."""
+"""Largest number of faces of a cage; its matrix then has (3 × 5000)² float32, 0.9 GB, and the
+solver a copy."""
 
 MAX_REFINEMENTS = 4
 """Largest number of times that the panels with the largest error are divided."""
@@ -94,13 +95,13 @@ def harmonic_weights(
         return Weights(weights)
     origin, scale = cage.vertices.mean(axis=0), cage.diagonal
     unit = TriMesh((cage.vertices - origin) / scale, cage.faces)
-    tree = cKDTree((points[within] - origin) / scale)
+    within = within[order_by_place(points[within])]
+    places = (points[within] - origin) / scale
     with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
-        boundary, error = solve_to_tolerance(unit, tree, ACCURACIES[accuracy], pool)
+        boundary, error = solve_to_tolerance(unit, places, ACCURACIES[accuracy], pool)
 
         def fill(block: slice) -> int:
-            chosen = tree.indices[block]
-            weights[within[chosen]] = interior_weights(boundary, tree.data[chosen])
+            weights[within[block]] = interior_weights(boundary, places[block])
             return int(block.stop)
 
         for done in pool.map(fill, split_points(boundary.mesh, len(within))):
@@ -120,10 +121,13 @@ def check_request(cage: TriMesh, accuracy: str) -> None:
 
 
 def solve_to_tolerance(
-    cage: TriMesh, points: cKDTree, accuracy: Accuracy, pool: ThreadPoolExecutor
+    cage: TriMesh, points: Floats, accuracy: Accuracy, pool: ThreadPoolExecutor
 ) -> tuple[BoundarySolution, float]:
-    """Divide panels until the estimated error is below the tolerance, or there are too many."""
-    sample = points.data[points.indices[:: -(-points.n // SAMPLE_SIZE)]]
+    """Divide panels until the estimated error is below the tolerance, or there are too many.
+
+    The points, (q, 3), are ordered by place.
+    """
+    sample = points[:: -(-len(points) // SAMPLE_SIZE)]
     mesh = BoundaryMesh.from_cage(cage)
     while len(mesh.panels.corners) < MIN_PANELS:
         mesh = mesh.divide(np.ones(len(mesh.panels.corners), bool))
@@ -156,13 +160,13 @@ def _worst_panel_mask(shares: Floats) -> NDArray[np.bool_]:
     return chosen
 
 
-def _raise_order(mesh: BoundaryMesh, points: cKDTree, accuracy: Accuracy) -> BoundaryMesh:
+def _raise_order(mesh: BoundaryMesh, points: Floats, accuracy: Accuracy) -> BoundaryMesh:
     """Raise the order of panels within reach of `points`, as far as the unknowns allow.
 
     Needles stay linear: the recurrences of higher terms are unstable at distances of their length.
     """
     panels = mesh.panels
-    distance = np.asarray(points.query(panels.centroids)[0])
+    distance = measure_distances(points, panels.centroids)
     room = max(0, accuracy.max_unknowns - mesh.linear_unknowns)
     for order in range(accuracy.order, 1, -1):
         extra = len(exponents(order)) - LINEAR_TERMS

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates.bem.boundary_equation import (
     BoundarySolution,
@@ -18,6 +17,7 @@ from cageik_cli.coordinates.harmonic import check_request, solve_to_tolerance
 from cageik_cli.coordinates.settings import ACCURACIES
 from cageik_cli.coordinates.weights import ignore_progress
 from cageik_cli.geometry.mesh import TriMesh, validate_positions
+from cageik_cli.geometry.neighbours import order_by_place
 from cageik_cli.geometry.surface import ClosestPoints, closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
@@ -92,10 +92,11 @@ class HarmonicField:
         points = validate_positions(points)
         within = ~closest_points(cage, points).is_touching
         origin, scale = _unit_frame(cage)
-        tree = _make_tree(cage, points[within] if within.any() else points)
+        inside = points[within] if within.any() else points
+        places = (inside[order_by_place(inside)] - origin) / scale
         unit = TriMesh((cage.vertices - origin) / scale, cage.faces)
         with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
-            boundary, error = solve_to_tolerance(unit, tree, ACCURACIES[accuracy], pool)
+            boundary, error = solve_to_tolerance(unit, places, ACCURACIES[accuracy], pool)
         return HarmonicField(cage, boundary, error)
 
     def evaluate(
@@ -181,11 +182,12 @@ class HarmonicField:
         """Call `fill(numbers, their places in the unit frame)` for blocks of neighbours, (w,)."""
         if len(within) == 0:
             return
-        tree = _make_tree(self.cage, points[within])
+        within = within[order_by_place(points[within])]
+        origin, scale = _unit_frame(self.cage)
+        places = (points[within] - origin) / scale
 
         def visit(block: slice) -> int:
-            chosen = tree.indices[block]
-            fill(within[chosen], tree.data[chosen])
+            fill(within[block], places[block])
             return int(block.stop)
 
         with limit_blas_threads(1), ThreadPoolExecutor(jobs or count_processors()) as pool:
@@ -213,9 +215,3 @@ class HarmonicField:
 def _unit_frame(cage: TriMesh) -> tuple[Floats, float]:
     """Return the origin and the length of the frame in which the equations are solved."""
     return cage.vertices.mean(axis=0), cage.diagonal
-
-
-def _make_tree(cage: TriMesh, points: Floats) -> cKDTree:
-    """Return a tree of points in the unit frame, whose order makes neighbours of them."""
-    origin, scale = _unit_frame(cage)
-    return cKDTree((points - origin) / scale)

@@ -18,9 +18,6 @@ ROUNDING_TOL = 8 * np.finfo(np.float64).eps
 """The same in the largest coordinate: more for a mesh far from the origin."""
 
 
-MAX_COMPARED_PAIRS = 100_000
-"""Pairs of points that are all compared: a tree takes longer to import."""
-
 MAX_COMPARED_FACES = 2_000
 """Faces that are all compared with each point, where that is compiled: for more, trees of libigl
 are faster, and worth their import."""
@@ -59,13 +56,23 @@ class ClosestPoints:
         """Return the barycentric weights of the `chosen` closest points, (count, n)."""
         corners = self.mesh.faces[self.face[chosen]]
         weights = np.zeros((len(corners), len(self.mesh.vertices)))
-        if len(corners):
-            a, b, c = (self.mesh.vertices[corners[:, k]] for k in range(3))
-            import igl
-
-            barycentric = igl.barycentric_coordinates(self.position[chosen], a, b, c)
-            np.put_along_axis(weights, corners, barycentric, axis=1)
+        np.put_along_axis(weights, corners, self.barycentric_coordinates(chosen), axis=1)
         return weights
+
+    def barycentric_coordinates(self, chosen: NDArray[np.bool_]) -> Floats:
+        """Return barycentric coordinates of the `chosen` closest points in their faces, (c, 3)."""
+        a, b, c = self.mesh.vertices[self.mesh.faces[self.face[chosen]]].swapaxes(0, 1)
+        along, beside, inside = b - a, c - a, self.position[chosen] - a
+        aa, ab, bb = _dot(along, along), _dot(along, beside), _dot(beside, beside)
+        pa, pb = _dot(inside, along), _dot(inside, beside)
+        size = aa * bb - ab * ab
+        size[size == 0] = 1  # a face without area: its first corner
+        second, third = (bb * pa - ab * pb) / size, (aa * pb - ab * pa) / size
+        return np.stack([1 - second - third, second, third], axis=1)
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.asarray(np.einsum("ix,ix->i", a, b))
 
 
 def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
@@ -92,16 +99,6 @@ def _compare_faces(
         function(places[block], vertices, faces, *(result[block] for result in results))
 
     run_blocks(fill, len(points), PAIRS_PER_BLOCK // max(1, len(faces)))
-
-
-def measure_distances(places: Floats, points: Floats) -> Floats:
-    """Return the distance of each of `points`, (m, 3), from the nearest of `places`, (n, 3)."""
-    if len(points) * len(places) <= MAX_COMPARED_PAIRS:
-        offsets = points[:, None] - places
-        return np.asarray(np.linalg.norm(offsets, axis=2).min(axis=1))
-    from scipy.spatial import cKDTree
-
-    return np.asarray(cKDTree(places).query(points)[0])
 
 
 def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]:

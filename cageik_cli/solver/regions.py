@@ -7,8 +7,9 @@ import numpy as np
 
 from cageik_cli.geometry.groups import find_groups
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.neighbours import measure_distances
 from cageik_cli.geometry.shape import corner_angles
-from cageik_cli.geometry.surface import ClosestPoints, closest_points, measure_distances
+from cageik_cli.geometry.surface import ClosestPoints, closest_points
 from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.solver.region_causes import Cause, Evidence, judge_cause
 from cageik_cli.util.arrays import Floats, Integers

@@ -1,7 +1,8 @@
+import igl
 import numpy as np
 import pytest
 
-from cageik_cli.cages.soundness import find_cage_faults, validate_cage
+from cageik_cli.cages.soundness import count_fans, find_cage_faults, validate_cage
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError
 from tests.exact import improper_pairs
@@ -184,3 +185,27 @@ def test_ten_numbers_are_listed_at_most():
         CageError, match=r"nothing: 12 vertices \(8, 9, .*, 17, \.\.\.\); delete them$"
     ):
         validate_cage(cage)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_fans_of_any_faces_are_those_of_libigl(seed):
+    """Random faces: open, with edges of many faces, folded, and vertices without a face."""
+    generator = np.random.default_rng(seed)
+    faces = np.array([generator.permutation(9)[:3] for _ in range(2 + seed)])
+    mesh = TriMesh(generator.normal(size=(10, 3)), faces)
+    fans = count_fans(mesh)
+    used = np.unique(faces)
+    np.testing.assert_array_equal(fans > 0, np.isin(np.arange(10), used))
+    is_edge_manifold = (mesh.edges.face_counts <= 2).all()
+    expected = np.asarray(igl.is_vertex_manifold(faces))
+    if is_edge_manifold:
+        np.testing.assert_array_equal(fans[used] == 1, expected[used])
+
+
+def test_fans_are_counted():
+    assert count_fans(box()).tolist() == [1] * 8
+    assert count_fans(pinched())[7] == 2
+    book = TriMesh(np.random.default_rng(0).normal(size=(5, 3)), [[0, 1, 2], [0, 1, 3], [1, 0, 4]])
+    assert count_fans(book).tolist() == [1] * 5
+    loose = TriMesh(np.random.default_rng(0).normal(size=(7, 3)), [[0, 1, 2], [0, 3, 4], [0, 5, 6]])
+    assert count_fans(loose).tolist() == [3, 1, 1, 1, 1, 1, 1]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates import harmonic
 from cageik_cli.coordinates.bem.boundary_equation import interior_weights, solve_boundary
@@ -150,7 +149,7 @@ def test_panels_are_divided_where_the_error_is_large(monkeypatch):
 
 def test_unknowns_are_bounded_by_lower_degrees(monkeypatch):
     cage, points = ball(2, 1.0), inside(ball(2, 1.0), 200, margin=0.01)
-    tree, seen = cKDTree(points / cage.diagonal), []
+    tree, seen = points / cage.diagonal, []
     unit = TriMesh(cage.vertices / cage.diagonal, cage.faces)
     for most in (10_000, 1000, 500, 0):
         mesh = harmonic._raise_order(
@@ -168,7 +167,7 @@ def test_needles_stay_linear():
     """Their length is beyond the reach of the recurrences."""
     flat = TriMesh(box().vertices * [1, 1, 0.01], box().faces)
     points = inside(flat, 50, margin=0.001)
-    mesh = harmonic._raise_order(BoundaryMesh.from_cage(flat), cKDTree(points), ACCURACIES["fine"])
+    mesh = harmonic._raise_order(BoundaryMesh.from_cage(flat), points, ACCURACIES["fine"])
     slender = mesh.panels.altitudes.min(axis=0) < 0.1 * mesh.panels.radii
     assert slender.sum() == 8
     np.testing.assert_array_equal(mesh.high_panels, np.flatnonzero(~slender))

@@ -1,6 +1,9 @@
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
+from cageik_cli.geometry import intersections
 from cageik_cli.geometry.intersections import (
     crossing_face_pairs,
     segments_meet,
@@ -153,3 +156,45 @@ def test_a_surface_divided_on_itself_does_not_cross_itself():
 
 def test_surfaces_apart_have_no_crossings():
     assert crossing_face_pairs(box(0.5), box(), 0.0).shape == (0, 2)
+
+
+@pytest.mark.parametrize("limit", [0, 1000])
+@pytest.mark.parametrize(
+    "mesh", [ball(2), concave(), finer(box(), 2)], ids=["ball", "concave", "box"]
+)
+def test_boxes_and_the_tree_find_the_same_pairs(mesh, limit, monkeypatch):
+    """Two meshes in one, that pass through each other."""
+    moved = mesh.vertices @ rotation(3).T * 0.9 + 0.1
+    faces = np.concatenate([mesh.faces, mesh.faces + len(moved)])
+    both = TriMesh(np.concatenate([mesh.vertices, moved]), faces)
+    expected = self_intersections(both)
+    monkeypatch.setattr(intersections, "MAX_COMPARED_FACES", limit)
+    np.testing.assert_array_equal(self_intersections(both), expected)
+    assert len(expected)
+
+
+@pytest.mark.parametrize("scale", [1e-30, 1e-3, 1.0, 1e30])
+@pytest.mark.parametrize("step", [0.0, 2.0**-52, 1e-14])
+def test_the_side_of_a_plane_is_exact_where_rounding_would_decide(scale, step):
+    """Points in a plane, and moved off it by less than the products of coordinates round."""
+    generator = np.random.default_rng(5)
+    a, b, c = generator.normal(size=(3, 400, 3))
+    share = generator.uniform(size=(2, 400, 1))
+    point = a + share[0] * (b - a) + share[1] * (c - a)
+    point[:, 0] *= 1 + step
+    rows = [scale * p for p in (a, b, c, point)]
+    found = intersections._side_of_plane(*rows)
+    expected = [_exact_side(*corners) for corners in zip(*rows, strict=True)]
+    assert found.tolist() == expected
+    assert len(set(expected)) > 1
+
+
+def _exact_side(*points):
+    """The sign of a determinant of rational numbers."""
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz), (x, y, z) = (
+        [Fraction(float(number)) for number in point] for point in points
+    )
+    ax, ay, az, bx, by, bz = ax - x, ay - y, az - z, bx - x, by - y, bz - z
+    cx, cy, cz = cx - x, cy - y, cz - z
+    value = cx * (ay * bz - az * by) + cy * (az * bx - ax * bz) + cz * (ax * by - ay * bx)
+    return (value > 0) - (value < 0)

@@ -6,7 +6,6 @@ from cageik_cli.geometry import surface
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface import (
     closest_points,
-    measure_distances,
     winding_numbers,
 )
 from cageik_cli.util import compiled
@@ -20,14 +19,6 @@ def test_nearest_point_of_a_box_is_that_of_the_formula(core):
     depth = 1 - np.abs(points).max(axis=1)
     expected = np.where(depth > 0, depth, outside)
     np.testing.assert_allclose(nearest.distance, expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("limit", [-1, 100_000])
-def test_distances_from_points_are_those_of_all_pairs(monkeypatch, limit):
-    places, points = np.random.default_rng(3).normal(size=(2, 70, 3))
-    monkeypatch.setattr(surface, "MAX_COMPARED_PAIRS", limit)
-    expected = np.linalg.norm(points[:, None] - places, axis=2).min(axis=1)
-    np.testing.assert_allclose(measure_distances(places, points), expected, rtol=1e-14, atol=0)
 
 
 def test_weights_give_the_nearest_point(core):

@@ -12,9 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.bem.polynomials import (
@@ -24,6 +22,7 @@ from cageik_cli.coordinates.bem.polynomials import (
     orthogonal_basis,
 )
 from cageik_cli.coordinates.bem.potentials import Potentials, compute_potentials
+from cageik_cli.geometry.neighbours import order_by_place
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.threads import limit_blas_threads
 
@@ -58,7 +57,7 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
     digit at most; the densities of affine functions are known, and are corrected exactly.
     """
     matrix = np.zeros((mesh.unknowns, mesh.unknowns), np.float32)
-    rhs = np.empty((mesh.unknowns, mesh.hats.shape[1]), np.float32)
+    rhs = np.empty((mesh.unknowns, mesh.hats.count), np.float32)
 
     def fill(chosen: Integers) -> None:
         _fill_rows(mesh, chosen, matrix, rhs)
@@ -66,12 +65,7 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
     for _ in pool.map(fill, _split_test_panels(mesh)):
         pass
     with limit_blas_threads(LU_THREADS):
-        # LAPACK needs columns: the transpose is factored in place, and solved transposed.
-        factor = scipy.linalg.lu_factor(matrix.T, overwrite_a=True, check_finite=False)
-        densities = scipy.linalg.lu_solve(
-            factor, rhs, trans=1, overwrite_b=True, check_finite=False
-        )
-    del factor
+        densities = np.linalg.solve(matrix, rhs)
     return BoundarySolution(mesh, _enforce_affine(mesh, densities.astype(np.float64)))
 
 
@@ -143,7 +137,7 @@ def _split_test_panels(mesh: BoundaryMesh) -> list[Integers]:
     for chosen, order in ((panels[is_high], mesh.order), (panels[~is_high], 1)):
         if len(chosen):
             size = max(1, _block_size(mesh) // (order + 1) ** 2)
-            ordered = chosen[cKDTree(mesh.panels.centroids[chosen], leafsize=size).indices]
+            ordered = chosen[order_by_place(mesh.panels.centroids[chosen])]
             blocks += np.split(ordered, range(size, len(ordered), size))
     return blocks
 

@@ -2,16 +2,20 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
+from cageik_cli.coordinates.bem.hats import Hats
 from cageik_cli.coordinates.bem.higher_terms import HigherTerms
 from cageik_cli.coordinates.bem.panel_geometry import Panels
 from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, exponents, orthogonal_basis
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +28,8 @@ class BoundaryMesh:
     Attributes
     ----------
     panels : Panels
-    hats : (v, n) sparse
-        Values of the hats of the cage's n vertices at the vertices of the panels.
+    hats : Hats
+        Those of the cage's n vertices, at the vertices of the panels.
     order : int
     high_panels : (k,) int64
         Numbers of the panels of degree `order`, ascending.
@@ -34,7 +38,7 @@ class BoundaryMesh:
     """
 
     panels: Panels
-    hats: sparse.csr_array
+    hats: Hats
     order: int
     high_panels: Integers
     reach: Floats
@@ -42,7 +46,7 @@ class BoundaryMesh:
     @staticmethod
     def from_cage(cage: TriMesh) -> "BoundaryMesh":
         """Build one panel per face, with linear densities."""
-        hats = sparse.eye_array(len(cage.vertices), format="csr")
+        hats = Hats.at_vertices(len(cage.vertices))
         return _make_linear_mesh(Panels(cage.vertices, cage.faces), hats)
 
     @property
@@ -61,18 +65,29 @@ class BoundaryMesh:
         return self.linear_unknowns + self.extra_terms * len(self.high_panels)
 
     @cached_property
-    def double_layer_to_hats(self) -> sparse.csr_array:
+    def double_layer_to_hats(self) -> "sparse.csr_array":
         """Return the map from ∫ (1, x, y) h/r³, [term, panel], to D of the hats, (n, 3p)."""
-        a, b, c = (self.hats[self.panels.corners[:, k]].T for k in range(3))
-        # φ_0 = ⅓ + x, φ_1 = ⅓ + y, φ_2 = ⅓ − x − y
-        terms = [(a + b + c) / 3, a - c, b - c]
-        return sparse.csr_array(sparse.hstack(terms, format="csr"))
+        from scipy import sparse
+
+        starts, rows, values = self.double_layer_columns
+        shape = (self.hats.count, len(starts) - 1)
+        return sparse.csr_array(sparse.csc_array((values, rows, starts), shape=shape))
 
     @cached_property
     def double_layer_columns(self) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats]:
-        """Return the starts, rows and values of the columns of `double_layer_to_hats`."""
-        columns = self.double_layer_to_hats.tocsc()
-        return columns.indptr.astype(np.int32), columns.indices.astype(np.int32), columns.data
+        """Return the starts, rows and values of the columns of `double_layer_to_hats`.
+
+        A row may come more than once in a column: its values are added.
+        """
+        rows = self.hats.corners[self.panels.corners].reshape(len(self.panels.corners), -1)
+        at_corners = self.hats.values[self.panels.corners]
+        # φ_0 = ⅓ + x, φ_1 = ⅓ + y, φ_2 = ⅓ − x − y
+        factors = np.array([[1 / 3, 1 / 3, 1 / 3], [1, 0, -1], [0, 1, -1]])
+        values = (factors[:, None, :, None] * at_corners).reshape(-1, rows.shape[1])
+        used = values != 0
+        starts = np.concatenate([[0], np.cumsum(used.sum(axis=1))])
+        rows = np.tile(rows, (len(factors), 1))[used]
+        return starts.astype(np.int32), rows.astype(np.int32), values[used]
 
     @cached_property
     def higher_terms(self) -> HigherTerms:
@@ -148,17 +163,15 @@ class BoundaryMesh:
         divided = np.repeat(corners, np.where(chosen, 4, 1), axis=0)
         divided[np.repeat(chosen, np.where(chosen, 4, 1))] = children.reshape(-1, 3)
         middles = vertices[ends].mean(axis=1)
-        hats = (self.hats[ends[:, 0]] + self.hats[ends[:, 1]]) / 2
-        return _make_linear_mesh(
-            Panels(np.concatenate([vertices, middles]), divided),
-            sparse.csr_array(sparse.vstack([self.hats, hats], format="csr")),
-        )
+        panels = Panels(np.concatenate([vertices, middles]), divided)
+        return _make_linear_mesh(panels, self.hats.add_middles(ends))
 
     def evaluate_hats(self, chosen: Integers, barycentric: Floats) -> Floats:
         """Return the hats, (c, j, n), at `barycentric` coordinates, (j, 3), of some panels."""
-        corner = [self.hats[self.panels.corners[chosen, k]].toarray() for k in range(3)]
-        return np.asarray(np.einsum("jk,kcn->cjn", barycentric, np.stack(corner)))
+        shape = (len(chosen), *barycentric.shape)
+        corners = np.broadcast_to(self.panels.corners[chosen][:, None], shape)
+        return self.hats.evaluate(corners, np.broadcast_to(barycentric, shape))
 
 
-def _make_linear_mesh(panels: Panels, hats: sparse.csr_array) -> BoundaryMesh:
+def _make_linear_mesh(panels: Panels, hats: Hats) -> BoundaryMesh:
     return BoundaryMesh(panels, hats, 1, np.empty(0, np.int64), np.empty(0))

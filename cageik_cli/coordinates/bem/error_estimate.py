@@ -81,10 +81,9 @@ def _residual_near_cage(boundary: BoundarySolution, sample: Floats) -> Floats:
     panels = mesh.panels
     nearest = closest_points(TriMesh(panels.vertices, panels.corners), sample)
     on_cage = nearest.position + EDGE_OFFSET * (panels.centroids[nearest.face] - nearest.position)
-    hats = (
-        closest_points(nearest.mesh, on_cage).barycentric_weights(np.ones(len(on_cage), bool))
-        @ mesh.hats
-    )
+    on_panels = closest_points(nearest.mesh, on_cage)
+    barycentric = on_panels.barycentric_coordinates(np.ones(len(on_cage), bool))
+    hats = mesh.hats.evaluate(panels.corners[on_panels.face], barycentric)
     residual = np.concatenate(
         [
             np.abs(2 * np.pi * hats[block] - _surface_values(boundary, on_cage[block]).T).sum(

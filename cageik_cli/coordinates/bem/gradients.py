@@ -106,7 +106,7 @@ class WeightGradients:
         )
         gradients = np.einsum("qn,qx->xnq", across, panels.normals[chosen])
         for k in range(3):
-            hats = mesh.hats[panels.corners[chosen, k]].toarray()
+            hats = mesh.hats.evaluate(panels.corners[chosen], np.eye(3)[[k] * len(chosen)])
             gradients += np.einsum("qn,qx->xnq", hats, hat_slopes[k])
         self._enforce_affine(gradients)
         return np.asarray(gradients)
@@ -166,7 +166,7 @@ class WeightGradients:
                 for k in range(3):
                     side = -np.cross(turned, panels.side_normals[k])[:, axis]
                     entries.append((row, self._edge_columns(k)[0], side))
-        to_hats = sparse.block_diag([mesh.hats.T] * 3, format="csr")
+        to_hats = sparse.block_diag([mesh.hats.to_matrix().T] * 3, format="csr")
         return sparse.csr_array(to_hats @ self._build_map(entries, 3 * v))
 
     def _edge_columns(self, k: int) -> tuple[Integers, Integers]:

@@ -6,12 +6,15 @@ the corner's altitude over it, n the panel's unit normal, φ_k the hat of corner
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import sparse
 
 from cageik_cli.geometry.mesh import Edges
 from cageik_cli.util.arrays import Floats, Integers
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +93,7 @@ class Panels:
         return np.where(starts == self.edges.ends[self.edges.side_edges, 0], 1.0, -1.0)
 
     @cached_property
-    def altitude_sums(self) -> sparse.csr_array:
+    def altitude_sums(self) -> "sparse.csr_array":
         """Return the sums over sides of f with factors A_k / 3, A_0 − A_2 and A_1 − A_2, (3p, e).
 
         Because t_k = A_k φ_k(p), the products of the three with 1, x, y of the foot sum to
@@ -102,12 +105,14 @@ class Panels:
         )
 
     @cached_property
-    def half_slope_sums(self) -> sparse.csr_array:
+    def half_slope_sums(self) -> "sparse.csr_array":
         """Return the sums over sides with factors ½ ∇x · m_k and ½ ∇y · m_k, (2p, e)."""
         return self._build_side_sums(self.slopes[:2] / 2)
 
-    def _build_side_sums(self, factors: Floats) -> sparse.csr_array:
+    def _build_side_sums(self, factors: Floats) -> "sparse.csr_array":
         """Return sums over the sides of panels with `factors`, (sums, 3, p), as (sums p, e)."""
+        from scipy import sparse
+
         count = len(factors) * len(self.corners)
         rows = np.broadcast_to(np.arange(count).reshape(len(factors), 1, -1), factors.shape)
         columns = np.broadcast_to(self.edges.side_edges.T, factors.shape)

@@ -7,7 +7,6 @@ the order 1, x, y, x², xy, y², x³, ... Nothing here depends on the triangle's
 from functools import cache
 
 import numpy as np
-from scipy.special import roots_jacobi
 
 from cageik_cli.util.arrays import Floats
 
@@ -58,11 +57,24 @@ def gauss_rule(points: int) -> tuple[Floats, Floats]:
         Shares of the area; the sum is 1.
     """
     along, along_shares = np.polynomial.legendre.leggauss(points)
-    across, across_shares = roots_jacobi(points, 1, 0)
+    across, across_shares = _gauss_jacobi(points)
     first = np.repeat((across + 1) / 2, points)
     second = (1 - first) * np.tile((along + 1) / 2, points)
     shares = np.outer(across_shares, along_shares).ravel() / 4
     return np.column_stack([first, second, 1 - first - second]), shares
+
+
+def _gauss_jacobi(points: int) -> tuple[Floats, Floats]:
+    """Return the nodes and weights of Gauss's rule for ∫ (1 − x) f(x) dx over −1 to 1.
+
+    They are eigenvalues of the matrix of the recurrence of Jacobi's polynomials (Golub and Welsch
+    1969).
+    """
+    k = np.arange(points)
+    matrix = np.diag(-1.0 / ((2 * k + 1) * (2 * k + 3)))
+    beside = np.sqrt(k[1:] * (k[1:] + 1.0)) / (2 * k[1:] + 1)
+    nodes, vectors = np.linalg.eigh(matrix + np.diag(beside, 1) + np.diag(beside, -1))
+    return nodes, 2 * vectors[0] ** 2
 
 
 @cache

@@ -82,7 +82,7 @@ def compute_potentials(mesh: BoundaryMesh, points: Floats, *, is_inside: bool) -
         workspace.array("moments", 3 * p, q),
         near,
         workspace.array("higher", mesh.extra_terms, len(near), q),
-        workspace.array("double", mesh.hats.shape[1], q),
+        workspace.array("double", mesh.hats.count, q),
     )
     compiled.kernel.compute_potentials(
         _LIMITS,

@@ -25,8 +25,12 @@ def test_dividing_keeps_the_surface_and_the_hats(every):
         BoundaryMesh.from_cage(cage).panels.areas.sum(), rel=1e-14
     )
     assert TriMesh(panels.vertices, panels.corners).volume == pytest.approx(cage.volume, rel=1e-13)
-    np.testing.assert_allclose(mesh.hats @ cage.vertices, panels.vertices, atol=1e-15)
-    np.testing.assert_allclose(mesh.hats.sum(axis=1), 1, rtol=1e-15)
+    np.testing.assert_allclose(mesh.hats.to_matrix() @ cage.vertices, panels.vertices, atol=1e-15)
+    np.testing.assert_allclose(mesh.hats.values.sum(axis=1), 1, rtol=1e-15)
+    np.testing.assert_array_equal(
+        mesh.hats.evaluate(panels.corners, np.eye(3)[[2] * len(panels.corners)]),
+        mesh.hats.to_matrix().toarray()[panels.corners[:, 2]],
+    )
 
 
 def test_children_take_the_place_of_their_parent():

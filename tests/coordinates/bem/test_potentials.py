@@ -194,9 +194,10 @@ def _arguments(monkeypatch):
         def compute_potentials(self, *arguments):
             taken.extend(arguments)
 
+    points = inside(ball(2, 1.0), 40)
     with monkeypatch.context() as patch:
         patch.setattr(compiled, "kernel", Kernel())
-        compute_potentials(raised(ball(2, 1.0), 3, 0.5), inside(ball(2, 1.0), 40), is_inside=True)
+        compute_potentials(raised(ball(2, 1.0), 3, 0.5), points, is_inside=True)
     return [list(part) if isinstance(part, tuple) else part for part in taken]
 
 
