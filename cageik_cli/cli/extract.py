@@ -45,7 +45,9 @@ from cageik_cli.formats.scene import SceneHints
 from cageik_cli.solver.settings import CaptureSettings, FitSettings, SolveSettings
 
 if TYPE_CHECKING:
+    from cageik_cli.formats.write import ExportSummary
     from cageik_cli.store.result import Result
+    from cageik_cli.util.progress import ProgressListener
     from cageik_cli.workflows.export import ExportSettings
     from cageik_cli.workflows.extract_settings import ExtractSettings
 
@@ -250,14 +252,13 @@ def extract_command(
     from cageik_cli.report.record import build_report
     from cageik_cli.report.views.text import format_text
     from cageik_cli.util.text import format_row
-    from cageik_cli.workflows.export import export
     from cageik_cli.workflows.extract import extract
 
     loaded_limits = limits.load()
     export_settings = _plan_exports(settings, exports, [timings], [limits.baseline])
     with show_progress(not quiet, timings, settings.overwrite) as progress:
         result = extract(settings, progress)
-        summaries = [export(one, progress) for one in export_settings]
+        summaries = _export(export_settings, progress)
     report = build_report(result, loaded_limits)
     overview = build_overview([build_clip_entry(report)])
     if quiet:
@@ -281,20 +282,38 @@ def _plan_exports(
     other_inputs: list[Path | None],
 ) -> list["ExportSettings"]:
     """Make the settings of the exports, and check the outputs of the command before any work."""
-    from cageik_cli.formats.write import Output
     from cageik_cli.util.outputs import check_no_overlap
-    from cageik_cli.workflows.export import ExportSettings, check_export
 
-    planned = [
-        ExportSettings(settings.output, Output(path, overwrite=settings.overwrite))
-        for path in exports
-    ]
+    planned = _make_export_settings(settings, exports) if exports else []
     exported = [path for one in planned for path in one.outputs()]
     outputs = [*settings.outputs(), *other_outputs, *exported]
     check_no_overlap(outputs, [*settings.inputs(), *other_inputs])
-    for one in planned:
-        check_export(one)
+    if planned:
+        from cageik_cli.workflows.export import check_export
+
+        for one in planned:
+            check_export(one)
     return planned
+
+
+def _make_export_settings(
+    settings: "ExtractSettings", exports: tuple[Path, ...]
+) -> list["ExportSettings"]:
+    from cageik_cli.formats.write import Output
+    from cageik_cli.workflows.export import ExportSettings
+
+    return [
+        ExportSettings(settings.output, Output(path, overwrite=settings.overwrite))
+        for path in exports
+    ]
+
+
+def _export(planned: list["ExportSettings"], progress: "ProgressListener") -> list["ExportSummary"]:
+    if not planned:
+        return []
+    from cageik_cli.workflows.export import export
+
+    return [export(one, progress) for one in planned]
 
 
 def _show_details(settings: "ExtractSettings", result: "Result") -> None:

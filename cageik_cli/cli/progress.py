@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Lock
-from typing import NoReturn
-
-from tqdm import tqdm
+from typing import TYPE_CHECKING, NoReturn
 
 from cageik_cli.util.outputs import check_writable, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_row
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 # What each stage's bar counts; the stages of a frame share one.
 _BARS = {
@@ -82,6 +83,8 @@ class ProgressBar(ProgressListener):
         return [*self.notes, ("seconds", stages)]
 
     def _open_bar(self, label: str, unit: str) -> None:
+        from tqdm import tqdm  # slow to import, and only terminals show bars
+
         if self._bar is not None:
             self._bar.close()
         self._label = label

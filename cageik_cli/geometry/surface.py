@@ -18,9 +18,9 @@ ROUNDING_TOL = 8 * np.finfo(np.float64).eps
 """The same in the largest coordinate: more for a mesh far from the origin."""
 
 
-MAX_COMPARED_FACES = 2_000
-"""Faces that are all compared with each point, where that is compiled: for more, trees of libigl
-are faster, and worth their import."""
+MAX_COMPARED_PAIRS = 40_000_000
+"""Pairs of points and faces that are all compared, where that is compiled, in 0.1 s. For more, the
+trees of libigl are faster, and worth their import."""
 
 PAIRS_PER_BLOCK = 500_000
 """Pairs of points and faces that one thread compares at once."""
@@ -77,7 +77,7 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
     """Find the point of `mesh` nearest to each of `points`, (m, 3)."""
-    if compiled.kernel is None or len(mesh.faces) > MAX_COMPARED_FACES:
+    if not _can_compare(mesh, points):
         import igl
 
         squares, face, position = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)
@@ -86,6 +86,10 @@ def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
     position = np.empty((len(points), 3))
     _compare_faces(compiled.kernel.closest_points, mesh, points, (squares, face, position))
     return ClosestPoints(mesh, np.sqrt(squares), face, position)
+
+
+def _can_compare(mesh: TriMesh, points: Floats) -> bool:
+    return compiled.kernel is not None and len(mesh.faces) * len(points) <= MAX_COMPARED_PAIRS
 
 
 def _compare_faces(
@@ -119,7 +123,7 @@ def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]
 
 def winding_numbers(mesh: TriMesh, points: Floats) -> Floats:
     """Compute how often the surface winds around each point, (m,): 1 inside, 0 outside."""
-    if compiled.kernel is None or len(mesh.faces) > MAX_COMPARED_FACES:
+    if not _can_compare(mesh, points):
         import igl
 
         return np.asarray(igl.winding_number(mesh.vertices, mesh.faces, points), np.float64).ravel()

@@ -65,7 +65,7 @@ def test_all_faces_compared_give_what_the_tree_gives(mesh, monkeypatch):
     points = places_around(mesh)
     off = closest_points(mesh, points).distance > 1e-9
     found, windings = closest_points(mesh, points), winding_numbers(mesh, points[off])
-    monkeypatch.setattr(surface, "MAX_COMPARED_FACES", 0)
+    monkeypatch.setattr(surface, "MAX_COMPARED_PAIRS", 0)
     expected = closest_points(mesh, points)
     np.testing.assert_allclose(found.distance, expected.distance, rtol=1e-12, atol=1e-14)
     at = np.linalg.norm(found.position - points, axis=1)
