@@ -39,8 +39,7 @@ MIN_PANELS = 60
 """Faces of cages with fewer panels are divided into four, which costs little."""
 
 MAX_FACES = 5000
-"""Largest number of faces of a cage; its matrix then has (3 × 5000)² float32, 0.9 GB, and the
-solver a copy."""
+"""Largest number of faces of a cage; its matrix then has (3 × 5000)² float32, 0.9 GB."""
 
 MAX_REFINEMENTS = 4
 """Largest number of times that the panels with the largest error are divided."""

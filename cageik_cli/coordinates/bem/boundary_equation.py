@@ -62,10 +62,18 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
     def fill(chosen: Integers) -> None:
         _fill_rows(mesh, chosen, matrix, rhs)
 
-    for _ in pool.map(fill, _split_test_panels(mesh)):
+    assembled = pool.map(fill, _split_test_panels(mesh))
+    import scipy.linalg  # slow: meanwhile the pool assembles
+
+    for _ in assembled:
         pass
     with limit_blas_threads(LU_THREADS):
-        densities = np.linalg.solve(matrix, rhs)
+        # LAPACK needs columns: the transpose is factored in place, and solved transposed.
+        factor = scipy.linalg.lu_factor(matrix.T, overwrite_a=True, check_finite=False)
+        densities = scipy.linalg.lu_solve(
+            factor, rhs, trans=1, overwrite_b=True, check_finite=False
+        )
+    del factor
     return BoundarySolution(mesh, _enforce_affine(mesh, densities.astype(np.float64)))
 
 
