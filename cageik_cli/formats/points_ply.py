@@ -122,13 +122,20 @@ def _check_elements(elements: list[Element]) -> None:
     """Refuse a header that cannot be that of points to be moved."""
     vertex = elements[0]
     names = [name.decode("utf-8", "replace") for name in vertex.type_codes]
+    for element in elements:
+        if element.count < 0:
+            shown = element.name.decode("utf-8", "replace")
+            raise FormatError(
+                f"its header says `element {shown} {element.count}`, which is not a valid count; "
+                "export it again"
+            )
     if vertex.name != b"vertex":
         before = vertex.name.decode("utf-8", "replace")
         hint = "; if it is a compressed splat file, export it uncompressed"
         raise FormatError(f"has `{before}` before its points, expected the points first{hint}")
     if not all(name.isascii() for name in names):
         raise FormatError("has a property whose name is not plain text; rename it")
-    if vertex.count <= 0:
+    if vertex.count == 0:
         raise FormatError("has no points; export it again")
     if has_lists(vertex):
         raise FormatError("has a list among the properties of its points; export it without")
