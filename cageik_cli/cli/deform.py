@@ -152,11 +152,9 @@ def deform_command(settings: "DeformSettings", quiet: bool) -> None:
     --frames, --layout, --allow-gaps and --close-gaps apply to --cages.
     """
     from cageik_cli.cli.progress import show_progress
-    from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.util.text import format_block
     from cageik_cli.workflows.deform import deform
 
-    check_no_overlap(settings.outputs(), settings.inputs())
     with show_progress(not quiet, None, False) as progress:
         summary = deform(settings, progress)
     if not quiet:

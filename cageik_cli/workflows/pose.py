@@ -168,7 +168,7 @@ def pose_model(binding: Binding, handles: NamedHandles, posing: PosingSettings) 
     with error_context(handles.path), limit_blas_threads(1):
         layers = build_layers(handles.handles, target, posing)
         block = edit_frames(layers, target, np.zeros(1, np.int64), cage[None])
-    statistics = PoseStatistics(layers, binding.rest.diagonal)
+    statistics = PoseStatistics(layers, binding.rest)
     statistics.update(block)
     summary = statistics.summarize([])
     result = PoseResult(summary, take_snapshot(layers, target, block, summary))

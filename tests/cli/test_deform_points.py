@@ -60,7 +60,7 @@ def frames_in(folder):
 def test_points_move_with_their_properties(run, cloud):
     outcome = run("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "out")
     assert outcome.code == 0, outcome.err
-    assert "wrote out: 5 frames of 60 vertices" in outcome.err
+    assert "wrote out: 5 frames of 60 points" in outcome.err
     frames = frames_in("out")
     assert len(frames) == 5
     for rows in frames:
@@ -122,7 +122,8 @@ def test_points_outside_are_refused_or_taken_to_the_cage(run, cloud):
     words = ("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "out")
     refused = run(*words)
     assert refused.code == 1
-    assert "1 of 60 vertices of cloud.ply are outside the cage" in refused.err
+    assert "Error: cloud.ply: 1 of 60 vertices are outside the cage" in refused.err
+    assert refused.err.count("cloud.ply") == 1
     assert "--outside project" in refused.err
     assert not Path("out").exists()
     assert run(*words, "--outside", "project").code == 0
@@ -132,6 +133,7 @@ def test_splats_move_as_their_rest_pose_says(run, splats):
     """The first frame is the rest pose: nothing changes."""
     outcome = run("deform", "cages.h5", "--mesh", "splats.ply", "-o", "out/s_####.ply")
     assert outcome.code == 0, outcome.err
+    assert "5 frames of 60 splats" in outcome.err
     frames = frames_in("out")
     assert len(frames) == 5
     with h5py.File("cages.h5") as file:
@@ -176,6 +178,32 @@ def test_splats_that_are_turned_inside_out_are_counted(run, splats, write_obj, a
 
 REFUSED = {
     "points as a mesh": ("cloud.ply", ["-o", "out/a_#.obj"], "a cloud of points; write .ply, .npz"),
+    "points as a mesh, without a number": (
+        "cloud.ply",
+        ["-o", "a.obj"],
+        "a.obj: a `.obj` cannot hold cloud.ply, which is a cloud of points; write .ply, .npz",
+    ),
+    "splats as a mesh": (
+        "splats.ply",
+        ["-o", "a.obj"],
+        "a.obj: a `.obj` cannot hold splats.ply, which is a file of Gaussian splats; write .ply",
+    ),
+    "splats in a folder of a mesh": (
+        "splats.ply",
+        ["-o", "out", "--format", "obj"],
+        "out: a `.obj` cannot hold splats.ply",
+    ),
+    "splats in one file": (
+        "splats.ply",
+        ["-o", "a.ply"],
+        "a.ply: a `.ply` file holds one frame; name files in a folder, such as a/a_####.ply",
+    ),
+    "points in place of themselves": (
+        "cloud.ply",
+        ["-o", "./cloud_##.ply"],
+        "is a folder with files that this command reads or writes",
+    ),
+    "one point": ("one.ply", ["-o", "out"], "one.ply: all points of the model are at one place"),
     "points as USD": ("cloud.ply", ["-o", "a.usdc"], "a cloud of points; write .ply, .npz"),
     "splats as arrays": ("splats.ply", ["-o", "a.npz"], "Gaussian splats; write .ply, .usd"),
     "splats of few influences": (
@@ -209,11 +237,14 @@ def test_what_cannot_be_done_is_said(run, cloud, splats, case):
     name, words, expected = REFUSED[case]
     Path("damaged.ply").write_bytes(Path("splats.ply").read_bytes()[:-9])
     Path("part.ply").write_bytes(Path("splats.ply").read_bytes().replace(b"rot_3", b"rat_3"))
+    Path("one.ply").write_bytes(encode_rows(cloud[:1]))
     cloud["x"][3] = np.nan
     Path("nan.ply").write_bytes(encode_rows(cloud))
     outcome = run("deform", "cages.h5", "--mesh", name, *words)
     assert outcome.code == 1, outcome.err
-    assert expected in " ".join(outcome.err.split())
+    text = " ".join(outcome.err.split())
+    assert expected in text
+    assert "are they swapped" not in text
     assert not Path("out").exists()
 
 
@@ -221,6 +252,7 @@ def test_points_are_posed(run, cloud):
     words = ("pose", "cloud.ply", "h.json", "--cage", "cage.obj")
     outcome = run(*words, "-o", "posed.ply", "--plot", "posed.png")
     assert outcome.code == 0, outcome.err
+    assert "volume" not in outcome.err, "points have none"
     rows = read("posed.ply")
     np.testing.assert_array_equal(rows["heat"], cloud["heat"])
     np.testing.assert_allclose(places(rows)[3] - places(cloud)[3], [0.1, 0.2, 0], rtol=0, atol=1e-2)
