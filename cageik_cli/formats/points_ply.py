@@ -27,6 +27,8 @@ from cageik_cli.util.errors import FormatError, OutputError
 
 POSITION_NAMES = ("x", "y", "z")
 
+NORMAL_NAMES = ("nx", "ny", "nz")
+
 MAX_HEADER_BYTES = 1 << 20
 """A longer header is none."""
 
@@ -60,6 +62,17 @@ class PointFile:
     def positions(self) -> Floats:
         """The positions, (m, 3)."""
         return stack_positions(self.rows)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is not done to its properties, one sentence each."""
+        held = [self.rows[name] for name in NORMAL_NAMES if name in self.names]
+        if not any(np.any(values) for values in held):
+            return ()
+        return (
+            f"its normals ({', '.join(NORMAL_NAMES)}) keep their values and are not turned; "
+            "compute them again from the points that are written",
+        )
 
     def encode(self, rows: NDArray[Any]) -> bytes:
         """Return the file with other properties."""

@@ -72,7 +72,7 @@ def _orthogonalize(columns: Floats) -> None:
         for first, second in ((0, 1), (0, 2), (1, 2)):
             p, q = columns[:, first], columns[:, second]
             product, square, other = _dot(p, q), _dot(p, p), _dot(q, q)
-            bound = np.sqrt(square * other)
+            bound = np.sqrt(square) * np.sqrt(other)
             is_skew = np.abs(product) > ORTHOGONAL_TOL * bound
             if not is_skew.any():
                 continue

@@ -134,4 +134,5 @@ def load_model(path: Path) -> LoadedModel:
             return LoadedModel(load_mesh(path))
         splats = read_splats(points) if holds_splats(points) else None
         cloud = PointCloud.from_points(points.positions)
-        return LoadedModel(LoadedMesh(cloud, describe_source(path, data)), points, splats)
+        mesh = LoadedMesh(cloud, describe_source(path, data), points.notes)
+        return LoadedModel(mesh, points, splats)

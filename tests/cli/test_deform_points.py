@@ -80,6 +80,28 @@ def test_positions_of_points_are_written_in_other_formats(run, cloud, name):
             np.testing.assert_allclose(arrays["vertices"], expected, rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("command", ["deform", "pose"])
+def test_normals_that_are_not_turned_are_noted(run, cloud, command):
+    words = {
+        "deform": ("deform", "cages.h5", "--mesh", "n.ply", "-o", "out"),
+        "pose": ("pose", "n.ply", "h.json", "--cage", "cage.obj", "-o", "posed.ply"),
+    }[command]
+    normals = [(axis, "<f4") for axis in ("nx", "ny", "nz")]
+    rows = np.zeros(60, [*((axis, "<f4") for axis in "xyz"), *normals])
+    for axis in "xyz":
+        rows[axis] = cloud[axis]
+    Path("n.ply").write_bytes(encode_rows(rows))
+    note = "n.ply: its normals (nx, ny, nz) keep their values"
+    outcome = run(*words)
+    assert outcome.code == 0, outcome.err
+    assert note not in " ".join(outcome.err.split()), "they are all zero"
+    rows["ny"] = 1
+    Path("n.ply").write_bytes(encode_rows(rows))
+    outcome = run(*words, "--overwrite")
+    assert outcome.code == 0, outcome.err
+    assert note in " ".join(outcome.err.split())
+
+
 def test_packed_points_are_read(run, cloud):
     Path("cloud.ply.gz").write_bytes(gzip.compress(Path("cloud.ply").read_bytes()))
     words = ("deform", "cages.h5", "--mesh", "cloud.ply.gz", "-q")
@@ -286,6 +308,7 @@ def test_info_says_what_a_file_of_points_holds(run, cloud):
     assert "x, y, z, red, heat" in outcome.out
     outcome = run("info", "splats.ply")
     assert "a file of Gaussian splats" in outcome.out
+    assert "splats         60" in outcome.out
     assert "spherical harmonics up to band 3" in outcome.out
 
 
