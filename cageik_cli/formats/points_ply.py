@@ -75,7 +75,23 @@ class PointFile:
         )
 
     def encode(self, rows: NDArray[Any]) -> bytes:
-        """Return the file with other properties."""
+        """Return the file with other properties.
+
+        Raises
+        ------
+        OutputError
+            When a position is too large for the type of its property, or another number for half
+            precision, which alone is narrower than what is computed.
+        """
+        for name in self.names:
+            is_half = self.rows.dtype[name] == np.float16
+            if name not in POSITION_NAMES and not is_half:
+                continue
+            if (np.isfinite(self.rows[name]) & ~np.isfinite(rows[name])).any():
+                raise OutputError(
+                    f"a moved `{name}` is too large for its type, {rows.dtype[name].name}; scale "
+                    "the animation, or give a file whose properties are double"
+                )
         return b"".join((self.head, rows.data.cast("B"), self.tail))
 
 
@@ -185,21 +201,10 @@ def _parse_text(body: bytes, elements: list[Element], kind: np.dtype[Any]) -> ND
 
 
 def place_positions(rows: NDArray[Any], positions: Floats) -> None:
-    """Put positions, (m, 3), into rows.
-
-    Raises
-    ------
-    OutputError
-        When one is too large for the type of the property.
-    """
+    """Put positions, (m, 3), into rows; one too large for its type becomes infinite."""
     with np.errstate(over="ignore"):
         for axis, values in zip(POSITION_NAMES, positions.T, strict=True):
             rows[axis] = values
-    if not all(np.isfinite(rows[axis]).all() for axis in POSITION_NAMES):
-        raise OutputError(
-            f"a coordinate of {np.abs(positions).max():g} is too large for the type of the file's "
-            "positions; scale the animation"
-        )
 
 
 class PointWriter(FrameFileWriter):

@@ -17,7 +17,7 @@ from cageik_cli.geometry.ellipsoids import Ellipsoids
 from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
 from cageik_cli.geometry.splats import Splats
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.errors import FormatError, OutputError
+from cageik_cli.util.errors import FormatError
 
 SCALES = tuple(f"scale_{k}" for k in range(3))
 TURNS = tuple(f"rot_{k}" for k in range(4))
@@ -105,26 +105,14 @@ def _refuse(
 
 
 def place_splats(rows: NDArray[Any], splats: Splats) -> None:
-    """Put moved splats into rows; logarithms are at least −`MAX_LOG_SCALE`.
-
-    Raises
-    ------
-    OutputError
-        When a coefficient of a colour is too large for a property of half precision.
-    """
+    """Put moved splats into rows; logarithms are at least −`MAX_LOG_SCALE`."""
     logs = np.maximum(np.log(splats.ellipsoids.axes), -MAX_LOG_SCALE)
     for names, values in ((SCALES, logs), (TURNS, splats.ellipsoids.quaternions)):
         for name, row in zip(names, values, strict=True):
             rows[name] = row
-    for k, row in enumerate(splats.harmonics.reshape(-1, len(rows))):
-        name = f"f_rest_{k}"
-        with np.errstate(over="ignore"):
-            rows[name] = row
-        if rows.dtype[name].itemsize == 2 and not np.isfinite(rows[name]).all():
-            raise OutputError(
-                f"the turned colours need a `{name}` of {np.abs(row).max():g}, which is too large "
-                "for its half precision; give a file whose properties are float"
-            )
+    with np.errstate(over="ignore"):  # only half precision is too narrow
+        for k, row in enumerate(splats.harmonics.reshape(-1, len(rows))):
+            rows[f"f_rest_{k}"] = row
 
 
 class SplatWriter(FrameFileWriter):

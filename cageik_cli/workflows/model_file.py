@@ -130,8 +130,9 @@ def load_model(path: Path) -> LoadedModel:
     with error_context(path):
         data = read_input(path)
         points = parse_points(decompress(data, suffix))
-        if points is None:
-            return LoadedModel(load_mesh(path))
+    if points is None:
+        return LoadedModel(load_mesh(path))
+    with error_context(path):
         splats = read_splats(points) if holds_splats(points) else None
         cloud = PointCloud.from_points(points.positions)
         mesh = LoadedMesh(cloud, describe_source(path, data), points.notes)

@@ -208,7 +208,9 @@ def _write_model(
         with limit_blas_threads(1):
             faults = fill_rows(motion, rows[None], posed.cage[None], jobs)
         note_faults(faults, len(rows), file.note(progress))
-    write_bytes(path, file.points.encode(rows), settings.overwrite)
+    with error_context(path):
+        data = file.points.encode(rows)
+    write_bytes(path, data, settings.overwrite)
 
 
 def _check_outputs(settings: PoseSettings) -> None:

@@ -198,6 +198,31 @@ def test_splats_that_are_turned_inside_out_are_counted(run, splats, write_obj, a
     assert "60 of 120 moved splats are flattened" in text
 
 
+@pytest.mark.parametrize("kind", ["<f4", "<f8"])
+@pytest.mark.parametrize("name", ["out", "s.usdc"])
+def test_splats_too_far_for_their_type_are_refused(run, splats, write_obj, animation, name, kind):
+    rows = splats.astype([(each, kind) for each in splats.dtype.names])
+    Path("splats.ply").write_bytes(encode_rows(rows))
+    write_obj(Path("far/c_1.obj"), 1e45 * animation.cage.vertices, animation.cage.faces)
+    words = ("deform", "cages.h5", "--mesh", "splats.ply", "--cages", "far")
+    outcome = run(*words, "-o", name)
+    if name == "out" and kind == "<f8":
+        assert outcome.code == 0, outcome.err
+        return
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"Error: {name}: a ")
+    assert "too large for" in outcome.err
+    assert not Path(name).exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"ply\nformat ascii 1.0\nelement vertex many\n"])
+def test_a_file_that_is_no_model_is_named_once(run, result, content):
+    Path("bad.ply").write_bytes(content)
+    outcome = run("deform", "cages.h5", "--mesh", "bad.ply", "-o", "out")
+    assert outcome.code == 1
+    assert outcome.err.count("bad.ply") == 1
+
+
 REFUSED = {
     "points as a mesh": ("cloud.ply", ["-o", "out/a_#.obj"], "a cloud of points; write .ply, .npz"),
     "points as a mesh, without a number": (

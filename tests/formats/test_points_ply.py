@@ -137,9 +137,12 @@ def test_faults_are_named(fault):
 
 
 def test_a_position_too_large_for_its_property_is_refused():
-    rows = make_rows()
-    with pytest.raises(OutputError, match="1e\\+39 is too large"):
-        place_positions(rows, np.full((7, 3), 1e39))
+    points = parse_points(encode_rows(make_rows()))
+    rows = points.rows.copy()
+    place_positions(rows, np.full((7, 3), 1e39))
+    assert rows["y"][0] == 1e39, "it is a double"
+    with pytest.raises(OutputError, match="`x` is too large for its type, float32"):
+        points.encode(rows)
 
 
 def test_splats_are_known_by_their_properties():
@@ -224,13 +227,17 @@ def test_quaternions_of_any_length_are_read(length):
 
 def test_a_coefficient_too_large_for_half_precision_is_refused():
     rows = make_splat_rows(ball(1), 20).astype(
-        [(name, "<f2" if name == "f_rest_1" else "<f4") for name in splat_names()]
+        [(name, "<f2" if name in ("f_rest_1", "nx") else "<f4") for name in splat_names()]
     )
-    splats = read_splats(PointFile(b"", rows, b""))
-    place_splats(rows, splats)
+    rows["nx"][2] = np.nan  # what was not finite is kept
+    points = PointFile(b"", rows, b"")
+    splats, moved = read_splats(points), rows.copy()
+    place_splats(moved, splats)
+    points.encode(moved)
     splats.harmonics[0, 1, 4] = 1e5
-    with pytest.raises(OutputError, match="`f_rest_1` of 100000, which is too large"):
-        place_splats(rows, splats)
+    place_splats(moved, splats)
+    with pytest.raises(OutputError, match="`f_rest_1` is too large for its type, float16"):
+        points.encode(moved)
 
 
 @pytest.mark.parametrize("linear", [np.zeros((3, 3)), np.full((3, 3), 1e-300), -1e-36 * np.eye(3)])
