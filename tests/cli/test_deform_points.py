@@ -303,9 +303,10 @@ def test_points_are_posed(run, cloud):
     rows = read("posed.ply")
     np.testing.assert_array_equal(rows["heat"], cloud["heat"])
     np.testing.assert_allclose(places(rows)[3] - places(cloud)[3], [0.1, 0.2, 0], rtol=0, atol=1e-2)
-    refused = run(*words, "-o", "posed.obj")
-    assert refused.code == 1
-    assert "cloud.ply, which is a cloud of points; write a .ply" in " ".join(refused.err.split())
+    for name in ("posed.obj", "posed.usdc"):
+        refused = run(*words, "-o", name)
+        assert refused.code == 1
+        assert "which is a cloud of points; write a .ply" in " ".join(refused.err.split())
 
 
 def test_splats_are_posed(run, splats):
