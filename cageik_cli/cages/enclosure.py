@@ -9,6 +9,7 @@ from cageik_cli.cages.findings import Finding, format_elements
 from cageik_cli.cages.misfit import MAX_OUTSIDE_SHARE, explain_misfit
 from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.points import PointCloud
 from cageik_cli.geometry.surface import (
     ROUNDING_TOL,
     ClosestPoints,
@@ -89,10 +90,11 @@ class OutsideVertices:
         """Whether so many are outside that the cage must be for another rest pose."""
         return self.share > MAX_OUTSIDE_SHARE
 
-    def describe(self, name: str) -> str:
-        """Say which vertices of a mesh of this name they are."""
+    def describe(self, name: str = "") -> str:
+        """Say which vertices they are, of a mesh of this name."""
+        owner = f" of {name}" if name else ""
         return (
-            f"{len(self.numbers)} of {self.count} vertices of {name} are outside the cage, the "
+            f"{len(self.numbers)} of {self.count} vertices{owner} are outside the cage, the "
             f"worst, {self.worst}, by {self.percent:.3g} % of the diagonal: numbers "
             f"{join_truncated(self.numbers)} (from 0)"
         )
@@ -163,7 +165,7 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> En
         outward, notes = validate_cage(cage)
         return _project_outside(outward, rest, notes, outside)
     except CageError as error:
-        if len(cage.vertices) <= len(rest.vertices):
+        if len(cage.vertices) <= len(rest.vertices) or isinstance(rest, PointCloud):
             raise
         swapped = type(error)(
             f"{error}; the cage has {len(cage.vertices)} vertices and the model "
@@ -212,11 +214,17 @@ def find_missing_extent(rest: TriMesh) -> Finding | None:
     """Return a finding if the rest pose has no extent, else None."""
     if rest.diagonal > 0:
         return None
+    message, remedy = "the rest pose is one point, expected a surface", "export it again"
+    if isinstance(rest, PointCloud):
+        message, remedy = (
+            "all points of the model are at one place",
+            "add a point that is elsewhere",
+        )
     return Finding(
         kind="point",
         severity="unfit",
-        message="the rest pose is one point, expected a surface",
-        remedy="export it again",
+        message=message,
+        remedy=remedy,
         elements="",
         numbers=np.empty(0, np.int64),
         value=0.0,

@@ -145,18 +145,16 @@ def make_deform_settings(
 def deform_command(settings: "DeformSettings", quiet: bool) -> None:
     """Move a mesh, points or splats by cages.
 
-    The cages of RESULT move its rest model, or another mesh. Points are written as .ply, .npz, .pc2
-    or .mdd, and splats as .ply or .usd*. With --cages, RESULT may also be a
-    binding. The suffix of OUT is the format: a file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a folder
-    of frames (.obj, .ply), or numbered files in a folder.
+    The cages of RESULT move its rest model, or another mesh. With --cages, RESULT may also be
+    a binding. The suffix of OUT is the format: a file (.npz, .pc2, .mdd, .glb, .usd*, .abc), a
+    folder of frames (.obj, .ply), or numbered files in a folder. Points are written as .ply (the
+    default), .npz, .pc2 or .mdd, and splats as .ply (the default) or .usd*.
     --frames, --layout, --allow-gaps and --close-gaps apply to --cages.
     """
     from cageik_cli.cli.progress import show_progress
-    from cageik_cli.util.outputs import check_no_overlap
     from cageik_cli.util.text import format_block
     from cageik_cli.workflows.deform import deform
 
-    check_no_overlap(settings.outputs(), settings.inputs())
     with show_progress(not quiet, None, False) as progress:
         summary = deform(settings, progress)
     if not quiet:

@@ -27,6 +27,8 @@ from cageik_cli.util.errors import FormatError, OutputError
 
 POSITION_NAMES = ("x", "y", "z")
 
+NORMAL_NAMES = ("nx", "ny", "nz")
+
 MAX_HEADER_BYTES = 1 << 20
 """A longer header is none."""
 
@@ -61,8 +63,35 @@ class PointFile:
         """The positions, (m, 3)."""
         return stack_positions(self.rows)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is not done to its properties, one sentence each."""
+        held = [self.rows[name] for name in NORMAL_NAMES if name in self.names]
+        if not any(np.any(values) for values in held):
+            return ()
+        return (
+            f"its normals ({', '.join(NORMAL_NAMES)}) keep their values and are not turned; "
+            "compute them again from the points that are written",
+        )
+
     def encode(self, rows: NDArray[Any]) -> bytes:
-        """Return the file with other properties."""
+        """Return the file with other properties.
+
+        Raises
+        ------
+        OutputError
+            When a position is too large for the type of its property, or another number for half
+            precision, which alone is narrower than what is computed.
+        """
+        for name in self.names:
+            is_half = self.rows.dtype[name] == np.float16
+            if name not in POSITION_NAMES and not is_half:
+                continue
+            if (np.isfinite(self.rows[name]) & ~np.isfinite(rows[name])).any():
+                raise OutputError(
+                    f"a moved `{name}` is too large for its type, {rows.dtype[name].name}; scale "
+                    "the animation, or give a file whose properties are double"
+                )
         return b"".join((self.head, rows.data.cast("B"), self.tail))
 
 
@@ -122,13 +151,20 @@ def _check_elements(elements: list[Element]) -> None:
     """Refuse a header that cannot be that of points to be moved."""
     vertex = elements[0]
     names = [name.decode("utf-8", "replace") for name in vertex.type_codes]
+    for element in elements:
+        if element.count < 0:
+            shown = element.name.decode("utf-8", "replace")
+            raise FormatError(
+                f"its header says `element {shown} {element.count}`, which is not a valid count; "
+                "export it again"
+            )
     if vertex.name != b"vertex":
         before = vertex.name.decode("utf-8", "replace")
         hint = "; if it is a compressed splat file, export it uncompressed"
         raise FormatError(f"has `{before}` before its points, expected the points first{hint}")
     if not all(name.isascii() for name in names):
         raise FormatError("has a property whose name is not plain text; rename it")
-    if vertex.count <= 0:
+    if vertex.count == 0:
         raise FormatError("has no points; export it again")
     if has_lists(vertex):
         raise FormatError("has a list among the properties of its points; export it without")
@@ -165,21 +201,10 @@ def _parse_text(body: bytes, elements: list[Element], kind: np.dtype[Any]) -> ND
 
 
 def place_positions(rows: NDArray[Any], positions: Floats) -> None:
-    """Put positions, (m, 3), into rows.
-
-    Raises
-    ------
-    OutputError
-        When one is too large for the type of the property.
-    """
+    """Put positions, (m, 3), into rows; one too large for its type becomes infinite."""
     with np.errstate(over="ignore"):
         for axis, values in zip(POSITION_NAMES, positions.T, strict=True):
             rows[axis] = values
-    if not all(np.isfinite(rows[axis]).all() for axis in POSITION_NAMES):
-        raise OutputError(
-            f"a coordinate of {np.abs(positions).max():g} is too large for the type of the file's "
-            "positions; scale the animation"
-        )
 
 
 class PointWriter(FrameFileWriter):

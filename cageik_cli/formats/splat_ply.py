@@ -27,6 +27,9 @@ OPACITY = "opacity"
 MAX_LOG_SCALE = 80.0
 """Largest size of the logarithm of a standard deviation."""
 
+MAX_COLOUR = 1e30
+"""Largest size of a coefficient of a colour: in single precision, its sums stay finite."""
+
 
 def holds_splats(points: PointFile) -> bool:
     """Return whether points are Gaussian splats, by the names of their properties."""
@@ -60,22 +63,31 @@ def read_splats(points: PointFile) -> Splats:
             f"has {len(rest)} properties f_rest_*, expected 0, 9, 24 or 45 (degrees 0 to 3 of "
             "spherical harmonics)"
         )
-    logs, turns = _stack(points, SCALES), _stack(points, TURNS)
-    _refuse(points, SCALES, np.abs(logs) > MAX_LOG_SCALE, f"at most {MAX_LOG_SCALE:g} in size")
-    lengths = np.linalg.norm(turns, axis=0)
-    _refuse(points, TURNS[:1], (lengths == 0)[None], "a quaternion that is not zero")
-    colours = _stack(points, rest).astype(np.float32)
+    logs = _stack(points, SCALES, MAX_LOG_SCALE)
+    colours = _stack(points, rest, MAX_COLOUR).astype(np.float32)
+    _stack(points, COLOURS, MAX_COLOUR)  # what is kept is checked, too
+    _stack(points, (OPACITY,))
     colours = colours.reshape(3, len(rest) // 3, len(points.rows))
-    return Splats(Ellipsoids(np.exp(logs), turns / lengths), colours)
+    return Splats(Ellipsoids(np.exp(logs), _read_quaternions(points)), colours)
 
 
-def _stack(points: PointFile, names: tuple[str, ...]) -> Floats:
-    """Return some properties as float64, (count, m), all finite."""
+def _read_quaternions(points: PointFile) -> Floats:
+    """Return the quaternions with length one, (4, m)."""
+    turns = _stack(points, TURNS)
+    largest = np.abs(turns).max(axis=0)
+    _refuse(points, TURNS[:1], (largest == 0)[None], "a quaternion that is not zero")
+    turns /= largest  # the squares of its numbers may be too large or small for their type
+    return np.asarray(turns / np.linalg.norm(turns, axis=0))
+
+
+def _stack(points: PointFile, names: tuple[str, ...], limit: float = np.inf) -> Floats:
+    """Return some properties as float64, (count, m), all finite and of at most this size."""
     values = np.empty((len(names), len(points.rows)))
     with np.errstate(invalid="ignore"):
         for row, name in zip(values, names, strict=True):
             row[:] = points.rows[name]
     _refuse(points, names, ~np.isfinite(values), "a finite number")
+    _refuse(points, names, np.abs(values) > limit, f"at most {limit:g} in size")
     return values
 
 
@@ -93,13 +105,14 @@ def _refuse(
 
 
 def place_splats(rows: NDArray[Any], splats: Splats) -> None:
-    """Put moved splats into rows."""
-    logs = np.log(splats.ellipsoids.axes)
+    """Put moved splats into rows; logarithms are at least −`MAX_LOG_SCALE`."""
+    logs = np.maximum(np.log(splats.ellipsoids.axes), -MAX_LOG_SCALE)
     for names, values in ((SCALES, logs), (TURNS, splats.ellipsoids.quaternions)):
         for name, row in zip(names, values, strict=True):
             rows[name] = row
-    for k, row in enumerate(splats.harmonics.reshape(-1, len(rows))):
-        rows[f"f_rest_{k}"] = row
+    with np.errstate(over="ignore"):  # only half precision is too narrow
+        for k, row in enumerate(splats.harmonics.reshape(-1, len(rows))):
+            rows[f"f_rest_{k}"] = row
 
 
 class SplatWriter(FrameFileWriter):

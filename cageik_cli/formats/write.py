@@ -144,10 +144,8 @@ class _Target:
 def _resolve_target(path: Path, file_format: str | None) -> _Target:
     with error_context(path):
         names, folder = FrameNames.parse(path.name), path.parent
-        suffix = path.suffix.lower()
-        kinds = _find_writers()
-        if names is None and suffix not in kinds and (file_format or not suffix):
-            suffix = f".{file_format or DEFAULT_FORMAT}"
+        suffix, kinds = _find_suffix(path, file_format), _find_writers()
+        if _is_folder(path, file_format):
             names, folder = FrameNames(f"{path.name}_", DEFAULT_DIGITS, suffix), path
         if suffix not in kinds:
             raise OutputError(
@@ -165,6 +163,21 @@ def _resolve_target(path: Path, file_format: str | None) -> _Target:
         if names is not None and not writer.writes_folder:
             raise OutputError(f"a `{suffix}` file holds all frames; remove the frame number")
     return _Target(path if names is None else folder, writer, names)
+
+
+def _is_folder(path: Path, file_format: str | None) -> bool:
+    """Return whether an output is a folder alone, whose files get its name."""
+    if FrameNames.parse(path.name) is not None:
+        return False
+    return not path.suffix or (
+        file_format is not None and path.suffix.lower() not in _find_writers()
+    )
+
+
+def _find_suffix(path: Path, file_format: str | None) -> str:
+    """Return the suffix of an output, or of its files, in lower case; also an unknown one."""
+    is_folder = _is_folder(path, file_format)
+    return f".{file_format or DEFAULT_FORMAT}" if is_folder else path.suffix.lower()
 
 
 def _find_writers() -> dict[str, type[AnimationWriter]]:
@@ -208,9 +221,7 @@ class Output:
     @property
     def suffix(self) -> str:
         """The suffix of the file, or of the files in the folder, in lower case."""
-        target = _resolve_target(self.path, self.file_format)
-        name = self.path if target.frame_names is None else Path(target.frame_names.pattern)
-        return name.suffix.lower()
+        return _find_suffix(self.path, self.file_format)
 
     @property
     def has_format(self) -> bool:
@@ -236,17 +247,20 @@ class ExportSummary:
     frame_count, vertex_count : int
     byte_count : int
         Bytes, of all files.
+    parts : str
+        What is counted, in words.
     """
 
     path: Path
     frame_count: int
     vertex_count: int
     byte_count: int
+    parts: str = "vertices"
 
     @property
     def message(self) -> str:
         """A line for the user."""
-        counts = f"{self.frame_count} frames of {self.vertex_count} vertices"
+        counts = f"{self.frame_count} frames of {self.vertex_count} {self.parts}"
         return f"wrote {self.path}: {counts}, {format_bytes(self.byte_count)}"
 
 

@@ -25,8 +25,8 @@ ORTHOGONAL_TOL = 1e-15
 MIN_AXIS_RATIO = 1e-13
 """An axis shorter than this share of the longest has no direction of its own."""
 
-MIN_AXIS = 1e-30
-"""Shortest semi-axis; its logarithm is finite."""
+MIN_AXIS = float(np.exp(-80.0))
+"""Shortest semi-axis: the logarithm of each is a number that files of splats may hold."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ def move_ellipsoids(rest: Ellipsoids, maps: Floats) -> Ellipsoids:
 
     An ellipsoid is the same when its axes are reversed, so that reflections give rotations, too. Of
     the two quaternions of a rotation, that closer to the one at rest is taken. An axis that a map
-    takes to nothing becomes `MIN_AXIS`.
+    takes to nothing, or that is shorter, becomes `MIN_AXIS`.
     """
     frames = quaternions_to_rotations(rest.quaternions)
     frames *= rest.axes
@@ -72,7 +72,7 @@ def _orthogonalize(columns: Floats) -> None:
         for first, second in ((0, 1), (0, 2), (1, 2)):
             p, q = columns[:, first], columns[:, second]
             product, square, other = _dot(p, q), _dot(p, p), _dot(q, q)
-            bound = np.sqrt(square * other)
+            bound = np.sqrt(square) * np.sqrt(other)
             is_skew = np.abs(product) > ORTHOGONAL_TOL * bound
             if not is_skew.any():
                 continue

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.edits import (
     EditedFrames,
     Layer,
@@ -81,7 +82,8 @@ class PoseSummary:
         Largest distance that a cage vertex moved.
     cage_vertex : int
     volume_change_percent : float, optional
-        Change of largest size against the frame before the edit; None for an open model.
+        Change of largest size against the frame before the edit; None for an open model, and for
+        points.
     condition_number : float
         Largest condition number of the layers' systems.
     rigidity : int
@@ -95,6 +97,8 @@ class PoseSummary:
         The vertex of the mesh whose acceleration the edit raises most; None if it raises none.
     acceleration, acceleration_before : float, optional
         Its largest second difference, as of an anchor.
+    has_surface : bool
+        Whether the model has faces; points have none.
     """
 
     diagonal: float
@@ -116,6 +120,7 @@ class PoseSummary:
     acceleration_vertex: int | None = None
     acceleration: float | None = None
     acceleration_before: float | None = None
+    has_surface: bool = True
 
 
 class PoseStatistics:
@@ -124,12 +129,13 @@ class PoseStatistics:
     Parameters
     ----------
     layers : sequence of Layer
-    diagonal : float
-        Diagonal of the rest model.
+    rest : TriMesh
+        The model at rest.
     """
 
-    def __init__(self, layers: Sequence[Layer], diagonal: float) -> None:
-        self._layers, self._diagonal = layers, diagonal
+    def __init__(self, layers: Sequence[Layer], rest: TriMesh) -> None:
+        self._layers, self._diagonal = layers, rest.diagonal
+        self._has_surface = len(rest.faces) > 0
         self._anchors = collect_anchors(layers)
         self._layer_names = [layer.name for layer in layers for _ in layer.schedule.anchors]
         self._moved, self._residual = np.zeros((2, len(self._anchors)))
@@ -224,6 +230,7 @@ class PoseStatistics:
             beyond_moved=beyond,
             beyond_moved_percent=None if beyond is None else 100 * beyond / self._diagonal,
             **self._summarize_acceleration(),
+            has_surface=self._has_surface,
         )
 
     def _summarize_acceleration(self) -> dict[str, Any]:

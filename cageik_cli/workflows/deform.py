@@ -24,6 +24,7 @@ from cageik_cli.store.fit_fields import StoredFit
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, fit_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
+from cageik_cli.util.outputs import check_no_overlap
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import label_note
 from cageik_cli.util.threads import limit_blas_threads
@@ -116,15 +117,16 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
         When the weights cannot be trusted.
     """
     progress = progress or ProgressListener()
-    if settings.mesh is None or settings.output.has_format:
-        settings.output.check_writable()
+    given = None if settings.mesh is None else _load_model(settings.mesh, settings)
+    output = settings.output if given is None else given.choose_output(settings.output)
+    check_no_overlap(output.list_paths(), settings.inputs())
+    output.check_writable()
     source = CageSource.read(settings.source)
     if settings.influences is not None:
         result = source.require_result("but --influences needs the settings of a result; give one")
         check_influences(result, settings.influences)
     clip = _open_cage_clip(settings, source, progress)
-    model = _load_model(settings, source)
-    output = model.choose_output(settings.output)
+    model = given or LoadedModel(source.rest_model)
     binding = _load_or_compute_binding(settings, model.mesh, source, progress)
     if clip is None:
         result = source.require_result(NO_CAGES)
@@ -144,7 +146,8 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
     with limit_blas_threads(1):
         frames = _move_model(settings, source, _Motion(model, binding, cages), progress)
         factory = model.choose_writer(output)
-        return write_animation(output, animation, frames, progress, factory)
+        summary = write_animation(output, animation, frames, progress, factory)
+    return replace(summary, parts=model.parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,20 +159,18 @@ class _Motion:
     cages: CageFrames
 
 
-def _load_model(settings: DeformSettings, source: CageSource) -> LoadedModel:
-    """Read the model that is moved.
+def _load_model(path: Path, settings: DeformSettings) -> LoadedModel:
+    """Read the model that is moved instead of the one at rest.
 
     Raises
     ------
     SettingError
         When it has points only, and weights that are fitted to a surface are asked for.
     """
-    if settings.mesh is None:
-        return LoadedModel(source.rest_model)
-    model = load_model(settings.mesh)
+    model = load_model(path)
     if model.points is not None and settings.influences is not None:
         raise SettingError(
-            f"{settings.mesh}: is {model.kind}, and weights of few influences are fitted to a "
+            f"{path}: is {model.kind}, and weights of few influences are fitted to a "
             "surface; leave out --influences"
         )
     return model
@@ -269,7 +270,7 @@ def _load_or_compute_binding(
     weight_settings = WeightSettings(
         bind_settings, settings.cache, settings.jobs, is_own_cage=settings.mesh is None
     )
-    with progress.stage("bind"), error_context(settings.mesh or settings.source), _name(mesh):
+    with progress.stage("bind"), error_context(settings.mesh or settings.source), _suggest_moving():
         binding = bind_cached(mesh, source.rest_cage, weight_settings, progress).binding
     for note in mesh.notes + binding.notes:
         label, text = label_note(note)
@@ -304,8 +305,8 @@ def _apply_fit(
 
 
 @contextmanager
-def _name(mesh: LoadedMesh) -> Iterator[None]:
-    """Call the mesh by its name where it is outside the cage, which is not made for it."""
+def _suggest_moving() -> Iterator[None]:
+    """Say what to do with a mesh that is outside the cage, which is not made for it."""
     try:
         yield
     except OutsideError as error:
@@ -314,8 +315,7 @@ def _name(mesh: LoadedMesh) -> Iterator[None]:
         remedy = "move it into the rest cage"
         if not error.outside.is_misplaced:
             remedy += ", or take the nearest points of the cage with --outside project"
-        message = f"{error.outside.describe(mesh.source['name'])}; {remedy}"
-        raise OutsideError(message) from error
+        raise OutsideError(f"{error.outside.describe()}; {remedy}") from error
 
 
 def _make_object_name(mesh: Path | None) -> str:

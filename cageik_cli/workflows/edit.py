@@ -113,7 +113,7 @@ def edit(
         target=target,
         rotations=rotations,
         layers=layers,
-        statistics=PoseStatistics(layers, result.rest.diagonal),
+        statistics=PoseStatistics(layers, result.rest),
     )
     size = MemoryPlan.fit(settings.memory, target.binding, jobs=1).block_size
     header = _build_header(settings, result, target.binding)

@@ -50,11 +50,12 @@ class LoadedModel:
 
         Raises
         ------
+        SettingError
+            When the model cannot be moved to the origin, as is asked for.
         OutputError
-            When its format cannot hold the model, or it cannot be written.
+            When its format cannot hold the model.
         """
         if self.points is None:
-            output.check_writable()
             return output
         if not output.has_format:
             output = replace(output, file_format="ply")
@@ -69,7 +70,6 @@ class LoadedModel:
                 f"{output.path}: a `{output.suffix}` cannot hold {self.mesh.source['name']}, which "
                 f"is {self.kind}; write {', '.join(known)}"
             )
-        output.check_writable()
         return output
 
     def check_posed_output(self, path: Path) -> None:
@@ -86,6 +86,13 @@ class LoadedModel:
         if self.points is None:
             return "a mesh"
         return "a cloud of points" if self.splats is None else "a file of Gaussian splats"
+
+    @property
+    def parts(self) -> str:
+        """What it consists of, in words."""
+        if self.points is None:
+            return "vertices"
+        return "points" if self.splats is None else "splats"
 
     def note(self, progress: ProgressListener) -> Callable[[str], None]:
         """Return what takes notes on the model."""
@@ -123,8 +130,10 @@ def load_model(path: Path) -> LoadedModel:
     with error_context(path):
         data = read_input(path)
         points = parse_points(decompress(data, suffix))
-        if points is None:
-            return LoadedModel(load_mesh(path))
+    if points is None:
+        return LoadedModel(load_mesh(path))
+    with error_context(path):
         splats = read_splats(points) if holds_splats(points) else None
         cloud = PointCloud.from_points(points.positions)
-        return LoadedModel(LoadedMesh(cloud, describe_source(path, data)), points, splats)
+        mesh = LoadedMesh(cloud, describe_source(path, data), points.notes)
+        return LoadedModel(mesh, points, splats)

@@ -118,11 +118,13 @@ def pose(settings: PoseSettings, progress: ProgressListener | None = None) -> Po
         When the weights cannot be trusted, or hard handles cannot all be met.
     """
     progress = progress or ProgressListener()
-    _check_outputs(settings)
+    check_target_kind(settings.target, "to edit an animation")
     with progress.stage("open"):
+        model = _load_model(settings)
+        _check_outputs(settings)
         handles = read_named_handles(settings.handles)
     with progress.stage("bind"):
-        target = _load_target(settings, progress)
+        target = _load_target(settings, model, progress)
         binding = target.binding
     with progress.stage("pose"):
         posed = pose_model(binding, handles, settings.posing)
@@ -168,7 +170,7 @@ def pose_model(binding: Binding, handles: NamedHandles, posing: PosingSettings) 
     with error_context(handles.path), limit_blas_threads(1):
         layers = build_layers(handles.handles, target, posing)
         block = edit_frames(layers, target, np.zeros(1, np.int64), cage[None])
-    statistics = PoseStatistics(layers, binding.rest.diagonal)
+    statistics = PoseStatistics(layers, binding.rest)
     statistics.update(block)
     summary = statistics.summarize([])
     result = PoseResult(summary, take_snapshot(layers, target, block, summary))
@@ -208,11 +210,12 @@ def _write_model(
         with limit_blas_threads(1):
             faults = fill_rows(motion, rows[None], posed.cage[None], jobs)
         note_faults(faults, len(rows), file.note(progress))
-    write_bytes(path, file.points.encode(rows), settings.overwrite)
+    with error_context(path):
+        data = file.points.encode(rows)
+    write_bytes(path, data, settings.overwrite)
 
 
 def _check_outputs(settings: PoseSettings) -> None:
-    check_target_kind(settings.target, "to edit an animation")
     check_no_overlap(settings.outputs(), settings.inputs())
     for path in settings.outputs():
         check_mesh_output(path, settings.overwrite)
@@ -241,14 +244,24 @@ def check_target_kind(target: Path, purpose: str) -> None:
         )
 
 
-def _load_target(settings: PoseSettings, progress: ProgressListener) -> _Target:
-    """Read the binding file that is named, or bind the model to the cage."""
+def _load_model(settings: PoseSettings) -> LoadedModel | None:
+    """Read the model, which decides what the output can be; None if a binding file holds it."""
     if settings.target.suffix.lower() in HDF5_SUFFIXES:
-        return _Target(read_binding(settings.target).binding)
+        return None
     if settings.cage is None:
         raise SettingError(f"{settings.target}: is a model without a cage; give one with --cage")
-    model, cage = load_model(settings.target), load_mesh(settings.cage)
+    model = load_model(settings.target)
     model.check_posed_output(settings.output)
+    return model
+
+
+def _load_target(
+    settings: PoseSettings, model: LoadedModel | None, progress: ProgressListener
+) -> _Target:
+    """Read the binding file that is named, or bind the model to the cage."""
+    if model is None or settings.cage is None:
+        return _Target(read_binding(settings.target).binding)
+    cage = load_mesh(settings.cage)
     with error_context(settings.cage), suggest_repair(settings.cage, settings.target):
         return _Target(bind_model(model.mesh, cage, settings.weights, progress), model)
 

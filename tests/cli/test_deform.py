@@ -163,7 +163,7 @@ def test_a_mesh_outside_is_refused_with_the_remedy(run, result, write_obj, anima
     write_obj(Path("coat.obj"), vertices, animation.rest.faces)
     outcome = run("deform", "cages.h5", "--mesh", "coat.obj", *OUT)
     assert outcome.code == 1
-    assert outcome.err.startswith("Error: coat.obj: 1 of 18 vertices of coat.obj are outside")
+    assert outcome.err.startswith("Error: coat.obj: 1 of 18 vertices are outside the cage")
     assert "--outside project" in outcome.err
     assert not Path("m.npz").exists()
     outcome = run("deform", "cages.h5", "--mesh", "coat.obj", "--outside", "project", *OUT)

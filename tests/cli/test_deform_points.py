@@ -60,7 +60,7 @@ def frames_in(folder):
 def test_points_move_with_their_properties(run, cloud):
     outcome = run("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "out")
     assert outcome.code == 0, outcome.err
-    assert "wrote out: 5 frames of 60 vertices" in outcome.err
+    assert "wrote out: 5 frames of 60 points" in outcome.err
     frames = frames_in("out")
     assert len(frames) == 5
     for rows in frames:
@@ -78,6 +78,28 @@ def test_positions_of_points_are_written_in_other_formats(run, cloud, name):
         with np.load(name) as arrays:
             expected = np.stack([places(rows) for rows in frames_in("out")])
             np.testing.assert_allclose(arrays["vertices"], expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("command", ["deform", "pose"])
+def test_normals_that_are_not_turned_are_noted(run, cloud, command):
+    words = {
+        "deform": ("deform", "cages.h5", "--mesh", "n.ply", "-o", "out"),
+        "pose": ("pose", "n.ply", "h.json", "--cage", "cage.obj", "-o", "posed.ply"),
+    }[command]
+    normals = [(axis, "<f4") for axis in ("nx", "ny", "nz")]
+    rows = np.zeros(60, [*((axis, "<f4") for axis in "xyz"), *normals])
+    for axis in "xyz":
+        rows[axis] = cloud[axis]
+    Path("n.ply").write_bytes(encode_rows(rows))
+    note = "n.ply: its normals (nx, ny, nz) keep their values"
+    outcome = run(*words)
+    assert outcome.code == 0, outcome.err
+    assert note not in " ".join(outcome.err.split()), "they are all zero"
+    rows["ny"] = 1
+    Path("n.ply").write_bytes(encode_rows(rows))
+    outcome = run(*words, "--overwrite")
+    assert outcome.code == 0, outcome.err
+    assert note in " ".join(outcome.err.split())
 
 
 def test_packed_points_are_read(run, cloud):
@@ -122,7 +144,8 @@ def test_points_outside_are_refused_or_taken_to_the_cage(run, cloud):
     words = ("deform", "cages.h5", "--mesh", "cloud.ply", "-o", "out")
     refused = run(*words)
     assert refused.code == 1
-    assert "1 of 60 vertices of cloud.ply are outside the cage" in refused.err
+    assert "Error: cloud.ply: 1 of 60 vertices are outside the cage" in refused.err
+    assert refused.err.count("cloud.ply") == 1
     assert "--outside project" in refused.err
     assert not Path("out").exists()
     assert run(*words, "--outside", "project").code == 0
@@ -132,6 +155,7 @@ def test_splats_move_as_their_rest_pose_says(run, splats):
     """The first frame is the rest pose: nothing changes."""
     outcome = run("deform", "cages.h5", "--mesh", "splats.ply", "-o", "out/s_####.ply")
     assert outcome.code == 0, outcome.err
+    assert "5 frames of 60 splats" in outcome.err
     frames = frames_in("out")
     assert len(frames) == 5
     with h5py.File("cages.h5") as file:
@@ -174,8 +198,59 @@ def test_splats_that_are_turned_inside_out_are_counted(run, splats, write_obj, a
     assert "60 of 120 moved splats are flattened" in text
 
 
+@pytest.mark.parametrize("kind", ["<f4", "<f8"])
+@pytest.mark.parametrize("name", ["out", "s.usdc"])
+def test_splats_too_far_for_their_type_are_refused(run, splats, write_obj, animation, name, kind):
+    rows = splats.astype([(each, kind) for each in splats.dtype.names])
+    Path("splats.ply").write_bytes(encode_rows(rows))
+    write_obj(Path("far/c_1.obj"), 1e45 * animation.cage.vertices, animation.cage.faces)
+    words = ("deform", "cages.h5", "--mesh", "splats.ply", "--cages", "far")
+    outcome = run(*words, "-o", name)
+    if name == "out" and kind == "<f8":
+        assert outcome.code == 0, outcome.err
+        return
+    assert outcome.code == 1
+    assert outcome.err.startswith(f"Error: {name}: a ")
+    assert "too large for" in outcome.err
+    assert not Path(name).exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"ply\nformat ascii 1.0\nelement vertex many\n"])
+def test_a_file_that_is_no_model_is_named_once(run, result, content):
+    Path("bad.ply").write_bytes(content)
+    outcome = run("deform", "cages.h5", "--mesh", "bad.ply", "-o", "out")
+    assert outcome.code == 1
+    assert outcome.err.count("bad.ply") == 1
+
+
 REFUSED = {
     "points as a mesh": ("cloud.ply", ["-o", "out/a_#.obj"], "a cloud of points; write .ply, .npz"),
+    "points as a mesh, without a number": (
+        "cloud.ply",
+        ["-o", "a.obj"],
+        "a.obj: a `.obj` cannot hold cloud.ply, which is a cloud of points; write .ply, .npz",
+    ),
+    "splats as a mesh": (
+        "splats.ply",
+        ["-o", "a.obj"],
+        "a.obj: a `.obj` cannot hold splats.ply, which is a file of Gaussian splats; write .ply",
+    ),
+    "splats in a folder of a mesh": (
+        "splats.ply",
+        ["-o", "out", "--format", "obj"],
+        "out: a `.obj` cannot hold splats.ply",
+    ),
+    "splats in one file": (
+        "splats.ply",
+        ["-o", "a.ply"],
+        "a.ply: a `.ply` file holds one frame; name files in a folder, such as a/a_####.ply",
+    ),
+    "points in place of themselves": (
+        "cloud.ply",
+        ["-o", "./cloud_##.ply"],
+        "is a folder with files that this command reads or writes",
+    ),
+    "one point": ("one.ply", ["-o", "out"], "one.ply: all points of the model are at one place"),
     "points as USD": ("cloud.ply", ["-o", "a.usdc"], "a cloud of points; write .ply, .npz"),
     "splats as arrays": ("splats.ply", ["-o", "a.npz"], "Gaussian splats; write .ply, .usd"),
     "splats of few influences": (
@@ -209,11 +284,14 @@ def test_what_cannot_be_done_is_said(run, cloud, splats, case):
     name, words, expected = REFUSED[case]
     Path("damaged.ply").write_bytes(Path("splats.ply").read_bytes()[:-9])
     Path("part.ply").write_bytes(Path("splats.ply").read_bytes().replace(b"rot_3", b"rat_3"))
+    Path("one.ply").write_bytes(encode_rows(cloud[:1]))
     cloud["x"][3] = np.nan
     Path("nan.ply").write_bytes(encode_rows(cloud))
     outcome = run("deform", "cages.h5", "--mesh", name, *words)
     assert outcome.code == 1, outcome.err
-    assert expected in " ".join(outcome.err.split())
+    text = " ".join(outcome.err.split())
+    assert expected in text
+    assert "are they swapped" not in text
     assert not Path("out").exists()
 
 
@@ -221,12 +299,14 @@ def test_points_are_posed(run, cloud):
     words = ("pose", "cloud.ply", "h.json", "--cage", "cage.obj")
     outcome = run(*words, "-o", "posed.ply", "--plot", "posed.png")
     assert outcome.code == 0, outcome.err
+    assert "volume" not in outcome.err, "points have none"
     rows = read("posed.ply")
     np.testing.assert_array_equal(rows["heat"], cloud["heat"])
     np.testing.assert_allclose(places(rows)[3] - places(cloud)[3], [0.1, 0.2, 0], rtol=0, atol=1e-2)
-    refused = run(*words, "-o", "posed.obj")
-    assert refused.code == 1
-    assert "cloud.ply, which is a cloud of points; write a .ply" in " ".join(refused.err.split())
+    for name in ("posed.obj", "posed.usdc"):
+        refused = run(*words, "-o", name)
+        assert refused.code == 1
+        assert "which is a cloud of points; write a .ply" in " ".join(refused.err.split())
 
 
 def test_splats_are_posed(run, splats):
@@ -254,6 +334,7 @@ def test_info_says_what_a_file_of_points_holds(run, cloud):
     assert "x, y, z, red, heat" in outcome.out
     outcome = run("info", "splats.ply")
     assert "a file of Gaussian splats" in outcome.out
+    assert "splats         60" in outcome.out
     assert "spherical harmonics up to band 3" in outcome.out
 
 

@@ -6,6 +6,7 @@ from cageik_cli.coordinates.bem import gradients as gradients_module
 from cageik_cli.coordinates.harmonic_field import HarmonicField
 from cageik_cli.coordinates.settings import ACCURACIES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.errors import CageError, FormatError, SettingError
 from tests.coordinates.random_cages import points_within, random_cage
 from tests.shapes import TETRAHEDRON, ball, box, concave, inside
@@ -41,6 +42,29 @@ def test_gradients_are_those_of_the_weights(cage, accuracy):
     expected = differentiate(field, points, 1e-3 * cage.diagonal)
     np.testing.assert_allclose(gradient, expected, rtol=0, atol=1e-5 * abs(expected).max())
     assert_affine(gradient, cage)
+
+
+@pytest.mark.parametrize("accuracy", ACCURACIES)
+@pytest.mark.parametrize("cage", CAGES.values(), ids=CAGES.keys())
+def test_gradients_near_faces_and_edges_are_those_of_the_weights(cage, accuracy):
+    """A thousandth of the diagonal below them, where single densities decide."""
+    random = np.random.default_rng(2)
+    corner = cage.vertices[cage.faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    shares = random.dirichlet(np.ones(3), len(corner))
+    shares[::2, 0] *= 0.01  # every second point is near an edge
+    shares /= shares.sum(axis=1, keepdims=True)
+    depth = 1e-3 * cage.diagonal
+    points = np.einsum("fk,fkx->fx", shares, corner) - depth * normal
+    is_deep = closest_points(cage, points).distance > 0.5 * depth
+    points = points[is_deep & (winding_numbers(cage, points) > 0.5)]
+    assert len(points) >= 6
+    field = HarmonicField.solve(cage, inside(cage, 40), accuracy)
+    expected = differentiate(field, points, depth / 24)
+    np.testing.assert_allclose(
+        field.gradient(points), expected, rtol=0, atol=1e-5 * abs(expected).max()
+    )
 
 
 def test_a_wrong_term_would_be_noticed(monkeypatch):

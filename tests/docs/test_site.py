@@ -8,6 +8,7 @@ import sys
 import pytest
 import yaml
 
+import cageik_cli
 from cageik_cli.cli import main
 from tests.docs.pages import ROOT
 
@@ -28,6 +29,12 @@ def list_nav(entries):
         target = next(iter(entry.values())) if isinstance(entry, dict) else entry
         found += list_nav(target) if isinstance(target, list) else [target]
     return found
+
+
+def list_unnamed(page):
+    """Return the public names that have no entry on the page of the API."""
+    entries = re.findall(r"^::: cageik_cli\.[\w.]*?(\w+)$", page, flags=re.M)
+    return sorted(set(cageik_cli.__all__) - set(entries))
 
 
 def find_broken_links(path):
@@ -121,3 +128,9 @@ class TestTheSite:
         for name in ("extract", "batch", "pose", "report"):
             assert f"cageik {name}" in text
         assert "Sentinel" not in text
+
+
+def test_every_public_name_is_in_the_reference():
+    page = (ROOT / "docs/api.md").read_text(encoding="utf-8")
+    assert list_unnamed(page) == []
+    assert list_unnamed(page.replace(".PointCloud", ".Cloud")) == ["PointCloud"]

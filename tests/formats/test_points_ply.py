@@ -3,14 +3,20 @@ import pytest
 import trimesh
 
 from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.points_ply import PointWriter, parse_points, place_positions
+from cageik_cli.formats.points_ply import PointFile, PointWriter, parse_points, place_positions
 from cageik_cli.formats.scene import Scene
-from cageik_cli.formats.splat_ply import holds_splats, place_splats, read_splats
+from cageik_cli.formats.splat_ply import (
+    MAX_LOG_SCALE,
+    holds_splats,
+    place_splats,
+    read_splats,
+)
 from cageik_cli.geometry.points import PointCloud
+from cageik_cli.geometry.splats import move_splats
 from cageik_cli.util.errors import FormatError, OutputError
 from tests.formats.test_fuzz_readers import damaged
 from tests.shapes import ball
-from tests.splats import covariances, encode_rows, make_splat_rows
+from tests.splats import covariances, encode_rows, make_splat_rows, splat_names
 
 KIND = [("x", "<f4"), ("red", "u1"), ("y", "<f8"), ("z", "<f4"), ("label", "<i2"), ("nx", "<f4")]
 
@@ -91,7 +97,17 @@ FAULTS = {
     "too few bytes": (encode_rows(make_rows())[:-1], "announces 7 points of at least 23 bytes"),
     "absurd count": (replace_in(b"vertex 7", b"vertex 99999999999"), "99999999999 points"),
     "absurd count of a text": (replace_in(b"vertex 7", b"vertex 99999999999", True), "cut short"),
-    "negative count": (replace_in(b"vertex 7", b"vertex -7"), "has no points"),
+    "negative count": (replace_in(b"vertex 7", b"vertex -7"), "`element vertex -7`, which is not"),
+    "negative count of a text": (
+        replace_in(b"vertex 7", b"vertex -7", True),
+        "`element vertex -7`",
+    ),
+    "negative count of others": (
+        encode_rows(
+            make_rows(), extra=b"element face -2\nproperty list uchar int vertex_indices\n"
+        ),
+        "`element face -2`, which is not a valid count",
+    ),
     "no points": (replace_in(b"vertex 7", b"vertex 0"), "has no points"),
     "no z": (replace_in(b"double y", b"double why"), "no property `y`"),
     "whole y": (replace_in(b"double y", b"int64 y"), "`y` is a whole number"),
@@ -121,9 +137,12 @@ def test_faults_are_named(fault):
 
 
 def test_a_position_too_large_for_its_property_is_refused():
-    rows = make_rows()
-    with pytest.raises(OutputError, match="1e\\+39 is too large"):
-        place_positions(rows, np.full((7, 3), 1e39))
+    points = parse_points(encode_rows(make_rows()))
+    rows = points.rows.copy()
+    place_positions(rows, np.full((7, 3), 1e39))
+    assert rows["y"][0] == 1e39, "it is a double"
+    with pytest.raises(OutputError, match="`x` is too large for its type, float32"):
+        points.encode(rows)
 
 
 def test_splats_are_known_by_their_properties():
@@ -151,8 +170,9 @@ def test_the_coefficients_of_a_colour_are_together():
     np.testing.assert_array_equal(splats.harmonics[1, 3], rows["f_rest_11"])
 
 
-def change(name, value):
+def change(name, value, kind="<f4"):
     rows = make_splat_rows(ball(1), 20)
+    rows = rows.astype([(each, kind) for each in rows.dtype.names])
     for each in name if isinstance(name, list) else [name]:
         rows[each][4] = value
     return rows
@@ -169,6 +189,13 @@ SPLAT_FAULTS = {
     "nan": (change("f_rest_7", np.nan), "`f_rest_7` of splat 4 (from 0) is nan"),
     "infinite": (change("scale_1", np.inf), "`scale_1` of splat 4 (from 0) is inf"),
     "huge": (change("scale_1", 500), "`scale_1` of splat 4 (from 0) is 500, expected at most 80"),
+    "opacity": (change("opacity", np.nan), "`opacity` of splat 4 (from 0) is nan"),
+    "constant colour": (change("f_dc_2", -np.inf), "`f_dc_2` of splat 4 (from 0) is -inf"),
+    "bright": (change("f_rest_9", 1e38), "`f_rest_9` of splat 4 (from 0) is 1e+38, expected at"),
+    "too bright for USD": (
+        change("f_dc_1", 1e200, "<f8"),
+        "`f_dc_1` of splat 4 (from 0) is 1e+200, expected at most 1e+30",
+    ),
     "no turn": (change([f"rot_{k}" for k in range(4)], 0), "`rot_0` of splat 4"),
     "two axes": (without("scale_2"), "without `scale_2`"),
     "no opacity": (without("opacity"), "without `opacity`"),
@@ -183,6 +210,46 @@ def test_faults_of_splats_are_named(fault):
     with pytest.raises(FormatError) as caught:
         read_splats(parse_points(encode_rows(rows)))
     assert expected in str(caught.value)
+
+
+@pytest.mark.parametrize("length", [1e200, 1e-200, 5e-324])
+def test_quaternions_of_any_length_are_read(length):
+    """Their squares are not numbers."""
+    rows = change("rot_0", 0, "<f8")
+    expected = read_splats(parse_points(encode_rows(change("rot_0", 1e-9)))).ellipsoids.quaternions
+    for k, entry in enumerate((1, -1, 0, 1)):
+        rows[f"rot_{k}"][4] = length * entry
+    found = read_splats(parse_points(encode_rows(rows))).ellipsoids.quaternions
+    np.testing.assert_allclose(found[:, 4], np.array([1, -1, 0, 1]) / np.sqrt(3), rtol=1e-15)
+    others = np.arange(20) != 4
+    np.testing.assert_allclose(found[:, others], expected[:, others], rtol=1e-15)
+
+
+def test_a_coefficient_too_large_for_half_precision_is_refused():
+    rows = make_splat_rows(ball(1), 20).astype(
+        [(name, "<f2" if name in ("f_rest_1", "nx") else "<f4") for name in splat_names()]
+    )
+    rows["nx"][2] = np.nan  # what was not finite is kept
+    points = PointFile(b"", rows, b"")
+    splats, moved = read_splats(points), rows.copy()
+    place_splats(moved, splats)
+    points.encode(moved)
+    splats.harmonics[0, 1, 4] = 1e5
+    place_splats(moved, splats)
+    with pytest.raises(OutputError, match="`f_rest_1` is too large for its type, float16"):
+        points.encode(moved)
+
+
+@pytest.mark.parametrize("linear", [np.zeros((3, 3)), np.full((3, 3), 1e-300), -1e-36 * np.eye(3)])
+def test_splats_without_extent_are_read_again(linear):
+    """Their logarithms are finite, and no smaller than a file may hold."""
+    rows = make_splat_rows(ball(1), 20, 0)
+    rows = rows.astype([(name, "<f8") for name in rows.dtype.names])
+    splats = read_splats(parse_points(encode_rows(rows)))
+    moved = move_splats(splats, np.repeat(linear[:, :, None], 20, axis=2))
+    place_splats(rows, moved)
+    found = read_splats(parse_points(encode_rows(rows)))
+    np.testing.assert_allclose(found.ellipsoids.axes, np.exp(-MAX_LOG_SCALE), rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["cloud", "text", "splats"])

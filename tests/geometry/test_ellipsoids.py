@@ -61,6 +61,18 @@ def test_small_axes_keep_their_digits():
     np.testing.assert_allclose(moved[2], np.linalg.norm(columns, 2, axis=(1, 2)), rtol=1e-12)
 
 
+@pytest.mark.parametrize("size", [1e-50, 1e50])
+@pytest.mark.parametrize("low", [-70.0, 70.0])
+def test_sizes_whose_squares_are_no_numbers_are_moved(low, size):
+    rest = random_ellipsoids(low=low, high=low + 10)
+    maps = np.eye(3)[:, :, None] + 0.5 * np.random.default_rng(1).normal(size=(3, 3, COUNT))
+    expected = move_ellipsoids(rest, maps)
+    moved = move_ellipsoids(rest, size * maps)
+    np.testing.assert_allclose(
+        moved.axes, np.maximum(size * expected.axes, MIN_AXIS), rtol=1e-12, atol=0
+    )
+
+
 def test_rigid_motions_keep_the_order_of_the_axes():
     rest = random_ellipsoids()
     turn = Rotation.from_rotvec([0.3, -1.2, 0.5])

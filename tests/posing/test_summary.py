@@ -52,7 +52,7 @@ def layers(tmp_path):
 def summarize(layers, clip, cages, size, names=NAMES, frames=None):
     """By blocks of a size."""
     frames = np.arange(COUNT) if frames is None else frames
-    statistics = PoseStatistics(layers, clip.binding.rest.diagonal)
+    statistics = PoseStatistics(layers, clip.binding.rest)
     for start in range(0, len(frames), size):
         chosen = frames[start : start + size]
         statistics.update(edit_frames(layers, clip, chosen, cages[chosen]))
@@ -176,6 +176,6 @@ def test_a_pin_that_does_not_move_gives_zeros(closed, layers):
 def test_no_frames_change_nothing(closed, layers):
     clip, cages = closed
     made = layers(clip)
-    statistics = PoseStatistics(made, clip.binding.rest.diagonal)
+    statistics = PoseStatistics(made, clip.binding.rest)
     statistics.update(edit_frames(made, clip, np.arange(0), cages[:0]))
     assert statistics.summarize(NAMES).changed is None

@@ -108,8 +108,9 @@ def _require_schema() -> None:
 def _stack(rows: NDArray[Any], names: tuple[str, ...]) -> NDArray[np.float32]:
     """Return some properties as float32, (m, count)."""
     found = np.empty((len(rows), len(names)), np.float32)
-    for k, name in enumerate(names):
-        found[:, k] = rows[name]
+    with np.errstate(over="ignore"):  # positions are checked, the others are never as large
+        for k, name in enumerate(names):
+            found[:, k] = rows[name]
     return found
 
 

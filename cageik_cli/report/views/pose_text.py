@@ -51,7 +51,7 @@ def format_pose_rows(summary: PoseSummary) -> list[tuple[str, str]]:
             f"(rms {format_length(summary.rms)})",
         ),
         *_beyond_rows(summary),
-        ("volume change", _format_volume(summary)),
+        *([("volume change", _format_volume(summary))] if summary.has_surface else []),
         *_changed_rows(summary),
         *_acceleration_rows(summary),
         *_mesh_acceleration_rows(summary),
