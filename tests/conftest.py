@@ -18,6 +18,7 @@ from cageik_cli.cli import main
 from cageik_cli.cli.options import common
 from cageik_cli.coordinates import harmonic
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.solver import memory_plan
 from cageik_cli.util import compiled
 from tests.shapes import ball, box
 
@@ -73,6 +74,12 @@ def write_obj() -> Callable[[Path, np.ndarray, np.ndarray], Path]:
         return path
 
     return write
+
+
+@pytest.fixture
+def single_frame_blocks(monkeypatch) -> None:
+    """Make each frame of a run a block, so that little clips have several."""
+    monkeypatch.setattr(memory_plan, "MAX_BLOCK_FRAMES", 1)
 
 
 @pytest.fixture(autouse=True)

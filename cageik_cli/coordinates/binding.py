@@ -9,7 +9,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 
-ALGORITHM_VERSIONS = {"harmonic": 6, "mean-value": 3}
+ALGORITHM_VERSIONS = {"harmonic": 7, "mean-value": 3}
 """Raise a number when weights, notes or refusals change, so that caches are not used."""
 
 

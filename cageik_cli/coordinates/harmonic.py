@@ -24,6 +24,7 @@ from cageik_cli.coordinates.bem.boundary_equation import (
 )
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.bem.error_estimate import estimate_error
+from cageik_cli.coordinates.bem.panel_geometry import Panels
 from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, exponents
 from cageik_cli.coordinates.bem.potentials import FADE_FACTOR
 from cageik_cli.coordinates.settings import ACCURACIES, Accuracy
@@ -31,7 +32,7 @@ from cageik_cli.coordinates.weights import Weights, ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.neighbours import measure_distances, order_by_place
 from cageik_cli.geometry.surface import weights_on_surface
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError, SettingError
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
@@ -52,6 +53,9 @@ REFINED_SHARE = 0.6
 
 MAX_ROUNDING_GROWTH = 1e10
 """Largest growth of rounding errors in higher terms, which need few digits."""
+
+NEEDLE_ORDER, NEEDLE_REACH = 3, 1.5
+"""Thin panels have densities of this degree where higher ones would not reach so many radii."""
 
 
 def harmonic_weights(
@@ -160,20 +164,39 @@ def _worst_panel_mask(shares: Floats) -> NDArray[np.bool_]:
 
 
 def _raise_order(mesh: BoundaryMesh, points: Floats, accuracy: Accuracy) -> BoundaryMesh:
-    """Raise the order of panels within reach of `points`, as far as the unknowns allow.
-
-    Needles stay linear: the recurrences of higher terms are unstable at distances of their length.
-    """
+    """Raise the order of panels within reach of `points`, as far as the unknowns allow."""
     panels = mesh.panels
     distance = measure_distances(points, panels.centroids)
     room = max(0, accuracy.max_unknowns - mesh.linear_unknowns)
     for order in range(accuracy.order, 1, -1):
         extra = len(exponents(order)) - LINEAR_TERMS
-        furthest = panels.altitudes.min(axis=0) * MAX_ROUNDING_GROWTH ** (0.5 / order) / FADE_FACTOR
-        reach = np.minimum(accuracy.reach * panels.radii, furthest)
+        degrees, reach = _choose_degrees(panels, order, accuracy.reach)
         near = np.flatnonzero((distance < FADE_FACTOR * reach) & (reach > panels.radii))
         if extra * len(near) <= room or order == 2:
             nearest = np.argsort(distance[near] / reach[near], kind="stable")
             near = np.sort(near[nearest[: room // extra]])
-            return mesh.raise_order(order, near, reach[near])
+            return mesh.raise_order(near, degrees[near], reach[near])
     return mesh
+
+
+def _choose_degrees(panels: Panels, order: int, radii: float) -> tuple[Integers, Floats]:
+    """Choose the degree of the density on each panel, up to `order`, and how far its terms reach.
+
+    The recurrences of higher terms are unstable at distances from thin panels, the sooner the
+    higher their degree: where `order` does not reach `NEEDLE_REACH` radii, a lower one is used.
+
+    Returns
+    -------
+    (p,) int64
+    (p,) float64
+        `radii` times those of the panels, or less where the terms are unstable.
+    """
+    degree = np.zeros(len(panels.corners), np.int64)
+    reach = np.zeros(len(panels.corners))
+    thickness = panels.altitudes.min(axis=0)
+    for lower in range(order, min(order, NEEDLE_ORDER) - 1, -1):
+        furthest = thickness * MAX_ROUNDING_GROWTH ** (0.5 / lower) / FADE_FACTOR
+        is_left = reach < min(radii, NEEDLE_REACH) * panels.radii
+        degree[is_left] = lower
+        reach[is_left] = np.minimum(radii * panels.radii, furthest)[is_left]
+    return degree, reach

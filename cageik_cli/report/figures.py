@@ -6,6 +6,8 @@ Error definitions, for F frames of m vertices, D the rest bounding box's diagona
   of a vertex: the root of its mean square over frames.
 - area_rms of the clip: the same with Σ a_i |v̂_i − v_i|² / Σ a_i, a_i a third of the area of the
   faces at a vertex in the rest pose.
+- radius_rms_percent of the clip: 100 rms/R, R the radius of the smallest sphere that holds the rest
+  pose. It does not depend on the axes, as D does.
 - e_rms = 2000/√3 · rms/D = 1154.70 · rms/D (Kavan, Sloan and O'Sullivan 2010, eq. 8).
 - kg_error = 100 |V − V̂|_F / |V − E(V)|_F, E(V) each frame's centroid (Karni and Gotsman 2004).
 - volume_change = 100 (V̂ − V)/V and volume_drift = 100 (V − V_rest)/V_rest, percent; signed.
@@ -16,7 +18,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class ClipRecord:
-    """The clip: counts, the diagonal in file units, whether the model is closed, and its time.
+    """The clip: counts, lengths in file units, whether the model is closed, and its time.
+
+    `diagonal` is that of the box around the faces of the rest pose, and `radius` that of the
+    smallest sphere around them.
 
     The numbers of frames begin with `start` and go in steps of `frame_step`. `body` tells whether
     the model is closed, and more than a sheet: `TriMesh.is_body`.
@@ -26,6 +31,7 @@ class ClipRecord:
     vertices: int
     cage_vertices: int
     diagonal: float
+    radius: float
     closed: bool
     fps: float
     start: float = 1.0
@@ -94,6 +100,7 @@ class ReportSummary:
     `fixed_floats` counts the weights that must be stored, `floats_per_frame` the coordinates of a
     cage. `best_possible_percent` is the smallest rms that a cage with as many vertices can have.
     `area_rms` weighs each vertex by its area in the rest pose; None for a model without area.
+    `radius_rms_percent` is `rms` in percent of the radius of the smallest sphere around the model.
     Of weights that were fitted to this clip, `gap_closed_percent` tells how much of the gap from
     the unfitted weights to it they close, and `held_out_rms_percent` their error on frames that
     were held out.
@@ -112,6 +119,7 @@ class ReportSummary:
     volume_change_percent_max: float | None
     volume_change_frame: str | None
     volume_drift_percent_max: float | None
+    radius_rms_percent: float
     e_rms: float
     kg_error: float | None
     frames_skipped: int

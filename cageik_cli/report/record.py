@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from cageik_cli.geometry.enclosing_sphere import smallest_enclosing_sphere
 from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.report.clip_notes import list_clip_notes
 from cageik_cli.report.figures import (
@@ -93,9 +94,10 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
         Name of the result; by default that of its file.
     """
     rest, result_name = result.rest, to_unicode(name or result.path.name)
+    _, radius = smallest_enclosing_sphere(rest.vertices[rest.used_vertices])
     limits = limits or Limits()
     frames = _build_frames(result)
-    summary = _build_summary(result, frames)
+    summary = _build_summary(result, frames, radius)
     fit_notes = () if result.fit is None else list_fit_notes(result.fit)
     return Report(
         schema=SCHEMA_VERSION,
@@ -118,6 +120,7 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
             vertices=len(rest.vertices),
             cage_vertices=len(result.cage.vertices),
             diagonal=rest.diagonal,
+            radius=radius,
             closed=rest.is_closed,
             fps=result.scene.fps,
             start=_make_whole(result.scene.start),
@@ -201,7 +204,7 @@ def _build_kept(result: Result) -> KeptSummary | None:
     )
 
 
-def _build_summary(result: Result, frames: tuple[FrameRecord, ...]) -> ReportSummary:
+def _build_summary(result: Result, frames: tuple[FrameRecord, ...], radius: float) -> ReportSummary:
     metrics, diagonal = result.metrics, result.rest.diagonal
     rms = float(np.sqrt(np.nanmean(metrics.rms**2)))
     worst, furthest = int(np.nanargmax(metrics.rms)), int(np.nanargmax(metrics.max_deviation))
@@ -222,6 +225,7 @@ def _build_summary(result: Result, frames: tuple[FrameRecord, ...]) -> ReportSum
         volume_change_percent_max=changed.volume_change if changed else None,
         volume_change_frame=changed.name if changed else None,
         volume_drift_percent_max=max(drifts, key=abs, default=None),
+        radius_rms_percent=100 * rms / radius,
         e_rms=float(E_RMS_FACTOR * rms / diagonal),
         kg_error=_compute_kg_error(result),
         frames_skipped=len(result.skipped),

@@ -125,6 +125,12 @@ MEANINGS = (
         "clip, dense parts such as a head hide the error of the others.",
     ),
     (
+        "Error by radius",
+        "100 rms / R",
+        "The error of the clip in percent of the radius R of the smallest sphere around the rest "
+        "pose. The diagonal D of the box depends on how the model stands to the axes; R does not.",
+    ),
+    (
         "Max deviation",
         "max |v̂ − v|",
         "The largest distance over the vertices of a frame, or over all frames, with its vertex.",

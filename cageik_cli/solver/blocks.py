@@ -9,10 +9,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import Block, FramePrefetcher, MeshSequence
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
 from cageik_cli.solver.kept import KeptBlock
+from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.solver.metrics import (
     INTEGER_METRICS,
     METRIC_NAMES,
@@ -24,7 +24,7 @@ from cageik_cli.solver.metrics import (
 from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.solver.robust import RobustSolver
 from cageik_cli.solver.vertex_bound import VertexBound, VertexBoundAccumulator
-from cageik_cli.util.arrays import Floats, Integers, Workspace, fit_frames
+from cageik_cli.util.arrays import Floats, Integers, Workspace
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import to_unicode
 from cageik_cli.util.threads import OrderedMap
@@ -108,44 +108,6 @@ def make_solved_block(
         skipped=faults,
         sampled=sampled,
     )
-
-
-MAX_BLOCK_FRAMES = 16
-"""Largest number of frames solved together; more right-hand sides are not faster."""
-
-ARRAYS_PER_FRAME = 12
-"""Arrays (m, 3) in memory per frame: read, aligned, target, reconstructed, measured."""
-
-MAX_QUEUE_BYTES = 1 << 24
-"""Largest size of frames read ahead, which is also at most an eighth of the memory."""
-
-
-@dataclass(frozen=True, slots=True)
-class MemoryPlan:
-    """How a run stays within its memory limit.
-
-    Attributes
-    ----------
-    block_size : int
-        Frames solved together; it does not depend on the number of threads.
-    max_parallel_blocks : int
-        Blocks solved in parallel.
-    max_queued_frames : int
-        Frames read ahead.
-    """
-
-    block_size: int
-    max_parallel_blocks: int
-    max_queued_frames: int
-
-    @staticmethod
-    def fit(memory: int, binding: Binding, jobs: int) -> "MemoryPlan":
-        """Plan for `memory` bytes, the weights included, and `jobs` threads."""
-        count, left = len(binding.rest.vertices), memory - binding.weights.nbytes
-        block = min(fit_frames(left, count, ARRAYS_PER_FRAME), MAX_BLOCK_FRAMES)
-        solvers = min(fit_frames(left, block * count, ARRAYS_PER_FRAME), jobs)
-        queue = fit_frames(min(memory // 8, MAX_QUEUE_BYTES), count)
-        return MemoryPlan(block, solvers, queue)
 
 
 class CaptureSolver(Protocol):

@@ -164,7 +164,7 @@ class DualLaplacianSolver:
         laplacian = uniform_laplacian(binding.cage)
         self.smoothness = (alpha / n) * laplacian.T @ laplacian
         data = self.weigh_data(self.vertex_weights)
-        condition = _validate_condition(self.smoothness, data, binding)
+        condition = self._validate_condition(data)
         self.quality = SolveQuality(**asdict(binding.quality), condition_number=condition)
         self.normal = self.smoothness + data
         # Products with the inverse of the factor are quicker than substitutions, and for columns
@@ -241,6 +241,41 @@ class DualLaplacianSolver:
         """Return the inverse of the normal matrix times columns (n, 3k)."""
         return np.asarray(self._inverse_factor.T @ (self._inverse_factor @ columns))
 
+    def _validate_condition(self, data: Floats) -> float:
+        """Return the condition number of the smoothness plus `data`, (n, n).
+
+        Raises
+        ------
+        NumericalError
+            When it is too large.
+        """
+        eigenvalues = np.linalg.eigvalsh(self.smoothness + data)
+        smallest, largest = float(eigenvalues[0]), float(eigenvalues[-1])
+        condition = largest / smallest if smallest > 0 else float("inf")
+        if condition > MAX_CONDITION:
+            weakest = int(np.argmin(np.abs(self._weights).max(axis=0)))
+            raise NumericalError(
+                f"the system is singular (condition number {condition:.1e}, limit "
+                f"{MAX_CONDITION:.0e}; the least influential cage vertex is {weakest}); "
+                + self._find_remedy(data)
+            )
+        return condition
+
+    def _find_remedy(self, data: Floats) -> str:
+        """Say what makes a singular system regular."""
+        n = len(data)
+        if not data.any():
+            return "raise --beta above 0: without vertices the position of the cage is undefined"
+        if np.trace(self.smoothness) > np.trace(data):
+            return "lower --alpha, whose default is 1e-3: the Laplacian outweighs the vertices"
+        if self.data_count < n:
+            return (
+                f"{self.data_count} vertices that are data cannot determine {n} cage vertices: "
+                f"raise --alpha, whose default is 1e-3, or take a cage of at most "
+                f"{self.data_count} vertices"
+            )
+        return "raise --alpha, whose default is 1e-3, or remove cage vertices far from the model"
+
     def weigh_data(self, weights: Floats, rows: Integers | None = None) -> Floats:
         """Return (β/m) Σ_j weights_j H_jᵀ H_j, (n, n), over all vertices, or those of `rows`.
 
@@ -296,22 +331,3 @@ def drop_unused_vertices(weights: Floats | None, mesh: TriMesh) -> Floats | None
     kept = np.ones(len(mesh.vertices)) if weights is None else weights.copy()
     kept[unused] = 0
     return normalize_weights(kept, len(kept))
-
-
-def _validate_condition(smoothness: Floats, data: Floats, binding: Binding) -> float:
-    """Return the condition number of the sum of both matrices; refuse it if it is too large."""
-    eigenvalues = np.linalg.eigvalsh(smoothness + data)
-    smallest, largest = float(eigenvalues[0]), float(eigenvalues[-1])
-    condition = largest / smallest if smallest > 0 else float("inf")
-    if condition > MAX_CONDITION:
-        remedy = "raise --alpha, whose default is 1e-3, or remove cage vertices far from the model"
-        if np.trace(smoothness) > np.trace(data):
-            remedy = "lower --alpha, whose default is 1e-3: the Laplacian outweighs the vertices"
-        if not data.any():
-            remedy = "raise --beta above 0: without vertices the position of the cage is undefined"
-        weakest = int(np.argmin(np.abs(binding.weights).max(axis=0)))
-        raise NumericalError(
-            f"the system is singular (condition number {condition:.1e}, limit {MAX_CONDITION:.0e}; "
-            f"the least influential cage vertex is {weakest}); {remedy}"
-        )
-    return condition

@@ -25,7 +25,7 @@ from cageik_cli.util.input_files import open_input
 from cageik_cli.util.locks import open_locked, remove_locked
 
 FORMAT = b"cageik.partial "
-MAGIC = FORMAT + b"4\n"
+MAGIC = FORMAT + b"5\n"
 """Raise its number when the spec or the bytes of blocks change, so that older ones are refused."""
 
 MAX_HEAD_BYTES = 128
@@ -50,8 +50,6 @@ class RunSpec:
         Digest of the weights that the run fits to its frames; empty if it fits none. If frames have
         changed, a continued run fits others, and solves all frames again.
     vertices, cage_vertices : int
-    block : int
-        Frames solved together; it changes the last digits, so a continued run keeps it.
     version : str
         Of the program.
     """
@@ -63,7 +61,6 @@ class RunSpec:
     fit: str
     vertices: int
     cage_vertices: int
-    block: int
     version: str = __version__
 
     def describe_difference(self, other: "RunSpec") -> str:
@@ -79,7 +76,7 @@ class RunSpec:
                 return f"its {name.replace('_', ' ')} was another"
         if self.version != other.version:
             return f"it was of cageik {other.version}"
-        if replace(self, block=other.block, fit=other.fit) != other:
+        if replace(self, fit=other.fit) != other:
             return "its weights were others, or frames on which tolerances are measured"
         return ""
 

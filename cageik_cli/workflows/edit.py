@@ -21,7 +21,8 @@ from cageik_cli.posing.edits import (
 )
 from cageik_cli.posing.snapshot import PoseResult, take_snapshot
 from cageik_cli.posing.summary import PoseStatistics
-from cageik_cli.solver.blocks import MemoryPlan, SolvedBlock, summarize_blocks
+from cageik_cli.solver.blocks import SolvedBlock, summarize_blocks
+from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
 from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.store.result import Result, read_cages, read_result

@@ -14,11 +14,11 @@ from cageik_cli.solver.blocks import (
     BlockExecutor,
     BlockSolver,
     ClipSummary,
-    MemoryPlan,
     SolvedBlock,
     ThreadExecutor,
 )
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.solver.regions import MIN_DEVIATION, Region
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
@@ -163,12 +163,12 @@ def _solve_and_write(
     settings, sequence, progress = plan.settings, plan.sequence, block_solver.progress
     memory_plan = output.plan_memory(settings)
     tolerances = None if block_solver.capture is None else block_solver.capture.robust.tolerances
-    spec = _make_run_spec(plan, output.stored, tolerances, memory_plan.block_size)
+    spec = _make_run_spec(plan, output.stored, tolerances)
     # One thread for the products: blocks are solved, and frames read, beside each other.
     with open_checkpoint(settings, spec) as checkpoint, limit_blas_threads(1):
         with progress.stage("read"):
             resume_from_checkpoint(checkpoint, plan, progress)
-        starts = range(checkpoint.frames_done, len(sequence), checkpoint.spec.block)
+        starts = range(checkpoint.frames_done, len(sequence), memory_plan.block_size)
         with executor.run_blocks(block_solver, starts, memory_plan) as blocks:
             for block in blocks:
                 with progress.stage("write"):
@@ -288,7 +288,7 @@ def _make_header(
 
 
 def _make_run_spec(
-    plan: ExtractionPlan, stored: StoredBinding, tolerances: Floats | None, block_size: int
+    plan: ExtractionPlan, stored: StoredBinding, tolerances: Floats | None
 ) -> RunSpec:
     binding, weights = stored.binding, plan.vertex_weights
     is_fitted_here = plan.settings.fit is not None
@@ -306,7 +306,6 @@ def _make_run_spec(
         fit=_hash_arrays([binding.weights, *found]) if is_fitted_here else "",
         vertices=len(binding.rest.vertices),
         cage_vertices=len(binding.cage.vertices),
-        block=block_size,
     )
 
 

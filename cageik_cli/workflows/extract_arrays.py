@@ -14,8 +14,8 @@ from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import validate_positions
 from cageik_cli.solver.area_weights import make_vertex_weights
-from cageik_cli.solver.blocks import MemoryPlan
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.solver.metrics import METRIC_NAMES, FrameMetrics, check_finite, measure
 from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Workspace

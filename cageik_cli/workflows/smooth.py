@@ -13,6 +13,7 @@ from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.solver.blocks import BlockSolver, SolvedBlock
 from cageik_cli.solver.captured_blocks import CapturedBlockSolver, SolvedFrames
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, Solution
+from cageik_cli.solver.memory_plan import choose_block_size
 from cageik_cli.solver.settings import AUTO_SMOOTHING
 from cageik_cli.solver.smooth import FrameTerms, TimeSmoother
 from cageik_cli.store.checkpoint import Checkpoint
@@ -221,10 +222,11 @@ def run_time_pass(
     capture, progress = block_solver.capture, block_solver.progress
     assert isinstance(capture, CapturedBlockSolver)
     time_pass, filled = TimePass(plan, capture, checkpoint), []
-    frames = _cut_into_blocks(time_pass.run(), checkpoint.spec.block, len(plan.sequence))
+    size = choose_block_size(checkpoint.spec.vertices)
+    frames = _cut_into_blocks(time_pass.run(), size, len(plan.sequence))
     with progress.stage("smooth"):
         gamma = time_pass.gamma
-    with closing(_read_blocks(plan, checkpoint.spec.block, is_needed=gamma > 0)) as reads:
+    with closing(_read_blocks(plan, size, is_needed=gamma > 0)) as reads:
         for solved in checkpoint.blocks():
             with progress.stage("smooth"):
                 smoothed = next(frames)

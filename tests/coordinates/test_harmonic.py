@@ -1,4 +1,5 @@
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,7 +77,9 @@ def weights_on(cage, points, levels, order):
     for _ in range(levels):
         mesh = mesh.divide(np.ones(len(mesh.panels.corners), bool))
     everywhere = np.arange(len(mesh.panels.corners))
-    mesh = mesh.raise_order(order, everywhere, 3 * mesh.panels.radii) if order > 1 else mesh
+    if order > 1:
+        degrees = np.full_like(everywhere, order)
+        mesh = mesh.raise_order(everywhere, degrees, 3 * mesh.panels.radii)
     with ThreadPoolExecutor(1) as pool:
         boundary = solve_boundary(mesh, pool)
     return interior_weights(boundary, points)
@@ -163,14 +166,45 @@ def test_unknowns_are_bounded_by_lower_degrees(monkeypatch):
     assert seen[3][1] == 0
 
 
-def test_needles_stay_linear():
-    """Their length is beyond the reach of the recurrences."""
-    flat = TriMesh(box().vertices * [1, 1, 0.01], box().faces)
-    points = inside(flat, 50, margin=0.001)
-    mesh = harmonic._raise_order(BoundaryMesh.from_cage(flat), points, ACCURACIES["fine"])
-    slender = mesh.panels.altitudes.min(axis=0) < 0.1 * mesh.panels.radii
-    assert slender.sum() == 8
-    np.testing.assert_array_equal(mesh.high_panels, np.flatnonzero(~slender))
+def test_needles_have_lower_degrees():
+    """Higher terms are unstable at distances of their length; those of extreme ones all are."""
+    for thickness, degree in ((0.1, 4), (0.05, 3), (0.002, 1)):
+        flat = TriMesh(box().vertices * [1, 1, thickness], box().faces)
+        points = inside(flat, 50, margin=0.1 * thickness)
+        mesh = harmonic._raise_order(BoundaryMesh.from_cage(flat), points, ACCURACIES["fine"])
+        slender = mesh.panels.altitudes.min(axis=0) < 0.2 * mesh.panels.radii
+        assert slender.sum() == 8
+        assert (mesh.panel_degrees[slender] == degree).all()
+        assert (mesh.panel_degrees[~slender] == 5).all()
+
+
+@pytest.mark.parametrize("length", [1.0, 3.0, 8.0, 20.0, 50.0])
+def test_no_panel_has_a_lower_degree_or_reach_for_a_smaller_tolerance(length):
+    cage = TriMesh(box().vertices * [1, 0.7, length], box().faces)
+    panels = BoundaryMesh.from_cage(cage).panels
+    degree, reach = harmonic._choose_degrees(panels, 3, ACCURACIES["standard"].reach)
+    finer_degree, finer_reach = harmonic._choose_degrees(panels, 5, ACCURACIES["fine"].reach)
+    assert (finer_degree >= degree).all()
+    assert (finer_reach >= reach).all()
+
+
+def test_terms_above_the_degree_of_a_panel_are_left_out():
+    """What is left is a mesh of degree 3, but for the nodes on which its equations are tested."""
+    cage, points = concave(), inside(concave(), 40, margin=0.03)
+    linear = BoundaryMesh.from_cage(cage)
+    everywhere, reach = np.arange(len(cage.faces)), 3 * linear.panels.radii
+    degrees = np.full_like(everywhere, 3)
+    plain = linear.raise_order(everywhere, degrees, reach)
+    wide = replace(plain, order=5)
+    assert wide.unknowns > len(wide.solved_unknowns) == plain.unknowns
+    mixed = linear.raise_order(everywhere, np.where(everywhere == 4, 5, 3), reach)
+    with ThreadPoolExecutor(1) as pool:
+        of_plain, of_wide, of_mixed = (
+            interior_weights(solve_boundary(mesh, pool), points) for mesh in (plain, wide, mixed)
+        )
+    np.testing.assert_allclose(of_wide, of_plain, rtol=0, atol=1e-3)
+    assert 1e-5 < np.abs(of_mixed - of_plain).max() < 0.02
+    np.testing.assert_allclose(of_mixed @ cage.vertices, points, rtol=0, atol=1e-10)
 
 
 def test_the_weights_of_a_point_do_not_depend_on_other_points():
@@ -178,7 +212,7 @@ def test_the_weights_of_a_point_do_not_depend_on_other_points():
     cage, points = ball(2, 1.0), inside(ball(2, 1.0), 100, margin=0.01)
     panels = BoundaryMesh.from_cage(cage)
     everywhere = np.arange(len(cage.faces))
-    mesh = panels.raise_order(3, everywhere, 1.5 * panels.panels.radii)
+    mesh = panels.raise_order(everywhere, np.full_like(everywhere, 3), 1.5 * panels.panels.radii)
     with ThreadPoolExecutor(1) as pool:
         boundary = solve_boundary(mesh, pool)
     alone = [interior_weights(boundary, point[None])[0] for point in points]

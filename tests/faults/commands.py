@@ -7,9 +7,13 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from cageik_cli.solver.memory_plan import MAX_BLOCK_FRAMES
+
 FIXTURES = Path(__file__).resolve().parents[2] / "data_fixtures" / "posed" / "surface"
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
 OLD = "an older output\n"
+BLOCKS = 2
+"""Blocks of frames that a run solves, each of which it appends to its checkpoint."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,7 @@ class Command:
     replace: tuple[str, ...] = ("--overwrite",)
 
 
-EXTRACT = ("extract", "frames", "--cage", "cage.obj", "--jobs", "1", "--memory", "1")
+EXTRACT = ("extract", "frames", "--cage", "cage.obj", "--jobs", "1")
 COMMANDS = (
     Command("extract", (*EXTRACT, "-o", "out.h5"), ("out.h5",)),
     Command("bind", ("bind", "--cage", "cage.obj", "--rest", "rest.obj", "-o", "out.h5"),
@@ -47,7 +51,10 @@ def make_environment(folder: Path) -> dict[str, str]:
 def make_inputs(folder: Path) -> None:
     """Copy the inputs, and extract a result for the commands that read one."""
     folder.mkdir(parents=True)
-    shutil.copytree(FIXTURES / "frames", folder / "frames")
+    frames = sorted((FIXTURES / "frames").iterdir())
+    (folder / "frames").mkdir()
+    for k in range(BLOCKS * MAX_BLOCK_FRAMES):
+        shutil.copy(frames[k % len(frames)], folder / "frames" / f"frame_{k + 1}.obj")
     shutil.copy(FIXTURES / "cage.obj", folder)
     shutil.copy(sorted((folder / "frames").iterdir())[0], folder / "rest.obj")
     (folder / "handles.json").write_text(

@@ -17,6 +17,7 @@ def summary(rms_percent: float = 0.25, **others) -> ReportSummary:
         "max_deviation_vertex": 3, "volume_change_percent_max": -1.44,
         "volume_change_frame": "f_9.obj", "volume_drift_percent_max": 2.0, "e_rms": 2.9,
         "kg_error": None, "frames_skipped": 0, "floats_per_frame": 24, "fixed_floats": 144,
+        "radius_rms_percent": 2 * rms_percent,
     }  # fmt: skip
     return ReportSummary(**figures | others)
 
@@ -31,7 +32,9 @@ def gate(passed: bool | None, **others) -> LimitCheck:
 def clip(name: str, *gates: LimitCheck, rms_percent: float = 0.25, notes=()) -> ClipEntry:
     """An extracted clip."""
     figures = summary(rms_percent)
-    counts = ClipRecord(frames=5, vertices=18, cage_vertices=8, diagonal=2.0, closed=True, fps=24.0)
+    counts = ClipRecord(
+        frames=5, vertices=18, cage_vertices=8, diagonal=2.0, radius=1.0, closed=True, fps=24.0
+    )
     return ClipEntry(name, clip=counts, summary=figures, gates=gates, notes=tuple(notes))
 
 

@@ -33,10 +33,11 @@ class Case:
 def make_case(tmp_path_factory, animation, write_obj):
     """A function that extracts frames of the small model, with all or some of its faces."""
 
-    def extracted(frames, faces):
+    def extracted(frames, faces, cage_vertices=None):
         folder = tmp_path_factory.mktemp("case")
         np.savez(folder / "clip.npz", verts=frames, faces=faces)
-        cage = write_obj(folder / "cage.obj", animation.cage.vertices, animation.cage.faces)
+        given = animation.cage.vertices if cage_vertices is None else cage_vertices
+        cage = write_obj(folder / "cage.obj", given, animation.cage.faces)
         result = extract(ExtractSettings((str(folder / "clip.npz"),), cage, folder / "cages.h5"))
         with h5py.File(result.path) as file:
             reconstruction = file["weights"][:] @ file["verts"][:]

@@ -1,4 +1,4 @@
-"""Notes on clips that are not the rest pose in motion: mirrored frames, and other units."""
+"""Notes on mirrored frames, on other units, and on models of few vertices."""
 
 import re
 
@@ -62,6 +62,21 @@ def test_frames_somewhat_larger_are_not_noted(list_notes):
 
 def test_a_body_folded_flat_is_not_mirrored(list_notes):
     assert list_notes(lambda _, frame: frame * [1, 1, -0.05]) == ()
+
+
+@pytest.mark.parametrize(("below", "data", "is_noted"), [(15, 14, True), (16, 16, False)])
+def test_hardly_more_vertices_than_the_cage_has_are_noted(
+    make_case, animation, below, data, is_noted
+):
+    """Vertices in no face are no data; 16 are 2 for each of the 8 of the cage."""
+    faces = animation.rest.faces
+    kept = faces[(faces < below).all(axis=1)]
+    assert len(np.unique(kept)) == data
+    notes = list_clip_notes(make_case(animation.frames, kept).result)
+    assert len(notes) == is_noted
+    if is_noted:
+        assert f"{data} vertices of the model are data, and the cage has 8" in notes[0]
+        assert "smaller cage" in notes[0]
 
 
 def test_the_note_is_in_the_report(make_case, animation):

@@ -99,6 +99,7 @@ def test_the_summary(closed, report):
             "max_deviation_percent": 100 * np.sqrt(squares.max()) / diagonal,
             "volume_change_percent_max": change[largest],
             "volume_drift_percent_max": max(column(report, "volume_drift"), key=abs),
+            "radius_rms_percent": 100 * rms,  # of a ball of radius 1
             "e_rms": 1154.7005383792516 * rms / diagonal,
             "kg_error": kg_error,
         },
@@ -113,6 +114,7 @@ def test_clip_binding_and_provenance(closed, report):
         "vertices": 18,
         "cage_vertices": 8,
         "diagonal": pytest.approx(np.linalg.norm(np.ptp(closed.frames[0], axis=0))),
+        "radius": pytest.approx(1.0),
         "closed": True,
         "fps": 24.0,
         "start": 1,

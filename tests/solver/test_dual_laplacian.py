@@ -179,6 +179,17 @@ def test_a_singular_system_is_refused_with_the_remedy(spread):
     assert DualLaplacianSolver(binding, SolveSettings()).quality.condition_number < 1e6
 
 
+def test_fewer_vertices_than_the_cage_has_are_refused_with_the_remedy(binding):
+    """Vertices of weight 0 do not count; the Laplacian alone makes the system regular."""
+    m, n = binding.weights.shape
+    few = normalize_weights((np.arange(m) < n - 1).astype(float), m)
+    says = rf"{n - 1} vertices that are data .* {n} cage vertices: raise --alpha.*at most {n - 1} "
+    with pytest.raises(NumericalError, match=says):
+        DualLaplacianSolver(binding, SolveSettings(alpha=0), few)
+    DualLaplacianSolver(binding, SolveSettings(), few)
+    DualLaplacianSolver(binding, SolveSettings(alpha=0))
+
+
 def test_a_vertex_of_weight_zero_is_missing_data(binding):
     counts = np.ones(len(binding.rest.vertices))
     counts[[3, 17]] = 0

@@ -31,7 +31,6 @@ SPEC = RunSpec(
     fit="",
     vertices=6,
     cage_vertices=4,
-    block=2,
 )
 
 
@@ -261,17 +260,11 @@ def test_a_checkpoint_of_another_spec_is_refused_and_kept(log, other, says):
 
 
 def test_blocks_of_weights_that_were_fitted_to_other_frames_are_cut_off(log):
-    checkpoint = Checkpoint.open(log, replace(SPEC, fit="02", block=3), resume=True)
+    checkpoint = Checkpoint.open(log, replace(SPEC, fit="02"), resume=True)
     assert checkpoint.has_other_fit
-    assert (checkpoint.spec.fit, checkpoint.spec.block) == ("02", 3)
+    assert checkpoint.spec.fit == "02"
     checkpoint.close()
     assert checkpoint_progress(log) == (0, 5)
-
-
-def test_a_resumed_run_keeps_the_size_of_its_blocks(log):
-    checkpoint = Checkpoint.open(log, replace(SPEC, block=3), resume=True)
-    assert checkpoint.spec.block == 2
-    checkpoint.close()
 
 
 def test_a_checkpoint_of_an_earlier_version_is_known_as_one(tmp_path):

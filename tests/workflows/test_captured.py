@@ -15,6 +15,7 @@ from cageik_cli.report.html.page import render_result_page
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.tables import format_csv, format_json
 from cageik_cli.report.views.text import format_text
+from cageik_cli.solver import memory_plan
 from cageik_cli.solver.settings import CaptureSettings, FitSettings
 from cageik_cli.store.checkpoint import Checkpoint
 from cageik_cli.store.result import read_cages, read_result, smoothed_path
@@ -279,11 +280,10 @@ class Stopped(ProgressListener):
             raise KeyboardInterrupt
 
 
-def test_threads_and_interruptions_do_not_change_the_bytes(walker, make):
+def test_threads_and_interruptions_do_not_change_the_bytes(walker, make, monkeypatch):
+    monkeypatch.setattr(memory_plan, "MAX_BLOCK_FRAMES", 2)
     spoilt = corrupt("missing", corrupt("outliers", walker[0]))
-    # Two frames a block.
-    memory = 1570 * 80 * 8 + 2 * 12 * 3 * 1570 * 8
-    settings = make(spoilt, capture=ROBUST, clip=MISSING, memory=memory)
+    settings = make(spoilt, capture=ROBUST, clip=MISSING)
     whole = extract(settings).path.read_bytes()
     assert extract(replace(settings, jobs=3)).path.read_bytes() == whole
     other = replace(settings, output=Path("other.h5"), overwrite=False)
@@ -344,10 +344,10 @@ def test_filled_gaps_are_read_as_they_were_filled(walker, make):
         assert np.isfinite(file["rotations"][5]).all()
 
 
-def test_smoothing_keeps_the_bytes_for_threads_and_interruptions(walker, make):
+def test_smoothing_keeps_the_bytes_for_threads_and_interruptions(walker, make, monkeypatch):
+    monkeypatch.setattr(memory_plan, "MAX_BLOCK_FRAMES", 2)
     spoilt = corrupt("lost", corrupt("missing", corrupt("outliers", walker[0])))
-    memory = 1570 * 80 * 8 + 2 * 12 * 3 * 1570 * 8
-    settings = make(spoilt, capture=SMOOTH, clip=MISSING, memory=memory)
+    settings = make(spoilt, capture=SMOOTH, clip=MISSING)
     whole = extract(settings).path.read_bytes()
     assert extract(replace(settings, jobs=3)).path.read_bytes() == whole
     other = replace(settings, output=Path("other.h5"), overwrite=False)

@@ -99,14 +99,14 @@ def test_without_resume_an_existing_result_is_not_looked_for(plain):
         check_output_path(plain)
 
 
-def test_a_checkpoint_is_not_overwritten_unasked(plain):
+def test_a_checkpoint_is_not_overwritten_unasked(plain, single_frame_blocks):
     class Interrupt(ProgressListener):
         def update(self, done, total):
             if (done, total) == (2, 5):
                 raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        extract(replace(plain, memory=1), Interrupt())
+        extract(plain, Interrupt())
     with pytest.raises(CheckpointError) as caught:
         check_output_path(plain)
     assert str(caught.value) == (

@@ -15,6 +15,7 @@ from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.tables import format_csv, format_json
 from cageik_cli.report.views.text import format_text
+from cageik_cli.solver import memory_plan
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.util.errors import CheckpointError, FileAccessError, InputError
@@ -40,11 +41,9 @@ class Stopped(ProgressListener):
 
 
 @pytest.fixture
-def plain(folder):
+def plain(folder, single_frame_blocks):
     """Settings for the little animation, a frame a block."""
-    return ExtractSettings(
-        frames=("frames",), cage=Path("cage.obj"), output=Path("cages.h5"), memory=1
-    )
+    return ExtractSettings(frames=("frames",), cage=Path("cage.obj"), output=Path("cages.h5"))
 
 
 @pytest.fixture
@@ -80,7 +79,7 @@ def test_a_run_may_be_interrupted_several_times(plain, whole):
 
 def test_memory_and_jobs_may_change_before_a_run_is_resumed(plain, whole):
     interrupted(plain, 2)
-    settings = replace(plain, resume=True, memory=1 << 30, jobs=3)
+    settings = replace(plain, resume=True, memory=1, jobs=3)
     assert extract(settings).path.read_bytes() == whole
 
 
@@ -219,9 +218,10 @@ def gapped(plain, whole, animation, write_obj):
 SKIPPED = {"frames/frame_2.obj": "0 vertices and 0 faces", "frames/frame_4.obj": "vertex 0 is"}
 
 
-@pytest.mark.parametrize("memory", [1, 1 << 30])
-def test_a_skipped_frame_leaves_a_gap(gapped, memory):
-    result = extract(replace(gapped, on_bad_frame="skip", memory=memory))
+@pytest.mark.parametrize("size", [1, 16])
+def test_a_skipped_frame_leaves_a_gap(gapped, monkeypatch, size):
+    monkeypatch.setattr(memory_plan, "MAX_BLOCK_FRAMES", size)
+    result = extract(replace(gapped, on_bad_frame="skip"))
     assert result.frames == tuple(f"frame_{k}.obj" for k in range(1, 6))
     assert list(result.skipped) == [1, 3]
     for text, (place, why) in zip(result.skipped.values(), SKIPPED.items(), strict=True):
@@ -237,12 +237,13 @@ def test_a_skipped_frame_leaves_a_gap(gapped, memory):
     np.testing.assert_allclose(rms[good], known[good], rtol=0, atol=1e-13)
 
 
-def test_other_frames_do_not_depend_on_the_gaps(gapped):
+def test_other_frames_do_not_depend_on_the_gaps(gapped, monkeypatch):
     """To the last bit, though they share a block with them."""
-    extract(replace(gapped, on_bad_frame="skip", memory=1 << 30))
+    monkeypatch.setattr(memory_plan, "MAX_BLOCK_FRAMES", 16)
+    extract(replace(gapped, on_bad_frame="skip"))
     for k in (2, 4):
         Path(f"frames/frame_{k}.obj").write_text(Path("frames/frame_1.obj").read_text())
-    extract(replace(gapped, memory=1 << 30, output=Path("full.h5")))
+    extract(replace(gapped, output=Path("full.h5")))
     with h5py.File("cages.h5") as file, h5py.File("full.h5") as other:
         assert file["verts"][::2].tobytes() == other["verts"][::2].tobytes()
 
@@ -339,7 +340,7 @@ TYPED = ("extract", "frames/*.obj", "--cage", "cage.obj")
 
 
 def test_the_command_says_what_is_kept_and_resumes(run, gapped):
-    outcome = run(*TYPED, "--memory", "1")
+    outcome = run(*TYPED)
     assert outcome.code == 1
     assert outcome.err.splitlines()[-1].endswith(
         "1 of 5 frames are kept in cages.h5.partial; continue with --resume"
@@ -349,7 +350,7 @@ def test_the_command_says_what_is_kept_and_resumes(run, gapped):
         assert said.code == 1
         assert "rerun the command with --resume" in said.err
     assert "1 of 5; rerun the command with --resume" in run("info", LOG).out
-    outcome = run(*TYPED, "--memory", "1", "--resume", "--on-bad-frame", "skip")
+    outcome = run(*TYPED, "--resume", "--on-bad-frame", "skip")
     assert outcome.code == 0
     assert "resumed        from frame 1 of 5" in outcome.err
     assert "skipped        2 of 5 frames" in outcome.err

@@ -99,7 +99,7 @@ memory_option = click.option(
     type=SizeType(),
     default="1GiB",
     show_default=True,
-    help="Memory limit for weights and frame buffers.",
+    help="Memory limit for weights and frame buffers; one block of frames is always held.",
 )
 
 timings_option = click.option(

@@ -56,8 +56,9 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
     Single precision halves memory and time. It changes the weights of sound cages in the sixth
     digit at most; the densities of affine functions are known, and are corrected exactly.
     """
-    matrix = np.zeros((mesh.unknowns, mesh.unknowns), np.float32)
-    rhs = np.empty((mesh.unknowns, mesh.hats.count), np.float32)
+    solved = mesh.solved_unknowns
+    matrix = np.zeros((len(solved), len(solved)), np.float32)
+    rhs = np.empty((len(solved), mesh.hats.count), np.float32)
 
     def fill(chosen: Integers) -> None:
         _fill_rows(mesh, chosen, matrix, rhs)
@@ -70,11 +71,11 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
     with limit_blas_threads(LU_THREADS):
         # LAPACK needs columns: the transpose is factored in place, and solved transposed.
         factor = scipy.linalg.lu_factor(matrix.T, overwrite_a=True, check_finite=False)
-        densities = scipy.linalg.lu_solve(
-            factor, rhs, trans=1, overwrite_b=True, check_finite=False
-        )
+        found = scipy.linalg.lu_solve(factor, rhs, trans=1, overwrite_b=True, check_finite=False)
     del factor
-    return BoundarySolution(mesh, _enforce_affine(mesh, densities.astype(np.float64)))
+    densities = np.zeros((mesh.unknowns, rhs.shape[1]), order="F")
+    densities[solved] = found
+    return BoundarySolution(mesh, _enforce_affine(mesh, densities))
 
 
 def _enforce_affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
@@ -121,18 +122,23 @@ def _fill_rows(mesh: BoundaryMesh, chosen: Integers, matrix: Float32s, rhs: Floa
     nodes = np.einsum("jk,ckx->cjx", barycentric, corner)
     potentials = compute_potentials(mesh, nodes.reshape(-1, 3), is_inside=False)
 
-    def integrate_against_tests(values: Floats) -> Floats:
-        return (values.reshape(-1, len(shares)) @ tests).reshape(len(values), -1).T
+    into = mesh.equation_places[rows.ravel()]
+    is_solved = into >= 0
+    into = into[is_solved]
 
-    into = rows.ravel()
+    def integrate_against_tests(values: Floats) -> Floats:
+        integrals = (values.reshape(-1, len(shares)) @ tests).reshape(len(values), -1).T
+        return integrals if is_solved.all() else integrals[is_solved]
+
     matrix[into, : mesh.linear_unknowns] = integrate_against_tests(potentials.linear)
     if len(potentials.near_panels):
         columns = (
             np.arange(mesh.extra_terms)[:, None] * len(mesh.high_panels) + potentials.near_panels
         )
-        columns += mesh.linear_unknowns
-        higher = potentials.higher.reshape(-1, nodes.shape[0] * nodes.shape[1])
-        matrix[into[:, None], columns.ravel()] = integrate_against_tests(higher)
+        columns = mesh.equation_places[columns.ravel() + mesh.linear_unknowns]
+        higher = potentials.higher.reshape(-1, nodes.shape[0] * nodes.shape[1])[columns >= 0]
+        columns = columns[columns >= 0]
+        matrix[into[:, None], columns] = integrate_against_tests(higher)
     on_nodes = 2 * np.pi * mesh.evaluate_hats(chosen, barycentric).reshape(-1, rhs.shape[1])
     rhs[into] = integrate_against_tests(on_nodes.T - potentials.double)
 

@@ -20,10 +20,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryMesh:
-    """Panels with polynomial densities: of degree `order` on some, linear on the others.
+    """Panels with polynomial densities: of degrees up to `order` on some, linear on the others.
 
     The unknowns are coefficients of `polynomials.orthogonal_basis`: first 1, x and y of every
-    panel, ordered [term, panel], then the other terms of `high_panels`, ordered likewise.
+    panel, ordered [term, panel], then the other terms of `high_panels`, ordered likewise. Those
+    above the degree of their panel are zero.
 
     Attributes
     ----------
@@ -32,7 +33,9 @@ class BoundaryMesh:
         Those of the cage's n vertices, at the vertices of the panels.
     order : int
     high_panels : (k,) int64
-        Numbers of the panels of degree `order`, ascending.
+        Numbers of the panels of a degree above 1, ascending.
+    degrees : (k,) int64
+        Their degrees, from 2 to `order`.
     reach : (k,) float64
         Distance from their centroids at which terms beyond linear have half their strength.
     """
@@ -41,6 +44,7 @@ class BoundaryMesh:
     hats: Hats
     order: int
     high_panels: Integers
+    degrees: Integers
     reach: Floats
 
     @staticmethod
@@ -111,7 +115,7 @@ class BoundaryMesh:
     def panel_degrees(self) -> Integers:
         """Return the degree of the densities on each panel, (p,)."""
         highest = np.ones(len(self.panels.corners), np.int64)
-        highest[self.high_panels] = self.order
+        highest[self.high_panels] = self.degrees
         return highest
 
     @cached_property
@@ -125,6 +129,19 @@ class BoundaryMesh:
         counts = np.repeat([len(panels), len(self.high_panels)], [LINEAR_TERMS, self.extra_terms])
         return np.repeat(degree, counts), self.panel_degrees[panel], panel
 
+    @cached_property
+    def solved_unknowns(self) -> Integers:
+        """Return the unknowns up to the degree of their panel, ascending; others are zero."""
+        degree, highest, _ = self.unknown_degrees
+        return np.flatnonzero(degree <= highest)
+
+    @cached_property
+    def equation_places(self) -> Integers:
+        """Return the place of each unknown, (u,), among those that are solved; −1 for others."""
+        places = np.full(self.unknowns, -1)
+        places[self.solved_unknowns] = np.arange(len(self.solved_unknowns))
+        return places
+
     def panel_unknowns(self, chosen: Integers) -> Integers:
         """Return the unknowns of some panels, (c, 3), or (c, d) if they are of higher order."""
         linear = np.arange(LINEAR_TERMS) * len(self.panels.corners) + chosen[:, None]
@@ -136,9 +153,12 @@ class BoundaryMesh:
         higher = np.arange(self.extra_terms) * len(self.high_panels) + place[:, None]
         return np.concatenate([linear, self.linear_unknowns + higher], axis=1)
 
-    def raise_order(self, order: int, high_panels: Integers, reach: Floats) -> "BoundaryMesh":
-        """Return the mesh with densities of degree `order` on `high_panels`, ascending."""
-        return BoundaryMesh(self.panels, self.hats, order, high_panels, reach)
+    def raise_order(
+        self, high_panels: Integers, degrees: Integers, reach: Floats
+    ) -> "BoundaryMesh":
+        """Return the mesh with densities of these degrees on `high_panels`, ascending."""
+        order = int(degrees.max(initial=1))
+        return BoundaryMesh(self.panels, self.hats, order, high_panels, degrees, reach)
 
     def divide(self, chosen: NDArray[np.bool_]) -> "BoundaryMesh":
         """Divide each panel of the mask `chosen`, (p,), into four; all densities become linear.
@@ -174,4 +194,5 @@ class BoundaryMesh:
 
 
 def _make_linear_mesh(panels: Panels, hats: Hats) -> BoundaryMesh:
-    return BoundaryMesh(panels, hats, 1, np.empty(0, np.int64), np.empty(0))
+    none = np.empty(0, np.int64)
+    return BoundaryMesh(panels, hats, 1, none, none, np.empty(0))

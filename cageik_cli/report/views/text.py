@@ -40,7 +40,7 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
     size = describe_size(clip, summary.fixed_floats)
     rows = [
         *([] if report.edited_from is None else [("edited from", report.edited_from)]),
-        *_error_rows(summary, words),
+        *_error_rows(summary, words, clip.radius),
         *map(_make_kept_row, describe_kept(report.kept, clip.vertices)),
         *_bound_rows(report),
         ("volume change", _format_volume(report, words)),
@@ -56,7 +56,7 @@ def format_text(report: Report, is_verbose: bool = False) -> str:
     return format_block(headline, rows)
 
 
-def _error_rows(summary: ReportSummary, words: Vocabulary) -> list[tuple[str, str]]:
+def _error_rows(summary: ReportSummary, words: Vocabulary, radius: float) -> list[tuple[str, str]]:
     return [
         (
             words.measure,
@@ -64,6 +64,11 @@ def _error_rows(summary: ReportSummary, words: Vocabulary) -> list[tuple[str, st
             f"(rms {format_length(summary.rms)})",
         ),
         *_area_rows(summary),
+        (
+            "by radius",
+            f"{format_percent(summary.radius_rms_percent)} % of the radius of the smallest sphere "
+            f"around the rest pose ({format_length(radius)})",
+        ),
         (
             words.worst_frame,
             f"{format_percent(summary.worst_frame_rms_percent)} % at {summary.worst_frame}",

@@ -14,14 +14,9 @@ from typing import Any
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.open import open_clip_and_rest
-from cageik_cli.solver.blocks import (
-    BlockSolver,
-    CaptureSolver,
-    MemoryPlan,
-    SolvedBlock,
-    ThreadExecutor,
-)
+from cageik_cli.solver.blocks import BlockSolver, CaptureSolver, SolvedBlock, ThreadExecutor
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.util.errors import ClusterError, FileAccessError
 from cageik_cli.util.progress import ProgressListener

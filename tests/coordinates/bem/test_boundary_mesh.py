@@ -56,7 +56,7 @@ def test_hats_are_interpolated_linearly():
 def test_every_unknown_has_one_number_and_a_degree():
     mesh = BoundaryMesh.from_cage(concave())
     high = np.array([1, 4, 7])
-    mesh = mesh.raise_order(3, high, np.ones(3))
+    mesh = mesh.raise_order(high, np.full(3, 3), np.ones(3))
     low = np.setdiff1d(np.arange(len(mesh.panels.corners)), high)
     rows = np.concatenate([mesh.panel_unknowns(high).ravel(), mesh.panel_unknowns(low).ravel()])
     np.testing.assert_array_equal(np.sort(rows), np.arange(mesh.unknowns))

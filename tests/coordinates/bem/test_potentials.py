@@ -25,7 +25,7 @@ FAR = 1e3
 def raised(mesh, order, reach):
     """The panels of a surface, some with densities of higher order."""
     panels = np.array([0, 3, 5, 11, len(mesh.faces) - 1])
-    return BoundaryMesh.from_cage(mesh).raise_order(order, panels, np.full(5, reach))
+    return BoundaryMesh.from_cage(mesh).raise_order(panels, np.full(5, order), np.full(5, reach))
 
 
 def copied(mesh, points, *, is_inside=True):

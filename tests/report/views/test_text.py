@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from cageik_cli.report.html.page import render_page
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.text import format_text
+from tests.shapes import rotation
 
 
 @pytest.fixture
@@ -51,3 +54,20 @@ def test_missing_settings_are_unknown(report):
     text = format_text(replace(report, settings={}, notes=("first", "second")))
     assert ", alpha unknown, beta unknown" in text
     assert text.splitlines()[-2:] == ["  note           first", "  note           second"]
+
+
+def test_the_error_by_radius_is_in_all_views_and_does_not_follow_the_axes(make_case, animation):
+    def view(turn):
+        frames, cage = animation.frames @ turn, animation.cage.vertices @ turn
+        return build_report(make_case(frames, animation.rest.faces, cage).result)
+
+    report, turned = view(np.eye(3)), view(rotation(1))
+    assert turned.clip.diagonal != pytest.approx(report.clip.diagonal, rel=0.01)
+    assert turned.summary.radius_rms_percent == pytest.approx(
+        report.summary.radius_rms_percent, rel=1e-5
+    )
+    percent = f"{report.summary.radius_rms_percent:.4f}"
+    assert f"by radius      {percent} % of the radius" in format_text(report)
+    page = render_page(report, None)
+    assert "Error by radius" in page
+    assert percent in page

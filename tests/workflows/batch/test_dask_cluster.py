@@ -21,8 +21,9 @@ import pytest
 import cageik_cli
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.solver.blocks import BlockSolver, MemoryPlan
+from cageik_cli.solver.blocks import BlockSolver
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import checkpoint_path, read_result
@@ -44,8 +45,13 @@ from cageik_cli.workflows.plan import load_or_compute_binding, plan_extraction
 
 pytestmark = pytest.mark.slow
 
-ONE_FRAME = 7_000
-"""Bytes that the weights, and blocks of one frame of the little animation, have room for."""
+SINGLE_FRAME_BLOCKS = "from cageik_cli.solver import memory_plan; memory_plan.MAX_BLOCK_FRAMES = 1"
+"""What worker processes run first, so that little clips have several blocks."""
+
+
+@pytest.fixture(autouse=True)
+def _small_blocks(single_frame_blocks):
+    """Clips are also solved in this process, to compare."""
 
 
 def two_processes():
@@ -56,6 +62,7 @@ def two_processes():
         processes=True,
         dashboard_address="127.0.0.1:0",
         silence_logs=False,
+        preload=SINGLE_FRAME_BLOCKS,
     )
 
 
@@ -82,7 +89,6 @@ def job(tmp_path, animation, write_obj):
             "bind": BindSettings("mean-value"),
             "resume": True,
             "overwrite": True,
-            "memory": ONE_FRAME,
         }
         return ClipJob(name, ExtractSettings(**settings | options), has_page=False)
 
