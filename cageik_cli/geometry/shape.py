@@ -19,24 +19,14 @@ FACES_PER_BLOCK = 256
 """Faces whose opposite faces are searched together."""
 
 
-def compute_vertex_normals(
-    vertices: Floats, faces: Integers, fans: Integers | None = None
-) -> Floats:
+def compute_vertex_normals(vertices: Floats, faces: Integers) -> Floats:
     """Compute the normals (n, 3) of vertices: means over their faces, weighted by area.
 
-    They have length one; where the mean has no direction it is (0, 1, 0).
-
-    Parameters
-    ----------
-    vertices : (n, 3)
-    faces : (t, 3)
-    fans : (t, 3) int64, optional
-        Which normal each corner shares; then there is one per number. That of the vertex if absent.
+    They have length one; a vertex whose mean has no direction gets (0, 1, 0).
     """
     corner = vertices[faces]
     normals = cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    corners = (faces if fans is None else fans).T.ravel()
-    count = len(vertices) if fans is None else int(fans.max(initial=-1)) + 1
+    corners, count = faces.T.ravel(), len(vertices)
     sums = [np.bincount(corners, np.tile(along, 3), count) for along in normals.T]
     means = np.stack(sums, axis=1)
     lengths = np.linalg.norm(means, axis=1, keepdims=True)

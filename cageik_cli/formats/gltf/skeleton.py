@@ -64,7 +64,7 @@ class SkeletonWriter(AnimationWriter):
                 "from .glb; give --influences 4, or 8"
             )
         self._animation, self._skin = animation, skin
-        self._appearance = appearance or find_appearance(skin.rest, has_normals=False)
+        self._appearance = appearance or find_appearance(skin.rest)
         self.notes = check_start(animation.scene)
         if count > SET_SIZE:
             self.notes += (

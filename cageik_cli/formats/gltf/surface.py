@@ -41,32 +41,19 @@ class Appearance:
     material : (f,) int, optional
         Index of each triangle's material, -1 for none; the first if absent.
     materials : tuple of Material
-    fans : (f, 3) int, optional
-        Which normal each corner shares, so that hard edges stay hard; that of its vertex if absent.
     """
 
     uv: Floats | None = None
     material: Integers | None = None
     materials: tuple[Material, ...] = (PLAIN,)
-    fans: Integers | None = None
 
 
-def find_appearance(mesh: TriMesh, *, has_normals: bool) -> Appearance:
+def find_appearance(mesh: TriMesh) -> Appearance:
     """Return what the attributes of a mesh say of its triangles."""
     cut = cut_attributes(mesh)
-    fans = _find_fans(mesh, cut.normal_fans) if has_normals else None
     if cut.materials is None:
-        return Appearance(cut.uvs, fans=fans)
-    names = tuple(map(Material, cut.material_names))
-    return Appearance(cut.uvs, cut.materials, names, fans)
-
-
-def _find_fans(mesh: TriMesh, fans: Integers | None) -> Integers | None:
-    """Return the fans of the corners of triangles; those without a normal have their polygon's."""
-    if fans is None or mesh.attributes is None:
-        return None
-    own = fans.max(initial=-1) + 1 + mesh.attributes.triangle_polygons[:, None]
-    return np.where(fans < 0, own, fans)
+        return Appearance(cut.uvs)
+    return Appearance(cut.uvs, cut.materials, tuple(map(Material, cut.material_names)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,8 +76,6 @@ class Surface:
         Number of each written vertex in the mesh; seams are written once per side.
     uv : (m', 2) float32, optional
         With v downward, as glTF has it.
-    fans : (m',) int64
-        Number of the normal of each written vertex: the fan of its corners, or its vertex.
     parts : tuple of Part
         In the order of the vertices.
     materials : tuple of Material
@@ -98,7 +83,6 @@ class Surface:
 
     origins: Integers
     uv: Singles | None
-    fans: Integers
     parts: tuple[Part, ...]
     materials: tuple[Material, ...]
 
@@ -132,10 +116,10 @@ class Surface:
 
 
 def cut_surface(faces: Integers, vertex_count: int, look: Appearance) -> Surface:
-    """Cut a mesh into parts of one material, whose vertices have one UV and one normal each.
+    """Cut a mesh into parts of one material, whose vertices have one UV each.
 
-    A mesh with one material, no UVs and no fans keeps its vertices and their order. Otherwise
-    vertices are those of the triangles, ordered by material, number, UV and fan.
+    A mesh with one material and no UVs keeps its vertices and their order. Otherwise vertices are
+    those of the triangles, ordered by material, number and UV.
 
     Parameters
     ----------
@@ -143,18 +127,15 @@ def cut_surface(faces: Integers, vertex_count: int, look: Appearance) -> Surface
     vertex_count : int
     look : Appearance
     """
-    if look.uv is None and look.material is None and look.fans is None:
-        whole, numbers = Part(0, 0, vertex_count, faces), np.arange(vertex_count)
-        return Surface(numbers, None, numbers, (whole,), look.materials)
+    if look.uv is None and look.material is None:
+        whole = Part(0, 0, vertex_count, faces)
+        return Surface(np.arange(vertex_count), None, (whole,), look.materials)
     material = np.zeros(len(faces), np.int64) if look.material is None else look.material
     materials = look.materials
     if (material < 0).any():
         material = np.where(material < 0, len(materials), material)
         materials = (*materials, PLAIN)
-    fans = faces if look.fans is None else look.fans
-    keys = np.stack(
-        [np.repeat(material, 3), faces.ravel(), 0 * faces.ravel(), fans.ravel()], axis=1
-    )
+    keys = np.stack([np.repeat(material, 3), faces.ravel(), np.zeros(faces.size, np.int64)], axis=1)
     values = None
     if look.uv is not None:
         values, keys[:, 2] = np.unique(look.uv.reshape(-1, 2), axis=0, return_inverse=True)
@@ -165,7 +146,7 @@ def cut_surface(faces: Integers, vertex_count: int, look: Appearance) -> Surface
         start, stop = np.searchsorted(kept[:, 0], [index, index + 1]).tolist()
         parts.append(Part(index, start, stop, cut[material == index] - start))
     uv = None if values is None else _flip_v(values[kept[:, 2]])
-    return Surface(kept[:, 1], uv, kept[:, 3], tuple(parts), materials)
+    return Surface(kept[:, 1], uv, tuple(parts), materials)
 
 
 def _flip_v(uv: Floats) -> Singles:

@@ -51,13 +51,12 @@ class Writer(AnimationWriter):
         self._animation, self._settings = animation, animation.morphs
         self.notes = check_start(animation.scene)
         faces, vertex_count = animation.rest.faces, len(animation.rest.vertices)
-        self._look = appearance or find_appearance(
-            animation.rest, has_normals=animation.morphs.has_normals
+        self._surface = cut_surface(
+            faces, vertex_count, appearance or find_appearance(animation.rest)
         )
-        self._surface = cut_surface(faces, vertex_count, self._look)
         self._check_size()
         self._rest = to_float32(animation.rest.vertices).astype(np.float64)
-        self._rest_normals = compute_vertex_normals(self._rest, faces, self._look.fans)
+        self._rest_normals = compute_vertex_normals(self._rest, faces)
         with ExitStack() as stack:
             self._file = GlbFile(target)
             stack.callback(self._file.close)
@@ -70,13 +69,12 @@ class Writer(AnimationWriter):
 
     def append(self, frames: Floats) -> None:
         """Keep the next frames."""
-        faces, surface = self._animation.rest.faces, self._surface
+        faces, origins = self._animation.rest.faces, self._surface.origins
         for positions in frames:
-            self._moves.append(to_float32(positions - self._rest)[surface.origins])
+            self._moves.append(to_float32(positions - self._rest)[origins])
             if self._settings.has_normals:
-                normals = compute_vertex_normals(positions, faces, self._look.fans)
-                turns = normals - self._rest_normals
-                self._turns.append(turns.astype(np.float32)[surface.fans])
+                turns = compute_vertex_normals(positions, faces) - self._rest_normals
+                self._turns.append(turns.astype(np.float32)[origins])
 
     def complete(self) -> None:
         """Compute the targets, and compose the file."""
@@ -123,18 +121,16 @@ class Writer(AnimationWriter):
         """Write the vertices, targets and triangles of one material; return its primitive."""
         import pygltflib as gltf
 
-        surface, rows_of = self._surface, slice(part.start, part.stop)
-        places = self._rest[surface.origins[rows_of]]
-        kinds = {"POSITION": (self._moves, places, modes.compute_targets)}
+        chosen = self._surface.origins[part.start : part.stop]
+        kinds = {"POSITION": (self._moves, self._rest, modes.compute_targets)}
         if self._settings.has_normals:
-            normals = self._rest_normals[surface.fans[rows_of]]
-            kinds["NORMAL"] = (self._turns, normals, modes.fit_targets)
+            kinds["NORMAL"] = (self._turns, self._rest_normals, modes.fit_targets)
         attributes, targets = {}, []
         for name, (spool, base, compute) in kinds.items():
             is_place = name == "POSITION"
-            rows = base.astype(np.float32)
+            rows = base[chosen].astype(np.float32)
             attributes[name] = self._file.add_array(rows, gltf.ARRAY_BUFFER, bounds=is_place)
-            written = self._file.reserve_targets(modes.count, len(rows))
+            written = self._file.reserve_targets(modes.count, len(chosen))
             for first, block in spool.read_blocks(part.start, part.stop):
                 self._file.write_targets(written, first - part.start, compute(block))
             targets.append(self._file.add_targets(written, bounds=is_place))

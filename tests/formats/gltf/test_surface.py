@@ -8,12 +8,10 @@ import trimesh
 
 from cageik_cli.formats.base.settings import MorphSettings
 from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.gltf.surface import Appearance, Material, cut_surface, find_appearance
+from cageik_cli.formats.gltf.surface import Appearance, Material, cut_surface
 from cageik_cli.formats.gltf.writer import Writer
-from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.scene import Scene
 from cageik_cli.formats.write import open_writer
-from tests.assets import asset_text
 from tests.formats.gltf.decoded import Glb
 
 RED, GLASS = Material("red", (1, 0, 0, 1)), Material("glass", (0.1, 0.2, 0.3, 0.5))
@@ -108,29 +106,3 @@ def test_trimesh_reads_uvs_and_colours(tmp_path, animation):
         np.testing.assert_allclose(part.visual.uv[part.faces], uv[material == k], atol=1e-6)
         corners = animation.rest.vertices[faces[material == k]]
         np.testing.assert_allclose(part.vertices[part.faces], corners, atol=1e-6)
-
-
-def test_hard_edges_stay_hard(tmp_path, animation):
-    """Every triangle is flat: its corners have one normal in every frame, and its own at rest."""
-    faces = animation.rest.faces
-    fans = np.repeat(np.arange(len(faces)), 3).reshape(-1, 3)
-    file = save(tmp_path / "a.glb", animation, Appearance(fans=fans))
-    assert len(file.attribute("POSITION")) == 3 * len(faces)
-    corner = animation.rest.vertices[faces]
-    flat = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
-    at_rest = file.attribute("NORMAL")[file.faces()]
-    np.testing.assert_allclose(at_rest, flat[:, None].repeat(3, axis=1), rtol=0, atol=1e-6)
-    for normals in file.morph("NORMAL"):
-        assert np.ptp(normals[file.faces()], axis=1).max() < 1e-6
-
-
-def test_the_normals_of_a_mesh_are_shared_as_they_were_given(tmp_path):
-    (tmp_path / "asset.obj").write_text(asset_text())
-    mesh = load_mesh(tmp_path / "asset.obj").mesh
-    fans = find_appearance(mesh, has_normals=True).fans
-    assert fans is not None
-    assert fans.shape == mesh.faces.shape
-    corners = {(int(v), int(f)) for v, f in zip(mesh.faces.ravel(), fans.ravel(), strict=True)}
-    surface = cut_surface(mesh.faces, len(mesh.vertices), Appearance(fans=fans))
-    assert len(surface.origins) == len(corners) > len(mesh.vertices)
