@@ -131,6 +131,12 @@ class TriMesh:
         return self.is_closed and abs(self.volume) > self.least_volume
 
     @cached_property
+    def polygons(self) -> SurfaceAttributes:
+        """The attributes; those of its triangles alone, if it has none."""
+        counts = np.full(len(self.faces), 3)
+        return self.attributes or SurfaceAttributes(counts, self.faces.ravel())
+
+    @cached_property
     def fan_triangulated(self) -> "TriMesh":
         """The mesh with every polygon as a fan: connectivity is compared by it."""
         if self.attributes is None:

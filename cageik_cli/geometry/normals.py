@@ -1,5 +1,7 @@
 """Normals of polygons and of their corners, recomputed for any positions."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
@@ -27,12 +29,7 @@ def compute_fan_normals(attributes: SurfaceAttributes, positions: Floats) -> Flo
     """
     fans = attributes.normal_fans
     assert fans is not None
-    areas = np.repeat(compute_area_vectors(attributes, positions), attributes.corner_counts, axis=0)
-    is_given = fans >= 0
-    count = int(fans.max(initial=-1)) + 1
-    columns = (np.bincount(fans[is_given], areas[is_given, k], minlength=count) for k in range(3))
-    sums = np.stack(list(columns), axis=1, dtype=np.float64)
-    return _normalize(sums)
+    return _average_normals(attributes, fans, int(fans.max(initial=-1)) + 1, positions)
 
 
 def compute_corner_normals(attributes: SurfaceAttributes, positions: Floats) -> Floats:
@@ -40,14 +37,23 @@ def compute_corner_normals(attributes: SurfaceAttributes, positions: Floats) -> 
 
     A corner without one has that of its face. Parameters are those of `compute_fan_normals`.
     """
+    complete = complete_fans(attributes)
+    assert complete.normal_fans is not None
+    return compute_fan_normals(complete, positions)[complete.normal_fans]
+
+
+def compute_vertex_normals(attributes: SurfaceAttributes, positions: Floats) -> Floats:
+    """Compute one normal per vertex, (n, 3), of length 1, as if all its faces shared it."""
+    return _average_normals(attributes, attributes.corners, len(positions), positions)
+
+
+def complete_fans(attributes: SurfaceAttributes) -> SurfaceAttributes:
+    """Return attributes whose corners without a normal have one of their own: of their face."""
     fans = attributes.normal_fans
     assert fans is not None
-    normals = compute_fan_normals(attributes, positions)[fans]
-    is_bare = fans < 0
-    if is_bare.any():
-        faces = _normalize(compute_area_vectors(attributes, positions))
-        normals[is_bare] = np.repeat(faces, attributes.corner_counts, axis=0)[is_bare]
-    return normals
+    own = int(fans.max(initial=-1)) + 1 + np.arange(len(fans))
+    _, numbers = np.unique(np.where(fans < 0, own, fans), return_inverse=True)
+    return replace(attributes, normal_fans=numbers)
 
 
 def has_vertex_normals(attributes: SurfaceAttributes) -> bool:
@@ -65,6 +71,16 @@ def compute_area_vectors(attributes: SurfaceAttributes, positions: Floats) -> Fl
     # From its first corner, so that a model far from the origin loses no digits.
     points = positions[corners] - np.repeat(positions[corners[starts]], counts, axis=0)
     return np.asarray(np.add.reduceat(np.cross(points, points[_next_corners(counts)]), starts))
+
+
+def _average_normals(
+    attributes: SurfaceAttributes, numbers: Integers, count: int, positions: Floats
+) -> Floats:
+    """Compute `count` normals, shared by the corners that have their number in `numbers` (c,)."""
+    areas = np.repeat(compute_area_vectors(attributes, positions), attributes.corner_counts, axis=0)
+    is_given = numbers >= 0
+    columns = (np.bincount(numbers[is_given], areas[is_given, k], count) for k in range(3))
+    return _normalize(np.stack(list(columns), axis=1, dtype=np.float64))
 
 
 def _next_corners(counts: Integers) -> Integers:

@@ -19,20 +19,6 @@ FACES_PER_BLOCK = 256
 """Faces whose opposite faces are searched together."""
 
 
-def compute_vertex_normals(vertices: Floats, faces: Integers) -> Floats:
-    """Compute the normals (n, 3) of vertices: means over their faces, weighted by area.
-
-    They have length one; a vertex whose mean has no direction gets (0, 1, 0).
-    """
-    corner = vertices[faces]
-    normals = cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    corners, count = faces.T.ravel(), len(vertices)
-    sums = [np.bincount(corners, np.tile(along, 3), count) for along in normals.T]
-    means = np.stack(sums, axis=1)
-    lengths = np.linalg.norm(means, axis=1, keepdims=True)
-    return np.where(lengths > 0, means / np.where(lengths > 0, lengths, 1), [0.0, 1.0, 0.0])
-
-
 def lumped_areas(mesh: TriMesh) -> Floats:
     """Compute a third of the area of the faces at each vertex, (n,), squared file units."""
     shares = np.repeat(mesh.face_areas / 3, 3)

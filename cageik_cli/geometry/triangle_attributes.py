@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.normals import complete_fans
 from cageik_cli.util.arrays import Floats, Integers
 
 
@@ -17,7 +18,7 @@ class TriangleAttributes:
     uvs : (t, 3, 2) float64, optional
         With v upward; zero where a corner has none.
     normal_fans : (t, 3) int64, optional
-        Which of the normals of `compute_fan_normals`; `NONE` for a corner without.
+        Which of the normals of the fans that `complete_fans` returns.
     materials : (t,) int64, optional
         Which of the names; `NONE` for a triangle without.
     material_names : tuple of str
@@ -35,7 +36,8 @@ def cut_attributes(mesh: TriMesh) -> TriangleAttributes:
     if attributes is None:
         return TriangleAttributes()
     corners = find_triangle_corners(mesh)
-    uvs, fans, labels = attributes.uvs, attributes.normal_fans, attributes.materials
+    uvs, labels = attributes.uvs, attributes.materials
+    fans = None if attributes.normal_fans is None else complete_fans(attributes).normal_fans
     table = None if uvs is None else np.concatenate([uvs.values, np.zeros((1, 2))])
     return TriangleAttributes(
         # `NONE` is the last of the table.

@@ -5,12 +5,11 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import (
     MIN_ALTITUDE_RATIO,
     bounds_volume,
-    compute_vertex_normals,
     corner_angles,
     degenerate_face_mask,
     thin_face_pairs,
 )
-from tests.shapes import ball, box, concave, finer, rotation
+from tests.shapes import box, concave, finer, rotation
 
 RIGHT = TriMesh(np.array([[0.0, 0, 0], [1, 0, 0], [0, np.sqrt(3), 0]]), np.array([[0, 1, 2]]))
 
@@ -26,30 +25,6 @@ def test_angles_of_every_face_sum_to_180_degrees():
 def test_areas():
     np.testing.assert_allclose(RIGHT.face_areas, [np.sqrt(3) / 2], rtol=1e-15)
     assert box().face_areas.sum() == pytest.approx(24)
-
-
-def test_normals_of_a_ball_point_outward():
-    mesh = ball()
-    directions = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1, keepdims=True)
-    normals = compute_vertex_normals(mesh.vertices, mesh.faces)
-    np.testing.assert_allclose(normals, directions, rtol=0, atol=0.1)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1, rtol=1e-14)
-
-
-def test_normals_are_weighted_by_area():
-    """A corner of a box whose sides are 1, 2 and 3, of right triangles of the corner's edges."""
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3.0]])
-    faces = np.array([[0, 2, 1], [0, 3, 2], [0, 1, 3]])
-    expected = -np.array([6, 3, 2]) / 7
-    np.testing.assert_allclose(compute_vertex_normals(points, faces)[0], expected, rtol=1e-14)
-
-
-@pytest.mark.parametrize("faces", [[[0, 1, 2]], [[0, 1, 2], [0, 2, 1]]])
-def test_a_vertex_without_a_direction_has_a_normal_upward(faces):
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 9.0]])
-    np.testing.assert_array_equal(compute_vertex_normals(points, np.array(faces))[3], [0, 1, 0])
-    if len(faces) == 2:
-        np.testing.assert_array_equal(compute_vertex_normals(points, np.array(faces))[0], [0, 1, 0])
 
 
 @pytest.mark.parametrize(("lift", "flat"), [(2.0, False), (0.5, True), (0.0, True)])

@@ -11,7 +11,7 @@ from cageik_cli.formats.base.skin import JointMotion, Skin, SkinWeights
 from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
 from cageik_cli.formats.gltf.glb_file import GlbFile
 from cageik_cli.formats.gltf.placement import check_start, compute_times, make_node_transform
-from cageik_cli.formats.gltf.surface import Appearance, cut_surface, find_appearance
+from cageik_cli.formats.gltf.surface import cut_surface
 from cageik_cli.formats.gltf.vector_spool import VectorSpool
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
@@ -36,9 +36,7 @@ class SkeletonWriter(AnimationWriter):
     suffixes = (".glb",)
     is_single = True
 
-    def __init__(
-        self, target: Path, animation: Animation, skin: Skin, appearance: Appearance | None = None
-    ) -> None:
+    def __init__(self, target: Path, animation: Animation, skin: Skin) -> None:
         """Start writing to `target`.
 
         Parameters
@@ -48,9 +46,6 @@ class SkeletonWriter(AnimationWriter):
             Of the cage: its `rest` is the rest cage.
         skin : Skin
             Of at most `MAX_INFLUENCES`.
-        appearance : Appearance, optional
-            That of the attributes of the skin's rest pose if absent.
-            Of the mesh of the skin.
 
         Raises
         ------
@@ -64,7 +59,6 @@ class SkeletonWriter(AnimationWriter):
                 "from .glb; give --influences 4, or 8"
             )
         self._animation, self._skin = animation, skin
-        self._appearance = appearance or find_appearance(skin.rest)
         self.notes = check_start(animation.scene)
         if count > SET_SIZE:
             self.notes += (
@@ -111,8 +105,7 @@ class SkeletonWriter(AnimationWriter):
         """Write the mesh with its weights; return its primitives and materials."""
         import pygltflib as gltf
 
-        rest = self._skin.rest
-        surface = cut_surface(rest.faces, len(rest.vertices), self._appearance)
+        surface = cut_surface(self._skin.rest, has_normals=False)
         sets = _make_sets(self._skin.weights)
         primitives = []
         for part in surface.parts:

@@ -1,59 +1,30 @@
-"""The surface of a mesh as glTF has it: vertices with one UV each, a primitive per material."""
+"""The surface of a mesh as glTF has it: one UV and normal per vertex, a primitive per material."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from cageik_cli.formats.gltf.glb_file import GlbFile, Singles
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.triangle_attributes import cut_attributes
+from cageik_cli.geometry.normals import (
+    complete_fans,
+    compute_fan_normals,
+    compute_vertex_normals,
+)
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes
+from cageik_cli.geometry.triangle_attributes import (
+    TriangleAttributes,
+    cut_attributes,
+)
 from cageik_cli.util.arrays import Floats, Integers
 
+GREY, WHITE = [0.8, 0.8, 0.8, 1.0], [1.0, 1.0, 1.0, 1.0]
+"""Colours of materials without and with colours of vertices, by which they are multiplied."""
 
-@dataclass(frozen=True, slots=True)
-class Material:
-    """A material without textures.
-
-    Attributes
-    ----------
-    name : str
-    base_colour : tuple of 4 float
-        Red, green, blue, linear, and opacity; 0 to 1.
-    """
-
-    name: str
-    base_colour: tuple[float, float, float, float] = (0.8, 0.8, 0.8, 1.0)
-
-
-PLAIN = Material("plain")
-"""Of a mesh without materials: glTF's own default is a metal, black where nothing is mirrored."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Appearance:
-    """What colours a mesh of f triangles.
-
-    Attributes
-    ----------
-    uv : (f, 3, 2) float, optional
-        Of each corner, with v upward, as OBJ and USD have it; uv of vertices are `uv[faces]`.
-    material : (f,) int, optional
-        Index of each triangle's material, -1 for none; the first if absent.
-    materials : tuple of Material
-    """
-
-    uv: Floats | None = None
-    material: Integers | None = None
-    materials: tuple[Material, ...] = (PLAIN,)
-
-
-def find_appearance(mesh: TriMesh) -> Appearance:
-    """Return what the attributes of a mesh say of its triangles."""
-    cut = cut_attributes(mesh)
-    if cut.materials is None:
-        return Appearance(cut.uvs)
-    return Appearance(cut.uvs, cut.materials, tuple(map(Material, cut.material_names)))
+PLAIN = "plain"
+"""The material of triangles without: glTF's own is a metal, black where nothing is mirrored."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,87 +37,127 @@ class Part:
     faces: Integers
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Surface:
     """A mesh cut into one part per material.
 
     Attributes
     ----------
+    mesh : TriMesh
     origins : (m',) int64
-        Number of each written vertex in the mesh; seams are written once per side.
+        Number of each written vertex in the mesh; seams and hard edges are written once per side.
     uv : (m', 2) float32, optional
         With v downward, as glTF has it.
+    fans : (m',) int64, optional
+        Which of the normals of the completed fans of the mesh; that of the vertex if absent.
     parts : tuple of Part
         In the order of the vertices.
-    materials : tuple of Material
+    materials : tuple of str
     """
 
+    mesh: TriMesh
     origins: Integers
     uv: Singles | None
+    fans: Integers | None
     parts: tuple[Part, ...]
-    materials: tuple[Material, ...]
+    materials: tuple[str, ...]
+
+    @cached_property
+    def _shaded(self) -> SurfaceAttributes:
+        polygons = self.mesh.polygons
+        return polygons if self.fans is None else complete_fans(polygons)
+
+    def compute_normals(self, positions: Floats) -> Floats:
+        """Compute the normals (m', 3) of the written vertices, for positions (m, 3) of the mesh."""
+        if self.fans is None:
+            return compute_vertex_normals(self._shaded, positions)[self.origins]
+        return compute_fan_normals(self._shaded, positions)[self.fans]
+
+    @cached_property
+    def _colours(self) -> Singles | None:
+        """The colours of the written vertices, (m', 3) or (m', 4), from 0 to 1."""
+        colours = self.mesh.polygons.colours
+        return None if colours is None else colours[self.origins].clip(0, 1).astype(np.float32)
 
     def make_materials(self) -> list[object]:
         """Return the materials as pygltflib has them."""
         import pygltflib as gltf
 
+        colours = self._colours
+        is_clear = colours is not None and colours.shape[1] == 4 and bool((colours[:, 3] < 1).any())
         return [
             gltf.Material(
-                name=material.name,
-                alphaMode=gltf.BLEND if material.base_colour[3] < 1 else gltf.OPAQUE,
+                name=name,
+                alphaMode=gltf.BLEND if is_clear else gltf.OPAQUE,
                 pbrMetallicRoughness=gltf.PbrMetallicRoughness(
-                    baseColorFactor=list(material.base_colour), metallicFactor=0, roughnessFactor=1
+                    baseColorFactor=GREY if colours is None else WHITE,
+                    metallicFactor=0,
+                    roughnessFactor=1,
                 ),
             )
-            for material in self.materials
+            for name in self.materials
         ]
 
     def make_primitive(self, file: GlbFile, part: Part, attributes: dict[str, int]) -> Any:
-        """Write the triangles and UVs of a part, and return its primitive."""
+        """Write the triangles, UVs and colours of a part, and return its primitive."""
         import pygltflib as gltf
 
         corners = part.faces.astype(np.uint32).ravel()
         indices = file.add_array(corners, gltf.ELEMENT_ARRAY_BUFFER)
-        if self.uv is not None:
-            uv = self.uv[part.start : part.stop]
-            attributes = {**attributes, "TEXCOORD_0": file.add_array(uv, gltf.ARRAY_BUFFER)}
+        for name, values in (("TEXCOORD_0", self.uv), ("COLOR_0", self._colours)):
+            if values is not None:
+                rows = values[part.start : part.stop]
+                attributes = {**attributes, name: file.add_array(rows, gltf.ARRAY_BUFFER)}
         return gltf.Primitive(
             attributes=gltf.Attributes(**attributes), indices=indices, material=part.material
         )
 
 
-def cut_surface(faces: Integers, vertex_count: int, look: Appearance) -> Surface:
-    """Cut a mesh into parts of one material, whose vertices have one UV each.
+def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
+    """Cut a mesh into parts of one material, whose vertices have one UV and one normal each.
 
-    A mesh with one material and no UVs keeps its vertices and their order. Otherwise vertices are
-    those of the triangles, ordered by material, number and UV.
+    A mesh with one material and no UVs or normals keeps its vertices and their order. Otherwise
+    vertices are those of the triangles, ordered by material, number, normal and UV.
 
     Parameters
     ----------
-    faces : (f, 3)
-    vertex_count : int
-    look : Appearance
+    mesh : TriMesh
+    has_normals : bool
+        Part the vertices of hard edges.
     """
-    if look.uv is None and look.material is None:
-        whole = Part(0, 0, vertex_count, faces)
-        return Surface(np.arange(vertex_count), None, (whole,), look.materials)
-    material = np.zeros(len(faces), np.int64) if look.material is None else look.material
-    materials = look.materials
-    if (material < 0).any():
-        material = np.where(material < 0, len(materials), material)
-        materials = (*materials, PLAIN)
-    keys = np.stack([np.repeat(material, 3), faces.ravel(), np.zeros(faces.size, np.int64)], axis=1)
+    look = cut_attributes(mesh)
+    fans = look.normal_fans if has_normals else None
+    if look.uvs is None and look.materials is None and fans is None:
+        whole = Part(0, 0, len(mesh.vertices), mesh.faces)
+        return Surface(mesh, np.arange(whole.stop), None, None, (whole,), (PLAIN,))
+    material, materials = _complete_materials(look, len(mesh.faces))
+    keys = np.zeros((mesh.faces.size, 4), np.int64)
+    keys[:, 0], keys[:, 1] = np.repeat(material, 3), mesh.faces.ravel()
+    if fans is not None:
+        keys[:, 2] = fans.ravel()
     values = None
-    if look.uv is not None:
-        values, keys[:, 2] = np.unique(look.uv.reshape(-1, 2), axis=0, return_inverse=True)
+    if look.uvs is not None:
+        values, keys[:, 3] = np.unique(look.uvs.reshape(-1, 2), axis=0, return_inverse=True)
     kept, numbers = np.unique(keys, axis=0, return_inverse=True)
     cut = numbers.reshape(-1, 3)
     parts = []
     for index in np.unique(material).tolist():
         start, stop = np.searchsorted(kept[:, 0], [index, index + 1]).tolist()
         parts.append(Part(index, start, stop, cut[material == index] - start))
-    uv = None if values is None else _flip_v(values[kept[:, 2]])
-    return Surface(kept[:, 1], uv, tuple(parts), materials)
+    uv = None if values is None else _flip_v(values[kept[:, 3]])
+    return Surface(
+        mesh, kept[:, 1], uv, None if fans is None else kept[:, 2], tuple(parts), materials
+    )
+
+
+def _complete_materials(look: TriangleAttributes, count: int) -> tuple[Integers, tuple[str, ...]]:
+    """Return the material of each of `count` triangles, and their names; some may be plain."""
+    if look.materials is None:
+        return np.zeros(count, np.int64), (PLAIN,)
+    names = look.material_names
+    if (look.materials >= 0).all():
+        return look.materials, names
+    return np.where(look.materials < 0, len(names), look.materials), (*names, PLAIN)
 
 
 def _flip_v(uv: Floats) -> Singles:

@@ -21,9 +21,8 @@ from cageik_cli.formats.gltf.morphs import (
     compute_modes,
 )
 from cageik_cli.formats.gltf.placement import check_start, compute_times, make_node_transform
-from cageik_cli.formats.gltf.surface import Appearance, Part, cut_surface, find_appearance
+from cageik_cli.formats.gltf.surface import Part, cut_surface
 from cageik_cli.formats.gltf.vector_spool import VectorSpool
-from cageik_cli.geometry.shape import compute_vertex_normals
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.threads import limit_blas_threads
@@ -45,18 +44,13 @@ class Writer(AnimationWriter):
         """Raise MissingLibraryError without pygltflib."""
         require_pygltflib()
 
-    def __init__(
-        self, target: Path, animation: Animation, appearance: Appearance | None = None
-    ) -> None:
+    def __init__(self, target: Path, animation: Animation) -> None:
         self._animation, self._settings = animation, animation.morphs
         self.notes = check_start(animation.scene)
-        faces, vertex_count = animation.rest.faces, len(animation.rest.vertices)
-        self._surface = cut_surface(
-            faces, vertex_count, appearance or find_appearance(animation.rest)
-        )
+        self._surface = cut_surface(animation.rest, self._settings.has_normals)
         self._check_size()
         self._rest = to_float32(animation.rest.vertices).astype(np.float64)
-        self._rest_normals = compute_vertex_normals(self._rest, faces)
+        self._rest_normals = self._surface.compute_normals(self._rest)
         with ExitStack() as stack:
             self._file = GlbFile(target)
             stack.callback(self._file.close)
@@ -69,12 +63,12 @@ class Writer(AnimationWriter):
 
     def append(self, frames: Floats) -> None:
         """Keep the next frames."""
-        faces, origins = self._animation.rest.faces, self._surface.origins
+        origins = self._surface.origins
         for positions in frames:
             self._moves.append(to_float32(positions - self._rest)[origins])
             if self._settings.has_normals:
-                turns = compute_vertex_normals(positions, faces) - self._rest_normals
-                self._turns.append(turns.astype(np.float32)[origins])
+                turns = self._surface.compute_normals(positions) - self._rest_normals
+                self._turns.append(turns.astype(np.float32))
 
     def complete(self) -> None:
         """Compute the targets, and compose the file."""
@@ -121,16 +115,17 @@ class Writer(AnimationWriter):
         """Write the vertices, targets and triangles of one material; return its primitive."""
         import pygltflib as gltf
 
-        chosen = self._surface.origins[part.start : part.stop]
-        kinds = {"POSITION": (self._moves, self._rest, modes.compute_targets)}
+        count = part.stop - part.start
+        places = self._rest[self._surface.origins]
+        kinds = {"POSITION": (self._moves, places, modes.compute_targets)}
         if self._settings.has_normals:
             kinds["NORMAL"] = (self._turns, self._rest_normals, modes.fit_targets)
         attributes, targets = {}, []
         for name, (spool, base, compute) in kinds.items():
             is_place = name == "POSITION"
-            rows = base[chosen].astype(np.float32)
+            rows = base[part.start : part.stop].astype(np.float32)
             attributes[name] = self._file.add_array(rows, gltf.ARRAY_BUFFER, bounds=is_place)
-            written = self._file.reserve_targets(modes.count, len(chosen))
+            written = self._file.reserve_targets(modes.count, count)
             for first, block in spool.read_blocks(part.start, part.stop):
                 self._file.write_targets(written, first - part.start, compute(block))
             targets.append(self._file.add_targets(written, bounds=is_place))

@@ -7,11 +7,11 @@ from scipy.spatial.transform import Rotation
 from cageik_cli.formats.base.skin import Skin, SkinWeights, compute_skin_weights
 from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.gltf.skeleton import SkeletonWriter
-from cageik_cli.formats.gltf.surface import Appearance, Material
 from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import OutputError
 from tests.formats.gltf.decoded import Glb
+from tests.formats.gltf.painted import paint
 from tests.shapes import ball, box, finer
 
 RANDOM = np.random.default_rng(11)
@@ -31,9 +31,9 @@ def make_weights(count, mesh=REST):
     return compute_skin_weights(weights / weights.sum(axis=1, keepdims=True))
 
 
-def save(path, weights, scene=PLAIN, size=2, appearance=None):
-    skin = Skin(REST, weights, ROTATIONS)
-    writer = SkeletonWriter(path, Animation(CAGE, len(CAGES), scene, "hero"), skin, appearance)
+def save(path, weights, scene=PLAIN, size=2, rest=REST):
+    skin = Skin(rest, weights, ROTATIONS)
+    writer = SkeletonWriter(path, Animation(CAGE, len(CAGES), scene, "hero"), skin)
     for start in range(0, len(CAGES), size):
         writer.append(CAGES[start : start + size])
     writer.complete()
@@ -127,9 +127,8 @@ def test_many_joints_have_wider_numbers(tmp_path, joint, kind):
 def test_materials_and_uvs_come_along(tmp_path):
     weights = make_weights(4)
     uv = RANDOM.random((len(REST.faces), 3, 2))
-    material = np.zeros(len(REST.faces), np.int64)
-    look = Appearance(uv, material, (Material("skin"),))
-    file, _ = save(tmp_path / "a.glb", weights, appearance=look)
+    rest = paint(REST, uv, np.zeros(len(REST.faces), np.int64), ("skin",))
+    file, _ = save(tmp_path / "a.glb", weights, rest=rest)
     assert file.json["materials"][0]["name"] == "skin"
     moved = file.skinned(2)[file.faces()]
     np.testing.assert_allclose(moved, expect(weights)[2][REST.faces], rtol=0, atol=5e-6)
