@@ -39,7 +39,9 @@ def load_mesh(path: Path) -> LoadedMesh:
             )
         data = read_input(path)
         content = decompress(data, suffix)
-        mesh = readers[suffix].read_attributes(content, parse_mesh(readers[suffix], content))
+        reader = readers[suffix]
+        mesh = reader.read_attributes(content, parse_mesh(reader, content))
+        mesh = reader.read_library(path, mesh)
         return LoadedMesh(mesh.make_mesh(), describe_source(path, data), mesh.notes)
 
 

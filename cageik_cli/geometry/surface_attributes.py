@@ -36,6 +36,8 @@ class SurfaceAttributes:
     colours : (n, 3) or (n, 4) float64, optional
         Of the vertices: red, green, blue, and alpha if there is one; 1 is full.
     materials, groups, objects, smoothing : FaceLabels, optional
+    material_colours : (k, 4) float64, optional
+        Linear red, green, blue and opacity of each of the materials' names.
     material_library : str
         The file of the materials, as it is named.
     subdivision : Subdivision
@@ -55,6 +57,7 @@ class SurfaceAttributes:
     groups: FaceLabels | None = None
     objects: FaceLabels | None = None
     smoothing: FaceLabels | None = None
+    material_colours: Floats | None = None
     material_library: str = ""
     subdivision: Subdivision = field(default_factory=Subdivision)
 
@@ -80,6 +83,11 @@ class SurfaceAttributes:
             width = np.shape(self.colours)[-1] if np.ndim(self.colours) else 0
             colours = freeze_values("colours", self.colours, 4 if width == 4 else 3)
             object.__setattr__(self, "colours", colours)
+        if self.material_colours is not None:
+            colours = freeze_values("colours of materials", self.material_colours, 4)
+            names = () if self.materials is None else self.materials.names
+            _check_length("colours of materials", len(colours), "materials", len(names))
+            object.__setattr__(self, "material_colours", colours)
         if len(self.material_library) > MAX_NAME_LENGTH or not self.material_library.isprintable():
             raise FormatError("the name of the material library is no line that can be printed")
 

@@ -21,6 +21,9 @@ MAX_VALUE = 1e9
 NONE = -1
 """The index of a corner or a face that has no value."""
 
+PLAIN_COLOUR = (0.8, 0.8, 0.8, 1.0)
+"""Red, green, blue and opacity of a material of which nothing is known."""
+
 SUBDIVISION_SCHEMES = ("none", "catmullClark", "loop", "bilinear")
 
 

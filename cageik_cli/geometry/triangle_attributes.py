@@ -22,12 +22,15 @@ class TriangleAttributes:
     materials : (t,) int64, optional
         Which of the names; `NONE` for a triangle without.
     material_names : tuple of str
+    material_colours : (k, 4) float64, optional
+        Linear red, green, blue and opacity of each name.
     """
 
     uvs: Floats | None = None
     normal_fans: Integers | None = None
     materials: Integers | None = None
     material_names: tuple[str, ...] = ()
+    material_colours: Floats | None = None
 
 
 def cut_attributes(mesh: TriMesh) -> TriangleAttributes:
@@ -45,6 +48,7 @@ def cut_attributes(mesh: TriMesh) -> TriangleAttributes:
         normal_fans=None if fans is None else fans[corners],
         materials=None if labels is None else labels.indices[attributes.triangle_polygons],
         material_names=() if labels is None else labels.names,
+        material_colours=attributes.material_colours,
     )
 
 

@@ -37,7 +37,12 @@ def make_rest():
         np.array([10.0]),
     )
     colours = np.linspace(0, 1, 4 * len(rest.vertices)).reshape(-1, 4)
-    attributes = replace(rest.attributes, subdivision=creases, colours=colours)
+    attributes = replace(
+        rest.attributes,
+        subdivision=creases,
+        colours=colours,
+        material_colours=np.linspace(0, 1, 12).reshape(3, 4),
+    )
     return replace(rest, attributes=attributes)
 
 
@@ -137,6 +142,9 @@ DAMAGES = {
     "UVs of three numbers": (damage("uvs", np.zeros((41, 3))), "uvs"),
     "infinite UVs": (change("uvs", 0, np.inf), "UVs are not finite"),
     "colours of five numbers": (damage("colours", np.zeros((30, 5))), "colours"),
+    "colours of materials of three": (damage("material_colours", np.zeros((3, 3))), "colours"),
+    "colours of other materials": (damage("material_colours", np.zeros((2, 4))), "materials"),
+    "infinite colours": (change("material_colours", 0, np.inf), "not finite"),
     "colours of others": (damage("colours", np.zeros((29, 3))), "colours"),
     "a normal of two vertices": (change("normal_fans", 0, 33), "several vertices"),
     "a material that is not there": (change("materials/index", 0, 3), "face names"),

@@ -4,6 +4,7 @@ import hashlib
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Protocol
 
 from cageik_cli.formats.base.file_data import decompress
@@ -55,6 +56,11 @@ class FrameFileReader(MeshSequence):
         """
         return mesh
 
+    @classmethod
+    def read_library(cls, path: Path, mesh: FileMesh) -> FileMesh:
+        """Return a mesh with what the files say that the file at `path` names."""
+        return mesh
+
     def __init__(self, request: ClipRequest) -> None:
         series = number_files(request.paths, request.settings.gaps)
         chosen = series.trim(request.select_frames(len(series.paths)))
@@ -69,7 +75,7 @@ class FrameFileReader(MeshSequence):
             data = self._read(0)
             parsed = parse_mesh(type(self), data)
             completed = replace(parsed, vertices=request.complete_first(parsed.vertices))
-            mesh = self.read_attributes(data, completed)
+            mesh = self.read_library(paths[0], self.read_attributes(data, completed))
             # Its shape decides how polygons are cut, for all frames.
             self.first = mesh.make_mesh()
         notes = (f"{self.names[0]}: {note}, as in all frames" for note in mesh.notes)

@@ -87,7 +87,10 @@ def _list_arrays(attributes: SurfaceAttributes) -> list[tuple[str, np.ndarray]]:
         "corners": attributes.corners,
         "normal_fans": attributes.normal_fans,
     }
-    floats: dict[str, Any] = {"colours": attributes.colours}
+    floats: dict[str, Any] = {
+        "colours": attributes.colours,
+        "material_colours": attributes.material_colours,
+    }
     if attributes.uvs is not None:
         integers["uv_indices"], floats["uvs"] = attributes.uvs.indices, attributes.uvs.values
     for name in LABEL_NAMES:
@@ -132,6 +135,7 @@ def _read_parts(file: h5py.File, group: str, mesh: TriMesh) -> SurfaceAttributes
         uvs=None if uvs is None else UvMap(uvs, read("uv_indices", "iu", corners.shape)),
         normal_fans=read("normal_fans", "iu", corners.shape),
         colours=colours,
+        material_colours=read("material_colours", "f", (None, 4)),
         material_library=_read_text(place, "material_library"),
         subdivision=Subdivision(scheme, **{k: v for k, v in found.items() if v is not None}),
         **{name: _read_labels(file, f"{group}/{name}", len(counts)) for name in LABEL_NAMES},

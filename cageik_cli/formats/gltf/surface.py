@@ -14,14 +14,15 @@ from cageik_cli.geometry.normals import (
     compute_vertex_normals,
 )
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
+from cageik_cli.geometry.surface_parts import PLAIN_COLOUR
 from cageik_cli.geometry.triangle_attributes import (
     TriangleAttributes,
     cut_attributes,
 )
 from cageik_cli.util.arrays import Floats, Integers
 
-GREY, WHITE = [0.8, 0.8, 0.8, 1.0], [1.0, 1.0, 1.0, 1.0]
-"""Colours of materials without and with colours of vertices, by which they are multiplied."""
+WHITE = [1.0, 1.0, 1.0, 1.0]
+"""The colour of materials where vertices have colours, which are multiplied by it."""
 
 PLAIN = "plain"
 """The material of triangles without: glTF's own is a metal, black where nothing is mirrored."""
@@ -53,6 +54,8 @@ class Surface:
     parts : tuple of Part
         In the order of the vertices.
     materials : tuple of str
+    base_colours : (k, 4) float64
+        Of the materials: linear red, green, blue and opacity.
     """
 
     mesh: TriMesh
@@ -61,6 +64,7 @@ class Surface:
     fans: Integers | None
     parts: tuple[Part, ...]
     materials: tuple[str, ...]
+    base_colours: Floats
 
     @cached_property
     def _shaded(self) -> SurfaceAttributes:
@@ -85,17 +89,18 @@ class Surface:
 
         colours = self._colours
         is_clear = colours is not None and colours.shape[1] == 4 and bool((colours[:, 3] < 1).any())
+        factors = [WHITE] * len(self.materials)
+        if colours is None:
+            factors = self.base_colours.clip(0, 1).tolist()
         return [
             gltf.Material(
                 name=name,
-                alphaMode=gltf.BLEND if is_clear else gltf.OPAQUE,
+                alphaMode=gltf.BLEND if is_clear or factor[3] < 1 else gltf.OPAQUE,
                 pbrMetallicRoughness=gltf.PbrMetallicRoughness(
-                    baseColorFactor=GREY if colours is None else WHITE,
-                    metallicFactor=0,
-                    roughnessFactor=1,
+                    baseColorFactor=factor, metallicFactor=0, roughnessFactor=1
                 ),
             )
-            for name in self.materials
+            for name, factor in zip(self.materials, factors, strict=True)
         ]
 
     def make_primitive(self, file: GlbFile, part: Part, attributes: dict[str, int]) -> Any:
@@ -129,7 +134,8 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
     fans = look.normal_fans if has_normals else None
     if look.uvs is None and look.materials is None and fans is None:
         whole = Part(0, 0, len(mesh.vertices), mesh.faces)
-        return Surface(mesh, np.arange(whole.stop), None, None, (whole,), (PLAIN,))
+        plain = np.array([PLAIN_COLOUR])
+        return Surface(mesh, np.arange(whole.stop), None, None, (whole,), (PLAIN,), plain)
     material, materials = _complete_materials(look, len(mesh.faces))
     keys = np.zeros((mesh.faces.size, 4), np.int64)
     keys[:, 0], keys[:, 1] = np.repeat(material, 3), mesh.faces.ravel()
@@ -145,8 +151,17 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
         start, stop = np.searchsorted(kept[:, 0], [index, index + 1]).tolist()
         parts.append(Part(index, start, stop, cut[material == index] - start))
     uv = None if values is None else _flip_v(values[kept[:, 3]])
+    colours = np.tile(PLAIN_COLOUR, (len(materials), 1))
+    if look.material_colours is not None:
+        colours[: len(look.material_colours)] = look.material_colours
     return Surface(
-        mesh, kept[:, 1], uv, None if fans is None else kept[:, 2], tuple(parts), materials
+        mesh=mesh,
+        origins=kept[:, 1],
+        uv=uv,
+        fans=None if fans is None else kept[:, 2],
+        parts=tuple(parts),
+        materials=materials,
+        base_colours=colours,
     )
 
 

@@ -1,5 +1,7 @@
 """OBJ files as frames of a clip; only the vertices of most frames need parsing."""
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +9,7 @@ from cageik_cli.formats.base.file_data import with_gzip
 from cageik_cli.formats.base.frame_files import FrameFileReader
 from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.formats.obj.attributes import read_obj_attributes
+from cageik_cli.formats.obj.materials import read_material_colours
 from cageik_cli.formats.obj.numbers import read_vertex_lines
 from cageik_cli.formats.obj.parse import parse_obj
 from cageik_cli.formats.obj.tokens import (
@@ -39,6 +42,11 @@ class Reader(FrameFileReader):
     def read_attributes(cls, data: bytes, mesh: FileMesh) -> FileMesh:
         """Read UVs, normals, names of faces and colours of vertices."""
         return read_obj_attributes(data, mesh)
+
+    @classmethod
+    def read_library(cls, path: Path, mesh: FileMesh) -> FileMesh:
+        """Read the colours of the materials."""
+        return read_material_colours(path, mesh)
 
 
 class ObjFrameParser:

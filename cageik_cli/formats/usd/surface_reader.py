@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
-from cageik_cli.geometry.surface_parts import NONE, FaceLabels, Subdivision, UvMap
+from cageik_cli.geometry.surface_parts import NONE, PLAIN_COLOUR, FaceLabels, Subdivision, UvMap
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 from cageik_cli.util.text import single_line
@@ -126,6 +126,7 @@ class _Surface:
         count = len(attributes.corner_counts)
         everywhere = UsdShade.MaterialBindingAPI(self._mesh).ComputeBoundMaterial()[0]
         texts = [[_name(everywhere.GetPrim()) if everywhere else ""] * count, [""] * count]
+        bound = {_name(everywhere.GetPrim()): everywhere} if everywhere else {}
         for subset in UsdGeom.Subset.GetAllGeomSubsets(self._mesh):
             if subset.GetElementTypeAttr().Get() != UsdGeom.Tokens.face:
                 continue
@@ -134,12 +135,17 @@ class _Surface:
                 raise FormatError(f"`{subset.GetPrim().GetName()}` names faces that are not there")
             binds = subset.GetFamilyNameAttr().Get() == UsdShade.Tokens.materialBind
             name = _name_material(subset) if binds else _name(subset.GetPrim())
+            material = UsdShade.MaterialBindingAPI(subset).GetDirectBinding().GetMaterial()
+            if binds and material:
+                bound[name] = material
             for face in faces.tolist():
                 texts[0 if binds else 1][face] = name
         library = self._mesh.GetPrim().GetCustomDataByKey(LIBRARY_KEY)
+        materials = FaceLabels.from_texts(texts[0])
         return replace(
             attributes,
-            materials=FaceLabels.from_texts(texts[0]),
+            materials=materials,
+            material_colours=None if materials is None else _list_colours(materials.names, bound),
             groups=FaceLabels.from_texts(texts[1]),
             material_library=single_line(library) if isinstance(library, str) else "",
         )
@@ -218,6 +224,28 @@ def _to_array(value: Any, width: int) -> Floats:
         raise FormatError(f"they are {array.dtype} of shape {array.shape}")
     with np.errstate(over="ignore", invalid="ignore"):
         return array.reshape(-1, width).astype(np.float64)
+
+
+def _list_colours(names: tuple[str, ...], materials: dict[str, Any]) -> Floats | None:
+    """Return linear red, green, blue and opacity of materials, (k, 4); None if none is known."""
+    found = [_read_colour(materials[name]) if name in materials else None for name in names]
+    if all(colour is None for colour in found):
+        return None
+    return np.array([PLAIN_COLOUR if colour is None else colour for colour in found])
+
+
+def _read_colour(material: Any) -> list[float] | None:
+    """Return the constant colour of a material's surface, and its opacity; None without."""
+    shader = material.ComputeSurfaceSource()[0]
+    if not shader:
+        return None
+    values: list[float] = []
+    for name, default in (("diffuseColor", PLAIN_COLOUR[:3]), ("opacity", PLAIN_COLOUR[3])):
+        held = shader.GetInput(name)
+        value = held.Get() if held and not held.HasConnectedSource() else None
+        values += np.ravel(default if value is None else value).tolist()
+    is_colour = len(values) == len(PLAIN_COLOUR) and np.isfinite(values).all()
+    return np.clip(values, 0, 1).tolist() if is_colour else None
 
 
 def _name_material(subset: Any) -> str:

@@ -17,6 +17,9 @@ from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.geometry.surface_parts import NONE, FaceLabels
 from cageik_cli.util.arrays import Floats, Integers
 
+PREVIEW_SURFACE = "UsdPreviewSurface"
+"""The shader that all programs show."""
+
 MATERIAL_SCOPE = "materials"
 """Where materials are, beside the mesh."""
 
@@ -154,7 +157,7 @@ def _write_colours(prim: Any, attributes: SurfaceAttributes) -> None:
 
 
 def _write_materials(prim: Any, attributes: SurfaceAttributes) -> None:
-    """Define the materials, which are names alone, and bind them."""
+    """Define the materials, with their colours if those are known, and bind them."""
     from pxr import UsdGeom, UsdShade
 
     if attributes.material_library:
@@ -170,11 +173,26 @@ def _write_materials(prim: Any, attributes: SurfaceAttributes) -> None:
     for name, path in _choose_paths(root.GetPrim(), list(bound)):
         materials[name] = UsdShade.Material.Define(stage, path)
         _show_name(materials[name].GetPrim(), name)
+        if attributes.material_colours is not None:
+            _write_colour(materials[name], attributes.material_colours[labels.names.index(name)])
     if len(bound) == 1 and len(bound[labels.names[labels.indices[0]]]) == len(labels.indices):
         UsdShade.MaterialBindingAPI.Apply(prim.GetPrim()).Bind(*materials.values())
         return
     for name, subset in _write_subsets(prim, labels, UsdShade.Tokens.materialBind).items():
         UsdShade.MaterialBindingAPI.Apply(subset.GetPrim()).Bind(materials[name])
+
+
+def _write_colour(material: Any, colour: Floats) -> None:
+    """Give a material a shader of one colour, (4,): linear red, green, blue and opacity."""
+    from pxr import Gf, Sdf, UsdShade
+
+    path = material.GetPath().AppendChild("surface")
+    shader = UsdShade.Shader.Define(material.GetPrim().GetStage(), path)
+    shader.CreateIdAttr(PREVIEW_SURFACE)
+    red, green, blue, opacity = colour.clip(0, 1).tolist()
+    shader.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set(Gf.Vec3f(red, green, blue))
+    shader.CreateInput("opacity", Sdf.ValueTypeNames.Float).Set(opacity)
+    material.CreateSurfaceOutput().ConnectToSource(shader.ConnectableAPI(), "surface")
 
 
 def _write_subsets(prim: Any, labels: FaceLabels, family: str) -> dict[str, Any]:

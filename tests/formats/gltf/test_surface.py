@@ -199,3 +199,24 @@ def test_vertices_keep_their_colours(tmp_path, animation, alpha, mode):
     (material,) = file.json["materials"]
     assert material["alphaMode"] == mode
     assert material["pbrMetallicRoughness"]["baseColorFactor"] == [1, 1, 1, 1]
+
+
+def test_colours_of_materials_are_base_colours(tmp_path, animation):
+    count = len(animation.rest.faces)
+    material = np.where(np.arange(count) < 3, -1, np.arange(count) % 2)
+    rest = paint(animation.rest, None, material, NAMES)
+    colours = [[0.5, 0.25, 0, 1], [2, 0.5, -1, 0.5]]
+    rest = replace(rest, attributes=replace(rest.attributes, material_colours=colours))
+    file = save(tmp_path / "a.glb", rest, animation.frames)
+    found = [
+        (m["name"], m["pbrMetallicRoughness"]["baseColorFactor"], m["alphaMode"])
+        for m in file.json["materials"]
+    ]
+    assert found == [
+        ("red", [0.5, 0.25, 0, 1], "OPAQUE"),
+        ("glass", [1, 0.5, 0, 0.5], "BLEND"),
+        ("plain", [0.8, 0.8, 0.8, 1], "OPAQUE"),
+    ]
+    parts = trimesh.load(tmp_path / "a.glb", process=False).geometry.values()
+    shown = {part.visual.material.name: part.visual.material.baseColorFactor for part in parts}
+    np.testing.assert_allclose(np.array(shown["red"]) / 255, colours[0], atol=1 / 255)

@@ -1,5 +1,6 @@
 """Surfaces in USD: written and read by USD itself, and read back as they were."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -309,3 +310,36 @@ def test_attributes_of_other_types_are_left_out(tmp_path, line):
 def test_triangles_alone_have_no_attributes(tmp_path):
     mesh = TriMesh(box().vertices, box().faces)
     assert read_back(written(tmp_path / "a.usdc", mesh.vertices[None], mesh)).attributes is None
+
+
+COLOURS = np.array([[0.5, 0.25, 0.125, 1], [1, 0, 0.75, 0.5], [0, 0.5, 1, 1]])
+
+
+def test_usd_finds_the_colours_of_materials(tmp_path):
+    coloured = change(ASSET, material_colours=COLOURS)
+    path = written(tmp_path / "a.usdc", FRAMES, coloured)
+    for subset in UsdGeom.Subset.GetAllGeomSubsets(open_mesh(path)):
+        material = UsdShade.MaterialBindingAPI(subset).ComputeBoundMaterial()[0]
+        if not material:
+            continue
+        shader = material.ComputeSurfaceSource()[0]
+        assert shader.GetIdAttr().Get() == "UsdPreviewSurface"
+        name = material.GetPrim().GetDisplayName() or material.GetPrim().GetName()
+        expected = COLOURS[ASSET.attributes.materials.names.index(name)]
+        np.testing.assert_array_equal(shader.GetInput("diffuseColor").Get(), expected[:3])
+        assert shader.GetInput("opacity").Get() == expected[3]
+    back = read_back(path).attributes
+    order = [ASSET.attributes.materials.names.index(name) for name in back.materials.names]
+    np.testing.assert_array_equal(back.material_colours, COLOURS[order])
+
+
+def test_a_textured_or_damaged_material_has_no_colour(tmp_path):
+    coloured = change(ASSET, material_colours=COLOURS)
+    path = written(tmp_path / "a.usda", FRAMES, coloured)
+    text = path.read_text()
+    textured = text.replace("color3f inputs:diffuseColor = ", "string inputs:diffuseColor = ")
+    path.write_text(
+        re.sub(r"inputs:diffuseColor = \([^)]*\)", 'inputs:diffuseColor = "x"', textured)
+    )
+    back = read_back(path).attributes
+    assert back.material_colours is None or (back.material_colours[:, :3] == 0.8).all()
