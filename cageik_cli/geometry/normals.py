@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cageik_cli.geometry.shape import cross
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats, Integers
 
@@ -68,6 +69,9 @@ def has_vertex_normals(attributes: SurfaceAttributes) -> bool:
 def compute_area_vectors(attributes: SurfaceAttributes, positions: Floats) -> Floats:
     """Compute twice the area vector of each polygon, (p, 3), by Newell's formula."""
     counts, starts, corners = attributes.corner_counts, attributes.starts, attributes.corners
+    if (counts == 3).all():  # the same to the bit, in a fifth of the time
+        first, second, third = (positions[corners[k::3]] for k in range(3))
+        return cross(second - first, third - first)
     # From its first corner, so that a model far from the origin loses no digits.
     points = positions[corners] - np.repeat(positions[corners[starts]], counts, axis=0)
     return np.asarray(np.add.reduceat(np.cross(points, points[_next_corners(counts)]), starts))
@@ -77,9 +81,13 @@ def _average_normals(
     attributes: SurfaceAttributes, numbers: Integers, count: int, positions: Floats
 ) -> Floats:
     """Compute `count` normals, shared by the corners that have their number in `numbers` (c,)."""
-    areas = np.repeat(compute_area_vectors(attributes, positions), attributes.corner_counts, axis=0)
-    is_given = numbers >= 0
-    columns = (np.bincount(numbers[is_given], areas[is_given, k], count) for k in range(3))
+    areas = compute_area_vectors(attributes, positions).T
+    # A corner without a normal counts for one more, which is left out.
+    places = np.where(numbers < 0, count, numbers)
+    columns = (
+        np.bincount(places, np.repeat(along, attributes.corner_counts), count + 1)[:count]
+        for along in areas
+    )
     return _normalize(np.stack(list(columns), axis=1, dtype=np.float64))
 
 
