@@ -11,7 +11,6 @@ from cageik_cli.cli.options.common import (
     PATH_TYPE,
     common_options,
     is_on_command_line,
-    memory_option,
     overwrite_option,
     timings_option,
     usage_errors,
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
 
 CAGE_OPTIONS = ("cage", "cage_out")
 WEIGHT_OPTION_NAMES = ("coordinates", "accuracy", "outside", "cache", "no_cache", "jobs")
-RESULT_OPTIONS = ("memory",)
 
 
 DEFAULT_SNAP = "2%"
@@ -114,7 +112,6 @@ def make_pose_settings(
     cage_out: Path | None,
     posing: "PosingSettings",
     weights: "WeightSettings",
-    memory: int,
     overwrite: bool,
 ) -> "PoseSettings | EditSettings":
     """Make the settings of an edit of a result, or of a pose of a model.
@@ -136,8 +133,7 @@ def make_pose_settings(
         _reject_options(
             (*CAGE_OPTIONS, *WEIGHT_OPTION_NAMES), "a model; a result has its cage and weights"
         )
-        return EditSettings(target, handles, output, posing, memory, overwrite)
-    _reject_options(RESULT_OPTIONS, "a result, whose frames are edited in blocks")
+        return EditSettings(target, handles, output, posing, overwrite)
     if is_hdf5:
         _reject_options(
             ("cage", *WEIGHT_OPTION_NAMES), "a model; a binding has its cage and weights"
@@ -216,7 +212,6 @@ def _print_schema(ctx: click.Context, param: click.Parameter, value: bool) -> No
     click.option("--cage-out", type=PATH_TYPE, help="Also write the posed cage (.obj, .ply)."),
     POSING_OPTIONS,
     WEIGHT_OPTIONS,
-    memory_option,
     overwrite_option,
 )
 @VIEW_OPTIONS

@@ -14,7 +14,6 @@ from cageik_cli.cli.options.common import (
     common_options,
     is_given,
     is_on_command_line,
-    memory_option,
     overwrite_option,
     usage_errors,
 )
@@ -42,7 +41,6 @@ def make_view_settings(
     cage_out: Path | None,
     handles_out: Path | None,
     weights: "WeightSettings",
-    memory: int,
     overwrite: bool,
 ) -> "ViewSettings":
     """Make the settings of a view; options that contradict each other are wrong usage."""
@@ -68,7 +66,6 @@ def make_view_settings(
             handles_output=handles_out,
             build=BuildSettings(cage_vertices),
             weights=weights,
-            memory=memory,
             overwrite=overwrite,
         )
 
@@ -116,7 +113,6 @@ def _reject(names: tuple[str, ...], reason: str) -> None:
     click.option("--cage-out", type=PATH_TYPE, help="Also write the posed cage (.obj, .ply)."),
     click.option("--handles-out", type=PATH_TYPE, help="Also write the applied handles (.json)."),
     WEIGHT_OPTIONS,
-    memory_option,
     overwrite_option,
 )
 @click.option(

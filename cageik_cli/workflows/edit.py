@@ -22,7 +22,7 @@ from cageik_cli.posing.edits import (
 from cageik_cli.posing.snapshot import PoseResult, take_snapshot
 from cageik_cli.posing.summary import PoseStatistics
 from cageik_cli.solver.blocks import SolvedBlock, summarize_blocks
-from cageik_cli.solver.memory_plan import MemoryPlan
+from cageik_cli.solver.memory_plan import choose_block_size
 from cageik_cli.solver.metrics import INTEGER_METRICS, METRIC_NAMES, FrameMetrics, check_finite
 from cageik_cli.solver.peaks import DeviationPeaks
 from cageik_cli.store.result import Result, read_cages, read_result
@@ -33,7 +33,7 @@ from cageik_cli.store.result_writer import (
     RunSummary,
     open_result_writer,
 )
-from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap, check_writable
 from cageik_cli.util.progress import ProgressListener
@@ -50,8 +50,6 @@ class EditSettings:
     ----------
     result, handles, output : Path
     posing : PosingSettings
-    memory : int
-        Bytes for the weights and blocks of frames.
     overwrite : bool
     """
 
@@ -59,7 +57,6 @@ class EditSettings:
     handles: Path
     output: Path
     posing: PosingSettings = field(default_factory=PosingSettings)
-    memory: int = DEFAULT_MEMORY
     overwrite: bool = False
 
     def inputs(self) -> list[Path]:
@@ -116,7 +113,7 @@ def edit(
         layers=layers,
         statistics=PoseStatistics(layers, result.rest),
     )
-    size = MemoryPlan.fit(settings.memory, target.binding, jobs=1).block_size
+    size = choose_block_size(len(result.rest.vertices))
     header = _build_header(settings, result, target.binding)
     with (
         open_result_writer(settings.output, header, settings.overwrite) as file,

@@ -55,7 +55,7 @@ def opened(monkeypatch):
     "words",
     [
         ("cages.h5",),
-        ("cages.h5", "-o", "e.h5", "--handles-out", "h.json", "--memory", "1GiB"),
+        ("cages.h5", "-o", "e.h5", "--handles-out", "h.json"),
         ("b.h5", "-o", "p.obj", "--cage-out", "c.obj"),
         ("frames/frame_1.obj", "--cage", "cage.obj", "-o", "p.ply"),
         ("frames/frame_1.obj", "--binding", "b.h5"),

@@ -176,7 +176,6 @@ class _ResultSession(ViewSession):
             edit_.handles.path,
             output,
             self._make_posing(edit_),
-            self.settings.memory,
             self._own.may_replace(output),
         )
         result = edit(settings, progress, edit_.handles)

@@ -29,8 +29,6 @@ class ViewSettings:
         The handles that were applied.
     build : BuildSettings
     weights : WeightSettings
-    memory : int
-        Bytes for the weights and blocks of frames of an edit.
     overwrite : bool
         Whether files that exist before the first edit may be replaced.
     """
@@ -44,7 +42,6 @@ class ViewSettings:
     handles_output: Path | None = None
     build: BuildSettings = field(default_factory=BuildSettings)
     weights: WeightSettings = field(default_factory=WeightSettings)
-    memory: int = 1 << 30
     overwrite: bool = False
 
     def inputs(self) -> list[Path]:
