@@ -13,6 +13,7 @@ from typing import Any
 
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.exchange import exchange
+from cageik_cli.util.interrupts import repeat_if_interrupted
 from cageik_cli.util.leftovers import clear_leftovers, make_displaced_path, make_unfinished_path
 
 
@@ -159,8 +160,9 @@ class DeferredErrorFile(io.FileIO):
 
     def truncate(self, size: int | None = None) -> int:
         """Set the size."""
+        set_once = super().truncate
         try:
-            return super().truncate(size)
+            return repeat_if_interrupted(lambda: set_once(size))
         except OSError as error:
             self._failure = self._failure or error
             return size or 0
