@@ -1,6 +1,30 @@
-"""`python -m cageik_cli` is `cageik`."""
+"""The command `cageik`, and `python -m cageik_cli`.
 
-from cageik_cli.cli import main
+Nothing is imported before `main` runs but what Python itself has loaded, so that a system which
+cannot open files or has no memory is reported as any other error is.
+"""
+
+import sys
+
+
+def main() -> None:
+    """Run the command line.
+
+    What fails while the command is imported, before it can report errors itself, becomes a
+    sentence and exit code 1. That is the system or the installation, never an input.
+    """
+    try:
+        from cageik_cli.cli import main as run_command_line
+    except (OSError, ImportError, MemoryError) as error:
+        sys.exit(f"Error: cageik cannot be loaded: {str(error) or type(error).__name__}; {_ADVICE}")
+    run_command_line()
+
+
+_ADVICE = (
+    "check the memory and the disk space that are free, the limit of open files (ulimit -n), and "
+    "the installation"
+)
+
 
 if __name__ == "__main__":
     main()

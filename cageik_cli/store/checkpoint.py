@@ -22,6 +22,7 @@ from cageik_cli.solver.blocks import ClipSummary, SolvedBlock
 from cageik_cli.store.block_bytes import from_bytes, to_bytes
 from cageik_cli.util.errors import CheckpointError, FormatError, OutputError, error_context
 from cageik_cli.util.input_files import open_input
+from cageik_cli.util.interrupts import set_size
 from cageik_cli.util.locks import open_locked, remove_locked
 
 FORMAT = b"cageik.partial "
@@ -158,7 +159,7 @@ class Checkpoint:
                 break
             self.summary.update(block)
             self._end = self._file.tell()
-        self._file.truncate(self._end)
+        set_size(self._file, self._end)
 
     def append(self, block: SolvedBlock) -> None:
         """Add the next block, which has as many frames as the spec says, or is the last.
@@ -170,11 +171,11 @@ class Checkpoint:
         """
         data = to_bytes(block)
         try:
-            self._file.truncate(self._end)
+            set_size(self._file, self._end)
             self._file.seek(self._end)
             _write_all(self._file, _RECORD_HEADER.pack(len(data), zlib.crc32(data)) + data)
         except OSError as error:
-            self._file.truncate(self._end)
+            set_size(self._file, self._end)
             raise _make_write_error(self.path, error) from error
         self._end = self._file.tell()
         self.summary.update(block)
@@ -283,7 +284,7 @@ def _write_spec(path: Path, file: io.FileIO, spec: RunSpec) -> None:
     text = json.dumps(asdict(spec), sort_keys=True, allow_nan=False).encode()
     head = MAGIC + f"{hashlib.sha256(text).hexdigest()} {len(text)}\n".encode() + text
     try:
-        file.truncate(0)
+        set_size(file, 0)
         file.seek(0)
         _write_all(file, head)
     except OSError as error:

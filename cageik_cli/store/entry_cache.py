@@ -14,7 +14,6 @@ import os
 import re
 import stat
 import struct
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -24,6 +23,7 @@ from typing import Any, BinaryIO, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from cageik_cli.util.leftovers import clear_leftovers, make_unfinished_path
 from cageik_cli.util.locks import open_locked, remove_locked
 
 
@@ -45,11 +45,12 @@ POLL_SECONDS = 0.05
 """Seconds between two checks whether another process has computed an entry."""
 
 STALE_SECONDS = 3600.0
-"""Seconds after which an unfinished file is taken for one that a killed process left."""
+"""Seconds after which an unfinished file of any machine is taken for one of a killed process."""
 
+_NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.(weights|cage|fit)")
-_PARTIAL_NAME = re.compile(r"[0-9a-f]{64}\.\w+\.partial")
+_PARTIAL_NAME = re.compile(r"[0-9a-f]{64}(\.\w+)+\.partial")
 
 
 class CorruptEntry(Exception):
@@ -212,7 +213,9 @@ class EntryCache(Generic[Entry]):
             Makes the value of the entry.
         """
         entry = self._lookup(key)
-        if entry is None:
+        if entry is not None:
+            self._remove_stale_lock(key)
+        else:
             with self._entry_lock(key):
                 entry = self._lookup(key)  # the process waited for has written it
                 if entry is None:
@@ -237,7 +240,7 @@ class EntryCache(Generic[Entry]):
 
         Without effect in a folder that cannot be written.
         """
-        path = self.folder / f"{key}.lock.partial"
+        path = self._lock_path(key)
         try:
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             while (file := open_locked(path)) is None:
@@ -248,7 +251,20 @@ class EntryCache(Generic[Entry]):
         try:
             yield
         finally:
-            remove_locked(path, file)
+            with suppress(OSError):  # the next process to use the entry deletes it
+                remove_locked(path, file)
+
+    def _remove_stale_lock(self, key: str) -> None:
+        """Delete the lock of a process that was killed when it had written the entry."""
+        path = self._lock_path(key)
+        if os.path.lexists(path):
+            with suppress(OSError):
+                file = open_locked(path)
+                if file is not None:
+                    remove_locked(path, file)
+
+    def _lock_path(self, key: str) -> Path:
+        return self.folder / f"{key}.lock.partial"
 
     def read(self, key: str) -> Entry | None:
         """Return the entry of a key, if it is there; delete a damaged one, with a note."""
@@ -295,13 +311,16 @@ class EntryCache(Generic[Entry]):
 
         It is not flushed to disk: an entry that a power cut leaves in part fails its digest.
         """
-        descriptor, name = tempfile.mkstemp(".partial", f"{key}.", self.folder)
+        path = self._entry_path(key)
+        clear_leftovers(path)
+        partial = make_unfinished_path(path)
+        descriptor = os.open(partial, _NEW_FILE, 0o600)
         try:
             with open(descriptor, "wb") as file:
                 file.writelines(parts)
-            os.replace(name, self._entry_path(key))
+            partial.replace(path)
         except BaseException:
-            Path(name).unlink(missing_ok=True)
+            partial.unlink(missing_ok=True)
             raise
 
     def _evict_oldest(self) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.exchange import exchange
+from cageik_cli.util.interrupts import repeat_if_interrupted
 from cageik_cli.util.leftovers import clear_leftovers, make_displaced_path, make_unfinished_path
 
 
@@ -139,7 +140,8 @@ class DeferredErrorFile(io.FileIO):
     """A new binary file whose write errors are raised later, by `raise_deferred_error`.
 
     HDF5 does not survive a failed write: it fails again while it cleans up, prints messages, and
-    may crash. Here every write seems to succeed.
+    may crash. Here every write seems to succeed. After one that failed nothing can be read back:
+    HDF5 would take for data what happens to be in the memory that is not filled.
     """
 
     def __init__(self, path: Path) -> None:
@@ -157,10 +159,16 @@ class DeferredErrorFile(io.FileIO):
             self._failure = error
         return len(view)
 
+    def readinto(self, buffer: Any) -> int:
+        """Fill `buffer` with bytes of the file, unless a write has failed."""
+        self.raise_deferred_error()
+        return super().readinto(buffer) or 0
+
     def truncate(self, size: int | None = None) -> int:
         """Set the size."""
+        set_once = super().truncate
         try:
-            return super().truncate(size)
+            return repeat_if_interrupted(lambda: set_once(size))
         except OSError as error:
             self._failure = self._failure or error
             return size or 0

@@ -1,203 +1,181 @@
-"""Inject errors of the system into runs, kill runs, and look at what they leave.
+"""Let every call of every command fail once, kill runs, and look at what they leave.
 
-`python -m tests.faults.harness SECONDS` prints how much was tried and what was violated.
+`python -m tests.faults.harness [SECONDS] [KILLS]` prints how much was tried and what was violated.
 """
 
 import random
-import re
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
+from multiprocessing import connection, get_context
 from pathlib import Path
 
-from tests.faults.commands import (
-    COMMANDS,
-    Command,
-    is_output,
-    make_environment,
-    make_inputs,
-    read_files,
-    run,
-)
+from tests.faults.bench import Bench, Case, Trial, Verdict
+from tests.faults.commands import COMMANDS
+from tests.faults.interception import NAMES, OPENS
+from tests.faults.process import FULL, KILL, Point, Run
 
-ERRORS = {
-    "write": ("ENOSPC", "EIO", "EINTR"),
-    "pwrite64": ("ENOSPC", "EIO"),
-    "fsync": ("EIO", "ENOSPC"),
-    "ftruncate": ("EIO", "ENOSPC"),
-    "rename": ("EIO", "ENOSPC"),
-    "renameat2": ("EIO", "EINVAL"),
-    "openat": ("EIO", "ENOSPC", "EINTR", "EMFILE"),
-    "mkdir": ("ENOSPC", "EIO"),
-    "unlink": ("EIO",),
-    "rmdir": ("EIO",),
-}
-"""Errors per call of the system. EINTR is repeated by Python, so that runs must succeed."""
-
-_CALL = re.compile(r"^(\d+) +(\w+)\((.*)")
-
-
-@dataclass(frozen=True)
-class Point:
-    """The `count`-th call of a kind in a thread, which concerns a file in the folder."""
-
-    command: Command
-    call: str
-    count: int
-    error: str
+WORKERS = 2
+IMPORT_ERRORS = ("ENOSPC", "EIO", "EMFILE", "ENOMEM", "EINTR")
+ALSO_FRESH = ("extract", "bind", "export obj", "batch")
+"""Commands that are tried without an older output, too; the others never look at it."""
 
 
 @dataclass
 class Figures:
     """What was tried, per command, and what was violated."""
 
-    points: Counter[str] = field(default_factory=Counter)
+    calls: Counter[str] = field(default_factory=Counter)
+    foreign: Counter[str] = field(default_factory=Counter)
+    trials: Counter[str] = field(default_factory=Counter)
     tried: Counter[str] = field(default_factory=Counter)
+    imports: Counter[str] = field(default_factory=Counter)
     kills: Counter[str] = field(default_factory=Counter)
+    missed: int = 0
+    aborted: int = 0
     left: int = 0
+    seconds: float = 0.0
     violations: list[str] = field(default_factory=list)
 
     def show(self) -> str:
-        rows = [f"{'command':<12} {'points':>7} {'tried':>7} {'kills':>7}"]
-        rows += [
-            f"{c.name:<12} {self.points[c.name]:>7} {self.tried[c.name]:>7} {self.kills[c.name]:>7}"
-            for c in COMMANDS
-        ]
-        total = sum(self.points.values()), sum(self.tried.values()), sum(self.kills.values())
-        rows += ["{:<12} {:>7} {:>7} {:>7}".format("all", *total)]
+        """Return a table, and the violations."""
+        columns = {
+            "calls": self.calls + self.foreign, "interpreter": self.foreign, "own": self.calls,
+            "faults": self.trials, "tried": self.tried, "imports": self.imports,
+            "kills": self.kills,
+        }  # fmt: skip
+        rows = ["command        " + "".join(f"{name:>12}" for name in columns)]
+        for name in [command.name for command in COMMANDS]:
+            rows += [f"{name:<15}" + "".join(f"{column[name]:>12}" for column in columns.values())]
+        totals = "".join(f"{sum(column.values()):>12}" for column in columns.values())
+        rows += [f"{'all':<15}{totals}"]
+        rows += [f"faults whose call was not made again: {self.missed}"]
+        rows += [f"ended by a library, which may do so: {self.aborted}"]
         rows += [f"left by killed runs, before the next run: {self.left}"]
-        rows += [f"violations: {len(self.violations)}", *self.violations]
-        return "\n".join(rows)
+        rows += [f"seconds: {self.seconds:.0f}"]
+        return "\n".join([*rows, f"violations: {len(self.violations)}", *self.violations])
 
 
-class Bench:
-    """A folder of inputs, and what each command writes without faults."""
+def choose_faults(point: Point) -> tuple[str, ...]:
+    """Return what is done to a call, one after the other."""
+    if point.call in OPENS:
+        return ("ENOSPC", "EIO", "EINTR", "EMFILE", KILL)
+    if point.call == "renameat2":
+        return ("ENOSPC", "EIO", "EINTR", "EINVAL", KILL)
+    if point.call in NAMES or point.path in ("stdout", "stderr"):
+        return ("ENOSPC", "EIO", "EINTR", KILL)
+    return ("ENOSPC", "EIO", "EINTR", KILL, FULL)
 
-    def __init__(self, folder: Path) -> None:
-        self._folder, self._copies = folder / "work", 0
-        make_inputs(self._folder)
-        self.inputs = read_files(self._folder)
-        self.wanted: dict[str, dict[str, bytes]] = {}
-        self.seconds: dict[str, float] = {}
-        for command in COMMANDS:
-            work = self.copy()
-            start = time.perf_counter()
-            run(work, command.words).check_returncode()
-            self.seconds[command.name] = time.perf_counter() - start
-            self.wanted[command.name] = self.read_outputs(command, work)
-            shutil.rmtree(work)
 
-    def copy(self) -> Path:
-        self._copies += 1
-        return Path(shutil.copytree(self._folder, self._folder.with_name(f"w{self._copies}")))
+def choose_cases() -> list[Case]:
+    """Return the runs of all commands, over an older output and without one."""
+    cases = [Case(command, is_over_older=bool(command.outputs)) for command in COMMANDS]
+    return cases + [Case(c, is_over_older=False) for c in COMMANDS if c.name in ALSO_FRESH]
 
-    def read_outputs(self, command: Command, work: Path) -> dict[str, bytes]:
-        return {k: v for k, v in read_files(work).items() if is_output(command, k)}
 
-    def find_points(self, command: Command) -> Iterator[Point]:
-        """Yield all points of a run that concern the folder."""
-        work = self.copy()
-        log = work.with_suffix(".log")
-        calls = ",".join(f"?{call}" for call in ERRORS)
-        run(work, command.words, ("strace", "-f", "-y", "-o", str(log), "-e", f"trace={calls}"))
-        counts: Counter[tuple[str, str]] = Counter()
-        found: set[tuple[str, int]] = set()
-        for line in log.read_text(errors="replace").splitlines():
-            match = _CALL.match(line)
-            if match is None:
+def choose_imports(run: Run, case: Case, order: random.Random) -> list[Trial]:
+    """Choose one call of the interpreter per error, made while it imports the command."""
+    paths = [point.path for point in run.foreign]
+    first = 1 + next(k for k, path in enumerate(paths) if "/__main__." in path)
+    opened = [point for point in run.foreign[first:] if point.call in OPENS]
+    return [Trial(case, order.choice(opened), error, is_cold=True) for error in IMPORT_ERRORS]
+
+
+def try_trials(bench: Bench, trials: list[Trial], figures: Figures, seconds: float) -> None:
+    """Try all in two processes until the time is over."""
+    context, end = get_context("fork"), time.monotonic() + seconds
+    pipes, done = [], 0
+    for k in range(WORKERS):
+        ours, theirs = context.Pipe(duplex=False)
+        context.Process(target=_work, args=(bench, trials[k::WORKERS], theirs, k, end)).start()
+        theirs.close()
+        pipes.append(ours)
+    while pipes:
+        for pipe in connection.wait(pipes):
+            try:
+                trial, verdict = pipe.recv()
+            except EOFError:
+                pipes.remove(pipe)
                 continue
-            thread, call, words = match.groups()
-            counts[thread, call] += 1
-            is_here = str(work) in words or (call != "write" and '"/' not in words)
-            if is_here and call in ERRORS:
-                found.add((call, counts[thread, call]))
-        shutil.rmtree(work)
-        log.unlink()
-        for call, count in sorted(found):
-            for error in ERRORS[call]:
-                yield Point(command, call, count, error)
+            _count(figures, trial, verdict)
+            done += 1
+            if done % 500 == 0:
+                print(f"{done} of {len(trials)} tried", file=sys.stderr, flush=True)
 
-    def inject(self, point: Point) -> str | None:
-        """Run with one fault; return what is violated."""
-        work = self.copy()
-        how = f"inject={point.call}:error={point.error}:when={point.count}"
-        before = ("strace", "-f", "-qq", "-o", "/dev/null", "-e", f"trace={point.call}", "-e", how)
-        try:
-            done = run(work, point.command.words, before)
-            fault = self._judge(point.command, work, done.returncode, done.stderr)
-        except subprocess.TimeoutExpired:
-            fault = "hangs"
-        shutil.rmtree(work)
-        return fault and f"{point.command.name}: {point.call} {point.count} {point.error}: {fault}"
 
-    def kill(self, command: Command, part: float) -> tuple[str | None, bool]:
-        """Kill a run over an older output; return what is violated, and whether it left a file."""
-        work = self.copy()
-        run(work, command.words)
-        words = [sys.executable, "-m", "cageik_cli", *command.words, *command.replace]
-        with subprocess.Popen(
-            words, cwd=work, env=make_environment(work),
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        ) as process:  # fmt: skip
-            time.sleep(part * self.seconds[command.name])
-            process.kill()
-        is_left = any("partial" in name for name in read_files(work))
-        fault = self._judge(command, work, 1, "")
-        shutil.rmtree(work)
-        return fault and f"{command.name}: killed at {part:.3f}: {fault}", is_left
+def _work(
+    bench: Bench, trials: list[Trial], pipe: connection.Connection, number: int, end: float
+) -> None:
+    bench.begin_worker(number)
+    for trial in trials:
+        if time.monotonic() > end:
+            return
+        pipe.send((trial, bench.judge(trial)))
 
-    def _judge(self, command: Command, work: Path, code: int, said: str) -> str | None:
-        """Return what is wrong with what a run left, and with the run after it."""
-        found, wanted = read_files(work), self.wanted[command.name]
-        if code not in (0, 1, 4) or "internal error" in said or "Traceback" in said:
-            return f"exit code {code}: {said.strip()[-200:]}"
-        for name, data in self.inputs.items():
-            if found.get(name) != data:
-                return f"the input {name} has changed"
-        finished = {k: v for k, v in found.items() if is_output(command, k) and "partial" not in k}
-        if command.name != "batch":
-            for name, data in finished.items():
-                if wanted.get(name) != data:
-                    return f"the output {name} is damaged"
-            if code == 0 and finished != wanted:
-                return "exit code 0, and an output is missing"
-        again = run(work, (*command.words, *command.replace))
-        if again.returncode != 0:
-            return f"the next run fails: {again.stderr.strip()[-200:]}"
-        if self.read_outputs(command, work) != wanted:
-            return "the next run writes something else"
-        more = set(read_files(work)) - set(self.inputs) - set(wanted)
-        return f"left over: {', '.join(sorted(more))}" if more else None
+
+def _count(figures: Figures, trial: Trial, verdict: Verdict) -> None:
+    name = trial.case.command.name
+    if trial.point is None:
+        figures.kills[name] += 1
+    elif trial.is_cold:
+        figures.imports[name] += 1
+    else:
+        figures.tried[name] += 1
+    figures.missed += trial.point is not None and not verdict.is_hit
+    figures.aborted += verdict.is_aborted
+    figures.left += trial.point is None and verdict.has_left
+    for violation in verdict.violations:
+        print(f"{trial}: {violation}", file=sys.stderr, flush=True)
+        figures.violations.append(f"{trial}: {violation}")
+
+
+def choose_trials(bench: Bench, figures: Figures, order: random.Random) -> list[Trial]:
+    """Return all faults of all cases, in random order, behind a few at imports."""
+    trials: list[Trial] = []
+    imports: list[Trial] = []
+    for case in choose_cases():
+        name, points = case.command.name, bench.prepare(case).points
+        made = [Trial(case, point, fault) for point in points for fault in choose_faults(point)]
+        figures.calls[name] += len(points)
+        figures.trials[name] += len(made)
+        trials += made
+        if case.is_over_older or name not in ALSO_FRESH:
+            run = bench.run_cold(case)
+            figures.foreign[name] = len(run.foreign)
+            imports += choose_imports(run, case, order)
+    order.shuffle(trials)
+    return imports + trials
+
+
+def choose_kills(count: int, order: random.Random) -> list[Trial]:
+    """Return kills at random moments, of all cases in turn."""
+    cases = choose_cases()
+    return [
+        Trial(cases[k % len(cases)], None, KILL, part=order.uniform(0.0, 1.1)) for k in range(count)
+    ]
 
 
 def try_faults(seconds: float, kills: int, seed: int = 0) -> Figures:
-    """Try points in random order until the time is over, then kill runs."""
-    figures, order = Figures(), random.Random(seed)
-    with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(Path(folder))
-        points = [point for command in COMMANDS for point in bench.find_points(command)]
-        figures.points.update(point.command.name for point in points)
-        order.shuffle(points)
-        end = time.monotonic() + seconds
-        for point in points:
-            if time.monotonic() > end:
-                break
-            figures.tried[point.command.name] += 1
-            fault = bench.inject(point)
-            figures.violations += [fault] if fault else []
-        for k in range(kills):
-            command = COMMANDS[k % len(COMMANDS)]
-            fault, is_left = bench.kill(command, order.uniform(0.1, 1.1))
-            figures.kills[command.name] += 1
-            figures.left += is_left
-            figures.violations += [fault] if fault else []
+    """Try all faults until the time is over, then kill runs."""
+    figures, order, start = Figures(), random.Random(seed), time.monotonic()
+    memory = "/dev/shm" if Path("/dev/shm").is_dir() else None
+    # A TemporaryDirectory would be removed by each fork that ends.
+    folder = Path(tempfile.mkdtemp(dir=memory)).resolve()
+    try:
+        bench = Bench(folder)
+        bench.make_results()
+        bench.warm_up(COMMANDS)
+        try_trials(bench, choose_trials(bench, figures, order), figures, seconds)
+        try_trials(bench, choose_kills(kills, order), figures, float("inf"))
+    finally:
+        shutil.rmtree(folder)
+    figures.seconds = time.monotonic() - start
     return figures
 
 
 if __name__ == "__main__":
-    print(try_faults(float(sys.argv[1]), int(sys.argv[2])).show())
+    words = [*sys.argv[1:], *("inf", "200")[len(sys.argv) - 1 :]]
+    print(try_faults(float(words[0]), int(words[1])).show())

@@ -365,7 +365,7 @@ def test_a_hit_whose_time_cannot_be_set_is_a_hit(kept, said, monkeypatch):
     assert said == []
 
 
-@pytest.mark.parametrize("call", ["replace", "open", "mkstemp"])
+@pytest.mark.parametrize("call", ["create", "write", "replace"])
 def test_a_full_disk_is_noted_and_leaves_nothing(kept, said, monkeypatch, call):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -376,10 +376,10 @@ def test_a_full_disk_is_noted_and_leaves_nothing(kept, said, monkeypatch, call):
             full()
 
     kept.write(OTHER, entry())
-    if call == "open":
+    if call == "write":
         monkeypatch.setattr(module, "open", Full, raising=False)
     else:
-        monkeypatch.setattr(module.os if call == "replace" else module.tempfile, call, full)
+        monkeypatch.setattr(module.os, "open" if call == "create" else call, full)
     kept.write(KEY, entry())
     monkeypatch.undo()
     assert said == [
@@ -448,6 +448,34 @@ def workers(folder, count, turns, largest):
         )
         for seed in range(count)
     ]  # fmt: skip
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes cannot be asked for here")
+def test_what_a_killed_process_left_of_an_entry_is_removed_by_the_next(kept):
+    script = (
+        "import os, sys; from pathlib import Path; "
+        "from cageik_cli.util.leftovers import make_unfinished_path; "
+        "make_unfinished_path(Path(sys.argv[1])).write_text('half'); os._exit(9)"
+    )
+    kept.folder.mkdir()
+    subprocess.run([sys.executable, "-c", script, path_of(kept)], check=False)
+    assert [name.endswith(".partial") for name in names_in(kept)] == [True]
+    kept.write(KEY, entry())
+    assert names_in(kept) == [f"{KEY}.weights"]
+
+
+@pytest.mark.parametrize("is_held", [False, True])
+def test_the_lock_of_a_process_that_was_killed_behind_its_entry_is_removed(kept, is_held):
+    given = ball(1), box(), SETTINGS
+    binding = kept.get_or_compute(*given, lambda: bind(ball(1), box()))
+    path = kept.folder / f"{compute_key(*given)}.lock.partial"
+    path.touch()
+    file = open_locked(path) if is_held else None
+    found = kept.get_or_compute(*given, lambda: pytest.fail("computed again"))
+    assert (found.weights == binding.weights).all()
+    assert path.exists() == is_held
+    if file is not None:
+        remove_locked(path, file)
 
 
 @pytest.mark.slow

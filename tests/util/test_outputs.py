@@ -148,6 +148,20 @@ def test_a_failed_write_is_kept_until_it_is_asked_for(tmp_path):
 
 
 @pytest.mark.usefixtures("full_disk")
+def test_nothing_is_read_back_after_a_failed_write(tmp_path):
+    """A library would take for data what its memory holds where the file is too short."""
+    buffer = bytearray(b"???")
+    with outputs.DeferredErrorFile(tmp_path / "a") as file:
+        file.write(b"12345")
+        file.seek(0)
+        assert (file.readinto(buffer), buffer) == (3, bytearray(b"123"))
+        file.write(b"much more than there is room for")
+        file.seek(0)
+        with pytest.raises(OSError, match="No space"):
+            file.readinto(buffer)
+
+
+@pytest.mark.usefixtures("full_disk")
 def test_a_failed_truncation_is_kept_too(tmp_path):
     with outputs.DeferredErrorFile(tmp_path / "a") as file:
         assert file.truncate(5) == 5

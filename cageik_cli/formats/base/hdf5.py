@@ -1,5 +1,6 @@
 """HDF5 files from any source: what they announce is checked before it is used."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import prod
@@ -12,6 +13,7 @@ import numpy as np
 from cageik_cli.formats.base.file_data import check_unpacked_size
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError, error_context
 from cageik_cli.util.input_files import check_input
+from cageik_cli.util.interrupts import repeat_if_interrupted
 
 MAX_ATTRIBUTE_VALUES = 16
 """Numbers in an attribute, such as a position or a matrix."""
@@ -43,9 +45,12 @@ def open_file(path: Path) -> h5py.File:
     if not path.exists():
         raise FileAccessError("no such file")
     check_input(path)
-    if not h5py.is_hdf5(path):
-        raise FormatError("is not an HDF5 file; give one, or write it again")
-    return h5py.File(path, "r")
+    try:
+        return repeat_if_interrupted(lambda: h5py.File(path, "r"))
+    except OSError as error:
+        if error.errno is None and not h5py.is_hdf5(path):
+            raise FormatError("is not an HDF5 file; give one, or write it again") from error
+        raise
 
 
 @contextmanager
@@ -57,14 +62,20 @@ def open_checked(path: Path) -> Iterator[h5py.File]:
 
 @contextmanager
 def wrap_hdf5_errors(path: Path) -> Iterator[None]:
-    """Turn what HDF5 raises inside into a FormatError that names the file."""
+    """Turn what HDF5 raises inside into an InputError that names the file."""
     with error_context(path):
         try:
             yield
-        except (OSError, RuntimeError, KeyError, TypeError, ValueError, MemoryError) as error:
-            raise FormatError(
-                f"is not a sound HDF5 file ({error}); it may be cut short, write it again"
-            ) from error
+        except OSError as error:
+            if error.errno is not None:
+                raise FileAccessError(f"cannot be read: {os.strerror(error.errno)}") from error
+            raise _make_damaged_error(error) from error
+        except (RuntimeError, KeyError, TypeError, ValueError, MemoryError) as error:
+            raise _make_damaged_error(error) from error
+
+
+def _make_damaged_error(error: Exception) -> FormatError:
+    return FormatError(f"is not a sound HDF5 file ({error}); it may be cut short, write it again")
 
 
 def is_inside(file: h5py.File, name: str) -> bool:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from cageik_cli import __version__
 from cageik_cli.util.errors import OutputError, require_optional
+from cageik_cli.util.interrupts import set_size
 
 MAX_FILE_BYTES = 2**32 - 1
 """Largest size that a GLB file can state."""
@@ -143,7 +144,7 @@ class GlbFile:
         """Return the byte at which `size` more bytes begin; their end is padded to 4 bytes."""
         start = self._size
         self._size += size + -size % 4
-        self._data.truncate(self._size)
+        set_size(self._data, self._size)
         return start
 
     def _write_at(self, start: int, array: NDArray[Any]) -> None:

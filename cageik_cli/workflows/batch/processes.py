@@ -14,12 +14,14 @@ from multiprocessing.context import BaseContext
 from queue import SimpleQueue
 
 from cageik_cli.report.overview import ClipEntry
+from cageik_cli.util.errors import ClusterError
 from cageik_cli.util.threads import set_blas_threads
 from cageik_cli.workflows.batch.clip_task import run_clip
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome
 
-PAGE_MODULE = "cageik_cli.report.html.page"
-"""The module that renders pages; importing it takes as long as rendering one."""
+PRELOAD = "cageik_cli.workflows.batch.preload"
+PRELOAD_PAGE = f"{PRELOAD}_page"
+"""Modules for the process from which others are forked; importing them never fails."""
 
 MAX_ATTEMPTS = 2
 """How often a job is tried whose process crashes."""
@@ -51,9 +53,8 @@ class ProcessScheduler:
         """Yield the outcome of each job, as they end."""
         count = max(1, min(self._jobs, len(jobs)))
         share = max(1, self._jobs // count)
-        context = _make_process_context(
-            [run_clip.__module__, *(PAGE_MODULE for job in jobs if job.has_page)]
-        )
+        has_pages = any(job.has_page for job in jobs)
+        context = _make_process_context([PRELOAD, *([PRELOAD_PAGE] if has_pages else [])])
         self._workers = [_Worker(context) for _ in range(count)]
         free: SimpleQueue[_Worker] = SimpleQueue()
         for worker in self._workers:
@@ -117,7 +118,13 @@ class _Worker:
 
     def _start(self) -> None:
         self._pool = ProcessPoolExecutor(1, self._context, _initialize_process)
-        self._pid = self._pool.submit(os.getpid)
+        try:
+            self._pid = self._pool.submit(os.getpid)
+        except EOFError as error:  # the process from which they are forked has died
+            raise ClusterError(
+                "no process can be started on this machine; check the memory that is free and "
+                "the limits of processes and of open files (ulimit -a)"
+            ) from error
 
 
 def _make_process_context(modules: list[str]) -> BaseContext:

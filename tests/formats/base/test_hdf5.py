@@ -1,5 +1,7 @@
 """Strangers' HDF5 files: every claim is checked, and every refusal names the file."""
 
+import errno
+import os
 import re
 from pathlib import Path
 
@@ -8,7 +10,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix, get_dataset, open_checked, read_array
-from cageik_cli.util.errors import FormatError, InputError
+from cageik_cli.util.errors import FileAccessError, FormatError, InputError
 
 VALUES = np.arange(12.0).reshape(4, 3)
 
@@ -116,3 +118,28 @@ def test_a_name_says_the_kind(name, is_taken):
 def test_what_the_library_raises_inside_is_refused_too(path, error):
     with pytest.raises(FormatError, match="is not a sound HDF5 file"), open_checked(path):
         raise error
+
+
+def test_a_signal_while_the_file_is_opened_does_no_harm(path, monkeypatch):
+    left, open_it = [InterruptedError(errno.EINTR, "Interrupted system call")], h5py.File
+
+    def interrupt(*words):
+        if left:
+            raise left.pop()
+        return open_it(*words)
+
+    monkeypatch.setattr(h5py, "File", interrupt)
+    with open_checked(path) as file:
+        assert "values" in file
+    assert not left
+
+
+@pytest.mark.parametrize("code", [errno.EIO, errno.EMFILE])
+def test_an_error_of_the_system_is_not_taken_for_a_damaged_file(path, monkeypatch, code):
+    def fail(*_):
+        raise OSError(code, "unable to open file (a library said much more)")
+
+    monkeypatch.setattr(h5py, "File", fail)
+    with pytest.raises(FileAccessError) as caught, open_checked(path):
+        pytest.fail("opened")
+    assert str(caught.value) == f"{path}: cannot be read: {os.strerror(code)}"

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from cageik_cli.report.limits import Limits
+from cageik_cli.util.errors import ClusterError
 from cageik_cli.workflows.batch import processes as local
 from cageik_cli.workflows.batch.clip_task import run_clip
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
@@ -145,3 +146,36 @@ def outcome_or_error(worker):
         return worker.run_job(None)
     except Exception as error:
         return error
+
+
+def test_processes_that_cannot_be_started_are_an_error_of_the_machine(jobs, monkeypatch):
+    def die(*_):
+        raise EOFError("unexpected EOF")
+
+    monkeypatch.setattr(local.ProcessPoolExecutor, "submit", die)
+    with pytest.raises(ClusterError, match="no process can be started on this machine"):
+        list(ProcessScheduler(1).run_jobs(jobs))
+
+
+@pytest.mark.parametrize("module", [local.PRELOAD, local.PRELOAD_PAGE])
+@pytest.mark.parametrize("error", ["OSError(5, 'no')", "ImportError('no')", "MemoryError()"])
+def test_what_cannot_be_imported_in_advance_ends_nothing(run_process, module, error):
+    """The process from which others are forked would print a traceback and die."""
+    script = (
+        "import sys\n"
+        "class Failing:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name in ('numpy', 'jinja2'):\n"
+        f"            raise {error}\n"
+        "sys.meta_path.insert(0, Failing())\n"
+        f"import {module}\n"
+        "print('numpy' in sys.modules)\n"
+    )
+    outcome = run_process("-c", script)
+    assert (outcome.code, outcome.err) == (0, "")
+
+
+def test_what_is_imported_in_advance_is_what_the_jobs_need(run_process):
+    script = f"import sys, {local.PRELOAD}, {local.PRELOAD_PAGE}; print(*sys.modules)"
+    found = run_process("-c", script).out.split()
+    assert {"cageik_cli.workflows.batch.clip_task", "cageik_cli.report.html.page"} <= {*found}

@@ -1,0 +1,9 @@
+"""What the jobs of a batch import, for the process from which theirs are forked.
+
+What cannot be imported here is imported again by the job, which reports why it cannot.
+"""
+
+from contextlib import suppress
+
+with suppress(Exception):
+    from cageik_cli.workflows.batch import clip_task  # noqa: F401

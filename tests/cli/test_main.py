@@ -1,0 +1,64 @@
+"""What fails before the command can report errors itself is one sentence, too."""
+
+import tomllib
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPT = """
+import sys
+from importlib.abc import MetaPathFinder
+
+class Failing(MetaPathFinder):
+    def find_spec(self, name, path=None, target=None):
+        if name == {name!r}:
+            raise {error}
+
+sys.meta_path.insert(0, Failing())
+sys.argv = ["cageik", "info", "nowhere.obj"]
+from cageik_cli.__main__ import main
+main()
+"""
+ERRORS = {
+    "disk": ("OSError(28, 'No space left on device', '/lib/click')", "No space left on device"),
+    "files": ("OSError(24, 'Too many open files')", "Too many open files"),
+    "library": ("ImportError('click.so: cannot open shared object file')", "click.so: cannot"),
+    "memory": ("MemoryError()", "MemoryError"),
+}
+
+
+@pytest.mark.parametrize(("error", "says"), ERRORS.values(), ids=ERRORS)
+@pytest.mark.parametrize("name", ["cageik_cli.cli", "click"])
+def test_an_error_while_the_command_is_imported_is_one_sentence(run_process, name, error, says):
+    outcome = run_process("-c", SCRIPT.format(name=name, error=error))
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith("Error: cageik cannot be loaded: ")
+    assert says in outcome.err
+    assert "ulimit -n" in outcome.err
+    assert len(outcome.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(("error", "says"), ERRORS.values(), ids=ERRORS)
+def test_an_error_while_a_command_imports_what_it_needs_is_one_sentence(run_process, error, says):
+    outcome = run_process("-c", SCRIPT.format(name="cageik_cli.workflows.info", error=error))
+    assert (outcome.code, outcome.out) == (1, "")
+    assert outcome.err.startswith("Error: ")
+    assert says.replace("MemoryError", "out of memory") in outcome.err
+    assert len(outcome.err.splitlines()) == 1
+
+
+def test_an_error_of_the_code_itself_is_not_hidden(run_process):
+    """Only what the system or the installation may cause is one sentence."""
+    outcome = run_process("-c", SCRIPT.format(name="click", error="ZeroDivisionError()"))
+    assert outcome.code == 1
+    assert "Traceback" in outcome.err
+
+
+def test_the_installed_command_is_this_one():
+    from cageik_cli.__main__ import main
+
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    value = settings["project"]["scripts"]["cageik"]
+    assert EntryPoint("cageik", value, "console_scripts").load() is main
