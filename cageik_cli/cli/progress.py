@@ -101,6 +101,8 @@ class LineLogger(ProgressBar):
     def note(self, topic: str, text: str) -> None:
         """Print the note."""
         if self._is_shown:
+            from tqdm import tqdm
+
             tqdm.write(format_row((topic, text)), file=sys.stderr)
 
 
