@@ -4,9 +4,12 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from cageik_cli.solver.memory_plan import MAX_BLOCK_FRAMES
+
 FIXTURES = Path(__file__).resolve().parents[2] / "data_fixtures" / "posed" / "surface"
 HANDLES = '{"handles": [{"name": "a", "vertex": 0, "offset": [0.01, 0, 0]}]}'
-FRAMES = 3
+FRAMES = MAX_BLOCK_FRAMES + 1
+"""Frames of the clip: two blocks, each of which a run appends to its checkpoint."""
 
 
 @dataclass(frozen=True)
@@ -101,9 +104,9 @@ COMMANDS = (
 def make_inputs(folder: Path) -> None:
     """Copy the files that commands read, but the results, which `EXTRACT` writes."""
     (folder / "frames").mkdir(parents=True)
-    frames = sorted((FIXTURES / "frames").iterdir())[:FRAMES]
-    for frame in frames:
-        shutil.copy(frame, folder / "frames")
+    frames = sorted((FIXTURES / "frames").iterdir())
+    for k in range(FRAMES):
+        shutil.copy(frames[k % len(frames)], folder / "frames" / f"frame_{k + 1}.obj")
     shutil.copy(frames[0], folder / "rest.obj")
     shutil.copy(FIXTURES / "cage.obj", folder)
     cage = (folder / "cage.obj").read_text()

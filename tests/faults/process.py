@@ -23,7 +23,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
-from cageik_cli.solver import memory_plan
 from cageik_cli.workflows.batch import processes
 from tests.faults.interception import OPENS, SIZES, WRITES, Listener, StoppedCall, install_filter
 
@@ -232,11 +231,7 @@ def _enter(folder: Path, listener: socket.socket, become: Callable[[], NoReturn]
 
 
 def _call_main(main: str) -> int:
-    """Call a function as the script of a console does; return its exit code.
-
-    Each frame is a block, so that little clips have several.
-    """
-    memory_plan.MAX_BLOCK_FRAMES = 1
+    """Call a function as the script of a console does; return its exit code."""
     module, _, name = main.partition(":")
     try:
         getattr(import_module(module), name)()

@@ -40,6 +40,7 @@ def state(settings):
     return describe(settings).text.splitlines()[-2].split(".h5, ")[1]
 
 
+@pytest.mark.usefixtures("single_frame_blocks")
 def test_the_state_of_a_result_is_listed(settings, folder):
     assert state(settings) == "would be new"
     with pytest.raises(KeyboardInterrupt):
