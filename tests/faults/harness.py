@@ -133,9 +133,8 @@ def _count(figures: Figures, trial: Trial, verdict: Verdict) -> None:
 
 
 def choose_trials(bench: Bench, figures: Figures, order: random.Random) -> list[Trial]:
-    """Return all faults of all cases, in random order, behind a few at imports."""
+    """Return all faults of all cases, and a few at imports, in random order."""
     trials: list[Trial] = []
-    imports: list[Trial] = []
     for case in choose_cases():
         name, points = case.command.name, bench.prepare(case).points
         made = [Trial(case, point, fault) for point in points for fault in choose_faults(point)]
@@ -145,9 +144,9 @@ def choose_trials(bench: Bench, figures: Figures, order: random.Random) -> list[
         if case.is_over_older or name not in ALSO_FRESH:
             run = bench.run_cold(case)
             figures.foreign[name] = len(run.foreign)
-            imports += choose_imports(run, case, order)
+            trials += choose_imports(run, case, order)
     order.shuffle(trials)
-    return imports + trials
+    return trials
 
 
 def choose_kills(count: int, order: random.Random) -> list[Trial]:
