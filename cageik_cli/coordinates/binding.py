@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.geometry.columns import frames_to_columns, place_columns
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.threads import OrderedMap
 
 ALGORITHM_VERSIONS = {"harmonic": 7, "mean-value": 3}
 """Raise a number when weights, notes or refusals change, so that caches are not used."""
@@ -132,13 +135,19 @@ def measure_offsets(binding: Binding) -> Floats:
     return np.asarray((binding.rest.vertices - origin) - reconstruction)
 
 
-def reconstruct_frames(binding: Binding, cages: Floats, rotations: Floats | None) -> Floats:
+def reconstruct_frames(
+    binding: Binding,
+    cages: Floats,
+    rotations: Floats | None,
+    out: Floats | None = None,
+    jobs: int = 1,
+) -> Floats:
     """Return the meshes (k, m, 3) of cages (k, n, 3), with turned offsets if there are any.
 
     `rotations`, (k, 3, 3), turn the rest pose to each frame: `points @ R`. Only a binding that has
-    offsets needs them.
+    offsets needs them. `out` and `jobs` are as of `reconstruct`.
     """
-    meshes = reconstruct(binding.weights, cages)
+    meshes = reconstruct(binding.weights, cages, out, jobs)
     if binding.has_offsets:
         assert rotations is not None
         meshes += measure_offsets(binding) @ rotations
@@ -148,13 +157,49 @@ def reconstruct_frames(binding: Binding, cages: Floats, rotations: Floats | None
 FRAMES_PER_PRODUCT = 4
 """Frames per matrix product; constant, because the last digits depend on it."""
 
+BYTES_PER_PRODUCT = 1 << 22
+"""Bytes of the weights of a product; constant, too.
 
-def reconstruct(weights: Floats, cages: Floats) -> Floats:
-    """Return the meshes (k, m, 3) of cages (k, n, 3) for weights (m, n)."""
-    meshes = np.empty((len(cages), len(weights), 3))
-    for start in range(0, len(cages), FRAMES_PER_PRODUCT):
-        block = cages[start : start + FRAMES_PER_PRODUCT]
-        k, n, _ = block.shape
-        columns = weights @ block.transpose(1, 0, 2).reshape(n, 3 * k)
-        meshes[start : start + k] = columns.reshape(-1, k, 3).transpose(1, 0, 2)
+They stay in the cache for the next frames, as the result does until it is in its place.
+"""
+
+
+def reconstruct(weights: Floats, cages: Floats, out: Floats | None = None, jobs: int = 1) -> Floats:
+    """Return the meshes (k, m, 3) of cages (k, n, 3) for weights (m, n).
+
+    They are in `out`, if that is given. The number of threads does not change them, if each has
+    the linear algebra in one thread.
+    """
+    meshes = np.empty((len(cages), len(weights), 3)) if out is None else out
+    blocks = [
+        slice(start, start + FRAMES_PER_PRODUCT)
+        for start in range(0, len(cages), FRAMES_PER_PRODUCT)
+    ]
+    columns = [frames_to_columns(cages[block]) for block in blocks]
+    origins = np.zeros((FRAMES_PER_PRODUCT, 3))
+
+    def fill(rows: slice) -> None:
+        for block, cage in zip(blocks, columns, strict=True):
+            frames = meshes[block]
+            place_columns(weights[rows] @ cage, origins[: len(frames)], frames, rows.start)
+
+    parts = divide_rows(*weights.shape)
+    if jobs == 1 or len(parts) == 1:
+        for rows in parts:
+            fill(rows)
+        return meshes
+    with OrderedMap(fill, parts, jobs, 2 * jobs) as filled:
+        for _ in filled:
+            pass
     return meshes
+
+
+def divide_rows(count: int, columns: int) -> list[slice]:
+    """Divide the rows of weights into parts of `BYTES_PER_PRODUCT`; the last has the rest, too.
+
+    A smaller part could have other last digits: its products take another way through the linear
+    algebra.
+    """
+    size = max(64, BYTES_PER_PRODUCT // (8 * max(1, columns)) // 64 * 64)
+    bounds = [*range(0, max(1, count // size) * size, size), count]
+    return [slice(start, stop) for start, stop in pairwise(bounds)]

@@ -290,9 +290,12 @@ def write_animation(
                 block = next(blocks, None)
                 if block is None:
                     break
+                if output.recentre:
+                    block = block - origin
                 with error_context(path):
-                    writer.append(block - origin if output.recentre else block)
-                largest = max(largest, float(np.abs(_get_positions(block) - origin).max()))
+                    writer.append(block)
+                if writer.is_single:
+                    largest = max(largest, _find_largest(_get_positions(block)))
             done += len(block)
             progress.update(done, animation.frame_count)
     if output.recentre:
@@ -308,6 +311,11 @@ def _get_positions(block: NDArray[Any]) -> Floats:
     if block.dtype.names is None:
         return block
     return np.stack([block[axis] for axis in "xyz"], axis=-1, dtype=np.float64)
+
+
+def _find_largest(positions: Floats) -> float:
+    """Return the largest magnitude of a coordinate, without an array of magnitudes."""
+    return float(max(positions.max(), -positions.min()))
 
 
 def _encode_offset(origin: tuple[float, float, float]) -> bytes:

@@ -1,6 +1,6 @@
 /* Frames of a clip: aligned with the rest pose, and measured against their reconstructions.
 
-   The functions `alignment`, `dual_laplacian` and `metrics` in Python are the reference. Sums are
+   The functions of `columns`, `alignment` and `metrics` in Python are the reference. Sums are
    taken in lanes that are added at the end, which rounds less than one sum does. */
 
 #include "kernel.h"
@@ -95,10 +95,10 @@ static void fill_columns(const double *frame, const double *centre, const double
     }
 }
 
-/* Columns plus the centres of their frames, as frames. */
+/* Columns plus the centres of their frames, as the first `count` of `all` points of each frame. */
 FOR_EACH_PROCESSOR
 static void fill_frames(const double *column, const double *centre, Py_ssize_t frames,
-                        Py_ssize_t count, double *frame)
+                        Py_ssize_t count, Py_ssize_t all, double *frame)
 {
     for (Py_ssize_t start = 0; start < count; start += BLOCK) {
         Py_ssize_t stop = count - start < BLOCK ? count : start + BLOCK;
@@ -106,7 +106,7 @@ static void fill_frames(const double *column, const double *centre, Py_ssize_t f
             const double *c = centre + 3 * k;
             for (Py_ssize_t j = start; j < stop; j++) {
                 const double *v = column + 3 * (j * frames + k);
-                double *out = frame + 3 * (k * count + j);
+                double *out = frame + 3 * (k * all + j);
                 out[0] = v[0] + c[0], out[1] = v[1] + c[1], out[2] = v[2] + c[2];
             }
         }
@@ -266,19 +266,25 @@ PyObject *place_columns(PyObject *module, PyObject *arguments)
 {
     Arrays arrays = {.count = 0};
     PyObject *column, *centre, *frame;
+    Py_ssize_t first;
     double *data[3];
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOO", &column, &centre, &frame))
+    if (!PyArg_ParseTuple(arguments, "OOOn", &column, &centre, &frame, &first))
         return NULL;
     Py_ssize_t shape[3] = {ANY, ANY, 3};
     int is_valid = (data[2] = take_array(&arrays, frame, "frames", 'd', WRITE, 3, shape)) != NULL;
-    Py_ssize_t k = shape[0], m = shape[1], columns[2] = {m, 3 * k}, centres[2] = {k, 3};
+    Py_ssize_t k = shape[0], m = shape[1], columns[2] = {ANY, 3 * k}, centres[2] = {k, 3};
     is_valid = is_valid &&
                (data[0] = take_array(&arrays, column, "columns", 'd', READ, 2, columns)) &&
                (data[1] = take_array(&arrays, centre, "centres", 'd', READ, 2, centres));
+    if (is_valid && (first < 0 || first > m - columns[0])) {
+        PyErr_Format(PyExc_ValueError, "columns: points %zd to %zd, expected at most %zd", first,
+                     first + columns[0], m);
+        is_valid = 0;
+    }
     if (is_valid) {
         Py_BEGIN_ALLOW_THREADS
-        fill_frames(data[0], data[1], k, m, data[2]);
+        fill_frames(data[0], data[1], k, columns[0], m, data[2] + 3 * first);
         Py_END_ALLOW_THREADS
     }
     release_arrays(&arrays);

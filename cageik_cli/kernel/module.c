@@ -80,7 +80,7 @@ static PyMethodDef methods[] = {
      "sum_moments(frames, weights, rest, centres, covariances)"},
     {"align_frames", align_frames, METH_VARARGS,
      "align_frames(frames, centres, rotations, rest, columns)"},
-    {"place_columns", place_columns, METH_VARARGS, "place_columns(columns, centres, frames)"},
+    {"place_columns", place_columns, METH_VARARGS, "place_columns(columns, centres, frames, first)"},
     {"compare_frames", compare_frames, METH_VARARGS,
      "compare_frames(frames, reconstructions, is_data, faces, squares, sums, worst)"},
     {"closest_points", closest_points, METH_VARARGS,

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from cageik_cli.geometry.columns import columns_to_frames
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats
@@ -83,22 +84,3 @@ def move_to_rest(
     moved = np.matmul(frames - centres[:, None], rotations.swapaxes(1, 2))
     moved -= rest
     columns_to_frames(columns)[...] = moved
-
-
-def place_columns(columns: Floats, centres: Floats, frames: Floats) -> None:
-    """Fill `frames`, (k, m, 3), with `columns`, (m, 3k), plus the centres of the frames, (k, 3)."""
-    if compiled.kernel is not None:
-        compiled.kernel.place_columns(columns, np.ascontiguousarray(centres), frames)
-    else:
-        np.add(columns_to_frames(columns), centres[:, None], out=frames)
-
-
-def frames_to_columns(points: Floats) -> Floats:
-    """Return the points of k frames, (k, p, 3), as columns (p, 3k)."""
-    k, p, _ = points.shape
-    return points.transpose(1, 0, 2).reshape(p, 3 * k)
-
-
-def columns_to_frames(columns: Floats) -> Floats:
-    """Return columns (p, 3k) as points of k frames, (k, p, 3); a view."""
-    return columns.reshape(len(columns), -1, 3).transpose(1, 0, 2)

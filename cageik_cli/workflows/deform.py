@@ -42,7 +42,7 @@ MAX_BLOCK_FRAMES = 16
 """Frames per block at most; more is not faster."""
 
 ARRAYS_PER_FRAME = 4
-"""Arrays (m, 3) per frame at once: in its group, in its block, in the writer."""
+"""Arrays (m, 3) per frame at once: in the two blocks, moved to the origin, in the writer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,7 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
         name=_make_object_name(settings.mesh),
         morphs=settings.morphs,
     )
-    # One thread: the last digits depend on how many, and the writer takes longer anyway.
+    # One thread per product: the last digits depend on how many.
     with limit_blas_threads(1):
         frames = _move_model(settings, source, _Motion(model, binding, cages), progress)
         factory = model.choose_writer(output)
@@ -189,10 +189,10 @@ def _move_model(
     target = Reconstruction(binding, cages, rotations)
     if settings.influences is None:
         memory = settings.memory - binding.weights.nbytes
-        blocks = target.blocks(choose_block_size(memory, len(binding.rest.vertices)))
-    else:
-        result = source.require_result("but --influences needs the settings of a result")
-        blocks = _limit_influences(settings, result, target, progress)
+        size = choose_block_size(memory, len(binding.rest.vertices))
+        return target.stream_meshes(size, settings.jobs)
+    result = source.require_result("but --influences needs the settings of a result")
+    blocks = _limit_influences(settings, result, target, progress)
     return (block.meshes for block in blocks)
 
 

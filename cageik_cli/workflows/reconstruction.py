@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import cycle
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.solver.alignment import best_rotations
 from cageik_cli.store.result import Result, read_cages
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.threads import OrderedMap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,13 +105,40 @@ class Reconstruction:
             yield self._rebuild(start, cages)
             start += len(cages)
 
+    def stream_meshes(self, size: int, jobs: int) -> Iterator[Floats]:
+        """Yield the meshes (k, m, 3) of all frames in order, of at most `size` at once.
+
+        A thread computes the next ones, with `jobs` threads, while these are used. An array is
+        overwritten after the next one is taken: the caller uses one at a time.
+        """
+        shape = (min(size, self.cages.count), len(self.binding.rest.vertices), 3)
+        buffers = cycle([np.empty(shape) for _ in range(2)])
+
+        def rebuild(item: tuple[int, Floats, Floats]) -> Floats:
+            start, cages, meshes = item
+            rotations = self._turn(start, cages) if self.binding.has_offsets else None
+            return reconstruct_frames(self.binding, cages, rotations, meshes[: len(cages)], jobs)
+
+        with OrderedMap(rebuild, self._pair(size, buffers), 1, 1) as blocks:
+            yield from blocks
+
+    def _pair(self, size: int, buffers: Iterator[Floats]) -> Iterator[tuple[int, Floats, Floats]]:
+        """Yield the number of the first frame of each block, its cages, and a buffer."""
+        start = 0
+        for cages in self.cages.blocks(size):
+            yield start, cages, next(buffers)
+            start += len(cages)
+
     def _rebuild(self, start: int, cages: Floats) -> Block:
         """Return the meshes of the cages of frames from `start` on."""
-        if self._rotations is None:
-            rotations = _turn_with_cages(cages, self.binding.cage.vertices)
-        else:
-            rotations = self._rotations[start : start + len(cages)]
+        rotations = self._turn(start, cages)
         return Block(cages, rotations, reconstruct_frames(self.binding, cages, rotations))
+
+    def _turn(self, start: int, cages: Floats) -> Floats:
+        """Return the rotations (k, 3, 3) of frames from `start` on."""
+        if self._rotations is None:
+            return _turn_with_cages(cages, self.binding.cage.vertices)
+        return self._rotations[start : start + len(cages)]
 
 
 def _turn_with_cages(cages: Floats, rest: Floats) -> Floats:

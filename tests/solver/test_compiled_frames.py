@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from cageik_cli.geometry.columns import place_columns
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.solver.alignment import best_motions, move_to_rest, place_columns
+from cageik_cli.solver.alignment import best_motions, move_to_rest
 from cageik_cli.solver.metrics import METRIC_NAMES, measure
 from cageik_cli.util import compiled
 from tests.shapes import ball, box
@@ -48,6 +49,19 @@ def test_motions_and_columns_are_those_of_numpy(count, in_numpy):
     place_columns(columns, centres, placed)
     in_numpy(place_columns, columns, centres, in_python)
     np.testing.assert_array_equal(placed, in_python)
+
+
+@pytest.mark.parametrize("first", [0, 3, 136])
+def test_some_points_are_placed_and_the_others_kept(first, in_numpy):
+    frames, centres = make_frames(200), make_frames(3, 1)[0]
+    columns = np.random.default_rng(3).normal(size=(64, 9))
+    placed, in_python = frames.copy(), frames.copy()
+    place_columns(columns, centres, placed, first)
+    in_numpy(place_columns, columns, centres, in_python, first)
+    np.testing.assert_array_equal(placed, in_python)
+    is_placed = np.isin(np.arange(200), np.arange(first, first + 64))
+    np.testing.assert_array_equal(placed[:, ~is_placed], frames[:, ~is_placed])
+    np.testing.assert_array_equal(placed[2, first + 5], columns[5, 6:] + centres[2])
 
 
 def assert_measured_as_in_numpy(in_numpy, rest, frames, rebuilt, data):
@@ -116,8 +130,11 @@ def test_the_compiled_functions_refuse_arrays_that_do_not_fit():
         lambda: kernel.align_frames(frames, centres[1:], turns, rest, columns),
         lambda: kernel.align_frames(frames, centres, turns[1:], rest, columns),
         lambda: kernel.align_frames(frames, centres, turns, rest, columns[:, :6].copy()),
-        lambda: kernel.place_columns(columns[1:], centres, frames),
-        lambda: kernel.place_columns(columns, centres[1:], frames),
+        lambda: kernel.place_columns(columns, centres, frames, 1),
+        lambda: kernel.place_columns(columns, centres, frames, -1),
+        lambda: kernel.place_columns(columns, centres, frames[:, 1:].copy(), 0),
+        lambda: kernel.place_columns(columns[:, 3:].copy(), centres, frames, 0),
+        lambda: kernel.place_columns(columns, centres[1:], frames, 0),
     ]
     for call in wrong:
         with pytest.raises(ValueError, match="expected"):
@@ -126,7 +143,7 @@ def test_the_compiled_functions_refuse_arrays_that_do_not_fit():
         kernel.sum_moments(frames, np.ones(8, np.float32), rest, centres, turns)
     frames.flags.writeable = False
     with pytest.raises((BufferError, ValueError)):
-        kernel.place_columns(columns, centres, frames)
+        kernel.place_columns(columns, centres, frames, 0)
 
 
 def test_the_compiled_comparison_refuses_faces_out_of_range_and_other_arrays():

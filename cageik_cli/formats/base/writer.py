@@ -94,7 +94,10 @@ class AnimationWriter(ABC):
 
     @abstractmethod
     def append(self, frames: Floats) -> None:
-        """Write the next k frames, (k, m, 3), in the units of the files they came from."""
+        """Write the next k frames, (k, m, 3), in the units of the files they came from.
+
+        The array is overwritten after the call.
+        """
 
     @abstractmethod
     def complete(self) -> None:
@@ -184,7 +187,8 @@ class PointCacheWriter(AnimationWriter):
 
     def append(self, frames: Floats) -> None:
         """Write the next frames."""
-        self._file.write(to_float32(frames).astype(self.dtype, copy=False).data)
+        for positions in frames:  # one at a time stays closer to the processor
+            self._file.write(to_float32(positions).astype(self.dtype, copy=False).data)
 
     def complete(self) -> None:
         """Close the file."""
