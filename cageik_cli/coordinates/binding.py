@@ -12,7 +12,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap
 
-ALGORITHM_VERSIONS = {"harmonic": 7, "mean-value": 3}
+ALGORITHM_VERSIONS = {"harmonic": 8, "mean-value": 3}
 """Raise a number when weights, notes or refusals change, so that caches are not used."""
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.coordinates.bem.boundary_equation import (
     BoundarySolution,
-    interior_weights,
+    rounded_interior_weights,
     solve_boundary,
     split_points,
 )
@@ -104,7 +104,7 @@ def harmonic_weights(
         boundary, error = solve_to_tolerance(unit, places, ACCURACIES[accuracy], pool)
 
         def fill(block: slice) -> int:
-            weights[within[block]] = interior_weights(boundary, places[block])
+            weights[within[block]] = rounded_interior_weights(boundary, places[block])
             return int(block.stop)
 
         for done in pool.map(fill, split_points(boundary.mesh, len(within))):

@@ -77,7 +77,7 @@ class HarmonicField:
             As of `bind`, turned outward.
         points : (m, 3)
             Where the weights are wanted, file units. For the points of a `Binding`, the field
-            is the one that its weights came from.
+            is the one that its weights came from; those are rounded in the seventh digit.
         accuracy : str
             One of `ACCURACIES`.
         jobs : int, optional

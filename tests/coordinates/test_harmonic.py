@@ -7,7 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cageik_cli.coordinates import harmonic
-from cageik_cli.coordinates.bem.boundary_equation import interior_weights, solve_boundary
+from cageik_cli.coordinates.bem.boundary_equation import (
+    interior_weights,
+    rounded_interior_weights,
+    solve_boundary,
+)
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
 from cageik_cli.coordinates.harmonic import Accuracy, harmonic_weights
 from cageik_cli.coordinates.settings import ACCURACIES
@@ -217,6 +221,26 @@ def test_the_weights_of_a_point_do_not_depend_on_other_points():
         boundary = solve_boundary(mesh, pool)
     alone = [interior_weights(boundary, point[None])[0] for point in points]
     np.testing.assert_allclose(interior_weights(boundary, points), alone, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("order", [1, 3])
+@pytest.mark.parametrize("margin", [1e-6, 0.03])
+def test_a_product_in_single_precision_changes_the_seventh_digit(order, margin):
+    """Sums and affine maps stay exact to the rounding of double precision."""
+    cage, points = concave(), inside(concave(), 200, margin=margin)
+    mesh = BoundaryMesh.from_cage(cage)
+    if order > 1:
+        everywhere = np.arange(len(cage.faces))
+        mesh = mesh.raise_order(everywhere, np.full_like(everywhere, order), 3 * mesh.panels.radii)
+    with ThreadPoolExecutor(1) as pool:
+        boundary = solve_boundary(mesh, pool)
+    exact = interior_weights(boundary, points)
+    found = rounded_interior_weights(boundary, points)
+    assert 0 < np.abs(found - exact).sum(axis=1).max() < 2e-6
+    np.testing.assert_allclose(found.sum(axis=1), 1, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(found @ cage.vertices, points, rtol=0, atol=1e-13)
+    uncorrected = interior_weights(replace(boundary, densities=boundary.rounded_densities), points)
+    assert np.abs(uncorrected @ cage.vertices - points).max() > 1e-10
 
 
 def test_weights_on_the_surface_are_barycentric():

@@ -89,14 +89,16 @@ def test_gradients_in_a_tetrahedron_are_those_of_barycentric_coordinates(shift):
 
 
 def test_values_are_the_weights_of_a_binding():
-    """To the bit, on the cage and in it: the field is the one that the weights came from."""
+    """The field is the one that the weights came from, but for their single precision inside."""
     cage = ball(1, 1.0)
     inner = inside(cage, 60)
     on_cage = cage.vertices[cage.faces].mean(axis=1)[:10]
     rest = TriMesh(np.concatenate([inner, on_cage]), np.arange(69).reshape(-1, 3))
     binding = bind(rest, cage, BindSettings())
     field = HarmonicField.solve(binding.cage, rest.vertices)
-    np.testing.assert_array_equal(field.evaluate(rest.vertices), binding.weights)
+    found = field.evaluate(rest.vertices)
+    np.testing.assert_allclose(found[:60], binding.weights[:60], rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(found[60:], binding.weights[60:])
     assert field.error == binding.estimated_error
 
 
