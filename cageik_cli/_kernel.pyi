@@ -33,6 +33,13 @@ def compare_frames(
     /,
 ) -> None: ...
 def closest_points(
-    points: Any, vertices: Any, faces: Any, squares: Any, nearest: Any, positions: Any, /
+    points: Any,
+    vertices: Any,
+    faces: Any,
+    boxes: tuple[Any, Any],
+    squares: Any,
+    nearest: Any,
+    positions: Any,
+    /,
 ) -> None: ...
 def winding_numbers(points: Any, vertices: Any, faces: Any, winding: Any, /) -> None: ...

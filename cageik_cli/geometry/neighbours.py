@@ -1,11 +1,14 @@
 """Points in an order in which neighbours are close, and distances between points."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.util.arrays import Floats, Integers
 
 GRID_BITS = 10
 """Cells along the longest axis, as a power of two: finer than blocks of points ever are."""
+
+_SPREADING = ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249))
 
 MAX_COMPARED_PAIRS = 10_000_000
 """Pairs of points that are all compared: a tree takes longer to import."""
@@ -23,12 +26,17 @@ def order_by_place(points: Floats) -> Integers:
     if len(points) == 0:
         return np.empty(0, np.int64)
     low, size = points.min(axis=0), np.ptp(points, axis=0).max()
-    cells = ((points - low) * ((2**GRID_BITS - 1) / size if size > 0 else 0.0)).astype(np.int64)
-    code = np.zeros(len(points), np.int64)
-    for bit in range(GRID_BITS):
-        for axis in range(3):
-            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return np.argsort(code, kind="stable")
+    cells = ((points - low) * ((2**GRID_BITS - 1) / size if size > 0 else 0.0)).astype(np.int32)
+    x, y, z = (_spread_bits(cells[:, k]) << k for k in range(3))
+    return np.argsort(x | y | z, kind="stable")
+
+
+def _spread_bits(numbers: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Move the bits of numbers below 2**10 to every third place."""
+    spread = numbers
+    for shift, kept in _SPREADING:
+        spread = (spread | spread << shift) & kept
+    return spread
 
 
 def measure_distances(places: Floats, points: Floats) -> Floats:

@@ -1,12 +1,12 @@
 """Points and a surface: closest points, barycentric weights, winding numbers."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.neighbours import order_by_place
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.threads import run_blocks
@@ -19,11 +19,20 @@ ROUNDING_TOL = 8 * np.finfo(np.float64).eps
 
 
 MAX_COMPARED_PAIRS = 40_000_000
-"""Pairs of points and faces that are all compared, where that is compiled, in 0.1 s. For more, the
-trees of libigl are faster, and worth their import."""
+"""Pairs of points and faces whose angles are all summed, where that is compiled, in 0.1 s. For
+more, the trees of libigl are faster, and worth their import."""
+
+MAX_BOXED_PAIRS = 500_000_000
+"""The same for closest points, which compare few faces: those in near boxes."""
+
+FACES_PER_BOX = 8
+"""Faces that share a box, as in the compiled core."""
 
 PAIRS_PER_BLOCK = 500_000
 """Pairs of points and faces that one thread compares at once."""
+
+POINTS_PER_BLOCK = 1024
+"""Points whose closest points one thread finds at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,32 +86,42 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
     """Find the point of `mesh` nearest to each of `points`, (m, 3)."""
-    if not _can_compare(mesh, points):
+    if not _can_compare(mesh, points, MAX_BOXED_PAIRS):
         import igl
 
         squares, face, position = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)
         return ClosestPoints(mesh, np.sqrt(squares), face.astype(np.int64), position)
-    squares, face = np.empty(len(points)), np.empty(len(points), np.int64)
-    position = np.empty((len(points), 3))
-    _compare_faces(compiled.kernel.closest_points, mesh, points, (squares, face, position))
-    return ClosestPoints(mesh, np.sqrt(squares), face, position)
-
-
-def _can_compare(mesh: TriMesh, points: Floats) -> bool:
-    return compiled.kernel is not None and len(mesh.faces) * len(points) <= MAX_COMPARED_PAIRS
-
-
-def _compare_faces(
-    function: Callable[..., None], mesh: TriMesh, points: Floats, results: tuple[np.ndarray, ...]
-) -> None:
-    """Call a compiled function with all faces and blocks of points, for blocks of its results."""
-    places, vertices = (np.ascontiguousarray(v, np.float64) for v in (points, mesh.vertices))
-    faces = np.ascontiguousarray(mesh.faces)
+    order = order_by_place(points)
+    places, vertices, squares = points[order], _as_rows(mesh.vertices), np.empty(len(points))
+    faces, boxes = _box_faces(mesh)
+    face, position = np.empty(len(points), np.int64), np.empty((len(points), 3))
 
     def fill(block: slice) -> None:
-        function(places[block], vertices, faces, *(result[block] for result in results))
+        results = squares[block], face[block], position[block]
+        compiled.kernel.closest_points(places[block], vertices, faces, boxes, *results)
 
-    run_blocks(fill, len(points), PAIRS_PER_BLOCK // max(1, len(faces)))
+    run_blocks(fill, len(points), POINTS_PER_BLOCK)
+    back = np.argsort(order)
+    return ClosestPoints(mesh, np.sqrt(squares[back]), face[back], position[back])
+
+
+def _can_compare(mesh: TriMesh, points: Floats, most: int) -> bool:
+    return compiled.kernel is not None and len(mesh.faces) * len(points) <= most
+
+
+def _as_rows(values: Floats) -> Floats:
+    return np.ascontiguousarray(values, np.float64)
+
+
+def _box_faces(mesh: TriMesh) -> tuple[Integers, tuple[Integers, Floats]]:
+    """Return the faces, neighbours together, (f, 3); their numbers, and boxes, (b, 2, 3)."""
+    a, b, c = (np.take(mesh.vertices, mesh.faces[:, k], axis=0) for k in range(3))
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    order = order_by_place(low + high)
+    starts = np.arange(0, len(order), FACES_PER_BOX)
+    low = np.minimum.reduceat(np.take(low, order, axis=0), starts)
+    high = np.maximum.reduceat(np.take(high, order, axis=0), starts)
+    return mesh.faces[order], (order, np.stack([low, high], axis=1))
 
 
 def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]:
@@ -123,10 +142,15 @@ def weights_on_surface(mesh: TriMesh, points: Floats) -> tuple[Floats, Integers]
 
 def winding_numbers(mesh: TriMesh, points: Floats) -> Floats:
     """Compute how often the surface winds around each point, (m,): 1 inside, 0 outside."""
-    if not _can_compare(mesh, points):
+    if not _can_compare(mesh, points, MAX_COMPARED_PAIRS):
         import igl
 
         return np.asarray(igl.winding_number(mesh.vertices, mesh.faces, points), np.float64).ravel()
-    winding = np.empty(len(points))
-    _compare_faces(compiled.kernel.winding_numbers, mesh, points, (winding,))
+    winding, places, vertices = np.empty(len(points)), _as_rows(points), _as_rows(mesh.vertices)
+    faces = np.ascontiguousarray(mesh.faces)
+
+    def fill(block: slice) -> None:
+        compiled.kernel.winding_numbers(places[block], vertices, faces, winding[block])
+
+    run_blocks(fill, len(points), PAIRS_PER_BLOCK // max(1, len(faces)))
     return winding

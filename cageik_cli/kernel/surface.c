@@ -1,15 +1,15 @@
-/* Points against all triangles of a small surface: the closest point, and the winding number. */
+/* Points against the triangles of a surface: the closest point, and the winding number. */
 
 #include "functions.h"
 
-enum { LANES = 32 };
+enum { LANES = 32, FACES_PER_BOX = 8 };
 
 typedef double Row[LANES];
 
 typedef struct {
-    Py_ssize_t points, vertices, faces;
-    const double *point, *vertex;
-    const int64_t *face;
+    Py_ssize_t points, vertices, faces, boxes;
+    const double *point, *vertex, *box;
+    const int64_t *face, *name;
     double *square, *position, *winding;
     int64_t *nearest;
 } Surface;
@@ -82,39 +82,95 @@ INLINE void meet_plane(Row *at, const double *a, const double *ab, const double 
     }
 }
 
+/* The closest points so far, of each lane: `name` is the least among faces that are equally close. */
+typedef struct {
+    Row square, at[3], bound;
+    int64_t name[LANES];
+} Closest;
+
+INLINE void meet_face(const Surface *s, Py_ssize_t i, Row *at, Closest *closest)
+{
+    const int64_t *face = s->face + 3 * i, name = s->name[i];
+    const double *a = s->vertex + 3 * face[0], *b = s->vertex + 3 * face[1];
+    const double *c = s->vertex + 3 * face[2];
+    double ab[3], bc[3], ca[3], ac[3];
+    Row foot[3], least;
+    subtract(b, a, ab), subtract(c, b, bc), subtract(a, c, ca), subtract(c, a, ac);
+    for (int j = 0; j < LANES; j++)
+        least[j] = HUGE_VAL;
+    meet_side(at, a, ab, foot, least);
+    meet_side(at, b, bc, foot, least);
+    meet_side(at, c, ca, foot, least);
+    meet_plane(at, a, ab, ac, foot, least);
+    for (int j = 0; j < LANES; j++) {
+        int is_equal = (least[j] == closest->square[j]) & (name < closest->name[j]);
+        int is_nearer = (least[j] < closest->square[j]) | is_equal;
+        closest->name[j] = is_nearer ? name : closest->name[j];
+        for (int axis = 0; axis < 3; axis++)
+            closest->at[axis][j] = is_nearer ? foot[axis][j] : closest->at[axis][j];
+        closest->square[j] = is_nearer ? least[j] : closest->square[j];
+    }
+}
+
+/* Bounds the squared distances from above, by a vertex of each box. */
+INLINE void bound_squares(const Surface *s, Row *at, double *bound)
+{
+    for (int j = 0; j < LANES; j++)
+        bound[j] = HUGE_VAL;
+    for (Py_ssize_t k = 0; k < s->boxes; k++) {
+        const double *vertex = s->vertex + 3 * s->face[3 * k * FACES_PER_BOX];
+        for (int j = 0; j < LANES; j++) {
+            double x = at[0][j] - vertex[0], y = at[1][j] - vertex[1], z = at[2][j] - vertex[2];
+            double square = x * x + y * y + z * z;
+            bound[j] = square < bound[j] ? square : bound[j];
+        }
+    }
+}
+
+/* Returns whether the box may hold a point as close as those that are known, of any lane. The
+   slack is more than what rounding does to distances. */
+INLINE int is_within_bounds(const double *box, Row *at, const double *bound)
+{
+    int is_within = 0;
+    for (int j = 0; j < LANES; j++) {
+        double square = 0;
+        for (int axis = 0; axis < 3; axis++) {
+            double below = box[axis] - at[axis][j], above = at[axis][j] - box[3 + axis];
+            double gap = below > above ? below : above;
+            gap = gap > 0 ? gap : 0;
+            square += gap * gap;
+        }
+        is_within |= !(square * (1 - 1e-9) > bound[j]);
+    }
+    return is_within;
+}
+
 FOR_EACH_PROCESSOR
 static void find_closest(const Surface *s, Py_ssize_t start)
 {
-    Row at[3], best, found[3], foot[3], least;
-    int64_t nearest[LANES];
+    Row at[3];
+    Closest closest;
     int count = take_points(s, start, at);
-    for (int j = 0; j < LANES; j++)
-        best[j] = HUGE_VAL, nearest[j] = 0, found[0][j] = found[1][j] = found[2][j] = 0;
-    for (Py_ssize_t i = 0; i < s->faces; i++) {
-        const int64_t *face = s->face + 3 * i;
-        const double *a = s->vertex + 3 * face[0], *b = s->vertex + 3 * face[1];
-        const double *c = s->vertex + 3 * face[2];
-        double ab[3], bc[3], ca[3], ac[3];
-        subtract(b, a, ab), subtract(c, b, bc), subtract(a, c, ca), subtract(c, a, ac);
+    for (int j = 0; j < LANES; j++) {
+        closest.square[j] = HUGE_VAL, closest.name[j] = 0;
+        closest.at[0][j] = closest.at[1][j] = closest.at[2][j] = 0;
+    }
+    bound_squares(s, at, closest.bound);
+    for (Py_ssize_t k = 0; k < s->boxes; k++) {
+        if (!is_within_bounds(s->box + 6 * k, at, closest.bound))
+            continue;
+        Py_ssize_t first = k * FACES_PER_BOX, end = first + FACES_PER_BOX;
+        for (Py_ssize_t i = first; i < (end < s->faces ? end : s->faces); i++)
+            meet_face(s, i, at, &closest);
         for (int j = 0; j < LANES; j++)
-            least[j] = HUGE_VAL;
-        meet_side(at, a, ab, foot, least);
-        meet_side(at, b, bc, foot, least);
-        meet_side(at, c, ca, foot, least);
-        meet_plane(at, a, ab, ac, foot, least);
-        for (int j = 0; j < LANES; j++) {
-            int is_nearer = least[j] < best[j];
-            nearest[j] = is_nearer ? (int64_t)i : nearest[j];
-            for (int axis = 0; axis < 3; axis++)
-                found[axis][j] = is_nearer ? foot[axis][j] : found[axis][j];
-            best[j] = is_nearer ? least[j] : best[j];
-        }
+            closest.bound[j] = closest.square[j] < closest.bound[j] ? closest.square[j]
+                                                                    : closest.bound[j];
     }
     for (int j = 0; j < count; j++) {
-        s->square[start + j] = best[j];
-        s->nearest[start + j] = nearest[j];
+        s->square[start + j] = closest.square[j];
+        s->nearest[start + j] = closest.name[j];
         for (int axis = 0; axis < 3; axis++)
-            s->position[3 * (start + j) + axis] = found[axis][j];
+            s->position[3 * (start + j) + axis] = closest.at[axis][j];
     }
 }
 
@@ -168,14 +224,16 @@ PyObject *closest_points(PyObject *module, PyObject *arguments)
 {
     Arrays arrays = {.count = 0};
     Surface s;
-    PyObject *objects[3], *square, *nearest, *position;
+    PyObject *objects[3], *name, *box, *square, *nearest, *position;
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOOOOO", &objects[0], &objects[1], &objects[2], &square,
-                          &nearest, &position))
+    if (!PyArg_ParseTuple(arguments, "OOO(OO)OOO", &objects[0], &objects[1], &objects[2], &name,
+                          &box, &square, &nearest, &position))
         return NULL;
     int is_valid = take_surface(&arrays, objects, &s);
-    Py_ssize_t places[2] = {s.points, 3};
-    is_valid = is_valid &&
+    s.boxes = (s.faces + FACES_PER_BOX - 1) / FACES_PER_BOX;
+    Py_ssize_t places[2] = {s.points, 3}, boxes[3] = {s.boxes, 2, 3};
+    is_valid = is_valid && (s.name = take_array(&arrays, name, "names", 'q', READ, 1, &s.faces)) &&
+               (s.box = take_array(&arrays, box, "boxes", 'd', READ, 3, boxes)) &&
                (s.square = take_array(&arrays, square, "squares", 'd', WRITE, 1, &s.points)) &&
                (s.nearest = take_array(&arrays, nearest, "nearest", 'q', WRITE, 1, &s.points)) &&
                (s.position = take_array(&arrays, position, "positions", 'd', WRITE, 2, places));

@@ -58,14 +58,24 @@ def places_around(mesh):
     )
 
 
-@pytest.mark.parametrize("mesh", [box(), concave(), ball(1)], ids=["box", "concave", "ball"])
-def test_all_faces_compared_give_what_the_tree_gives(mesh, monkeypatch):
+def shuffled(mesh):
+    """The same faces without any order of place."""
+    return TriMesh(mesh.vertices, np.random.default_rng(8).permutation(mesh.faces))
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [box(), concave(), ball(1), shuffled(ball(4))],
+    ids=["box", "concave", "ball", "shuffled"],
+)
+def test_the_compiled_bodies_give_what_the_trees_give(mesh, monkeypatch):
     if compiled.kernel is None:
         pytest.skip("the core was not compiled")
     points = places_around(mesh)
     off = closest_points(mesh, points).distance > 1e-9
     found, windings = closest_points(mesh, points), winding_numbers(mesh, points[off])
     monkeypatch.setattr(surface, "MAX_COMPARED_PAIRS", 0)
+    monkeypatch.setattr(surface, "MAX_BOXED_PAIRS", 0)
     expected = closest_points(mesh, points)
     np.testing.assert_allclose(found.distance, expected.distance, rtol=1e-12, atol=1e-14)
     at = np.linalg.norm(found.position - points, axis=1)
@@ -82,10 +92,39 @@ def test_blocks_of_points_change_nothing(monkeypatch):
     points = places_around(mesh)
     whole = closest_points(mesh, points), winding_numbers(mesh, points)
     monkeypatch.setattr(surface, "PAIRS_PER_BLOCK", 7 * len(mesh.faces))
+    monkeypatch.setattr(surface, "POINTS_PER_BLOCK", 7)
     parts = closest_points(mesh, points), winding_numbers(mesh, points)
     np.testing.assert_array_equal(whole[0].position, parts[0].position)
     np.testing.assert_array_equal(whole[0].face, parts[0].face)
     np.testing.assert_array_equal(whole[1], parts[1])
+
+
+def test_of_faces_that_are_equally_close_the_first_is_named():
+    if compiled.kernel is None:
+        pytest.skip("the core was not compiled")
+    mesh = box()
+    for faces in (mesh.faces, mesh.faces[::-1]):
+        turned = TriMesh(mesh.vertices, faces)
+        corners = 2 * mesh.vertices
+        first = [np.flatnonzero((faces == k).any(axis=1))[0] for k in range(8)]
+        np.testing.assert_array_equal(closest_points(turned, corners).face, first)
+
+
+def test_faces_in_far_boxes_are_not_looked_at():
+    """A box that says that its faces are far hides them."""
+    if compiled.kernel is None:
+        pytest.skip("the core was not compiled")
+    mesh = ball(2)
+    faces, (names, boxes) = surface._box_faces(mesh)
+    points = 1.01 * mesh.vertices[:64]
+    squares, nearest = np.empty(64), np.empty(64, np.int64)
+    arguments = points, mesh.vertices, faces
+    compiled.kernel.closest_points(*arguments, (names, boxes), squares, nearest, np.empty((64, 3)))
+    hidden = np.unique(nearest)
+    boxes[np.isin(names, hidden).reshape(-1, surface.FACES_PER_BOX).any(axis=1)] = 1e3
+    other = np.empty(64, np.int64)
+    compiled.kernel.closest_points(*arguments, (names, boxes), squares, other, np.empty((64, 3)))
+    assert not np.isin(other, hidden).any()
 
 
 def test_a_face_without_area_is_a_segment_or_a_point(core):
@@ -108,12 +147,17 @@ def test_the_compiled_functions_refuse_what_does_not_fit():
         pytest.skip("the core was not compiled")
     points, mesh = np.zeros((4, 3)), box()
     results = np.empty(4), np.empty(4, np.int64), np.empty((4, 3))
+    faces, boxes = surface._box_faces(mesh)
     with pytest.raises(ValueError, match="faces: number 8, expected 0 to 7"):
-        kernel.closest_points(points, mesh.vertices, mesh.faces + 1, *results)
+        kernel.closest_points(points, mesh.vertices, mesh.faces + 1, boxes, *results)
+    with pytest.raises(ValueError, match="names: length 11"):
+        kernel.closest_points(points, mesh.vertices, faces, (boxes[0][1:], boxes[1]), *results)
+    with pytest.raises(ValueError, match="boxes: length 1"):
+        kernel.closest_points(points, mesh.vertices, faces, (boxes[0], boxes[1][1:]), *results)
     with pytest.raises(ValueError, match="faces: number 8, expected 0 to 7"):
         kernel.winding_numbers(points, mesh.vertices, mesh.faces + 1, results[0])
     with pytest.raises(ValueError, match="squares: length 3"):
-        kernel.closest_points(points, mesh.vertices, mesh.faces, results[0][1:], *results[1:])
+        kernel.closest_points(points, mesh.vertices, faces, boxes, results[0][1:], *results[1:])
     with pytest.raises(ValueError, match="winding: length 3"):
         kernel.winding_numbers(points, mesh.vertices, mesh.faces, results[0][1:])
     with pytest.raises(TypeError, match="points: expected an array of float64"):
