@@ -28,8 +28,8 @@ from cageik_cli.geometry.neighbours import order_by_place
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.threads import limit_blas_threads
 
-MAX_BLOCK_ENTRIES = 60_000
-"""Panels times points evaluated together; they fit in the processor's cache."""
+MAX_BLOCK_ENTRIES = 240_000
+"""Panels times points evaluated together: products with fewer columns are slow for large cages."""
 
 LU_THREADS = 2
 """A fixed number of threads, so that weights do not depend on the machine."""
