@@ -14,9 +14,9 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cageik_cli.coordinates.bem.boundary_mesh import BoundaryMesh
+from cageik_cli.coordinates.bem.elimination import Float32s, solve_in_place
 from cageik_cli.coordinates.bem.polynomials import (
     LINEAR_TERMS,
     gauss_rule,
@@ -31,10 +31,9 @@ from cageik_cli.util.threads import limit_blas_threads
 MAX_BLOCK_ENTRIES = 240_000
 """Panels times points evaluated together: products with fewer columns are slow for large cages."""
 
-LU_THREADS = 2
+ELIMINATION_THREADS = 2
 """A fixed number of threads, so that weights do not depend on the machine."""
 
-Float32s = NDArray[np.float32]
 Densities = TypeVar("Densities", Floats, Float32s)
 
 
@@ -69,26 +68,27 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
     Single precision halves memory and time. It changes the weights of sound cages in the sixth
     digit at most; the densities of affine functions are known, and are corrected exactly.
     """
-    solved = mesh.solved_unknowns
-    matrix = np.zeros((len(solved), len(solved)), np.float32)
-    rhs = np.empty((len(solved), mesh.hats.count), np.float32)
+    matrix, rhs = _assemble(mesh, pool)
+    with limit_blas_threads(ELIMINATION_THREADS):
+        solve_in_place(matrix, rhs)
+    del matrix
+    densities = np.zeros((mesh.unknowns, rhs.shape[1]), order="F")
+    densities[mesh.solved_unknowns] = rhs
+    return BoundarySolution(mesh, _enforce_affine(mesh, densities))
+
+
+def _assemble(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> tuple[Float32s, Float32s]:
+    """Return the matrix, (u, u), and the right hand sides, (u, n), of the solved unknowns."""
+    count = len(mesh.solved_unknowns)
+    matrix = np.zeros((count, count), np.float32)
+    rhs = np.empty((count, mesh.hats.count), np.float32)
 
     def fill(chosen: Integers) -> None:
         _fill_rows(mesh, chosen, matrix, rhs)
 
-    assembled = pool.map(fill, _split_test_panels(mesh))
-    import scipy.linalg  # slow: meanwhile the pool assembles
-
-    for _ in assembled:
+    for _ in pool.map(fill, _split_test_panels(mesh)):
         pass
-    with limit_blas_threads(LU_THREADS):
-        # LAPACK needs columns: the transpose is factored in place, and solved transposed.
-        factor = scipy.linalg.lu_factor(matrix.T, overwrite_a=True, check_finite=False)
-        found = scipy.linalg.lu_solve(factor, rhs, trans=1, overwrite_b=True, check_finite=False)
-    del factor
-    densities = np.zeros((mesh.unknowns, rhs.shape[1]), order="F")
-    densities[solved] = found
-    return BoundarySolution(mesh, _enforce_affine(mesh, densities))
+    return matrix, rhs
 
 
 def _enforce_affine(mesh: BoundaryMesh, densities: Floats) -> Floats:
