@@ -54,5 +54,6 @@ PyObject *place_columns(PyObject *module, PyObject *arguments);
 PyObject *compare_frames(PyObject *module, PyObject *arguments);
 PyObject *closest_points(PyObject *module, PyObject *arguments);
 PyObject *winding_numbers(PyObject *module, PyObject *arguments);
+PyObject *draw_triangles(PyObject *module, PyObject *arguments);
 
 #endif

@@ -84,9 +84,10 @@ static PyMethodDef methods[] = {
     {"compare_frames", compare_frames, METH_VARARGS,
      "compare_frames(frames, reconstructions, is_data, faces, squares, sums, worst)"},
     {"closest_points", closest_points, METH_VARARGS,
-     "closest_points(points, vertices, faces, squares, nearest, positions)"},
+     "closest_points(points, vertices, faces, boxes, squares, nearest, positions)"},
     {"winding_numbers", winding_numbers, METH_VARARGS,
      "winding_numbers(points, vertices, faces, winding)"},
+    {"draw_triangles", draw_triangles, METH_VARARGS, "draw_triangles(corners, face, depth)"},
     {NULL, NULL, 0, NULL},
 };
 

@@ -10,6 +10,7 @@ from typing import Self
 
 import numpy as np
 
+from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats, Integers
 
 MARGIN = 0.03
@@ -84,8 +85,19 @@ def rasterize(corners: Floats, size: int) -> DepthBuffer:
     A pixel belongs to a triangle if its centre does; each pixel along a common edge belongs to
     exactly one of the two triangles. Triangles that are not finite are left out.
     """
-    depth = np.full(size * size, np.inf)
-    face = np.full(size * size, -1)
+    buffer = DepthBuffer(np.full((size, size), -1), np.full((size, size), np.inf))
+    if compiled.kernel is not None:
+        places = np.ascontiguousarray(corners, np.float64)
+        compiled.kernel.draw_triangles(places, buffer.face, buffer.depth)
+    else:
+        _draw_in_numpy(corners, buffer)
+    return buffer
+
+
+def _draw_in_numpy(corners: Floats, buffer: DepthBuffer) -> None:
+    """Draw triangles, (t, 3, 3), where nothing is compiled: the reference."""
+    size = len(buffer.face)
+    flat = DepthBuffer(buffer.face.reshape(-1), buffer.depth.reshape(-1))
     places = np.ascontiguousarray(corners.T)
     ends = (places[:2].min(axis=1), places[:2].max(axis=1))
     low, high = (np.clip(np.ceil(end - 0.5), 0, size) for end in ends)
@@ -94,10 +106,7 @@ def rasterize(corners: Floats, size: int) -> DepthBuffer:
     places, low, high = places[..., kept], low[:, kept], high[:, kept]
     rows = np.stack([low[1], high[1]]).astype(np.int64)
     for block in _split_blocks((high - low).prod(axis=0)):
-        _draw_triangles(
-            places[..., block], rows[:, block], kept[block], DepthBuffer(face, depth), size
-        )
-    return DepthBuffer(face.reshape(size, size), depth.reshape(size, size))
+        _draw_triangles(places[..., block], rows[:, block], kept[block], flat, size)
 
 
 def rasterize_lines(projected: Floats, edges: Integers, width: float, size: int) -> Floats:

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from cageik_cli.report.render.raster import rasterize, rasterize_lines
+from cageik_cli.util import compiled
 from tests.report.squares import SIZE, SQUARE, square
 
 
-def test_a_square_covers_its_pixels_once():
+def test_a_square_covers_its_pixels_once(core):
     seen = rasterize(square(20.2, 60.7)[SQUARE], SIZE)
     inside = np.zeros((SIZE, SIZE), bool)
     inside[20:61, 20:61] = True  # middles from 20.5 to 60.5
@@ -16,7 +17,7 @@ def test_a_square_covers_its_pixels_once():
     assert np.isinf(seen.depth[~inside]).all()
 
 
-def test_adjacent_triangles_leave_no_gap():
+def test_adjacent_triangles_leave_no_gap(core):
     """A fan of thin triangles around a point covers its disc without holes."""
     angles = np.linspace(0, 2 * np.pi, 400)
     ring = np.stack([50 + 45 * np.cos(angles), 50 + 45 * np.sin(angles), 0 * angles], axis=1)
@@ -29,7 +30,7 @@ def test_adjacent_triangles_leave_no_gap():
 
 
 @pytest.mark.parametrize("order", [[0, 1, 2, 3], [3, 2, 1, 0], [2, 0, 3, 1]])
-def test_near_triangles_hide_far_ones(order):
+def test_near_triangles_hide_far_ones(core, order):
     near, far = square(30, 70, -1.0)[SQUARE], square(10, 90, 1.0)[SQUARE]
     seen = rasterize(np.concatenate([near, far])[order], SIZE)
     shown = np.array(order)[seen.face[30:70, 30:70]]
@@ -38,7 +39,7 @@ def test_near_triangles_hide_far_ones(order):
     assert (seen.depth[10:30, 10:90] == 1).all()
 
 
-def test_crossing_triangles_are_resolved_per_pixel():
+def test_crossing_triangles_are_resolved_per_pixel(core):
     slanted = square(0, SIZE)
     slanted[:, 2] = slanted[:, 0] - 50
     seen = rasterize(np.concatenate([square(0, SIZE)[SQUARE], slanted[SQUARE]]), SIZE)
@@ -48,6 +49,7 @@ def test_crossing_triangles_are_resolved_per_pixel():
 
 
 def test_blocks_do_not_change_the_picture(monkeypatch):
+    monkeypatch.setattr(compiled, "kernel", None)
     points = np.random.default_rng(2).uniform(-10, 110, (200, 3, 3))
     whole = rasterize(points, SIZE)
     monkeypatch.setattr("cageik_cli.report.render.raster.BLOCK_PIXELS", 500)
@@ -56,10 +58,50 @@ def test_blocks_do_not_change_the_picture(monkeypatch):
     np.testing.assert_array_equal(blocked.depth, whole.depth)
 
 
-def test_a_line_has_its_width():
+def test_a_line_has_its_width(core):
     ends = np.array([[20.0, 50, 3], [80, 50, 5], [50, 20, 1], [50, 20, 1]])
     depth = rasterize_lines(ends, np.array([[0, 1]]), 4.0, SIZE)
     drawn = np.isfinite(depth)
     assert drawn.sum() == 4 * 64
     assert drawn[48:52, 18:82].all()
     assert np.isfinite(rasterize_lines(ends, np.array([[2, 3]]), 4.0, SIZE)).sum() == 16
+
+
+def hard_triangles():
+    """Triangles that are large, thin, without area, equally near, outside or not finite."""
+    generator = np.random.default_rng(4)
+    middles = generator.uniform(-20, 120, (600, 1, 3))
+    triangles = middles + generator.normal(size=(600, 3, 3)) * generator.choice(
+        [1, 9, 50], (600, 1, 1)
+    )
+    triangles[200:400] = np.round(2 * triangles[200:400]) / 2
+    triangles[400:420, 2] = triangles[400:420, 1]
+    triangles[420:440] = triangles[420:440, :1]
+    triangles[440:480, 1] = 0.5 * (triangles[440:480, 0] + triangles[440:480, 2])
+    triangles[480:500] = triangles[100:120]
+    triangles[500:510, 1, 2], triangles[510:520, 0, 0] = np.nan, np.inf
+    return triangles
+
+
+def test_the_compiled_body_draws_the_same_pixels(monkeypatch):
+    if compiled.kernel is None:
+        pytest.skip("the core was not compiled")
+    found = rasterize(hard_triangles(), SIZE)
+    monkeypatch.setattr(compiled, "kernel", None)
+    expected = rasterize(hard_triangles(), SIZE)
+    np.testing.assert_array_equal(found.face, expected.face)
+    np.testing.assert_array_equal(found.depth, expected.depth)
+    assert len(np.unique(found.face)) > 20
+
+
+def test_the_compiled_body_refuses_what_does_not_fit():
+    kernel = compiled.kernel
+    if kernel is None:
+        pytest.skip("the core was not compiled")
+    corners, face, depth = np.zeros((1, 3, 3)), np.zeros((4, 4), np.int64), np.zeros((4, 4))
+    with pytest.raises(ValueError, match="face: expected a square"):
+        kernel.draw_triangles(corners, face[1:], depth)
+    with pytest.raises(ValueError, match="depth: length 3"):
+        kernel.draw_triangles(corners, face, depth[1:])
+    with pytest.raises(TypeError, match="corners: expected an array of float64"):
+        kernel.draw_triangles(corners.astype(np.float32), face, depth)
