@@ -105,8 +105,12 @@ def _blank_out_comments(data: bytes) -> bytes:
         end = data.find(b"\n", begin)
         end = len(data) if end < 0 else end
         if has_returns:
-            bare = data.find(b"\r", begin, end)
-            end = end if bare < 0 else bare
+            first = data.find(b"\r", begin, end)
+            if 0 <= first < end - 1:
+                # It ends the line. In a text of such lines, each search for the next newline would
+                # go to the end of the text.
+                return _blank_out_comments(_BARE_RETURN.sub(b"\n", data))
+            end = end if first < 0 else first
         # Long gaps are slow. Behind a backslash it might be no line of its own.
         is_line = not may_continue and data[begin - 1 : begin] in (b"", b"\n", b"\r")
         text[begin:end] = (b"#" if is_line else b" ") * (end - begin)

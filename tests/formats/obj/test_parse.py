@@ -111,6 +111,12 @@ def test_a_comment_that_ends_in_a_backslash_swallows_no_line():
     np.testing.assert_array_equal(parse_obj(data).vertices, VERTICES)
 
 
+def test_lines_that_end_in_bare_returns_are_read_in_linear_time():
+    """Each of a million comments was searched for the end of the text: hours."""
+    data = PLAIN.replace(b"\r\n", b"\n").replace(b"\n", b"\r") + b"# x\r" * 1_000_000
+    np.testing.assert_array_equal(parse_obj(data).vertices, VERTICES)
+
+
 def test_polygons_become_fans_at_their_first_corner():
     pentagon = b"".join(b"v %d %d 0\n" % xy for xy in ((0, 0), (2, 0), (3, 1), (2, 2), (0, 2)))
     mesh = parse_obj(pentagon + b"f 1 2 3\nf 1 3 4 5\nf 1 2 3 4 5\n")
