@@ -11,7 +11,7 @@ from cageik_cli.util.errors import FileAccessError, FormatError
 from cageik_cli.util.input_files import read_input
 
 MAX_LIBRARY_BYTES = 1 << 24
-"""Bytes of a library of materials that is read: a hundred thousand materials."""
+"""Bytes of all libraries of materials that are read: a hundred thousand materials."""
 
 
 def read_material_colours(path: Path, mesh: FileMesh) -> FileMesh:
@@ -24,8 +24,11 @@ def read_material_colours(path: Path, mesh: FileMesh) -> FileMesh:
         return mesh
     try:
         found: dict[str, list[float]] = {}
+        left = MAX_LIBRARY_BYTES
         for library in _find_libraries(path.parent, attributes.material_library):
-            found |= _parse_library(read_input(library, MAX_LIBRARY_BYTES))
+            data = read_input(library, left)
+            left -= len(data)
+            found |= _parse_library(data)
         names = attributes.materials.names
         if not found.keys() & set(names):
             return mesh
@@ -45,12 +48,20 @@ def _find_libraries(folder: Path, text: str) -> list[Path]:
     FileAccessError
         When one is outside the folder of the mesh.
     """
-    names = [text] if (folder / text).exists() else text.split()
-    libraries = [folder / name.replace("\\", "/") for name in names]
+    names = [text] if _is_there(folder / text) else text.split()
+    libraries = [folder / name.replace("\\", "/") for name in dict.fromkeys(names)]
     for library in libraries:
         if not library.resolve().is_relative_to(folder.resolve()):
             raise FileAccessError("is in another folder, expected one beside the mesh")
-    return [library for library in libraries if library.exists()]
+    return [library for library in libraries if _is_there(library)]
+
+
+def _is_there(path: Path) -> bool:
+    """Tell whether there is a file; there is none of a name that the system does not accept."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
 
 
 def _parse_library(data: bytes) -> dict[str, list[float]]:

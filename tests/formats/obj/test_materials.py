@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.obj import materials
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.surface_parts import PLAIN_COLOUR
+from cageik_cli.util.input_files import read_input
 from tests.assets import asset_text
 
 LIBRARY = """# three of the tube
@@ -125,3 +127,31 @@ def test_the_asset_has_the_colours_of_its_library(tmp_path):
     found = dict(zip(attributes.materials.names, attributes.material_colours, strict=True))
     assert found.pop("gold%1").tolist() == [0.1, 0.2, 0.3, 1]
     assert [tuple(colour) for colour in found.values()] == [PLAIN_COLOUR] * 2
+
+
+@pytest.mark.parametrize("named", ["a" * 300, "b" * 300 + " body.mtl"])
+def test_a_name_that_no_file_can_have_is_that_of_a_missing_library(tmp_path, named):
+    path = write_model(tmp_path, None, named)
+    assert colours_of(path) == (None, ())
+    (tmp_path / "body.mtl").write_text(LIBRARY)
+    assert (colours_of(path)[0] is None) == ("body" not in named)
+
+
+def test_libraries_are_read_once_and_within_one_limit(tmp_path, monkeypatch):
+    read = []
+
+    def read_counted(path, left):
+        read.append((path.name, left))
+        return read_input(path, left)
+
+    monkeypatch.setattr(materials, "read_input", read_counted)
+    monkeypatch.setattr(materials, "MAX_LIBRARY_BYTES", 2 * len(LIBRARY) - 1)
+    path = write_model(tmp_path, LIBRARY, "a.mtl")
+    path.write_text(path.read_text().replace("a.mtl", " ".join(["a.mtl"] * 100)))
+    assert colours_of(path)[0] is not None
+    assert read == [("a.mtl", 2 * len(LIBRARY) - 1)]
+    (tmp_path / "b.mtl").write_text(LIBRARY)
+    path.write_text(path.read_text().replace("a.mtl a.mtl", "a.mtl b.mtl"))
+    found, notes = colours_of(path)
+    assert found is None
+    assert "expected at most" in notes[0]
