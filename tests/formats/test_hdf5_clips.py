@@ -9,6 +9,7 @@ import pytest
 from cageik_cli.formats import hdf5_clips
 from cageik_cli.formats import hdf5_clips as hdf5_layouts
 from cageik_cli.formats.base import binary_frames as runs
+from cageik_cli.formats.base import hdf5
 from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.open import describe_contents, open_sequence
 from cageik_cli.formats.scene import SceneHints
@@ -165,6 +166,16 @@ def test_no_name_or_a_wrong_one_is_refused_with_names(bodies, member, says):
         open_sequence([f"{bodies[0]}{member}"])
     assert str(caught.value).startswith(f"{bodies[0]}: ")
     assert says in str(caught.value)
+
+
+def test_more_entries_than_a_file_of_clips_has_are_refused(bodies, monkeypatch):
+    """Each is opened, and a link to a clip takes 30 bytes."""
+    path, clips = bodies
+    monkeypatch.setattr(hdf5, "MAX_TOP_ENTRIES", len(clips) + 2)
+    with pytest.raises(FormatError, match=r"has 6 datasets and groups at its top, expected at mos"):
+        open_sequence([f"{path}::50002_hips"])
+    monkeypatch.setattr(hdf5, "MAX_TOP_ENTRIES", len(clips) + 3)
+    assert len(open_sequence([f"{path}::50002_hips"])) == 7
 
 
 def test_the_clips_are_listed(bodies):

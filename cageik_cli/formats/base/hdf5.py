@@ -21,6 +21,9 @@ MAX_ATTRIBUTE_VALUES = 16
 MAX_TEXT_BYTES = 1 << 28
 """Bytes of texts that are read together; many texts may be one and the same in the file."""
 
+MAX_TOP_ENTRIES = 10_000
+"""Datasets and groups at the top of a file of clips; a link to one takes 30 bytes."""
+
 HDF5_SUFFIXES = (".h5", ".hdf5")
 _KIND_NAMES = {"f": "floating-point numbers", "iu": "integers", "O": "text"}
 
@@ -188,7 +191,18 @@ def _is_plain_attribute(holder: Any, name: str) -> bool:
 
 
 def list_numeric_shapes(file: h5py.File, kinds: str) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the datasets at the top of a file that hold numbers of these kinds."""
+    """Return the shapes of the datasets at the top of a file that hold numbers of these kinds.
+
+    Raises
+    ------
+    FormatError
+        When the file has more than `MAX_TOP_ENTRIES` entries there.
+    """
+    if len(file) > MAX_TOP_ENTRIES:
+        raise FormatError(
+            f"has {len(file)} datasets and groups at its top, expected at most {MAX_TOP_ENTRIES}; "
+            "split it into several files"
+        )
     held = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
     found = {name: file[name] for name in held if file.get(name, getclass=True) is h5py.Dataset}
     return {
