@@ -1,17 +1,36 @@
 """The files of a USD stage, checked before USD opens them: plain files only."""
 
+import mmap
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from cageik_cli.util.errors import FormatError, error_context
-from cageik_cli.util.input_files import check_input
+from cageik_cli.util.input_files import check_input, open_input
 
 MAX_LAYERS = 10_000
 """Layers of a stage; the value clips of a layer do not count."""
 
 MAX_PRIMS = 1_000_000
 """Prims of a stage; references to references multiply them."""
+
+MAX_NESTING = 500
+"""Brackets inside each other in the text of a layer.
+
+USD crashes at tens of thousands of braces, and does not end for as many others.
+"""
+
+_TEXT_MARK = b"#usda"
+_BRACES = re.compile(
+    rb"""\"""(?:[^\\]|\\.)*?\"""|\'\'\'(?:[^\\]|\\.)*?\'\'\'|"(?:[^"\\\n]|\\.)*"|"""
+    rb"""\'(?:[^\'\\\n]|\\.)*\'|@@@.*?@@@|@[^@\n]*@|\#[^\n\r]*|\{|\}""",
+    re.DOTALL,
+)
+"""Texts, names of files and comments, which may hold braces; and braces."""
+
+_OPEN_BRACKETS = re.compile(rb"(?:[(\[][^()\[\]]*+){%d}" % (MAX_NESTING + 1))
+"""Brackets that are opened one after another."""
 
 
 def check_layers(path: Path) -> list[Any]:
@@ -32,6 +51,7 @@ def check_layers(path: Path) -> list[Any]:
 
     found: list[Any] = []
     check_input(path)
+    _check_nesting(path)
     seen, waiting = {str(path)}, [str(path)]
     while waiting:
         layer = Sdf.Layer.FindOrOpen(waiting.pop())
@@ -44,6 +64,7 @@ def check_layers(path: Path) -> list[Any]:
         for file in sorted(named):
             with error_context(Path(_split_package(file)).name):
                 check_input(Path(_split_package(file)))
+                _check_nesting(Path(_split_package(file)))
         seen |= named
         waiting += sorted(named & set(_list_composed_files(layer)))
     try:
@@ -53,6 +74,28 @@ def check_layers(path: Path) -> list[Any]:
     if count > MAX_PRIMS:
         raise FormatError(f"its references make more than {MAX_PRIMS} prims; export the mesh alone")
     return found
+
+
+def _check_nesting(path: Path) -> None:
+    """Refuse a text whose brackets are nested more than `MAX_NESTING` levels deep."""
+    with open_input(path) as file:
+        if file.read(len(_TEXT_MARK)) != _TEXT_MARK:
+            return
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
+            if _is_nested_deeply(text):
+                raise FormatError(
+                    f"is nested more than {MAX_NESTING} levels deep; export the mesh alone"
+                )
+
+
+def _is_nested_deeply(text: mmap.mmap) -> bool:
+    """Tell whether the brackets of a text are nested more than `MAX_NESTING` levels deep."""
+    depth = 0
+    for brace in _BRACES.finditer(text):
+        depth += (brace[0] == b"{") - (brace[0] == b"}")
+        if depth > MAX_NESTING:
+            return True
+    return _OPEN_BRACKETS.search(text) is not None
 
 
 class _PrimCounter:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.clip_file import ClipFile, single_path
-from cageik_cli.formats.base.file_data import hash_file
+from cageik_cli.formats.base.file_data import check_unpacked_size, hash_file
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
     Sampling,
@@ -100,8 +100,9 @@ class Reader(ClipFile):
             self._mesh.GetFaceVertexIndicesAttr(),
         )
         sampled = {time for attribute in attributes for time in attribute.GetTimeSamples()}
+        size = sum(file.stat().st_size for file in self._composed_files)
         return read_constant_polygons(
-            partial(_read_polygons_at, attributes), sorted(sampled or {self._times[0]})
+            partial(_read_polygons_at, attributes, size), sorted(sampled or {self._times[0]})
         )
 
     @cached_property
@@ -119,9 +120,14 @@ class Reader(ClipFile):
         return digests[0] if len(digests) == 1 else hashlib.sha256(b"".join(digests)).digest()
 
 
-def _read_polygons_at(attributes: tuple[Any, Any], time: float) -> Polygons:
-    counts, corners = (_read_array(attribute, time, "i", ()) for attribute in attributes)
-    return Polygons(counts, corners)
+def _read_polygons_at(attributes: tuple[Any, Any], file_size: int, time: float) -> Polygons:
+    """Read the polygons, whose numbers a file of `file_size` bytes may hold compressed."""
+    found = []
+    for attribute in attributes:
+        found.append(_read_array(attribute, time, "i", ()))
+        with error_context(f"`{attribute.GetName()}`"):
+            check_unpacked_size(found[-1].nbytes, file_size)
+    return Polygons(*found)
 
 
 def _read_array(attribute: Any, time: float, dtype_kind: str, shape: tuple[int, ...]) -> np.ndarray:

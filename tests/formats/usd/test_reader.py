@@ -9,6 +9,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.usd import layers
 from cageik_cli.formats.usd import reader as usd
 from cageik_cli.util.errors import ConnectivityError, FormatError, InputError
 from tests.clips import frames_of
@@ -52,6 +53,44 @@ def refused(stage, member=""):
     place, _, sentence = str(caught.value).partition(": ")
     assert "clip.usda" in place
     return sentence
+
+
+NESTED = {
+    "braces": ('def "a" {', "}"),
+    "braces behind the name of a file": ("def \"a\" (payload = @'@) { # '\n", "}"),
+    "round brackets": ("(1, ", ")"),
+    "square brackets": ("[", "]"),
+}
+
+
+@pytest.mark.parametrize("kind", NESTED)
+def test_what_is_nested_too_deeply_is_refused_before_usd_crashes(tmp_path, kind):
+    begin, end = NESTED[kind]
+    deep = begin * (layers.MAX_NESTING + 1) + end * (layers.MAX_NESTING + 1)
+    path = tmp_path / "clip.usda"
+    path.write_text(f"#usda 1.0\n{deep}\n")
+    with pytest.raises(FormatError, match=r"clip\.usda: is nested more than 500 levels deep"):
+        open_sequence([str(path)])
+    above = tmp_path / "above.usda"
+    above.write_text("#usda 1.0\n(subLayers = [@clip.usda@])\n")
+    with pytest.raises(FormatError, match=r"clip\.usda: is nested more than 500 levels deep"):
+        open_sequence([str(above)])
+
+
+def test_brackets_in_texts_and_comments_are_no_nesting(stage):
+    add_mesh(stage)
+    stage.GetRootLayer().comment = "{" * 600
+    stage.GetRootLayer().documentation = "\n'{\"" * 600
+    assert len(opened(stage)) == len(FRAMES)
+
+
+def test_faces_that_unpack_to_far_more_than_the_file_are_refused(tmp_path):
+    stage = Usd.Stage.CreateNew(str(tmp_path / "clip.usdc"))
+    mesh = add_mesh(stage)
+    mesh.GetFaceVertexCountsAttr().Set(Vt.IntArray.FromNumpy(np.full(10**6, 3, np.int32)))
+    mesh.GetFaceVertexIndicesAttr().Set(Vt.IntArray.FromNumpy(np.zeros(3 * 10**6, np.int32)))
+    with pytest.raises(FormatError, match=r"`faceVertexCounts`: takes at least 4000000 bytes"):
+        opened(stage)
 
 
 @pytest.mark.parametrize("suffix", [".usd", ".usda", ".usdc", ".usdz"])
