@@ -28,6 +28,8 @@ def append_step_summary(text: str) -> None:
 
 def _append(path: Path, data: bytes) -> int:
     """Append all of it if it fits, else nothing; return the size it has or would have."""
+    if path.exists() and not path.is_file():
+        raise OSError("not a plain file")  # a pipe would wait for its reader
     size = (path.stat().st_size if path.exists() else 0) + len(data)
     if size <= MAX_BYTES:
         with path.open("ab") as stream:

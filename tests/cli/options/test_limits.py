@@ -1,6 +1,7 @@
 """Limits through the command line: what is judged, what is said, and the exit code."""
 
 import json
+import os
 import sys
 from decimal import Decimal
 from pathlib import Path
@@ -406,6 +407,15 @@ class TestStepSummary:
         assert outcome.code == (3 if limits else 0)
         assert outcome.err.startswith(f"Warning: {page} (GITHUB_STEP_SUMMARY): cannot be written (")
         assert len(outcome.err.splitlines()) == 1
+
+    @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes have no names on this system")
+    def test_a_pipe_is_not_waited_for(self, run, page):
+        os.mkfifo(page)
+        outcome = run("report", "-q")
+        assert outcome.code == 0
+        assert outcome.err == (
+            f"Warning: {page} (GITHUB_STEP_SUMMARY): cannot be written (not a plain file)\n"
+        )
 
     def test_a_page_that_is_full_stays_as_it_is(self, run, page):
         full = "x" * (1 << 20)
