@@ -73,11 +73,13 @@ def _is_left_over(name: str, path: Path) -> bool:
 
 
 def _clear(file: Path, path: Path) -> None:
-    if file.name.endswith(".replaced") and not os.path.lexists(path):
+    is_folder = file.is_dir() and not file.is_symlink()
+    # What is no folder was not displaced by a run, and would be written through.
+    if file.name.endswith(".replaced") and is_folder and not os.path.lexists(path):
         file.rename(path)
         _tell(f"{path}: put back, as it was before a run that was killed")
         return
-    if file.is_dir() and not file.is_symlink():
+    if is_folder:
         shutil.rmtree(file)
     else:
         file.unlink()

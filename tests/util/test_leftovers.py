@@ -80,6 +80,15 @@ def test_a_link_is_removed_and_not_what_it_leads_to(tmp_path, of_dead):
     assert (tmp_path / "mine/a").read_text() == "mine"
 
 
+def test_a_link_is_not_put_back_as_a_folder(tmp_path, of_dead):
+    """The files in the folder it leads to would be replaced."""
+    (tmp_path / "mine").mkdir()
+    path = tmp_path / "frames"
+    of_dead(path, make=leftovers.make_displaced_path).symlink_to(tmp_path / "mine")
+    assert "removed" in clear(path)[0]
+    assert [item.name for item in tmp_path.iterdir()] == ["mine"]
+
+
 def test_a_displaced_folder_is_put_back_unless_it_was_replaced(tmp_path, of_dead):
     path = tmp_path / "frames"
     for _ in range(2):
