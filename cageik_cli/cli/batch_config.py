@@ -169,8 +169,9 @@ class ClipTables:
 
 
 def _is_trusted(file: Path) -> bool:
-    """Tell whether a file belongs to the user or to the system."""
-    return os.name != "posix" or file.stat().st_uid in (SYSTEM_USER, os.getuid())
+    """Tell whether a file, and a link to it, belong to the user or to the system."""
+    owners = {file.stat().st_uid, file.lstat().st_uid}
+    return os.name != "posix" or owners <= {SYSTEM_USER, os.getuid()}
 
 
 def _resolve_path(file: Path, value: str, folder: Path) -> str:

@@ -131,6 +131,18 @@ def test_a_file_among_clips_cannot_say_where_to_write(text):
         given("walk")
 
 
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="gives a link away")
+def test_a_link_of_another_above_the_folder_is_not_read():
+    write("mine/cageik.toml", "alpha = 1\n")
+    write("clips/walk/a.obj", "")
+    Path("cageik.toml").symlink_to("mine/cageik.toml")
+    tables, walk = TABLES([Path("clips")]), Path("clips/walk").absolute()
+    assert tables.collect_options(walk, walk) == {"alpha": 1}
+    os.lchown("cageik.toml", 12345, -1)
+    tables = TABLES([Path("clips")])
+    assert tables.collect_options(walk, walk) == {}
+
+
 @pytest.mark.skipif(os.name != "posix", reason="files have no owners on this system")
 def test_files_of_others_above_the_folder_are_not_read(monkeypatch):
     write("cageik.toml", "alpha = 1\n")
