@@ -204,7 +204,8 @@ def measure_kept(
     over_data = np.where(is_data, squares, -1.0)
     worst = over_data.argmax(axis=1)
     volume = volume_rebuilt = np.full(len(frames), np.nan)
-    whole = np.flatnonzero(is_data.all(axis=1)) if rest.is_closed else np.zeros(0, np.int64)
+    is_whole = is_data[:, rest.used_vertices].all(axis=1) & rest.is_body
+    whole = np.flatnonzero(is_whole)
     if len(whole):
         volume, volume_rebuilt = volume.copy(), volume.copy()
         mended = np.where(is_kept[whole, :, None], frames[whole], reconstructions[whole])

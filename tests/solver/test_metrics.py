@@ -72,6 +72,27 @@ def test_volumes_are_not_known_where_vertices_are_missing():
     np.testing.assert_array_equal(everything.volume, measure(REST, frames, rebuilt, ALL).volume)
 
 
+def test_captured_frames_have_the_volumes_of_others():
+    """None of a double-sided sheet; and a vertex that is in no face is none that is missing."""
+    frames, rebuilt = clip()
+    flat = TriMesh(REST.vertices * [1, 1, 0], np.vstack([REST.faces, REST.faces[:, ::-1]]))
+    stray = TriMesh(np.vstack([REST.vertices, [[9.0, 9, 9]]]), REST.faces)
+    more = np.pad(frames, ((0, 0), (0, 1), (0, 0))), np.pad(rebuilt, ((0, 0), (0, 1), (0, 0)))
+    for rest, (given, found) in (
+        (REST, (frames, rebuilt)),
+        (flat, (frames, rebuilt)),
+        (stray, more),
+    ):
+        is_data = np.broadcast_to(rest.is_used, given.shape[:2])
+        plain = measure(rest, given, found, rest.used_vertices)
+        kept = metrics.measure_kept(rest, given, found, is_data, is_data).errors.metrics
+        np.testing.assert_allclose(kept.volume, plain.volume, rtol=1e-9, atol=0)
+        np.testing.assert_allclose(
+            kept.volume_reconstructed, plain.volume_reconstructed, rtol=1e-9, atol=0
+        )
+        assert np.isnan(kept.volume).all() == (rest is flat)
+
+
 def test_metrics_do_not_change_with_a_rigid_motion():
     frames, rebuilt = clip()
     turn = rotation(1)
