@@ -35,6 +35,9 @@ from cageik_cli.util.input_files import open_input
 FPS_KEY = "cageik_fps"
 """Where a mesh states the frame rate. The archive could only state it together with the time."""
 
+ARCHIVE_BYTES = 1 << 16
+"""Bytes of an archive besides its arrays, at most."""
+
 START_TOL = 1e-4
 """Frames by which the start of a clip may be off a whole number."""
 
@@ -284,5 +287,6 @@ def _check_disk_space(target: Path, animation: Animation) -> None:
     rest = animation.rest
     corners = 0 if rest.attributes is None else len(rest.attributes.corners)
     size = 12 * animation.frame_count * (len(rest.vertices) + corners) + 16 * len(rest.faces)
+    size += ARCHIVE_BYTES
     if size > shutil.disk_usage(target.parent).free:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
