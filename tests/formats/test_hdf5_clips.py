@@ -178,6 +178,16 @@ def test_more_entries_than_a_file_of_clips_has_are_refused(bodies, monkeypatch):
     assert len(open_sequence([f"{path}::50002_hips"])) == 7
 
 
+def test_faces_of_a_byte_per_corner_count_as_they_are_computed_with(tmp_path):
+    path, faces = tmp_path / "clip.h5", np.zeros(3_000_000, np.int8)
+    faces[:150_000] = np.random.default_rng(0).integers(0, 100, 150_000)
+    with h5py.File(path, "w") as file:
+        file["verts"] = np.random.default_rng(0).normal(size=(2, 100, 3))
+        file.create_dataset("tris", data=faces.reshape(-1, 3), compression="gzip")
+    with pytest.raises(FormatError, match="`tris`: takes at least 24000000 bytes, packed in 1"):
+        open_sequence([str(path)])
+
+
 def test_the_clips_are_listed(bodies):
     assert describe_contents([str(bodies[0])], ClipSettings()) == [
         ("holds", "3 clips; choose one as FILE::CLIP"),

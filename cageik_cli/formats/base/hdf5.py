@@ -125,7 +125,9 @@ def get_dataset(
         wanted = " x ".join("any" if length is None else str(length) for length in shape)
         raise FormatError(f"`{name}` has shape {found.shape}, expected {wanted}")
     with error_context(f"`{name}`"):
-        check_unpacked_size(found.nbytes, found.id.get_storage_size())
+        # Indices of a byte each take eight where they are computed with.
+        width = 8 if found.dtype.kind in "iu" else found.dtype.itemsize
+        check_unpacked_size(found.size * width, found.id.get_storage_size())
     return found
 
 
