@@ -4,7 +4,11 @@ import gzip
 import hashlib
 import io
 import zlib
+from math import prod
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 from cageik_cli.util.input_files import open_input
@@ -45,6 +49,16 @@ def check_unpacked_size(size: int, packed: int) -> None:
             f"takes at least {size} bytes, packed in {packed}, expected at most {limit}; it is "
             "damaged, or store it without compression"
         )
+
+
+def check_unpacked_array(shape: tuple[int, ...], kind: np.dtype[Any], packed: int) -> None:
+    """Refuse an array that takes too many bytes, unpacked; raises as `check_unpacked_size`.
+
+    Whole numbers count eight bytes each: indices of one byte take eight where they are computed
+    with.
+    """
+    width = 8 if kind.kind in "iu" else kind.itemsize
+    check_unpacked_size(prod(shape) * width, packed)
 
 
 def decompress(data: bytes, suffix: str) -> bytes:

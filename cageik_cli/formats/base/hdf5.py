@@ -10,7 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cageik_cli.formats.base.file_data import check_unpacked_size
+from cageik_cli.formats.base.file_data import check_unpacked_array
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError, error_context
 from cageik_cli.util.input_files import check_input
 from cageik_cli.util.interrupts import repeat_if_interrupted
@@ -125,9 +125,7 @@ def get_dataset(
         wanted = " x ".join("any" if length is None else str(length) for length in shape)
         raise FormatError(f"`{name}` has shape {found.shape}, expected {wanted}")
     with error_context(f"`{name}`"):
-        # Indices of a byte each take eight where they are computed with.
-        width = 8 if found.dtype.kind in "iu" else found.dtype.itemsize
-        check_unpacked_size(found.size * width, found.id.get_storage_size())
+        check_unpacked_array(found.shape, found.dtype, found.id.get_storage_size())
     return found
 
 

@@ -17,7 +17,7 @@ from typing import IO
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import BinaryFile
-from cageik_cli.formats.base.file_data import check_unpacked_size
+from cageik_cli.formats.base.file_data import check_unpacked_array, check_unpacked_size
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 from cageik_cli.util.input_files import open_input
 
@@ -116,7 +116,9 @@ class NpzArchive:
                 return _open_array(self._file, self._find_offset(info), info.file_size)
             if info.compress_type == zipfile.ZIP_DEFLATED:
                 self._check_claimed_size(info)
-                return _open_array(self._decompress(info), 0, info.file_size)
+                array = _open_array(self._decompress(info), 0, info.file_size)
+                check_unpacked_array(array.shape, array.dtype, info.compress_size)
+                return array
             raise FormatError(
                 f"is compressed by method {info.compress_type}, expected deflate or none; write "
                 "the file with numpy.savez"

@@ -155,6 +155,15 @@ def test_a_bomb_is_refused_and_what_just_fits_is_not(tmp_path, monkeypatch):
         NpzArchive(path).open_array("verts")
 
 
+def test_whole_numbers_count_as_wide_as_they_are_computed_with(tmp_path, monkeypatch):
+    path = zipped(tmp_path / "a.npz", npy(np.zeros(1 << 17, np.int8)))
+    monkeypatch.setattr(file_data, "MIN_UNPACKED_LIMIT", 1 << 20)
+    assert NpzArchive(path).open_array("verts").shape == (1 << 17,)
+    monkeypatch.setattr(file_data, "MIN_UNPACKED_LIMIT", (1 << 20) - 1)
+    with pytest.raises(FormatError, match="`verts`: takes at least 1048576 bytes, packed in"):
+        NpzArchive(path).open_array("verts")
+
+
 @pytest.mark.parametrize(
     ("size", "says"), [(800, "is not a sound member"), (849, "ends after 848 of 849 bytes")]
 )
