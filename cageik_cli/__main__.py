@@ -11,13 +11,18 @@ def main() -> None:
     """Run the command line.
 
     What fails while the command is imported, before it can report errors itself, becomes a
-    sentence and exit code 1. That is the system or the installation, never an input.
+    sentence and exit code 1. That is the system or the installation, never an input. So does an
+    interruption before or after the command.
     """
     try:
-        from cageik_cli.cli import main as run_command_line
-    except (OSError, ImportError, MemoryError) as error:
-        sys.exit(f"Error: cageik cannot be loaded: {str(error) or type(error).__name__}; {_ADVICE}")
-    run_command_line()
+        try:
+            from cageik_cli.cli import main as run_command_line
+        except (OSError, ImportError, MemoryError) as error:
+            what = str(error) or type(error).__name__
+            sys.exit(f"Error: cageik cannot be loaded: {what}; {_ADVICE}")
+        run_command_line()
+    except KeyboardInterrupt:
+        sys.exit("Error: interrupted")
 
 
 _ADVICE = (

@@ -49,6 +49,24 @@ def test_an_error_while_a_command_imports_what_it_needs_is_one_sentence(run_proc
     assert len(outcome.err.splitlines()) == 1
 
 
+@pytest.mark.parametrize("name", ["cageik_cli.cli", "click", "cageik_cli.workflows.info"])
+def test_an_interruption_while_modules_are_imported_is_one_sentence(run_process, name):
+    outcome = run_process("-c", SCRIPT.format(name=name, error="KeyboardInterrupt()"))
+    assert (outcome.code, outcome.out, outcome.err) == (1, "", "Error: interrupted\n")
+
+
+def test_an_interruption_after_the_command_is_one_sentence(run_process):
+    script = SCRIPT.format(name="nothing", error="ImportError()").replace(
+        "from cageik_cli.__main__ import main",
+        "import cageik_cli.cli as cli\n"
+        "def interrupted():\n    raise KeyboardInterrupt\n"
+        "cli.main = interrupted\n"
+        "from cageik_cli.__main__ import main",
+    )
+    outcome = run_process("-c", script)
+    assert (outcome.code, outcome.out, outcome.err) == (1, "", "Error: interrupted\n")
+
+
 def test_an_error_of_the_code_itself_is_not_hidden(run_process):
     """Only what the system or the installation may cause is one sentence."""
     outcome = run_process("-c", SCRIPT.format(name="click", error="ZeroDivisionError()"))
