@@ -96,6 +96,7 @@ def test_frames_of_the_cages_are_chosen(run, result):
 
 
 def test_what_a_finer_mesh_shares_with_the_model_moves_with_it(run, result, write_obj, animation):
+    """To the precision of weights, which are computed in other blocks."""
     fine = finer(animation.rest, 1)
     np.testing.assert_array_equal(fine.vertices[:18], animation.rest.vertices)
     write_obj(Path("9 jacket.obj"), fine.vertices, fine.faces)
@@ -103,7 +104,7 @@ def test_what_a_finer_mesh_shares_with_the_model_moves_with_it(run, result, writ
     assert outcome.code == 0, outcome.err
     assert run("deform", "cages.h5", "-o", "model.npz").code == 0
     assert frames_in().shape == (5, len(fine.vertices), 3)
-    np.testing.assert_allclose(frames_in()[:, :18], frames_in("model.npz"), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(frames_in()[:, :18], frames_in("model.npz"), rtol=0, atol=1e-7)
 
 
 def test_any_mesh_follows_affine_cages(run, result, write_obj, animation):

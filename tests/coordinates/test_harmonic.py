@@ -297,9 +297,9 @@ def test_similar_cages_have_the_same_weights_and_permuted_vertices_permuted_ones
     there = scale * points @ turn.T + 3
     weights = harmonic_weights(moved, there).values
     assert_exact(weights, moved, there)
-    # Rounding of the input grows with the offset over the scale.
+    # Products are in single precision. Rounding of the input grows with the offset over the scale.
     here = harmonic_weights(cage, points).values[:, order]
-    np.testing.assert_allclose(weights, here, rtol=0, atol=1e-7 * max(1, 1e-3 / scale))
+    np.testing.assert_allclose(weights, here, rtol=0, atol=5e-7 * max(1, 1e-3 / scale))
 
 
 @pytest.mark.slow
