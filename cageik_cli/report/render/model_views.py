@@ -1,5 +1,6 @@
 """Pictures of a model and its cage, seen from the front, slightly from the right and above."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,7 @@ from cageik_cli.report.render.viewpoints import (
 from cageik_cli.store.result import Result
 from cageik_cli.store.result_frames import KeyFrames, read_binding, read_key_frames
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.threads import count_processors
 
 MODEL_COLOUR, CAGE_COLOUR = "#f0ede8", "#1f6fd0"
 """Colours of a model drawn in its cage, and of the cage."""
@@ -276,19 +278,25 @@ def render_pictures(poses: PoseSet, pixels: int = 360) -> Pictures:
     )
     samples = SAMPLES_PER_PIXEL * pixels
     max_rms = choose_scale_end(poses.vertex_rms[known])
-    return Pictures(
-        poses=tuple(
-            _render_pose(poses, pose, max_deviation, _fit_pose(poses, pose, samples))
-            for pose in poses.poses
-        ),
-        rest_views=tuple(
-            _render_rest(poses, turn, max_rms, pixels) for turn in (VIEW_TURN, VIEW_TURN + 180)
-        ),
-        max_deviation_percent=max_deviation,
-        max_rms_percent=max_rms,
-        colours=COLOUR_SCALE,
-        region=_render_close_up(poses, max_deviation, samples),
-    )
+
+    def render_pose(pose: Pose) -> PosePictures:
+        return _render_pose(poses, pose, max_deviation, _fit_pose(poses, pose, samples))
+
+    def render_rest(turn: float) -> bytes:
+        return _render_rest(poses, turn, max_rms, pixels)
+
+    with ThreadPoolExecutor(count_processors()) as pool:
+        drawn_poses = pool.map(render_pose, poses.poses)
+        rest_views = pool.map(render_rest, (VIEW_TURN, VIEW_TURN + 180))
+        region = pool.submit(_render_close_up, poses, max_deviation, samples)
+        return Pictures(
+            poses=tuple(drawn_poses),
+            rest_views=tuple(rest_views),
+            max_deviation_percent=max_deviation,
+            max_rms_percent=max_rms,
+            colours=COLOUR_SCALE,
+            region=region.result(),
+        )
 
 
 def _fit_pose(poses: PoseSet, pose: Pose, size: int) -> ParallelCamera:
