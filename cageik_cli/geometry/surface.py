@@ -17,6 +17,12 @@ SURFACE_TOL = 1e-12
 ROUNDING_TOL = 8 * np.finfo(np.float64).eps
 """The same in the largest coordinate: more for a mesh far from the origin."""
 
+THIN_TOL = 1e-3
+"""Squared sine of a face's first corner up to which its area is too little to divide by: the
+barycentric coordinates of other faces are right to rounding over this."""
+
+NEEDLE_TOL = 1e-6
+"""Squared width over length of a face up to which the same holds."""
 
 MAX_COMPARED_PAIRS = 40_000_000
 """Pairs of points and faces whose angles are all summed, where that is compiled, in 0.1 s. For
@@ -70,14 +76,51 @@ class ClosestPoints:
 
     def barycentric_coordinates(self, chosen: NDArray[np.bool_]) -> Floats:
         """Return barycentric coordinates of the `chosen` closest points in their faces, (c, 3)."""
-        a, b, c = self.mesh.vertices[self.mesh.faces[self.face[chosen]]].swapaxes(0, 1)
-        along, beside, inside = b - a, c - a, self.position[chosen] - a
+        corners, positions = (
+            self.mesh.vertices[self.mesh.faces[self.face[chosen]]],
+            self.position[chosen],
+        )
+        a, b, c = corners.swapaxes(0, 1)
+        along, beside, inside = b - a, c - a, positions - a
         aa, ab, bb = _dot(along, along), _dot(along, beside), _dot(beside, beside)
         pa, pb = _dot(inside, along), _dot(inside, beside)
         size = aa * bb - ab * ab
-        size[size == 0] = 1  # a face without area: its first corner
+        longest = np.maximum(aa, bb)
+        is_thin = ~(size > np.maximum(THIN_TOL * (aa * bb), NEEDLE_TOL * longest * longest))
+        size[is_thin] = 1
         second, third = (bb * pa - ab * pb) / size, (aa * pb - ab * pa) / size
-        return np.stack([1 - second - third, second, third], axis=1)
+        found = np.stack([1 - second - third, second, third], axis=1)
+        found[is_thin] = _place_in_thin_faces(corners[is_thin], positions[is_thin])
+        return found
+
+
+def _place_in_thin_faces(corners: Floats, positions: Floats) -> Floats:
+    """Return the coordinates of positions in thin faces, (k, 3, 3), from their longest sides.
+
+    The share of the corner across a longest side is that of the height, which is noise in a face
+    without area. It is kept to what leaves the others at 0 or more: the position stays right.
+    """
+    squares = np.square(corners[:, [1, 2, 0]] - corners).sum(axis=2)
+    order = (np.argmax(squares, axis=1)[:, None] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(corners, order[:, :, None], axis=1).swapaxes(0, 1)
+    side, across, inside = b - a, c - a, positions - a
+    foot = _divide(_dot(across, side), _dot(side, side)).clip(0, 1)
+    share = _divide(_dot(inside, side), _dot(side, side)).clip(0, 1)
+    height = across - foot[:, None] * side
+    third = _divide(_dot(inside - share[:, None] * side, height), _dot(height, height))
+    most = np.minimum(_divide(share, foot, 1), _divide(1 - share, 1 - foot, 1))
+    third = np.clip(third, 0, np.minimum(most, 1))
+    second = np.clip(share - third * foot, 0, 1 - third)
+    found = np.empty((len(order), 3))
+    np.put_along_axis(found, order, np.stack([1 - second - third, second, third], axis=1), axis=1)
+    return found
+
+
+def _divide(values: Floats, by: Floats, otherwise: float = 0) -> Floats:
+    """Return the quotients, and `otherwise` where there is none."""
+    quotients = np.full(len(by), float(otherwise))
+    np.divide(values, by, out=quotients, where=by > 0)
+    return quotients
 
 
 def _dot(a: Floats, b: Floats) -> Floats:

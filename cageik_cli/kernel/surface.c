@@ -4,6 +4,9 @@
 
 enum { LANES = 32, FACES_PER_BOX = 8 };
 
+/* The squared sine of a triangle's first corner up to which it is thin. */
+static const double THIN = 1e-3;
+
 typedef double Row[LANES];
 
 typedef struct {
@@ -62,11 +65,10 @@ INLINE void meet_side(Row *at, const double *a, const double *side, Row *foot, d
 }
 
 /* Keeps the foot on the plane where it is in the triangle; then no other point is closer. */
-INLINE void meet_plane(Row *at, const double *a, const double *ab, const double *ac, Row *foot,
-                       double *least)
+INLINE void meet_plane(Row *at, const double *a, const double *ab, const double *ac,
+                       const double *normal, Row *foot, double *least)
 {
-    double normal[3], u[3], v[3];
-    cross(ab, ac, normal);
+    double u[3], v[3];
     const double size = dot(normal, normal), share = size > 0 ? 1 / size : 0;
     cross(ac, normal, u), cross(normal, ab, v);
     for (int j = 0; j < LANES; j++) {
@@ -82,6 +84,43 @@ INLINE void meet_plane(Row *at, const double *a, const double *ab, const double 
     }
 }
 
+/* The same for a thin triangle, whose normal is little but rounding: by the height over its longest
+   side, from `a` to `b`. The foot is always a point of the triangle; it is kept where it is closer
+   than those of the sides. */
+static void meet_thin_plane(Row *at, const double *a, const double *b, const double *c, Row *foot,
+                            double *least)
+{
+    double side[3], across[3], height[3];
+    subtract(b, a, side), subtract(c, a, across);
+    const double length = dot(side, side);
+    if (!(length > 0))
+        return;
+    const double middle = dot(across, side) / length;
+    for (int axis = 0; axis < 3; axis++)
+        height[axis] = across[axis] - middle * side[axis];
+    const double size = dot(height, height);
+    if (!(size > 0))
+        return;
+    for (int j = 0; j < LANES; j++) {
+        double x[3] = {at[0][j] - a[0], at[1][j] - a[1], at[2][j] - a[2]}, d[3], f[3];
+        const double share = dot(x, side) / length;
+        for (int axis = 0; axis < 3; axis++)
+            d[axis] = x[axis] - share * side[axis];
+        const double third = dot(d, height) / size, second = share - third * middle;
+        if (!(third >= 0 && second >= 0 && second + third <= 1))
+            continue;
+        for (int axis = 0; axis < 3; axis++) {
+            f[axis] = a[axis] + (second * side[axis] + third * across[axis]);
+            d[axis] = at[axis][j] - f[axis];
+        }
+        if (dot(d, d) < least[j]) {
+            least[j] = dot(d, d);
+            for (int axis = 0; axis < 3; axis++)
+                foot[axis][j] = f[axis];
+        }
+    }
+}
+
 /* The closest points so far, of each lane: `name` is the least among faces that are equally close. */
 typedef struct {
     Row square, at[3], bound;
@@ -93,15 +132,24 @@ INLINE void meet_face(const Surface *s, Py_ssize_t i, Row *at, Closest *closest)
     const int64_t *face = s->face + 3 * i, name = s->name[i];
     const double *a = s->vertex + 3 * face[0], *b = s->vertex + 3 * face[1];
     const double *c = s->vertex + 3 * face[2];
-    double ab[3], bc[3], ca[3], ac[3];
+    double ab[3], bc[3], ca[3], ac[3], normal[3];
     Row foot[3], least;
     subtract(b, a, ab), subtract(c, b, bc), subtract(a, c, ca), subtract(c, a, ac);
+    cross(ab, ac, normal);
+    const double one = dot(ab, ab), two = dot(bc, bc), three = dot(ca, ca);
     for (int j = 0; j < LANES; j++)
         least[j] = HUGE_VAL;
     meet_side(at, a, ab, foot, least);
     meet_side(at, b, bc, foot, least);
     meet_side(at, c, ca, foot, least);
-    meet_plane(at, a, ab, ac, foot, least);
+    if (dot(normal, normal) > THIN * (one * three))
+        meet_plane(at, a, ab, ac, normal, foot, least);
+    else if (one >= two && one >= three)
+        meet_thin_plane(at, a, b, c, foot, least);
+    else if (two >= three)
+        meet_thin_plane(at, b, c, a, foot, least);
+    else
+        meet_thin_plane(at, c, a, b, foot, least);
     for (int j = 0; j < LANES; j++) {
         int is_equal = (least[j] == closest->square[j]) & (name < closest->name[j]);
         int is_nearer = (least[j] < closest->square[j]) | is_equal;

@@ -135,6 +135,46 @@ def test_a_face_without_area_is_a_segment_or_a_point(core):
     np.testing.assert_allclose(closest_points(point, np.zeros((1, 3))).distance, np.sqrt(14))
 
 
+def thin_face(kind, generator):
+    """Three corners on a line, some at one place, or less than 10^-2 off that."""
+    corners = generator.normal(size=3) + generator.normal(size=(3, 1)) * generator.normal(size=3)
+    if kind in ("needle", "two at one place"):
+        corners = generator.normal(size=(3, 3))
+        first, second, _ = generator.permutation(3)
+        corners[first] = corners[second]
+    if kind == "one place":
+        corners[:] = corners[0]
+    if kind in ("sliver", "needle"):
+        corners += 10 ** generator.uniform(-18, -2) * generator.normal(size=(3, 3))
+    return TriMesh(corners, [[0, 1, 2]])
+
+
+@pytest.mark.parametrize("kind", ["line", "two at one place", "one place", "sliver", "needle"])
+def test_weights_in_thin_faces_give_the_nearest_point(core, kind):
+    generator = np.random.default_rng(11)
+    for _ in range(200):
+        mesh = thin_face(kind, generator)
+        within = generator.dirichlet([1, 1, 1], 20) @ mesh.vertices
+        points = np.concatenate([3 * generator.normal(size=(20, 3)), within, mesh.vertices])
+        nearest = closest_points(mesh, points)
+        weights = nearest.barycentric_weights(np.ones(len(points), bool))
+        np.testing.assert_allclose(weights @ mesh.vertices, nearest.position, atol=4e-12)
+        np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=1e-12)
+        assert weights.min() > -1e-9
+        assert weights.max() < 1 + 1e-9
+
+
+@pytest.mark.parametrize("kind", ["line", "two at one place", "one place", "sliver", "needle"])
+def test_points_of_thin_faces_are_closest_to_themselves(kind):
+    if compiled.kernel is None:
+        pytest.skip("the core was not compiled")
+    generator = np.random.default_rng(12)
+    for _ in range(200):
+        mesh = thin_face(kind, generator)
+        points = np.concatenate([generator.dirichlet([1, 1, 1], 29) @ mesh.vertices, mesh.vertices])
+        assert closest_points(mesh, points).distance.max() < 1e-14
+
+
 def test_no_points_have_no_closest_points(core):
     found = closest_points(box(), np.zeros((0, 3)))
     assert found.position.shape == (0, 3)
