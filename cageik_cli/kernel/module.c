@@ -28,8 +28,15 @@ void *take_array(Arrays *arrays, PyObject *object, const char *name, char type, 
     }
     Py_buffer *buffer = &arrays->taken[arrays->count];
     int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (access == WRITE ? PyBUF_WRITABLE : 0);
-    if (PyObject_GetBuffer(object, buffer, flags) < 0)
+    if (PyObject_GetBuffer(object, buffer, flags) < 0) {
+        if (PyErr_ExceptionMatches(PyExc_BufferError) || PyErr_ExceptionMatches(PyExc_TypeError) ||
+            PyErr_ExceptionMatches(PyExc_ValueError)) {
+            PyErr_Clear();
+            PyErr_Format(PyExc_TypeError, "%s: expected a C-contiguous array%s", name,
+                         access == WRITE ? " that can be written" : "");
+        }
         return NULL;
+    }
     arrays->count++;
     if (!has_type(buffer, type) || buffer->ndim != dimensions) {
         PyErr_Format(PyExc_TypeError, "%s: expected an array of %s with %d dimensions", name,

@@ -202,3 +202,13 @@ def test_the_compiled_functions_refuse_what_does_not_fit():
         kernel.winding_numbers(points, mesh.vertices, mesh.faces, results[0][1:])
     with pytest.raises(TypeError, match="points: expected an array of float64"):
         kernel.winding_numbers(points.astype(int), mesh.vertices, mesh.faces, results[0])
+    rows = np.zeros((3, 4)).T
+    with pytest.raises(TypeError, match=r"^points: expected a C-contiguous array$"):
+        kernel.winding_numbers(rows, mesh.vertices, mesh.faces, results[0])
+    with pytest.raises(TypeError, match=r"^points: expected a C-contiguous array$"):
+        kernel.winding_numbers(None, mesh.vertices, mesh.faces, results[0])
+    results[0].flags.writeable = False
+    with pytest.raises(
+        TypeError, match=r"^winding: expected a C-contiguous array that can be written$"
+    ):
+        kernel.winding_numbers(points, mesh.vertices, mesh.faces, results[0])
