@@ -128,7 +128,7 @@ def _dot(a: Floats, b: Floats) -> Floats:
 
 
 def closest_points(mesh: TriMesh, points: Floats) -> ClosestPoints:
-    """Find the point of `mesh` nearest to each of `points`, (m, 3)."""
+    """Find the point of `mesh` nearest to each of `points`, (m, 3), which are valid positions."""
     if not _can_compare(mesh, points, MAX_BOXED_PAIRS):
         import igl
 

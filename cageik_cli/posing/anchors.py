@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.geometry.camera import Camera
-from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mesh import MAX_COORDINATE, TriMesh
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import HandlesError, InputError
@@ -154,6 +154,11 @@ def point_on_face(mesh: TriMesh, face: int, barycentric: Floats) -> SurfacePoint
 def closest_point(mesh: TriMesh, position: Floats) -> SurfacePoint:
     """Return the point of the surface closest to a position in space, (3,).
 
+    Raises
+    ------
+    HandlesError
+        Unless the position is three finite numbers of at most `MAX_COORDINATE`.
+
     Examples
     --------
     >>> from cageik_cli import closest_point, load_mesh
@@ -164,7 +169,13 @@ def closest_point(mesh: TriMesh, position: Floats) -> SurfacePoint:
     """
     from scipy.optimize import nnls  # slow to import, and few handles files need it
 
-    nearest = closest_points(mesh, np.asarray(position, np.float64)[None])
+    place = np.asarray(position, np.float64)
+    if place.shape != (3,) or not (np.abs(place) <= MAX_COORDINATE).all():
+        raise HandlesError(
+            f"{place.tolist()} is no place; expected three finite numbers of at most "
+            f"{MAX_COORDINATE:g}"
+        )
+    nearest = closest_points(mesh, place[None])
     corners = mesh.faces[nearest.face[0]]
     away = (mesh.vertices[corners] - nearest.position[0]) / (mesh.diagonal or 1.0)
     # On a face without area a point has many coordinates: any that are not negative will do.

@@ -145,6 +145,14 @@ def test_the_closest_point_is_on_the_surface_and_none_is_closer(position):
     assert found == pytest.approx(np.linalg.norm(nearest - position, axis=1).min(), abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    "position", [[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -1e200], [0, 0], [[0, 0, 0]]]
+)
+def test_a_position_that_is_no_place_has_no_closest_point(position):
+    with pytest.raises(HandlesError, match="is no place; expected three finite numbers"):
+        closest_point(BALL, np.array(position))
+
+
 def test_a_point_of_the_surface_is_its_own_closest_point():
     on_it = BALL.vertices[BALL.faces[17]].mean(axis=0)
     found = closest_point(BALL, on_it).position(BALL.vertices)
