@@ -95,6 +95,16 @@ def test_measures_of_any_number_of_data_vertices_are_those_of_numpy(count, in_nu
     assert np.isnan(found.squared_errors).sum() == 3 * (len(rest.vertices) - len(chosen))
 
 
+def test_no_data_vertex_measures_nothing(in_numpy):
+    rest = box()
+    frames = np.stack([rest.vertices, rest.vertices])
+    with np.errstate(invalid="ignore"):
+        found = assert_measured_as_in_numpy(in_numpy, rest, frames, frames + 1, np.zeros(0, int))
+    assert np.isnan(found.metrics.rms).all()
+    assert np.isnan(found.metrics.max_deviation).all()
+    assert np.isnan(found.squared_errors).all()
+
+
 def test_the_first_of_equal_deviations_is_the_worst():
     rest = box()
     frames = np.stack([rest.vertices, rest.vertices])
