@@ -222,7 +222,7 @@ def test_the_compiled_body_refuses_arrays_that_do_not_fit(monkeypatch):
         kinds = [kept.astype(np.float32), kept[..., ::-1], None, kept[..., None]]
         for spoilt in kinds + ([] if (part, k) in _FREE_LENGTHS else [short]):
             owner[k] = spoilt
-            with pytest.raises((TypeError, ValueError, BufferError)):
+            with pytest.raises((TypeError, ValueError)):
                 _call(arguments)
         owner[k] = kept
     _call(arguments)
@@ -251,7 +251,7 @@ def test_the_compiled_body_refuses_numbers_out_of_range(monkeypatch):
 def test_the_compiled_body_refuses_results_that_cannot_be_written(monkeypatch):
     arguments = _arguments(monkeypatch)
     arguments[6][0].flags.writeable = False
-    with pytest.raises((ValueError, BufferError)):
+    with pytest.raises(TypeError):
         _call(arguments)
 
 

@@ -193,10 +193,10 @@ def test_the_compiled_body_refuses_places_outside_the_text_and_other_arrays():
         ("1 2", pairs, False, False, numbers),
         (b"1 2", pairs, False, False, b"12345678"),
     ):
-        with pytest.raises((TypeError, ValueError, BufferError)):
+        with pytest.raises((TypeError, ValueError)):
             kernel.parse_words(*arguments)
     for length in (-1, 4, 1 << 60):
         assert not kernel.parse_positions(b"   ", length, np.empty((0, 3)))
     for wrong in (np.empty((1, 2)), np.empty(3), np.empty((1, 3), np.float32), np.empty((3, 2)).T):
-        with pytest.raises((TypeError, ValueError, BufferError)):
+        with pytest.raises((TypeError, ValueError)):
             kernel.parse_positions(b"v 1 2 3\n", 8, wrong)
