@@ -91,6 +91,8 @@ def harmonic_weights(
         When the cage has more faces than `MAX_FACES`.
     SettingError
         When the accuracy is unknown.
+    NumericalError
+        When the equations have no solution.
     """
     check_request(cage, accuracy)
     weights, within = weights_on_surface(cage, points)

@@ -26,6 +26,7 @@ from cageik_cli.coordinates.bem.polynomials import (
 from cageik_cli.coordinates.bem.potentials import Potentials, compute_potentials
 from cageik_cli.geometry.neighbours import order_by_place
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.errors import NumericalError
 from cageik_cli.util.threads import limit_blas_threads
 
 MAX_BLOCK_ENTRIES = 240_000
@@ -67,10 +68,21 @@ def solve_boundary(mesh: BoundaryMesh, pool: ThreadPoolExecutor) -> BoundarySolu
 
     Single precision halves memory and time. It changes the weights of sound cages in the sixth
     digit at most; the densities of affine functions are known, and are corrected exactly.
+
+    Raises
+    ------
+    NumericalError
+        When the equations have no solution, as for faces without area.
     """
     matrix, rhs = _assemble(mesh, pool)
     with limit_blas_threads(ELIMINATION_THREADS):
-        solve_in_place(matrix, rhs)
+        try:
+            solve_in_place(matrix, rhs)
+        except np.linalg.LinAlgError as error:
+            raise NumericalError(
+                "the equations of harmonic weights have no solution for this cage; check it with "
+                "cageik check --cage"
+            ) from error
     del matrix
     densities = np.zeros((mesh.unknowns, rhs.shape[1]), order="F")
     densities[mesh.solved_unknowns] = rhs
