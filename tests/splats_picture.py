@@ -11,12 +11,13 @@ from PIL import Image, ImageDraw
 
 from cageik_cli import bind, extract, load_clip, load_mesh
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.coordinates.splat_motion import SplatMotion
+from cageik_cli.coordinates.point_motion import PointMotion
 from cageik_cli.formats.points_ply import parse_points
 from cageik_cli.formats.splat_ply import read_splats
+from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.util.arrays import Floats
-from cageik_cli.workflows.deform_splats import fill_rows
+from cageik_cli.workflows.move_points import fill_rows
 from tests.splat_renderer import Camera, render
 from tests.splats import encode_rows, make_splat_rows
 
@@ -42,7 +43,7 @@ def main(arguments: list[str]) -> int:
     points = parse_points(encode_rows(make_splat_rows(rest, count, 3)))
     cloud = PointCloud.from_points(points.positions)
     binding: Binding = bind(cloud, cage)
-    motion = SplatMotion(binding, read_splats(points), 1 << 30, 2)
+    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 2)
     clip = load_clip(WALKER / "frames")
     walk = extract(clip, bind(clip.first, cage)).cages[20]
     panels = [points.rows]

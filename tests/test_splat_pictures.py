@@ -5,12 +5,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cageik_cli.cages.bind import bind
+from cageik_cli.coordinates.point_motion import PointMotion
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.coordinates.splat_motion import SplatMotion
 from cageik_cli.formats.points_ply import parse_points
 from cageik_cli.formats.splat_ply import read_splats
+from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.points import PointCloud
-from cageik_cli.workflows.deform_splats import fill_rows
+from cageik_cli.workflows.move_points import fill_rows
 from tests.shapes import ball
 from tests.splat_renderer import Camera, render
 from tests.splats import encode_rows, make_splat_rows
@@ -25,7 +26,7 @@ def scene():
     points = parse_points(encode_rows(make_splat_rows(ball(2, 0.8), 800)))
     cloud = PointCloud.from_points(points.positions)
     binding = bind(cloud, CAGE, BindSettings(accuracy="preview"))
-    return points, SplatMotion(binding, read_splats(points), 1 << 30, 1)
+    return points, PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 1)
 
 
 def move(scene, cage):

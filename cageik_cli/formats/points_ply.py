@@ -29,6 +29,9 @@ POSITION_NAMES = ("x", "y", "z")
 
 NORMAL_NAMES = ("nx", "ny", "nz")
 
+MOVED = np.dtype([(name, np.float64) for name in POSITION_NAMES + NORMAL_NAMES])
+"""Places and normals, before they are rounded to the types of a file."""
+
 MAX_HEADER_BYTES = 1 << 20
 """A longer header is none."""
 
@@ -64,14 +67,26 @@ class PointFile:
         return stack_positions(self.rows)
 
     @property
+    def normals(self) -> Floats | None:
+        """The normals that can be turned, (3, m); None if there are none, or all are zero."""
+        if not set(NORMAL_NAMES) <= set(self.names):
+            return None
+        if any(self.rows.dtype[name].kind != "f" for name in NORMAL_NAMES):
+            return None
+        normals = np.stack([self.rows[name] for name in NORMAL_NAMES], dtype=np.float64)
+        return normals if normals.any() else None
+
+    @property
     def notes(self) -> tuple[str, ...]:
-        """What is not done to its properties, one sentence each."""
-        held = [self.rows[name] for name in NORMAL_NAMES if name in self.names]
-        if not any(np.any(values) for values in held):
+        """What cannot be done to its properties, one sentence each."""
+        held = [name for name in NORMAL_NAMES if name in self.names]
+        is_given = any(self.rows[name].any() for name in held)
+        if not is_given or self.normals is not None:
             return ()
+        why = "are whole numbers" if len(held) == 3 else f"are not all of {', '.join(NORMAL_NAMES)}"
         return (
-            f"its normals ({', '.join(NORMAL_NAMES)}) keep their values and are not turned; "
-            "compute them again from the points that are written",
+            f"its normals ({', '.join(held)}) {why} and keep their values; compute them again from "
+            "the points that are written",
         )
 
     def encode(self, rows: NDArray[Any]) -> bytes:
@@ -207,15 +222,33 @@ def place_positions(rows: NDArray[Any], positions: Floats) -> None:
             rows[axis] = values
 
 
+def place_normals(rows: NDArray[Any], normals: Floats) -> None:
+    """Put normals, (3, m), into rows."""
+    for axis, values in zip(NORMAL_NAMES, normals, strict=True):
+        rows[axis] = values
+
+
+def place_moved(rows: NDArray[Any], moved: NDArray[Any]) -> None:
+    """Put positions, (m, 3), or rows of `MOVED` into rows."""
+    if moved.dtype.names is None:
+        place_positions(rows, moved)
+        return
+    place_positions(rows, np.stack([moved[axis] for axis in POSITION_NAMES], axis=1))
+    place_normals(rows, np.stack([moved[axis] for axis in NORMAL_NAMES]))
+
+
 class PointWriter(FrameFileWriter):
-    """Writes a file per frame that differs from the one that was read in its positions."""
+    """Writes a file per frame that differs from the one that was read in what is moved.
+
+    Frames are positions, or rows of `MOVED`.
+    """
 
     def __init__(self, target: Path, animation: Animation, points: PointFile) -> None:
         super().__init__(target, animation)
         self._points = points
 
-    def encode_frame(self, positions: Floats) -> bytes:
+    def encode_frame(self, positions: NDArray[Any]) -> bytes:
         """Return the bytes of one frame."""
         rows = self._points.rows.copy()
-        place_positions(rows, positions)
+        place_moved(rows, positions)
         return self._points.encode(rows)

@@ -5,14 +5,17 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cageik_cli.formats.base.file_names import FrameNames
 from cageik_cli.formats.base.registry import discover_plugins
-from cageik_cli.formats.base.writer import Animation, AnimationWriter
+from cageik_cli.formats.base.writer import (
+    Animation,
+    AnimationWriter,
+    get_positions,
+    shift_positions,
+)
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, error_context
 from cageik_cli.util.outputs import (
@@ -291,11 +294,11 @@ def write_animation(
                 if block is None:
                     break
                 if output.recentre:
-                    block = block - origin
+                    block = shift_positions(block, -origin)
                 with error_context(path):
                     writer.append(block)
                 if writer.is_single:
-                    largest = max(largest, _find_largest(_get_positions(block)))
+                    largest = max(largest, _find_largest(get_positions(block)))
             done += len(block)
             progress.update(done, animation.frame_count)
     if output.recentre:
@@ -304,13 +307,6 @@ def write_animation(
     for note in (*writer.notes, *_list_rounding_notes(writer, largest, animation.rest.diagonal)):
         progress.note("note", f"{path.name}: {note}")
     return ExportSummary(path, done, len(animation.rest.vertices), _total_size(output.target_path))
-
-
-def _get_positions(block: NDArray[Any]) -> Floats:
-    """Return the positions of a block, which has rows of properties if it is of splats."""
-    if block.dtype.names is None:
-        return block
-    return np.stack([block[axis] for axis in "xyz"], axis=-1, dtype=np.float64)
 
 
 def _find_largest(positions: Floats) -> float:

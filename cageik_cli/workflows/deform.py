@@ -18,6 +18,7 @@ from cageik_cli.formats.base.writer import Animation
 from cageik_cli.formats.open import list_input_files, open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
+from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.store import result_frames
 from cageik_cli.store.fit_fields import StoredFit
@@ -30,9 +31,9 @@ from cageik_cli.util.text import label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
 from cageik_cli.workflows.cage_source import CageSource
-from cageik_cli.workflows.deform_splats import move_frames, prepare_splats
 from cageik_cli.workflows.export import report_skipped_frames
 from cageik_cli.workflows.model_file import LoadedModel, load_model
+from cageik_cli.workflows.move_points import find_oriented, move_frames, prepare_motion
 from cageik_cli.workflows.reconstruction import Block, CageFrames, Reconstruction
 from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
 
@@ -144,19 +145,22 @@ def deform(settings: DeformSettings, progress: ProgressListener | None = None) -
     )
     # One thread per product: the last digits depend on how many.
     with limit_blas_threads(1):
-        frames = _move_model(settings, source, _Motion(model, binding, cages), progress)
         factory = model.choose_writer(output)
+        oriented = find_oriented(model, binding, model.note(progress)) if factory else None
+        motion = _Motion(model, binding, cages, oriented)
+        frames = _move_model(settings, source, motion, progress)
         summary = write_animation(output, animation, frames, progress, factory)
     return replace(summary, parts=model.parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Motion:
-    """A model, its weights, and the cages that move it."""
+    """A model, its weights, the cages that move it, and what turns with its points."""
 
     model: LoadedModel
     binding: Binding
     cages: CageFrames
+    oriented: Oriented | None
 
 
 def _load_model(path: Path, settings: DeformSettings) -> LoadedModel:
@@ -181,10 +185,11 @@ def _move_model(
 ) -> Iterator[Any]:
     """Return the frames that the writer of the model takes, in blocks."""
     model, binding, cages = motion.model, motion.binding, motion.cages
-    if model.splats is not None and model.points is not None:
+    if motion.oriented is not None:
+        jobs, rest = settings.jobs, model.make_rest_rows()
         with error_context(settings.mesh):
-            held = prepare_splats(binding, model.splats, settings.memory, settings.jobs, progress)
-        return move_frames(held, model.points, cages, settings.jobs, model.note(progress))
+            held = prepare_motion(binding, motion.oriented, settings.memory, jobs, progress)
+        return move_frames(held, rest, cages, jobs, model.note(progress))
     rotations = _read_needed_rotations(settings, source, binding, cages.count)
     target = Reconstruction(binding, cages, rotations)
     if settings.influences is None:

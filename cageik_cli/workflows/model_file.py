@@ -4,16 +4,21 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cageik_cli.formats.base.file_data import decompress, describe_source
 from cageik_cli.formats.base.file_names import file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.ply import Reader as PlyReader
-from cageik_cli.formats.points_ply import PointFile, PointWriter, parse_points
+from cageik_cli.formats.points_ply import MOVED, PointFile, PointWriter, parse_points
 from cageik_cli.formats.splat_ply import SplatWriter, holds_splats, read_splats
 from cageik_cli.formats.usd.errors import USD_SUFFIXES
 from cageik_cli.formats.write import Output, WriterFactory
+from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.geometry.splats import Splats
 from cageik_cli.util.errors import OutputError, SettingError, error_context
@@ -81,6 +86,14 @@ class LoadedModel:
             )
 
     @property
+    def oriented(self) -> Oriented | None:
+        """What turns with its points; None if nothing does."""
+        normals = None if self.points is None else self.points.normals
+        if normals is None and self.splats is None:
+            return None
+        return Oriented(normals, self.splats)
+
+    @property
     def kind(self) -> str:
         """What it is, in words."""
         if self.points is None:
@@ -102,6 +115,12 @@ class LoadedModel:
             progress.note(label, f"{self.mesh.source['name']}: {text}")
 
         return take
+
+    def make_rest_rows(self) -> NDArray[Any]:
+        """Return rows of the points at rest, which frames are made from; of splats, whole ones."""
+        assert self.points is not None
+        rows = self.points.rows
+        return rows if self.splats is not None else np.zeros(len(rows), MOVED)
 
     def choose_writer(self, output: Output) -> WriterFactory | None:
         """Return what makes the writer of the model; None for the usual one of the format."""

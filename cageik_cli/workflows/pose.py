@@ -35,8 +35,13 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
-from cageik_cli.workflows.deform_splats import fill_rows, note_faults, prepare_splats
 from cageik_cli.workflows.model_file import LoadedModel, load_model
+from cageik_cli.workflows.move_points import (
+    fill_rows,
+    find_oriented,
+    note_faults,
+    prepare_motion,
+)
 from cageik_cli.workflows.repair_hint import suggest_repair
 
 
@@ -200,16 +205,17 @@ def _write_model(
     if file is None or file.points is None:
         write_mesh(path, target.binding.rest, posed.mesh, settings.overwrite)
         return
-    rows = file.points.rows.copy()
-    if file.splats is None:
+    rows, note = file.points.rows.copy(), file.note(progress)
+    oriented = find_oriented(file, target.binding, note)
+    if oriented is None:
         place_positions(rows, posed.mesh)
     else:
         jobs = settings.weights.jobs
         with error_context(settings.target):
-            motion = prepare_splats(target.binding, file.splats, DEFAULT_MEMORY, jobs, progress)
+            motion = prepare_motion(target.binding, oriented, DEFAULT_MEMORY, jobs, progress)
         with limit_blas_threads(1):
             faults = fill_rows(motion, rows[None], posed.cage[None], jobs)
-        note_faults(faults, len(rows), file.note(progress))
+        note_faults(faults, motion, len(rows), note)
     with error_context(path):
         data = file.points.encode(rows)
     write_bytes(path, data, settings.overwrite)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from cageik_cli import load_mesh
 from cageik_cli.formats.points_ply import parse_points
 from tests.splats import covariances, encode_rows, make_splat_rows
 
@@ -80,26 +81,113 @@ def test_positions_of_points_are_written_in_other_formats(run, cloud, name):
             np.testing.assert_allclose(arrays["vertices"], expected, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("command", ["deform", "pose"])
-def test_normals_that_are_not_turned_are_noted(run, cloud, command):
-    words = {
-        "deform": ("deform", "cages.h5", "--mesh", "n.ply", "-o", "out"),
-        "pose": ("pose", "n.ply", "h.json", "--cage", "cage.obj", "-o", "posed.ply"),
-    }[command]
-    normals = [(axis, "<f4") for axis in ("nx", "ny", "nz")]
-    rows = np.zeros(60, [*((axis, "<f4") for axis in "xyz"), *normals])
-    for axis in "xyz":
-        rows[axis] = cloud[axis]
+COMMANDS = {
+    "deform": ("deform", "cages.h5", "--mesh", "n.ply", "-o", "out"),
+    "pose": ("pose", "n.ply", "h.json", "--cage", "cage.obj", "-o", "posed.ply"),
+}
+
+
+def write_normals(cloud, normals, names=("nx", "ny", "nz"), kind="<f4"):
+    rows = np.zeros(60, [*cloud.dtype.descr, *((axis, kind) for axis in names)])
+    for name in cloud.dtype.names:
+        rows[name] = cloud[name]
+    for axis, value in zip(names, normals, strict=True):
+        rows[axis] = value
     Path("n.ply").write_bytes(encode_rows(rows))
-    note = "n.ply: its normals (nx, ny, nz) keep their values"
-    outcome = run(*words)
+    return rows
+
+
+def normals_in(rows):
+    return np.stack([rows[axis] for axis in ("nx", "ny", "nz")], axis=1).astype(np.float64)
+
+
+def write_moved_cage(name, linear):
+    cage = load_mesh("cage.obj")
+    lines = ["v {} {} {}".format(*point) for point in cage.vertices @ linear.T]
+    lines += ["f {} {} {}".format(*face) for face in cage.faces + 1]
+    Path(name).write_text("\n".join(lines) + "\n")
+
+
+LINEAR = np.array([[0, -2.0, 0], [1, 0, 0], [0.5, 0, 1]])
+
+
+@pytest.mark.parametrize("words", [(), ("--recentre",), ("--memory", "1MB")])
+def test_normals_of_points_are_turned(run, cloud, words):
+    """By the inverse transpose of an affine map, here."""
+    given = np.random.default_rng(3).standard_normal((3, 60))
+    rows = write_normals(cloud, given)
+    rows["nx"][4] = rows["ny"][4] = rows["nz"][4] = 0
+    Path("n.ply").write_bytes(encode_rows(rows))
+    for frame, linear in enumerate((np.eye(3), LINEAR)):
+        write_moved_cage(f"affine_{frame}.obj", linear)
+    outcome = run(*COMMANDS["deform"], "--cages", "affine_*.obj", *words)
     assert outcome.code == 0, outcome.err
-    assert note not in " ".join(outcome.err.split()), "they are all zero"
-    rows["ny"] = 1
-    Path("n.ply").write_bytes(encode_rows(rows))
-    outcome = run(*words, "--overwrite")
+    assert "normals" not in outcome.err
+    still, moved = frames_in("out")
+    shift = [0.0, 0, 0]
+    if "--recentre" in words:
+        shift = json.loads(Path("out.offset.json").read_text())["offset"]
+    np.testing.assert_allclose(places(still) + shift, places(cloud), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(places(moved) + shift, places(cloud) @ LINEAR.T, rtol=0, atol=1e-6)
+    expected = normals_in(rows) @ np.linalg.inv(LINEAR)
+    lengths = np.linalg.norm(expected, axis=1, keepdims=True)
+    expected = np.divide(expected, lengths, out=np.zeros_like(expected), where=lengths > 0)
+    np.testing.assert_allclose(normals_in(moved), expected, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(moved["heat"], cloud["heat"])
+
+
+def test_normals_of_posed_points_are_turned(run, cloud):
+    rows = write_normals(cloud, [[0.0], [1.0], [0.0]])
+    outcome = run(*COMMANDS["pose"])
+    assert outcome.code == 0, outcome.err
+    posed = read("posed.ply")
+    assert abs(normals_in(posed) - normals_in(rows)).max() > 0.01
+    np.testing.assert_allclose(np.linalg.norm(normals_in(posed), axis=1), 1, rtol=1e-6)
+    write_normals(cloud, [[0.0], [0.0], [0.0]])
+    assert run(*COMMANDS["pose"], "--overwrite", "-q").code == 0
+    np.testing.assert_allclose(places(read("posed.ply")), places(posed), rtol=0, atol=1e-6)
+
+
+def test_normals_of_splats_are_turned(run, splats):
+    splats["nz"] = 1
+    Path("splats.ply").write_bytes(encode_rows(splats))
+    assert run("deform", "cages.h5", "--mesh", "splats.ply", "-o", "out", "-q").code == 0
+    found = normals_in(frames_in("out")[4])
+    assert abs(found - [0, 0, 1]).max() > 0.01
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, rtol=1e-6)
+
+
+KEPT = {
+    "no gradients": ({}, ["--coordinates", "mean-value"], "its normals keep their values: turning"),
+    "whole numbers": ({"kind": "<i2"}, [], "(nx, ny, nz) are whole numbers and keep their values"),
+    "two of three": ({"names": ("nx", "ny")}, [], "(nx, ny) are not all of nx, ny, nz and keep"),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("case", KEPT)
+def test_normals_that_are_not_turned_are_noted(run, cloud, command, case):
+    how, words, note = KEPT[case]
+    count = len(how.get("names", "xyz"))
+    write_normals(cloud, [0] * count, **how)
+    outcome = run(*COMMANDS[command], *words)
+    assert outcome.code == 0, outcome.err
+    assert "normals" not in outcome.err, "they are all zero"
+    rows = write_normals(cloud, [0, 1, 0][:count], **how)
+    outcome = run(*COMMANDS[command], *words, "--overwrite")
     assert outcome.code == 0, outcome.err
     assert note in " ".join(outcome.err.split())
+    posed = read("posed.ply") if command == "pose" else frames_in("out")[4]
+    np.testing.assert_array_equal(posed["ny"], rows["ny"])
+
+
+def test_points_in_a_cage_turned_inside_out_are_counted(run, cloud):
+    write_normals(cloud, [0, 1, 0])
+    write_moved_cage("mirror_0.obj", np.diag([1, 1, -1]))
+    outcome = run(*COMMANDS["deform"], "--cages", "mirror_0.obj")
+    assert outcome.code == 0, outcome.err
+    expected = "60 of 60 moved points are turned inside out: the cage folds over there"
+    assert expected in " ".join(outcome.err.split())
 
 
 def test_packed_points_are_read(run, cloud):

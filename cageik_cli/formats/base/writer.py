@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,6 +144,22 @@ class FrameFileWriter(AnimationWriter):
 
     def complete(self) -> None:
         """Do nothing: each file is complete."""
+
+
+def shift_positions(block: NDArray[Any], offset: Floats) -> NDArray[Any]:
+    """Return a block whose positions are moved; rows of properties are moved where they are."""
+    if block.dtype.names is None:
+        return np.asarray(block + offset)
+    for axis, along in zip("xyz", offset, strict=True):
+        block[axis] += along
+    return block
+
+
+def get_positions(block: NDArray[Any]) -> Floats:
+    """Return the positions of a block, which has rows of properties if points turn with it."""
+    if block.dtype.names is None:
+        return block
+    return np.stack([block[axis] for axis in "xyz"], axis=-1, dtype=np.float64)
 
 
 def to_float32(positions: Floats) -> NDArray[np.float32]:

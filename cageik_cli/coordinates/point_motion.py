@@ -1,7 +1,8 @@
-"""Gaussian splats in a cage: their places and shapes for any pose of the cage.
+"""Points in a cage, with what turns with them, for any pose of the cage.
 
-A splat at x with the covariance Σ goes to Σ_k w_k(x) c_k, with the covariance J Σ Jᵀ, where
-J = Σ_k c_k ⊗ ∇w_k(x) is the derivative of the deformation. Weights and gradients are computed once.
+A point x goes to Σ_k w_k(x) c_k. Its normal n goes to J⁻ᵀ n, and the covariance Σ of a Gaussian
+splat to J Σ Jᵀ, where J = Σ_k c_k ⊗ ∇w_k(x) is the derivative of the deformation. Weights and
+gradients are computed once.
 """
 
 from collections.abc import Callable
@@ -12,14 +13,15 @@ import numpy as np
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.harmonic_field import HarmonicField
 from cageik_cli.coordinates.weights import ignore_progress
-from cageik_cli.geometry.splats import MapFaults, Splats, count_map_faults, move_splats
+from cageik_cli.geometry.oriented import Oriented
+from cageik_cli.geometry.splats import MapFaults, count_map_faults
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.temporary_array import allocate_floats
 
-SPLATS_PER_BLOCK = 4096
-"""Splats that are moved together; constant, because last digits depend on it."""
+POINTS_PER_BLOCK = 4096
+"""Points that are moved together; constant, because last digits depend on it."""
 
 GRADIENT_BYTES = 1 << 26
 """Bytes of gradients that are computed together: neighbours among them share near panels."""
@@ -27,38 +29,38 @@ GRADIENT_BYTES = 1 << 26
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MovedBlock:
-    """Some splats in k frames.
+    """Some points in k frames.
 
     Attributes
     ----------
     chosen : slice
-        Which of all splats.
+        Which of all points.
     places : (k, 3, b) float64
-    splats : list of Splats
+    oriented : list of Oriented
         Of each frame.
     faults : MapFaults
     """
 
     chosen: slice
     places: Floats
-    splats: list[Splats]
+    oriented: list[Oriented]
     faults: MapFaults
 
 
-class SplatMotion:
-    """Moves splats with a cage.
+class PointMotion:
+    """Moves points with a cage, and what turns with them.
 
     Parameters
     ----------
     binding : Binding
-        Of the places of m splats, with harmonic weights.
-    splats : Splats
+        Of the places of m points, with harmonic weights.
+    oriented : Oriented
     memory : int
         Bytes for gradients, 32 m n. More go to a temporary file.
     jobs : int
         Threads.
     progress : callable
-        Called with (splats done, splats).
+        Called with (points done, points).
 
     Raises
     ------
@@ -71,7 +73,7 @@ class SplatMotion:
     def __init__(
         self,
         binding: Binding,
-        splats: Splats,
+        oriented: Oriented,
         memory: int,
         jobs: int,
         progress: Callable[[int, int], None] = ignore_progress,
@@ -81,32 +83,37 @@ class SplatMotion:
                 f"splats need gradients of weights, which {binding.settings.coordinates} weights "
                 "do not have here; use --coordinates harmonic"
             )
-        self._splats = splats
+        self._oriented = oriented
         count, n = binding.weights.shape
         self._blocks = [
-            slice(start, min(start + SPLATS_PER_BLOCK, count))
-            for start in range(0, count, SPLATS_PER_BLOCK)
+            slice(start, min(start + POINTS_PER_BLOCK, count))
+            for start in range(0, count, POINTS_PER_BLOCK)
         ]
         self._stored = allocate_floats(4 * n * count, memory)
         self._cage_count = n
         self._fill(binding, jobs, progress)
+
+    @property
+    def moves_splats(self) -> bool:
+        """Whether the points are splats."""
+        return self._oriented.splats is not None
 
     def __len__(self) -> int:
         """Return the number of blocks."""
         return len(self._blocks)
 
     def move(self, number: int, cages: Floats) -> MovedBlock:
-        """Return the splats of a block in the frames of cages, (k, n, 3)."""
+        """Return the points of a block in the frames of cages, (k, n, 3)."""
         chosen = self._blocks[number]
         middle = cages.mean(axis=1)
         rows = (cages - middle[:, None]).transpose(0, 2, 1).reshape(-1, self._cage_count)
         products = (rows @ self._block(chosen)).reshape(4, len(cages), 3, -1)
         places = products[0] + middle[:, :, None]
-        rest, moved, faults = self._splats[chosen], [], MapFaults()
+        rest, moved, faults = self._oriented[chosen], [], MapFaults()
         for frame in range(len(cages)):
             maps = np.ascontiguousarray(products[1:, frame].swapaxes(0, 1))
             faults += count_map_faults(maps)
-            moved.append(move_splats(rest, maps))
+            moved.append(rest.move(maps))
         return MovedBlock(chosen, places, moved, faults)
 
     def _block(self, chosen: slice) -> Floats:
@@ -118,7 +125,7 @@ class SplatMotion:
     def _fill(self, binding: Binding, jobs: int, progress: Callable[[int, int], None]) -> None:
         points = _find_places(binding)
         field = HarmonicField.solve(binding.cage, points, binding.settings.accuracy, jobs)
-        together = max(1, GRADIENT_BYTES // (24 * self._cage_count * SPLATS_PER_BLOCK))
+        together = max(1, GRADIENT_BYTES // (24 * self._cage_count * POINTS_PER_BLOCK))
         for first in range(0, len(self._blocks), together):
             group = self._blocks[first : first + together]
             start, stop = group[0].start, group[-1].stop
@@ -131,7 +138,7 @@ class SplatMotion:
 
 
 def _find_places(binding: Binding) -> Floats:
-    """Return the points that the weights belong to: on the cage for splats outside it."""
+    """Return the points that the weights belong to: on the cage for those outside it."""
     points, cage = binding.rest.vertices, binding.cage
     is_outside = winding_numbers(cage, points) < 0.5
     return np.where(is_outside[:, None], closest_points(cage, points).position, points)

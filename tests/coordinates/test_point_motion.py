@@ -3,12 +3,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.coordinates import splat_motion
+from cageik_cli.coordinates import point_motion
+from cageik_cli.coordinates.point_motion import PointMotion
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.coordinates.splat_motion import SplatMotion
 from cageik_cli.formats.points_ply import parse_points, place_positions
 from cageik_cli.formats.splat_ply import place_splats, read_splats
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.util.errors import FormatError, SettingError
 from tests.shapes import ball
@@ -38,8 +39,8 @@ def binding(points):
 
 @pytest.fixture
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(splat_motion, "SPLATS_PER_BLOCK", 700)
-    monkeypatch.setattr(splat_motion, "GRADIENT_BYTES", 2 * 24 * 18 * 700)
+    monkeypatch.setattr(point_motion, "POINTS_PER_BLOCK", 700)
+    monkeypatch.setattr(point_motion, "GRADIENT_BYTES", 2 * 24 * 18 * 700)
 
 
 def move(motion, points, cage):
@@ -48,7 +49,7 @@ def move(motion, points, cage):
     for number in range(len(motion)):
         block = motion.move(number, cage[None])
         place_positions(out[block.chosen], block.places[0].T)
-        place_splats(out[block.chosen], block.splats[0])
+        place_splats(out[block.chosen], block.oriented[0].splats)
         faults.append(block.faults)
     return out, faults
 
@@ -62,7 +63,7 @@ AFFINE = {
 
 @pytest.mark.parametrize("name", AFFINE)
 def test_affine_motions_move_covariances(small_blocks, binding, points, rows, name):
-    motion = SplatMotion(binding, read_splats(points), 1 << 30, 2)
+    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 2)
     linear, shift = AFFINE[name], np.array([10.0, -3, 5])
     out, _ = move(motion, points, CAGE.vertices @ linear.T + shift)
     places = np.stack([out[axis] for axis in "xyz"], axis=1)
@@ -72,30 +73,67 @@ def test_affine_motions_move_covariances(small_blocks, binding, points, rows, na
     np.testing.assert_allclose(covariances(out) / size, expected / size, rtol=0, atol=1e-9)
 
 
-def test_a_bent_cage_moves_them_by_its_derivative(binding, points, rows):
-    """That of the places, by differences of weights at points beside them."""
-    motion = SplatMotion(binding, read_splats(points), 1 << 30, 2)
-    x, y, z = CAGE.vertices.T
-    bent = np.stack([x + 0.3 * y * y, y + 0.2 * x * z, z - 0.2 * x * y], axis=1)
-    out, faults = move(motion, points, bent)
-    field = splat_motion.HarmonicField.solve(CAGE, points.positions, "preview")
-    some = points.positions[:50]
+def bend(cage):
+    x, y, z = cage.T
+    return np.stack([x + 0.3 * y * y, y + 0.2 * x * z, z - 0.2 * x * y], axis=1)
+
+
+def difference_maps(binding, some, bent):
+    """The derivative of the deformation, by differences of weights at points beside `some`."""
+    field = point_motion.HarmonicField.solve(CAGE, binding.rest.vertices, "preview")
     step = 1e-4
-    maps = np.stack(
-        [
-            (field.evaluate(some + s) - field.evaluate(some - s)) @ bent / (2 * step)
-            for s in step * np.eye(3)
-        ],
-        axis=2,
-    )
+    columns = [
+        (field.evaluate(some + s) - field.evaluate(some - s)) @ bent / (2 * step)
+        for s in step * np.eye(3)
+    ]
+    return np.stack(columns, axis=2)
+
+
+def test_a_bent_cage_moves_them_by_its_derivative(binding, points, rows):
+    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 2)
+    bent = bend(CAGE.vertices)
+    out, faults = move(motion, points, bent)
+    maps = difference_maps(binding, points.positions[:50], bent)
     expected = maps @ covariances(rows[:50]) @ maps.swapaxes(1, 2)
     size = np.abs(expected).max(axis=(1, 2), keepdims=True)
     np.testing.assert_allclose(covariances(out[:50]) / size, expected / size, rtol=0, atol=1e-5)
     assert sum(fault.mirrored + fault.flat for fault in faults) == 0
 
 
+@pytest.fixture(scope="module")
+def normals():
+    held = np.random.default_rng(2).standard_normal((3, COUNT))
+    return held / np.linalg.norm(held, axis=0)
+
+
+def turn_normals(binding, normals, cage):
+    motion = PointMotion(binding, Oriented(normals), 1 << 30, 2)
+    assert not motion.moves_splats
+    blocks = [motion.move(number, cage[None]) for number in range(len(motion))]
+    return np.concatenate([block.oriented[0].normals for block in blocks], axis=1)
+
+
+@pytest.mark.parametrize("name", AFFINE)
+def test_affine_motions_turn_normals_by_the_inverse_transpose(small_blocks, binding, normals, name):
+    linear = AFFINE[name]
+    moved = turn_normals(binding, normals, CAGE.vertices @ linear.T + [10.0, -3, 5])
+    expected = np.linalg.inv(linear).T @ normals
+    expected /= np.linalg.norm(expected, axis=0)
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-10)
+
+
+def test_a_bent_cage_turns_normals_by_its_derivative(binding, normals):
+    bent = bend(CAGE.vertices)
+    maps = difference_maps(binding, binding.rest.vertices[:50], bent)
+    expected = np.linalg.solve(maps.swapaxes(1, 2), normals.T[:50, :, None])[:, :, 0]
+    expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+    moved = turn_normals(binding, normals, bent)
+    np.testing.assert_allclose(moved[:, :50], expected.T, rtol=0, atol=1e-5)
+    assert abs(moved - normals).max() > 0.1
+
+
 def test_colours_turn_with_the_splats(binding, points, rows):
-    motion = SplatMotion(binding, read_splats(points), 1 << 30, 2)
+    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 2)
     turn = AFFINE["turn"]
     out, _ = move(motion, points, CAGE.vertices @ turn.T)
     # In the first band, the coefficients are the components -y, z, -x of a vector.
@@ -109,7 +147,7 @@ def test_colours_turn_with_the_splats(binding, points, rows):
     [(np.diag([1, 1, -1.0]), (COUNT, 0)), (np.diag([1, 1, 0.0]), (0, COUNT))],
 )
 def test_lost_shapes_are_counted(binding, points, linear, expected):
-    motion = SplatMotion(binding, read_splats(points), 1 << 30, 1)
+    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 1)
     out, faults = move(motion, points, CAGE.vertices @ linear)
     found = sum(fault.mirrored for fault in faults), sum(fault.flat for fault in faults)
     assert found == expected
@@ -117,7 +155,8 @@ def test_lost_shapes_are_counted(binding, points, linear, expected):
 
 
 def test_a_temporary_file_gives_the_same_bytes(small_blocks, binding, points):
-    held, mapped = (SplatMotion(binding, read_splats(points), room, 2) for room in (1 << 30, 0))
+    oriented = Oriented(splats=read_splats(points))
+    held, mapped = (PointMotion(binding, oriented, room, 2) for room in (1 << 30, 0))
     assert not isinstance(held._stored, np.memmap)
     assert isinstance(mapped._stored, np.memmap)
     cage = CAGE.vertices @ AFFINE["shear"]
@@ -136,7 +175,7 @@ def test_splats_outside_by_rounding_move_as_those_on_the_cage(rows, depth):
         near[axis][: len(centre)] = values
     points = parse_points(encode_rows(near))
     binding = bind(PointCloud.from_points(points.positions), CAGE, BindSettings(accuracy="preview"))
-    motion = SplatMotion(binding, read_splats(points), 1 << 30, 1)
+    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 1)
     linear = AFFINE["shear"]
     out, _ = move(motion, points, CAGE.vertices @ linear.T)
     expected = linear @ covariances(near) @ linear.T
@@ -152,7 +191,7 @@ def test_splats_outside_move_with_the_nearest_point_of_the_cage(rows):
     cloud = PointCloud.from_points(points.positions)
     binding = bind(cloud, CAGE, BindSettings(accuracy="preview", outside="project"))
     assert binding.projected == 1
-    motion = SplatMotion(binding, read_splats(points), 1 << 30, 1)
+    motion = PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 1)
     linear = AFFINE["shear"]
     out, _ = move(motion, points, CAGE.vertices @ linear.T)
     expected = linear @ covariances(outer) @ linear.T
@@ -164,7 +203,7 @@ def test_weights_without_gradients_are_refused(points):
     cloud = PointCloud.from_points(points.positions)
     binding = bind(cloud, CAGE, BindSettings("mean-value"))
     with pytest.raises(SettingError, match="--coordinates harmonic"):
-        SplatMotion(binding, read_splats(points), 1 << 30, 1)
+        PointMotion(binding, Oriented(splats=read_splats(points)), 1 << 30, 1)
 
 
 def test_a_cloud_is_a_mesh_without_faces():

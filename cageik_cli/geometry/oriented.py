@@ -1,0 +1,62 @@
+"""What turns with points that are moved: their normals, and the shapes and colours of splats."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cageik_cli.geometry.ellipsoids import determinants
+from cageik_cli.geometry.splats import Splats, move_splats
+from cageik_cli.util.arrays import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Oriented:
+    """What a linear map changes of m points, one per column, besides their places.
+
+    Attributes
+    ----------
+    normals : (3, m) float64, optional
+    splats : Splats, optional
+    """
+
+    normals: Floats | None = None
+    splats: Splats | None = None
+
+    def __getitem__(self, chosen: slice) -> "Oriented":
+        """Return that of some points."""
+        return Oriented(
+            None if self.normals is None else self.normals[:, chosen],
+            None if self.splats is None else self.splats[chosen],
+        )
+
+    def move(self, maps: Floats) -> "Oriented":
+        """Return it under linear maps J, (3, 3, m)."""
+        return Oriented(
+            None if self.normals is None else move_normals(self.normals, maps),
+            None if self.splats is None else move_splats(self.splats, maps),
+        )
+
+
+def move_normals(normals: Floats, maps: Floats) -> Floats:
+    """Return normals (3, m) under linear maps J, (3, 3, m): J⁻ᵀ n, of length 1.
+
+    They stay across surfaces that the maps move. The cofactors of J are det J · J⁻ᵀ: only the sign
+    is lost, and a map that flattens space has them, too. A normal that is zero or not finite stays
+    as it is, and so does one that a map leaves no direction.
+    """
+    with np.errstate(all="ignore"):  # what fails is replaced
+        sizes = np.abs(maps).max(axis=(0, 1))
+        unit = maps / sizes  # squares of tiny maps vanish
+        scaled = normals / np.abs(normals).max(axis=0)
+        moved = np.empty_like(normals)
+        for i in range(3):
+            rows = unit[i - 2], unit[i - 1]
+            cofactors = [
+                rows[0][k - 2] * rows[1][k - 1] - rows[0][k - 1] * rows[1][k - 2] for k in range(3)
+            ]
+            moved[i] = sum(cofactors[k] * scaled[k] for k in range(3))
+        moved *= np.where(determinants(unit) < 0, -1.0, 1.0)
+        largest = np.abs(moved).max(axis=0)
+        moved /= largest
+        moved /= np.sqrt((moved * moved).sum(axis=0))
+    return np.where(np.isfinite(moved).all(axis=0), moved, normals)
