@@ -36,7 +36,6 @@ def bind(
         m vertices.
     cage : TriMesh
         n vertices.
-    settings : BindSettings, optional
     jobs : int, optional
         Threads; the number of processors by default. They do not change the result.
     progress : callable

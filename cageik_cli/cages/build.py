@@ -36,7 +36,6 @@ def build_cage(
     ----------
     model : TriMesh
         Any triangles: open, in pieces, crossing themselves, without area.
-    settings : BuildSettings, optional
     clip : Clip, optional
         An animation of the model that the cage is for. The tightest shells are then tried, without
         and with its poses, and looser ones if all of them fail; vertices of the best cages are

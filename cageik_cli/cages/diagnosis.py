@@ -43,14 +43,12 @@ class CageFacts:
 
     Attributes
     ----------
-    vertices, faces, components : int
     genus : int, optional
         Number of handles over all components, for closed manifolds.
     volume : float, optional
         Cubic file units, negative if the faces turn inward; for closed cages.
     smallest_angle : float, optional
         Degrees, over all corners of faces that are not degenerate.
-    smallest_angle_face : int, optional
     """
 
     vertices: int
@@ -68,7 +66,6 @@ class RestFacts:
 
     Attributes
     ----------
-    vertices, faces : int
     diagonal : float
         File units.
     outside : int, optional
@@ -106,8 +103,6 @@ class Diagnosis:
 
     Attributes
     ----------
-    cage : CageFacts
-    rest : RestFacts, optional
     findings : tuple of Finding
         The worst first.
     misfit : Misfit, optional

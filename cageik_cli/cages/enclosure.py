@@ -151,7 +151,6 @@ def check_enclosure(cage: TriMesh, rest: TriMesh, outside: str = "refuse") -> En
 
     Parameters
     ----------
-    cage, rest : TriMesh
     outside : str
         What to do with vertices outside: one of `OUTSIDE_POLICIES`.
 

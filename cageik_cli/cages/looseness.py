@@ -64,7 +64,6 @@ def measure_inflation(cage: TriMesh, model: TriMesh) -> float | None:
     ----------
     cage : TriMesh
         Closed and turned outward.
-    model : TriMesh
 
     Returns
     -------

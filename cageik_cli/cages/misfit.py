@@ -51,7 +51,6 @@ def explain_misfit(cage: TriMesh, rest: TriMesh, worst: float, share: float) -> 
     ----------
     cage : TriMesh
         Closed, turned outward.
-    rest : TriMesh
     worst : float
         How far the worst vertex is outside, percent of the diagonal.
     share : float

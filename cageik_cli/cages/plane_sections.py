@@ -38,7 +38,6 @@ class Slicer:
 
     Attributes
     ----------
-    mesh : TriMesh
     axis : int
         0, 1, 2 for x, y, z.
     low, high : (f,) float64

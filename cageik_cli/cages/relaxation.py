@@ -11,7 +11,6 @@ def move_to_neighbours(cage: TriMesh, chosen: Integers, step: float) -> Floats:
 
     Parameters
     ----------
-    cage : TriMesh
     chosen : (k,) int64
         Numbers of vertices.
     step : float

@@ -42,7 +42,6 @@ def repair_cage(
         As it was read; its polygons are fans at their first corners.
     model : TriMesh
         What it must hold.
-    settings : RepairSettings, optional
     corner_counts : (p,) int64, optional
         How many corners each polygon of the cage has, in the order of the fans; all are triangles
         by default. Quads stay quads.

@@ -69,7 +69,6 @@ def find_transform(cage: TriMesh, model: TriMesh) -> Transform | None:
     ----------
     cage : TriMesh
         Closed, turned outward.
-    model : TriMesh
 
     Returns
     -------

@@ -16,7 +16,6 @@ def sample_surface(surface: TriMesh, spacing: float, max_points: int) -> Floats:
 
     Parameters
     ----------
-    surface : TriMesh
     spacing : float
         Points on a face are no further apart than this, file units.
     max_points : int

@@ -76,7 +76,6 @@ class Candidate:
     ----------
     rotation : (3, 3) float64
         A signed permutation.
-    scale : float
     offset : (3,) float64
     is_scaled, is_moved : bool
         Whether the scale and the place are fitted. A scale that is not is one between units.

@@ -39,7 +39,6 @@ class ReportTargets:
 
     Attributes
     ----------
-    html, plot, json, csv, junit, markdown : Path, optional
     player : bool
         Whether the page plays the clip.
 

@@ -18,7 +18,6 @@ class PrintableStream:
 
     Parameters
     ----------
-    stream : TextIOWrapper
     is_optional : bool
         Whether work goes on if nothing can be written to it.
     """

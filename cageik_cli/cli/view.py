@@ -150,14 +150,7 @@ def view_command(settings: "ViewSettings", port: int, no_browser: bool, quiet: b
 
 
 class TerminalListener(ViewListener):
-    """Prints the address and the edits.
-
-    Parameters
-    ----------
-    settings : ViewSettings
-    opens_browser : bool
-    is_quiet : bool
-    """
+    """Prints the address and the edits."""
 
     def __init__(self, settings: "ViewSettings", opens_browser: bool, is_quiet: bool) -> None:
         self._settings, self._is_quiet = settings, is_quiet

@@ -57,9 +57,6 @@ class Binding:
         n vertices, outward.
     weights : (m, n) float64
         H; each row sums to one.
-    settings : BindSettings
-    panels : int
-    estimated_error : float
     projected : int
         As in `WeightQuality`.
     notes : tuple of str

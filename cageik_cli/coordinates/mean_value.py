@@ -71,7 +71,6 @@ class _Faces:
     Attributes
     ----------
     corners : (f, 3) int64
-    edges : Edges
     edge_lengths : (e,)
         L.
     base, apex, altitude : (f, 1)

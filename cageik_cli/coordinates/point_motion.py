@@ -38,7 +38,6 @@ class MovedBlock:
     places : (k, 3, b) float64
     oriented : list of Oriented
         Of each frame.
-    faults : MapFaults
     """
 
     chosen: slice
@@ -54,7 +53,6 @@ class PointMotion:
     ----------
     binding : Binding
         Of the places of m points, with harmonic weights.
-    oriented : Oriented
     memory : int
         Bytes for gradients, 32 m n. More go to a temporary file.
     jobs : int

@@ -26,7 +26,6 @@ def read_surface(
 
     Parameters
     ----------
-    schema : IPolyMeshSchema
     attributes : SurfaceAttributes
         Its polygons, as the file has them.
 

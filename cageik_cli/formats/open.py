@@ -56,7 +56,6 @@ def open_sequence(
     ----------
     arguments : list of str
         `FILE::CLIP` picks one of a file's clips.
-    settings : ClipSettings, optional
     rest : LoadedMesh, optional
         The rest pose, for files that hold no faces.
 

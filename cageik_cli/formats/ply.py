@@ -87,12 +87,7 @@ class Element:
 
 
 class PlyFrameParser:
-    """Reads binary PLY frames that differ from a first frame in the vertices alone.
-
-    Parameters
-    ----------
-    first : bytes
-    """
+    """Reads binary PLY frames that differ from a first frame in the vertices alone."""
 
     def __init__(self, first: bytes) -> None:
         self._head, self._tail, self._size = b"", b"", len(first)

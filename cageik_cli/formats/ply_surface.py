@@ -40,7 +40,6 @@ def complete_surface(
 
     Parameters
     ----------
-    mesh : FileMesh
     columns : mapping
         The numbers of the vertices by the names of their properties, (n,) each.
     corner_uvs : tuple, optional

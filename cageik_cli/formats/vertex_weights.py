@@ -24,7 +24,6 @@ class FrameWeightsFile:
 
     Attributes
     ----------
-    path : Path
     largest, mean : float
         Of all weights in the file; the mean is of those above 0, as the others are missing data.
     """

@@ -92,7 +92,6 @@ def open_writer(
     ----------
     path, overwrite, file_format
         As of `check_animation_output`.
-    animation : Animation
     writer_factory : callable, optional
         Makes the writer, instead of the usual one of that suffix.
 
@@ -123,7 +122,6 @@ class _Target:
     ----------
     path : Path
         The file or the folder that is written.
-    writer : type of AnimationWriter
     frame_names : FrameNames, optional
         Of the files in a folder.
     """
@@ -194,8 +192,6 @@ class Output:
 
     Attributes
     ----------
-    path : Path
-    file_format : str, optional
     overwrite : bool
         As of `check_animation_output`.
     recentre : bool
@@ -247,7 +243,6 @@ class ExportSummary:
     ----------
     path : Path
         As the user named it.
-    frame_count, vertex_count : int
     byte_count : int
         Bytes, of all files.
     parts : str

@@ -111,7 +111,6 @@ class Camera:
 
         Parameters
         ----------
-        viewpoint : LookAt
         fov_degrees : float
             Angle between the upper and the lower edge of the picture, above 0 and below 180.
         width, height : float

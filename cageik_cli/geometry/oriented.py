@@ -16,7 +16,6 @@ class Oriented:
     Attributes
     ----------
     normals : (3, m) float64, optional
-    splats : Splats, optional
     """
 
     normals: Floats | None = None

@@ -47,7 +47,6 @@ class ClosestPoints:
 
     Attributes
     ----------
-    mesh : TriMesh
     distance : (m,) float64
         File units, never negative.
     face : (m,) int64

@@ -29,18 +29,15 @@ class SurfaceAttributes:
         How many corners each polygon has.
     corners : (c,) int64
         The vertices of the polygons, one polygon after the other.
-    uvs : UvMap, optional
     normal_fans : (c,) int64, optional
         Corners of one number have one normal, which is that of the faces there; `NONE` for a corner
         without. Corners of different vertices have different numbers.
     colours : (n, 3) or (n, 4) float64, optional
         Of the vertices: red, green, blue, and alpha if there is one; 1 is full.
-    materials, groups, objects, smoothing : FaceLabels, optional
     material_colours : (k, 4) float64, optional
         Linear red, green, blue and opacity of each of the materials' names.
     material_library : str
         The file of the materials, as it is named.
-    subdivision : Subdivision
 
     Raises
     ------

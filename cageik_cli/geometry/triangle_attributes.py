@@ -21,7 +21,6 @@ class TriangleAttributes:
         Which of the normals of the fans that `complete_fans` returns.
     materials : (t,) int64, optional
         Which of the names; `NONE` for a triangle without.
-    material_names : tuple of str
     material_colours : (k, 4) float64, optional
         Linear red, green, blue and opacity of each name.
     """

@@ -53,8 +53,6 @@ class Anchor:
 
     Attributes
     ----------
-    name : str
-    point : SurfacePoint
     weight : float
         Importance relative to other anchors; above 0.
     hard : bool

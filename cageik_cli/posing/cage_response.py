@@ -59,7 +59,6 @@ class CageResponseSolver:
 
     Parameters
     ----------
-    cage : TriMesh
     laplacian : (n, n) float64
     basis : (n, r) float64
         Orthonormal columns: what may move, from `constraints.free_basis`.

@@ -128,7 +128,6 @@ class MirroredMap:
     ----------
     maps : one or two (p, q) float64
         For all coordinates; or for those along the mirror, and for the one across it.
-    mirror : Mirror, optional
     """
 
     def __init__(self, maps: Sequence[Floats], mirror: Mirror | None) -> None:

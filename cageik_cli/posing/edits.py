@@ -30,7 +30,6 @@ class PosingSettings:
         As in `Poser`.
     rigidity : int
         Rounds of rigid rotations.
-    placement : PlacementSettings
 
     Raises
     ------
@@ -137,8 +136,6 @@ class EditTarget:
 
     Attributes
     ----------
-    binding : Binding
-    skin : CageSkin
     cage_at : callable
         The cage of a frame, (n, 3), by its number.
     frame_names : sequence of str, optional

@@ -75,10 +75,6 @@ class Poser:
 
     Attributes
     ----------
-    binding : Binding
-    anchors : tuple of Anchor
-    alpha, beta : float
-    constraints : CageConstraints
     condition_number : float
         Condition number of the anchors' system.
     free_modes : int

@@ -67,7 +67,6 @@ class PoseResult:
 
     Attributes
     ----------
-    summary : PoseSummary
     snapshot : PoseSnapshot
         Of the pose, or of the frame that was moved most.
     """

@@ -25,7 +25,6 @@ class AnchorSummary:
 
     Attributes
     ----------
-    name : str
     layer : str
         Its layer's name; "" for the only layer.
     vertex : int, optional
@@ -67,7 +66,6 @@ class PoseSummary:
     ----------
     diagonal : float
         Diagonal of the rest model.
-    anchors : tuple of AnchorSummary
     rms, rms_percent : float
         Motion of the mesh: sqrt(mean |v' − v|²) over vertices and frames.
     moved : float
@@ -80,7 +78,6 @@ class PoseSummary:
         The frame in which it did; "" for a single pose.
     cage_moved : float
         Largest distance that a cage vertex moved.
-    cage_vertex : int
     volume_change_percent : float, optional
         Change of largest size against the frame before the edit; None for an open model, and for
         points.
@@ -128,7 +125,6 @@ class PoseStatistics:
 
     Parameters
     ----------
-    layers : sequence of Layer
     rest : TriMesh
         The model at rest.
     """

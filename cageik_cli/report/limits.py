@@ -94,7 +94,6 @@ class LimitCheck:
     ----------
     metric, unit : str
         As in `Limit`.
-    limit : float
     found : float, optional
         The value as it is printed, a change without its sign; None when it is not defined.
     frame : str, optional
@@ -219,7 +218,6 @@ class Verdict:
     ----------
     state : str
         "good", "bad" or "none"; decides the colour.
-    text : str
     """
 
     state: str

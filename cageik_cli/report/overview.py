@@ -43,16 +43,12 @@ class ClipEntry:
 
     Attributes
     ----------
-    name : str
     fault : str, optional
         The message of its failure; it then has no result, page, clip, binding, summary and curve.
     result, page : str, optional
         Its files, relative to the overview's, with forward slashes.
     clip, binding, summary, curve
         As in the clip's report.
-    gates : tuple of LimitCheck
-    notes : tuple of str
-    edited_from : str, optional
     fit : FitRecord, optional
         As in the clip's report.
     regions : tuple of RegionRecord, optional

@@ -87,7 +87,6 @@ def build_report(result: Result, limits: Limits | None = None, name: str | None 
 
     Parameters
     ----------
-    result : Result
     limits : Limits, optional
         Limits on its metrics; none by default.
     name : str, optional

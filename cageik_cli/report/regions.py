@@ -26,13 +26,10 @@ class RegionRecord:
         In the rest pose, file units.
     size, size_percent : float
         Diagonal of the box around it, in file units and in percent of the model's diagonal.
-    vertices : int
     frame : str
         The name of the frame of the largest deviation.
-    frame_index : int
     max_deviation, max_deviation_percent : float
         In file units and in percent of the diagonal.
-    worst_vertex : int
     cage_faces : tuple of int
         The nearest ones, that of the worst vertex first.
     cause : str

@@ -39,7 +39,6 @@ class CauseWords:
 
     Attributes
     ----------
-    text, remedy : str
     fit_remedy : str
         What to do without another cage, unless the weights are fitted already.
     """

@@ -41,7 +41,6 @@ class SolvedBlock:
     cages : (k, n, 3) float64
     rotations : (k, 3, 3) float64
         Of the rest pose to each frame. Both are nan for skipped frames.
-    metrics : FrameMetrics
     squared_errors : (m,) float64
         Sum of |v̂ − v|² of each vertex over frames that were not skipped; nan for missing data.
     peaks : DeviationPeaks
@@ -129,12 +128,9 @@ class BlockSolver:
 
     Parameters
     ----------
-    sequence : MeshSequence
-    solver : DualLaplacianSolver
     skips_bad_frames : bool
         Whether frames that cannot be read become gaps, as missing ones do; otherwise they are
         refused.
-    progress : ProgressListener
     capture : CaptureSolver, optional
         Solves the blocks, if vertices of one frame may count differently than in another.
 

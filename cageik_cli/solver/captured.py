@@ -43,7 +43,6 @@ def complete_frames(
 
     Parameters
     ----------
-    solver : DualLaplacianSolver
     positions : (k, m, 3)
         nan for missing vertices.
     given : (k, m), optional

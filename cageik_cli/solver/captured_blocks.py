@@ -50,7 +50,6 @@ class CapturedBlockSolver:
 
     Attributes
     ----------
-    robust : RobustSolver
     frame_weights : FrameWeights, optional
         Of each frame of the clip.
     names : tuple of str

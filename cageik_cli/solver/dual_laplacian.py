@@ -97,16 +97,12 @@ class DualLaplacianSolver:
 
     Parameters
     ----------
-    binding : Binding
-    settings : SolveSettings
     vertex_weights : (m,) float64, optional
         From `normalize_weights`; ones by default. A vertex of weight 0 is missing data, and one in
         no face has weight 0.
 
     Attributes
     ----------
-    binding : Binding
-    quality : SolveQuality
     data_vertices : (c,) int64 or a slice of all
         Vertices that are data: all but those of weight 0.
     missing_count : int

@@ -48,7 +48,6 @@ class FrameErrors:
 
     Attributes
     ----------
-    metrics : FrameMetrics
     squared_errors : (k, m) float64
         |v̂_i − v_i|², nan for vertices that are missing data; in workspace memory, if one was given.
     """
@@ -178,7 +177,6 @@ class KeptErrors:
     ----------
     errors : FrameErrors
         Metrics over all data; squared errors are nan for vertices that were not kept.
-    metrics : KeptMetrics
     """
 
     errors: FrameErrors
@@ -194,7 +192,6 @@ def measure_kept(
 
     Parameters
     ----------
-    rest : TriMesh
     frames, reconstructions : (k, m, 3)
     is_data, is_kept : (k, m) bool
         What was kept is data.

@@ -63,11 +63,8 @@ class Region:
         The frame of the largest deviation.
     max_deviation : float
         File units.
-    worst_vertex : int
     cage_faces : (c,) int64
         The cage's faces nearest to the region, that of the worst vertex first.
-    cause : Cause
-    evidence : Evidence
     """
 
     centre: Floats
@@ -103,7 +100,6 @@ def find_worst_regions(
 
     Parameters
     ----------
-    model : BoundModel
     peaks : DeviationPeaks
         Of one frame or of many.
     threshold : float, optional
@@ -129,7 +125,6 @@ def blame_shared_places(
 
     Parameters
     ----------
-    regions : sequence of Region
     places : sequence of SharedPlace
         As `cages` finds them.
     diagonal : float

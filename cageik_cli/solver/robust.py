@@ -70,7 +70,6 @@ class RobustSolver:
 
     Parameters
     ----------
-    solver : DualLaplacianSolver
     tolerances : (m,) float64, optional
         Residuals that a vertex may have, file units; above, it is an outlier. Without them
         outliers are not looked for.
@@ -127,7 +126,6 @@ class _WeighedBlock:
     Attributes
     ----------
     weights : (k, m) float64
-    faults : dict
     """
 
     def __init__(

@@ -77,10 +77,6 @@ class FrameTerms:
 class TimeSmoother:
     """Solver over time of the cages of one binding.
 
-    Parameters
-    ----------
-    solver : DualLaplacianSolver
-
     Attributes
     ----------
     scale : float
@@ -116,7 +112,6 @@ class TimeSmoother:
 
         Parameters
         ----------
-        terms : FrameTerms
         noise : float
             Mean of the squared residuals of vertices, file units: it decides when to end.
         """

@@ -66,7 +66,6 @@ class VertexBoundAccumulator:
 
         Parameters
         ----------
-        points : int
         frames : int
             Frames that were added, without gaps.
         """

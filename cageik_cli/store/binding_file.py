@@ -49,7 +49,6 @@ class StoredBinding:
 
     Attributes
     ----------
-    binding : Binding
     sources : dict
         Name and digest of the cage and of the rest pose.
     version : str

@@ -50,7 +50,6 @@ class RunSpec:
     fit : str
         Digest of the weights that the run fits to its frames; empty if it fits none. If frames have
         changed, a continued run fits others, and solves all frames again.
-    vertices, cage_vertices : int
     version : str
         Of the program.
     """
@@ -89,7 +88,6 @@ class Checkpoint:
 
     Attributes
     ----------
-    path : Path
     spec : RunSpec
         That of the interrupted run, if it is continued.
     has_other_fit : bool

@@ -175,7 +175,6 @@ class EntryCache(Generic[Entry]):
 
     Parameters
     ----------
-    entry_format : EntryFormat
     folder : Path
         Created with the first entry. Files in it that are not of a cache are left alone.
     note : callable
@@ -205,7 +204,6 @@ class EntryCache(Generic[Entry]):
 
         Parameters
         ----------
-        key : str
         compute : callable
         to_entry : callable
             Makes the entry, of the value and the seconds that it took.

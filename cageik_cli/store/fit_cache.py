@@ -80,8 +80,6 @@ def compute_fit_key(
     ----------
     binding : Binding
         The weights that they are fitted from.
-    settings : FitSettings
-    conditions : FitConditions
     frames : sequence of sequence of bytes
         For each clip, the digest of each frame.
     """

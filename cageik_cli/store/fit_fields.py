@@ -33,7 +33,6 @@ class StoredFit:
 
     Attributes
     ----------
-    record : FitRecord
     low_rank : Correction or None
         The change of the binding's own weights, if it is of low rank.
     sparse_weights : (m, n) csr_array or None

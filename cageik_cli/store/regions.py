@@ -32,11 +32,8 @@ class StoredRegion:
         The frame of the largest deviation, by its number in the clip.
     max_deviation : float
         File units.
-    worst_vertex : int
     cage_faces : tuple of int
         The cage's faces nearest to the region, that of the worst vertex first.
-    cause : Cause
-    evidence : Evidence
     """
 
     centre: tuple[float, float, float]

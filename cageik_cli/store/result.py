@@ -62,13 +62,10 @@ class Result:
 
     Attributes
     ----------
-    path : Path
     version : str
         Of the program that wrote it.
-    scene : Scene
     settings, sources : dict
         The settings of the run; name and digest of each file that was read.
-    quality : SolveQuality
     notes : tuple of str
         What was changed or left out, one sentence each.
     frames : tuple of str

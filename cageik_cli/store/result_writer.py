@@ -38,13 +38,6 @@ class ResultHeader:
 
     Attributes
     ----------
-    binding : Binding
-    quality : SolveQuality
-    frames : tuple of str
-    scene : Scene
-    settings : dict
-    notes : tuple of str
-    keep_weights : bool
     edited_from : str, optional
         The name of the result that was edited.
     fit : StoredFit, optional
@@ -71,7 +64,6 @@ class RunSummary:
 
     Attributes
     ----------
-    sources : dict
     skipped : dict
         By number in the clip, why a frame was skipped.
     vertex_rms : (m,) float64

@@ -106,7 +106,6 @@ def read_unfitted_shapes(path: Path, m: int, n: int) -> UnfittedShapes | None:
 
     Parameters
     ----------
-    path : Path
     m, n : int
         Vertices of the model and of the cage.
 

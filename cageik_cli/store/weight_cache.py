@@ -25,9 +25,6 @@ class CacheEntry:
     faces : (f, 3) int64
         Of the cage, outward.
     weights : (m, n) float64
-    panels : int
-    estimated_error : float
-    projected : int
     notes, cage_warnings : tuple of str
         As in `Binding`.
     has_loose_cage : bool, optional

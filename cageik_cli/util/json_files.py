@@ -34,7 +34,6 @@ class JsonFormat:
     ----------
     name : str
         For messages: "a handles file".
-    max_bytes : int
     locate : callable
         The place of a value in words, by the document and the steps to the value.
     """

@@ -36,10 +36,6 @@ def load_mesh(path: FilePath) -> TriMesh:
 
     `attributes` of the mesh keeps the polygons, texture coordinates and materials.
 
-    Parameters
-    ----------
-    path : str or path-like
-
     Raises
     ------
     CageikError

@@ -37,7 +37,6 @@ class WeightSettings:
 
     Attributes
     ----------
-    bind : BindSettings
     cache : Path, optional
         The folder of the weight cache; none is used if absent.
     jobs : int
@@ -58,9 +57,6 @@ class BindRunSettings:
 
     Attributes
     ----------
-    cage, rest, output : Path
-    weights : WeightSettings
-    overwrite : bool
     clips : tuple of str
         Clips that the weights are fitted to, each a folder, a glob or a file; none by default.
     fit : FitSettings

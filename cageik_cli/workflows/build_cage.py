@@ -47,7 +47,6 @@ class CageSettings:
         A mesh, or a clip: a file, folder or glob.
     output : Path
         An OBJ file.
-    build : BuildSettings
     rest : Path, optional
         The rest pose of a clip; a frame of it if absent.
     rest_frame : int or "auto", optional
@@ -57,7 +56,6 @@ class CageSettings:
         The clip the cage is for; none if empty.
     clip : ClipSettings
         Which of the frames to take, and how to read them.
-    overwrite : bool
     jobs : int
         Threads.
     """
@@ -89,9 +87,6 @@ class CageResult:
 
     Attributes
     ----------
-    settings : CageSettings
-    model : LoadedMesh
-    built : BuiltCage
     cage : LoadedMesh
         The cage as it is read from the file.
     rest_frame : int or None

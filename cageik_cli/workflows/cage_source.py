@@ -22,13 +22,8 @@ class CageSource:
 
     Attributes
     ----------
-    path : Path
-    rest, cage : TriMesh
-    bind : BindSettings
-    scene : Scene
     result : Result, optional
         With the cages of a clip.
-    stored : StoredBinding, optional
     """
 
     path: Path

@@ -27,7 +27,6 @@ class CheckSettings:
 
     Attributes
     ----------
-    cage : Path
     frames : tuple of str
         Files, folders and globs, or one file that holds a clip; may be none.
     rest : Path, optional
@@ -63,9 +62,6 @@ class CheckResult:
 
     Attributes
     ----------
-    cage : LoadedMesh
-    rest : LoadedMesh, optional
-    diagnosis : Diagnosis
     repair_command : str, optional
         To be typed; None if the cage is fit, or no repair can help.
     """

@@ -54,7 +54,6 @@ class DeformSettings:
     ----------
     source : Path
         A result, or a binding, which needs `cages`.
-    output : Output
     mesh : Path, optional
         Bound to the rest cage; the rest model if absent.
     coordinates, accuracy, outside : str, optional

@@ -44,14 +44,7 @@ from cageik_cli.workflows.pose import NamedHandles, read_named_handles, report_l
 
 @dataclass(frozen=True, slots=True)
 class EditSettings:
-    """Which animation to edit, and where to write it.
-
-    Attributes
-    ----------
-    result, handles, output : Path
-    posing : PosingSettings
-    overwrite : bool
-    """
+    """Which animation to edit, and where to write it."""
 
     result: Path
     handles: Path
@@ -80,8 +73,6 @@ def edit(
 
     Parameters
     ----------
-    settings : EditSettings
-    progress : ProgressListener, optional
     handles : NamedHandles, optional
         In place of those of the settings' file.
 
@@ -142,11 +133,8 @@ class _EditRun:
         The one that is edited.
     handles : Path
         The handles file, which messages name when a frame cannot be edited.
-    target : EditTarget
     rotations : (F, 3, 3) float64
         Of the rest pose to each frame; edits do not change them.
-    layers : list of Layer
-    statistics : PoseStatistics
     """
 
     result: Result

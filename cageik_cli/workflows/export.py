@@ -37,8 +37,6 @@ class ExportSettings:
 
     Attributes
     ----------
-    result : Path
-    output : Output
     scene : SceneHints
         Time and space, where they differ from those of the result.
     skeleton : bool

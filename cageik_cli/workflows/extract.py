@@ -50,11 +50,6 @@ from cageik_cli.workflows.unfitted import FramesToCompare, measure_unfitted
 def extract(settings: ExtractSettings, progress: ProgressListener | None = None) -> Result:
     """Extract the cage of every frame and write the result file.
 
-    Parameters
-    ----------
-    settings : ExtractSettings
-    progress : ProgressListener, optional
-
     Raises
     ------
     InputError
@@ -78,8 +73,6 @@ def run_extraction(
 
     Parameters
     ----------
-    plan : ExtractionPlan
-    progress : ProgressListener, optional
     executor : BlockExecutor, optional
         Solves the blocks of frames; threads of this process by default.
 
@@ -133,8 +126,6 @@ class RunOutput:
 
     Attributes
     ----------
-    header : ResultHeader
-    stored : StoredBinding
     filled : tuple of int
         Skipped frames whose cages were filled from those around them.
     """

@@ -32,7 +32,6 @@ class CageAnimation:
 
     Attributes
     ----------
-    binding : Binding
     cages : (F, n, 3) float64
         The cage of each frame.
     metrics : FrameMetrics

@@ -24,7 +24,6 @@ class ExtractSettings:
         Files, folders and globs, or one file that holds a clip.
     cage : Path, optional
         Without it, and without a binding, a cage is built around the rest pose.
-    output : Path
     binding : Path, optional
         A binding file of this rest pose, and of `cage` if that is given; `bind` is then ignored.
     cache : Path, optional
@@ -36,11 +35,8 @@ class ExtractSettings:
     vertex_weights : Path or "area", optional
         A file with one number per vertex of the model, or an array (F, m) with one per frame and
         vertex; or each vertex counts by its area.
-    bind : BindSettings
-    solve : SolveSettings
     clip : ClipSettings
         Which of the frames to take, and how to read them.
-    overwrite, keep_weights : bool
     resume : bool
         Continue an interrupted run of the same plan; start if there is none.
     on_bad_frame : str

@@ -28,12 +28,8 @@ def fit_binding(
 
     Parameters
     ----------
-    stored : StoredBinding
     clips : sequence of MeshSequence
         Of the rest pose's connectivity.
-    settings : FitSettings
-    conditions : FitConditions
-    cache : FitCache or None
 
     Raises
     ------

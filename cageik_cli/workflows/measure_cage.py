@@ -27,8 +27,6 @@ def make_measured_clip(
 
     Parameters
     ----------
-    rest : TriMesh
-    frame_count : int
     read_frame : callable
         Returns the positions (m, 3) of a frame, by its number.
     jobs : int

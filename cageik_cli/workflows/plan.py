@@ -45,7 +45,6 @@ class ExtractionPlan:
         With the number of the rest frame, if it was chosen.
     sequence : MeshSequence
         The clip.
-    rest : LoadedMesh
     cage : LoadedMesh, optional
         None when it comes with a binding, or is not built yet.
     stored_binding : StoredBinding, optional
@@ -218,7 +217,6 @@ def plan_extraction(
 
     Parameters
     ----------
-    settings : ExtractSettings
     stored_binding : StoredBinding, optional
         The weights, if they are known: of this rest pose, cage and settings.
 

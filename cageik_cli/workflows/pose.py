@@ -53,16 +53,12 @@ class PoseSettings:
     ----------
     target : Path
         A rest model, or a binding file.
-    handles : Path
     output : Path
         The posed model: .obj or .ply.
     cage : Path, optional
         Needed for a rest model.
     cage_output : Path, optional
         The posed cage: .obj or .ply.
-    posing : PosingSettings
-    weights : WeightSettings
-    overwrite : bool
     """
 
     target: Path
@@ -91,7 +87,6 @@ class NamedHandles:
     ----------
     path : Path
         The file, for messages.
-    handles : Handles
     sha256 : str
         Digest of the file, in hexadecimal digits.
     """
@@ -149,8 +144,6 @@ class PosedModel:
     ----------
     mesh : (m, 3) float64
     cage : (n, 3) float64
-    layers : list of Layer
-    result : PoseResult
     """
 
     mesh: Floats
@@ -232,7 +225,6 @@ def check_target_kind(target: Path, purpose: str) -> None:
 
     Parameters
     ----------
-    target : Path
     purpose : str
         Why its result is needed.
 

@@ -78,8 +78,6 @@ class Reconstruction:
 
     Parameters
     ----------
-    binding : Binding
-    cages : CageFrames
     rotations : (F, 3, 3) float64, optional
         Of the rest pose to each frame, for a binding that has offsets; else they are those of the
         cages.

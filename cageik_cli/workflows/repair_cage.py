@@ -24,11 +24,8 @@ class RepairCageSettings:
 
     Attributes
     ----------
-    cage, model : Path
     output : Path
         An OBJ file.
-    repair : RepairSettings
-    overwrite : bool
     """
 
     cage: Path
@@ -52,8 +49,6 @@ class RepairResult:
 
     Attributes
     ----------
-    settings : RepairCageSettings
-    repaired : RepairedCage
     diagonal : float
         Of the model, in file units.
     """

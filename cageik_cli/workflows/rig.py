@@ -45,7 +45,6 @@ class RigRequest:
         What the note on the error is about.
     compares : bool
         Note the error of other numbers of influences, too.
-    sampling : SampleSettings
     """
 
     influences: int | None
@@ -74,8 +73,6 @@ class Rig:
 
     Attributes
     ----------
-    skin : Skin
-    error : SkinError
     blocks : callable
         Yields all frames in order: the places of the joints as cages, and the skinned meshes.
     """
@@ -105,9 +102,6 @@ def make_rig(
     ----------
     result : Result
         That the cages are of, or that they were made from.
-    target : Reconstruction
-    request : RigRequest
-    progress : ProgressListener
 
     Raises
     ------

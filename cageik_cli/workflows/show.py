@@ -53,7 +53,6 @@ def show(shown: Result | Binding, *, height: int = DEFAULT_HEIGHT) -> ShownPage:
 
     Parameters
     ----------
-    shown : Result or Binding
     height : int
         Of the frame, in pixels.
 

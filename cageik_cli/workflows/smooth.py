@@ -48,8 +48,6 @@ class TimePass:
 
     Parameters
     ----------
-    plan : ExtractionPlan
-    capture : CapturedBlockSolver
     checkpoint : Checkpoint
         Of all frames, solved one by one.
     """

@@ -49,8 +49,6 @@ def measure_unfitted(
     ----------
     solver : DualLaplacianSolver
         With the weights before the fit.
-    fitted : Binding
-    frames : FramesToCompare
 
     Raises
     ------

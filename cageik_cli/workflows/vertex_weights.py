@@ -45,7 +45,6 @@ def load_vertex_weights(
     Parameters
     ----------
     given : Path or "area", optional
-    rest : LoadedMesh
     frames : int, optional
         How many frames there are; then the file may also hold weights of each frame.
 

@@ -27,7 +27,6 @@ class DistanceGrid:
         Place of the first node.
     cell : float
         Side of a cell.
-    reach : float
     """
 
     distance: Floats

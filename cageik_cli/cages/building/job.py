@@ -54,13 +54,10 @@ class Job:
 
     Attributes
     ----------
-    unit : UnitModel
-    demand : Demand
     ladder : tuple
         The shells to try, and the poses that decide which of their vertices are kept.
     reserve : tuple
         The same, to try one after another while no cage passes.
-    clip : Clip, optional
     motion : Motion, optional
         That of the clip.
     grids : dict

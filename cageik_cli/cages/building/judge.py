@@ -49,13 +49,11 @@ class Verdict:
     ----------
     faults : tuple of str
         Empty for a cage that may be handed out.
-    genus : int
     clearance : float
         Smallest distance of the surface from the cage, units of the surface; infinite beyond twice
         what was asked for, 0 if the cage itself is faulty.
     smallest_angle : float
         Degrees.
-    largest_valence : int
     looseness : float
         Mean distance of the samples from the cage, units of the surface.
     """

@@ -90,7 +90,6 @@ def measure_edits(cage: TriMesh, motion: Motion, squares: Floats | None = None) 
     ----------
     cage : TriMesh
         Sound, n vertices.
-    motion : Motion
     squares : (s,) float64, optional
         The residuals of a cage before this one, which tell where splits are worth looking at; no
         splits are measured without them.

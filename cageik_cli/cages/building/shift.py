@@ -85,8 +85,6 @@ class _Shifter:
         Its error, and what edits of it change.
     samples : (s, 3) float64
         Points that it holds.
-    demand : Demand
-    motion : Motion
     moved : int
         How many vertices moved.
     """
@@ -147,8 +145,6 @@ class _Round:
 
     Attributes
     ----------
-    draft : Draft
-    gains : EditGains
     skipped : (int, int)
         How many of the best splits and collapses are left out.
     touched : set of int

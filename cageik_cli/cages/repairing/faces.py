@@ -39,10 +39,8 @@ class Draft:
 
     Attributes
     ----------
-    mesh : PolygonMesh
     vertex_map : (n,) int64
         The number of each vertex of the cage given, −1 if it has gone.
-    steps : tuple of RepairStep
     """
 
     mesh: PolygonMesh

@@ -71,7 +71,6 @@ class RepairedCage:
         How far each vertex that is left was moved, file units; without the transform.
     transform : Transform, optional
         What was done to the whole cage first.
-    steps : tuple of RepairStep
     faults : tuple of Finding
         What is still wrong; none of a cage that is fit.
     warnings : tuple of Finding

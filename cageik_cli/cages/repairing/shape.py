@@ -44,10 +44,8 @@ class Target:
 
     Attributes
     ----------
-    model : TriMesh
     samples : (s, 3) float64
         Points of its surface.
-    clearance : Clearance
     firm : (k, 3) float64
         Points of faces that crossed the cage: they are pushed for until they have the whole
         clearance, for what crosses lies between them.
@@ -65,7 +63,6 @@ class Shape:
 
     Attributes
     ----------
-    cage : TriMesh
     untangled, pushed : (n, 3) float64
         How far each vertex was moved for either end, file units; their sum is the whole move.
     faults : int

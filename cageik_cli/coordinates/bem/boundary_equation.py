@@ -44,7 +44,6 @@ class BoundarySolution:
 
     Attributes
     ----------
-    mesh : BoundaryMesh
     densities : (u, n) float64
         q_k, as coefficients of the mesh's unknowns.
     """

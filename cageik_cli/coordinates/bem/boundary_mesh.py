@@ -28,10 +28,8 @@ class BoundaryMesh:
 
     Attributes
     ----------
-    panels : Panels
     hats : Hats
         Those of the cage's n vertices, at the vertices of the panels.
-    order : int
     high_panels : (k,) int64
         Numbers of the panels of a degree above 1, ascending.
     degrees : (k,) int64

@@ -52,12 +52,7 @@ CORNER_VALUES = np.array([[1.0, 1.0, 1.0], [2.0, -1.0, -1.0], [-1.0, 2.0, -1.0]]
 
 @dataclass(frozen=True, eq=False)
 class WeightGradients:
-    """The gradients of the weights of a solved boundary equation.
-
-    Attributes
-    ----------
-    boundary : BoundarySolution
-    """
+    """The gradients of the weights of a solved boundary equation."""
 
     boundary: BoundarySolution
 

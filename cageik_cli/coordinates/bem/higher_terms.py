@@ -36,7 +36,6 @@ class HigherTerms:
 
     Attributes
     ----------
-    panels : Panels
     high_panels : (k,) int64
         Numbers of the panels.
     order : int
@@ -134,7 +133,6 @@ class _Recurrences:
 
     Attributes
     ----------
-    order : int
     sums : (k, s, q)
         The side sums.
     foot : two (k, q)

@@ -41,13 +41,10 @@ def refit(
 
     Parameters
     ----------
-    problem : WeightProblem
-    motion : Motion
     start : Correction
         The rank of the result is at most its rank.
     complement : (n, n - 4)
         From `complement_basis`.
-    solving : Solving
     """
     found = problem.fit(motion, start.basis, start, solving)
     left = found.columns

@@ -79,7 +79,6 @@ class WeightProblem:
     ----------
     rest_weights : (m, n) float64
         H, affine-exact.
-    surface : SurfaceLaplacian
     vertex_weights : (m,) float64 or None
         The diagonal of Ω: not negative, 0 for missing data.
     regularization : float
@@ -105,12 +104,10 @@ class WeightProblem:
 
         Parameters
         ----------
-        motion : Motion
         subspace : (n, r)
             Orthonormal, for instance `complement_basis`.
         start : Correction, optional
             A first guess.
-        solving : Solving, optional
         """
         solving = solving or Solving()
         basis, gains = diagonalize(motion.cages, subspace)

@@ -61,8 +61,6 @@ class SimplexStep:
     vertex_weights : (m,) float64 or None
     regularization : float
         λ.
-    steps : int
-    jobs : int
     """
 
     vertex_weights: Floats | None
@@ -108,7 +106,6 @@ def minimize_on_simplex(matrices: Floats, linear: Floats, start: Floats, steps: 
     linear : (p, K)
     start : (p, K)
         On the simplex.
-    steps : int
     """
     lengths = 1 / np.abs(matrices).sum(axis=2).max(axis=1, keepdims=True)
     found, ahead = start, start

@@ -92,7 +92,6 @@ class ShiftedSystem:
 
     Attributes
     ----------
-    surface : SurfaceLaplacian
     smoothness, ridge : float
         μ and λ.
     row_weights : (m, 1) float64 or None

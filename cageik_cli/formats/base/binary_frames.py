@@ -140,7 +140,6 @@ class ArrayLayout:
     ----------
     offset : int
         First byte.
-    dtype : dtype
     frame_count, vertex_count : int
         F and m.
     axis_order : str

@@ -29,7 +29,6 @@ class ClipFile(MeshSequence):
 
     Attributes
     ----------
-    path : Path
     frame_indices : range
         Which of the file's frames the clip's are; set by `set_frames`.
     """
@@ -136,7 +135,6 @@ class ArrayClip:
 
     Attributes
     ----------
-    frames : FrameSource
     faces : (t, 3) integers, optional
         The rest pose's if absent.
     scene : SceneHints

@@ -46,7 +46,6 @@ class FrameNames:
 
     Attributes
     ----------
-    before, after : str
     digits : int
         At least so many; shorter numbers get leading zeros.
     """

@@ -82,7 +82,6 @@ def number_files(paths: tuple[Path, ...], gaps: Gaps) -> FileSeries:
 
     Parameters
     ----------
-    paths : tuple of Path
     gaps : {"refuse", "keep", "close"}
         What is done with missing numbers: refused; kept as frames without files; or closed, so
         that files follow one another in the usual step.

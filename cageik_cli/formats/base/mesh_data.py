@@ -98,7 +98,6 @@ class LoadedMesh:
 
     Attributes
     ----------
-    mesh : TriMesh
     source : dict
         `name` and `sha256` of the file; the name alone of a frame of the clip.
     notes : tuple of str

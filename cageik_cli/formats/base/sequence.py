@@ -38,7 +38,6 @@ class ClipRequest:
         Name of the clip in a file that holds several: the text behind `::`.
     rest : LoadedMesh, optional
         The rest pose, for files that hold no faces.
-    settings : ClipSettings
     """
 
     paths: tuple[Path, ...]

@@ -74,7 +74,6 @@ class Skin:
     ----------
     rest : TriMesh
         m vertices.
-    weights : SkinWeights
     rotations : (F, 3, 3) float64
         R of each frame; `points @ R` turns points of the rest pose to it.
     """

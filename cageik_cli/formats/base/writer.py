@@ -27,7 +27,6 @@ class Animation:
         The rest pose, with the faces and the attributes of every frame.
     frame_count : int
         Number of frames.
-    scene : Scene
     name : str
         Name of the object, for formats that name objects: letters, digits and underscores.
     morphs : MorphSettings

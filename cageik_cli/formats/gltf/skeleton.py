@@ -41,7 +41,6 @@ class SkeletonWriter(AnimationWriter):
 
         Parameters
         ----------
-        target : Path
         animation : Animation
             Of the cage: its `rest` is the rest cage.
         skin : Skin

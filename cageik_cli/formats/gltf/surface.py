@@ -44,7 +44,6 @@ class Surface:
 
     Attributes
     ----------
-    mesh : TriMesh
     origins : (m',) int64
         Number of each written vertex in the mesh; seams and hard edges are written once per side.
     uv : (m', 2) float32, optional
@@ -53,7 +52,6 @@ class Surface:
         Which of the normals of the completed fans of the mesh; that of the vertex if absent.
     parts : tuple of Part
         In the order of the vertices.
-    materials : tuple of str
     base_colours : (k, 4) float64
         Of the materials: linear red, green, blue and opacity.
     """
@@ -126,7 +124,6 @@ def cut_surface(mesh: TriMesh, has_normals: bool) -> Surface:
 
     Parameters
     ----------
-    mesh : TriMesh
     has_normals : bool
         Part the vertices of hard edges.
     """

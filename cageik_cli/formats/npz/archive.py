@@ -42,12 +42,10 @@ class FileArray:
 
     Attributes
     ----------
-    file : BinaryFile
     offset : int
         Its first byte.
     dtype : dtype
         Of numbers, or of text.
-    shape : tuple of int
     is_fortran_order : bool
         Whether its first axis is the fastest, not its last.
     """
@@ -79,12 +77,7 @@ def open_npy(path: Path) -> FileArray:
 
 
 class NpzArchive:
-    """The arrays of a `.npz`.
-
-    Attributes
-    ----------
-    names : set of str
-    """
+    """The arrays of a `.npz`."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._file = path, BinaryFile.open(path)

@@ -27,7 +27,6 @@ class AxisOrder:
     ----------
     layout : str
         One of `LAYOUTS`.
-    frame_count, vertex_count : int
     """
 
     layout: str
@@ -62,7 +61,6 @@ def choose_order(candidates: list[AxisOrder], expected_vertices: int | None) -> 
 
     Parameters
     ----------
-    candidates : list of AxisOrder
     expected_vertices : int, optional
         How many vertices the faces name. An order with as many is preferred to one with more;
         one with fewer is impossible.

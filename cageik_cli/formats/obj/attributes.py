@@ -154,7 +154,6 @@ def _read_corner_indices(tokens: Tokens, is_value: NDArray[np.bool_], place: int
 
     Parameters
     ----------
-    tokens : Tokens
     is_value : (l,) bool
         The lines that are counted.
     place : int

@@ -33,10 +33,8 @@ class SkeletonWriter(AnimationWriter):
 
         Parameters
         ----------
-        target : Path
         animation : Animation
             Of the cage: its `rest` is the rest cage.
-        skin : Skin
         cage : CageDisplay, optional
             How the cage is shown beside the mesh; it is not in the file if absent.
 

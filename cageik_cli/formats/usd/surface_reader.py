@@ -31,11 +31,8 @@ def read_surface(
 
     Parameters
     ----------
-    mesh : UsdGeom.Mesh
     attributes : SurfaceAttributes
         Its polygons, as the file has them.
-    vertex_count : int
-    time : float
 
     Returns
     -------

@@ -25,12 +25,7 @@ MATERIAL_SCOPE = "materials"
 
 
 class UsdMesh:
-    """A mesh prim with the faces and the attributes of a mesh, and no points yet.
-
-    Attributes
-    ----------
-    prim : UsdGeom.Mesh
-    """
+    """A mesh prim with the faces and the attributes of a mesh, and no points yet."""
 
     def __init__(self, stage: Any, path: str, mesh: TriMesh) -> None:
         from pxr import UsdGeom

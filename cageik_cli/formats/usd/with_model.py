@@ -44,12 +44,10 @@ class WithModelWriter(AnimationWriter):
 
         Parameters
         ----------
-        target : Path
         animation : Animation
             Of the cage: its `rest` is the rest cage.
         model : TriMesh
             The model at rest.
-        cage : CageDisplay
         """
         self._cage_count = len(animation.rest.vertices)
         size = count_frame_bytes(animation.rest) + count_frame_bytes(model)

@@ -31,7 +31,6 @@ class UsdFile:
     ----------
     root : str
         Path of the default prim, not yet defined.
-    stage : Usd.Stage
     """
 
     def __init__(self, target: Path, animation: Animation, frame_bytes: int) -> None:

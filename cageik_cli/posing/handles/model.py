@@ -178,8 +178,6 @@ class Handle:
     ----------
     name : str
         Unique in its set.
-    place : Place
-    motion : Motion
     weight : float
         Importance relative to other handles; above 0.
     hard : bool

@@ -38,11 +38,9 @@ def place_handles(
 
     Parameters
     ----------
-    handle_set : HandleSet
     surface : PosedSurface
         The pose of the pick frame is used for pixels and positions; where handles share a point,
         the poses of all frames that the edit may change are compared.
-    settings : PlacementSettings
 
     Raises
     ------

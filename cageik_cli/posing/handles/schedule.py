@@ -19,7 +19,6 @@ class BlendedMotion:
     ----------
     names : tuple of str
         Names of the handles.
-    motions : tuple of Motion
     shares : (s,) float64
         Share of each motion in the target; the sum is one.
     """

@@ -27,7 +27,6 @@ class Column:
     ----------
     name : str
         Field of `FrameRecord`.
-    label : str
     format_value : callable
         Formats a value as text.
     kind : str

@@ -98,7 +98,6 @@ def render_page(
 
     Parameters
     ----------
-    report : Report
     pictures : Pictures, optional
         None for a result without weights; the page then says so.
     fit_pictures : FitPictures, optional

@@ -56,7 +56,6 @@ def render_template(template: str, *, player_scripts: Sequence[str] = (), **valu
 
     Parameters
     ----------
-    template : str
     player_scripts : sequence of str
         Names of scripts of the player that the page has, too, with its style.
     **values

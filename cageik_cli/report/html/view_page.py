@@ -13,7 +13,6 @@ def render_view_page(
 
     Parameters
     ----------
-    clip : PlayerClip
     apply_url : str
         Where the page sends handles when they are applied, relative to its own address; "" if they
         are only saved, and the page sends nothing at all.

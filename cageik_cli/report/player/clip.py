@@ -37,7 +37,6 @@ class HeldFrame:
 
     Attributes
     ----------
-    index : int
     label : str
         Why it is held, such as "worst".
     errors : (m, 3) float64
@@ -55,7 +54,6 @@ class Focus:
 
     Attributes
     ----------
-    frame, vertex : int
     extent : float
         Half the width of a view of it, in diagonals.
     turn : float
@@ -78,22 +76,18 @@ class PlayerClip:
 
     Attributes
     ----------
-    binding : Binding
     base : (m, 3) float64
     cages : (F, n, 3) float64
     rotations : (F, 3, 3) float64
         Of the rest pose to each frame; `points @ R` turns points.
     frames : tuple of str
         Names of the F frames. Empty for a single pose, which has one cage.
-    fps : float
     up_axis : str
         "Y" or "Z".
     skipped : tuple of int
         Frames without data, whose cages are interpolated.
     vertex_rms : (m,) float64, optional
         Error of each vertex over the clip, percent of the diagonal; nan for missing data.
-    held : tuple of HeldFrame
-    focus : Focus, optional
     title : str
         What the page calls it: the name of a file, on one line; "" if it is in none.
     target : str
@@ -125,7 +119,6 @@ def make_single_pose(
 
     Parameters
     ----------
-    binding : Binding
     words : sequence of str
         What `cageik pose` is told to pose: the name of a file, and options; none for a model that
         is in no file.

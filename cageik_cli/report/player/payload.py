@@ -53,7 +53,6 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
 
     Parameters
     ----------
-    clip : PlayerClip
     apply_url : str
         Where the page sends its handles when they are applied; "" if they are only saved.
 

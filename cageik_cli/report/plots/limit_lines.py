@@ -45,11 +45,8 @@ class LimitLine:
 
     Attributes
     ----------
-    series : Series
-    check : LimitCheck
     heights : tuple of float
         Percent; two of opposite sign if the limit applies on both sides of zero.
-    label : str
     """
 
     series: Series
@@ -152,7 +149,6 @@ class Label:
 
     Attributes
     ----------
-    width : float
     levels : tuple of float
         Heights of its lines; it stands above or below one of them.
     prefers_right : bool

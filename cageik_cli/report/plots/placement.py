@@ -29,7 +29,6 @@ def place_boxes(
         Points that should stay visible; nan is left out.
     occupied : sequence of Box
         Boxes that are there already.
-    overlap_cost : float
 
     Returns
     -------

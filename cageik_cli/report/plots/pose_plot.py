@@ -72,7 +72,6 @@ class Panel:
         Positions of the anchors.
     has_arrows : bool
         Whether arrows lead to the targets; otherwise the targets are ringed.
-    title : str
     """
 
     vertices: Floats
@@ -130,10 +129,8 @@ class _PanelPlace:
 
     Attributes
     ----------
-    figure : Figure
     axes : Axes
         Cover the whole figure.
-    camera : ParallelCamera
     number : int
         Index of the panel, from the left.
     """

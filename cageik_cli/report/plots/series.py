@@ -38,7 +38,6 @@ class Reference:
         Percent.
     label : str
         In the legend.
-    style : LineStyle
     """
 
     numbers: Floats
@@ -63,7 +62,6 @@ class Series:
         Metrics whose limits are drawn with the curve.
     side : int
         Its axis: 0 for left, 1 for right.
-    style : LineStyle
     label : str
         In the legend.
     reference : Reference, optional

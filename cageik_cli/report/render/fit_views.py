@@ -69,7 +69,6 @@ class MovedVertex:
 
     Attributes
     ----------
-    vertex : int
     move : (3,) float64
     unfitted, fitted : (m,) float64
         Its weights, before and after the fit.
@@ -102,7 +101,6 @@ class ComparedPictures:
         As in `Pose`; of a moved vertex, the viewpoint.
     original : bytes, optional
         The input, if there is one.
-    unfitted, fitted : bytes
     """
 
     label: str

@@ -249,7 +249,6 @@ class Pictures:
 
     Attributes
     ----------
-    poses : tuple of PosePictures
     rest_views : tuple of bytes
         The rest pose from the front and from behind, coloured by the vertices' rms.
     max_deviation_percent, max_rms_percent : float

@@ -49,7 +49,6 @@ def find_region_vertices(
     rest : (m, 3) float64
     deviation : (m,) float64
         Of the frame; nan for missing data.
-    worst : int
     size : float
         Of the region, in the units of `rest`.
     """

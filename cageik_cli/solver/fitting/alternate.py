@@ -35,7 +35,6 @@ class Effort:
     ----------
     solving : Solving
         Of the weights in each round.
-    max_rounds : int
     min_gain : float
         Rounds end when two of them lower the error of the fitted frames by less than twice this
         share.
@@ -52,8 +51,6 @@ class CageSolve:
 
     Attributes
     ----------
-    binding : Binding
-    settings : SolveSettings
     vertex_weights : (m,) float64 or None
         From `normalize_weights`.
     """
@@ -137,14 +134,7 @@ class Alternation(Generic[Form]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alternator:
-    """Fits weights and cages by turns until the error hardly falls.
-
-    Attributes
-    ----------
-    problem : WeightProblem
-    cage_solve : CageSolve
-    effort : Effort
-    """
+    """Fits weights and cages by turns until the error hardly falls."""
 
     problem: WeightProblem
     cage_solve: CageSolve
@@ -161,7 +151,6 @@ class Alternator:
 
         Parameters
         ----------
-        target : Displacements
         start : Correction or Influences
             A first guess of the weights.
         step : callable

@@ -59,10 +59,8 @@ class FitConditions:
 
     Attributes
     ----------
-    solve : SolveSettings
     vertex_weights : (m,) float64, optional
         From `normalize_weights`; a vertex of weight 0 is missing data.
-    sampling : SampleSettings
     effort : Effort
         Its threads are those of `sampling`.
     """
@@ -83,7 +81,6 @@ class FittedWeights:
         With the fitted weights.
     model : FittedModel
         The weights in the form in which they are stored.
-    report : FitReport
 
     Examples
     --------
@@ -124,8 +121,6 @@ def fit_weights(
         Its weights, harmonic or not, are what the fitted ones are pulled to.
     clips : sequence of FrameReader
         Clips of the rest pose's connectivity.
-    settings : FitSettings, optional
-    conditions : FitConditions, optional
 
     Raises
     ------
@@ -143,12 +138,6 @@ def fit_weights(
 
 class Fitter:
     """Fits the weights of a binding under given settings.
-
-    Parameters
-    ----------
-    binding : Binding
-    settings : FitSettings
-    conditions : FitConditions
 
     Raises
     ------

@@ -58,7 +58,6 @@ class Comparison:
 
     Attributes
     ----------
-    fitted, unfitted : FitError
     frames : int
         Frames of the sample that were measured.
     """
@@ -115,7 +114,6 @@ def count_copies(
 
     Parameters
     ----------
-    sample : Sample
     is_held : (k,) bool
     solver : DualLaplacianSolver
         Its missing vertices do not count.
@@ -145,7 +143,6 @@ class HeldOut:
     ----------
     cage_solve : CageSolve
         Its binding's weights are compared with.
-    sample : Sample
     jobs : int
         Fits at the same time.
     """

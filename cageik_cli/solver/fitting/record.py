@@ -122,7 +122,6 @@ class FittedClip:
         Of its file, or of its first and last file.
     sha256 : str
         The digest of its files.
-    frames : int
     """
 
     name: str
@@ -144,8 +143,6 @@ class FitRecord:
         As they were asked for.
     solve : SolveSettings
         Of the cages that the weights were fitted with.
-    clips : tuple of FittedClip
-    report : FitReport
     """
 
     settings: FitSettings

@@ -112,10 +112,8 @@ def sample_frames(
 
     Parameters
     ----------
-    clips : sequence of FrameReader
     solver : DualLaplacianSolver
         It aligns the frames.
-    settings : SampleSettings
 
     Raises
     ------

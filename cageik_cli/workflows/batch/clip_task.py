@@ -27,7 +27,6 @@ def run_clip(
 
     Parameters
     ----------
-    job : ClipJob
     stored_binding : StoredBinding, optional
         The weights, if they are known.
     executor : BlockExecutor, optional

@@ -41,7 +41,6 @@ class WeightsTask:
 
     Attributes
     ----------
-    key : str
     job : ClipJob
         Any of those that share the weights.
     """
@@ -70,8 +69,6 @@ class ClusterExecutor:
     ----------
     settings : ExtractSettings
         Of the clip, whose files have the same paths on all workers.
-    weights_task : WeightsTask
-    min_seconds : float
     """
 
     settings: ExtractSettings
@@ -141,8 +138,6 @@ class ClipContext:
 
     Parameters
     ----------
-    settings : ExtractSettings
-    memory_plan : MemoryPlan
     names : tuple of str
         Of the clip's frames.
     first_digest : bytes

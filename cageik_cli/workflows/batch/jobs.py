@@ -24,7 +24,6 @@ class ClipJob:
     settings : ExtractSettings
         All paths are absolute. With `resume`, an interrupted run is continued; with `overwrite`,
         results of other files or settings are replaced.
-    limits : Limits
     has_page : bool
         Whether a page is written beside the result.
     has_player : bool
@@ -54,7 +53,6 @@ class Outcome:
     ----------
     entry : ClipEntry
         What the report over all clips shows; it does not depend on interruptions of the batch.
-    state : ClipState
     """
 
     entry: ClipEntry

@@ -45,7 +45,6 @@ class BatchPlan:
     ----------
     output : Path
         The folder of all results.
-    jobs : tuple of ClipJob
     rejected : tuple of ClipEntry
         Clips that cannot be started, and why.
     order : tuple of str

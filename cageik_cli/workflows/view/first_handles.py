@@ -28,10 +28,8 @@ class FirstHandles:
 
     Attributes
     ----------
-    path : Path
     text : str
         JSON in ASCII.
-    handles : Handles
     """
 
     path: Path

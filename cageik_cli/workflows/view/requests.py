@@ -67,7 +67,6 @@ class Site:
         The first part of every path.
     page : bytes
         HTML.
-    board : JobBoard
     parse : callable, optional
         Makes an edit of a body and a rigidity; None if handles cannot be applied.
     """

@@ -57,7 +57,6 @@ def serve(site: Site, port: int) -> Iterator[str]:
 
     Parameters
     ----------
-    site : Site
     port : int
         0 for any that is free.
 

@@ -50,7 +50,6 @@ class Edit:
     ----------
     data : bytes
         The handles file, as it came.
-    handles : NamedHandles
     rigidity : int
         Rounds of rigid rotations.
     """
@@ -66,7 +65,6 @@ class AppliedEdit:
 
     Attributes
     ----------
-    result : PoseResult
     written : tuple of Path
         The files that were written.
     """
@@ -80,7 +78,6 @@ class ViewSession(ABC):
 
     Parameters
     ----------
-    settings : ViewSettings
     clip : PlayerClip
         What the page shows.
     edited_from : str, optional

@@ -27,8 +27,6 @@ class ViewSettings:
         The posed cage of a model.
     handles_output : Path, optional
         The handles that were applied.
-    build : BuildSettings
-    weights : WeightSettings
     overwrite : bool
         Whether files that exist before the first edit may be replaced.
     """
