@@ -8,6 +8,7 @@ import click
 from cageik_cli.cli.lazy import LazyCommands
 from cageik_cli.cli.signals import interrupt_on_termination
 from cageik_cli.cli.streams import printable_streams
+from cageik_cli.cli.wording import word_options
 from cageik_cli.util.errors import format_error
 from cageik_cli.util.leftovers import listen_to_leftovers
 from cageik_cli.util.text import single_line
@@ -28,7 +29,8 @@ class CageikGroup(click.Group):
         except BrokenPipeError:
             raise  # nobody reads our output any more; click ends without a message
         except click.ClickException as error:
-            error.message = single_line(error.message)  # type: ignore[misc]  # names may have lines
+            # Names may have lines.
+            error.message = single_line(self._word(ctx, error.message))  # type: ignore[misc]
             raise
         except (click.exceptions.Exit, click.Abort):
             raise
@@ -37,7 +39,12 @@ class CageikGroup(click.Group):
 
             if get_verbosity() > 1:
                 click.echo(traceback.format_exc(), err=True)
-            raise click.ClickException(format_error(error)) from error  # its exit code is 1
+            message = self._word(ctx, format_error(error))
+            raise click.ClickException(message) from error  # its exit code is 1
+
+    def _word(self, ctx: click.Context, message: str) -> str:
+        """Return a message with the options of the command that runs."""
+        return word_options(message, self.commands.get(ctx.invoked_subcommand or ""))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands with their summaries; no command is imported."""

@@ -9,6 +9,9 @@ from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, NoReturn
 
+import click
+
+from cageik_cli.cli.wording import word_options
 from cageik_cli.util.outputs import check_writable, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_row
@@ -42,6 +45,8 @@ class ProgressBar(ProgressListener):
     def __init__(self, is_drawn: bool) -> None:
         self.seconds: dict[str, float] = {}
         self.notes: list[tuple[str, str]] = []
+        context = click.get_current_context(silent=True)  # there is none in other threads
+        self._command = None if context is None else context.command
         self._start = time.perf_counter()
         self._lock = Lock()
         self._bar: tqdm[NoReturn] | None = None
@@ -68,8 +73,9 @@ class ProgressBar(ProgressListener):
 
     def note(self, topic: str, text: str) -> None:
         """Keep a note for the end, as a line would break the bar; a repeated note is kept once."""
-        if (topic, text) not in self.notes:
-            self.notes.append((topic, text))
+        note = topic, self._word(text)
+        if note not in self.notes:
+            self.notes.append(note)
 
     def close(self) -> None:
         """Close the bar, and record the time in all as `total`."""
@@ -81,6 +87,9 @@ class ProgressBar(ProgressListener):
         """Return the notes and the seconds as labelled lines."""
         stages = ", ".join(f"{name} {value:.2f}" for name, value in self.seconds.items())
         return [*self.notes, ("seconds", stages)]
+
+    def _word(self, text: str) -> str:
+        return word_options(text, self._command)
 
     def _open_bar(self, label: str, unit: str) -> None:
         from tqdm import tqdm  # slow to import, and only terminals show bars
@@ -103,7 +112,7 @@ class LineLogger(ProgressBar):
         if self._is_shown:
             from tqdm import tqdm
 
-            tqdm.write(format_row((topic, text)), file=sys.stderr)
+            tqdm.write(format_row((topic, self._word(text))), file=sys.stderr)
 
 
 @contextmanager
