@@ -33,7 +33,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import Integers
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 
 Flags = NDArray[np.bool_]
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cageik_cli.workflows.batch.discover import DiscoveredClip
     from cageik_cli.workflows.batch.jobs import ClipJob
     from cageik_cli.workflows.batch.run import BatchPlan
-    from cageik_cli.workflows.extract_settings import ExtractSettings
+    from cageik_cli.workflows.settings import ExtractSettings
 
 BATCH_OPTIONS = (
     "output",

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from cageik_cli.store.result import Result
     from cageik_cli.util.progress import ProgressListener
     from cageik_cli.workflows.export import ExportSettings
-    from cageik_cli.workflows.extract_settings import ExtractSettings
+    from cageik_cli.workflows.settings import ExtractSettings
 
 
 FIT_OPTIONS = OptionGroup(
@@ -86,7 +86,7 @@ def make_extract_settings(
     missing: bool,
 ) -> "ExtractSettings":
     """Make the settings of a run; values that contradict each other are wrong usage."""
-    from cageik_cli.workflows.extract_settings import ExtractSettings
+    from cageik_cli.workflows.settings import ExtractSettings
 
     if binding is not None:
         _check_binding_settings(binding, bind)

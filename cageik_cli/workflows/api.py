@@ -26,7 +26,7 @@ from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import SettingError
 from cageik_cli.util.threads import count_processors
 from cageik_cli.workflows import extract as file_extraction
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 
 FilePath = str | PathLike[str]
 

@@ -14,7 +14,7 @@ from cageik_cli.formats.base.file_data import describe_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import list_input_files, open_sequence
+from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings
@@ -28,6 +28,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import mark_warning
 from cageik_cli.workflows.fit import fit_binding, open_fit_cache
 from cageik_cli.workflows.repair_hint import suggest_repair
+from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 from cageik_cli.workflows.vertex_weights import load_vertex_weights
 
 
@@ -52,7 +53,7 @@ class WeightSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class BindRunSettings:
+class BindRunSettings(CommandSettings):
     """What to bind to what, and where to write it.
 
     Attributes
@@ -69,26 +70,16 @@ class BindRunSettings:
         Bytes for the weights and the frames that they are fitted to.
     """
 
-    cage: Path
-    rest: Path
-    output: Path
+    cage: Path = field(metadata=READ)
+    rest: Path = field(metadata=READ)
+    output: Path = field(metadata=WRITTEN)
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
-    clips: tuple[str, ...] = ()
+    clips: tuple[str, ...] = field(default=(), metadata=READ_CLIP)
     fit: FitSettings = field(default_factory=FitSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
-    vertex_weights: Path | str | None = None
+    vertex_weights: Path | str | None = field(default=None, metadata=READ)
     memory: int = DEFAULT_MEMORY
-
-    def inputs(self) -> list[Path]:
-        """Return the files that are read."""
-        weights = [self.vertex_weights] if isinstance(self.vertex_weights, Path) else []
-        clips = [path for clip in self.clips for path in list_input_files([clip])]
-        return [self.cage, self.rest, *weights, *clips]
-
-    def outputs(self) -> list[Path]:
-        """Return the file that is written."""
-        return [self.output]
 
 
 def bind_files(

@@ -21,7 +21,7 @@ from cageik_cli.formats.base.sequence import check_connectivity
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
 from cageik_cli.formats.obj.write import encode_exact_obj
-from cageik_cli.formats.open import list_input_files, open_sequence
+from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.outputs import write_bytes
@@ -30,6 +30,7 @@ from cageik_cli.util.text import format_block
 from cageik_cli.workflows.cached_cage import check_cage_output, load_built_cage
 from cageik_cli.workflows.measure_cage import make_measured_clip
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
+from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
 SCHEMA_VERSION = 1
 
@@ -38,7 +39,7 @@ MIN_GOOD_ANGLE = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class CageSettings:
+class CageSettings(CommandSettings):
     """The model to build a cage around, and the file to write it to.
 
     Attributes
@@ -60,25 +61,15 @@ class CageSettings:
         Threads.
     """
 
-    model: str
-    output: Path
+    model: str = field(metadata=READ_CLIP)
+    output: Path = field(metadata=WRITTEN)
     build: BuildSettings = field(default_factory=BuildSettings)
-    rest: Path | None = None
+    rest: Path | None = field(default=None, metadata=READ)
     rest_frame: RestFrame | None = None
-    animation: tuple[str, ...] = ()
+    animation: tuple[str, ...] = field(default=(), metadata=READ_CLIP)
     clip: ClipSettings = field(default_factory=lambda: ClipSettings(gaps="close"))
     overwrite: bool = False
     jobs: int = 1
-
-    def inputs(self) -> list[Path]:
-        """Return the files that are read."""
-        rest = [] if self.rest is None else [self.rest]
-        frames = list_input_files(list(self.animation)) if self.animation else []
-        return [*rest, *list_input_files([self.model]), *frames]
-
-    def outputs(self) -> list[Path]:
-        """Return the file that is written."""
-        return [self.output]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

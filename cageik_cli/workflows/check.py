@@ -11,18 +11,18 @@ from cageik_cli.cages.findings import Finding
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import list_input_files
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.plots.cage_marks import FaultMark, list_marks
 from cageik_cli.util.text import format_block, format_row
 from cageik_cli.workflows.repair_hint import find_rest_file, format_repair_command
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
+from cageik_cli.workflows.settings import READ, READ_CLIP, CommandSettings
 
 SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True, slots=True)
-class CheckSettings:
+class CheckSettings(CommandSettings):
     """What to check.
 
     Attributes
@@ -39,21 +39,12 @@ class CheckSettings:
         Which of the frames to take, and how to read them.
     """
 
-    cage: Path
-    frames: tuple[str, ...] = ()
-    rest: Path | None = None
+    cage: Path = field(metadata=READ)
+    frames: tuple[str, ...] = field(default=(), metadata=READ_CLIP)
+    rest: Path | None = field(default=None, metadata=READ)
     rest_frame: RestFrame = 0
     jobs: int = 1
     clip: ClipSettings = field(default_factory=lambda: ClipSettings(gaps="close"))
-
-    def inputs(self) -> list[Path]:
-        """Return the files that are read."""
-        rest = [] if self.rest is None else [self.rest]
-        return [self.cage, *rest, *list_input_files(list(self.frames))]
-
-    def outputs(self) -> list[Path]:
-        """Return the files that are written: none, a report is the command's own."""
-        return []
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.settings import ClipSettings, MorphSettings
 from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.open import list_input_files, open_sequence
+from cageik_cli.formats.open import open_sequence
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
 from cageik_cli.geometry.oriented import Oriented
@@ -36,6 +36,7 @@ from cageik_cli.workflows.model_file import LoadedModel, load_model
 from cageik_cli.workflows.move_points import find_oriented, move_frames, prepare_motion
 from cageik_cli.workflows.reconstruction import Block, CageFrames, Reconstruction
 from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
+from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
 NO_CAGES = "which has no cages; give them by --cages, or give a result"
 
@@ -47,7 +48,7 @@ ARRAYS_PER_FRAME = 4
 
 
 @dataclass(frozen=True, slots=True)
-class DeformSettings:
+class DeformSettings(CommandSettings):
     """Which mesh to deform by which cages, and where to write it.
 
     Attributes
@@ -79,13 +80,13 @@ class DeformSettings:
         How morph targets follow the mesh, in a format that has them.
     """
 
-    source: Path
-    output: Output
-    mesh: Path | None = None
+    source: Path = field(metadata=READ)
+    output: Output = field(metadata=WRITTEN)
+    mesh: Path | None = field(default=None, metadata=READ)
     coordinates: str | None = None
     accuracy: str | None = None
     outside: str | None = None
-    cages: str | None = None
+    cages: str | None = field(default=None, metadata=READ_CLIP)
     clip: ClipSettings = field(default_factory=ClipSettings)
     scene: SceneHints = field(default_factory=SceneHints)
     cache: Path | None = None
@@ -94,16 +95,6 @@ class DeformSettings:
     influences: int | None = None
     compares: bool = False
     morphs: MorphSettings = field(default_factory=lambda: MorphSettings(has_normals=True))
-
-    def inputs(self) -> list[Path]:
-        """Return the files that are read."""
-        mesh = [] if self.mesh is None else [self.mesh]
-        cages = [] if self.cages is None else list_input_files([self.cages])
-        return [self.source, *mesh, *cages]
-
-    def outputs(self) -> list[Path]:
-        """Return the file or folder that is written."""
-        return self.output.list_paths()
 
 
 def deform(settings: DeformSettings, progress: ProgressListener | None = None) -> ExportSummary:

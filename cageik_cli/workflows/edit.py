@@ -40,25 +40,18 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import single_line, to_unicode
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.pose import NamedHandles, read_named_handles, report_layer_notes
+from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 
 @dataclass(frozen=True, slots=True)
-class EditSettings:
+class EditSettings(CommandSettings):
     """Which animation to edit, and where to write it."""
 
-    result: Path
-    handles: Path
-    output: Path
+    result: Path = field(metadata=READ)
+    handles: Path = field(metadata=READ)
+    output: Path = field(metadata=WRITTEN)
     posing: PosingSettings = field(default_factory=PosingSettings)
     overwrite: bool = False
-
-    def inputs(self) -> list[Path]:
-        """Return the files that are read."""
-        return [self.result, self.handles]
-
-    def outputs(self) -> list[Path]:
-        """Return the file that is written."""
-        return [self.output]
 
 
 def edit(

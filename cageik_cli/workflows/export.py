@@ -23,6 +23,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.reconstruction import CageFrames, Reconstruction
 from cageik_cli.workflows.rig import RigRequest, check_influences, make_rig
+from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 SKELETON_SUFFIXES = (*UsdSkeletonWriter.suffixes, *GltfSkeletonWriter.suffixes)
 """Of the formats that hold skeletons."""
@@ -32,7 +33,7 @@ MAX_BLOCK_BYTES = 1 << 26
 
 
 @dataclass(frozen=True, slots=True)
-class ExportSettings:
+class ExportSettings(CommandSettings):
     """Which cages to write, where and how.
 
     Attributes
@@ -52,22 +53,14 @@ class ExportSettings:
         How morph targets follow the cages, in a format that has them.
     """
 
-    result: Path
-    output: Output
+    result: Path = field(metadata=READ)
+    output: Output = field(metadata=WRITTEN)
     scene: SceneHints = field(default_factory=SceneHints)
     skeleton: bool = False
     influences: int | None = None
     compares: bool = False
     with_model: CageDisplay | None = None
     morphs: MorphSettings = field(default_factory=MorphSettings)
-
-    def inputs(self) -> list[Path]:
-        """Return the file that is read."""
-        return [self.result]
-
-    def outputs(self) -> list[Path]:
-        """Return the file or folder that is written."""
-        return self.output.list_paths()
 
 
 def export(settings: ExportSettings, progress: ProgressListener | None = None) -> ExportSummary:

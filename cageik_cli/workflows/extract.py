@@ -33,7 +33,6 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import locate_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.capture import make_capture_solver
-from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.plan import (
     ExtractionPlan,
     build_missing_cage,
@@ -43,6 +42,7 @@ from cageik_cli.workflows.plan import (
 )
 from cageik_cli.workflows.regions import find_clip_regions
 from cageik_cli.workflows.resume import open_checkpoint, resume_from_checkpoint
+from cageik_cli.workflows.settings import ExtractSettings
 from cageik_cli.workflows.smooth import run_time_pass
 from cageik_cli.workflows.unfitted import FramesToCompare, measure_unfitted
 

@@ -28,10 +28,10 @@ from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import WeightSettings, bind_cached, load_matching_binding
 from cageik_cli.workflows.cached_cage import build_cached, check_cage_output
-from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.fit import fit_binding, open_fit_cache
 from cageik_cli.workflows.repair_hint import find_rest_file, suggest_repair
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
+from cageik_cli.workflows.settings import ExtractSettings
 from cageik_cli.workflows.vertex_weights import load_vertex_weights
 
 

@@ -43,10 +43,11 @@ from cageik_cli.workflows.move_points import (
     prepare_motion,
 )
 from cageik_cli.workflows.repair_hint import suggest_repair
+from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 
 @dataclass(frozen=True, slots=True)
-class PoseSettings:
+class PoseSettings(CommandSettings):
     """Which model to pose, and where to write it.
 
     Attributes
@@ -61,22 +62,14 @@ class PoseSettings:
         The posed cage: .obj or .ply.
     """
 
-    target: Path
-    handles: Path
-    output: Path
-    cage: Path | None = None
-    cage_output: Path | None = None
+    target: Path = field(metadata=READ)
+    handles: Path = field(metadata=READ)
+    output: Path = field(metadata=WRITTEN)
+    cage: Path | None = field(default=None, metadata=READ)
+    cage_output: Path | None = field(default=None, metadata=WRITTEN)
     posing: PosingSettings = field(default_factory=PosingSettings)
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
-
-    def inputs(self) -> list[Path]:
-        """Return the files that are read."""
-        return [self.target, self.handles, *([] if self.cage is None else [self.cage])]
-
-    def outputs(self) -> list[Path]:
-        """Return the files that are written."""
-        return [self.output, *([] if self.cage_output is None else [self.cage_output])]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,12 +14,13 @@ from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.util.text import format_block
 from cageik_cli.workflows.cached_cage import check_cage_output
+from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True, slots=True)
-class RepairCageSettings:
+class RepairCageSettings(CommandSettings):
     """Which cage to repair, for which model, and where to write it.
 
     Attributes
@@ -28,19 +29,11 @@ class RepairCageSettings:
         An OBJ file.
     """
 
-    cage: Path
-    model: Path
-    output: Path
+    cage: Path = field(metadata=READ)
+    model: Path = field(metadata=READ)
+    output: Path = field(metadata=WRITTEN)
     repair: RepairSettings = field(default_factory=RepairSettings)
     overwrite: bool = False
-
-    def inputs(self) -> list[Path]:
-        """Return the files that are read."""
-        return [self.cage, self.model]
-
-    def outputs(self) -> list[Path]:
-        """Return the file that is written."""
-        return [self.output]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,8 +8,8 @@ from cageik_cli.solver.blocks import SolvedBlock
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec
 from cageik_cli.store.result import checkpoint_path
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.plan import ExtractionPlan
+from cageik_cli.workflows.settings import ExtractSettings
 
 
 @contextmanager

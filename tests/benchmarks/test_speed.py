@@ -19,7 +19,7 @@ from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util import compiled
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 from tests.shapes import ball, inside
 
 pytestmark = pytest.mark.bench

@@ -15,7 +15,7 @@ from cageik_cli.report.overview import ClipEntry, build_clip_entry, build_overvi
 from cageik_cli.report.record import build_report
 from cageik_cli.report.render.model_views import load_poses, render_pictures
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 from tests.report.clips import make_500_clips
 from tests.report.hostile import NAMES, with_hostile_names
 

@@ -18,7 +18,7 @@ def result_bytes(tmp_path_factory, animation, write_obj):
     import numpy as np
 
     from cageik_cli.workflows.extract import extract
-    from cageik_cli.workflows.extract_settings import ExtractSettings
+    from cageik_cli.workflows.settings import ExtractSettings
 
     folder = tmp_path_factory.mktemp("report")
     np.savez(folder / "clip.npz", verts=animation.frames, faces=animation.rest.faces)

@@ -15,7 +15,7 @@ from cageik_cli.solver.settings import FitSettings
 from cageik_cli.store.result import Result, read_result
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 from tests.fitted import clip_of, small_binding, true_weights
 
 

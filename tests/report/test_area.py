@@ -18,7 +18,7 @@ from cageik_cli.solver.area_weights import make_vertex_weights, weigh_by_area
 from cageik_cli.util.errors import FormatError, SettingError
 from cageik_cli.workflows.extract import extract as extract_to_file
 from cageik_cli.workflows.extract_arrays import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 from tests.shapes import TETRAHEDRON, ball, box
 
 BODY = ball(3, 0.8)

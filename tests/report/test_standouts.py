@@ -8,7 +8,7 @@ import pytest
 from cageik_cli.report.record import build_report
 from cageik_cli.report.standouts import list_standout_notes
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 
 
 @pytest.fixture(scope="module")

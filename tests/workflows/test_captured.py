@@ -23,7 +23,7 @@ from cageik_cli.util.errors import CheckpointError, FormatError, InputError, Set
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.bind import BindRunSettings, bind_files
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 from tests.corruptions import corrupt
 
 ROBUST = CaptureSettings(robust=True)

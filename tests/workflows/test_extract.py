@@ -15,7 +15,7 @@ from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.util.errors import InputError, NumericalError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 from tests.shapes import ball, box, rotation
 
 TRUTH = SolveSettings(alpha=0.0)

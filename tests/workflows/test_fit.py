@@ -29,7 +29,7 @@ from cageik_cli.workflows.deform import DeformSettings, deform
 from cageik_cli.workflows.edit import EditSettings, edit
 from cageik_cli.workflows.export import ExportSettings, export
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 from tests.fitted import small_binding, true_weights
 from tests.shapes import rotation
 

@@ -22,13 +22,13 @@ from cageik_cli.util.errors import (
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows import extract as module
 from cageik_cli.workflows.extract import extract, run_extraction
-from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.plan import (
     build_missing_cage,
     check_output_path,
     load_or_compute_binding,
     plan_extraction,
 )
+from cageik_cli.workflows.settings import ExtractSettings
 
 
 class Notes(ProgressListener):

@@ -13,9 +13,9 @@ from cageik_cli.workflows import rest_frame as module
 from cageik_cli.workflows.build_cage import CageSettings, build_cage_file, format_cage_json
 from cageik_cli.workflows.check import CheckSettings, check_cage, format_check_text
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.plan import plan_extraction
 from cageik_cli.workflows.rest_frame import choose_rest_frame, open_clip_and_choose_rest
+from cageik_cli.workflows.settings import ExtractSettings
 from tests.shapes import box
 from tests.strips import fold_strip, make_strip
 

@@ -21,7 +21,7 @@ from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.util.errors import CheckpointError, FileAccessError, InputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 
 LOG = Path("cages.h5.partial")
 

@@ -13,8 +13,10 @@ from cageik_cli.workflows.check import CheckSettings
 from cageik_cli.workflows.deform import DeformSettings
 from cageik_cli.workflows.edit import EditSettings
 from cageik_cli.workflows.export import ExportSettings
-from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.pose import PoseSettings
+from cageik_cli.workflows.repair_cage import RepairCageSettings
+from cageik_cli.workflows.settings import ExtractSettings
+from cageik_cli.workflows.view.settings import ViewSettings
 
 FRAMES = [f"frames/frame_{k}.obj" for k in range(1, 6)]
 CAGE, REST, RESULT, OUT = map(Path, ("cage.obj", "rest.obj", "cages.h5", "out.h5"))
@@ -49,6 +51,13 @@ CASES = {
         PoseSettings(REST, HANDLES, MESH, CAGE, Path("posed.obj")),
         [REST, HANDLES, CAGE],
         [MESH, "posed.obj"],
+    ),
+    "repair": (RepairCageSettings(CAGE, REST, MESH), [CAGE, REST], [MESH]),
+    "view": (ViewSettings(REST, CAGE, handles=HANDLES), [REST, CAGE, HANDLES], []),
+    "view with saved handles": (
+        ViewSettings(RESULT, None, None, HANDLES, OUT, None, HANDLES, overwrite=True),
+        [RESULT],
+        [OUT, HANDLES],
     ),
 }
 

@@ -14,7 +14,7 @@ from cageik_cli.solver.settings import FitSettings
 from cageik_cli.store.result import read_result
 from cageik_cli.workflows.bind import BindRunSettings, WeightSettings, bind_files
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 from cageik_cli.workflows.unfitted import (
     MAX_FRAMES,
     FramesToCompare,

@@ -23,7 +23,7 @@ from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.clip_task import bind_clip
 from cageik_cli.workflows.batch.dask_worker import configure_worker
 from cageik_cli.workflows.batch.jobs import ClipJob
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 
 MIN_PIECE_SECONDS = 0.5
 """Seconds of work in a piece, at least; the scheduler takes a hundredth of it per task."""

@@ -7,8 +7,8 @@ from cageik_cli.util.errors import CageikError
 from cageik_cli.util.text import format_block
 from cageik_cli.workflows.batch.jobs import ClipJob
 from cageik_cli.workflows.batch.run import BatchPlan
-from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.plan import plan_extraction
+from cageik_cli.workflows.settings import ExtractSettings
 
 FAULT_LABEL = "would fail"
 

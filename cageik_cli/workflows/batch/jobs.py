@@ -7,7 +7,7 @@ from typing import Protocol
 
 from cageik_cli.report.limits import Limits
 from cageik_cli.report.overview import ClipEntry
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 
 CLIPS_FOLDER = "clips"
 """The folder of the clips' results, inside the output folder."""

@@ -5,10 +5,11 @@ from pathlib import Path
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.workflows.bind import WeightSettings
+from cageik_cli.workflows.settings import READ, WRITTEN, CommandSettings
 
 
 @dataclass(frozen=True, slots=True)
-class ViewSettings:
+class ViewSettings(CommandSettings):
     """What is viewed, and where the edits of the page go.
 
     Attributes
@@ -31,25 +32,19 @@ class ViewSettings:
         Whether files that exist before the first edit may be replaced.
     """
 
-    target: Path
-    cage: Path | None = None
-    binding: Path | None = None
-    handles: Path | None = None
-    output: Path | None = None
-    cage_output: Path | None = None
-    handles_output: Path | None = None
+    target: Path = field(metadata=READ)
+    cage: Path | None = field(default=None, metadata=READ)
+    binding: Path | None = field(default=None, metadata=READ)
+    handles: Path | None = field(default=None, metadata=READ)
+    output: Path | None = field(default=None, metadata=WRITTEN)
+    cage_output: Path | None = field(default=None, metadata=WRITTEN)
+    handles_output: Path | None = field(default=None, metadata=WRITTEN)
     build: BuildSettings = field(default_factory=BuildSettings)
     weights: WeightSettings = field(default_factory=WeightSettings)
     overwrite: bool = False
 
     def inputs(self) -> list[Path]:
         """Return the files that are read, but handles that are saved where they were."""
-        files = [self.target, self.cage, self.binding]
-        if not (self.overwrite and self.handles == self.handles_output):
-            files.append(self.handles)
-        return [path for path in files if path is not None]
-
-    def outputs(self) -> list[Path]:
-        """Return the files that are written when handles are applied."""
-        files = (self.output, self.cage_output, self.handles_output)
-        return [path for path in files if path is not None]
+        is_saved = self.overwrite and self.handles == self.handles_output
+        saved = self.handles if is_saved else None
+        return [path for path in CommandSettings.inputs(self) if path != saved]

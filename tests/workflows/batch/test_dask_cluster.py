@@ -40,8 +40,8 @@ from cageik_cli.workflows.batch.dask_pieces import (
     unpickle_with_weights,
 )
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
-from cageik_cli.workflows.extract_settings import ExtractSettings
 from cageik_cli.workflows.plan import load_or_compute_binding, plan_extraction
+from cageik_cli.workflows.settings import ExtractSettings
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ from cageik_cli.workflows.batch.dry_run import describe_batch
 from cageik_cli.workflows.batch.jobs import ClipJob
 from cageik_cli.workflows.batch.run import BatchPlan
 from cageik_cli.workflows.extract import extract
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 
 
 class Interrupt(ProgressListener):

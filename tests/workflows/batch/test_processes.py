@@ -16,7 +16,7 @@ from cageik_cli.workflows.batch import processes as local
 from cageik_cli.workflows.batch.clip_task import run_clip
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState
 from cageik_cli.workflows.batch.processes import ProcessScheduler
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from cageik_cli.workflows.batch.run import (
     check_folder_empty,
     run_batch,
 )
-from cageik_cli.workflows.extract_settings import ExtractSettings
+from cageik_cli.workflows.settings import ExtractSettings
 
 
 class Scripted:

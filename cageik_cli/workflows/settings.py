@@ -1,8 +1,8 @@
-"""The settings of an extraction: from what, to where, and how."""
+"""The settings of commands: what they read and write, and all that an extraction is told."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
@@ -13,9 +13,46 @@ from cageik_cli.solver.settings import CaptureSettings, FitSettings, SolveSettin
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError
 
+READ: Final = {"role": "read"}
+"""Marks a field with a path that is read; a word in its place is no file."""
+
+READ_CLIP: Final = {"role": "read as a clip"}
+"""Marks a field with one or several arguments of `open_sequence`, whose files are read."""
+
+WRITTEN: Final = {"role": "written"}
+"""Marks a field with a path or an `Output` that is written."""
+
 
 @dataclass(frozen=True, slots=True)
-class ExtractSettings:
+class CommandSettings:
+    """Settings of a command; the marks of its fields say what is read and written.
+
+    A field is marked by its metadata, as in `field(metadata=READ)`, and may be None.
+    """
+
+    def inputs(self) -> list[Path]:
+        """Return the files that are read."""
+        files = [path for path in self._list_marked(READ) if isinstance(path, Path)]
+        for given in self._list_marked(READ_CLIP):
+            arguments = (given,) if isinstance(given, str) else given
+            files += [path for one in arguments for path in list_input_files([one])]
+        return files
+
+    def outputs(self) -> list[Path]:
+        """Return the files and folders that are written."""
+        files: list[Path] = []
+        for output in self._list_marked(WRITTEN):
+            files += [output] if isinstance(output, Path) else output.list_paths()
+        return files
+
+    def _list_marked(self, mark: dict[str, str]) -> list[Any]:
+        """List the values of the fields with a mark that are given."""
+        values = [getattr(self, one.name) for one in fields(self) if one.metadata == mark]
+        return [value for value in values if value is not None]
+
+
+@dataclass(frozen=True, slots=True)
+class ExtractSettings(CommandSettings):
     """What to extract, from what, to where.
 
     Attributes
@@ -57,14 +94,14 @@ class ExtractSettings:
         What is done for clips from scanners and trackers.
     """
 
-    frames: tuple[str, ...]
-    cage: Path | None
-    output: Path
-    binding: Path | None = None
+    frames: tuple[str, ...] = field(metadata=READ_CLIP)
+    cage: Path | None = field(metadata=READ)
+    output: Path = field(metadata=WRITTEN)
+    binding: Path | None = field(default=None, metadata=READ)
     cache: Path | None = None
-    rest: Path | None = None
+    rest: Path | None = field(default=None, metadata=READ)
     rest_frame: RestFrame = 0
-    vertex_weights: Path | str | None = None
+    vertex_weights: Path | str | None = field(default=None, metadata=READ)
     bind: BindSettings = field(default_factory=BindSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
     clip: ClipSettings = field(default_factory=ClipSettings)
@@ -76,7 +113,7 @@ class ExtractSettings:
     memory: int = DEFAULT_MEMORY
     jobs: int = 1
     build: BuildSettings = field(default_factory=BuildSettings)
-    cage_output: Path | None = None
+    cage_output: Path | None = field(default=None, metadata=WRITTEN)
     fit: FitSettings | None = None
     capture: CaptureSettings = field(default_factory=CaptureSettings)
 
@@ -107,16 +144,6 @@ class ExtractSettings:
                 "--no-weights leaves out fitted weights, which cannot be computed again; leave it "
                 "out, or store few numbers by --fit-rank"
             )
-
-    def inputs(self) -> list[Path]:
-        """Return the files that are read."""
-        named = (self.cage, self.binding, self.rest, self.vertex_weights)
-        files = [path for path in named if isinstance(path, Path)]
-        return files + list_input_files(list(self.frames))
-
-    def outputs(self) -> list[Path]:
-        """Return the files that are written."""
-        return [self.output, *([] if self.cage_output is None else [self.cage_output])]
 
     def describe_capture(self) -> dict[str, Any]:
         """Return what is done for captured clips as a result records it; empty for nothing."""
