@@ -4,12 +4,11 @@ from collections.abc import Callable
 
 from cageik_cli.cages.enclosure import Enclosure, check_enclosure
 from cageik_cli.cages.room import find_room_faults
-from cageik_cli.coordinates.binding import Binding, reproduction_error
+from cageik_cli.coordinates.binding import Binding, Weights, reproduction_error
 from cageik_cli.coordinates.settings import ACCURACIES, BindSettings
-from cageik_cli.coordinates.weights import Weights, ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import NumericalError
-from cageik_cli.util.text import mark_warning
+from cageik_cli.util.progress import ignore_progress, mark_warning
 
 MIN_HARMONIC_WEIGHT = -0.05
 """Harmonic weights below it give a warning; those of sound cages stay above −0.02."""

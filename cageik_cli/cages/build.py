@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 from cageik_cli.cages.building.job import Job
 from cageik_cli.cages.building.records import BuildSettings, BuiltCage, Candidate, Clip
-from cageik_cli.coordinates.weights import ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import NumericalError
+from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.threads import limit_blas_threads
 
 __all__ = ["BuildSettings", "BuiltCage", "Candidate", "Clip", "build_cage"]

@@ -15,11 +15,11 @@ from cageik_cli.cages.repairing.record import RepairedCage, RepairSettings, Repa
 from cageik_cli.cages.repairing.samples import sample_surface
 from cageik_cli.cages.repairing.shape import Target, fit_shape
 from cageik_cli.cages.similarity import Transform, find_transform
-from cageik_cli.coordinates.weights import ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
+from cageik_cli.util.progress import ignore_progress
 
 __all__ = ["RepairSettings", "RepairStep", "RepairedCage", "repair_cage"]
 

@@ -12,7 +12,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import CageError, join_truncated
-from cageik_cli.util.text import mark_warning
+from cageik_cli.util.progress import mark_warning
 
 MIN_VOLUME_RATIO = 1e-9
 """Smallest volume of a cage, relative to its area times its diagonal."""

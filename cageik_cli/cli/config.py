@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from cageik_cli.util.errors import FileAccessError
-from cageik_cli.util.input_files import read_input
+from cageik_cli.util.files import read_input
 
 CLIPS_TABLE = "clips"
 """The table of the tables for some clips of `cageik batch`."""

@@ -16,6 +16,26 @@ ALGORITHM_VERSIONS = {"harmonic": 8, "mean-value": 3}
 """Raise a number when weights, notes or refusals change, so that caches are not used."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Weights:
+    """Coordinates of m points in a cage of n vertices.
+
+    Attributes
+    ----------
+    values : (m, n) float64
+        Rows sum to one, and `values @ cage.vertices` are the points.
+    panels : int
+        Number of panels the cage was divided into; 0 for coordinates in closed form.
+    error : float
+        Estimate of the mean over points of a row's L1 distance from the exact coordinates; 0 in
+        closed form.
+    """
+
+    values: Floats
+    panels: int = 0
+    error: float = 0.0
+
+
 @dataclass(frozen=True, slots=True)
 class WeightQuality:
     """Measures of the quality of weights.

@@ -27,13 +27,14 @@ from cageik_cli.coordinates.bem.error_estimate import estimate_error
 from cageik_cli.coordinates.bem.panel_geometry import Panels
 from cageik_cli.coordinates.bem.polynomials import LINEAR_TERMS, exponents
 from cageik_cli.coordinates.bem.potentials import FADE_FACTOR
+from cageik_cli.coordinates.binding import Weights
 from cageik_cli.coordinates.settings import ACCURACIES, Accuracy
-from cageik_cli.coordinates.weights import Weights, ignore_progress
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.neighbours import measure_distances, order_by_place
 from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError, SettingError
+from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 MIN_PANELS = 60

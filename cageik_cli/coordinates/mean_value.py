@@ -39,10 +39,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from cageik_cli.coordinates.weights import Weights, ignore_progress
+from cageik_cli.coordinates.binding import Weights
 from cageik_cli.geometry.mesh import Edges, TriMesh
 from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.progress import ignore_progress
 from cageik_cli.util.threads import count_processors, limit_blas_threads
 
 MAX_BLOCK_ENTRIES = 2**15

@@ -12,13 +12,12 @@ import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.harmonic_field import HarmonicField
-from cageik_cli.coordinates.weights import ignore_progress
 from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.splats import MapFaults, count_map_faults
 from cageik_cli.geometry.surface import closest_points, winding_numbers
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, allocate_floats
 from cageik_cli.util.errors import SettingError
-from cageik_cli.util.temporary_array import allocate_floats
+from cageik_cli.util.progress import ignore_progress
 
 POINTS_PER_BLOCK = 4096
 """Points that are moved together; constant, because last digits depend on it."""

@@ -30,7 +30,7 @@ from cageik_cli.formats.base.writer import Animation, AnimationWriter
 from cageik_cli.formats.scene import SceneHints, find_frame_step
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context, require_optional
-from cageik_cli.util.input_files import open_input
+from cageik_cli.util.files import open_input
 
 FPS_KEY = "cageik_fps"
 """Where a mesh states the frame rate. The archive could only state it together with the time."""

@@ -12,7 +12,7 @@ from cageik_cli.formats.scene import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, OutputError, error_context
-from cageik_cli.util.input_files import read_input
+from cageik_cli.util.files import read_input
 from cageik_cli.util.outputs import check_writable, write_bytes
 
 

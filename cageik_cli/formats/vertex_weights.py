@@ -10,7 +10,7 @@ import numpy as np
 from cageik_cli.formats.base.file_data import describe_source
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
-from cageik_cli.util.input_files import check_input, read_input
+from cageik_cli.util.files import check_input, read_input
 
 _READ_ERRORS = (FormatError, ValueError, TypeError, EOFError, MemoryError, SyntaxError, TokenError)
 

@@ -21,9 +21,7 @@ from cageik_cli import __version__
 from cageik_cli.solver.blocks import ClipSummary, SolvedBlock
 from cageik_cli.store.block_bytes import from_bytes, to_bytes
 from cageik_cli.util.errors import CheckpointError, FormatError, OutputError, error_context
-from cageik_cli.util.input_files import open_input
-from cageik_cli.util.interrupts import set_size
-from cageik_cli.util.locks import open_locked, remove_locked
+from cageik_cli.util.files import open_input, open_locked, remove_locked, set_size
 
 FORMAT = b"cageik.partial "
 MAGIC = FORMAT + b"5\n"

@@ -23,8 +23,8 @@ from typing import Any, BinaryIO, Generic, Protocol, TypeVar
 
 import numpy as np
 
+from cageik_cli.util.files import open_locked, remove_locked
 from cageik_cli.util.leftovers import clear_leftovers, make_unfinished_path
-from cageik_cli.util.locks import open_locked, remove_locked
 
 
 class TimedEntry(Protocol):

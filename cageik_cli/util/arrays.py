@@ -1,10 +1,14 @@
-"""Types of arrays, how many frames memory holds, and memory that is used again."""
+"""Types of arrays, and their memory: how many frames it holds, used again, or on the disk."""
 
 import math
+import os
+import tempfile
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cageik_cli.util.errors import FileAccessError
 
 Number = TypeVar("Number", bound=np.generic)
 Integers = NDArray[np.int64]
@@ -46,3 +50,37 @@ class Workspace:
         """Return `source[indices]`, copied into the array of that name."""
         out = self.array(name, len(indices), source.shape[1])
         return np.take(source, indices, axis=0, out=out, mode="clip")
+
+
+def allocate_floats(count: int, memory: int) -> Floats:
+    """Return room for numbers: in memory if they fit in so many bytes, else in a temporary file.
+
+    Raises
+    ------
+    FileAccessError
+        When the disk has no room for them.
+    """
+    size = 8 * count
+    if size <= memory:
+        return np.empty(count)
+    folder = tempfile.gettempdir()
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:  # it is kept as long as it is mapped
+            # Without room behind it, writing to a mapped file would end the process.
+            _reserve(file.fileno(), size)
+            return np.memmap(file, np.float64, "r+", shape=(count,))
+    except OSError as error:
+        raise FileAccessError(
+            f"{folder}: cannot hold {size >> 20} MiB in a temporary file "
+            f"({error.strerror or error}); set TMPDIR to another folder, or raise --memory"
+        ) from error
+
+
+def _reserve(descriptor: int, size: int) -> None:
+    """Make a file of so many bytes that are on the disk."""
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(descriptor, 0, size)
+        return
+    zeros = bytes(1 << 20)
+    for start in range(0, size, len(zeros)):
+        os.write(descriptor, zeros[: size - start])

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.util.errors import FormatError
-from cageik_cli.util.input_files import read_input
+from cageik_cli.util.files import read_input
 
 MAX_DEPTH = 16
 """Levels of lists and objects inside each other; our files have at most half as many."""

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.util.errors import OutputError
-from cageik_cli.util.exchange import exchange
-from cageik_cli.util.interrupts import repeat_if_interrupted
+from cageik_cli.util.files import exchange, repeat_if_interrupted
 from cageik_cli.util.leftovers import clear_leftovers, make_displaced_path, make_unfinished_path
 
 

@@ -46,26 +46,3 @@ def format_bytes(count: int) -> str:
     units = ("bytes", "kB", "MB", "GB", "TB")
     step = next(k for k in range(len(units)) if count < 999.5 * 1000**k or k == len(units) - 1)
     return f"{count / 1000**step:.3g} {units[step]}"
-
-
-WARNING_MARK = "warning: "
-"""Begins a note that is a warning."""
-
-
-def mark_warning(sentence: str) -> str:
-    """Return a note that is a warning."""
-    return WARNING_MARK + sentence
-
-
-def locate_note(name: str, note: str) -> str:
-    """Return a note with the name of the file that it is about."""
-    label, text = label_note(note)
-    located = f"{name}: {text}"
-    return located if label == "note" else mark_warning(located)
-
-
-def label_note(note: str) -> tuple[str, str]:
-    """Return the label of a note, `note` or `warning`, and its text."""
-    if note.startswith(WARNING_MARK):
-        return "warning", note.removeprefix(WARNING_MARK)
-    return "note", note

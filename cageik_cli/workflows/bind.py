@@ -24,8 +24,7 @@ from cageik_cli.store.weight_cache import WeightCache
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
-from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import mark_warning
+from cageik_cli.util.progress import ProgressListener, mark_warning
 from cageik_cli.workflows.fit import fit_binding, open_fit_cache
 from cageik_cli.workflows.repair_hint import suggest_repair
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings

@@ -26,8 +26,7 @@ from cageik_cli.store.result import Result
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, fit_frames
 from cageik_cli.util.errors import SettingError, error_context, join_truncated
 from cageik_cli.util.outputs import check_no_overlap
-from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import label_note
+from cageik_cli.util.progress import ProgressListener, label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
 from cageik_cli.workflows.cage_source import CageSource

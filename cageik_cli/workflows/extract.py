@@ -27,10 +27,9 @@ from cageik_cli.store.result_writer import ResultHeader, RunSummary, open_result
 from cageik_cli.store.unfitted import UnfittedClip
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError
-from cageik_cli.util.input_files import read_input
+from cageik_cli.util.files import read_input
 from cageik_cli.util.outputs import write_bytes
-from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import locate_note
+from cageik_cli.util.progress import ProgressListener, locate_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.capture import make_capture_solver
 from cageik_cli.workflows.plan import (

@@ -26,7 +26,8 @@ from cageik_cli.store.binding_file import StoredBinding, is_binding, read_bindin
 from cageik_cli.store.checkpoint import checkpoint_progress, is_checkpoint
 from cageik_cli.store.result import Result, is_result, read_result
 from cageik_cli.util.errors import join_truncated
-from cageik_cli.util.text import format_block, label_note, locate_note
+from cageik_cli.util.progress import label_note, locate_note
+from cageik_cli.util.text import format_block
 from cageik_cli.workflows.model_file import LoadedModel, load_model
 
 

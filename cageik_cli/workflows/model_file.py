@@ -22,9 +22,8 @@ from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.geometry.splats import Splats
 from cageik_cli.util.errors import OutputError, SettingError, error_context
-from cageik_cli.util.input_files import read_input
-from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import label_note
+from cageik_cli.util.files import read_input
+from cageik_cli.util.progress import ProgressListener, label_note
 
 POINT_SUFFIXES = (".ply", ".npz", ".pc2", ".mdd")
 """What points without faces can be written as."""

@@ -15,8 +15,7 @@ from cageik_cli.formats.splat_ply import place_splats
 from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.splats import MapFaults
 from cageik_cli.util.arrays import Floats
-from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import mark_warning
+from cageik_cli.util.progress import ProgressListener, mark_warning
 from cageik_cli.util.threads import OrderedMap
 from cageik_cli.workflows.model_file import LoadedModel
 from cageik_cli.workflows.reconstruction import CageFrames

@@ -31,8 +31,7 @@ from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats
 from cageik_cli.util.errors import FileAccessError, SettingError, error_context
 from cageik_cli.util.outputs import check_no_overlap, write_bytes
-from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import label_note
+from cageik_cli.util.progress import ProgressListener, label_note
 from cageik_cli.util.threads import limit_blas_threads
 from cageik_cli.workflows.bind import WeightSettings, bind_cached
 from cageik_cli.workflows.model_file import LoadedModel, load_model

@@ -6,11 +6,10 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates import harmonic as module
-from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS
+from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Weights
 from cageik_cli.coordinates.harmonic import harmonic_weights
 from cageik_cli.coordinates.mean_value import mean_value_weights
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.coordinates.weights import Weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import CageError, NumericalError
 from tests.shapes import ball, box, concave

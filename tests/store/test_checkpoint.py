@@ -21,7 +21,7 @@ from cageik_cli.store.checkpoint import (
     is_checkpoint,
 )
 from cageik_cli.util.errors import CheckpointError, FormatError, InputError, OutputError
-from cageik_cli.util.locks import open_locked
+from cageik_cli.util.files import open_locked
 
 SPEC = RunSpec(
     frames=[f"frame_{k}_é.obj" for k in range(5)],

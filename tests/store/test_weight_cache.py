@@ -22,7 +22,7 @@ from cageik_cli.store import entry_cache as module
 from cageik_cli.store import weight_cache
 from cageik_cli.store.weight_cache import WeightCache, compute_key
 from cageik_cli.util import compiled
-from cageik_cli.util.locks import open_locked, remove_locked
+from cageik_cli.util.files import open_locked, remove_locked
 from tests.shapes import TETRAHEDRON, ball, box
 from tests.store.entries import entry, same
 

@@ -11,7 +11,7 @@ import pytest
 
 from cageik_cli.util import outputs
 from cageik_cli.util.errors import OutputError
-from cageik_cli.util.exchange import exchange
+from cageik_cli.util.files import exchange
 from cageik_cli.util.leftovers import (
     listen_to_leftovers,
     make_displaced_path,

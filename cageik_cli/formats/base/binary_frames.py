@@ -14,7 +14,7 @@ import numpy as np
 
 from cageik_cli.util.arrays import fit_frames
 from cageik_cli.util.errors import FileAccessError, FormatError
-from cageik_cli.util.input_files import open_input
+from cageik_cli.util.files import open_input
 
 MAX_CHUNK_BYTES = 1 << 25
 """Bytes of a chunk, unless a single frame has more."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
-from cageik_cli.util.input_files import open_input
+from cageik_cli.util.files import open_input
 from cageik_cli.util.text import to_unicode
 
 GZIP_SUFFIX = ".gz"

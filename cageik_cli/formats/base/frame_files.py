@@ -14,7 +14,7 @@ from cageik_cli.formats.base.mesh_data import FileMesh, check_not_points
 from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_connectivity
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, MissingFrameError, error_context
-from cageik_cli.util.input_files import read_input
+from cageik_cli.util.files import read_input
 from cageik_cli.util.text import to_unicode
 
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from cageik_cli.formats.base.file_data import check_unpacked_array
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError, error_context
-from cageik_cli.util.input_files import check_input
-from cageik_cli.util.interrupts import repeat_if_interrupted
+from cageik_cli.util.files import check_input, repeat_if_interrupted
 
 MAX_ATTRIBUTE_VALUES = 16
 """Numbers in an attribute, such as a position or a matrix."""

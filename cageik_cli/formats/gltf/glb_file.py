@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from cageik_cli import __version__
 from cageik_cli.util.errors import OutputError, require_optional
-from cageik_cli.util.interrupts import set_size
+from cageik_cli.util.files import set_size
 
 MAX_FILE_BYTES = 2**32 - 1
 """Largest size that a GLB file can state."""

@@ -19,7 +19,7 @@ import numpy as np
 from cageik_cli.formats.base.binary_frames import BinaryFile
 from cageik_cli.formats.base.file_data import check_unpacked_array, check_unpacked_size
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
-from cageik_cli.util.input_files import open_input
+from cageik_cli.util.files import open_input
 
 MAX_HEADER_BYTES = 1 << 14
 """Bytes that are read for a header; numpy itself accepts 10 000 characters."""

@@ -8,7 +8,7 @@ import numpy as np
 from cageik_cli.formats.base.mesh_data import FileMesh
 from cageik_cli.geometry.surface_parts import PLAIN_COLOUR
 from cageik_cli.util.errors import FileAccessError, FormatError
-from cageik_cli.util.input_files import read_input
+from cageik_cli.util.files import read_input
 
 MAX_LIBRARY_BYTES = 1 << 24
 """Bytes of all libraries of materials that are read: a hundred thousand materials."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cageik_cli.util.errors import FormatError, error_context
-from cageik_cli.util.input_files import check_input, open_input
+from cageik_cli.util.files import check_input, open_input
 
 MAX_LAYERS = 10_000
 """Layers of a stage; the value clips of a layer do not count."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from cageik_cli.report.record import Report
 from cageik_cli.report.views.tables import format_json
-from cageik_cli.util.input_files import open_input
+from cageik_cli.util.files import open_input
 
 HEAD_BYTES = 512
 """The first bytes of a page, which hold the tag that names its record."""

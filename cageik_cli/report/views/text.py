@@ -23,7 +23,8 @@ from cageik_cli.report.record import Report
 from cageik_cli.report.regions import describe_region, explain_regions, list_remedies
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.util.errors import join_truncated
-from cageik_cli.util.text import format_block, label_note, single_line
+from cageik_cli.util.progress import label_note
+from cageik_cli.util.text import format_block, single_line
 
 
 def format_text(report: Report, is_verbose: bool = False) -> str:

@@ -17,7 +17,7 @@ from cageik_cli import __version__
 from cageik_cli.store.binding_file import StoredBinding
 from cageik_cli.store.result import checkpoint_path
 from cageik_cli.util.errors import ClusterError, format_error, require_optional
-from cageik_cli.util.locks import open_locked
+from cageik_cli.util.files import open_locked
 from cageik_cli.workflows.batch.clip_task import check_clip, make_failed_outcome, run_clip
 from cageik_cli.workflows.batch.dask_pieces import (
     MIN_PIECE_SECONDS,

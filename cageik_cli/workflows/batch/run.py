@@ -14,7 +14,7 @@ from cageik_cli.report.views.markdown import format_markdown
 from cageik_cli.report.views.tables import format_overview_csv, format_overview_json
 from cageik_cli.store.result import is_result
 from cageik_cli.util.errors import OutputError
-from cageik_cli.util.locks import open_locked, remove_locked
+from cageik_cli.util.files import open_locked, remove_locked
 from cageik_cli.util.outputs import make_folder, write_text
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.jobs import CLIPS_FOLDER, ClipJob, ClipState, Outcome, Scheduler

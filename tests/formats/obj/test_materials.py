@@ -9,7 +9,7 @@ from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.formats.obj import materials
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.surface_parts import PLAIN_COLOUR
-from cageik_cli.util.input_files import read_input
+from cageik_cli.util.files import read_input
 from tests.assets import asset_text
 
 LIBRARY = """# three of the tube

@@ -28,7 +28,7 @@ from cageik_cli.store.binding_file import write_binding
 from cageik_cli.store.checkpoint import checkpoint_progress
 from cageik_cli.store.result import checkpoint_path, read_result
 from cageik_cli.util.errors import ClusterError, FileAccessError, InputError
-from cageik_cli.util.locks import open_locked
+from cageik_cli.util.files import open_locked
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch import dask_cluster as module
 from cageik_cli.workflows.batch.clip_task import bind_clip, check_clip, run_clip

@@ -8,7 +8,7 @@ import pytest
 
 from cageik_cli.report.overview import ClipEntry
 from cageik_cli.util.errors import InputError, OutputError
-from cageik_cli.util.locks import open_locked
+from cageik_cli.util.files import open_locked
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.batch.jobs import ClipJob, ClipState, Outcome
 from cageik_cli.workflows.batch.run import (

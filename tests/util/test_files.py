@@ -1,12 +1,21 @@
-"""Inputs are plain files of a bounded size."""
+"""Inputs are plain files of a bounded size; calls of the system are repeated after a signal."""
 
+import errno
+import io
 import os
 from pathlib import Path
 
 import pytest
 
 from cageik_cli.util.errors import FileAccessError
-from cageik_cli.util.input_files import check_input, open_input, read_input
+from cageik_cli.util.files import (
+    check_input,
+    open_input,
+    read_input,
+    repeat_if_interrupted,
+    set_size,
+)
+from cageik_cli.util.outputs import DeferredErrorFile
 
 
 def test_a_plain_file_is_read_whole_up_to_the_limit(tmp_path):
@@ -71,3 +80,63 @@ def test_a_pipe_that_takes_the_place_of_a_file_is_refused(tmp_path, monkeypatch)
     monkeypatch.setattr(os, "stat", lambda name: checked)
     with pytest.raises(FileAccessError, match="is a pipe or a device"):
         open_input(path)
+
+
+def failing(errors, call=lambda: "done"):
+    """Return a call that raises the errors, one per turn, before it is made."""
+    left = list(errors)
+
+    def attempt(*words):
+        if left:
+            raise left.pop(0)
+        return call(*words)
+
+    return attempt
+
+
+INTERRUPTED = InterruptedError(errno.EINTR, "Interrupted system call")
+
+
+def test_an_interrupted_call_is_made_again():
+    assert repeat_if_interrupted(failing([INTERRUPTED] * 3)) == "done"
+
+
+@pytest.mark.parametrize("error", [OSError(errno.EIO, "no"), ValueError("no"), KeyboardInterrupt()])
+def test_other_errors_are_not_repeated(error):
+    with pytest.raises(type(error)):
+        repeat_if_interrupted(failing([INTERRUPTED, error]))
+
+
+def test_the_size_of_a_file_is_set_in_spite_of_a_signal():
+    file = io.BytesIO(b"12345")
+    file.truncate = failing([INTERRUPTED], file.truncate)
+    set_size(file, 3)
+    assert file.getvalue() == b"123"
+
+
+class InterruptedOnce(io.FileIO):
+    """A file whose size is set at the second attempt."""
+
+    attempts = 0
+
+    def truncate(self, size=None):
+        self.attempts += 1
+        if self.attempts == 1:
+            raise INTERRUPTED
+        return super().truncate(size)
+
+
+@pytest.fixture
+def interrupted_outputs():
+    DeferredErrorFile.__bases__ = (InterruptedOnce,)
+    yield
+    DeferredErrorFile.__bases__ = (io.FileIO,)
+
+
+@pytest.mark.usefixtures("interrupted_outputs")
+def test_an_output_is_not_spoilt_by_a_signal(tmp_path):
+    with DeferredErrorFile(tmp_path / "a") as file:
+        assert file.truncate(5) == 5
+        assert file.attempts == 2
+        file.raise_deferred_error()
+    assert (tmp_path / "a").read_bytes() == bytes(5)
