@@ -5,8 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from cageik_cli.geometry.groups import find_groups
-from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.util.arrays import Floats, Integers
 
 CLOSED_TOL = 1e-9

@@ -13,9 +13,8 @@ from cageik_cli.cages.plane_sections import (
     measure_box,
     winds_around,
 )
-from cageik_cli.geometry.groups import find_groups
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.neighbours import measure_distances
+from cageik_cli.geometry.mesh import TriMesh, find_groups
+from cageik_cli.geometry.points import measure_distances
 from cageik_cli.util.arrays import Floats, Integers
 
 SECTIONS = 24

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.geometry.columns import frames_to_columns, place_columns
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.points import frames_to_columns, place_columns
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.threads import OrderedMap
 

@@ -30,7 +30,7 @@ from cageik_cli.coordinates.bem.potentials import FADE_FACTOR
 from cageik_cli.coordinates.binding import Weights
 from cageik_cli.coordinates.settings import ACCURACIES, Accuracy
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.neighbours import measure_distances, order_by_place
+from cageik_cli.geometry.points import measure_distances, order_by_place
 from cageik_cli.geometry.surface import weights_on_surface
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError, SettingError

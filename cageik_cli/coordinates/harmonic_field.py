@@ -16,7 +16,7 @@ from cageik_cli.coordinates.bem.gradients import WeightGradients
 from cageik_cli.coordinates.harmonic import check_request, solve_to_tolerance
 from cageik_cli.coordinates.settings import ACCURACIES
 from cageik_cli.geometry.mesh import TriMesh, validate_positions
-from cageik_cli.geometry.neighbours import order_by_place
+from cageik_cli.geometry.points import order_by_place
 from cageik_cli.geometry.surface import ClosestPoints, closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError

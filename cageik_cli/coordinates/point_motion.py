@@ -12,8 +12,7 @@ import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.harmonic_field import HarmonicField
-from cageik_cli.geometry.oriented import Oriented
-from cageik_cli.geometry.splats import MapFaults, count_map_faults
+from cageik_cli.geometry.oriented import MapFaults, Oriented, count_map_faults
 from cageik_cli.geometry.surface import closest_points, winding_numbers
 from cageik_cli.util.arrays import Floats, allocate_floats
 from cageik_cli.util.errors import SettingError

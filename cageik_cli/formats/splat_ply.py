@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from cageik_cli.formats.base.writer import Animation, FrameFileWriter
 from cageik_cli.formats.points_ply import PointFile
 from cageik_cli.geometry.ellipsoids import Ellipsoids
+from cageik_cli.geometry.oriented import Splats
 from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
-from cageik_cli.geometry.splats import Splats
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError
 

@@ -1,19 +1,14 @@
-"""Triangle meshes: edges, components, volume, Laplacian."""
+"""Triangle meshes: edges, components, volume."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cageik_cli.geometry.groups import find_groups
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes, fan_triangulate
 from cageik_cli.util.arrays import Floats, Integers, Number
 from cageik_cli.util.errors import FormatError
-
-if TYPE_CHECKING:
-    from scipy import sparse
 
 MAX_COORDINATE = 1e50
 """Larger coordinates are refused: squares of areas and volumes would overflow."""
@@ -205,6 +200,24 @@ class Edges:
         )
 
 
+def find_groups(pairs: Integers, size: int) -> Integers:
+    """Return equal numbers for what `pairs`, (p, 2), tie together, (size,), by first members.
+
+    Every group takes the smallest number that its neighbours have, until none changes; numbers
+    that lead to smaller ones are followed at once, so that few rounds are needed.
+    """
+    lowest = np.arange(size)
+    one, two = pairs.T
+    while len(one):
+        first, second = lowest[one], lowest[two]
+        is_apart = first != second
+        one, two, first, second = (part[is_apart] for part in (one, two, first, second))
+        np.minimum.at(lowest, np.maximum(first, second), np.minimum(first, second))
+        while (followed := lowest[lowest]).tobytes() != lowest.tobytes():
+            lowest = followed
+    return np.unique(lowest, return_inverse=True)[1]
+
+
 def validate_positions(positions: ArrayLike) -> Floats:
     """Return `positions` as (n, 3) float64.
 
@@ -287,36 +300,6 @@ def signed_volumes(frames: Floats, faces: Integers) -> Floats:
             volume += along @ product[0]
         volumes[k] = volume / 6
     return volumes
-
-
-def uniform_laplacian(mesh: TriMesh) -> Floats:
-    """Build L = I − D⁻¹A of the edges, dense (n, n): position minus the mean of the neighbours.
-
-    Rows sum to zero; `L @ vertices` are the differential coordinates δ (Savoye and Franco 2010,
-    section 3; uniform weights do not change when the cage is posed).
-    """
-    entries, rows, columns = _list_laplacian(mesh)
-    laplacian = np.zeros((len(mesh.vertices),) * 2)
-    laplacian[rows, columns] = entries
-    return laplacian
-
-
-def sparse_laplacian(mesh: TriMesh) -> "sparse.csr_array":
-    """Build the same Laplacian, (n, n), sparse; the row of a lone vertex is zero."""
-    from scipy import sparse
-
-    entries, rows, columns = _list_laplacian(mesh)
-    return sparse.csr_array((entries, (rows, columns)), shape=(len(mesh.vertices),) * 2)
-
-
-def _list_laplacian(mesh: TriMesh) -> tuple[Floats, Integers, Integers]:
-    """Return the entries of the Laplacian, their rows and their columns; no place comes twice."""
-    ends, n = mesh.edges.ends, len(mesh.vertices)
-    rows, columns = np.concatenate([ends, ends[:, ::-1]]).T
-    degrees = np.bincount(rows, minlength=n)
-    entries = np.concatenate([(degrees > 0).astype(np.float64), -1 / degrees[rows]])
-    diagonal = np.arange(n)
-    return entries, np.concatenate([diagonal, rows]), np.concatenate([diagonal, columns])
 
 
 def _validate_faces(faces: ArrayLike, vertex_count: int) -> Integers:

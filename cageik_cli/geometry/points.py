@@ -1,12 +1,15 @@
-"""Clouds of points: meshes without faces."""
+"""Points: clouds of them, their order by place, distances, spheres, frames as columns."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cageik_cli.geometry.mesh import TriMesh, make_read_only, validate_positions
+from cageik_cli.util import compiled
+from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 
 
@@ -61,3 +64,130 @@ class PointCloud(TriMesh):
     def is_closed(self) -> bool:
         """Whether it bounds a volume: never."""
         return False
+
+
+GRID_BITS = 10
+"""Cells along the longest axis, as a power of two: finer than blocks of points ever are."""
+
+_SPREADING = ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249))
+
+MAX_COMPARED_PAIRS = 10_000_000
+"""Pairs of points that are all compared: a tree takes longer to import."""
+
+PAIRS_PER_BLOCK = 50_000
+"""Pairs that are compared at once; they fit in the processor's cache."""
+
+
+def order_by_place(points: Floats) -> Integers:
+    """Return an order, (m,), of points, (m, 3), in which neighbours are close to each other.
+
+    It follows the cells of a grid along a curve that visits each cube of cells before the next
+    (Morton 1966).
+    """
+    if len(points) == 0:
+        return np.empty(0, np.int64)
+    low, size = points.min(axis=0), np.ptp(points, axis=0).max()
+    cells = ((points - low) * ((2**GRID_BITS - 1) / size if size > 0 else 0.0)).astype(np.int32)
+    x, y, z = (_spread_bits(cells[:, k]) << k for k in range(3))
+    return np.argsort(x | y | z, kind="stable")
+
+
+def _spread_bits(numbers: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Move the bits of numbers below 2**10 to every third place."""
+    spread = numbers
+    for shift, kept in _SPREADING:
+        spread = (spread | spread << shift) & kept
+    return spread
+
+
+def measure_distances(places: Floats, points: Floats) -> Floats:
+    """Return the distance of each of `points`, (m, 3), from the nearest of `places`, (n, 3)."""
+    if len(points) * len(places) > MAX_COMPARED_PAIRS:
+        from scipy.spatial import cKDTree
+
+        return np.asarray(cKDTree(places).query(points)[0])
+    squares = np.full(len(points), np.inf)
+    columns = np.ascontiguousarray(places.T)
+    size = max(1, PAIRS_PER_BLOCK // max(1, len(points)))
+    for start in range(0, len(places), size):
+        block = columns[:, start : start + size]
+        offsets = (points[:, k, None] - block[k] for k in range(3))
+        x, y, z = (offset * offset for offset in offsets)
+        np.minimum(squares, (x + y + z).min(axis=1), out=squares)
+    return np.asarray(np.sqrt(squares))
+
+
+INSIDE_TOL = 1e-12
+"""Relative distance beyond the radius up to which a point is on the sphere."""
+
+
+def smallest_enclosing_sphere(points: Floats) -> tuple[Floats, float]:
+    """Return the centre, (3,), and the radius of the smallest sphere that holds points, (m, 3).
+
+    At most four points determine it. The one furthest outside joins them, and those that determine
+    the sphere of these five stay, until none is outside: the radius grows each time, so the exact
+    sphere is found after few rounds (Welzl 1991; Gärtner 1999).
+    """
+    origin = points[0]
+    size = float(np.abs(points - origin).max()) or 1.0  # squares of any units must not overflow
+    local = (points - origin) / size
+    support, centre, radius = local[:1], local[0], 0.0
+    while True:
+        distances = np.linalg.norm(local - centre, axis=1)
+        furthest = int(distances.argmax())
+        if distances[furthest] <= radius * (1 + INSIDE_TOL):
+            break
+        chosen, next_centre, next_radius = _determine_sphere(np.vstack([support, local[furthest]]))
+        if next_radius <= radius:  # rounding is all that is left
+            radius = float(distances[furthest])
+            break
+        support, centre, radius = chosen, next_centre, next_radius
+    return origin + size * centre, size * radius
+
+
+def _determine_sphere(points: Floats) -> tuple[Floats, Floats, float]:
+    """Return those of at most five points that determine their sphere, its centre and radius.
+
+    Its centre has the smallest distance from the furthest point of all centres.
+    """
+    best = (points, points[0], np.inf)
+    for count in range(2, min(len(points), 4) + 1):
+        for numbers in combinations(range(len(points)), count):
+            chosen = points[list(numbers)]
+            centre = _find_circumcentre(chosen)
+            radius = float(np.linalg.norm(points - centre, axis=1).max())
+            if radius < best[2]:
+                best = (chosen, centre, radius)
+    return best
+
+
+def _find_circumcentre(points: Floats) -> Floats:
+    """Return the point in the plane of 2 to 4 points that is equally far from all, (3,).
+
+    Of points that have none, such as three in a row, it is one nearby.
+    """
+    sides = points[1:] - points[0]
+    return np.asarray(points[0] + np.linalg.lstsq(2 * sides, (sides**2).sum(axis=1), rcond=None)[0])
+
+
+def frames_to_columns(points: Floats) -> Floats:
+    """Return the points of k frames, (k, p, 3), as columns (p, 3k)."""
+    k, p, _ = points.shape
+    return points.transpose(1, 0, 2).reshape(p, 3 * k)
+
+
+def columns_to_frames(columns: Floats) -> Floats:
+    """Return columns (p, 3k) as points of k frames, (k, p, 3); a view."""
+    return columns.reshape(len(columns), -1, 3).transpose(1, 0, 2)
+
+
+def place_columns(columns: Floats, centres: Floats, frames: Floats, first: int = 0) -> None:
+    """Fill p points of frames, (k, m, 3), from number `first` on.
+
+    They are the columns, (p, 3k), plus the centres of the frames, (k, 3).
+    """
+    if compiled.kernel is not None:
+        compiled.kernel.place_columns(columns, np.ascontiguousarray(centres), frames, first)
+    else:
+        points = frames[:, first : first + len(columns)]
+        np.add(columns_to_frames(columns), centres[:, None], out=points)

@@ -1,10 +1,15 @@
-"""Shape of a surface: areas, angles, degenerate faces, and faces close to an opposite one."""
+"""Shape of a surface: areas, angles, Laplacian, degenerate faces, and faces close to others."""
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats, Integers
+
+if TYPE_CHECKING:
+    from scipy import sparse
 
 MIN_ALTITUDE_RATIO = 1e-9
 """Smallest altitude of a face over its longest side; below it the face has no plane."""
@@ -97,3 +102,33 @@ def _find_plane_hits(
         found.append((own[here], other, height[here, other] / along[here, other]))
     first, second, reach = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return first, second, reach
+
+
+def uniform_laplacian(mesh: TriMesh) -> Floats:
+    """Build L = I − D⁻¹A of the edges, dense (n, n): position minus the mean of the neighbours.
+
+    Rows sum to zero; `L @ vertices` are the differential coordinates δ (Savoye and Franco 2010,
+    section 3; uniform weights do not change when the cage is posed).
+    """
+    entries, rows, columns = _list_laplacian(mesh)
+    laplacian = np.zeros((len(mesh.vertices),) * 2)
+    laplacian[rows, columns] = entries
+    return laplacian
+
+
+def sparse_laplacian(mesh: TriMesh) -> "sparse.csr_array":
+    """Build the same Laplacian, (n, n), sparse; the row of a lone vertex is zero."""
+    from scipy import sparse
+
+    entries, rows, columns = _list_laplacian(mesh)
+    return sparse.csr_array((entries, (rows, columns)), shape=(len(mesh.vertices),) * 2)
+
+
+def _list_laplacian(mesh: TriMesh) -> tuple[Floats, Integers, Integers]:
+    """Return the entries of the Laplacian, their rows and their columns; no place comes twice."""
+    ends, n = mesh.edges.ends, len(mesh.vertices)
+    rows, columns = np.concatenate([ends, ends[:, ::-1]]).T
+    degrees = np.bincount(rows, minlength=n)
+    entries = np.concatenate([(degrees > 0).astype(np.float64), -1 / degrees[rows]])
+    diagonal = np.arange(n)
+    return entries, np.concatenate([diagonal, rows]), np.concatenate([diagonal, columns])

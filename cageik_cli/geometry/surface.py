@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.neighbours import order_by_place
+from cageik_cli.geometry.points import order_by_place
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.threads import run_blocks

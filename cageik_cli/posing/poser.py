@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.geometry.mesh import uniform_laplacian
+from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.posing.anchors import Anchor, anchor_matrix, anchor_positions
 from cageik_cli.posing.cage_response import CageResponseSolver, Response
 from cageik_cli.posing.constraints import CageConstraints, MirroredMap, free_basis

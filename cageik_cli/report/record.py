@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.geometry.enclosing_sphere import smallest_enclosing_sphere
+from cageik_cli.geometry.points import smallest_enclosing_sphere
 from cageik_cli.geometry.shape import lumped_areas
 from cageik_cli.report.clip_notes import list_clip_notes
 from cageik_cli.report.figures import (

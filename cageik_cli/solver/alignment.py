@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cageik_cli.geometry.columns import columns_to_frames
+from cageik_cli.geometry.points import columns_to_frames
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import Binding, WeightQuality, measure_offsets
-from cageik_cli.geometry.columns import columns_to_frames, frames_to_columns, place_columns
-from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.points import columns_to_frames, frames_to_columns, place_columns
+from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.solver.alignment import best_motions, centroids, move_to_rest
 from cageik_cli.solver.settings import SolveSettings
 from cageik_cli.solver.vertex_bound import spread_vertices

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cageik_cli.geometry.groups import find_groups
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.neighbours import measure_distances
+from cageik_cli.geometry.mesh import TriMesh, find_groups
+from cageik_cli.geometry.points import measure_distances
 from cageik_cli.geometry.shape import corner_angles
 from cageik_cli.geometry.surface import ClosestPoints, closest_points
 from cageik_cli.solver.peaks import DeviationPeaks

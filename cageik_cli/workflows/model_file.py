@@ -18,9 +18,8 @@ from cageik_cli.formats.points_ply import MOVED, PointFile, PointWriter, parse_p
 from cageik_cli.formats.splat_ply import SplatWriter, holds_splats, read_splats
 from cageik_cli.formats.usd.errors import USD_SUFFIXES
 from cageik_cli.formats.write import Output, WriterFactory
-from cageik_cli.geometry.oriented import Oriented
+from cageik_cli.geometry.oriented import Oriented, Splats
 from cageik_cli.geometry.points import PointCloud
-from cageik_cli.geometry.splats import Splats
 from cageik_cli.util.errors import OutputError, SettingError, error_context
 from cageik_cli.util.files import read_input
 from cageik_cli.util.progress import ProgressListener, label_note

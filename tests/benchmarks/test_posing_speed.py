@@ -9,7 +9,7 @@ import igl
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.mesh import uniform_laplacian
+from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.posing.anchors import Anchor, anchor_matrix, point_at_vertex
 from cageik_cli.posing.poser import Poser
 from cageik_cli.util.threads import limit_blas_threads

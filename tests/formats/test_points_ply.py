@@ -11,8 +11,8 @@ from cageik_cli.formats.splat_ply import (
     place_splats,
     read_splats,
 )
+from cageik_cli.geometry.oriented import move_splats
 from cageik_cli.geometry.points import PointCloud
-from cageik_cli.geometry.splats import move_splats
 from cageik_cli.util.errors import FormatError, OutputError
 from tests.formats.test_fuzz_readers import damaged
 from tests.shapes import ball

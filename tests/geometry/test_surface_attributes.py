@@ -8,10 +8,9 @@ import pytest
 from cageik_cli.formats.obj.frames import Reader
 from cageik_cli.formats.obj.parse import parse_obj
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.normals import compute_area_vectors, compute_fan_normals
+from cageik_cli.geometry.normals import compute_area_vectors, compute_fan_normals, cut_attributes
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans
 from cageik_cli.geometry.surface_parts import MAX_NAMES, FaceLabels, Subdivision, UvMap
-from cageik_cli.geometry.triangle_attributes import cut_attributes
 from cageik_cli.util.errors import FormatError
 from tests.assets import SIDES, asset_text, parse_asset
 from tests.shapes import box, quad_text

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.posing.cage_response import CageResponseSolver
 from cageik_cli.posing.constraints import CageConstraints, free_basis
 from tests.shapes import ball, concave, finer, octahedron

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.mesh import uniform_laplacian
 from cageik_cli.geometry.rotations import nearest_rotations_by_svd
+from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.posing.rigidity import Neighbours
 from tests.shapes import ball, concave, finer, rotation
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cageik_cli.geometry.columns import place_columns
 from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.points import place_columns
 from cageik_cli.solver.alignment import best_motions, move_to_rest
 from cageik_cli.solver.metrics import METRIC_NAMES, measure
 from cageik_cli.util import compiled

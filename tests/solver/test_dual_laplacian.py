@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.solver import dual_laplacian
 from cageik_cli.solver.alignment import best_rotations, centroids
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver, normalize_weights

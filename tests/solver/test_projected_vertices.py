@@ -5,7 +5,7 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.geometry.mesh import uniform_laplacian
+from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
 from tests.shapes import ball, box, changed, finer, rotation

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cageik_cli.coordinates.harmonic import MAX_FACES, harmonic_weights
-from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.geometry.surface import closest_points
 from cageik_cli.util.arrays import Floats, Integers
 

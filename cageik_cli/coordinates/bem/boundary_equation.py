@@ -24,7 +24,7 @@ from cageik_cli.coordinates.bem.polynomials import (
     orthogonal_basis,
 )
 from cageik_cli.coordinates.bem.potentials import Potentials, compute_potentials
-from cageik_cli.geometry.neighbours import order_by_place
+from cageik_cli.geometry.points import order_by_place
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import NumericalError
 from cageik_cli.util.threads import limit_blas_threads

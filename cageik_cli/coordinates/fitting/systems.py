@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cageik_cli.geometry.mesh import TriMesh, sparse_laplacian
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import sparse_laplacian
 from cageik_cli.util.arrays import Floats
 
 if TYPE_CHECKING:

@@ -9,16 +9,14 @@ import numpy as np
 from cageik_cli.formats.gltf.glb_file import GlbFile, Singles
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (
+    TriangleAttributes,
     complete_fans,
     compute_fan_normals,
     compute_vertex_normals,
+    cut_attributes,
 )
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.geometry.surface_parts import PLAIN_COLOUR
-from cageik_cli.geometry.triangle_attributes import (
-    TriangleAttributes,
-    cut_attributes,
-)
 from cageik_cli.util.arrays import Floats, Integers
 
 WHITE = [1.0, 1.0, 1.0, 1.0]

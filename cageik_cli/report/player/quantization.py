@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.geometry.mesh import TriMesh, uniform_laplacian
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.geometry.shape import uniform_laplacian
 from cageik_cli.util.arrays import Floats
 
 SMOOTH_MOTIONS = 12

@@ -5,7 +5,7 @@ from cageik_cli.coordinates.fitting.affine import complement_basis
 from cageik_cli.coordinates.fitting.displacements import Displacements
 from cageik_cli.coordinates.fitting.problem import Motion, Solving, WeightProblem
 from cageik_cli.coordinates.fitting.systems import EXACT, Precision, SurfaceLaplacian
-from cageik_cli.geometry.mesh import uniform_laplacian
+from cageik_cli.geometry.shape import uniform_laplacian
 from tests.fitted import cage_motion, small_binding, true_weights
 
 BINDING = small_binding()
