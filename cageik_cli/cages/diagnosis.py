@@ -26,15 +26,13 @@ from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.coordinates.harmonic import MAX_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 
 MAX_WEAKEST_LISTED = 3
 """How many of the least influential cage vertices are listed."""
 
 UNREPAIRABLE = {"point", "too-many-faces", "swapped", "no-volume"}
 """Kinds of findings that no repair can mend."""
-
-NO_NUMBERS: Integers = np.empty(0, np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,19 +218,11 @@ def _diagnose_rest(
 
 def _note_unused_vertices(rest: TriMesh) -> list[Finding]:
     """Return the finding that some vertices of the rest pose are in no face, if so."""
-    numbers = rest.unused_vertices
+    numbers, remedy = rest.unused_vertices, "delete them if they are left-overs"
+    value = float(len(numbers))
     return [
-        Finding(
-            kind="unreferenced-vertex",
-            severity="note",
-            message=message,
-            remedy="delete them if they are left-overs",
-            elements="vertices",
-            numbers=numbers,
-            value=float(len(numbers)),
-            mesh="rest",
-        )
-        for message in describe_unused_vertices(rest)
+        Finding("unreferenced-vertex", "note", note, remedy, "vertices", numbers, value, "rest")
+        for note in describe_unused_vertices(rest)
     ]
 
 
@@ -274,10 +264,10 @@ def _find_too_many_faces(cage: TriMesh) -> list[Finding]:
         return []
     message = f"the cage has {count} faces, at most {MAX_FACES} fit in memory"
     remedy = "use a coarser cage"
-    return [Finding("too-many-faces", "unfit", message, remedy, "", NO_NUMBERS, float(count))]
+    return [Finding("too-many-faces", "unfit", message, remedy, value=float(count))]
 
 
 def _suspect_swap(cage: TriMesh, rest: TriMesh) -> Finding:
     message = f"the cage has {len(cage.vertices)} vertices and the model {len(rest.vertices)}"
     value = float(len(cage.vertices))
-    return Finding("swapped", "note", message, "are they swapped?", "", NO_NUMBERS, value)
+    return Finding("swapped", "note", message, "are they swapped?", value=value)

@@ -215,19 +215,9 @@ def find_missing_extent(rest: TriMesh) -> Finding | None:
         return None
     message, remedy = "the rest pose is one point, expected a surface", "export it again"
     if isinstance(rest, PointCloud):
-        message, remedy = (
-            "all points of the model are at one place",
-            "add a point that is elsewhere",
-        )
-    return Finding(
-        kind="point",
-        severity="unfit",
-        message=message,
-        remedy=remedy,
-        elements="",
-        numbers=np.empty(0, np.int64),
-        value=0.0,
-    )
+        message = "all points of the model are at one place"
+        remedy = "add a point that is elsewhere"
+    return Finding("point", "unfit", message, remedy)
 
 
 def _project_outside(

@@ -1,6 +1,6 @@
 """Findings of a check, as sentences for users and as numbers for programs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,9 +51,9 @@ class Finding:
     severity: str
     message: str
     remedy: str
-    elements: str
-    numbers: Integers
-    value: float
+    elements: str = ""
+    numbers: Integers = field(default_factory=lambda: np.empty(0, np.int64))
+    value: float = 0.0
     mesh: str = "cage"
     place: Point | None = None
 

@@ -30,17 +30,13 @@ def find_needle_faces(cage: TriMesh) -> Iterator[Finding]:
     sharp = np.flatnonzero((angles < MIN_ANGLE) & ~degenerate_face_mask(cage))
     if len(sharp):
         worst = sharp[angles[sharp].argmin()]
-        yield Finding(
-            kind="needle",
-            severity="warning",
-            message=f"the cage has angles below {MIN_ANGLE:g} degrees at "
-            f"{format_elements('face', sharp)}, the smallest {angles[worst]:.2g} degrees at face "
-            f"{worst}",
-            remedy="flip or collapse edges there; weights nearby are less accurate",
-            elements="faces",
-            numbers=sharp,
-            value=float(angles[worst]),
+        message = (
+            f"the cage has angles below {MIN_ANGLE:g} degrees at {format_elements('face', sharp)}, "
+            f"the smallest {angles[worst]:.2g} degrees at face {worst}"
         )
+        remedy = "flip or collapse edges there; weights nearby are less accurate"
+        angle = float(angles[worst])
+        yield Finding("needle", "warning", message, remedy, "faces", sharp, angle)
 
 
 def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
@@ -49,17 +45,14 @@ def find_thin_parts(cage: TriMesh) -> Iterator[Finding]:
     if len(sheets):
         worst = int(nearness.argmin())
         pairs = np.unique(np.sort(sheets, axis=1), axis=0)
-        yield Finding(
-            kind="thin",
-            severity="warning",
-            message=f"the cage has sheets closer to each other than {MIN_SHEET_RATIO:g} face "
-            f"widths at {format_elements('face pair', pairs)}, the closest at "
-            f"{nearness[worst]:.2g} between faces {sheets[worst, 0]} and {sheets[worst, 1]}",
-            remedy="move them apart; the solve can hardly distinguish their vertices",
-            elements="face pairs",
-            numbers=pairs,
-            value=float(nearness[worst]),
+        message = (
+            f"the cage has sheets closer to each other than {MIN_SHEET_RATIO:g} face widths at "
+            f"{format_elements('face pair', pairs)}, the closest at {nearness[worst]:.2g} between "
+            f"faces {sheets[worst, 0]} and {sheets[worst, 1]}"
         )
+        remedy = "move them apart; the solve can hardly distinguish their vertices"
+        ratio = float(nearness[worst])
+        yield Finding("thin", "warning", message, remedy, "face pairs", pairs, ratio)
 
 
 def find_low_clearance(placement: Placement, rest: TriMesh) -> Iterator[Finding]:
@@ -68,19 +61,14 @@ def find_low_clearance(placement: Placement, rest: TriMesh) -> Iterator[Finding]
     near = np.flatnonzero(clearance < MIN_CLEARANCE)
     if len(near):
         worst = near[clearance[near].argmin()]
-        yield Finding(
-            kind="clearance",
-            severity="warning",
-            message=f"vertices of the rest pose are closer to the cage than "
-            f"{100 * MIN_CLEARANCE:g} % of the diagonal: {format_elements('vertex', near)}, the "
-            f"closest, with {100 * clearance[worst]:.2g} %, is vertex {worst} at face "
-            f"{placement.closest.face[worst]}",
-            remedy="enlarge the cage there; these vertices follow single faces of the cage",
-            elements="vertices",
-            numbers=near,
-            value=float(100 * clearance[worst]),
-            mesh="rest",
+        percent = float(100 * clearance[worst])
+        message = (
+            f"vertices of the rest pose are closer to the cage than {100 * MIN_CLEARANCE:g} % of "
+            f"the diagonal: {format_elements('vertex', near)}, the closest, with {percent:.2g} %, "
+            f"is vertex {worst} at face {placement.closest.face[worst]}"
         )
+        remedy = "enlarge the cage there; these vertices follow single faces of the cage"
+        yield Finding("clearance", "warning", message, remedy, "vertices", near, percent, "rest")
 
 
 def find_surface_crossings(placement: Placement, rest: TriMesh) -> Iterator[Finding]:
@@ -89,17 +77,12 @@ def find_surface_crossings(placement: Placement, rest: TriMesh) -> Iterator[Find
     leaving = np.isin(rest.faces[pairs[:, 0]], placement.outside_indices).any(axis=1)
     pairs = pairs[~leaving]
     if len(pairs):
-        yield Finding(
-            kind="surface-crossing",
-            severity="warning",
-            message="faces of the rest pose cross the cage although their vertices are inside, at "
-            f"{format_elements('pair of a rest and a cage face', pairs)}",
-            remedy="move the cage outward there",
-            elements="face pairs",
-            numbers=pairs,
-            value=float(len(pairs)),
-            mesh="both",
+        message = (
+            "faces of the rest pose cross the cage although their vertices are inside, at "
+            f"{format_elements('pair of a rest and a cage face', pairs)}"
         )
+        kind, remedy, count = "surface-crossing", "move the cage outward there", float(len(pairs))
+        yield Finding(kind, "warning", message, remedy, "face pairs", pairs, count, "both")
 
 
 def find_weak_vertices(largest_weights: Floats) -> Iterator[Finding]:
@@ -107,14 +90,10 @@ def find_weak_vertices(largest_weights: Floats) -> Iterator[Finding]:
     weak = np.flatnonzero(largest_weights < MIN_INFLUENCE)
     if len(weak):
         worst = weak[largest_weights[weak].argmin()]
-        yield Finding(
-            kind="weak-vertex",
-            severity="warning",
-            message=f"the cage has vertices whose weights are all below {MIN_INFLUENCE:g}: "
-            f"{format_elements('vertex', weak)}, the smallest, {largest_weights[worst]:.2g}, at "
-            f"vertex {worst}",
-            remedy="delete them or move them closer to the model; frames hardly determine them",
-            elements="vertices",
-            numbers=weak,
-            value=float(largest_weights[worst]),
+        smallest = float(largest_weights[worst])
+        message = (
+            f"the cage has vertices whose weights are all below {MIN_INFLUENCE:g}: "
+            f"{format_elements('vertex', weak)}, the smallest, {smallest:.2g}, at vertex {worst}"
         )
+        remedy = "delete them or move them closer to the model; frames hardly determine them"
+        yield Finding("weak-vertex", "warning", message, remedy, "vertices", weak, smallest)

@@ -10,7 +10,6 @@ from cageik_cli.cages.looseness import Looseness, measure_looseness
 from cageik_cli.cages.sections import SharedSection, find_shared_sections
 from cageik_cli.cages.similarity import MAX_SIZE_RATIO, find_transform
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.arrays import Integers
 
 TYPICAL_GAP = 16.5
 """Mean gap of built cages, percent of the diagonal, times the root of their number of vertices.
@@ -37,8 +36,6 @@ MIN_LIMB_LENGTH = 0.04
 
 MAX_PLACES = 4
 """Places that are named."""
-
-NO_NUMBERS: Integers = np.empty(0, np.int64)
 
 
 def find_room_faults(cage: TriMesh, rest: TriMesh, is_thorough: bool = True) -> Iterator[Finding]:
@@ -75,16 +72,10 @@ def _describe_size(cage: TriMesh, rest: TriMesh) -> Finding:
     remedy = "fit the cage to the model"
     if transform is not None:
         remedy = f"the cage is {transform.name}: export it as the model was"
-    return Finding(
-        kind="large",
-        severity="warning",
-        message=f"the cage is {ratio:.3g} times as large as the model, expected at most "
-        f"{MAX_SIZE_RATIO:g}",
-        remedy=remedy,
-        elements="",
-        numbers=NO_NUMBERS,
-        value=float(ratio),
+    message = (
+        f"the cage is {ratio:.3g} times as large as the model, expected at most {MAX_SIZE_RATIO:g}"
     )
+    return Finding("large", "warning", message, remedy, value=float(ratio))
 
 
 def _find_loose_cage(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
@@ -93,17 +84,15 @@ def _find_loose_cage(cage: TriMesh, rest: TriMesh) -> Iterator[Finding]:
     typical = TYPICAL_GAP / np.sqrt(count)
     if looseness.mean_gap <= MAX_GAP_RATIO * typical:
         return
-    yield Finding(
-        kind="loose",
-        severity="warning",
-        message=f"the cage is loose: {_describe_looseness(looseness)}, where a built cage of "
-        f"{count} vertices typically has {_describe_typical(looseness, rest, typical)}",
-        remedy="move it closer to the model, or build one with cageik cage, with more vertices if "
-        "this one was built; a loose cage follows the motion poorly",
-        elements="",
-        numbers=NO_NUMBERS,
-        value=looseness.mean_gap,
+    message = (
+        f"the cage is loose: {_describe_looseness(looseness)}, where a built cage of {count} "
+        f"vertices typically has {_describe_typical(looseness, rest, typical)}"
     )
+    remedy = (
+        "move it closer to the model, or build one with cageik cage, with more vertices if this "
+        "one was built; a loose cage follows the motion poorly"
+    )
+    yield Finding("loose", "warning", message, remedy, value=looseness.mean_gap)
 
 
 def _describe_looseness(looseness: Looseness) -> str:
@@ -123,15 +112,11 @@ def _describe_typical(looseness: Looseness, rest: TriMesh, gap: float) -> str:
 
 def _describe_shared_section(place: SharedSection) -> Finding:
     x, y, z = (float(value) for value in place.centre)
-    return Finding(
-        kind="shared-loop",
-        severity="warning",
-        message=f"{place.limbs} limbs of the model are in one loop of the cage around "
-        f"({x:.4g}, {y:.4g}, {z:.4g}), {place.size:.3g} across, for {place.length:.3g} along "
-        f"{'xyz'[place.axis]}, {place.gap:.3g} apart",
-        remedy="let the cage go between them; with one loop they can hardly move apart",
-        elements="",
-        numbers=NO_NUMBERS,
-        value=float(place.limbs),
-        place=(x, y, z),
+    message = (
+        f"{place.limbs} limbs of the model are in one loop of the cage around ({x:.4g}, {y:.4g}, "
+        f"{z:.4g}), {place.size:.3g} across, for {place.length:.3g} along {'xyz'[place.axis]}, "
+        f"{place.gap:.3g} apart"
     )
+    remedy = "let the cage go between them; with one loop they can hardly move apart"
+    limbs = float(place.limbs)
+    return Finding("shared-loop", "warning", message, remedy, value=limbs, place=(x, y, z))

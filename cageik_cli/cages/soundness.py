@@ -13,21 +13,38 @@ from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import CageError, join_truncated
 from cageik_cli.util.progress import mark_warning
 
-MIN_VOLUME_RATIO = 1e-9
-"""Smallest volume of a cage, relative to its area times its diagonal."""
-
-_REMEDIES = {
-    "repeated-vertex": "delete {it}",
-    "degenerate-face": "move or merge vertices there",
-    "duplicate-face": "delete {it}",
-    "unreferenced-vertex": "delete {it}",
-    "non-manifold-edge": "remove the inner faces",
-    "open-edge": "close the hole",
-    "unmerged-edge": "merge coincident vertices, then close the remaining holes",
-    "orientation": "recalculate its normals",
-    "pinched-vertex": "separate them there",
-    "self-intersection": "move vertices until faces meet only at common edges and corners",
+_FAULTS = {
+    "repeated-vertex": ("face", "has a vertex twice in a face:", "delete {it}"),
+    "degenerate-face": (
+        "face",
+        "is degenerate, corners on a line, at",
+        "move or merge vertices there",
+    ),
+    "duplicate-face": ("face", "has faces that repeat others:", "delete {it}"),
+    "unreferenced-vertex": (
+        "vertex",
+        "has vertices in no face, which can move nothing:",
+        "delete {it}",
+    ),
+    "non-manifold-edge": (
+        "edge",
+        "is not manifold: more than two faces meet at",
+        "remove the inner faces",
+    ),
+    "open-edge": ("edge", "is open: no second face at", "close the hole"),
+    "orientation": ("edge", "has neighbours facing opposite ways at", "recalculate its normals"),
+    "pinched-vertex": (
+        "vertex",
+        "is not manifold: its parts touch in a point at",
+        "separate them there",
+    ),
+    "self-intersection": (
+        "face pair",
+        "crosses or touches itself at",
+        "move vertices until faces meet only at common edges and corners",
+    ),
 }
+"""The faults that have elements: what these are, what is wrong with the cage, and what to do."""
 
 
 def validate_cage(cage: TriMesh) -> tuple[TriMesh, tuple[str, ...]]:
@@ -61,81 +78,42 @@ def find_cage_faults(cage: TriMesh) -> tuple[Finding, ...]:
     _, first = np.unique(corners, axis=0, return_index=True)
     is_duplicate = ~repeats_corner & ~np.isin(np.arange(len(corners)), first)
     is_flat = degenerate_face_mask(cage) & ~repeats_corner & ~is_duplicate
-    unreferenced = cage.unused_vertices
     found = [
-        _make_finding("repeated-vertex", "has a vertex twice in a face:", "face", repeats_corner),
-        _make_finding("degenerate-face", "is degenerate, corners on a line, at", "face", is_flat),
-        _make_finding("duplicate-face", "has faces that repeat others:", "face", is_duplicate),
-        _make_finding(
-            "unreferenced-vertex",
-            "has vertices in no face, which can move nothing:",
-            "vertex",
-            unreferenced,
-        ),
+        *_find("repeated-vertex", np.flatnonzero(repeats_corner)),
+        *_find("degenerate-face", np.flatnonzero(is_flat)),
+        *_find("duplicate-face", np.flatnonzero(is_duplicate)),
+        *_find("unreferenced-vertex", cage.unused_vertices),
     ]
     kept = np.flatnonzero(~(repeats_corner | is_duplicate))
     if len(kept):
         surface = TriMesh(cage.vertices, cage.faces[kept])
         # Vertices of an open cage may not be merged yet: coincident vertices are then taken as one.
         joined = surface if surface.is_closed else _merge_coincident_vertices(surface)
-        found += [*_find_edge_faults(surface, joined), _find_nonmanifold_vertices(surface)]
+        found += _find_edge_faults(surface, joined)
+        found += _find("pinched-vertex", np.flatnonzero(count_fans(surface) > 1))
         found += [*_find_loose_components(joined), *_find_volume_faults(surface)]
-        found += [_find_self_intersections(joined, kept, is_flat[kept])]
-    return tuple(finding for finding in found if finding is not None)
+        found += _find("self-intersection", kept[_find_self_intersections(joined, is_flat[kept])])
+    return tuple(found)
 
 
-def _make_finding(
-    kind: str,
-    description: str,
-    noun: str,
-    mask_or_numbers: NDArray[np.bool_] | Integers,
-    remedy_kind: str = "",
-) -> Finding | None:
-    """Return a fault at the elements of a mask or a list; None if there are none."""
-    numbers = (
-        np.flatnonzero(mask_or_numbers) if mask_or_numbers.dtype == np.bool_ else mask_or_numbers
-    )
+def _find(kind: str, numbers: Integers, remedy: str = "") -> Iterator[Finding]:
+    """Yield a fault at these elements, if there are any; with another remedy if one is given."""
     if len(numbers) == 0:
-        return None
-    remedy = _REMEDIES[remedy_kind or kind].format(it="it" if len(numbers) == 1 else "them")
-    message = f"the cage {description} {format_elements(noun, numbers)}"
-    return Finding(
-        kind,
-        "unfit",
-        message,
-        remedy,
-        pluralize(noun),
-        numbers.astype(np.int64),
-        float(len(numbers)),
-    )
+        return
+    noun, what, usual_remedy = _FAULTS[kind]
+    message = f"the cage {what} {format_elements(noun, numbers)}"
+    remedy = remedy or usual_remedy.format(it="it" if len(numbers) == 1 else "them")
+    numbers, value = numbers.astype(np.int64), float(len(numbers))
+    yield Finding(kind, "unfit", message, remedy, pluralize(noun), numbers, value)
 
 
-def _find_edge_faults(surface: TriMesh, joined: TriMesh) -> Iterator[Finding | None]:
+def _find_edge_faults(surface: TriMesh, joined: TriMesh) -> Iterator[Finding]:
     edges = surface.edges
-    unmerged = "" if np.array_equal(joined.faces, surface.faces) else "unmerged-edge"
-    for kind, what, bad, remedy_kind in (
-        (
-            "non-manifold-edge",
-            "is not manifold: more than two faces meet at",
-            edges.face_counts > 2,
-            "",
-        ),
-        ("open-edge", "is open: no second face at", edges.face_counts < 2, unmerged),
-        (
-            "orientation",
-            "has neighbours facing opposite ways at",
-            (edges.face_counts == 2) & ~edges.is_balanced,
-            "",
-        ),
-    ):
-        yield _make_finding(kind, what, "edge", edges.ends[bad], remedy_kind)
-
-
-def _find_nonmanifold_vertices(surface: TriMesh) -> Finding | None:
-    pinched = np.flatnonzero(count_fans(surface) > 1)
-    return _make_finding(
-        "pinched-vertex", "is not manifold: its parts touch in a point at", "vertex", pinched
-    )
+    yield from _find("non-manifold-edge", edges.ends[edges.face_counts > 2])
+    is_merged = np.array_equal(joined.faces, surface.faces)
+    remedy = "" if is_merged else "merge coincident vertices, then close the remaining holes"
+    yield from _find("open-edge", edges.ends[edges.face_counts < 2], remedy)
+    yield from _find("orientation", edges.ends[(edges.face_counts == 2) & ~edges.is_balanced])
 
 
 def count_fans(surface: TriMesh) -> Integers:
@@ -162,56 +140,35 @@ def _find_loose_components(surface: TriMesh) -> Iterator[Finding]:
     if len(parts) > 1:
         sizes = np.bincount(of_vertex)
         small = used[of_vertex != sizes.argmax()]
-        yield Finding(
-            kind="components",
-            severity="unfit",
-            message=f"the cage has {len(parts)} components (of {join_truncated(sizes)} vertices), "
-            "expected one connected surface",
-            remedy="join them or delete the loose ones",
-            elements="vertices",
-            numbers=small,
-            value=float(len(parts)),
+        message = (
+            f"the cage has {len(parts)} components (of {join_truncated(sizes)} vertices), expected "
+            "one connected surface"
         )
+        remedy, value = "join them or delete the loose ones", float(len(parts))
+        yield Finding("components", "unfit", message, remedy, "vertices", small, value)
 
 
-def _find_volume_faults(surface: TriMesh) -> Iterator[Finding]:
+def _find_volume_faults(surface: TriMesh, min_ratio: float = 1e-9) -> Iterator[Finding]:
+    """Find a volume below `min_ratio` times area times diagonal, or below 0."""
     if not bounds_volume(surface):
         return
-    area = surface.face_areas.sum()
-    no_numbers = np.empty(0, np.int64)
-    if abs(surface.volume) <= MIN_VOLUME_RATIO * area * surface.diagonal:
-        yield Finding(
-            kind="no-volume",
-            severity="unfit",
-            message=f"the cage bounds no volume ({surface.volume:.3g} in an area of {area:.3g})",
-            remedy="give it thickness",
-            elements="",
-            numbers=no_numbers,
-            value=surface.volume,
-        )
-    elif surface.volume < 0:
-        yield Finding(
-            kind="inward",
-            severity="warning",
-            message="the cage's faces turn inward; it is used turned outward",
-            remedy="recalculate its normals to avoid this warning",
-            elements="",
-            numbers=no_numbers,
-            value=surface.volume,
-        )
+    volume, area = surface.volume, surface.face_areas.sum()
+    if abs(volume) <= min_ratio * area * surface.diagonal:
+        message = f"the cage bounds no volume ({volume:.3g} in an area of {area:.3g})"
+        yield Finding("no-volume", "unfit", message, "give it thickness", value=volume)
+    elif volume < 0:
+        message = "the cage's faces turn inward; it is used turned outward"
+        remedy = "recalculate its normals to avoid this warning"
+        yield Finding("inward", "warning", message, remedy, value=volume)
 
 
-def _find_self_intersections(
-    surface: TriMesh, face_numbers: Integers, is_degenerate: NDArray[np.bool_]
-) -> Finding | None:
-    """Find faces that cross or touch, except at the vertices of degenerate faces."""
+def _find_self_intersections(surface: TriMesh, is_degenerate: NDArray[np.bool_]) -> Integers:
+    """Return pairs of faces, (p, 2), that meet, except at the vertices of degenerate faces."""
     faces = surface.faces
     judged = np.flatnonzero(~np.isin(faces, faces[is_degenerate]).any(axis=1))
     if len(judged) == 0:
-        return None
-    pairs = self_intersections(TriMesh(surface.vertices, faces[judged]))
-    what = "crosses or touches itself at"
-    return _make_finding("self-intersection", what, "face pair", face_numbers[judged[pairs]])
+        return np.empty((0, 2), np.int64)
+    return judged[self_intersections(TriMesh(surface.vertices, faces[judged]))]
 
 
 def _merge_coincident_vertices(surface: TriMesh) -> TriMesh:

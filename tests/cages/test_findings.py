@@ -19,5 +19,5 @@ def test_elements_are_formatted(noun, numbers, text):
 
 
 def test_the_sentence_has_message_and_remedy():
-    finding = Finding("open-edge", "unfit", "it is open", "close it", "", np.empty(0, int), 0.0)
+    finding = Finding("open-edge", "unfit", "it is open", "close it")
     assert finding.sentence == "it is open; close it"

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from cageik_cli.cages.enclosure import find_outside_vertices, locate_vertices
 from cageik_cli.cages.findings import Finding
 from cageik_cli.cages.quality import (
@@ -69,5 +67,4 @@ def _find_outside_samples(cage: TriMesh, samples: Floats) -> list[Finding]:
         f"{len(outside)} of {len(samples)} points of the model's surface are outside the cage, "
         f"the first at ({x:.4g}, {y:.4g}, {z:.4g})"
     )
-    numbers, value = np.empty(0, np.int64), float(len(outside))
-    return [Finding("surface-outside", "unfit", message, OUTWARD, "", numbers, value)]
+    return [Finding("surface-outside", "unfit", message, OUTWARD, value=float(len(outside)))]
