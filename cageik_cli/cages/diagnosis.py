@@ -27,6 +27,7 @@ from cageik_cli.coordinates.harmonic import MAX_FACES, harmonic_weights
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume, corner_angles, degenerate_face_mask
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.text import format_count
 
 MAX_WEAKEST_LISTED = 3
 """How many of the least influential cage vertices are listed."""
@@ -122,8 +123,7 @@ class Diagnosis:
     misfit: Misfit | None = None
 
     def __repr__(self) -> str:
-        count = len(self.findings)
-        return f"<Diagnosis: {self.verdict}, {count} finding{'s' * (count != 1)}>"
+        return f"<Diagnosis: {self.verdict}, {format_count(len(self.findings), 'finding')}>"
 
     @property
     def is_fit(self) -> bool:

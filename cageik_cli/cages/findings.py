@@ -7,17 +7,13 @@ from numpy.typing import ArrayLike
 
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import join_truncated
+from cageik_cli.util.text import format_count
 
 SEVERITIES = ("unfit", "warning", "note")
 """From the worst: it does not bind; it binds, but something will be poor; a remark."""
 
 Point = tuple[float, float, float]
 """A place, file units."""
-
-_PLURALS = {
-    "vertex": "vertices",
-    "pair of a rest and a cage face": "pairs of a rest and a cage face",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,9 +64,4 @@ def format_elements(noun: str, numbers: ArrayLike) -> str:
     names = ["-".join(map(str, np.ravel(number))) for number in np.asarray(numbers).tolist()]
     if len(names) == 1:
         return f"{noun} {names[0]}"
-    return f"{len(names)} {pluralize(noun)} ({join_truncated(names)})"
-
-
-def pluralize(noun: str) -> str:
-    """Return the plural of a noun for parts of a mesh."""
-    return _PLURALS.get(noun, f"{noun}s")
+    return f"{format_count(len(names), noun)} ({join_truncated(names)})"

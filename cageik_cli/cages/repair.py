@@ -20,6 +20,7 @@ from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
 from cageik_cli.util.progress import ignore_progress
+from cageik_cli.util.text import format_count
 
 __all__ = ["RepairSettings", "RepairStep", "RepairedCage", "repair_cage"]
 
@@ -140,5 +141,5 @@ def _unfold(draft: Draft) -> Draft:
     draft = replace(draft, mesh=mesh)
     if lost == 0:
         return draft
-    message = f"cut {lost} polygon{'s' * (lost > 1)} that fold over into triangles"
+    message = f"cut {format_count(lost, 'polygon')} that fold over into triangles"
     return draft.change(mesh, RepairStep("cut-polygons", message, lost, np.empty(0, np.int64)))

@@ -5,13 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.cages.findings import Finding, format_elements, pluralize
+from cageik_cli.cages.findings import Finding, format_elements
 from cageik_cli.geometry.intersections import self_intersections
 from cageik_cli.geometry.mesh import TriMesh, find_groups
 from cageik_cli.geometry.shape import bounds_volume, degenerate_face_mask
 from cageik_cli.util.arrays import Integers
 from cageik_cli.util.errors import CageError, join_truncated
 from cageik_cli.util.progress import mark_warning
+from cageik_cli.util.text import pluralize
 
 _FAULTS = {
     "repeated-vertex": ("face", "has a vertex twice in a face:", "delete {it}"),

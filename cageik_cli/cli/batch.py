@@ -21,6 +21,7 @@ from cageik_cli.cli.options.common import (
 )
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.limits import echo_exceeded_limits, exit_with_code
+from cageik_cli.util.text import format_count
 
 if TYPE_CHECKING:
     from cageik_cli.report.overview import Overview
@@ -160,8 +161,8 @@ def _show_overview(overview: "Overview", quiet: bool) -> None:
     failed = [entry for entry in overview.clips if entry.has_failed]
     over = [entry for entry in overview.clips if entry.exceeds_limit]
     if not quiet:
-        done, count = len(overview.clips) - len(failed), len(overview.clips)
-        text = f"{count} clip{'s' * (count != 1)}: {done} done, {len(failed)} failed"
+        clips, done = format_count(len(overview.clips), "clip"), len(overview.clips) - len(failed)
+        text = f"{clips}: {done} done, {len(failed)} failed"
         click.echo(f"{text}, {len(over)} over a limit", err=True)
     for entry in failed:  # at the end, where a long log is looked at
         click.echo(f"{entry.name}: {entry.fault}", err=True)

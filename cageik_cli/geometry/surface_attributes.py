@@ -15,6 +15,7 @@ from cageik_cli.geometry.surface_parts import (
 )
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import format_count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,14 +109,11 @@ class SurfaceAttributes:
             "texture coordinates" if self.uvs is not None else "",
             "normals" if self.normal_fans is not None else "",
             "colours" if self.colours is not None else "",
-            *(
-                f"{len(held.names)} {noun}{'s' * (len(held.names) > 1)}" if held else ""
-                for held, noun in labels
-            ),
+            *(format_count(len(held.names), noun) if held else "" for held, noun in labels),
             f"scheme {self.subdivision.scheme}" if self.subdivision.scheme != "none" else "",
         ]
         given = ", ".join(part for part in parts if part)
-        count = f"{len(self.corner_counts)} polygon{'s' * (len(self.corner_counts) > 1)}"
+        count = format_count(len(self.corner_counts), "polygon")
         return f"{count} with {given}" if given else count
 
     @property

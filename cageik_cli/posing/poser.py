@@ -24,6 +24,7 @@ from cageik_cli.posing.rigidity import Cells, Neighbours
 from cageik_cli.solver.dual_laplacian import MAX_CONDITION
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import HandlesError, NumericalError, SettingError
+from cageik_cli.util.text import format_count
 
 DEFAULT_ALPHA = 1e-6
 """Much smaller than in `DualLaplacianSolver`: a few anchors should be met closely."""
@@ -129,8 +130,8 @@ class Poser:
         self._solve_responses(tuple(anchors))
 
     def __repr__(self) -> str:
-        count, (vertices, cage_vertices) = len(self.anchors), self.binding.weights.shape
-        anchors = f"{count} anchor{'s' * (count != 1)}"
+        vertices, cage_vertices = self.binding.weights.shape
+        anchors = format_count(len(self.anchors), "anchor")
         return f"<Poser: {anchors} on {vertices} vertices in a cage of {cage_vertices}>"
 
     def with_anchor(self, anchor: Anchor) -> "Poser":

@@ -15,6 +15,8 @@ Error definitions, for F frames of m vertices, D the rest bounding box's diagona
 
 from dataclasses import dataclass
 
+from cageik_cli.util.text import format_count
+
 
 @dataclass(frozen=True, slots=True)
 class ClipRecord:
@@ -184,12 +186,6 @@ def format_metric(value: float) -> str:
 def format_number(number: float) -> str:
     """Format the number of a frame as in all views."""
     return f"{number:.10g}"
-
-
-def format_count(count: int, noun: str) -> str:
-    """Format a number of things: "1 frame", "2 frames", "2 vertices"."""
-    plural = "vertices" if noun == "vertex" else f"{noun}s"
-    return f"{count} {noun if count == 1 else plural}"
 
 
 def group_digits(count: int, group: str = " ") -> str:

@@ -1,6 +1,6 @@
 """The figures of a fit in a report: what it gains on which frames, and what they mean."""
 
-from cageik_cli.report.figures import format_count, format_percent
+from cageik_cli.report.figures import format_percent
 from cageik_cli.solver.fitting.held_out import HELD_OUT_BLOCKS, Comparison
 from cageik_cli.solver.fitting.record import (
     MAX_HELD_OUT_RATIO,
@@ -11,7 +11,7 @@ from cageik_cli.solver.fitting.record import (
 )
 from cageik_cli.store.result import Result
 from cageik_cli.util.errors import join_truncated
-from cageik_cli.util.text import format_bytes
+from cageik_cli.util.text import format_bytes, format_count
 
 MAX_NAMED_CLIPS = 3
 """Clips that a report names."""

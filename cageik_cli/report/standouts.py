@@ -3,10 +3,11 @@
 import numpy as np
 
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.report.figures import format_count, format_percent
+from cageik_cli.report.figures import format_percent
 from cageik_cli.store.result import Result, read_cages
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import join_truncated
+from cageik_cli.util.text import format_count
 
 MIN_FRAMES = 8
 """Frames of the shortest clip out of which a frame can stand."""

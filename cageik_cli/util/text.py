@@ -1,4 +1,4 @@
-"""Text for people: labelled rows, sizes, and names as Unicode."""
+"""Text for people: labelled rows, numbers of things, sizes, and names as Unicode."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -39,6 +39,17 @@ def make_printable(text: str, allowed: str = "\n\r\t") -> str:
         else "\ufffd"
         for mark in text
     )
+
+
+def pluralize(noun: str) -> str:
+    """Return the plural of a noun; of words such as "pair of faces", that of the first."""
+    first, of, rest = noun.partition(" of ")
+    return ("vertices" if first == "vertex" else f"{first}s") + of + rest
+
+
+def format_count(count: int, noun: str) -> str:
+    """Format a number of things: "1 frame", "2 frames", "2 vertices"."""
+    return f"{count} {noun if count == 1 else pluralize(noun)}"
 
 
 def format_bytes(count: int) -> str:

@@ -26,7 +26,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import format_block
+from cageik_cli.util.text import format_block, format_count
 from cageik_cli.workflows.cached_cage import check_cage_output, load_built_cage
 from cageik_cli.workflows.measure_cage import make_measured_clip
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
@@ -247,8 +247,7 @@ def _count(mesh: TriMesh) -> str:
 
 def _count_valid(built: BuiltCage) -> str:
     valid = sum(known.verdict.is_valid for known in built.candidates)
-    count = len(built.candidates)
-    return f"{valid} valid of {count} candidate{'s' * (count != 1)}"
+    return f"{valid} valid of {format_count(len(built.candidates), 'candidate')}"
 
 
 def _format_clearance(candidate: Candidate) -> str:

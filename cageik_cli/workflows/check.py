@@ -13,7 +13,7 @@ from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.mesh_file import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.plots.cage_marks import FaultMark, list_marks
-from cageik_cli.util.text import format_block, format_row
+from cageik_cli.util.text import format_block, format_count, format_row
 from cageik_cli.workflows.repair_hint import find_rest_file, format_repair_command
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 from cageik_cli.workflows.settings import READ, READ_CLIP, CommandSettings
@@ -127,7 +127,7 @@ def _format_verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict != "usable":
         return diagnosis.verdict
     count = sum(finding.severity == "warning" for finding in diagnosis.findings)
-    return f"usable, {count} warning{'s' * (count != 1)}"
+    return f"usable, {format_count(count, 'warning')}"
 
 
 def format_check_json(result: CheckResult) -> str:
@@ -158,8 +158,8 @@ def _finding_record(finding: Finding) -> dict[str, Any]:
 
 def _cage_rows(facts: CageFacts) -> list[tuple[str, str]]:
     surface = (
-        f"{facts.vertices} vertices, {facts.faces} triangles, {facts.components} "
-        f"component{'s' * (facts.components > 1)}"
+        f"{facts.vertices} vertices, {facts.faces} triangles, "
+        f"{format_count(facts.components, 'component')}"
     )
     if facts.genus is not None:
         surface += f", genus {facts.genus}"

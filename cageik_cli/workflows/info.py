@@ -27,7 +27,7 @@ from cageik_cli.store.checkpoint import checkpoint_progress, is_checkpoint
 from cageik_cli.store.result import Result, is_result, read_result
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.progress import label_note, locate_note
-from cageik_cli.util.text import format_block
+from cageik_cli.util.text import format_block, format_count
 from cageik_cli.workflows.model_file import LoadedModel, load_model
 
 
@@ -167,11 +167,11 @@ def _missing_rows(sequence: MeshSequence) -> list[tuple[str, str]]:
 
 def _mesh_rows(mesh: TriMesh) -> list[tuple[str, str]]:
     volume = f"closed, volume {mesh.volume:.6g}" if mesh.is_closed else "open"
-    components = int(mesh.components.max()) + 1
+    components = format_count(int(mesh.components.max()) + 1, "component")
     return [
         ("vertices", str(len(mesh.vertices))),
         ("triangles", f"{len(mesh.faces)}{_format_polygons(mesh)}"),
-        ("surface", f"{volume}, {components} component{'s' * (components > 1)}"),
+        ("surface", f"{volume}, {components}"),
         _bounds_row(mesh),
     ]
 

@@ -4,7 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.util.text import format_bytes, format_row, make_printable, single_line, to_unicode
+from cageik_cli.util.text import (
+    format_bytes,
+    format_count,
+    format_row,
+    make_printable,
+    single_line,
+    to_unicode,
+)
 
 
 @pytest.mark.parametrize(
@@ -65,3 +72,16 @@ def test_what_controls_a_terminal_is_replaced(mark):
 @pytest.mark.parametrize("text", ["", "walk_é.obj", "馬 \U0001f40e", "a\u00a0b", "a\nb\r\tc"])
 def test_what_is_printed_is_kept(text):
     assert make_printable(text) == text
+
+
+@pytest.mark.parametrize(
+    ("count", "noun", "text"),
+    [
+        (1, "vertex", "1 vertex"),
+        (2, "vertex", "2 vertices"),
+        (0, "face pair", "0 face pairs"),
+        (3, "pair of a rest and a cage face", "3 pairs of a rest and a cage face"),
+    ],
+)
+def test_things_are_counted(count, noun, text):
+    assert format_count(count, noun) == text

@@ -7,6 +7,7 @@ from cageik_cli.cages.building.judge import Verdict
 from cageik_cli.cages.settings import BuildSettings as BuildSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
+from cageik_cli.util.text import format_count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,8 +82,8 @@ class BuiltCage:
     notes: tuple[str, ...]
 
     def __repr__(self) -> str:
-        tried, notes = len(self.candidates), len(self.notes)
+        tried = format_count(len(self.candidates), "candidate")
         return (
             f"<BuiltCage: {len(self.cage.vertices)} vertices, {len(self.cage.faces)} triangles, "
-            f"best of {tried} candidate{'s' * (tried != 1)}, {notes} note{'s' * (notes != 1)}>"
+            f"best of {tried}, {format_count(len(self.notes), 'note')}>"
         )

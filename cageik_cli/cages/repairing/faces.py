@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.cages.findings import format_elements, pluralize
+from cageik_cli.cages.findings import format_elements
 from cageik_cli.cages.repairing.holes import close_hole, find_holes
 from cageik_cli.cages.repairing.polygon_mesh import PolygonMesh
 from cageik_cli.cages.repairing.record import RepairStep
@@ -26,6 +26,7 @@ from cageik_cli.geometry.mesh import TriMesh, signed_volumes
 from cageik_cli.geometry.surface import winding_numbers
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import CageError
+from cageik_cli.util.text import format_count
 
 MAX_WALLS = 30
 """Patches of a cage whose edges have more than two faces that are tried as inner walls."""
@@ -94,7 +95,7 @@ def merge_vertices(draft: Draft) -> Draft:
     parts = [f"merged {format_elements('vertex', gone)} with others at the same place"] * bool(
         len(gone)
     )
-    parts += [f"deleted {lost} {_plural('face', lost)} with a vertex twice"] * bool(lost)
+    parts += [f"deleted {format_count(lost, 'face')} with a vertex twice"] * bool(lost)
     step = RepairStep("merge", " and ".join(parts), max(len(gone), lost), gone)
     return replace(
         draft, mesh=merged, vertex_map=target[draft.vertex_map], steps=(*draft.steps, step)
@@ -225,10 +226,6 @@ def _total_volume(mesh: PolygonMesh) -> float:
 
 def _pad(counts: Integers, mesh: PolygonMesh) -> Integers:
     return np.pad(counts, (0, len(mesh.corner_counts) - len(counts)))
-
-
-def _plural(noun: str, count: int) -> str:
-    return noun if count == 1 else pluralize(noun)
 
 
 def start_draft(cage: TriMesh, corner_counts: Integers | None) -> Draft:

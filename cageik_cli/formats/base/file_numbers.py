@@ -11,6 +11,7 @@ from cageik_cli.formats.base.file_names import file_stem
 from cageik_cli.formats.base.settings import Gaps
 from cageik_cli.formats.scene import SceneHints
 from cageik_cli.util.errors import FileAccessError, SettingError, join_truncated
+from cageik_cli.util.text import format_count
 
 MAX_FRAME_NUMBER = 1 << 24
 """Larger numbers are dates or the like; single precision, as of PC2, holds all up to this."""
@@ -173,11 +174,11 @@ def _refuse_gaps(paths: tuple[Path, ...], found: _Numbering, usual: int) -> None
     expected = f"where frames are numbered in steps of {usual}"
     if wide:
         lost = found.make_path(first, found.numbers[first] + usual, paths[first])
-        fault = f"{lost}: missing between {where}, {expected} ({len(wide)} such "
-        fault += f"gap{'s' * (len(wide) != 1)}); restore it"
+        fault = f"{lost}: missing between {where}, {expected} ("
+        fault += f"{format_count(len(wide), 'such gap')}); restore it"
     else:
         fault = f"{paths[first + 1]}: {steps[first]} after {paths[first].name}, {expected}"
-        fault += f" ({len(odd)} such place{'s' * (len(odd) != 1)}); remove it"
+        fault += f" ({format_count(len(odd), 'such place')}); remove it"
     raise FileAccessError(
         f"{fault}, keep gaps in time with --allow-gaps, or number the frames one after another "
         "with --close-gaps"

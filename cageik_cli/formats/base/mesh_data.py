@@ -9,6 +9,7 @@ from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
+from cageik_cli.util.text import format_count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,8 +73,7 @@ class FileMesh:
         """What was changed, one sentence each."""
         if not self.polygon_count:
             return self.left_out
-        plural = "s" * (self.polygon_count > 1)
-        cut = f"{self.polygon_count} polygon{plural} cut into triangles to compute with"
+        cut = f"{format_count(self.polygon_count, 'polygon')} cut into triangles to compute with"
         return (cut, *self.left_out)
 
 

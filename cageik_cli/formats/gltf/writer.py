@@ -25,6 +25,7 @@ from cageik_cli.formats.gltf.surface import Part, cut_surface
 from cageik_cli.formats.gltf.vector_spool import VectorSpool
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
+from cageik_cli.util.text import format_count
 from cageik_cli.util.threads import limit_blas_threads
 
 
@@ -99,8 +100,7 @@ class Writer(AnimationWriter):
         modes = compute_modes(self._moves, settings.limit)
         modes, found = choose_modes(self._moves, modes, wanted * unit)
         error = MorphError(found.rms / unit, found.largest / unit)
-        count = modes.count
-        text = f"{count} morph target{'' if count == 1 else 's'}"
+        text = format_count(modes.count, "morph target")
         if settings.tolerance is not None and error.largest > settings.tolerance:
             raise OutputError(
                 f"{text} leave a largest error of {error.largest:.2g} % of the diagonal, above the "

@@ -5,13 +5,7 @@ from itertools import groupby
 from typing import Any
 from urllib.parse import quote
 
-from cageik_cli.report.figures import (
-    ClipRecord,
-    ReportSummary,
-    format_change,
-    format_count,
-    format_percent,
-)
+from cageik_cli.report.figures import ClipRecord, ReportSummary, format_change, format_percent
 from cageik_cli.report.html.templating import render_template
 from cageik_cli.report.limits import (
     Verdict,
@@ -21,6 +15,7 @@ from cageik_cli.report.limits import (
 )
 from cageik_cli.report.overview import ClipEntry, Curve, Overview
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary, display_name
+from cageik_cli.util.text import format_count
 
 THUMBNAIL_HEIGHT, THUMBNAIL_MARGIN, THUMBNAIL_STEP = 48, 4, 2
 """Height of a thumbnail, margin above and below its curves, and width per point."""

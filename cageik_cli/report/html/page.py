@@ -8,7 +8,6 @@ from cageik_cli.report.figures import (
     describe_size,
     explain_missing_volume,
     format_change,
-    format_count,
     format_length,
     format_metric,
     format_number,
@@ -67,6 +66,7 @@ from cageik_cli.report.vocabulary import (
 )
 from cageik_cli.solver.region_causes import Cause
 from cageik_cli.store.result import Result
+from cageik_cli.util.text import format_count
 
 SECTIONS = (
     ("player", "Player"),

@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from cageik_cli.report.figures import format_count
 from cageik_cli.report.player.clip import PlayerClip
 from cageik_cli.report.player.payload import build_payload, choose_vertices
+from cageik_cli.util.text import format_count
 
 
 def build_player_values(clip: PlayerClip, apply_url: str = "") -> dict[str, Any]:

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.cages.findings import Finding, pluralize
+from cageik_cli.cages.findings import Finding
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.render.colouring import parse_colour
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import join_truncated
+from cageik_cli.util.text import pluralize
 
 FAULT_COLOURS = ("#d62f27", "#e08214", "#7b3fa0", "#0f8b8d", "#c2185b", "#5d7a1f", "#8c510a")
 """Colours of faults, in their order; after the last the first comes again."""

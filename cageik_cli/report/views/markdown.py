@@ -4,13 +4,13 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 
-from cageik_cli.report.figures import format_change, format_count, format_percent
+from cageik_cli.report.figures import format_change, format_percent
 from cageik_cli.report.fit_figures import format_fit_line
 from cageik_cli.report.overview import ClipEntry, Overview
 from cageik_cli.report.regions import describe_region
 from cageik_cli.report.views.text import format_check_row
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary, display_name
-from cageik_cli.util.text import single_line
+from cageik_cli.util.text import format_count, single_line
 
 MAX_PART_BYTES = {
     "clips": 21_000,

@@ -7,7 +7,6 @@ from cageik_cli.report.figures import (
     describe_size,
     explain_missing_volume,
     format_change,
-    format_count,
     format_length,
     format_metric,
     format_percent,
@@ -24,7 +23,7 @@ from cageik_cli.report.regions import describe_region, explain_regions, list_rem
 from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.progress import label_note
-from cageik_cli.util.text import format_block, single_line
+from cageik_cli.util.text import format_block, format_count, single_line
 
 
 def format_text(report: Report, is_verbose: bool = False) -> str:

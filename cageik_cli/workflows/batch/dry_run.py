@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from cageik_cli.store.result import checkpoint_path
 from cageik_cli.util.errors import CageikError
-from cageik_cli.util.text import format_block
+from cageik_cli.util.text import format_block, format_count
 from cageik_cli.workflows.batch.jobs import ClipJob
 from cageik_cli.workflows.batch.run import BatchPlan
 from cageik_cli.workflows.plan import plan_extraction
@@ -34,9 +34,9 @@ def describe_batch(batch: BatchPlan) -> DryRun:
     rejected = {entry.name: [(FAULT_LABEL, str(entry.fault))] for entry in batch.rejected}
     planned = {job.name: _describe_job(job) for job in batch.jobs}
     rows = {name: (rejected | planned)[name] for name in batch.order}
-    failing, count = sum(row[0][0] == FAULT_LABEL for row in rows.values()), len(rows)
+    failing = sum(row[0][0] == FAULT_LABEL for row in rows.values())
     lines = [format_block(name, row) for name, row in rows.items()]
-    lines.append(f"{failing} of {count} clip{'s' * (count != 1)} would fail")
+    lines.append(f"{failing} of {format_count(len(rows), 'clip')} would fail")
     return DryRun("\n".join(lines), failing)
 
 
