@@ -1,5 +1,6 @@
 """Points: clouds of them, their order by place, distances, spheres, frames as columns."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -119,6 +120,25 @@ def measure_distances(places: Floats, points: Floats) -> Floats:
 
 INSIDE_TOL = 1e-12
 """Relative distance beyond the radius up to which a point is on the sphere."""
+
+
+def choose_farthest(count: int, distances: Floats, measure: Callable[[int], Floats]) -> list[int]:
+    """Choose up to `count` of p items, each the farthest from all before it (Gonzalez 1985).
+
+    Of equal ones it is the first. Those that are where others are chosen already are left out.
+
+    Parameters
+    ----------
+    distances : (p,) float64
+        Of every item from what was chosen before.
+    measure : callable
+        Returns the distances, (p,), of every item from one, by its number.
+    """
+    chosen: list[int] = []
+    while len(chosen) < count and distances.max() > 0:
+        chosen.append(int(distances.argmax()))
+        distances = np.minimum(distances, measure(chosen[-1]))
+    return chosen
 
 
 def smallest_enclosing_sphere(points: Floats) -> tuple[Floats, float]:

@@ -7,7 +7,7 @@ import numpy as np
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.captured import CapturedFrames
 from cageik_cli.solver.robust import RobustSolver
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, spread_evenly
 
 MAX_SAMPLED_FRAMES = 16
 """Frames on which residuals are measured; they are spread evenly over the clip."""
@@ -21,8 +21,7 @@ MIN_TOLERANCE = 1e-5
 
 def choose_tolerance_frames(count: int) -> Integers:
     """Return the numbers of the frames of a clip on which residuals are measured."""
-    chosen = np.linspace(0, count - 1, min(count, MAX_SAMPLED_FRAMES))
-    return np.unique(np.rint(chosen).astype(np.int64))
+    return spread_evenly(count, MAX_SAMPLED_FRAMES)
 
 
 def measure_tolerances(robust: RobustSolver, frames: Iterable[CapturedFrames]) -> Floats:

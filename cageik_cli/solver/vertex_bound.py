@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats, Integers, spread_evenly
 
 MIN_SAMPLED, MAX_SAMPLED = 512, 1024
 SAMPLED_PER_POINT = 8
@@ -42,7 +42,7 @@ def spread_vertices(numbers: Integers, points: int) -> Integers:
     count = min(max(MIN_SAMPLED, SAMPLED_PER_POINT * points), MAX_SAMPLED)
     if count >= len(numbers):
         return numbers
-    return np.asarray(numbers[np.linspace(0, len(numbers) - 1, count).round().astype(np.int64)])
+    return np.asarray(numbers[spread_evenly(len(numbers), count)])
 
 
 class VertexBoundAccumulator:

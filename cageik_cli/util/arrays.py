@@ -28,6 +28,11 @@ def fit_frames(memory: int, vertex_count: int, arrays: int = 1, itemsize: int = 
     return max(1, memory // (arrays * 3 * vertex_count * itemsize))
 
 
+def spread_evenly(count: int, most: int) -> Integers:
+    """Return at most `most` numbers below `count`, ascending; the first and the last are there."""
+    return np.rint(np.linspace(0, count - 1, min(count, most))).astype(np.int64)
+
+
 class Workspace:
     """Arrays that are used again for each block, so that memory is allocated once.
 

@@ -12,7 +12,7 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.settings import SolveSettings
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, spread_evenly
 from cageik_cli.util.errors import CageikError
 from cageik_cli.util.threads import limit_blas_threads
 
@@ -32,8 +32,8 @@ def make_measured_clip(
     jobs : int
         Threads.
     """
-    chosen = np.linspace(0, frame_count - 1, min(frame_count, MAX_MEASURED_FRAMES))
-    poses = np.stack([read_frame(int(k)) for k in np.rint(chosen)])
+    chosen = spread_evenly(frame_count, MAX_MEASURED_FRAMES)
+    poses = np.stack([read_frame(int(k)) for k in chosen])
     return Clip(poses, _Measure(rest, poses, jobs))
 
 

@@ -3,13 +3,11 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.base.settings import AUTO, ClipSettings, RestFrame
 from cageik_cli.formats.open import load_rest_frame, open_clip_and_rest, open_sequence
-from cageik_cli.util.arrays import Integers
+from cageik_cli.util.arrays import spread_evenly
 from cageik_cli.util.errors import InputError
 
 MAX_COMPARED_FRAMES = 200
@@ -69,7 +67,7 @@ def choose_rest_frame(sequence: MeshSequence) -> RestFrameChoice:
     """
     from cageik_cli.cages.self_contact import make_contact_meter
 
-    indices = _spread_indices(len(sequence))
+    indices = spread_evenly(len(sequence), MAX_COMPARED_FRAMES)
     meter = make_contact_meter(sequence.first)
     if meter is None:
         return RestFrameChoice(0, "taken as the rest pose, as the model has no area to compare")
@@ -84,12 +82,6 @@ def choose_rest_frame(sequence: MeshSequence) -> RestFrameChoice:
         return RestFrameChoice(0, "taken as the rest pose, as no other frame can be read")
     best = min(percents, key=lambda index: (percents[index], index))
     return RestFrameChoice(best, _explain_choice(best, percents, len(sequence)))
-
-
-def _spread_indices(count: int) -> Integers:
-    """Return the numbers of at most `MAX_COMPARED_FRAMES` frames, the first and last included."""
-    chosen = np.linspace(0, count - 1, min(count, MAX_COMPARED_FRAMES))
-    return np.rint(chosen).astype(np.int64)
 
 
 def _explain_choice(best: int, percents: dict[int, float], count: int) -> str:

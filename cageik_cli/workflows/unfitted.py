@@ -9,7 +9,7 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.metrics import check_finite, measure
 from cageik_cli.store.unfitted import UnfittedClip, UnfittedErrors, UnfittedShapes
-from cageik_cli.util.arrays import Floats, Integers, Workspace
+from cageik_cli.util.arrays import Floats, Integers, Workspace, spread_evenly
 
 MAX_FRAMES = 64
 """Evenly spread frames that are measured; the key frames are measured beside them."""
@@ -35,8 +35,7 @@ class FramesToCompare:
 
     def choose(self) -> list[int]:
         """Return at most `MAX_FRAMES` evenly spread frames, and the key frames, ascending."""
-        count = min(len(self.known), MAX_FRAMES)
-        places = np.rint(np.linspace(0, len(self.known) - 1, count)).astype(np.int64)
+        places = spread_evenly(len(self.known), MAX_FRAMES)
         return sorted({*self.known[places].tolist(), *self.key_frames})
 
 

@@ -8,7 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cageik_cli.geometry import points as points_module
-from cageik_cli.geometry.points import measure_distances, order_by_place, smallest_enclosing_sphere
+from cageik_cli.geometry.points import (
+    choose_farthest,
+    measure_distances,
+    order_by_place,
+    smallest_enclosing_sphere,
+)
 from tests.shapes import TETRAHEDRON, ball, box, rotation
 
 
@@ -87,3 +92,9 @@ def test_a_regular_body_with_many_points_on_its_sphere_ends():
     sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
     points = np.vstack([sphere, TETRAHEDRON.vertices * 1e-3])
     assert smallest_enclosing_sphere(points)[1] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_farthest_are_chosen_one_after_another():
+    points = np.array([0.0, 1.0, 4.0, 4.0, 9.0])
+    chosen = choose_farthest(9, np.abs(points), lambda k: np.abs(points - points[k]))
+    assert chosen == [4, 2, 1]

@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 
-from cageik_cli.util.arrays import Workspace, allocate_floats, fit_frames
+from cageik_cli.util.arrays import Workspace, allocate_floats, fit_frames, spread_evenly
 from cageik_cli.util.errors import FileAccessError
 
 
@@ -57,3 +57,10 @@ def test_a_full_disk_is_named_before_anything_is_written(monkeypatch):
     monkeypatch.setattr(os, "posix_fallocate", refuse)
     with pytest.raises(FileAccessError, match=r"cannot hold 7 MiB .*No space left.*TMPDIR"):
         allocate_floats(1_000_000, 0)
+
+
+@pytest.mark.parametrize(
+    ("count", "most", "chosen"), [(5, 9, range(5)), (9, 5, range(0, 9, 2)), (0, 3, []), (7, 1, [0])]
+)
+def test_numbers_are_spread_evenly(count, most, chosen):
+    assert spread_evenly(count, most).tolist() == list(chosen)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from cageik_cli.geometry.points import choose_farthest
 from cageik_cli.util.arrays import Floats
 
 MOST_POSES = 8
@@ -74,11 +75,12 @@ def choose_poses(rest: Floats, aligned: Floats) -> Poses:
     aligned : (k, m, 3)
         As `align_poses` returns them.
     """
-    apart = ((aligned - rest) ** 2).sum(axis=(1, 2))
-    chosen: list[int] = []
-    while len(chosen) < min(MOST_POSES, len(aligned)) and apart.max() > 0:
-        chosen.append(int(apart.argmax()))
-        apart = np.minimum(apart, ((aligned - aligned[chosen[-1]]) ** 2).sum(axis=(1, 2)))
+
+    def measure(pose: Floats) -> Floats:
+        return np.asarray(((aligned - pose) ** 2).sum(axis=(1, 2)))
+
+    count = min(MOST_POSES, len(aligned))
+    chosen = choose_farthest(count, measure(rest), lambda k: measure(aligned[k]))
     return Poses(rest, aligned[chosen])
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from cageik_cli.formats.gltf.glb_file import Singles
 from cageik_cli.formats.gltf.vector_spool import VectorSpool
-from cageik_cli.util.arrays import Floats
+from cageik_cli.util.arrays import Floats, spread_evenly
 
 EXACT_TOL = 1e-6
 """Of the diagonal: errors below this are rounding in single precision."""
@@ -106,7 +106,7 @@ def compute_modes(spool: VectorSpool, limit: int) -> Modes:
     """
     frames = spool.frame_count
     count = min(frames, MAX_SAMPLED_FRAMES, max(limit, MAX_PRODUCT_BYTES // (8 * frames)))
-    sampled = np.round(np.linspace(0, frames - 1, count)).astype(np.int64)
+    sampled = spread_evenly(frames, count)
     products, total, spread = np.zeros((frames, count)), 0.0, 0.0
     for _, block in spool.read_blocks(0, spool.vertex_count):
         total += float(np.einsum("fc,fc->", block, block))

@@ -8,6 +8,7 @@ import numpy as np
 
 from cageik_cli.coordinates.fitting.displacements import Displacements
 from cageik_cli.coordinates.fitting.problem import estimate_memory
+from cageik_cli.geometry.points import choose_farthest
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.util.arrays import DEFAULT_MEMORY, Floats, Integers, fit_frames
 from cageik_cli.util.errors import ConnectivityError, InputError, MissingFrameError
@@ -226,21 +227,18 @@ def spread_points(points: Floats, count: int) -> Integers:
     Returns
     -------
     (min(count, p),) int64, fewer if there are not so many different points. The first choice is
-    the point farthest from the origin; each next one is the farthest from all before it (Gonzalez
-    1985); of equal ones, the first.
+    the point farthest from the origin, the others as of `choose_farthest`.
     """
     if count >= len(points):
         return np.arange(len(points))
-    distances = np.einsum("pd,pd->p", points, points)
-    chosen = [int(np.argmax(distances))]
-    distances[:] = np.inf
-    while len(chosen) < count:
-        offsets = points - points[chosen[-1]]
-        np.minimum(distances, np.einsum("pd,pd->p", offsets, offsets), out=distances)
-        if not distances.max():
-            break
-        chosen.append(int(np.argmax(distances)))
-    return np.sort(np.array(chosen, np.int64))
+
+    def measure(chosen: int) -> Floats:
+        offsets = points - points[chosen]
+        return np.asarray(np.einsum("pd,pd->p", offsets, offsets))
+
+    first = int(np.argmax(np.einsum("pd,pd->p", points, points)))
+    others = choose_farthest(count - 1, measure(first), measure)
+    return np.sort(np.array([first, *others], np.int64))
 
 
 def count_nearest(points: Floats, chosen: Integers) -> Floats:
