@@ -18,7 +18,7 @@ from meshes import Points
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import (
     Anchor,

@@ -12,8 +12,7 @@ from PIL import Image, ImageDraw
 from cageik_cli import bind, extract, load_clip, load_mesh
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.point_motion import PointMotion
-from cageik_cli.formats.points_ply import parse_points
-from cageik_cli.formats.splat_ply import read_splats
+from cageik_cli.formats.ply_points import parse_points, read_splats
 from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.util.arrays import Floats

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.enclosure import check_enclosure
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.open import load_mesh, open_sequence
 
 FOLDER = Path(__file__).parent.parent / "data_fixtures"
 

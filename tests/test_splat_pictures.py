@@ -7,8 +7,7 @@ from scipy.spatial.transform import Rotation
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.point_motion import PointMotion
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.points_ply import parse_points
-from cageik_cli.formats.splat_ply import read_splats
+from cageik_cli.formats.ply_points import parse_points, read_splats
 from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.workflows.move_points import fill_rows

@@ -20,7 +20,7 @@ from cageik_cli.cli.options.common import (
     write_or_print,
 )
 from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.formats.base.settings import ClipSettings, RestFrame
+from cageik_cli.formats.settings import ClipSettings, RestFrame
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.check import CheckResult, CheckSettings

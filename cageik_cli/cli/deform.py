@@ -21,8 +21,7 @@ from cageik_cli.cli.options.common import (
 )
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.morphs import MORPH_OPTIONS, check_morph_usage
-from cageik_cli.formats.base.settings import ClipSettings, MorphSettings
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.settings import ClipSettings, MorphSettings, SceneHints
 
 if TYPE_CHECKING:
     from cageik_cli.formats.write import Output

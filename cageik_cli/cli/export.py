@@ -16,8 +16,7 @@ from cageik_cli.cli.options.common import (
 )
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.morphs import MORPH_OPTIONS, check_morph_usage
-from cageik_cli.formats.base.settings import MorphSettings
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.settings import MorphSettings, SceneHints
 
 if TYPE_CHECKING:
     from cageik_cli.workflows.export import ExportSettings
@@ -37,7 +36,7 @@ def make_export_settings(
     overwrite: bool,
 ) -> "ExportSettings":
     """Make the settings of an export; values that contradict each other are wrong usage."""
-    from cageik_cli.formats.usd.with_model import CageDisplay
+    from cageik_cli.formats.usd.writer import CageDisplay
     from cageik_cli.formats.write import Output
     from cageik_cli.workflows.export import ExportSettings
 

@@ -40,8 +40,7 @@ from cageik_cli.cli.options.limits import (
 )
 from cageik_cli.cli.options.solve import SOLVE_OPTIONS, vertex_weights_option
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.base.settings import ClipSettings, RestFrame
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.solver.settings import CaptureSettings, FitSettings, SolveSettings
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from cageik_cli.cli.options.common import (
 )
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.limits import LimitValue, PercentType
-from cageik_cli.formats.scene import UP_AXES
+from cageik_cli.formats.settings import UP_AXES
 
 if TYPE_CHECKING:
     from cageik_cli.posing.edits import PosingSettings

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.alembic_surface import AlembicSurface, read_sample, read_surface
-from cageik_cli.formats.base.clip_file import ClipFile, single_path
+from cageik_cli.formats.base.readers import ClipFile, single_path
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
     Sampling,
@@ -26,8 +26,8 @@ from cageik_cli.formats.base.scene_graph import (
     transform_points,
 )
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.base.writer import Animation, AnimationWriter
-from cageik_cli.formats.scene import SceneHints, find_frame_step
+from cageik_cli.formats.base.writers import Animation, AnimationWriter
+from cageik_cli.formats.settings import SceneHints, find_frame_step
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context, require_optional
 from cageik_cli.util.files import open_input

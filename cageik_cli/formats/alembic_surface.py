@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.writer import to_float32
+from cageik_cli.formats.base.writers import to_float32
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_corner_normals
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans

@@ -8,7 +8,7 @@ from cageik_cli.formats.base.binary_frames import (
     StoredFrames,
     check_file_size,
 )
-from cageik_cli.formats.base.clip_file import ArrayClip, ArrayClipFile, single_path
+from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile, single_path
 from cageik_cli.formats.base.sequence import ClipRequest
 from cageik_cli.util.errors import FormatError
 

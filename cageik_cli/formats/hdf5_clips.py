@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import ChunkedFrames
-from cageik_cli.formats.base.clip_file import ClipFile, check_zero_based, single_path
 from cageik_cli.formats.base.hdf5 import (
     get_dataset,
     has_text_attribute,
@@ -19,12 +18,13 @@ from cageik_cli.formats.base.hdf5 import (
     open_file,
     read_array,
     read_attribute,
+    read_surface,
     scalar_attributes,
     wrap_hdf5_errors,
 )
-from cageik_cli.formats.base.hdf5_attributes import read_attributes
+from cageik_cli.formats.base.readers import ClipFile, check_zero_based, single_path
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.scene import SceneHints, parse_scene_metadata
+from cageik_cli.formats.settings import SceneHints, parse_scene_metadata
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError, join_truncated
@@ -187,7 +187,7 @@ class Reader(ClipFile):
             mesh = TriMesh(request.complete_first(first), faces)
             # Of a result; other programs may have another group of that name.
             is_result = has_text_attribute(file, "format", "cageik.result")
-            self.first = read_attributes(file, "attributes/cage", mesh) if is_result else mesh
+            self.first = read_surface(file, "attributes/cage", mesh) if is_result else mesh
             stack.pop_all()  # open from here on
 
     @classmethod

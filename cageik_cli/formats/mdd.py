@@ -11,10 +11,10 @@ from cageik_cli.formats.base.binary_frames import (
     StoredFrames,
     check_file_size,
 )
-from cageik_cli.formats.base.clip_file import ArrayClip, ArrayClipFile, single_path
+from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile, single_path
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.base.writer import Animation, PointCacheWriter, make_blender_notes
-from cageik_cli.formats.scene import SceneHints, find_frame_step
+from cageik_cli.formats.base.writers import Animation, PointCacheWriter, make_blender_notes
+from cageik_cli.formats.settings import SceneHints, find_frame_step
 from cageik_cli.util.errors import FormatError
 
 _INT32, _FLOAT32 = np.dtype(">i4"), np.dtype(">f4")

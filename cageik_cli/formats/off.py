@@ -5,10 +5,9 @@ from itertools import islice
 
 import numpy as np
 
-from cageik_cli.formats.base.file_data import with_gzip
-from cageik_cli.formats.base.frame_files import FrameFileReader
-from cageik_cli.formats.base.mesh_data import FileMesh
-from cageik_cli.formats.base.polygons import fan_triangulate_polygons
+from cageik_cli.formats.base.files import with_gzip
+from cageik_cli.formats.base.mesh_data import FileMesh, fan_triangulate_polygons
+from cageik_cli.formats.base.readers import FrameFileReader
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import FormatError
 

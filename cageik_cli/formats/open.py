@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from natsort import natsort_keygen, ns
 
-from cageik_cli.formats.base.file_names import file_suffix, group_numbered_files
-from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.base.registry import discover_plugins
-from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence, check_connectivity
-from cageik_cli.formats.base.settings import ClipSettings
-from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
+from cageik_cli.formats.base.file_numbers import group_numbered_files
+from cageik_cli.formats.base.files import decompress, describe_source, discover_plugins, file_suffix
+from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
+from cageik_cli.formats.base.readers import FrameFileReader, parse_mesh
+from cageik_cli.formats.base.sequence import ClipRequest, MeshSequence
+from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import (
     FileAccessError,
@@ -24,6 +24,7 @@ from cageik_cli.util.errors import (
     error_context,
     join_truncated,
 )
+from cageik_cli.util.files import read_input
 from cageik_cli.util.text import to_unicode
 
 _SKELETON_REASON = (
@@ -282,3 +283,38 @@ def load_rest_frame(sequence: MeshSequence, index: int) -> LoadedMesh:
             "are missing; take a complete frame by --rest-frame K, or a mesh by --rest"
         )
     return LoadedMesh(sequence.first.move(positions), {"name": sequence.names[index]})
+
+
+def mesh_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of the mesh files that can be read."""
+    return tuple(_find_mesh_readers())
+
+
+def load_mesh(path: Path) -> LoadedMesh:
+    """Read one mesh; polygons are cut into triangles, with a note.
+
+    Raises
+    ------
+    FileAccessError, FormatError
+        Naming the file, when it is missing, not a mesh, or of an unknown format.
+    """
+    with error_context(path):
+        if path.is_dir():
+            raise FileAccessError("is a folder, expected a file; give a mesh in it")
+        suffix, readers = file_suffix(path), _find_mesh_readers()
+        if suffix not in readers:
+            raise FileAccessError(
+                f"`{suffix}` is not a mesh format that can be read, expected {', '.join(readers)}"
+            )
+        data = read_input(path)
+        content = decompress(data, suffix)
+        reader = readers[suffix]
+        mesh = reader.read_attributes(content, parse_mesh(reader, content))
+        mesh = reader.read_library(path, mesh)
+        return LoadedMesh(mesh.make_mesh(), describe_source(path, data), mesh.notes)
+
+
+def _find_mesh_readers() -> dict[str, type[FrameFileReader]]:
+    """Return the readers of files of one mesh, by suffix."""
+    found = discover_plugins("Reader").items()
+    return {suffix: kind for suffix, kind in found if issubclass(kind, FrameFileReader)}

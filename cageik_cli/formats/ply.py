@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.file_data import with_gzip
-from cageik_cli.formats.base.frame_files import FrameFileReader
-from cageik_cli.formats.base.mesh_data import FileMesh
-from cageik_cli.formats.base.polygons import fan_triangulate_polygons
-from cageik_cli.formats.base.writer import Animation, FrameFileWriter
+from cageik_cli.formats.base.files import with_gzip
+from cageik_cli.formats.base.mesh_data import FileMesh, fan_triangulate_polygons
+from cageik_cli.formats.base.readers import FrameFileReader
+from cageik_cli.formats.base.writers import Animation, FrameFileWriter
 from cageik_cli.formats.ply_surface import CORNER_UVS, Columns, PlySurface, complete_surface
 from cageik_cli.geometry.surface_attributes import fan_triangulate
 from cageik_cli.util.arrays import Floats, Integers

@@ -8,14 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.formats.base.file_names import FrameNames
-from cageik_cli.formats.base.registry import discover_plugins
-from cageik_cli.formats.base.writer import (
+from cageik_cli.formats.base.file_numbers import FrameNames
+from cageik_cli.formats.base.files import discover_plugins
+from cageik_cli.formats.base.writers import (
     Animation,
     AnimationWriter,
+    FrameFileWriter,
     get_positions,
     shift_positions,
 )
+from cageik_cli.formats.settings import Scene
+from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, error_context
 from cageik_cli.util.outputs import (
@@ -334,3 +337,43 @@ def _list_rounding_notes(
 def _total_size(path: Path) -> int:
     files = path.iterdir() if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files)
+
+
+def check_mesh_output(path: Path, overwrite: bool) -> None:
+    """Refuse, before any work, a mesh file that cannot be written.
+
+    Raises
+    ------
+    OutputError
+        When its format is unknown, it exists, or its folder cannot be written.
+    """
+    _choose_mesh_writer(path)
+    check_writable(path, overwrite)
+
+
+def write_mesh(path: Path, mesh: TriMesh, positions: Floats, overwrite: bool) -> None:
+    """Write a mesh at other positions, (m, 3), as animations of one file per frame are written.
+
+    Raises
+    ------
+    OutputError
+        When it cannot be written.
+    """
+    animation = Animation(mesh, 1, Scene(start=0), path.stem)
+    writer = _choose_mesh_writer(path)(path.with_name(f"_####{path.suffix.lower()}"), animation)
+    write_bytes(path, writer.encode_frame(positions), overwrite)
+
+
+def _choose_mesh_writer(path: Path) -> type[FrameFileWriter]:
+    """Return the writer of files of one mesh for the path's suffix."""
+    found = discover_plugins("Writer").items()
+    writers: dict[str, type[FrameFileWriter]] = {
+        suffix: kind for suffix, kind in found if issubclass(kind, FrameFileWriter)
+    }
+    writer = writers.get(path.suffix.lower())
+    if writer is None:
+        raise OutputError(
+            f"{path}: `{path.suffix}` is not a mesh format that can be written, expected "
+            f"{', '.join(writers)}"
+        )
+    return writer

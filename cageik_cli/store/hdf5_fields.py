@@ -8,9 +8,14 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from cageik_cli.formats.base.hdf5 import has_text_attribute, read_array, read_attribute
-from cageik_cli.formats.base.hdf5_attributes import read_attributes, write_attributes
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.base.hdf5 import (
+    has_text_attribute,
+    read_array,
+    read_attribute,
+    read_surface,
+    write_surface,
+)
+from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError
@@ -51,8 +56,8 @@ def write_meshes(file: h5py.File, rest: TriMesh, cage: TriMesh) -> None:
     file["tris"] = cage.faces.astype(np.int32)
     file["cage/verts"], file["rest/verts"] = cage.vertices, rest.vertices
     file["rest/tris"] = rest.faces.astype(np.int32)
-    write_attributes(file, "attributes/cage", cage)
-    write_attributes(file, "attributes/rest", rest)
+    write_surface(file, "attributes/cage", cage)
+    write_surface(file, "attributes/rest", rest)
 
 
 def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
@@ -75,8 +80,8 @@ def read_meshes(file: h5py.File) -> tuple[TriMesh, TriMesh]:
     lone = cage.unused_vertices
     if len(lone):
         raise FormatError(f"cage vertex {lone[0]} is in no face of `tris`; write it again")
-    rest = read_attributes(file, "attributes/rest", rest)
-    return rest, read_attributes(file, "attributes/cage", cage)
+    rest = read_surface(file, "attributes/rest", rest)
+    return rest, read_surface(file, "attributes/cage", cage)
 
 
 def read_version(file: h5py.File) -> str:

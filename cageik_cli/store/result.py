@@ -8,7 +8,6 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cageik_cli.formats.base.gaps import GapFiller
 from cageik_cli.formats.base.hdf5 import (
     get_dataset,
     open_checked,
@@ -16,7 +15,8 @@ from cageik_cli.formats.base.hdf5 import (
     read_attribute,
     read_texts,
 )
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.base.sequence import GapFiller
+from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.fitting.record import FitRecord

@@ -11,7 +11,7 @@ import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.settings import Scene
 from cageik_cli.solver.dual_laplacian import SolveQuality
 from cageik_cli.solver.metrics import (
     INTEGER_METRICS,

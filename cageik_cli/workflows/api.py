@@ -14,10 +14,10 @@ from cageik_cli.cages.diagnosis import Diagnosis, diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats import mesh_file
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.base.settings import ClipSettings, RestFrame
+from cageik_cli.formats.open import load_mesh as load_mesh_file
 from cageik_cli.formats.open import open_clip_and_rest
+from cageik_cli.formats.settings import ClipSettings, RestFrame
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.store import result as result_file
@@ -47,7 +47,7 @@ def load_mesh(path: FilePath) -> TriMesh:
     >>> load_mesh("data_fixtures/walker/cage.obj")
     <TriMesh: 80 vertices, 156 triangles>
     """
-    return mesh_file.load_mesh(Path(path)).mesh
+    return load_mesh_file(Path(path)).mesh
 
 
 def load_clip(

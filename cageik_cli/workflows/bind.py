@@ -9,12 +9,10 @@ import numpy as np
 from cageik_cli.cages.bind import bind
 from cageik_cli.cages.soundness import validate_cage
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.base.connectivity import check_vertex_order
-from cageik_cli.formats.base.file_data import describe_file
+from cageik_cli.formats.base.files import describe_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
-from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.base.mesh_data import LoadedMesh, check_vertex_order
+from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings
@@ -122,7 +120,7 @@ def _fit_to_clips(
     for name in settings.clips:
         clip = open_sequence([name], rest=rest)
         with error_context(name):
-            check_vertex_order(clip, rest.mesh.fan_triangulated, "the rest pose")
+            check_vertex_order(clip.first, rest.mesh.fan_triangulated, "the rest pose")
         for note in clip.notes:
             progress.note("note", note)
         clips.append(clip)

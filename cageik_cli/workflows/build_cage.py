@@ -15,13 +15,11 @@ from cageik_cli.cages.build import (
     Clip,
     build_cage,
 )
-from cageik_cli.formats.base.file_names import file_suffix
-from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.base.sequence import check_connectivity
-from cageik_cli.formats.base.settings import ClipSettings, RestFrame
-from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes
-from cageik_cli.formats.obj.write import encode_exact_obj
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.base.files import file_suffix
+from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
+from cageik_cli.formats.obj import encode_exact_obj
+from cageik_cli.formats.open import load_mesh, mesh_suffixes, open_sequence
+from cageik_cli.formats.settings import ClipSettings, RestFrame
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import error_context
 from cageik_cli.util.outputs import write_bytes

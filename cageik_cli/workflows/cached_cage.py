@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.formats.base.file_data import describe_source
+from cageik_cli.formats.base.files import describe_source
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.obj.write import encode_exact_obj
+from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.cage_cache import CageCache, CageEntry
 from cageik_cli.util.errors import OutputError

@@ -7,7 +7,7 @@ from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store import binding_file, result_frames
 from cageik_cli.store.binding_file import StoredBinding

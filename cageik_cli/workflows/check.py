@@ -9,8 +9,8 @@ from cageik_cli import __version__
 from cageik_cli.cages.diagnosis import CageFacts, Diagnosis, RestFacts, diagnose
 from cageik_cli.cages.findings import Finding
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.base.settings import ClipSettings, RestFrame
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
+from cageik_cli.formats.settings import ClipSettings, RestFrame
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.report.plots.cage_marks import FaultMark, list_marks
 from cageik_cli.util.text import format_block, format_count, format_row

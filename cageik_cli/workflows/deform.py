@@ -10,13 +10,11 @@ from typing import Any
 from cageik_cli.cages.enclosure import OutsideError
 from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.base.connectivity import check_vertex_order
-from cageik_cli.formats.base.mesh_data import LoadedMesh
+from cageik_cli.formats.base.mesh_data import LoadedMesh, check_vertex_order
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.base.settings import ClipSettings, MorphSettings
-from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.settings import ClipSettings, MorphSettings, SceneHints
 from cageik_cli.formats.write import ExportSummary, Output, write_animation
 from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.solver.fitting.sample import SampleSettings
@@ -239,7 +237,7 @@ def _open_cage_clip(
         return None
     clip = open_sequence([settings.cages], settings.clip, source.rest_cage)
     with error_context(settings.cages):
-        check_vertex_order(clip, source.cage, source.cage_name)
+        check_vertex_order(clip.first, source.cage, source.cage_name)
     for note in clip.notes:
         progress.note("note", note)
     if clip.missing:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.formats.base.file_data import hash_file
+from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.posing.edits import (
     CageSkin,

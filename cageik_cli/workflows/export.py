@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.formats.base.settings import MorphSettings
-from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.gltf.skeleton import MAX_INFLUENCES
-from cageik_cli.formats.gltf.skeleton import SkeletonWriter as GltfSkeletonWriter
-from cageik_cli.formats.scene import SceneHints
-from cageik_cli.formats.usd.skeleton import SkeletonWriter as UsdSkeletonWriter
-from cageik_cli.formats.usd.with_model import CageDisplay, WithModelWriter
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.gltf_skeleton import MAX_INFLUENCES
+from cageik_cli.formats.gltf_skeleton import SkeletonWriter as GltfSkeletonWriter
+from cageik_cli.formats.settings import MorphSettings, SceneHints
+from cageik_cli.formats.usd.writer import CageDisplay, WithModelWriter
+from cageik_cli.formats.usd.writer import SkeletonWriter as UsdSkeletonWriter
 from cageik_cli.formats.write import ExportSummary, Output, WriterFactory, write_animation
 from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.store.result import Result, read_cages, read_result

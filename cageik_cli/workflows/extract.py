@@ -8,7 +8,7 @@ import numpy as np
 
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.obj.write import encode_exact_obj
+from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.geometry.mesh import MIN_VOLUME_RATIO, TriMesh
 from cageik_cli.solver.blocks import (
     BlockExecutor,

@@ -7,14 +7,12 @@ import numpy as np
 
 from cageik_cli.cages.soundness import find_cage_faults
 from cageik_cli.coordinates.harmonic import MAX_FACES
-from cageik_cli.formats.base.file_names import file_suffix
+from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.base.settings import ClipSettings
-from cageik_cli.formats.mesh_file import mesh_suffixes
-from cageik_cli.formats.open import describe_contents, open_sequence
-from cageik_cli.formats.points_ply import PointFile
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.open import describe_contents, mesh_suffixes, open_sequence
+from cageik_cli.formats.ply_points import PointFile
+from cageik_cli.formats.settings import ClipSettings, Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.spherical_harmonics import REST_COUNTS
 from cageik_cli.report.figures import group_digits

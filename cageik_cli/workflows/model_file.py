@@ -9,14 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.file_data import decompress, describe_source
-from cageik_cli.formats.base.file_names import file_suffix
+from cageik_cli.formats.base.files import decompress, describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.ply import Reader as PlyReader
-from cageik_cli.formats.points_ply import MOVED, PointFile, PointWriter, parse_points
-from cageik_cli.formats.splat_ply import SplatWriter, holds_splats, read_splats
-from cageik_cli.formats.usd.errors import USD_SUFFIXES
+from cageik_cli.formats.ply_points import (
+    MOVED,
+    PointFile,
+    PointWriter,
+    SplatWriter,
+    holds_splats,
+    parse_points,
+    read_splats,
+)
+from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.formats.write import Output, WriterFactory
 from cageik_cli.geometry.oriented import Oriented, Splats
 from cageik_cli.geometry.points import PointCloud

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from cageik_cli.coordinates.binding import FRAMES_PER_PRODUCT, Binding
 from cageik_cli.coordinates.point_motion import MovedBlock, PointMotion
-from cageik_cli.formats.points_ply import place_normals, place_positions
-from cageik_cli.formats.splat_ply import place_splats
+from cageik_cli.formats.ply_points import place_normals, place_positions, place_splats
 from cageik_cli.geometry.oriented import MapFaults, Oriented
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.progress import ProgressListener, mark_warning

@@ -13,8 +13,8 @@ from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import check_hdf5_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.open import load_mesh
+from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.vertex_weights import FrameWeightsFile
 from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings

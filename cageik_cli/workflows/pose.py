@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding
-from cageik_cli.formats.base.file_data import hash_file
-from cageik_cli.formats.base.file_names import file_suffix
+from cageik_cli.formats.base.files import file_suffix, hash_file
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.mesh_file import check_mesh_output, load_mesh, mesh_suffixes, write_mesh
-from cageik_cli.formats.open import clip_suffixes
-from cageik_cli.formats.points_ply import place_positions
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.open import clip_suffixes, load_mesh, mesh_suffixes
+from cageik_cli.formats.ply_points import place_positions
+from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import (
     CageSkin,
     EditTarget,

@@ -8,8 +8,7 @@ from itertools import cycle
 import numpy as np
 
 from cageik_cli.coordinates.binding import Binding, reconstruct_frames
-from cageik_cli.formats.base.gaps import GapFiller
-from cageik_cli.formats.base.sequence import MeshSequence
+from cageik_cli.formats.base.sequence import GapFiller, MeshSequence
 from cageik_cli.solver.alignment import best_rotations
 from cageik_cli.store.result import Result, read_cages
 from cageik_cli.util.arrays import Floats, Integers

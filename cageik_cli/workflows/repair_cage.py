@@ -7,8 +7,8 @@ from pathlib import Path
 from cageik_cli import __version__
 from cageik_cli.cages.findings import Finding
 from cageik_cli.cages.repair import RepairedCage, RepairSettings, repair_cage
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.obj.write import encode_exact_obj
+from cageik_cli.formats.obj import encode_exact_obj
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.util.errors import CageError, error_context
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener

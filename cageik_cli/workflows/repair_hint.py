@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from cageik_cli.formats.base.file_names import file_suffix
+from cageik_cli.formats.base.files import file_suffix
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.mesh_file import mesh_suffixes
+from cageik_cli.formats.open import mesh_suffixes
 from cageik_cli.util.errors import CageError
 
 UNNAMED_REST = "MODEL.obj"

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.base.sequence import MeshSequence
-from cageik_cli.formats.base.settings import AUTO, ClipSettings, RestFrame
 from cageik_cli.formats.open import load_rest_frame, open_clip_and_rest, open_sequence
+from cageik_cli.formats.settings import AUTO, ClipSettings, RestFrame
 from cageik_cli.util.arrays import spread_evenly
 from cageik_cli.util.errors import InputError
 

@@ -6,9 +6,8 @@ from typing import Any, Final
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.base.settings import ClipSettings, RestFrame
 from cageik_cli.formats.open import list_input_files
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.settings import ClipSettings, RestFrame, SceneHints
 from cageik_cli.solver.settings import CaptureSettings, FitSettings, SolveSettings
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cageik_cli.formats.base.file_data import hash_file
+from cageik_cli.formats.base.files import hash_file
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.vertex_weights import (
     FrameWeightsFile,

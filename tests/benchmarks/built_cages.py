@@ -19,7 +19,7 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.cages.build import BuildSettings, build_cage
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.coordinates.binding import reconstruct
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.shape import bounds_volume
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver

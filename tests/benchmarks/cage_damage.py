@@ -12,7 +12,7 @@ from time import perf_counter
 import numpy as np
 
 from cageik_cli.cages.repair import repair_cage
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
 from tests.cages.damage import DAMAGES
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from py_dem_bones import solve_skinning
 
 from cageik_cli.cages.bind import bind
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.fitting.fit import fit_weights
 from cageik_cli.workflows.extract_arrays import extract

@@ -10,8 +10,7 @@ import trimesh
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.harmonic import harmonic_weights
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.memory_plan import MAX_BLOCK_FRAMES

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.report.html.page import render_page, render_result_page
 from cageik_cli.report.player.clip import load_player_clip, make_single_pose
 from cageik_cli.report.record import build_report

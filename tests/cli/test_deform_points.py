@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from cageik_cli import load_mesh
-from cageik_cli.formats.points_ply import parse_points
+from cageik_cli.formats.ply_points import parse_points
 from tests.splats import covariances, encode_rows, make_splat_rows
 
 EXTRACT = ("extract", "frames", "--cage", "cage.obj", "-q")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info
 
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.store.result import read_result, read_weights
 from tests.assets import parse_asset
 from tests.cli.terminal import on_a_terminal

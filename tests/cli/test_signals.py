@@ -13,7 +13,7 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of this syst
 
 SLOW = """
 import sys, time
-from cageik_cli.formats.npz import writer
+from cageik_cli.formats import npz as writer
 def append(self, frames):
     print("writing", flush=True)
     time.sleep(60)

@@ -6,8 +6,7 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates import point_motion
 from cageik_cli.coordinates.point_motion import PointMotion
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.points_ply import parse_points, place_positions
-from cageik_cli.formats.splat_ply import place_splats, read_splats
+from cageik_cli.formats.ply_points import parse_points, place_positions, place_splats, read_splats
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.oriented import Oriented
 from cageik_cli.geometry.points import PointCloud

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 
 from cageik_cli import extract_to_file, load_mesh
-from cageik_cli.formats.obj.write import encode_exact_obj
+from cageik_cli.formats.obj import encode_exact_obj
 from tests.corruptions import corrupt
 from tests.docs.pages import ROOT
 from tests.shapes import box

@@ -3,8 +3,8 @@
 import numpy as np
 from pxr import Usd, UsdValidation
 
-from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.write import open_writer
 from cageik_cli.geometry.mesh import TriMesh
 from tests.shapes import octahedron

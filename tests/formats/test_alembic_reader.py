@@ -10,9 +10,8 @@ from alembic3d.Abc import OArchive
 from alembic3d.AbcCoreAbstract import AcyclicFlag, TimeSampling, TimeSamplingType, TimeVector
 from alembic3d.AbcGeom import OPolyMesh, OPolyMeshSchemaSample, OXform, XformSample
 
-from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import (
     ConnectivityError,
     FileAccessError,

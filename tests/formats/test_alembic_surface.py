@@ -16,8 +16,8 @@ from alembic3d.AbcGeom import (
 )
 from imath import IntArrayFromBuffer, UnsignedIntArray, V2fArrayFromBuffer, V3fArrayFromBuffer
 
-from cageik_cli.formats.obj.frames import Reader
-from cageik_cli.formats.obj.parse import parse_obj
+from cageik_cli.formats.obj import Reader
+from cageik_cli.formats.obj_text import parse_obj
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.surface_parts import FaceLabels, UvMap
 from tests.assets import asset_text, parse_asset

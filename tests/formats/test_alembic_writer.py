@@ -8,7 +8,7 @@ from alembic3d.Abc import GetArchiveInfo, IArchive
 from alembic3d.AbcGeom import IPolyMesh
 
 from cageik_cli.formats.alembic import Writer
-from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.base.writers import Animation
 from cageik_cli.util.errors import OutputError
 from tests.formats.clips import FRAMES, REST, SCENE, fail_halfway, write_huge, written
 

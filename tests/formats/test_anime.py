@@ -5,8 +5,8 @@ import struct
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.util.errors import FormatError
 from tests.clips import frames_of
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.formats.mesh_file import check_mesh_output, write_mesh
+from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.util.errors import OutputError
 from tests.shapes import ball
 

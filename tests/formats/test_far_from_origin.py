@@ -6,12 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.settings import ClipSettings
-from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.obj.write import count_digits
-from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.obj import count_digits
+from cageik_cli.formats.open import load_mesh, open_sequence
+from cageik_cli.formats.settings import ClipSettings, Scene
 from cageik_cli.formats.write import Output, write_animation
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.util.errors import ConnectivityError, FileAccessError, InputError
 from tests.clips import frames_of
 

@@ -4,10 +4,10 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.formats.mesh_file import write_mesh
-from cageik_cli.formats.obj.frames import Reader
-from cageik_cli.formats.obj.parse import parse_obj
+from cageik_cli.formats.obj import Reader
+from cageik_cli.formats.obj_text import parse_obj
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.write import write_mesh
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
 from cageik_cli.util.errors import InputError
 from tests.assets import asset_text

@@ -10,9 +10,8 @@ from cageik_cli.formats import hdf5_clips
 from cageik_cli.formats import hdf5_clips as hdf5_layouts
 from cageik_cli.formats.base import binary_frames as runs
 from cageik_cli.formats.base import hdf5
-from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.open import describe_contents, open_sequence
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import FormatError, SettingError
 from tests.clips import frames_of
 

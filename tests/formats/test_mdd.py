@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.base.settings import ClipSettings
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import describe_contents, open_sequence
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.open import describe_contents, load_mesh, open_sequence
+from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import ConnectivityError, FormatError, InputError, SettingError
 from tests.clips import frames_of
 

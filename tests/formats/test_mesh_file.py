@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.util.errors import FormatError, InputError
 from tests.shapes import box
 

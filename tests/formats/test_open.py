@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.open import (
     describe_contents,
     expand_arguments,
     list_input_files,
     open_sequence,
 )
+from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.util.errors import FileAccessError, InputError, SettingError
 from tests.clips import frames_of
 

@@ -5,10 +5,8 @@ import struct
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.settings import ClipSettings
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import describe_contents, open_sequence
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.open import describe_contents, load_mesh, open_sequence
+from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import InputError
 from tests.clips import frames_of
 

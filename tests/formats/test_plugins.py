@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import cageik_cli.formats
-from cageik_cli.formats.base.registry import discover_plugins
-from cageik_cli.formats.mesh_file import load_mesh, mesh_suffixes, write_mesh
-from cageik_cli.formats.open import clip_suffixes, open_sequence
+from cageik_cli.formats.base.files import discover_plugins
+from cageik_cli.formats.open import clip_suffixes, load_mesh, mesh_suffixes, open_sequence
+from cageik_cli.formats.write import write_mesh
 from cageik_cli.util.errors import FormatError
 from tests.clips import frames_of
 from tests.formats.written import write
@@ -24,11 +24,11 @@ import json
 
 import numpy as np
 
-from cageik_cli.formats.base.file_data import with_gzip
-from cageik_cli.formats.base.frame_files import FrameFileReader
+from cageik_cli.formats.base.files import with_gzip
+from cageik_cli.formats.base.readers import FrameFileReader
 from cageik_cli.formats.base.mesh_data import FileMesh
-from cageik_cli.formats.base.polygons import fan_triangulate_polygons
-from cageik_cli.formats.base.writer import FrameFileWriter
+from cageik_cli.formats.base.mesh_data import fan_triangulate_polygons
+from cageik_cli.formats.base.writers import FrameFileWriter
 from cageik_cli.util.errors import FormatError
 
 
@@ -62,8 +62,8 @@ import json
 
 import numpy as np
 
-from cageik_cli.formats.base.clip_file import ArrayClip, ArrayClipFile, single_path
-from cageik_cli.formats.base.writer import AnimationWriter
+from cageik_cli.formats.base.readers import ArrayClip, ArrayClipFile, single_path
+from cageik_cli.formats.base.writers import AnimationWriter
 
 
 class Frames:

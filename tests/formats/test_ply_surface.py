@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.formats.mesh_file import load_mesh, write_mesh
-from cageik_cli.formats.obj.frames import Reader
-from cageik_cli.formats.obj.parse import parse_obj
+from cageik_cli.formats.obj import Reader
+from cageik_cli.formats.obj_text import parse_obj
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.formats.ply import Reader as PlyReader
 from cageik_cli.formats.ply_surface import complete_surface
+from cageik_cli.formats.write import write_mesh
 from cageik_cli.geometry.surface_attributes import number_normal_fans
 from cageik_cli.geometry.surface_parts import UvMap
 from tests.assets import asset_text, parse_asset

@@ -2,15 +2,18 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.points_ply import PointFile, PointWriter, parse_points, place_positions
-from cageik_cli.formats.scene import Scene
-from cageik_cli.formats.splat_ply import (
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.ply_points import (
     MAX_LOG_SCALE,
+    PointFile,
+    PointWriter,
     holds_splats,
+    parse_points,
+    place_positions,
     place_splats,
     read_splats,
 )
+from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.oriented import move_splats
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.util.errors import FormatError, OutputError

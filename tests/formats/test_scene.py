@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.formats.scene import Scene, SceneHints, find_frame_step, parse_scene_metadata
+from cageik_cli.formats.settings import Scene, SceneHints, find_frame_step, parse_scene_metadata
 from cageik_cli.util.errors import SettingError
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.write import check_animation_output, open_writer, output_path
 from cageik_cli.util.errors import InputError, MissingLibraryError, SettingError
 from tests.formats.written import write

@@ -10,9 +10,9 @@ import pytest
 import trimesh
 
 from cageik_cli.formats import write as opening
-from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.scene import Scene
-from cageik_cli.formats.usd.errors import USD_SUFFIXES
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.formats.write import open_writer
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import OutputError, SettingError

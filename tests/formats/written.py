@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.write import open_writer
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cageik_cli.formats.obj.frames import Reader
-from cageik_cli.formats.obj.parse import parse_obj
+from cageik_cli.formats.obj import Reader
+from cageik_cli.formats.obj_text import parse_obj
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import compute_area_vectors, compute_fan_normals, cut_attributes
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes, number_normal_fans

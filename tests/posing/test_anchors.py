@@ -6,7 +6,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.camera import Camera, LookAt
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.posing.anchors import (

@@ -7,7 +7,7 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.posing import reach
 from cageik_cli.posing.anchors import Anchor, point_at_vertex
 from cageik_cli.posing.constraints import Mirror, mirror_pairs

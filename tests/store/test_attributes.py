@@ -8,8 +8,8 @@ import pytest
 
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.obj.frames import Reader
-from cageik_cli.formats.obj.parse import parse_obj
+from cageik_cli.formats.obj import Reader
+from cageik_cli.formats.obj_text import parse_obj
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.surface_parts import Subdivision
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding

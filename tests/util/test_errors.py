@@ -5,9 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.write import open_writer
 from cageik_cli.util.errors import MissingLibraryError, require_optional
 from tests.shapes import TETRAHEDRON

@@ -9,7 +9,7 @@ import pytest
 from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.store.binding_file import read_binding
 from cageik_cli.util.errors import InputError, SettingError

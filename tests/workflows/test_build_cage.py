@@ -9,7 +9,7 @@ import pytest
 from cageik_cli.cages.build import SHIFTED
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
-from cageik_cli.formats.mesh_file import load_mesh
+from cageik_cli.formats.open import load_mesh
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError
 from cageik_cli.util.progress import ProgressListener
 from cageik_cli.workflows.build_cage import (

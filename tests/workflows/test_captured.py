@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.settings import ClipSettings
+from cageik_cli.formats.settings import ClipSettings
 from cageik_cli.report.html.page import render_result_page
 from cageik_cli.report.record import build_report
 from cageik_cli.report.views.tables import format_csv, format_json

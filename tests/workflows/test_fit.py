@@ -325,7 +325,7 @@ def test_a_clip_of_another_model_is_refused(settings, write_obj):
 
 
 def test_frames_of_one_file_are_told_apart_by_their_selection(settings):
-    from cageik_cli.formats.base.settings import ClipSettings
+    from cageik_cli.formats.settings import ClipSettings
 
     np.savez("clip.npz", verts=FRAMES, faces=BINDING.rest.faces)
     settings = replace(settings, frames=("clip.npz",))

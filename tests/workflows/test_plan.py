@@ -9,8 +9,8 @@ import pytest
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.coordinates.settings import BindSettings
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.open import load_mesh
+from cageik_cli.formats.settings import SceneHints
 from cageik_cli.store.binding_file import write_binding
 from cageik_cli.util.errors import (
     CheckpointError,

@@ -8,8 +8,15 @@ import click
 
 from cageik_cli.cli.options.common import PATH_TYPE, usage_errors
 from cageik_cli.cli.options.group import OptionGroup
-from cageik_cli.formats.base.settings import AUTO, LAYOUTS, ClipSettings, Gaps, RestFrame
-from cageik_cli.formats.scene import UP_AXES, SceneHints
+from cageik_cli.formats.settings import (
+    AUTO,
+    LAYOUTS,
+    UP_AXES,
+    ClipSettings,
+    Gaps,
+    RestFrame,
+    SceneHints,
+)
 
 
 class FrameRangeType(click.ParamType):  # type: ignore[type-arg]  # not subscriptable before click 8.4

@@ -6,7 +6,7 @@ import click
 
 from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.cli.options.limits import LimitValue, PercentType
-from cageik_cli.formats.base.settings import DEFAULT_MORPHS, MAX_MORPHS, MorphSettings
+from cageik_cli.formats.settings import DEFAULT_MORPHS, MAX_MORPHS, MorphSettings
 
 MORPH_SUFFIX = ".glb"
 

@@ -1,14 +1,15 @@
 """Meshes as they are read from files."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
-from cageik_cli.formats.base.polygons import replace_folded_fans
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.geometry.surface_attributes import SurfaceAttributes
+from cageik_cli.geometry.surface_attributes import SurfaceAttributes, fan_triangulate
 from cageik_cli.util.arrays import Floats, Integers
-from cageik_cli.util.errors import FormatError
+from cageik_cli.util.errors import ConnectivityError, FormatError
 from cageik_cli.util.text import format_count
 
 
@@ -107,3 +108,162 @@ class LoadedMesh:
     mesh: TriMesh
     source: dict[str, str]
     notes: tuple[str, ...] = ()
+
+
+FOLD_TOL = 1e-9
+"""A fan is folded when it has a triangle turned against the polygon by more of its area."""
+
+
+def fan_triangulate_polygons(
+    polygons: Sequence[Sequence[int] | Integers],
+) -> tuple[Integers, Integers]:
+    """Cut `polygons` into fans at their first corners, (f, 3); also return their corner counts.
+
+    Raises
+    ------
+    InputError
+        Naming a polygon of fewer than three corners.
+    """
+    sizes = np.array([len(polygon) for polygon in polygons], np.int64)
+    corners = np.fromiter(chain.from_iterable(polygons), np.int64, sizes.sum())
+    return fan_triangulate(corners, sizes), sizes
+
+
+def replace_folded_fans(mesh: TriMesh) -> TriMesh:
+    """Cut the polygons again whose fans fold over, by clipping ears.
+
+    Ears are found in the plane of the polygon's area vector (Newell); a polygon that crosses
+    itself and has none keeps its fan. A polygon's triangles stay where its fan was.
+    """
+    if mesh.attributes is None:
+        return mesh
+    counts = mesh.attributes.corner_counts - 2
+    starts = np.cumsum(counts) - counts
+    a, b, c = (mesh.vertices[corner] for corner in mesh.faces.T)
+    areas = np.cross(b - a, c - a)
+    whole = np.add.reduceat(areas, starts)
+    turned = np.einsum("fx,fx->f", areas, np.repeat(whole, counts, axis=0))
+    folded = turned < -FOLD_TOL * np.repeat(np.einsum("px,px->p", whole, whole), counts)
+    if not folded.any():
+        return mesh
+    faces = mesh.faces.copy()
+    for k in np.unique(mesh.attributes.triangle_polygons[folded]):
+        fan = slice(starts[k], starts[k] + counts[k])
+        ring = np.concatenate([faces[fan][0, :2], faces[fan][:, 2]])
+        ears = _clip_ears(_project_to_plane(mesh.vertices[ring], whole[k]))
+        if ears is not None:
+            faces[fan] = ring[ears]
+    return TriMesh(mesh.vertices, faces, mesh.attributes)
+
+
+def _project_to_plane(points: Floats, normal: Floats) -> Floats:
+    """Project points (k, 3) along `normal`, (k, 2); counter-clockwise seen against it."""
+    direction = normal / np.abs(normal).max()  # first, since tiny squares would be zeros
+    direction /= np.linalg.norm(direction)
+    across = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
+    across /= np.linalg.norm(across)
+    return np.asarray((points - points[0]) @ np.stack([across, np.cross(direction, across)]).T)
+
+
+def _clip_ears(points: Floats) -> list[list[int]] | None:
+    """Return the triangles of a polygon (k, 2), by clipping ears; None if it has no ear."""
+    ring, ears = list(range(len(points))), []
+    while len(ring) > 3:
+        triples = zip(ring[-1:] + ring[:-1], ring, ring[1:] + ring[:1], strict=True)
+        ear = next((list(t) for t in triples if _is_ear(points[list(t)], points[ring])), None)
+        if ear is None:
+            return None
+        ears.append(ear)
+        ring.remove(ear[1])
+    return [*ears, ring]
+
+
+def _is_ear(triangle: Floats, ring: Floats) -> bool:
+    """Return whether a triangle turns left and holds no corner of the ring but its own."""
+    sides = np.roll(triangle, -1, axis=0) - triangle
+    steps = ring[:, None] - triangle
+    lefts = sides[:, 0] * steps[..., 1] - sides[:, 1] * steps[..., 0]
+    own = (ring[:, None] == triangle).all(axis=2).any(axis=1)
+    turn = sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0]
+    return bool(turn > 0 and not ((lefts >= 0).all(axis=1) & ~own).any())
+
+
+def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_name: str) -> None:
+    """Refuse a mesh whose counts or `faces` differ from the expected ones.
+
+    Raises
+    ------
+    ConnectivityError
+        Naming the first difference.
+    """
+    for noun, found, wanted in (
+        ("vertices", count, len(expected.vertices)),
+        ("triangles", len(faces), len(expected.faces)),
+    ):
+        if found != wanted:
+            raise ConnectivityError(
+                f"{found} {noun}, {expected_name} has {wanted}; all must share one connectivity"
+            )
+    if faces is expected.faces:
+        return
+    differs = np.flatnonzero((faces != expected.faces).any(axis=1))
+    if len(differs):
+        k = differs[0]
+        raise ConnectivityError(
+            f"triangle {k} joins vertices {_format_corners(faces[k])}, in {expected_name} "
+            f"{_format_corners(expected.faces[k])} (counted from 0; {len(differs)} triangles "
+            "differ); all must share one connectivity"
+        )
+
+
+def _format_corners(corners: Integers) -> str:
+    return "-".join(map(str, corners))
+
+
+def check_vertex_order(first: TriMesh, expected: TriMesh, expected_name: str) -> None:
+    """Refuse a clip whose faces do not join the vertices that those of `expected` join.
+
+    Other programs write faces in another order, from another corner or reversed, and cut quads
+    along the other diagonal: the vertices keep their numbers, so that is accepted.
+
+    Raises
+    ------
+    InputError
+        Naming the first difference from the mesh called `expected_name`.
+    """
+    found = first.fan_triangulated
+    counts = [(len(mesh.vertices), len(mesh.faces)) for mesh in (found, expected)]
+    if counts[0] == counts[1]:
+        if any(_has_same_edges(mesh, expected) for mesh in (found, first)):
+            return
+        if np.array_equal(_sorted_valences(found), _sorted_valences(expected)):
+            raise ConnectivityError(
+                f"as many vertices and triangles as {expected_name}, in another order; export it "
+                "again from the mesh that cageik export wrote, and keep the vertex order"
+            )
+    check_connectivity(len(found.vertices), found.faces, expected, expected_name)
+
+
+def _has_same_edges(mesh: TriMesh, expected: TriMesh) -> bool:
+    """Return whether both have the same edges, apart from the diagonals of quads."""
+    ours, theirs = mesh.edges.ends, expected.edges.ends
+    new, lost = ~_rows_in(ours, theirs), ~_rows_in(theirs, ours)
+    face, corner = np.nonzero(new[mesh.edges.side_edges])
+    # The other diagonal joins the two corners opposite a new edge.
+    edge = mesh.edges.side_edges[face, corner]
+    facing = mesh.faces[face, corner][np.argsort(edge, kind="stable")]
+    if (mesh.edges.face_counts[new] != 2).any():
+        return False
+    others = np.sort(facing.reshape(-1, 2), axis=1)
+    return len(others) == np.count_nonzero(lost) and bool(_rows_in(theirs[lost], others).all())
+
+
+def _sorted_valences(mesh: TriMesh) -> Integers:
+    """Return the number of faces at each vertex, sorted."""
+    return np.sort(np.bincount(mesh.faces.ravel()))
+
+
+def _rows_in(pairs: Integers, others: Integers) -> np.ndarray:
+    """Return which rows of `pairs` (a, 2) are rows of `others` (b, 2)."""
+    base = int(max(pairs.max(initial=0), others.max(initial=0))) + 1
+    return np.isin(pairs @ [base, 1], others @ [base, 1])

@@ -7,8 +7,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.mesh_data import FileMesh
-from cageik_cli.formats.base.polygons import fan_triangulate_polygons
+from cageik_cli.formats.base.mesh_data import FileMesh, fan_triangulate_polygons
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface_attributes import SurfaceAttributes
 from cageik_cli.util.arrays import Floats

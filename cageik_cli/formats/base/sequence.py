@@ -2,7 +2,7 @@
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -10,13 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.mesh_data import LoadedMesh
-from cageik_cli.formats.base.settings import ClipSettings
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
+from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.geometry.mesh import TriMesh, validate_known_positions, validate_positions
-from cageik_cli.util.arrays import Floats, Integers
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import (
-    ConnectivityError,
     FormatError,
     InputError,
     MissingFrameError,
@@ -288,33 +286,32 @@ class FramePrefetcher:
         return Block(start, positions, errors)
 
 
-def check_connectivity(count: int, faces: Integers, expected: TriMesh, expected_name: str) -> None:
-    """Refuse a mesh whose counts or `faces` differ from the expected ones.
+class GapFiller:
+    """Interpolates frames that are not known; at either end it takes the nearest that is.
 
-    Raises
-    ------
-    ConnectivityError
-        Naming the first difference.
+    Parameters
+    ----------
+    count : int
+        Number of frames.
+    gaps : collection of int
+        Frames that are not known; at least one is.
     """
-    for noun, found, wanted in (
-        ("vertices", count, len(expected.vertices)),
-        ("triangles", len(faces), len(expected.faces)),
-    ):
-        if found != wanted:
-            raise ConnectivityError(
-                f"{found} {noun}, {expected_name} has {wanted}; all must share one connectivity"
-            )
-    if faces is expected.faces:
-        return
-    differs = np.flatnonzero((faces != expected.faces).any(axis=1))
-    if len(differs):
-        k = differs[0]
-        raise ConnectivityError(
-            f"triangle {k} joins vertices {_format_corners(faces[k])}, in {expected_name} "
-            f"{_format_corners(expected.faces[k])} (counted from 0; {len(differs)} triangles "
-            "differ); all must share one connectivity"
-        )
 
+    def __init__(self, count: int, gaps: Collection[int]) -> None:
+        self._gaps = gaps
+        self._known = np.setdiff1d(np.arange(count), list(gaps))
 
-def _format_corners(corners: Integers) -> str:
-    return "-".join(map(str, corners))
+    def fill(self, block: Floats, start: int, read: Callable[[int], Floats]) -> None:
+        """Fill the gaps in a block of frames (k, n, 3) from `start` on, in place.
+
+        `read` returns a known frame, (n, 3).
+        """
+        for frame in range(start, start + len(block)):
+            if frame in self._gaps:
+                block[frame - start] = self._interpolate(frame, read)
+
+    def _interpolate(self, frame: int, read: Callable[[int], Floats]) -> Floats:
+        known, place = self._known, int(np.searchsorted(self._known, frame))
+        before, after = (int(known[np.clip(k, 0, len(known) - 1)]) for k in (place - 1, place))
+        share = (frame - before) / (after - before) if after > before else 0.0
+        return np.asarray((1 - share) * read(before) + share * read(after))

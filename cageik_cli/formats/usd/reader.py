@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.base.clip_file import ClipFile, single_path
-from cageik_cli.formats.base.file_data import check_unpacked_size, hash_file
+from cageik_cli.formats.base.files import check_unpacked_size, hash_file
+from cageik_cli.formats.base.readers import ClipFile, single_path
 from cageik_cli.formats.base.scene_graph import (
     Polygons,
     Sampling,
@@ -21,9 +21,13 @@ from cageik_cli.formats.base.scene_graph import (
     transform_points,
 )
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.scene import SceneHints
-from cageik_cli.formats.usd.errors import USD_SUFFIXES, capture_diagnostics, require_usd
-from cageik_cli.formats.usd.layers import check_layers
+from cageik_cli.formats.settings import SceneHints
+from cageik_cli.formats.usd.library import (
+    USD_SUFFIXES,
+    capture_diagnostics,
+    check_layers,
+    require_usd,
+)
 from cageik_cli.formats.usd.surface_reader import read_surface
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, error_context

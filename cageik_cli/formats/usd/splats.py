@@ -6,10 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.writer import Animation, AnimationWriter
-from cageik_cli.formats.points_ply import POSITION_NAMES, PointFile
-from cageik_cli.formats.splat_ply import COLOURS, OPACITY, SCALES, TURNS, rest_names
-from cageik_cli.formats.usd.errors import capture_diagnostics, require_usd
+from cageik_cli.formats.base.writers import Animation, AnimationWriter
+from cageik_cli.formats.ply_points import (
+    COLOURS,
+    OPACITY,
+    POSITION_NAMES,
+    SCALES,
+    TURNS,
+    PointFile,
+    rest_names,
+)
+from cageik_cli.formats.usd.library import capture_diagnostics, require_usd
 from cageik_cli.formats.usd.surface_writer import compute_extent
 from cageik_cli.formats.usd.writer import UsdFile
 from cageik_cli.geometry.spherical_harmonics import REST_COUNTS

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.writer import to_float32
+from cageik_cli.formats.base.writers import to_float32
 from cageik_cli.formats.usd.surface_reader import LIBRARY_KEY, UV_NAME
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (

@@ -8,7 +8,8 @@ from pathlib import Path
 from cageik_cli.coordinates.binding import Binding
 from cageik_cli.coordinates.settings import BindSettings
 from cageik_cli.formats.base.hdf5 import HDF5_SUFFIXES, check_hdf5_suffix
-from cageik_cli.formats.mesh_file import check_mesh_output, load_mesh, write_mesh
+from cageik_cli.formats.open import load_mesh
+from cageik_cli.formats.write import check_mesh_output, write_mesh
 from cageik_cli.posing.edits import PosingSettings
 from cageik_cli.posing.handles.reader import parse_handles
 from cageik_cli.posing.snapshot import PoseResult

@@ -98,7 +98,7 @@ def test_a_result_is_a_clip_of_its_cages(run, clips):
     _, cages = extracted(run, *WORDS["mdd"], "--frames", ":3")
     Path("cages.h5").rename("first.h5")
     from cageik_cli.formats.open import open_sequence
-    from cageik_cli.formats.scene import SceneHints
+    from cageik_cli.formats.settings import SceneHints
     from tests.clips import frames_of
 
     sequence = open_sequence(["first.h5"])

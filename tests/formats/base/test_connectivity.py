@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.connectivity import check_vertex_order
+from cageik_cli.formats.base.mesh_data import check_vertex_order
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import InputError
@@ -19,7 +19,7 @@ def refusal(tmp_path, write_obj):
     def of(vertices, faces, expected):
         path = write_obj(tmp_path / "frame.obj", vertices, np.asarray(faces))
         try:
-            check_vertex_order(open_sequence([str(path)]), expected, "the result's cage")
+            check_vertex_order(open_sequence([str(path)]).first, expected, "the result's cage")
         except InputError as error:
             return str(error)
         return ""

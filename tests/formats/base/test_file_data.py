@@ -6,10 +6,9 @@ import hashlib
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base import file_data
-from cageik_cli.formats.base.file_data import decompress
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.open import open_sequence
+from cageik_cli.formats.base import files as file_data
+from cageik_cli.formats.base.files import decompress
+from cageik_cli.formats.open import load_mesh, open_sequence
 from cageik_cli.util.errors import FileAccessError, FormatError, SettingError
 from tests.clips import frames_of
 

@@ -5,11 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from cageik_cli.formats.base.file_names import (
-    FrameNames,
-    file_stem,
-    file_suffix,
-)
+from cageik_cli.formats.base.file_numbers import FrameNames
+from cageik_cli.formats.base.files import file_stem, file_suffix
 from cageik_cli.util.errors import SettingError
 
 

@@ -6,9 +6,8 @@ import pytest
 
 from cageik_cli.formats.base import file_numbers
 from cageik_cli.formats.base.file_numbers import number_files
-from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import FileAccessError, InputError, MissingFrameError, SettingError
 from tests.clips import frames_of
 

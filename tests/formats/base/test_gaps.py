@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.gaps import GapFiller
+from cageik_cli.formats.base.sequence import GapFiller
 
 GAPS = {0, 3, 4, 8}
 FRAMES = np.array([np.nan, 1, 5, np.nan, np.nan, 8, 6, 2, np.nan])[:, None, None]

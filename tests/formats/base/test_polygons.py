@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.base.mesh_data import FileMesh
-from cageik_cli.formats.base.polygons import (
+from cageik_cli.formats.base.mesh_data import (
+    FileMesh,
     _project_to_plane,
     fan_triangulate_polygons,
 )

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.base.sequence import MeshSequence, check_connectivity
+from cageik_cli.formats.base.mesh_data import check_connectivity
+from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import ConnectivityError, InputError
 from tests.clips import frames_of, positions_of

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.writer import to_float32
+from cageik_cli.formats.base.writers import to_float32
 from cageik_cli.util.errors import OutputError
 
 

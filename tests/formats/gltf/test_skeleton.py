@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cageik_cli.formats.base.skin import Skin, SkinWeights, compute_skin_weights
-from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.gltf.skeleton import SkeletonWriter
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.gltf_skeleton import SkeletonWriter
+from cageik_cli.formats.settings import Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import OutputError
 from tests.formats.gltf.decoded import Glb

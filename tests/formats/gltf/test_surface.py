@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from cageik_cli.formats.base.settings import MorphSettings
-from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.gltf.surface import cut_surface
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.gltf_surface import cut_surface
+from cageik_cli.formats.open import load_mesh
+from cageik_cli.formats.settings import MorphSettings, Scene
 from cageik_cli.formats.write import open_writer
 from tests.assets import SIDES, asset_text, parse_asset
 from tests.formats.gltf.decoded import Glb

@@ -10,11 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cageik_cli.formats.base import binary_frames as runs
-from cageik_cli.formats.base.settings import ClipSettings
-from cageik_cli.formats.mesh_file import load_mesh
-from cageik_cli.formats.npz.reader import FACE_NAMES, VERTEX_NAMES
-from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.scene import SceneHints
+from cageik_cli.formats.npz import FACE_NAMES, VERTEX_NAMES
+from cageik_cli.formats.open import load_mesh, open_sequence
+from cageik_cli.formats.settings import ClipSettings, SceneHints
 from cageik_cli.util.errors import ConnectivityError, FormatError, InputError, SettingError
 from tests.clips import frames_of
 
@@ -150,8 +148,8 @@ def test_hints_that_cannot_be_are_noted_and_others_passed_by(opened):
 
 def test_an_export_is_read_back(tmp_path):
     """Our own writer's file, and numpy's opinion of it."""
-    from cageik_cli.formats.base.writer import Animation
-    from cageik_cli.formats.scene import Scene
+    from cageik_cli.formats.base.writers import Animation
+    from cageik_cli.formats.settings import Scene
     from cageik_cli.formats.write import open_writer
     from cageik_cli.geometry.mesh import TriMesh
 

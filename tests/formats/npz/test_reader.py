@@ -2,7 +2,7 @@
 
 import pytest
 
-from cageik_cli.formats.npz.reader import AxisOrder, candidate_orders, choose_order
+from cageik_cli.formats.npz import AxisOrder, candidate_orders, choose_order
 from cageik_cli.util.errors import FormatError, SettingError
 
 

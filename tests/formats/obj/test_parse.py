@@ -7,10 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.obj import tokens
-from cageik_cli.formats.obj.frames import ObjFrameParser
-from cageik_cli.formats.obj.parse import _parse_word_by_word, parse_obj
-from cageik_cli.formats.obj.tokens import blank_out, tokenize
+from cageik_cli.formats import obj_text as tokens
+from cageik_cli.formats.obj import ObjFrameParser
+from cageik_cli.formats.obj_text import _parse_word_by_word, blank_out, parse_obj, tokenize
 from cageik_cli.util.errors import FormatError
 from tests.formats.obj.by_lines import fans, parse_by_lines
 

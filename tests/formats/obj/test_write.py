@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cageik_cli.formats.mesh_file import load_mesh, write_mesh
-from cageik_cli.formats.obj.frames import Reader
-from cageik_cli.formats.obj.parse import parse_obj
-from cageik_cli.formats.obj.write import make_obj_template
+from cageik_cli.formats.obj import Reader, make_obj_template
+from cageik_cli.formats.obj_text import parse_obj
+from cageik_cli.formats.open import load_mesh
+from cageik_cli.formats.write import write_mesh
 from cageik_cli.geometry.normals import compute_fan_normals
 from tests.assets import asset_text, parse_asset
 from tests.shapes import quad_text

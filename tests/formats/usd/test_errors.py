@@ -3,7 +3,7 @@
 import pytest
 from pxr import Tf
 
-from cageik_cli.formats.usd.errors import capture_diagnostics
+from cageik_cli.formats.usd.library import capture_diagnostics
 from cageik_cli.util.errors import InputError
 
 

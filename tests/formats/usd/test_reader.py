@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, UsdUtils, Vt
 
-from cageik_cli.formats.base.settings import ClipSettings
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.scene import SceneHints
-from cageik_cli.formats.usd import layers
+from cageik_cli.formats.settings import ClipSettings, SceneHints
+from cageik_cli.formats.usd import library as layers
 from cageik_cli.formats.usd import reader as usd
 from cageik_cli.util.errors import ConnectivityError, FormatError, InputError
 from tests.clips import frames_of

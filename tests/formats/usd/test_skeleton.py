@@ -6,11 +6,11 @@ from pxr import Usd, UsdGeom, UsdSkel
 from scipy.spatial.transform import Rotation
 
 from cageik_cli.formats.base.skin import Skin, compute_skin_weights
-from cageik_cli.formats.base.writer import Animation
+from cageik_cli.formats.base.writers import Animation
 from cageik_cli.formats.open import open_sequence
-from cageik_cli.formats.scene import Scene
-from cageik_cli.formats.usd.errors import USD_SUFFIXES
-from cageik_cli.formats.usd.skeleton import SkeletonWriter
+from cageik_cli.formats.settings import Scene
+from cageik_cli.formats.usd.library import USD_SUFFIXES
+from cageik_cli.formats.usd.writer import SkeletonWriter
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.errors import FormatError, OutputError
 from tests.formats.clips import faults_of

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.formats.base.writer import Animation
-from cageik_cli.formats.points_ply import parse_points
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.ply_points import parse_points
+from cageik_cli.formats.settings import Scene
 from cageik_cli.formats.usd import splats as usd_splats
 from cageik_cli.geometry.points import PointCloud
 from cageik_cli.util.errors import MissingLibraryError, OutputError

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
 
-from cageik_cli.formats.obj.frames import Reader
-from cageik_cli.formats.obj.parse import parse_obj
+from cageik_cli.formats.obj import Reader
+from cageik_cli.formats.obj_text import parse_obj
 from cageik_cli.formats.open import open_sequence
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.surface_attributes import number_normal_fans
@@ -140,8 +140,8 @@ def test_a_subdivided_surface_has_no_normals(tmp_path):
 
 
 def test_an_object_called_as_its_materials_are(tmp_path):
-    from cageik_cli.formats.base.writer import Animation
-    from cageik_cli.formats.scene import Scene
+    from cageik_cli.formats.base.writers import Animation
+    from cageik_cli.formats.settings import Scene
     from cageik_cli.formats.write import open_writer
 
     animation = Animation(ASSET, 1, Scene(), "materials")

@@ -7,7 +7,7 @@ import pytest
 from pxr import Usd, UsdGeom
 
 from cageik_cli.formats.usd import writer as usd_file
-from cageik_cli.formats.usd.errors import USD_SUFFIXES
+from cageik_cli.formats.usd.library import USD_SUFFIXES
 from cageik_cli.util.errors import OutputError
 from tests.formats.clips import FRAMES, REST, fail_halfway, faults_of, write_huge, written
 

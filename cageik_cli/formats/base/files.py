@@ -4,12 +4,16 @@ import gzip
 import hashlib
 import io
 import zlib
+from functools import cache
+from importlib import import_module
 from math import prod
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 import numpy as np
 
+import cageik_cli.formats
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 from cageik_cli.util.files import open_input
 from cageik_cli.util.text import to_unicode
@@ -26,6 +30,17 @@ MIN_UNPACKED_LIMIT = 1 << 20
 def with_gzip(*suffixes: str) -> tuple[str, ...]:
     """Return the suffixes, and behind them those of the same files packed by gzip."""
     return (*suffixes, *(suffix + GZIP_SUFFIX for suffix in suffixes))
+
+
+def file_suffix(path: Path) -> str:
+    """Return the suffix in lower case, with the one before `.gz`: `.obj`, `.obj.gz`."""
+    suffix = path.suffix.lower()
+    return Path(path.stem).suffix.lower() + suffix if suffix == GZIP_SUFFIX else suffix
+
+
+def file_stem(path: Path) -> str:
+    """Return the name without its suffix."""
+    return path.name[: len(path.name) - len(file_suffix(path))]
 
 
 def compute_unpacked_limit(packed: int) -> int:
@@ -98,3 +113,27 @@ def describe_file(path: Path) -> dict[str, str]:
 def describe_source(path: Path, data: bytes) -> dict[str, str]:
     """Return what is recorded of a file that was read: its name and digest."""
     return {"name": to_unicode(path.name), "sha256": hashlib.sha256(data).hexdigest()}
+
+
+@cache
+def discover_plugins(class_name: str) -> dict[str, Any]:
+    """Return the classes called `class_name` of all formats, by the suffixes that they take.
+
+    Modules without such a class are skipped.
+
+    Raises
+    ------
+    ValueError
+        When two formats take one suffix.
+    """
+    package = cageik_cli.formats
+    found: dict[str, Any] = {}
+    for name in sorted(module.name for module in iter_modules(package.__path__)):
+        kind = getattr(import_module(f"{package.__name__}.{name}"), class_name, None)
+        for suffix in kind.suffixes if kind is not None else ():
+            if found.setdefault(suffix, kind) is not kind:
+                raise ValueError(
+                    f"{suffix}: both {found[suffix].__module__} and {kind.__module__} are a "
+                    f"{class_name} of it"
+                )
+    return found

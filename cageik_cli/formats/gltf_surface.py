@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cageik_cli.formats.gltf.glb_file import GlbFile, Singles
+from cageik_cli.formats.gltf_file import GlbFile, Singles
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.geometry.normals import (
     TriangleAttributes,

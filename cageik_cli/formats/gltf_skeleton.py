@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli.formats.base.skin import JointMotion, Skin, SkinWeights
-from cageik_cli.formats.base.writer import Animation, AnimationWriter, to_float32
-from cageik_cli.formats.gltf.glb_file import GlbFile
-from cageik_cli.formats.gltf.placement import check_start, compute_times, make_node_transform
-from cageik_cli.formats.gltf.surface import cut_surface
-from cageik_cli.formats.gltf.vector_spool import VectorSpool
+from cageik_cli.formats.base.writers import Animation, AnimationWriter, to_float32
+from cageik_cli.formats.gltf_file import (
+    GlbFile,
+    VectorSpool,
+    check_start,
+    compute_times,
+    make_node_transform,
+)
+from cageik_cli.formats.gltf_surface import cut_surface
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError
 

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cageik_cli.formats.base.file_names import FrameNames
-from cageik_cli.formats.base.settings import MorphSettings
-from cageik_cli.formats.scene import Scene
+from cageik_cli.formats.base.file_numbers import FrameNames
+from cageik_cli.formats.settings import MorphSettings, Scene
 from cageik_cli.geometry.mesh import TriMesh
 from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, SettingError

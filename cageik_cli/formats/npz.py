@@ -1,21 +1,25 @@
 """Clips in numpy files: an array of positions, and in a `.npz` perhaps one of faces."""
 
+import zipfile
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import ArrayLayout, StoredFrames
-from cageik_cli.formats.base.clip_file import (
+from cageik_cli.formats.base.readers import (
     ArrayClip,
     ArrayClipFile,
     check_zero_based,
     single_path,
 )
 from cageik_cli.formats.base.sequence import ClipRequest
-from cageik_cli.formats.base.settings import LAYOUTS
-from cageik_cli.formats.npz.archive import FileArray, NpzArchive, open_npy
-from cageik_cli.formats.scene import SceneHints, parse_scene_metadata
+from cageik_cli.formats.base.writers import Animation, AnimationWriter
+from cageik_cli.formats.npz_archive import FileArray, NpzArchive, open_npy
+from cageik_cli.formats.settings import LAYOUTS, SceneHints, parse_scene_metadata
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import FormatError, SettingError
 
 
@@ -164,3 +168,55 @@ def _open_frames(array: FileArray, faces: np.ndarray | None, request: ClipReques
     order = found.layout[::-1] if array.is_fortran_order else found.layout
     layout = ArrayLayout(array.offset, array.dtype, found.frame_count, found.vertex_count, order)
     return StoredFrames(array.file, layout)
+
+
+_FIXED_DATE = (1980, 1, 1, 0, 0, 0)
+
+
+def fixed_date_zipinfo(name: str) -> zipfile.ZipInfo:
+    """Return a member with the first date of zip: the same bytes at any time."""
+    return zipfile.ZipInfo(name, _FIXED_DATE)
+
+
+class Writer(AnimationWriter):
+    """Writes frames in double precision, uncompressed, so that each can be read alone."""
+
+    suffixes = (".npz",)
+
+    def __init__(self, target: Path, animation: Animation) -> None:
+        with ExitStack() as stack:
+            self._archive = stack.enter_context(zipfile.ZipFile(target, "w"))
+            self._write_static_arrays(animation)
+            self._frames = stack.enter_context(self._open_member("vertices"))
+            shape = (animation.frame_count, *animation.rest.vertices.shape)
+            header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+            np.lib.format.write_array_header_1_0(self._frames, header)
+            self._open_files = stack.pop_all()
+
+    def append(self, frames: Floats) -> None:
+        """Write the next frames."""
+        self._frames.write(np.ascontiguousarray(frames, "<f8").data)
+
+    def complete(self) -> None:
+        """Write the archive's directory."""
+        self._open_files.close()
+
+    def abandon(self) -> None:
+        """Close the file."""
+        self._open_files.close()  # nothing is left to close if `complete` failed
+
+    def _write_static_arrays(self, animation: Animation) -> None:
+        scene = animation.scene
+        for name, value in (
+            ("faces", animation.rest.faces.astype(np.int32)),
+            ("fps", np.float64(scene.fps)),
+            ("start", np.float64(scene.start)),
+            ("up_axis", np.str_(scene.up_axis)),
+            ("metres_per_unit", np.float64(scene.metres_per_unit)),
+            ("frame_step", np.float64(scene.frame_step)),
+        ):
+            with self._open_member(name) as stream:
+                np.lib.format.write_array(stream, np.asarray(value), allow_pickle=False)
+
+    def _open_member(self, name: str) -> IO[bytes]:
+        return self._archive.open(fixed_date_zipinfo(f"{name}.npy"), "w", force_zip64=True)

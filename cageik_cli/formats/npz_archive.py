@@ -17,7 +17,7 @@ from typing import IO
 import numpy as np
 
 from cageik_cli.formats.base.binary_frames import BinaryFile
-from cageik_cli.formats.base.file_data import check_unpacked_array, check_unpacked_size
+from cageik_cli.formats.base.files import check_unpacked_array, check_unpacked_size
 from cageik_cli.util.errors import FileAccessError, FormatError, error_context
 from cageik_cli.util.files import open_input
 

@@ -3,6 +3,8 @@
 import shutil
 import struct
 import tempfile
+from collections.abc import Iterator
+from math import sqrt
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cageik_cli import __version__
+from cageik_cli.formats.base.writers import Animation
+from cageik_cli.formats.settings import Scene
+from cageik_cli.util.arrays import Floats
 from cageik_cli.util.errors import OutputError, require_optional
 from cageik_cli.util.files import set_size
 
@@ -182,3 +187,88 @@ def describe_excess(size: int) -> str:
         f"it would take {size / 2**30:.1f} GiB, and a .glb holds less than 4 GiB; give fewer "
         "--morphs, or frames, or write .usdc or .abc"
     )
+
+
+_Z_TO_Y = [-sqrt(0.5), 0.0, 0.0, sqrt(0.5)]
+"""The quaternion (x, y, z, w) of −90° about x: from z up to y up, which glTF has."""
+
+
+def check_start(scene: Scene) -> tuple[str, ...]:
+    """Return a note on a late first frame.
+
+    Raises
+    ------
+    OutputError
+        When the first frame is before time 0.
+    """
+    if scene.start < 0:
+        raise OutputError(
+            f"the number of the first frame is {scene.start:.10g}, and glTF has no "
+            "time before 0; give another with --start, or write .usdc or .abc"
+        )
+    seconds = scene.start / scene.fps
+    if seconds <= 1:
+        return ()
+    return (
+        f"the first frame is at {seconds:.4g} s, as its number says, and players wait "
+        "until then; --start 0 begins at once",
+    )
+
+
+def compute_times(animation: Animation) -> NDArray[np.float32]:
+    """Return the time of each frame, (F,), seconds."""
+    scene = animation.scene
+    numbers = scene.start + scene.frame_step * np.arange(animation.frame_count)
+    return np.asarray(numbers / scene.fps, np.float32)
+
+
+def make_node_transform(scene: Scene) -> dict[str, list[float]]:
+    """Return a node's transform into metres and y up; empty if the scene has these."""
+    placement = {}
+    if scene.up_axis == "Z":
+        placement["rotation"] = _Z_TO_Y
+    if scene.metres_per_unit != 1:
+        placement["scale"] = [scene.metres_per_unit] * 3
+    return placement
+
+
+BLOCK_BYTES = 1 << 25
+"""Bytes of the vectors of all frames that are read together; the last digits depend on it."""
+
+
+class VectorSpool:
+    """F frames of m vectors, written frame by frame and read for all frames together.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the temporary file.
+    vertex_count : int
+        m.
+    """
+
+    def __init__(self, folder: Path, vertex_count: int) -> None:
+        self.frame_count, self.vertex_count = 0, vertex_count
+        self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  # closed by `close`
+
+    def append(self, vectors: Singles) -> None:
+        """Write the vectors (m, 3) of the next frame."""
+        self._file.write(np.ascontiguousarray(vectors, np.float32).data)
+        self.frame_count += 1
+
+    def read_blocks(self, start: int, stop: int) -> Iterator[tuple[int, Floats]]:
+        """Yield the first vertex of each block of vertices, and vectors (F, 3 b) of all frames."""
+        size = max(1, BLOCK_BYTES // (24 * max(1, self.frame_count)))
+        for first in range(start, stop, size):
+            yield first, self._read(first, min(first + size, stop))
+
+    def close(self) -> None:
+        """Delete the temporary file."""
+        self._file.close()
+
+    def _read(self, start: int, stop: int) -> Floats:
+        block = np.empty((self.frame_count, 3 * (stop - start)), np.float32)
+        for frame, row in enumerate(block):
+            self._file.seek(12 * (frame * self.vertex_count + start))
+            self._file.readinto(row.data)
+        return block.astype(np.float64)

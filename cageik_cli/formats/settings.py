@@ -1,9 +1,9 @@
 """Scene settings of an animation: frame rate, frame numbers, up axis and unit of length."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, replace
 from math import isfinite
-from typing import Any
+from typing import Any, Final, Literal
 
 from cageik_cli.util.errors import InputError, SettingError
 
@@ -134,13 +134,83 @@ def parse_scene_metadata(metadata: Mapping[str, Any]) -> tuple[SceneHints, tuple
     import numpy as np  # here, as the command line imports the settings and no numerics
 
     hints, notes = SceneHints(), []
-    for field in fields(SceneHints):
-        value = np.asarray(metadata.get(field.name))
-        if value.shape != () or value.dtype.kind not in ("U" if field.name == "up_axis" else "fiu"):
+    for name in SceneHints.__slots__:
+        value = np.asarray(metadata.get(name))
+        if value.shape != () or value.dtype.kind not in ("U" if name == "up_axis" else "fiu"):
             continue
         try:
-            plain: Any = str(value) if field.name == "up_axis" else float(value)
-            hints = replace(hints, **{field.name: plain})
+            plain: Any = str(value) if name == "up_axis" else float(value)
+            hints = replace(hints, **{name: plain})
         except InputError as error:
-            notes.append(f"ignored `{field.name}`: {error}")
+            notes.append(f"ignored `{name}`: {error}")
     return hints, tuple(notes)
+
+
+LAYOUTS = ("fvx", "vxf", "fxv")
+"""Orders of an array's axes: f frames, v vertices, x coordinates."""
+
+AUTO: Final = "auto"
+"""As the number of the rest pose: the frame in which the least of the surface touches."""
+
+Gaps = Literal["refuse", "keep", "close"]
+"""What is done with missing numbers of files: refused, kept in time, or closed."""
+
+RestFrame = int | Literal["auto"]
+"""Which frame is the rest pose: its number from 0, or `AUTO`."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClipSettings:
+    """Which frames of a clip to take, and how to read them.
+
+    Attributes
+    ----------
+    selection : slice
+        Which of its frames, as Python slices; the step is above zero.
+    layout : str, optional
+        The order of an array's axes, one of `LAYOUTS`; found from their lengths if absent.
+    gaps : {"refuse", "keep", "close"}
+        What is done when numbers of files are missing. They are refused; or kept, as frames
+        without files; or closed, so that the frames follow one another.
+    missing : bool
+        Take vertices whose position is not a number as missing.
+    """
+
+    selection: slice = field(default_factory=lambda: slice(None))
+    layout: str | None = None
+    gaps: Gaps = "refuse"
+    missing: bool = False
+
+
+DEFAULT_MORPHS = 60
+"""Morph targets at most, where neither their number nor a tolerance is given."""
+
+MAX_MORPHS = 256
+"""Morph targets at most: all that WebGL 2 guarantees room for, as layers of a texture."""
+
+
+@dataclass(frozen=True, slots=True)
+class MorphSettings:
+    """How a file of morph targets follows the frames.
+
+    Attributes
+    ----------
+    count : int, optional
+        Targets at most; `MAX_MORPHS` with a tolerance, else `DEFAULT_MORPHS`, if absent.
+    tolerance : float, optional
+        Largest distance of a vertex from its place in a frame, percent of the diagonal of the rest
+        pose.
+    has_normals : bool
+        Write normals, which morph too.
+    """
+
+    count: int | None = None
+    tolerance: float | None = None
+    has_normals: bool = False
+
+    @property
+    def limit(self) -> int:
+        """Targets at most."""
+        if self.count is not None:
+            return self.count
+        return DEFAULT_MORPHS if self.tolerance is None else MAX_MORPHS
