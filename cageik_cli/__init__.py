@@ -43,7 +43,7 @@ if TYPE_CHECKING:
         read_cages,
         read_result,
     )
-    from cageik_cli.workflows.build_arrays import build_cage
+    from cageik_cli.workflows.build_cage import build_cage
     from cageik_cli.workflows.extract_arrays import CageAnimation, extract
     from cageik_cli.workflows.fit_arrays import fit_weights
     from cageik_cli.workflows.show import ShownPage, show
@@ -97,7 +97,7 @@ _HOMES = {
     "Result": "store.result",
     "ShownPage": "workflows.show",
     "TriMesh": "geometry.mesh",
-    "build_cage": "workflows.build_arrays",
+    "build_cage": "workflows.build_cage",
     "closest_point": "posing.anchors",
     "extract": "workflows.extract_arrays",
     "fit_weights": "workflows.fit_arrays",

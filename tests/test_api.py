@@ -8,7 +8,7 @@ import pytest
 
 import cageik_cli
 from cageik_cli.util.errors import ConnectivityError, SettingError
-from cageik_cli.workflows.build_arrays import _read_clip
+from cageik_cli.workflows.build_cage import _read_clip
 
 
 @pytest.fixture(autouse=True)

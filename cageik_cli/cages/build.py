@@ -1,6 +1,6 @@
 """Build a cage around any model: candidates from tight to loose, each judged by exact tests."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from cageik_cli.cages.building.job import Job
 from cageik_cli.cages.building.records import BuildSettings, BuiltCage, Candidate, Clip
@@ -13,6 +13,9 @@ __all__ = ["BuildSettings", "BuiltCage", "Candidate", "Clip", "build_cage"]
 
 GOOD_ANGLE = 10.0
 """A smallest angle below this, degrees, makes a candidate rank lower."""
+
+MIN_GOOD_ANGLE = 5.0
+"""Smaller angles of a cage that is built, degrees, are noted."""
 
 HANDLE_COST = 0.1
 """The cost of a handle: a candidate without it may have a shell looser by this share."""
@@ -106,7 +109,17 @@ def choose_best(tried: list[Candidate]) -> BuiltCage:
         reason = tried[-1].verdict.faults[0] if tried else "nothing could be made of the model"
         raise NumericalError(f"no cage passes the tests, the last one {reason}; please report it")
     best = min(valid, key=rank)
-    return BuiltCage(best.cage, best, tuple(tried), best.notes)
+    return BuiltCage(best.cage, best, tuple(tried), (*best.notes, *_note_angle(best)))
+
+
+def _note_angle(candidate: Candidate) -> Iterator[str]:
+    """Yield a sentence on the smallest angle, if it is small."""
+    angle = candidate.verdict.smallest_angle
+    if angle < MIN_GOOD_ANGLE:
+        yield (
+            f"the smallest angle is {angle:.2g} degrees, expected {MIN_GOOD_ANGLE:g} or more; "
+            "weights nearby are less accurate"
+        )
 
 
 def rank(candidate: Candidate) -> float:

@@ -168,18 +168,15 @@ def cage_command(
     cageik cage --repair mine.obj --rest body.obj -o cage.obj
     """  # noqa: D301
     from cageik_cli.cli.progress import show_progress
-    from cageik_cli.util.outputs import check_no_overlap, check_writable
-    from cageik_cli.workflows.build_cage import (
-        CageSettings,
-        build_cage_file,
+    from cageik_cli.report.views.cage_build import (
         format_cage_json,
         format_cage_text,
-    )
-    from cageik_cli.workflows.repair_cage import (
         format_repair_json,
         format_repair_text,
-        repair_cage_file,
     )
+    from cageik_cli.util.outputs import check_no_overlap, check_writable
+    from cageik_cli.workflows.build_cage import CageSettings, build_cage_file
+    from cageik_cli.workflows.repair_cage import repair_cage_file
 
     check_no_overlap([*settings.outputs(), json_path], settings.inputs())
     if json_path is not None and str(json_path) != "-":
@@ -188,13 +185,20 @@ def cage_command(
         if isinstance(settings, CageSettings):
             built = build_cage_file(settings, progress)
             text = format_cage_text(built, is_detailed=get_verbosity() > 0)
-            record, rest_options = format_cage_json(built), built.rest_options
+            record, rest_options = format_cage_json(built), _name_rest(settings, built.rest_frame)
         else:
-            rest_options = ""
-            repaired = repair_cage_file(settings, progress)
-            text, record = format_repair_text(repaired), format_repair_json(repaired)
+            repaired, diagonal = repair_cage_file(settings, progress)
+            text = format_repair_text(settings.output, repaired, diagonal)
+            record, rest_options = format_repair_json(repaired, diagonal), ""
     if json_path is not None:
         write_or_print(record, json_path, settings.overwrite)
     if not quiet:
         command = f"cageik extract FRAMES --cage {settings.output}{rest_options}"
         click.echo(f"{text}\nwrote {settings.output}; next: {command}", err=True)
+
+
+def _name_rest(settings: "CageSettings", rest_frame: int | None) -> str:
+    """Return the options by which `cageik extract` takes the same rest pose."""
+    if settings.rest is not None:
+        return f" --rest {settings.rest}"
+    return f" --rest-frame {rest_frame}" if rest_frame else ""

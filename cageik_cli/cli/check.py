@@ -23,7 +23,8 @@ from cageik_cli.cli.options.group import OptionGroup
 from cageik_cli.formats.settings import ClipSettings, RestFrame
 
 if TYPE_CHECKING:
-    from cageik_cli.workflows.check import CheckResult, CheckSettings
+    from cageik_cli.report.views.cage_check import CheckResult
+    from cageik_cli.workflows.check import CheckSettings
 
 
 def make_check_settings(
@@ -99,13 +100,13 @@ def check_command(
     number in the picture is that in the list that is printed below the findings. The mesh of
     --marked is the cage followed by the rest pose.
     """
-    from cageik_cli.util.outputs import check_no_overlap, check_writable
-    from cageik_cli.workflows.check import (
-        check_cage,
+    from cageik_cli.report.views.cage_check import (
         format_check_json,
         format_check_text,
         format_marks_text,
     )
+    from cageik_cli.util.outputs import check_no_overlap, check_writable
+    from cageik_cli.workflows.check import check_cage
 
     json_path = views.json_path
     is_on_stdout = str(json_path) == "-"

@@ -1,39 +1,38 @@
-"""A cage built around a model: read the model, build, write the cage."""
+"""A cage built around a model: from file to file, or around a mesh in memory."""
 
-import json
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from cageik_cli import __version__
-from cageik_cli.cages.build import (
-    BuildSettings,
-    BuiltCage,
-    Candidate,
-    Clip,
-    build_cage,
-)
-from cageik_cli.formats.base.files import file_suffix
+from cageik_cli.cages import build as cage_builder
+from cageik_cli.cages.bind import bind
+from cageik_cli.cages.build import BuildSettings, BuiltCage, Clip
+from cageik_cli.coordinates.binding import reconstruct
+from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.formats.base.files import describe_source, file_suffix
 from cageik_cli.formats.base.mesh_data import LoadedMesh, check_connectivity
+from cageik_cli.formats.base.sequence import MeshSequence
 from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.formats.open import load_mesh, mesh_suffixes, open_sequence
 from cageik_cli.formats.settings import ClipSettings, RestFrame
-from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.util.errors import error_context
+from cageik_cli.geometry.mesh import TriMesh, validate_positions
+from cageik_cli.report.views.cage_build import CageResult
+from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
+from cageik_cli.solver.settings import SolveSettings
+from cageik_cli.util.arrays import Floats, spread_evenly
+from cageik_cli.util.errors import CageikError, ConnectivityError, error_context
 from cageik_cli.util.outputs import write_bytes
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.util.text import format_block, format_count
-from cageik_cli.workflows.cached_cage import check_cage_output, load_built_cage
-from cageik_cli.workflows.measure_cage import make_measured_clip
+from cageik_cli.util.threads import count_processors, limit_blas_threads
+from cageik_cli.workflows.cached_cage import check_cage_output
 from cageik_cli.workflows.rest_frame import open_clip_and_choose_rest
 from cageik_cli.workflows.settings import READ, READ_CLIP, WRITTEN, CommandSettings
 
-SCHEMA_VERSION = 1
-
-MIN_GOOD_ANGLE = 5.0
-"""Smaller angles, degrees, are a warning."""
+MAX_MEASURED_FRAMES = 32
+"""Frames of an animation on which candidates are compared, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,42 +69,6 @@ class CageSettings(CommandSettings):
     jobs: int = 1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CageResult:
-    """A cage that was built and written.
-
-    Attributes
-    ----------
-    cage : LoadedMesh
-        The cage as it is read from the file.
-    rest_frame : int or None
-        The number of the frame that the model is; None for a file.
-    """
-
-    settings: CageSettings
-    model: LoadedMesh
-    built: BuiltCage
-    cage: LoadedMesh
-    rest_frame: int | None
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Return what was changed in reading, one sentence each."""
-        return tuple(f"{self.model.source['name']}: {note}" for note in self.model.notes)
-
-    @property
-    def rest_options(self) -> str:
-        """Return the options by which `cageik extract` takes the same rest pose."""
-        if self.settings.rest is not None:
-            return f" --rest {self.settings.rest}"
-        return f" --rest-frame {self.rest_frame}" if self.rest_frame else ""
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Return what the user should know of the cage, one sentence each."""
-        return list_warnings(self.built)
-
-
 def build_cage_file(settings: CageSettings, progress: ProgressListener | None = None) -> CageResult:
     """Build a cage around a model and write it.
 
@@ -122,33 +85,12 @@ def build_cage_file(settings: CageSettings, progress: ProgressListener | None = 
         model, rest_frame = _open_model(settings)
         clip = _read_animation(settings, model)
     with progress.stage("cage"), error_context(model.source["name"]):
-        built = build_cage(model.mesh, settings.build, clip, progress.update)
-    cage = load_built_cage(built.cage, list_warnings(built), settings.output.name)
+        built = cage_builder.build_cage(model.mesh, settings.build, clip, progress.update)
     with progress.stage("write"):
-        text = encode_exact_obj(built.cage.vertices, built.cage.faces)
-        write_bytes(settings.output, text, settings.overwrite)
-    return CageResult(settings, model, built, cage, rest_frame)
-
-
-def list_warnings(built: BuiltCage) -> tuple[str, ...]:
-    """Return what the user should know of a built cage, one sentence each."""
-    angle = built.chosen.verdict.smallest_angle
-    if angle >= MIN_GOOD_ANGLE:
-        return built.notes
-    return (
-        *built.notes,
-        f"the smallest angle is {angle:.2g} degrees, expected {MIN_GOOD_ANGLE:g} or more; weights "
-        "nearby are less accurate",
-    )
-
-
-def describe_built_cage(built: BuiltCage) -> str:
-    """Return in one line what was built."""
-    verdict = built.chosen.verdict
-    return (
-        f"built, {_count(built.cage)}, genus {verdict.genus}, clearance "
-        f"{_format_clearance(built.chosen)}, by {built.chosen.recipe}"
-    )
+        data = encode_exact_obj(built.cage.vertices, built.cage.faces)
+        write_bytes(settings.output, data, settings.overwrite)
+    source = describe_source(Path(settings.output.name), data)
+    return CageResult(settings.output, source, model, settings.build, built, rest_frame)
 
 
 def _open_model(settings: CageSettings) -> tuple[LoadedMesh, int | None]:
@@ -177,92 +119,110 @@ def _read_animation(settings: CageSettings, model: LoadedMesh) -> Clip | None:
     )
 
 
-def format_cage_text(result: CageResult, is_detailed: bool = False) -> str:
-    """Return the facts of the cage and the warnings; the candidates, too, if asked."""
-    built, verdict = result.built, result.built.chosen.verdict
-    rows = [
-        ("model", f"{result.model.source['name']}: {_count(result.model.mesh)}"),
-        ("cage", f"{_count(built.cage)}, genus {verdict.genus}"),
-        ("clearance", _format_clearance(built.chosen)),
-        ("shape", f"smallest angle {verdict.smallest_angle:.3g} degrees, largest valence "
-         f"{verdict.largest_valence}"),
-        ("recipe", f"{built.chosen.recipe}, best of {_count_valid(built)}"),
-    ]  # fmt: skip
-    if built.chosen.error is not None:
-        rows.append(("error", f"{built.chosen.error:.4f} % of the diagonal, at preview accuracy"))
-    rows += [("warning", warning) for warning in result.warnings]
-    rows += [("note", note) for note in result.notes]
-    if is_detailed:
-        rows += [("candidate", _describe_candidate(known)) for known in built.candidates]
-    return format_block(str(result.settings.output), rows)
+def build_cage(
+    mesh: TriMesh,
+    *,
+    vertices: int = BuildSettings().vertices,
+    clearance: float = BuildSettings().clearance,
+    frames: MeshSequence | ArrayLike | None = None,
+    jobs: int | None = None,
+) -> BuiltCage:
+    """Build a cage around a mesh, as `cageik cage` does.
+
+    The same input gives the same cage. It takes some 10 seconds, and with `frames` about a minute.
+
+    Parameters
+    ----------
+    mesh : TriMesh
+        The model at rest. It may be open, have several parts or cross itself.
+    vertices : int
+        Vertices of the cage, at most; it has at least 0.9 times as many.
+    clearance : float
+        Smallest distance between the cage and the surface, in diagonals of the mesh.
+    frames : MeshSequence, or (F, m, 3) array, optional
+        An animation of the mesh, in its units: the cage with the smallest error on it is chosen.
+    jobs : int, optional
+        Threads; as many as there are processors by default.
+
+    Raises
+    ------
+    CageikError
+        When the mesh is one point, a setting is impossible, or the frames have other vertices.
+
+    Examples
+    --------
+    >>> from cageik_cli import bind, build_cage, load_mesh
+    >>> rest = load_mesh("data_fixtures/walker/frames/walker_1.obj")
+    >>> built = build_cage(rest, vertices=40)
+    >>> built.cage
+    <TriMesh: 40 vertices, 76 triangles>
+    >>> built.notes
+    ()
+    >>> bind(rest, built.cage, accuracy="preview")
+    <Binding: 1570 vertices in a cage of 40, harmonic, preview>
+    """
+    clip = None if frames is None else _read_clip(mesh, frames, jobs or count_processors())
+    return cage_builder.build_cage(mesh, BuildSettings(vertices, clearance), clip)
 
 
-def format_cage_json(result: CageResult) -> str:
-    """Return the whole record, with all candidates."""
-    settings, built = result.settings, result.built
-    record = {
-        "schema": SCHEMA_VERSION,
-        "tool": {"name": "cageik", "version": __version__},
-        "settings": {
-            "vertices": settings.build.vertices,
-            "clearance_percent": 100 * settings.build.clearance,
-            "rest_frame": result.rest_frame,
-        },
-        "model": result.model.source,
-        "cage": result.cage.source | _candidate_record(built.chosen),
-        "warnings": result.warnings,
-        "notes": result.notes,
-        "candidates": [_candidate_record(known) for known in built.candidates],
-    }
-    return json.dumps(record, indent=1, allow_nan=False) + "\n"
+def _read_clip(mesh: TriMesh, frames: MeshSequence | ArrayLike, jobs: int) -> Clip:
+    """Read some of the frames.
+
+    Raises
+    ------
+    ConnectivityError
+        When they have other vertices than the mesh.
+    """
+    if isinstance(frames, MeshSequence):
+        found: tuple[int, ...] = (len(frames), *frames.first.vertices.shape)
+        read_frame = frames.read_frame
+    else:
+        positions = np.asarray(frames, np.float64)
+        found = positions.shape
+
+        def read_frame(index: int) -> np.ndarray:
+            return validate_positions(positions[index])
+
+    if found[1:] != mesh.vertices.shape or not found[0]:
+        raise ConnectivityError(
+            f"frames have shape {found}, expected (F, {len(mesh.vertices)}, 3) as the mesh has "
+            f"{len(mesh.vertices)} vertices; give frames of this mesh"
+        )
+    return make_measured_clip(mesh, found[0], read_frame, jobs)
 
 
-def _candidate_record(candidate: Candidate) -> dict[str, Any]:
-    verdict = candidate.verdict
-    clearance = 100 * verdict.clearance
-    return {
-        "recipe": candidate.recipe,
-        "vertices": len(candidate.cage.vertices),
-        "faces": len(candidate.cage.faces),
-        "genus": verdict.genus,
-        "clearance_percent": clearance if np.isfinite(clearance) else None,
-        "smallest_angle": verdict.smallest_angle,
-        "largest_valence": verdict.largest_valence,
-        "looseness_percent": 100 * verdict.looseness,
-        "error_percent": _finite_or_none(candidate.error),
-        "is_valid": verdict.is_valid,
-        "faults": verdict.faults,
-    }
+def make_measured_clip(
+    rest: TriMesh, frame_count: int, read_frame: Callable[[int], Floats], jobs: int
+) -> Clip:
+    """Read evenly spaced frames of an animation, for which a cage is to be built.
+
+    Parameters
+    ----------
+    read_frame : callable
+        Returns the positions (m, 3) of a frame, by its number.
+    jobs : int
+        Threads.
+    """
+    chosen = spread_evenly(frame_count, MAX_MEASURED_FRAMES)
+    poses = np.stack([read_frame(int(k)) for k in chosen])
+    return Clip(poses, _Measure(rest, poses, jobs))
 
 
-def _finite_or_none(value: float | None) -> float | None:
-    return value if value is not None and np.isfinite(value) else None
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measure:
+    """The error of a cage on frames of an animation."""
 
+    rest: TriMesh
+    frames: Floats
+    jobs: int
 
-def _count(mesh: TriMesh) -> str:
-    return f"{len(mesh.vertices)} vertices, {len(mesh.faces)} triangles"
-
-
-def _count_valid(built: BuiltCage) -> str:
-    valid = sum(known.verdict.is_valid for known in built.candidates)
-    return f"{valid} valid of {format_count(len(built.candidates), 'candidate')}"
-
-
-def _format_clearance(candidate: Candidate) -> str:
-    verdict = candidate.verdict
-    mean = f"mean distance {100 * verdict.looseness:.3g} %"
-    if not np.isfinite(verdict.clearance):
-        return f"more than twice what was asked for, {mean} of the diagonal"
-    return f"{100 * verdict.clearance:.3g} % of the diagonal, {mean}"
-
-
-def _describe_candidate(candidate: Candidate) -> str:
-    verdict = candidate.verdict
-    facts = f"{candidate.recipe}: {len(candidate.cage.vertices)} vertices"
-    if not verdict.is_valid:
-        return f"{facts}; {verdict.faults[0]}"
-    facts += (
-        f", genus {verdict.genus}, mean distance {100 * verdict.looseness:.3g} %, smallest angle "
-        f"{verdict.smallest_angle:.3g} degrees"
-    )
-    return facts if candidate.error is None else f"{facts}, error {candidate.error:.4f} %"
+    def __call__(self, cage: TriMesh) -> float:
+        """Return the rms distance, in percent of the diagonal; infinite for a poor cage."""
+        try:
+            binding = bind(self.rest, cage, BindSettings(accuracy="preview"), self.jobs)
+        except CageikError:
+            return float("inf")
+        with limit_blas_threads(1):
+            cages = DualLaplacianSolver(binding, SolveSettings()).solve(self.frames).cages
+        squares = ((reconstruct(binding.weights, cages) - self.frames) ** 2).sum(axis=2)
+        return float(100 * np.sqrt(squares.mean()) / self.rest.diagonal)

@@ -40,7 +40,9 @@ def build_cached(
             model, settings, build
         )
     progress.note("cage", entry.description)
-    return load_built_cage(TriMesh(entry.vertices, entry.faces), entry.notes, BUILT_CAGE_NAME)
+    data = encode_exact_obj(entry.vertices, entry.faces)
+    source = describe_source(Path(BUILT_CAGE_NAME), data)
+    return LoadedMesh(TriMesh(entry.vertices, entry.faces), source, entry.notes)
 
 
 def check_cage_output(path: Path, overwrite: bool) -> None:
@@ -59,21 +61,15 @@ def check_cage_output(path: Path, overwrite: bool) -> None:
     check_writable(path, overwrite)
 
 
-def load_built_cage(cage: TriMesh, notes: tuple[str, ...], name: str) -> LoadedMesh:
-    """Return a built cage as if it were read from a file of this name."""
-    text = encode_exact_obj(cage.vertices, cage.faces)
-    return LoadedMesh(cage, describe_source(Path(name), text), notes)
-
-
 def _build(model: TriMesh, settings: BuildSettings, progress: ProgressListener) -> CageEntry:
     """Build the cage, and describe it."""
     from cageik_cli.cages.build import build_cage
-    from cageik_cli.workflows.build_cage import describe_built_cage, list_warnings
+    from cageik_cli.report.views.cage_build import describe_built_cage
 
     built = build_cage(model, settings, progress=progress.update)
     return CageEntry(
         vertices=built.cage.vertices,
         faces=built.cage.faces,
         description=describe_built_cage(built),
-        notes=list_warnings(built),
+        notes=built.notes,
     )

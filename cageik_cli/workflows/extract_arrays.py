@@ -211,7 +211,7 @@ def _bind_built_cage(
         return binding
     if not isinstance(clip, MeshSequence):
         raise SettingError("an array of frames has no faces to build a cage from; give a binding")
-    from cageik_cli.workflows.build_arrays import build_cage
+    from cageik_cli.workflows.build_cage import build_cage
 
     settings = BuildSettings() if cage_vertices is None else BuildSettings(cage_vertices)
     built = build_cage(clip.first, vertices=settings.vertices, clearance=settings.clearance)

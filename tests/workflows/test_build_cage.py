@@ -10,14 +10,10 @@ from cageik_cli.cages.build import SHIFTED
 from cageik_cli.cages.diagnosis import diagnose
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import load_mesh
+from cageik_cli.report.views.cage_build import format_cage_json, format_cage_text
 from cageik_cli.util.errors import FileAccessError, FormatError, OutputError
 from cageik_cli.util.progress import ProgressListener
-from cageik_cli.workflows.build_cage import (
-    CageSettings,
-    build_cage_file,
-    format_cage_json,
-    format_cage_text,
-)
+from cageik_cli.workflows.build_cage import CageSettings, build_cage_file
 from tests.cages.independent import examine
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("folder", "coarse_grids")]
@@ -37,13 +33,13 @@ def test_the_cage_of_the_walker_passes_a_second_opinion(fixtures_folder, tmp_pat
     assert opinion.smallest_angle >= 5
     assert opinion.largest_valence <= 10
     assert diagnose(cage, model).verdict == "fit"
-    assert result.warnings == ()
+    assert result.built.notes == ()
 
 
 def test_the_file_is_the_cage_to_the_bit_and_passes_the_check():
     result = build_cage_file(CageSettings(FRAME, OUT, SMALL))
     read = load_mesh(OUT)
-    assert read.source == result.cage.source
+    assert read.source == result.source
     assert np.array_equal(read.mesh.vertices, result.built.cage.vertices)
     assert np.array_equal(read.mesh.faces, result.built.cage.faces)
     model = load_mesh(Path(FRAME)).mesh
@@ -114,7 +110,7 @@ def test_a_loose_cage_has_a_warning(monkeypatch):
     monkeypatch.setattr("cageik_cli.cages.building.job.make_shell", lambda *_: None)
     result = build_cage_file(CageSettings(FRAME, OUT, SMALL))
     assert "ellipsoid" in result.built.chosen.recipe
-    (warning,) = result.warnings
+    (warning,) = result.built.notes
     assert f"  warning        {warning}" in format_cage_text(result)
     assert diagnose(load_mesh(OUT).mesh, load_mesh(Path(FRAME)).mesh).is_fit
 

@@ -8,10 +8,12 @@ import pytest
 
 from cageik_cli.cages.settings import BuildSettings
 from cageik_cli.formats.open import open_sequence
+from cageik_cli.report.views.cage_build import format_cage_json
+from cageik_cli.report.views.cage_check import format_check_text
 from cageik_cli.util.errors import CheckpointError
 from cageik_cli.workflows import rest_frame as module
-from cageik_cli.workflows.build_cage import CageSettings, build_cage_file, format_cage_json
-from cageik_cli.workflows.check import CheckSettings, check_cage, format_check_text
+from cageik_cli.workflows.build_cage import CageSettings, build_cage_file
+from cageik_cli.workflows.check import CheckSettings, check_cage
 from cageik_cli.workflows.extract import extract
 from cageik_cli.workflows.plan import plan_extraction
 from cageik_cli.workflows.rest_frame import choose_rest_frame, open_clip_and_choose_rest
