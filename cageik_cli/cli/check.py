@@ -140,6 +140,6 @@ def _write_pictures(result: "CheckResult", views: CheckViews, overwrite: bool) -
 
         write_bytes(views.plot, render_check_png(cage, rest, marks), overwrite)
     if views.marked is not None:
-        from cageik_cli.report.views.marked_ply import encode_marked_ply
+        from cageik_cli.report.check_marks import encode_marked_ply
 
         write_bytes(views.marked, encode_marked_ply(cage, rest, marks), overwrite)

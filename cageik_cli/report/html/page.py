@@ -39,7 +39,7 @@ from cageik_cli.report.limits import (
     make_verdict,
 )
 from cageik_cli.report.player.clip import PlayerClip, load_player_clip
-from cageik_cli.report.plots.error_plot import build_page_plot
+from cageik_cli.report.plots.error_plot import render_page_plot
 from cageik_cli.report.record import Report
 from cageik_cli.report.regions import (
     explain_regions,
@@ -222,11 +222,8 @@ def _build_limit_row(check: LimitCheck, words: Vocabulary) -> dict[str, Any]:
 
 def _build_plot_values(report: Report) -> dict[str, Any]:
     """Collect the plot, the position of its axes, and a description in words."""
-    plot, summary, words = (
-        build_page_plot(report),
-        report.summary,
-        choose_vocabulary(report.edited_from),
-    )
+    svg, places = render_page_plot(report)
+    summary, words = report.summary, choose_vocabulary(report.edited_from)
     changes = summary.volume_change_percent_max
     other = (
         f"the largest {words.distance} of each frame, up to "
@@ -239,16 +236,11 @@ def _build_plot_values(report: Report) -> dict[str, Any]:
         most = format_percent(max(report.unfitted.rms_percent))
         other = f"{most} % with {report.unfitted.coordinates} weights, and {other}"
     return {
-        "source": make_data_url(plot.svg.encode(), "svg+xml"),
+        "source": make_data_url(svg.encode(), "svg+xml"),
         "text": f"RMS {words.measure} of {format_count(len(report.frames), 'frame')}, up to "
         f"{format_percent(summary.worst_frame_rms_percent)} % of the diagonal at "
         f"{summary.worst_frame}, and {other}. The table of frames lists all values.",
-        "left": plot.left,
-        "right": plot.right,
-        "top": plot.top,
-        "bottom": plot.bottom,
-        "first": plot.first,
-        "last": plot.last,
+        **places,
     }
 
 

@@ -12,7 +12,7 @@ from cageik_cli.report.player.decimation import CoarseMesh, decimate
 from cageik_cli.report.player.packing import pack_arrays
 from cageik_cli.report.player.prediction import Predictor
 from cageik_cli.report.player.quantization import RoundedWeights, find_smooth_motions, round_weights
-from cageik_cli.report.render.colouring import COLOUR_SCALE, MISSING_COLOUR, choose_scale_end
+from cageik_cli.report.render.shading import COLOUR_SCALE, MESH_COLOURS, choose_scale_end
 from cageik_cli.util.arrays import Floats
 
 MAX_DRAWN_VERTICES = 50_000
@@ -94,7 +94,7 @@ def build_payload(clip: PlayerClip, apply_url: str = "") -> str:
         "focus": _list_focus(clip, chosen),
         "mirror": _list_mirror(clip),
         "colours": list(COLOUR_SCALE),
-        "missing": MISSING_COLOUR,
+        "missing": MESH_COLOURS["missing"],
         "alpha": DEFAULT_ALPHA,
         "rigidity": DEFAULT_RIGIDITY,
         "target": clip.target,

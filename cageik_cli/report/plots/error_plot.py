@@ -7,8 +7,8 @@ import io
 import re
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,72 +16,40 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from cageik_cli.report.figures import ClipRecord, format_percent
-from cageik_cli.report.plots.limit_lines import (
-    LimitLine,
-    build_limit_lines,
-    draw_limit_labels,
-    draw_limit_lines,
-    format_limit_label,
-)
-from cageik_cli.report.plots.placement import Box
-from cageik_cli.report.plots.series import MIN_AXIS_PERCENT, Reference, Series, build_series
-from cageik_cli.report.plots.style import INK, MUTED, make_drawable, use_fixed_style
+from cageik_cli.report.plots.placement import Box, place_limit_labels
+from cageik_cli.report.plots.series import Series, build_series
+from cageik_cli.report.plots.style import COLOURS, make_drawable, use_fixed_style
 from cageik_cli.report.record import Report
+from cageik_cli.report.render.shading import MIN_SCALE_PERCENT
 from cageik_cli.report.vocabulary import choose_vocabulary
 from cageik_cli.util.arrays import Floats, Integers
 
-FIGURE_SIZE, DPI = (7.2, 3.6), 200
-"""Width and height in inches, and pixels per inch."""
-
-LEFT, RIGHT, BOTTOM, TOP = 0.1, 0.9, 0.14, 0.87
+AXES_SIDES = {"left": 0.1, "bottom": 0.14, "right": 0.9, "top": 0.87}
 """Sides of the axes, as shares of the picture from its lower left corner."""
-
-GAP_COLOUR = "#eceef0"
-
-HEADROOM = 1.25
-"""Height of the axes, in heights of the highest value; leaves room for the worst frame's label."""
 
 MAX_MARKED_FRAMES = 60
 """Clips with more frames have markers only at frames between gaps."""
 
-LETTER_WIDTH = 0.0115
-"""Approximate width of a letter of the worst frame's label, as a share of the axes."""
 
-MAX_UNDRAWN_LETTERS = 100
-"""Letters of the line that names limits without a line in the plot."""
+def render_page_plot(report: Report) -> tuple[str, dict[str, float]]:
+    """Render the plot of a report for a page.
 
-
-@dataclass(frozen=True, slots=True)
-class PagePlot:
-    """The plot for a page.
-
-    Attributes
-    ----------
+    Returns
+    -------
     svg : str
         One element without a fixed size; text stays text.
-    left, right, top, bottom : float
-        Sides of its axes, as shares of the picture's width from the left and of its height from
-        the top.
-    first, last : float
-        Frames, counted from 0, at the left and right end of the axes; fractions, because of the
-        margins beside the first and the last frame.
+    places : dict of str to float
+        `left`, `right`, `top` and `bottom` are the sides of its axes, as shares of the picture's
+        width from the left and of its height from the top. `first` and `last` are the frames,
+        counted from 0, at the left and right end of the axes; fractions, because of the margins
+        beside the first and the last frame.
     """
-
-    svg: str
-    left: float
-    right: float
-    top: float
-    bottom: float
-    first: float
-    last: float
-
-
-def build_page_plot(report: Report) -> PagePlot:
-    """Render the plot of a report for a page."""
-    first, last = _x_limits(len(report.frames))
     svg = render_plot_svg(report)
     svg = re.sub(r' width="[^"]*"| height="[^"]*"', "", svg[svg.index("<svg") :], count=2)
-    return PagePlot(svg, LEFT, RIGHT, 1 - TOP, 1 - BOTTOM, first, last)
+    first, last = _x_limits(len(report.frames))
+    left, bottom, right, top = AXES_SIDES.values()
+    sides = {"left": left, "right": right, "top": 1 - top, "bottom": 1 - bottom}
+    return svg, sides | {"first": first, "last": last}
 
 
 def render_plot_svg(report: Report) -> str:
@@ -108,36 +76,29 @@ def draw_plot(report: Report) -> Figure:
 def _save_plot(report: Report, kind: str, metadata: dict[str, None]) -> bytes:
     stream = io.BytesIO()
     with use_fixed_style():
-        _draw_plot(report).savefig(stream, format=kind, dpi=DPI, metadata=metadata)
+        _draw_plot(report).savefig(stream, format=kind, dpi=200, metadata=metadata)
     return stream.getvalue()
 
 
 def _draw_plot(report: Report) -> Figure:
     error, other = build_series(report)
-    figure = Figure(FIGURE_SIZE)
-    figure.subplots_adjust(LEFT, BOTTOM, RIGHT, TOP)
+    figure = Figure((7.2, 3.6))
+    figure.subplots_adjust(**AXES_SIDES)
     left = figure.add_subplot()
     right = left.twinx()
     left.set(zorder=right.get_zorder() + 1, frame_on=False)
     _draw_gaps(right, error.values, report.clip)
-    undrawn, drawn_limits = [], []
-    for axes, series in ((left, error), (right, other)):
+    curves = ((left, error), (right, other))
+    for axes, series in curves:
         _draw_series(axes, series)
-        near, far = build_limit_lines(report, series)
-        _set_y_limits(axes, series, near)
-        draw_limit_lines(axes, near)
-        drawn_limits += near
-        undrawn += far
+        _set_y_limits(axes, series)
+        _draw_limits(axes, series)
     _draw_clip_rms(left, error, report)
     worst = _draw_worst_frame(left, error, report)
-    _label_axes(left, error, report)
-    _label_axes(right, other, report)
-    undrawn += [
-        check for check in report.gates if check.metric not in error.metrics + other.metrics
-    ]
-    words = choose_vocabulary(report.edited_from)
-    _draw_legend(figure, (left, right), [format_limit_label(check, words) for check in undrawn])
-    draw_limit_labels(((left, error), (right, other)), drawn_limits, worst)
+    for axes, series in curves:
+        _label_axes(axes, series, report)
+    _draw_legend(figure, curves)
+    _draw_limit_labels(curves, worst)
     return figure
 
 
@@ -159,7 +120,7 @@ def _draw_gaps(axes: Axes, values: Floats, clip: ClipRecord) -> None:
             [(clip.frame_number(run[0] - 0.5), len(run) * clip.frame_step) for run in runs],
             (0, 1),
             transform=axes.get_xaxis_transform(),
-            color=GAP_COLOUR,
+            color=COLOURS["gap"],
             linewidth=0,
             label="skipped",
             zorder=0,
@@ -167,37 +128,22 @@ def _draw_gaps(axes: Axes, values: Floats, clip: ClipRecord) -> None:
 
 
 def _draw_series(axes: Axes, series: Series) -> None:
+    drawn: Any = {"linewidth": 1.4, "markersize": 3.2}
+    marked = _marked_frames(series.values).tolist()
     axes.plot(
-        series.numbers,
-        series.values,
-        linestyle=series.style.linestyle,
-        color=series.style.colour,
-        linewidth=1.4,
-        marker=series.style.marker,
-        markersize=3.2,
-        markevery=_marked_frames(series.values).tolist(),
-        label=series.label,
-        gid=series.metrics[0],
-    )
-    if series.reference is not None:
-        _draw_reference(axes, series.reference)
+        series.numbers, series.values, **series.style, **drawn,
+        markevery=marked, label=series.label, gid=series.metric,
+    )  # fmt: skip
+    before = series.unfitted
+    if before is not None:
+        style = before.style
+        if len(before.numbers) > MAX_MARKED_FRAMES:
+            style["marker"] = ""
+        axes.plot(
+            before.numbers, before.values, **style, **drawn, label=before.label, gid=before.metric
+        )
     if series.is_signed:
-        axes.axhline(0, color=series.style.colour, linewidth=0.5, dashes=(1, 3), gid="zero")
-
-
-def _draw_reference(axes: Axes, reference: Reference) -> None:
-    few = len(reference.numbers) <= MAX_MARKED_FRAMES
-    axes.plot(
-        reference.numbers,
-        reference.values,
-        linestyle=reference.style.linestyle,
-        color=reference.style.colour,
-        linewidth=1.4,
-        marker=reference.style.marker if few else "",
-        markersize=3.2,
-        label=reference.label,
-        gid="unfitted",
-    )
+        axes.axhline(0, color=series.style["color"], linewidth=0.5, dashes=(1, 3), gid="zero")
 
 
 def _marked_frames(values: Floats) -> Integers:
@@ -209,21 +155,31 @@ def _marked_frames(values: Floats) -> Integers:
     return np.flatnonzero(known & ~padded[:-2] & ~padded[2:])
 
 
-def _set_y_limits(axes: Axes, series: Series, limits: Sequence[LimitLine]) -> None:
+def _set_y_limits(axes: Axes, series: Series) -> None:
     """Set the axes so that zero, all values and the limits are inside."""
-    heights = [height for limit in limits for height in limit.heights]
-    if series.reference is not None:
-        heights += series.reference.values.tolist()
+    heights = [height for _, lines in series.limits for height in lines]
+    if series.unfitted is not None:
+        heights += series.unfitted.values.tolist()
     lowest = float(np.nanmin(series.values, initial=min([0.0, *heights])))
     highest = float(np.nanmax(series.values, initial=max([0.0, *heights])))
-    size = max(highest - lowest, MIN_AXIS_PERCENT)
-    axes.set_ylim(lowest - 0.08 * size if lowest < 0 else 0, lowest + HEADROOM * size)
+    size = max(highest - lowest, MIN_SCALE_PERCENT)
+    # A quarter above the highest value is room for the label of the worst frame.
+    axes.set_ylim(lowest - 0.08 * size if lowest < 0 else 0, lowest + 1.25 * size)
+
+
+def _draw_limits(axes: Axes, series: Series) -> None:
+    """Draw limits as dashed lines, without labels."""
+    for _, lines in series.limits:
+        for height in lines:
+            axes.axhline(
+                height, color=series.style["color"], linewidth=0.9, dashes=(8, 4), gid="limit"
+            )
 
 
 def _draw_clip_rms(axes: Axes, series: Series, report: Report) -> None:
     axes.axhline(
         report.summary.rms_percent,
-        color=series.style.colour,
+        color=series.style["color"],
         linewidth=0.7,
         label=f"RMS of the clip {format_percent(report.summary.rms_percent)} %",
         gid="clip",
@@ -241,7 +197,14 @@ def _draw_worst_frame(axes: Axes, series: Series, report: Report) -> Box:
         f"{choose_vocabulary(report.edited_from).worst} "
         f"{format_percent(summary.worst_frame_rms_percent)} %, {make_drawable(summary.worst_frame)}"
     )
-    axes.plot(*place, "o", markersize=7.5, markerfacecolor="none", markeredgecolor=INK, gid="worst")
+    axes.plot(
+        *place,
+        "o",
+        markersize=7.5,
+        markerfacecolor="none",
+        markeredgecolor=COLOURS["ink"],
+        gid="worst",
+    )
     axes.annotate(
         text,
         place,
@@ -252,14 +215,14 @@ def _draw_worst_frame(axes: Axes, series: Series, report: Report) -> Box:
         fontsize=8.5,
         arrowprops={
             "arrowstyle": "-",
-            "color": MUTED,
+            "color": COLOURS["muted"],
             "linewidth": 0.7,
             "shrinkB": 4,
             "relpos": (column / 2, 0),
         },
     )
     first, last = _x_limits(count)
-    width, at = LETTER_WIDTH * len(text), (worst - first) / (last - first)
+    width, at = 0.0115 * len(text), (worst - first) / (last - first)  # width of a letter, about
     return at - width * column / 2, 0.92, at + width * (1 - column / 2), 1.0
 
 
@@ -267,8 +230,8 @@ def _label_axes(axes: Axes, series: Series, report: Report) -> None:
     """Label the axes and set their ticks."""
     axes.set_xlim(*map(report.clip.frame_number, _x_limits(len(report.frames))))
     axes.set_xlabel(f"frame of {make_drawable(report.result)}")
-    axes.set_ylabel(series.name, color=series.style.colour)
-    axes.tick_params(axis="y", labelcolor=series.style.colour, color=series.style.colour)
+    axes.set_ylabel(series.axis_label, color=series.style["color"])
+    axes.tick_params(axis="y", labelcolor=series.style["color"], color=series.style["color"])
     axes.xaxis.set_major_locator(MaxNLocator(10, integer=True, min_n_ticks=1, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_formatter(FuncFormatter(_format_tick))
@@ -279,14 +242,15 @@ def _format_tick(value: float, _: int | None) -> str:
     return f"{value:g}".replace("-", "−")
 
 
-def _draw_legend(figure: Figure, axes_pair: tuple[Axes, Axes], undrawn_limits: list[str]) -> None:
+def _draw_legend(figure: Figure, curves: Sequence[tuple[Axes, Series]]) -> None:
     """Explain the lines above the axes, and name the limits that have no line."""
-    drawn = [axes.get_legend_handles_labels() for axes in axes_pair]
+    left, top = AXES_SIDES["left"], AXES_SIDES["top"]
+    drawn = [axes.get_legend_handles_labels() for axes, _ in curves]
     figure.legend(
         [handle for handles, _ in drawn for handle in handles],
         [label for _, labels in drawn for label in labels],
         loc="upper left",
-        bbox_to_anchor=(LEFT, 1.0),
+        bbox_to_anchor=(left, 1.0),
         ncols=4,
         fontsize=8.5,
         frameon=False,
@@ -295,7 +259,51 @@ def _draw_legend(figure: Figure, axes_pair: tuple[Axes, Axes], undrawn_limits: l
         borderpad=0.6,
         borderaxespad=0,
     )
-    if undrawn_limits:
-        text = "limits without a line: " + "; ".join(undrawn_limits)
-        text = textwrap.shorten(text, MAX_UNDRAWN_LETTERS, placeholder=" …")
-        figure.text(LEFT, TOP + 0.015, text, fontsize=7.5, color=MUTED, gid="not-drawn")
+    undrawn = [label for _, series in curves for label in series.undrawn_limits]
+    if undrawn:
+        text = "limits without a line: " + "; ".join(undrawn)
+        text = textwrap.shorten(text, 100, placeholder=" …")
+        colour = COLOURS["muted"]
+        figure.text(left, top + 0.015, text, fontsize=7.5, color=colour, gid="not-drawn")
+
+
+def _draw_limit_labels(curves: Sequence[tuple[Axes, Series]], occupied: Box) -> None:
+    """Label the limits, above or below their lines, where the labels cover little.
+
+    Parameters
+    ----------
+    curves : sequence of (Axes, Series)
+        The left axes, which are in front, and the right ones, each with its curve.
+    occupied : Box
+        A box that labels must not touch, as shares of the axes.
+    """
+    points = np.concatenate([_sample_curve(axes, series) for axes, series in curves])
+    limits = [
+        (text, _to_shares(axes, heights), axes is not curves[0][0], series.style["color"])
+        for axes, series in curves
+        for text, heights in series.limits
+    ]
+    # A letter has about this share of the axes' width.
+    labels = [(0.0101 * len(text), lines, is_right) for text, lines, is_right, _ in limits]
+    levels = [height for _, lines, _ in labels for height in lines]
+    boxes, front = place_limit_labels(labels, points, levels, occupied), curves[0][0]
+    for (text, _, is_right, colour), box in zip(limits, boxes, strict=True):
+        front.text(
+            box[2 if is_right else 0], box[1], text, transform=front.transAxes,
+            ha="right" if is_right else "left", va="bottom", fontsize=7.5, color=colour,
+            bbox={"boxstyle": "square,pad=0.1", "fc": "white", "lw": 0, "alpha": 0.75},
+        )  # fmt: skip
+
+
+def _sample_curve(axes: Axes, series: Series, count: int = 600) -> Floats:
+    """Sample `count` points along a curve, (k, 2), as shares of the axes."""
+    first, last = axes.get_xlim()
+    numbers = np.linspace(series.numbers[0], series.numbers[-1], count)
+    heights = np.interp(numbers, series.numbers, series.values)
+    return np.stack([(numbers - first) / (last - first), _to_shares(axes, heights)], axis=1)
+
+
+def _to_shares(axes: Axes, heights: Sequence[float] | Floats) -> list[float]:
+    """Return heights as shares of the axes, from the lower end."""
+    low, high = axes.get_ylim()
+    return [float(height / (high - low) - low / (high - low)) for height in heights]

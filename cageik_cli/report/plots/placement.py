@@ -1,6 +1,9 @@
-"""Placement of labels in a plot: one after the other, each where it costs least."""
+"""Where labels of plots go: one after the other, each where it costs least.
 
-from collections.abc import Iterable, Sequence
+To cover a point costs one, which is the unit of all costs.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -59,3 +62,92 @@ def _count_covered(box: Box, points: Floats) -> int:
     left, low, right, high = box
     x, y = points.T
     return int(np.count_nonzero((left < x) & (x < right) & (low < y) & (y < high)))
+
+
+def place_limit_labels(
+    labels: Sequence[tuple[float, Sequence[float], bool]],
+    points: Floats,
+    levels: Sequence[float],
+    occupied: Box,
+    *,
+    height: float = 0.052,
+    gap: float = 0.008,
+    margin: float = 0.012,
+) -> list[Box]:
+    """Place each label of a limit above or below one of its lines; lengths are shares of the axes.
+
+    Parameters
+    ----------
+    labels : sequence of (float, sequence of float, bool)
+        The width of each label, the heights of its lines, and whether it stands on the right rather
+        than on the left if both cost the same.
+    points : (k, 2) float64
+        Points of the curves, which should stay visible; nan is left out.
+    levels : sequence of float
+        Heights of all lines, which labels should not lie on.
+    occupied : Box
+        A box that labels must not touch.
+    gap, margin : float
+        Distances between a label and its line, and the sides of the axes.
+    """
+    overlap_cost, crossing_cost = 1000.0, 15.0
+
+    def list_candidates(
+        width: float, lines: Sequence[float], prefers_right: bool
+    ) -> Iterator[tuple[float, Box]]:
+        lefts = np.linspace(margin, max(1 - margin - width, margin), 9).tolist()
+        for left in reversed(lefts) if prefers_right else lefts:
+            for line in lines:
+                for bottom in (line + gap, line - gap - height):
+                    top = bottom + height
+                    crossed = sum(bottom < level < top for level in levels)
+                    is_outside = bottom < 0 or top > 1
+                    cost = overlap_cost * is_outside + crossing_cost * crossed
+                    yield cost, (left, bottom, left + width, top)
+
+    candidates = (list_candidates(*label) for label in labels)
+    placed = place_boxes(candidates, points, [occupied], overlap_cost)
+    return [box for box in placed if box is not None]
+
+
+def place_names(
+    dots: Floats,
+    sizes: Floats,
+    points: Floats,
+    side: float,
+    *,
+    gaps: Sequence[float] = (8.0, 14.0, 21.0),
+    margin: float = 3.0,
+) -> list[Box | None]:
+    """Place each name beside its dot in a square picture; None where there is no room.
+
+    Parameters
+    ----------
+    dots : (k, 2) float64
+        The first names choose first.
+    sizes : (k, 2) float64
+        Widths and heights of the names.
+    points : (p, 2) float64
+        Points that should stay visible.
+    side : float
+        Size of the picture.
+    gaps : sequence of float
+        Distances between a dot and its name, the best first.
+    margin : float
+        Distance between a name and the sides of the picture.
+    """
+    # The best first: right, left, above, below, then the corners.
+    sides = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (-1, -1), (1, 1), (-1, 1))
+
+    def list_candidates(dot: Floats, size: Floats) -> Iterator[tuple[float, Box]]:
+        if (size > side - 2 * margin).any():
+            return
+        for step, gap in enumerate(gaps):
+            for number, (right, down) in enumerate(sides):
+                towards = np.array([right, down]) * (1.0 if 0 in (right, down) else np.sqrt(0.5))
+                middle = dot + towards * gap + np.array([right, down]) * size / 2
+                low = np.clip(middle - size / 2, margin, side - margin - size)
+                left, top, end, bottom = (float(value) for value in (*low, *(low + size)))
+                yield 2.0 * step + 0.01 * number, (left, top, end, bottom)
+
+    return place_boxes((list_candidates(*one) for one in zip(dots, sizes, strict=True)), points)

@@ -11,54 +11,41 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
 
 from cageik_cli.posing.snapshot import PoseSnapshot
 from cageik_cli.report.figures import format_percent
-from cageik_cli.report.plots.pose_marks import (
-    MARK_OFFSETS,
-    Flags,
-    draw_anchors,
-    draw_arrows,
-    draw_legend,
-    draw_targets,
-    place_names,
+from cageik_cli.report.plots.placement import place_names
+from cageik_cli.report.plots.style import (
+    COLOURS,
+    PANEL_SIDE,
+    make_drawable,
+    measure_text_width,
+    use_fixed_style,
 )
-from cageik_cli.report.plots.style import make_drawable, measure_text_width, use_fixed_style
-from cageik_cli.report.render.model_views import (
-    DEPTH_TOL,
-    project_surface,
-    render_with_cage,
-)
+from cageik_cli.report.render.model_views import DEPTH_TOL, project_surface, render_with_cage
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, downsample
 from cageik_cli.report.render.viewpoints import VIEW_TURN, view_axes
 from cageik_cli.report.views.pose_text import format_miss
 from cageik_cli.util.arrays import Floats
 
-PANEL_SIDE, LEGEND_HEIGHT = 345.6, 43.2
-"""Size of a panel, and height of the strip below the panels."""
-
-CAPTION_SIZE, NAME_SIZE = 10.0, 8.5
-"""Font sizes of captions and of names."""
-
-MAX_CAPTION_LENGTH, MAX_NAME_LENGTH = 76, 28
-"""Characters of a caption and of a name that are shown."""
+Flags = NDArray[np.bool_]
 
 MAX_NAMED_ANCHORS = 12
 """Anchors that are labelled with their names; those that move farthest come first."""
 
-VIEW_TURNS = (VIEW_TURN, -VIEW_TURN, 75.0, -75.0)
-"""Possible viewpoints, degrees to the right of the front; the first is that of pages."""
+ANCHOR_STYLES = ((False, COLOURS["handle"], "o"), (True, COLOURS["ink"], "s"))
+"""Whether an anchor is pinned, its colour and its marker."""
 
-MIN_ARROW_SHARE = 0.8
-"""The first viewpoint is taken whose arrows have this share of the longest total length."""
+ANCHOR_SIZE, TARGET_SIZE = 6.0, 11.0
+"""Diameters of the marks of anchors, and of the rings of targets."""
 
-COLOUR_BIT_MASK = np.uint8(0xFC)
-"""Bits of colours that are kept; the file is a sixth smaller."""
-
-ARROW_SAMPLE_SPACING = 4.0
-"""Distance between the points of an arrow that names should not cover."""
+MIN_DRAWN_LENGTH = 1.0
+"""Shorter arrows (for example towards the viewer) and smaller misses of pins are not drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,52 +97,29 @@ def draw_pose(view: PoseSnapshot, panels: Sequence[Panel], pixels: int) -> Figur
     camera = _choose_camera(
         view, np.concatenate([*points, view.starts, view.targets]), SAMPLES_PER_PIXEL * pixels
     )
-    per_point = pixels / PANEL_SIDE
-    size = np.array([len(panels) * pixels, pixels + round(LEGEND_HEIGHT * per_point)])
+    per_point, legend_height = pixels / PANEL_SIDE, PANEL_SIDE / 8
+    size = np.array([len(panels) * pixels, pixels + round(legend_height * per_point)])
     # Slightly larger, because matplotlib rounds the number of pixels down.
     width, height = (float(value) for value in (size + 1e-3) / per_point)
     figure = Figure((width / 72, height / 72), dpi=72 * per_point)
     axes = figure.add_axes((0, 0, 1, 1), xlim=(0, width), ylim=(height, 0), zorder=1)
     axes.set_axis_off()
     for number, panel in enumerate(panels):
-        _draw_panel(_PanelPlace(figure, axes, camera, number), view, panel)
-    draw_legend(figure, view.pinned)
+        _PanelDrawing(axes, camera, view, panel, number).draw()
+    _draw_legend(figure, view.pinned)
     return figure
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _PanelPlace:
-    """The place of a panel in the figure.
-
-    Attributes
-    ----------
-    axes : Axes
-        Cover the whole figure.
-    number : int
-        Index of the panel, from the left.
-    """
-
-    figure: Figure
-    axes: Axes
-    camera: ParallelCamera
-    number: int
-
-    def __call__(self, points: Floats) -> Floats:
-        """Project points, (k, 3), into the figure, (k, 2)."""
-        seen = self.camera.project(points)[:, :2] * (PANEL_SIDE / self.camera.size)
-        return np.asarray(seen + np.array([self.left, 0]))
-
-    @property
-    def left(self) -> float:
-        return self.number * PANEL_SIDE
-
-
 def _choose_camera(view: PoseSnapshot, points: Floats, size: int) -> ParallelCamera:
-    """Choose a camera that shows all points, from a viewpoint where the arrows are long."""
+    """Choose a camera that shows all points, from a viewpoint where the arrows are long.
+
+    The first viewpoint, that of pages, is taken if its arrows have 0.8 of the longest total length.
+    """
     arrows = _arrow_vectors(view)
-    views = [view_axes(view.up_axis, turn) for turn in VIEW_TURNS]
+    turns = (VIEW_TURN, -VIEW_TURN, 75.0, -75.0)
+    views = [view_axes(view.up_axis, turn) for turn in turns]
     lengths = [float(np.linalg.norm(arrows @ axes[:2].T, axis=1).sum()) for axes in views]
-    chosen = next(k for k, length in enumerate(lengths) if length >= MIN_ARROW_SHARE * max(lengths))
+    chosen = next(k for k, length in enumerate(lengths) if length >= 0.8 * max(lengths))
     return ParallelCamera.fit(views[chosen], points, size)
 
 
@@ -164,70 +128,178 @@ def _arrow_vectors(view: PoseSnapshot) -> Floats:
     return np.where(view.pinned[:, None], 0.0, view.targets - view.starts)
 
 
-def _draw_panel(place: _PanelPlace, view: PoseSnapshot, panel: Panel) -> None:
-    surface = project_surface(place.camera, panel.vertices, view.faces)
-    picture = downsample(render_with_cage(surface, place.camera, panel.cage, view.cage_faces))
-    pixels = picture.shape[1]
-    below = round(place.figure.bbox.height) - pixels
-    levels = np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8) & COLOUR_BIT_MASK
-    place.figure.figimage(levels.transpose(1, 2, 0), place.number * pixels, below)
-    covered = _are_covered(place.camera, panel.anchors, surface.depth)
-    dots, targets = place(panel.anchors), place(view.targets)
-    if panel.has_arrows:
-        draw_arrows(place.axes, dots[~view.pinned], targets[~view.pinned])
-    else:
-        draw_targets(place.axes, dots, targets, view.pinned)
-    draw_anchors(place.axes, dots, view.pinned, covered)
-    _draw_names(place, view, dots, targets)
-    _draw_title(place, make_drawable(panel.title, MAX_CAPTION_LENGTH))
+class _PanelDrawing:
+    """A panel on its way into the figure, whose axes cover the whole figure.
 
+    Parameters
+    ----------
+    number : int
+        Index of the panel, from the left.
+    """
 
-def _draw_title(place: _PanelPlace, title: str) -> None:
-    """Write a caption below a panel, smaller if it does not fit."""
-    size = CAPTION_SIZE * min(
-        1.0, (PANEL_SIDE - 2 * CAPTION_SIZE) / max(measure_text_width(title, CAPTION_SIZE), 1.0)
-    )
-    middle = place.left + PANEL_SIDE / 2
-    place.axes.text(
-        middle, PANEL_SIDE + CAPTION_SIZE, title, size=size, ha="center", va="center", gid="title"
-    )
+    def __init__(
+        self, axes: Axes, camera: ParallelCamera, view: PoseSnapshot, panel: Panel, number: int
+    ) -> None:
+        self.axes, self.camera, self.view, self.panel = axes, camera, view, panel
+        self.number, self.left = number, number * PANEL_SIDE
+        self.dots, self.targets = self._place(panel.anchors), self._place(view.targets)
 
+    def draw(self) -> None:
+        """Draw the model in its cage, then the marks, the names and the caption over it."""
+        depth = self._draw_model()
+        if self.panel.has_arrows:
+            self._draw_arrows()
+        else:
+            self._draw_targets()
+        self._draw_anchors(self._are_covered(depth))
+        self._draw_names()
+        self._draw_title()
 
-def _are_covered(camera: ParallelCamera, points: Floats, depth: Floats) -> Flags:
-    """Whether points, (k, 3), are behind a surface of these depths, (s, s)."""
-    seen = camera.project(points)
-    columns, rows = np.clip(seen[:, :2], 0, camera.size - 1).astype(np.int64).T
-    return np.asarray(seen[:, 2] > depth[rows, columns] + DEPTH_TOL * camera.size)
+    def _place(self, points: Floats) -> Floats:
+        """Project points, (k, 3), into the figure, (k, 2)."""
+        seen = self.camera.project(points)[:, :2] * (PANEL_SIDE / self.camera.size)
+        return np.asarray(seen + np.array([self.left, 0]))
 
+    def _draw_model(self) -> Floats:
+        """Draw the model and its cage; return the depths of its surface."""
+        surface = project_surface(self.camera, self.panel.vertices, self.view.faces)
+        picture = downsample(
+            render_with_cage(surface, self.camera, self.panel.cage, self.view.cage_faces)
+        )
+        # Without the two lowest bits of its colours the file is a sixth smaller.
+        levels = np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8) & np.uint8(0xFC)
+        pixels, figure = picture.shape[1], self.axes.get_figure()
+        assert isinstance(figure, Figure)
+        below = round(figure.bbox.height) - pixels
+        figure.figimage(levels.transpose(1, 2, 0), self.number * pixels, below)
+        return surface.depth
 
-def _draw_names(place: _PanelPlace, view: PoseSnapshot, dots: Floats, targets: Floats) -> None:
-    """Label up to `MAX_NAMED_ANCHORS` anchors where there is room, the farthest moving first."""
-    far = np.linalg.norm(_arrow_vectors(view), axis=1)
-    order = np.argsort(-far, kind="stable")[:MAX_NAMED_ANCHORS]
-    names = [make_drawable(view.names[k], MAX_NAME_LENGTH) for k in order]
-    sizes = np.array(
-        [(measure_text_width(name, NAME_SIZE), 1.1 * NAME_SIZE) for name in names]
-    ).reshape(-1, 2)
-    offset = np.array([place.left, 0])
-    kept_clear = np.concatenate(
-        [*(dots + corner for corner in MARK_OFFSETS), *map(_sample_segment, dots, targets)]
-    )
-    boxes = place_names(dots[order] - offset, sizes, kept_clear - offset, PANEL_SIDE)
-    for name, box in zip(names, boxes, strict=True):
-        if box is not None:
-            place.axes.text(
-                place.left + box[0],
-                (box[1] + box[3]) / 2,
-                name,
-                size=NAME_SIZE,
-                va="center_baseline",
-                path_effects=[withStroke(linewidth=2.4, foreground="white")],
-                zorder=6,
-                gid="name",
+    def _are_covered(self, depth: Floats) -> Flags:
+        """Whether the anchors are behind a surface of these depths, (s, s)."""
+        seen = self.camera.project(self.panel.anchors)
+        columns, rows = np.clip(seen[:, :2], 0, self.camera.size - 1).astype(np.int64).T
+        return np.asarray(seen[:, 2] > depth[rows, columns] + DEPTH_TOL * self.camera.size)
+
+    def _draw_arrows(self) -> None:
+        """Draw an arrow from each handle to its target."""
+        shaft_width, head_length, head_width = 1.9, 9.0, 7.0
+        is_free = ~self.view.pinned
+        for start, end in zip(self.dots[is_free], self.targets[is_free], strict=True):
+            along = end - start
+            length = float(np.hypot(*along))
+            if length < MIN_DRAWN_LENGTH:
+                continue
+            head = min(head_length, 0.6 * length)
+            share = head / head_length
+            along = along / length
+            neck = end - head * along
+            across = share * np.array([-along[1], along[0]])
+            shaft, barb = shaft_width / 2 * across, head_width / 2 * across
+            outline = [start + shaft, neck + shaft, neck + barb, end]
+            outline += [neck - barb, neck - shaft, start - shaft]
+            arrow = Polygon(np.array(outline), facecolor=COLOURS["handle"], zorder=3, gid="arrow")
+            arrow.set(edgecolor="white", linewidth=0.6, joinstyle="miter")
+            self.axes.add_patch(arrow)
+
+    def _draw_targets(self) -> None:
+        """Ring the targets, with a dashed line to their anchors if those are outside the ring.
+
+        Targets of pins are ringed only if they are missed.
+        """
+        misses = np.linalg.norm(self.dots - self.targets, axis=1)
+        lines = np.stack([self.dots, self.targets], axis=1)
+        for is_pin, colour, marker in ANCHOR_STYLES:
+            is_drawn = (self.view.pinned == is_pin) & (
+                misses >= (MIN_DRAWN_LENGTH if is_pin else 0)
             )
+            self.axes.plot(
+                *self.targets[is_drawn].T, marker, markersize=TARGET_SIZE, markerfacecolor="none",
+                markeredgecolor=colour, markeredgewidth=1.1,
+                path_effects=[withStroke(linewidth=2.8, foreground="white")], zorder=4, gid="goal",
+            )  # fmt: skip
+            for line in lines[is_drawn & (misses > TARGET_SIZE / 2)]:
+                self.axes.plot(
+                    *line.T, color=colour, linewidth=1.0, dashes=(3, 1.5), zorder=4, gid="miss"
+                )
+
+    def _draw_anchors(self, covered: Flags) -> None:
+        """Mark the anchors; those behind the model are paler."""
+        pinned = self.view.pinned
+        for is_pin, colour, marker in ANCHOR_STYLES:
+            for is_covered in (True, False):
+                self.axes.plot(
+                    *self.dots[(pinned == is_pin) & (covered == is_covered)].T, marker,
+                    markersize=ANCHOR_SIZE, color=colour, markeredgecolor="white",
+                    markeredgewidth=0.7, alpha=0.5 if is_covered else 1.0, zorder=5,
+                    gid="pin" if is_pin else "dot",
+                )  # fmt: skip
+
+    def _draw_names(self, size: float = 8.5, max_length: int = 28) -> None:
+        """Label up to `MAX_NAMED_ANCHORS` anchors where there is room, the farthest moving first.
+
+        `size` is that of the font, and `max_length` the characters of a name that are shown.
+        """
+        far = np.linalg.norm(_arrow_vectors(self.view), axis=1)
+        order = np.argsort(-far, kind="stable")[:MAX_NAMED_ANCHORS]
+        names = [make_drawable(self.view.names[k], max_length) for k in order]
+        sizes = np.array([(measure_text_width(name, size), 1.1 * size) for name in names])
+        offset = np.array([self.left, 0])
+        dots = self.dots[order] - offset
+        boxes = place_names(dots, sizes.reshape(-1, 2), self._list_marked() - offset, PANEL_SIDE)
+        for name, box in zip(names, boxes, strict=True):
+            if box is not None:
+                self.axes.text(
+                    self.left + box[0], (box[1] + box[3]) / 2, name, size=size,
+                    va="center_baseline", zorder=6, gid="name",
+                    path_effects=[withStroke(linewidth=2.4, foreground="white")],
+                )  # fmt: skip
+
+    def _list_marked(self) -> Floats:
+        """List points of rings and arrows, (p, 2), which names should not cover."""
+        sides = (-1, 0, 1)
+        corners = TARGET_SIZE / 2 * np.array([(x, y) for x in sides for y in sides])
+        segments = map(_sample_segment, self.dots, self.targets)
+        return np.concatenate([*(self.dots + corner for corner in corners), *segments])
+
+    def _draw_title(self, font_size: float = 10.0, max_length: int = 76) -> None:
+        """Write the caption below the panel, smaller if it does not fit."""
+        title = make_drawable(self.panel.title, max_length)
+        width = max(measure_text_width(title, font_size), 1.0)
+        size = font_size * min(1.0, (PANEL_SIDE - 2 * font_size) / width)
+        middle, below = self.left + PANEL_SIDE / 2, PANEL_SIDE + font_size
+        self.axes.text(middle, below, title, size=size, ha="center", va="center", gid="title")
 
 
-def _sample_segment(start: Floats, end: Floats) -> Floats:
-    """Sample a segment, (k, 2), at most `ARROW_SAMPLE_SPACING` apart."""
-    count = int(np.ceil(np.hypot(*(end - start)) / ARROW_SAMPLE_SPACING)) + 1
+def _sample_segment(start: Floats, end: Floats, spacing: float = 4.0) -> Floats:
+    """Sample a segment, (k, 2), at most `spacing` apart."""
+    count = int(np.ceil(np.hypot(*(end - start)) / spacing)) + 1
     return np.linspace(start, end, count)
+
+
+def _draw_legend(figure: Figure, pinned: Flags) -> None:
+    """Explain the marks below all panels."""
+    handle, ink = COLOURS["handle"], COLOURS["ink"]
+    marks = []
+    if not pinned.all():
+        marks += [
+            (handle, "o", ANCHOR_SIZE, handle, "handle"),
+            (handle, "o", TARGET_SIZE, "none", "target"),
+        ]
+    if pinned.any():
+        marks += [(ink, "s", ANCHOR_SIZE, ink, "pin")]
+    figure.legend(
+        [
+            Line2D([], [], linestyle="", color=colour, marker=marker, ms=size, mfc=inside)
+            for colour, marker, size, inside, _ in marks
+        ],
+        [label for *_, label in marks],
+        loc="lower center",
+        ncols=len(marks) or 1,
+        fontsize=8.0,
+        labelcolor=COLOURS["muted"],
+        frameon=False,
+        handletextpad=0.1,
+        columnspacing=1.4,
+        borderpad=0.5,
+        borderaxespad=0.5,
+    )

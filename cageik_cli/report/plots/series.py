@@ -1,86 +1,60 @@
-"""The two curves of the plot over the frames: the error, and volume change or deviation."""
+"""The two curves of the plot over the frames, and their limits: error, and volume or deviation."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from cageik_cli.report.limits import PERCENT, LimitCheck, format_limit, make_verdict
+from cageik_cli.report.plots.style import CURVE_STYLES
 from cageik_cli.report.record import Report
-from cageik_cli.report.unfitted import UnfittedRecord
-from cageik_cli.report.vocabulary import choose_vocabulary
+from cageik_cli.report.render.shading import MIN_SCALE_PERCENT
+from cageik_cli.report.vocabulary import Vocabulary, choose_vocabulary
 from cageik_cli.util.arrays import Floats
-
-MIN_AXIS_PERCENT = 0.001
-"""Percent; no axis ends lower, so that rounding does not look like an error."""
-
-MAX_PLOTTED_PERCENT = 1e150
-"""Larger values are clamped; matplotlib cannot draw their axes."""
-
-
-@dataclass(frozen=True, slots=True)
-class LineStyle:
-    """Style of a line, in matplotlib's terms."""
-
-    colour: str
-    linestyle: str | tuple[int, tuple[float, ...]]
-    marker: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Reference:
-    """A second curve on the axis of a series, over some of the frames.
-
-    Attributes
-    ----------
-    numbers : (k,) float64
-        Of these frames.
-    values : (k,) float64
-        Percent.
-    label : str
-        In the legend.
-    """
-
-    numbers: Floats
-    values: Floats
-    label: str
-    style: LineStyle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """A curve over the frames: its values and its style.
+    """A curve over frames, and the limits on it.
 
     Attributes
     ----------
-    numbers : (F,) float64
+    metric : str
+        What it shows: a key of `CURVE_STYLES`.
+    numbers : (k,) float64
         Of the frames.
-    values : (F,) float64
+    values : (k,) float64
         Percent; nan in gaps.
-    name : str
-        Name and unit, with a comma between them.
-    metrics : tuple of str
-        Metrics whose limits are drawn with the curve.
-    side : int
-        Its axis: 0 for left, 1 for right.
-    label : str
-        In the legend.
-    reference : Reference, optional
+    label, axis_label : str
+        Its names in the legend, and at its axis, with the unit.
+    limits : tuple of (str, tuple of float)
+        The label of each limit, and the heights of its lines, percent: two of opposite sign if the
+        limit applies on both sides of zero.
+    undrawn_limits : tuple of str
+        Labels of limits without a line: on a metric without a curve, or far above the curve.
+    unfitted : Series, optional
         The same measure with the weights before a fit.
     """
 
+    metric: str
     numbers: Floats
     values: Floats
-    name: str
-    metrics: tuple[str, ...]
-    side: int
-    style: LineStyle
     label: str
-    reference: Reference | None = None
+    axis_label: str = ""
+    limits: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    undrawn_limits: tuple[str, ...] = ()
+    unfitted: "Series | None" = None
+
+    @property
+    def style(self) -> dict[str, Any]:
+        """Colour, line and marker, in matplotlib's terms."""
+        return dict(CURVE_STYLES[self.metric])
 
     @property
     def is_signed(self) -> bool:
         """Whether limits apply on both sides of zero."""
-        return self.metrics == ("volume_change",)
+        return self.metric == "volume_change"
 
 
 def build_series(report: Report) -> tuple[Series, Series]:
@@ -90,46 +64,71 @@ def build_series(report: Report) -> tuple[Series, Series]:
     """
     frames, words = report.frames, choose_vocabulary(report.edited_from)
     numbers = np.array([frame.number for frame in frames], np.float64)
+    errors = _make_plottable(frame.rms_percent for frame in frames)
+    limits, undrawn = _split_limits(report, ("rms", "frame_rms"), errors)
     error = Series(
-        numbers,
-        _plottable_values([frame.rms_percent for frame in frames]),
-        f"RMS {words.measure}, % of the diagonal",
-        ("rms", "frame_rms"),
-        0,
-        LineStyle("#0a7d4b", "-", "o"),
-        f"RMS {words.measure}" + (", fitted" if report.unfitted else ""),
-        _build_reference(report.unfitted, numbers),
+        metric="rms",
+        numbers=numbers,
+        values=errors,
+        label=f"RMS {words.measure}" + (", fitted" if report.unfitted else ""),
+        axis_label=f"RMS {words.measure}, % of the diagonal",
+        limits=limits,
+        undrawn_limits=undrawn,
+        unfitted=_build_unfitted(report, numbers),
     )
-    changes = [frame.volume_change for frame in frames]
-    if report.clip.closed and any(change is not None for change in changes):
-        style = LineStyle("#1f4fa3", (0, (3.4, 1.1)), "s")
-        return error, Series(
-            numbers,
-            _plottable_values(changes),
-            "volume change, %",
-            ("volume_change",),
-            1,
-            style,
-            "volume change",
-        )
-    deviations = _plottable_values([frame.max_deviation_percent for frame in frames])
-    name = f"{words.largest}, % of the diagonal"
-    style = LineStyle("#8a3a8f", (0, (4, 1, 1, 1)), "^")
-    return error, Series(numbers, deviations, name, ("max_deviation",), 1, style, words.largest)
-
-
-def _build_reference(unfitted: UnfittedRecord | None, numbers: Floats) -> Reference | None:
-    """Build the curve of the weights before a fit."""
-    if unfitted is None:
-        return None
-    return Reference(
-        numbers[list(unfitted.frames)],
-        _plottable_values(unfitted.rms_percent),
-        unfitted.coordinates,
-        LineStyle("#c0641c", (0, (1.2, 1.2)), "d"),
+    metric, label, axis_label = "volume_change", "volume change", "volume change, %"
+    values = _make_plottable(frame.volume_change for frame in frames)
+    if not report.clip.closed or all(frame.volume_change is None for frame in frames):
+        metric, label = "max_deviation", words.largest
+        axis_label = f"{words.largest}, % of the diagonal"
+        values = _make_plottable(frame.max_deviation_percent for frame in frames)
+    limits, undrawn = _split_limits(report, (metric,), values)
+    undrawn += tuple(
+        label_limit(check, words)
+        for check in report.gates
+        if check.metric not in ("rms", "frame_rms", metric)
     )
+    return error, Series(metric, numbers, values, label, axis_label, limits, undrawn)
 
 
-def _plottable_values(metrics: Sequence[float | None]) -> Floats:
+def _make_plottable(metrics: Iterable[float | None], max_percent: float = 1e150) -> Floats:
+    """Return metrics with nan in gaps, clamped: matplotlib cannot draw axes of larger values."""
     values = np.array([np.nan if value is None else value for value in metrics])
-    return np.asarray(np.clip(values, -MAX_PLOTTED_PERCENT, MAX_PLOTTED_PERCENT))
+    return np.asarray(np.clip(values, -max_percent, max_percent))
+
+
+def _build_unfitted(report: Report, numbers: Floats) -> Series | None:
+    """Build the curve of the weights before a fit."""
+    before = report.unfitted
+    if before is None:
+        return None
+    values = _make_plottable(before.rms_percent)
+    return Series("unfitted", numbers[list(before.frames)], values, before.coordinates)
+
+
+def _split_limits(
+    report: Report, metrics: Sequence[str], values: Floats, max_reach: float = 2.5
+) -> tuple[tuple[tuple[str, tuple[float, ...]], ...], tuple[str, ...]]:
+    """Return the limits on a curve as in `Series`: those with lines, and those far above it.
+
+    A limit has a line up to `max_reach` times the highest value.
+    """
+    words = choose_vocabulary(report.edited_from)
+    reach = max_reach * np.nanmax(np.abs(values), initial=MIN_SCALE_PERCENT)
+    near, far = [], []
+    for check in report.gates:
+        if check.metric in metrics:
+            to_percent = 1 if check.unit == PERCENT else 100 / report.clip.diagonal
+            height, label = to_percent * check.limit, label_limit(check, words)
+            if height <= reach:
+                is_signed = check.metric == "volume_change"
+                near.append((label, (height, -height) if is_signed else (height,)))
+            else:
+                far.append(label)
+    return tuple(near), tuple(far)
+
+
+def label_limit(check: LimitCheck, words: Vocabulary) -> str:
+    """Format a limit and its verdict for a label."""
+    verdict = make_verdict(check).text
+    return f"{words.limits[check.metric]} ≤ {format_limit(check)} {check.unit}, {verdict}"

@@ -1,4 +1,4 @@
-"""The style of plots: independent of pyplot and the user's matplotlibrc."""
+"""The style of plots: their colours and fonts, whatever the user's matplotlibrc says."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,29 +8,40 @@ import matplotlib as mpl
 import matplotlib.style
 from matplotlib.font_manager import FontProperties, findfont, get_font
 
-INK, MUTED = "#20242a", "#59626d"
+COLOURS = {"ink": "#20242a", "muted": "#59626d", "gap": "#eceef0", "handle": "#c8321f"}
+"""Colours of texts, of axes, of skipped frames, and of handles with their targets."""
+
+CURVE_STYLES: dict[str, Any] = {
+    "rms": {"color": "#0a7d4b", "linestyle": "-", "marker": "o"},
+    "unfitted": {"color": "#c0641c", "linestyle": (0, (1.2, 1.2)), "marker": "d"},
+    "volume_change": {"color": "#1f4fa3", "linestyle": (0, (3.4, 1.1)), "marker": "s"},
+    "max_deviation": {"color": "#8a3a8f", "linestyle": (0, (4, 1, 1, 1)), "marker": "^"},
+}
+"""How the curves of the error plot look, by metric; `rms` is the error of a frame."""
+
+PANEL_SIDE = 345.6
+"""Width and height of the picture of a model in a plot, in points, 72 per inch."""
 
 DEFAULT_MAX_LENGTH = 40
 """Characters of a name that are shown; longer names are cut in the middle."""
-
-MATPLOTLIB_SETTINGS: Any = {
-    "font.size": 9.0,
-    "axes.edgecolor": MUTED,
-    "axes.linewidth": 0.8,
-    "axes.unicode_minus": True,
-    "path.simplify": False,
-    "text.color": INK,
-    "text.parse_math": False,
-    "xtick.color": MUTED,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "cageik",
-}
 
 
 @contextmanager
 def use_fixed_style() -> Iterator[None]:
     """Set the style in which plots are drawn and saved."""
-    with matplotlib.style.context("default"), mpl.rc_context(MATPLOTLIB_SETTINGS):
+    settings: Any = {
+        "font.size": 9.0,
+        "axes.edgecolor": COLOURS["muted"],
+        "axes.linewidth": 0.8,
+        "axes.unicode_minus": True,
+        "path.simplify": False,
+        "text.color": COLOURS["ink"],
+        "text.parse_math": False,
+        "xtick.color": COLOURS["muted"],
+        "svg.fonttype": "none",
+        "svg.hashsalt": "cageik",
+    }
+    with matplotlib.style.context("default"), mpl.rc_context(settings):
         yield
 
 

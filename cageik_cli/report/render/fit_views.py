@@ -4,25 +4,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cageik_cli.report.render.colouring import (
-    COLOUR_SCALE,
-    SIGNED_SCALE,
-    choose_scale_end,
-    colour_pixels,
-    colour_signed_pixels,
-    encode_png,
-    parse_colour,
-)
 from cageik_cli.report.render.model_views import (
-    CLAY_COLOUR,
     FRAME_LABELS,
     Pose,
     PoseSet,
+    encode_png,
     overlay_cage,
     project_surface,
 )
 from cageik_cli.report.render.raster import ParallelCamera, rasterize_lines
-from cageik_cli.report.render.shading import SAMPLES_PER_PIXEL, Picture, overlay, render
+from cageik_cli.report.render.shading import (
+    COLOUR_SCALE,
+    MESH_COLOURS,
+    SAMPLES_PER_PIXEL,
+    SIGNED_SCALE,
+    Picture,
+    choose_scale_end,
+    colour_pixels,
+    colour_signed_pixels,
+    overlay,
+    parse_colour,
+    render,
+)
 from cageik_cli.report.render.viewpoints import REGION_TURNS, choose_view, view_axes
 from cageik_cli.store.result import Result
 from cageik_cli.store.result_frames import read_binding
@@ -221,7 +224,7 @@ def _render_compared(poses: PoseSet, one: ComparedPose, top: float, size: int) -
     return ComparedPictures(
         label=pose.label,
         name=pose.name,
-        original=encode_png(render(original, parse_colour(CLAY_COLOUR))),
+        original=encode_png(render(original, parse_colour(MESH_COLOURS["input"]))),
         unfitted=draw(one.unfitted, one.unfitted_deviation),
         fitted=draw(pose.reconstruction, pose.deviation),
     )

@@ -13,15 +13,6 @@ import numpy as np
 from cageik_cli.util import compiled
 from cageik_cli.util.arrays import Floats, Integers
 
-MARGIN = 0.03
-"""Free share of the picture on each side."""
-
-BLOCK_PIXELS = 1 << 18
-"""Pixels of the bounding boxes of triangles that are drawn in one step."""
-
-EDGE_ON_TOL = 1e-9
-"""A triangle seen edge-on, by this share of its normal along the view, has one depth."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParallelCamera:
@@ -49,13 +40,16 @@ class ParallelCamera:
     size: int
 
     @classmethod
-    def fit(cls, axes: Floats, points: Floats, size: int) -> Self:
-        """Fit a camera to points, (k, 3), as large as possible; points of nan are left out."""
+    def fit(cls, axes: Floats, points: Floats, size: int, margin: float = 0.03) -> Self:
+        """Fit a camera to points, (k, 3), as large as possible; points of nan are left out.
+
+        `margin` is the free share of the picture on each side.
+        """
         seen = points[np.isfinite(points).all(axis=1)] @ axes.T
         low, high = (seen.min(axis=0), seen.max(axis=0)) if len(seen) else np.zeros((2, 3))
         half = 0.5 * high - 0.5 * low
         extent = float(half[:2].max()) or float(half[2]) or 1.0
-        return cls(axes, axes.T @ (0.5 * low + 0.5 * high), extent / (1 - 2 * MARGIN), size)
+        return cls(axes, axes.T @ (0.5 * low + 0.5 * high), extent / (1 - 2 * margin), size)
 
     def project(self, points: Floats) -> Floats:
         """Project points, (k, 3), to x, y and depth, all in pixels."""
@@ -130,11 +124,9 @@ def cross_products(one: Floats, two: Floats) -> Floats:
     return np.stack([one[k - 2] * two[k - 1] - one[k - 1] * two[k - 2] for k in range(3)])
 
 
-def _split_blocks(areas: Floats) -> Iterator[slice]:
-    """Yield runs of triangles whose bounding boxes have about `BLOCK_PIXELS` pixels in total."""
-    ends = np.searchsorted(
-        np.cumsum(areas), np.arange(BLOCK_PIXELS, areas.sum() + BLOCK_PIXELS, BLOCK_PIXELS)
-    )
+def _split_blocks(areas: Floats, pixels: int = 1 << 18) -> Iterator[slice]:
+    """Yield runs of triangles whose bounding boxes have about so many `pixels` in total."""
+    ends = np.searchsorted(np.cumsum(areas), np.arange(pixels, areas.sum() + pixels, pixels))
     start = 0
     for end in np.unique(np.minimum(ends + 1, len(areas))).tolist():
         yield slice(start, end)
@@ -212,9 +204,12 @@ def _sort_by_height(places: Floats) -> tuple[Floats, Floats]:
     return np.stack(x), np.stack(y)
 
 
-def _depth_planes(places: Floats) -> tuple[Floats, Floats]:
-    """Return the slopes of depth along x and y, (2, t), and the depth at corner 0."""
+def _depth_planes(places: Floats, edge_on_tol: float = 1e-9) -> tuple[Floats, Floats]:
+    """Return the slopes of depth along x and y, (2, t), and the depth at corner 0.
+
+    A triangle seen edge-on, by this share of its normal along the view, has one depth.
+    """
     normal = cross_products(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
-    edge_on = np.abs(normal[2]) <= EDGE_ON_TOL * np.abs(normal).sum(axis=0)
+    edge_on = np.abs(normal[2]) <= edge_on_tol * np.abs(normal).sum(axis=0)
     slopes = -normal[:2] / np.where(edge_on, np.inf, normal[2])
     return slopes, np.where(edge_on, places[2].mean(axis=0), places[2, 0])

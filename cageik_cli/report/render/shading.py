@@ -1,4 +1,4 @@
-"""Shaded and coloured pictures of meshes.
+"""Shaded and coloured pictures of meshes, and their colour scales.
 
 Pixels and depths are as in `raster`.
 """
@@ -17,10 +17,23 @@ Picture = NDArray[np.float32]
 SAMPLES_PER_PIXEL = 2
 """Samples per pixel, across and down."""
 
-KEY_DIRECTION, FILL_DIRECTION = np.array([-0.42, 0.66, 0.62]), np.array([0.85, 0.05, 0.52])
-"""Directions towards the lights: right, up, towards the viewer; of length one, nearly."""
+MESH_COLOURS = {"model": "#f0ede8", "cage": "#1f6fd0", "input": "#e2d6c8", "missing": "#a3a8ad"}
+"""Colours of a model in its cage, of the cage, of an input, and of missing data."""
 
-AMBIENT_LIGHT, KEY_LIGHT, FILL_LIGHT, RIM_DARKENING = 0.46, 0.54, 0.12, 0.30
+COLOUR_SCALE = (
+    "#f2eada", "#efd098", "#ecb362", "#e69441", "#e56e38", "#d64d41", "#bb3252",
+    "#8f2c64", "#5d2d62",
+)  # fmt: skip
+"""From light to dark in even steps, so that they can be told apart without colour vision."""
+
+SIGNED_SCALE = (
+    "#123a73", "#2f66a8", "#6f9fd0", "#b5cde3", "#ece7df", "#efc08b", "#e08a3c",
+    "#b9541c", "#7a2c0c",
+)  # fmt: skip
+"""From the negative to the positive end; the middle is zero."""
+
+MIN_SCALE_PERCENT = 0.001
+"""Percent of the diagonal; no scale or axis ends lower: rounding should not look like an error."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,11 +124,40 @@ def _normalize(vectors: Floats) -> Floats:
 
 def shade(normals: Floats) -> Floats:
     """Return the brightness, (p,), for normals, (3, p): about 0.3 to 1."""
-    key, fill = (
-        np.maximum(_weighted_sum(light, normals), 0) for light in (KEY_DIRECTION, FILL_DIRECTION)
-    )
-    bright = AMBIENT_LIGHT + KEY_LIGHT * key + FILL_LIGHT * fill
-    return np.asarray(bright * (1 - RIM_DARKENING * (1 - np.clip(normals[2], 0, 1)) ** 2))
+    # Towards the lights: right, up, towards the viewer; of length one, nearly.
+    directions = np.array([-0.42, 0.66, 0.62]), np.array([0.85, 0.05, 0.52])
+    key, fill = (np.maximum(_weighted_sum(light, normals), 0) for light in directions)
+    bright = 0.46 + 0.54 * key + 0.12 * fill
+    rim = (1 - np.clip(normals[2], 0, 1)) ** 2
+    return np.asarray(bright * (1 - 0.30 * rim))
+
+
+def parse_colour(text: str) -> Floats:
+    """Return red, green and blue, 0 to 1, of #rrggbb."""
+    return np.array([int(text[k : k + 2], 16) for k in (1, 3, 5)]) / 255
+
+
+def choose_scale_end(values: Floats, percentile: float = 99.5) -> float:
+    """Choose a round end for a scale that holds nearly all values: this percentile of them."""
+    wanted = max(float(np.percentile(values, percentile)) if len(values) else 0, MIN_SCALE_PERCENT)
+    power = 10.0 ** np.floor(np.log10(wanted))
+    ends = (1, 1.5, 2, 3, 4, 5, 6, 8, 10)
+    return float(f"{power * next((k for k in ends if k * power >= wanted), 10):.2g}")
+
+
+def colour_pixels(surface: VisibleSurface, values: Floats, top: float) -> Floats:
+    """Return the colours, (p, 3), of values of vertices, (m,), from 0 to `top`; grey for nan."""
+    return _map_to_scale(surface.interpolate(values), top, COLOUR_SCALE)
+
+
+def colour_signed_pixels(surface: VisibleSurface, values: Floats, top: float) -> Floats:
+    """Return the colours, (p, 3), of values of vertices, (m,), from -`top` to `top`."""
+    return _map_to_scale(surface.interpolate(values) + top, 2 * top, SIGNED_SCALE)
+
+
+def _map_to_scale(values: Floats, top: float, scale: tuple[str, ...]) -> Floats:
+    stops = np.array([parse_colour(stop) for stop in scale])
+    return map_colours(values, top, stops, parse_colour(MESH_COLOURS["missing"]))
 
 
 def map_colours(values: Floats, top: float, stops: Floats, missing: Floats) -> Floats:

@@ -8,35 +8,25 @@ from numpy.typing import NDArray
 from cageik_cli.report.render.raster import ParallelCamera, rasterize
 from cageik_cli.util.arrays import Floats, Integers
 
-VIEW_TURN, VIEW_TILT = 32.0, 14.0
-"""Degrees of the viewpoint to the right of the front, and above it."""
+VIEW_TURN = 32.0
+"""Degrees of the usual viewpoint to the right of the front."""
 
 REGION_TURNS = tuple(VIEW_TURN + turn for turn in (0, -64, 58, -122, 103, -167, 148, 180))
 """From where the worst region may be looked at, the usual view first."""
 
-UPRIGHT_AXES = {"Y": np.eye(3), "Z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
-"""Rows: right, up and front of an upright model, by its up axis."""
 
-PIXELS = 64
-"""Width and height of the pictures that choose a view."""
+def view_axes(up_axis: str, turn: float, tilt: float = 14.0) -> Floats:
+    """Return right, up and backward of a view, as rows.
 
-MIN_SHARE = 0.8
-"""A view is as good as the best if it shows so much of what that shows."""
-
-CLOSE_UP_WIDTH = 2.0
-"""Width of a close-up, in sizes of the region,"""
-
-MIN_CLOSE_UP = 0.25
-"""but at least so many diagonals of the model."""
-
-
-def view_axes(up_axis: str, turn: float) -> Floats:
-    """Return right, up and backward of a view from `turn` degrees right of the front, as rows."""
-    turn_angle, tilt_angle = np.radians((turn, VIEW_TILT))
+    It is from `turn` degrees right of the front, and `tilt` degrees above it.
+    """
+    turn_angle, tilt_angle = np.radians((turn, tilt))
     (c, s), (d, e) = ((np.cos(angle), np.sin(angle)) for angle in (turn_angle, tilt_angle))
     around = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
     over = np.array([[1, 0, 0], [0, d, -e], [0, e, d]])
-    return np.asarray(over @ around @ UPRIGHT_AXES[up_axis])
+    # Rows: right, up and front of an upright model.
+    upright = {"Y": np.eye(3), "Z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}
+    return np.asarray(over @ around @ upright[up_axis])
 
 
 def find_region_vertices(
@@ -59,15 +49,23 @@ def find_region_vertices(
 
 
 def fit_close_up(points: Floats, size: float, diagonal: float) -> tuple[Floats, float]:
-    """Return the centre and half the width of a close-up of points, (k, 3)."""
+    """Return the centre and half the width of a close-up of points, (k, 3).
+
+    It is twice as wide as the region, and at least a quarter of the model's diagonal.
+    """
     low, high = points.min(axis=0), points.max(axis=0)
-    width = max(CLOSE_UP_WIDTH * max(size, float(np.linalg.norm(high - low))),
-                MIN_CLOSE_UP * diagonal)  # fmt: skip
+    width = max(2.0 * max(size, float(np.linalg.norm(high - low))), 0.25 * diagonal)
     return np.asarray(0.5 * low + 0.5 * high), 0.5 * width
 
 
 def choose_view(
-    vertices: Floats, faces: Integers, chosen: NDArray[np.bool_], views: Mapping[float, Floats]
+    vertices: Floats,
+    faces: Integers,
+    chosen: NDArray[np.bool_],
+    views: Mapping[float, Floats],
+    *,
+    pixels: int = 64,
+    min_share: float = 0.8,
 ) -> float:
     """Choose from which of several directions vertices are seen best.
 
@@ -79,6 +77,10 @@ def choose_view(
         The vertices to be seen.
     views : mapping of float to (3, 3) float64
         The axes of each view, by its name; earlier ones are preferred.
+    pixels : int
+        Width and height of the small pictures that are compared.
+    min_share : float
+        A view is as good as the best if it shows so much of what that shows.
 
     Returns
     -------
@@ -91,9 +93,9 @@ def choose_view(
     points = vertices[faces[wanted]].reshape(-1, 3)
     centre = 0.5 * points.min(axis=0) + 0.5 * points.max(axis=0)
     radius = float(np.linalg.norm(points - centre, axis=1).max()) or 1.0
-    cameras = [ParallelCamera(axes, centre, radius, PIXELS) for axes in views.values()]
+    cameras = [ParallelCamera(axes, centre, radius, pixels) for axes in views.values()]
     seen = [_count_pixels(camera, vertices, faces, wanted) for camera in cameras]
-    enough = MIN_SHARE * max(seen)
+    enough = min_share * max(seen)
     return next(name for name, count in zip(views, seen, strict=True) if count >= enough)
 
 

@@ -13,8 +13,8 @@ from PIL import Image
 
 from cageik_cli.report.limits import Limit
 from cageik_cli.report.plots.error_plot import (
-    build_page_plot,
     draw_plot,
+    render_page_plot,
     render_plot_png,
     render_plot_svg,
 )
@@ -96,7 +96,8 @@ def test_the_axis_has_the_numbers_of_the_frames(make_report):
     (box,) = [path.get_extents() for path in axes[1].collections[0].get_paths()]
     assert (box.x0, box.x1) == (1004, 1006)
     assert axes[0].get_xlim() == (1000, 1008)
-    assert (build_page_plot(report).first, build_page_plot(report).last) == (-0.5, 3.5)
+    _, places = render_page_plot(report)
+    assert (places["first"], places["last"]) == (-0.5, 3.5)
 
 
 def test_many_limits_without_a_line_are_cut_short(make_report):
@@ -173,7 +174,7 @@ def test_any_name_is_shown(make_report, name):
 
 def test_a_long_clip_is_small(make_report):
     values = np.random.default_rng(1).random((2, 2000))
-    assert len(build_page_plot(make_report(values[0].tolist(), values[1].tolist())).svg) < 300_000
+    assert len(render_page_plot(make_report(values[0].tolist(), values[1].tolist()))[0]) < 300_000
 
 
 def test_the_same_report_gives_the_same_bytes_whatever_the_settings(report):
@@ -194,17 +195,17 @@ def test_pyplot_is_not_needed(run_process):
 
 
 def test_the_page_plot_has_the_position_of_the_axes(report):
-    plot = build_page_plot(report)
-    root = ElementTree.fromstring(plot.svg)
-    assert plot.svg.startswith("<svg ")
+    svg, places = render_page_plot(report)
+    root = ElementTree.fromstring(svg)
+    assert svg.startswith("<svg ")
     assert {"width", "height"}.isdisjoint(root.attrib)
     _, _, width, height = map(float, root.attrib["viewBox"].split())
     axes = draw_plot(report).axes[0]
-    assert axes.get_xlim() == (1 + plot.first, 1 + plot.last)
+    assert axes.get_xlim() == (1 + places["first"], 1 + places["last"])
     # The first path of the axes is their background.
-    place = re.search(r'id="axes_1".*? d="(.*?)"', plot.svg, re.DOTALL)[1]
+    place = re.search(r'id="axes_1".*? d="(.*?)"', svg, re.DOTALL)[1]
     x, y = np.array(re.findall(r"[ML] ([\d.]+) ([\d.]+)", place), float).T
-    assert x.min() / width == pytest.approx(plot.left)
-    assert x.max() / width == pytest.approx(plot.right)
-    assert y.min() / height == pytest.approx(plot.top)
-    assert y.max() / height == pytest.approx(plot.bottom)
+    assert x.min() / width == pytest.approx(places["left"])
+    assert x.max() / width == pytest.approx(places["right"])
+    assert y.min() / height == pytest.approx(places["top"])
+    assert y.max() / height == pytest.approx(places["bottom"])

@@ -12,16 +12,13 @@ from PIL import Image
 
 from cageik_cli.posing.snapshot import PoseSnapshot
 from cageik_cli.report.plots import pose_plot
-from cageik_cli.report.plots.pose_marks import HANDLE_COLOUR
 from cageik_cli.report.plots.pose_plot import (
-    LEGEND_HEIGHT,
     MAX_NAMED_ANCHORS,
-    PANEL_SIDE,
     build_panels,
     draw_pose,
     render_pose_png,
 )
-from cageik_cli.report.plots.style import INK, use_fixed_style
+from cageik_cli.report.plots.style import COLOURS, PANEL_SIDE, use_fixed_style
 from cageik_cli.report.render.raster import ParallelCamera
 from cageik_cli.report.render.viewpoints import VIEW_TURN, view_axes
 from tests.report.hostile import NAMES
@@ -111,9 +108,7 @@ def test_two_panels_are_side_by_side_above_their_captions(pixels, monkeypatch):
     monkeypatch.setattr(pose_plot, "build_panels", lambda _: panels)
     picture = drawn(view, pixels)
     assert picture.shape[1] == 2 * pixels
-    assert picture.shape[0] == pytest.approx(
-        pixels * (PANEL_SIDE + LEGEND_HEIGHT) / PANEL_SIDE, abs=0.6
-    )
+    assert picture.shape[0] == pytest.approx(pixels * 9 / 8, abs=0.6)
     edge = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
     assert (edge == 255).all()
     for half in (picture[:, :pixels], picture[:, pixels:]):
@@ -152,9 +147,9 @@ def test_arrows_lead_from_anchors_to_their_targets():
     picture = drawn(view)
     for share in (0.0, 0.3, 0.5, 0.7, 0.9):
         place = start + share * (target - start)
-        assert is_coloured(picture, place, HANDLE_COLOUR)
+        assert is_coloured(picture, place, COLOURS["handle"])
     beside = start + 0.5 * (target - start) + [PANEL_SIDE, 0]
-    assert not is_coloured(picture, beside, HANDLE_COLOUR)
+    assert not is_coloured(picture, beside, COLOURS["handle"])
 
 
 def test_marks_are_at_the_anchors():
@@ -167,8 +162,8 @@ def test_marks_are_at_the_anchors():
     picture = drawn(view)
     for panel, points in enumerate((view.starts, view.ends)):
         for place, pinned in zip(seen(view, points, panel), is_pin, strict=True):
-            assert is_coloured(picture, place, INK if pinned else HANDLE_COLOUR)
-            assert not is_coloured(picture, place, HANDLE_COLOUR if pinned else INK)
+            assert is_coloured(picture, place, COLOURS["ink"] if pinned else COLOURS["handle"])
+            assert not is_coloured(picture, place, COLOURS["handle"] if pinned else COLOURS["ink"])
 
 
 def test_a_missed_target_has_a_line_to_its_anchor():
@@ -224,7 +219,7 @@ def test_up_is_up(up_axis):
 
 def boxes(view):
     """Return the boxes of the names, (left, top, right, bottom) in points."""
-    height = PANEL_SIDE + LEGEND_HEIGHT
+    height = PANEL_SIDE * 9 / 8
     extents = [text.get_window_extent() for text in artists(view, "name")]
     scale = PANEL_SIDE / PIXELS
     return [

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from cageik_cli.report.render.colouring import parse_colour
-from cageik_cli.report.render.model_views import CAGE_COLOUR, project_surface, render_with_cage
+from cageik_cli.report.render.model_views import project_surface, render_with_cage
 from cageik_cli.report.render.raster import ParallelCamera
+from cageik_cli.report.render.shading import MESH_COLOURS, parse_colour
 from cageik_cli.report.render.viewpoints import view_axes
 from tests.shapes import ball, box
 
@@ -39,7 +39,10 @@ def test_a_cage_is_drawn_over_its_model_and_fainter_behind():
         camera = ParallelCamera.fit(np.eye(3), 1.3 * model.vertices, SIZE)
         surface = project_surface(camera, model.vertices, model.faces)
         picture = render_with_cage(surface, camera, cage.vertices, cage.faces)
-        blue = np.abs(picture[:3] - parse_colour(CAGE_COLOUR)[:, None, None]).max(axis=0) < 0.1
+        blue = (
+            np.abs(picture[:3] - parse_colour(MESH_COLOURS["cage"])[:, None, None]).max(axis=0)
+            < 0.1
+        )
         shares.append(blue.sum())
         assert (picture[3] > 0).sum() >= (surface.depth < np.inf).sum()
     assert shares[0] > 200

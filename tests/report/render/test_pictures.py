@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cageik_cli.report.render.colouring import COLOUR_SCALE, MISSING_COLOUR
 from cageik_cli.report.render.model_views import (
     Pose,
     PoseSet,
     load_poses,
     render_pictures,
 )
+from cageik_cli.report.render.shading import COLOUR_SCALE, MESH_COLOURS
 from tests.report.odd_poses import FACTORS
 from tests.shapes import ball, box
 
@@ -112,7 +112,7 @@ def test_missing_data_is_grey():
     pictures = render_pictures(still(np.nan, 5.0), PIXELS)
     assert pictures.max_deviation_percent == 0.001
     for data in (pictures.poses[0].reconstruction, *pictures.rest_views):
-        ratio = open_png(data)[PIXELS // 2, PIXELS // 2, :3] / hue(MISSING_COLOUR)
+        ratio = open_png(data)[PIXELS // 2, PIXELS // 2, :3] / hue(MESH_COLOURS["missing"])
         assert ratio == pytest.approx(np.full(3, ratio.mean()), rel=0.05)
 
 

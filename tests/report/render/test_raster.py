@@ -1,8 +1,11 @@
 """The depth buffer against geometry: areas and order."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
+from cageik_cli.report.render import raster
 from cageik_cli.report.render.raster import rasterize, rasterize_lines
 from cageik_cli.util import compiled
 from tests.report.squares import SIZE, SQUARE, square
@@ -52,7 +55,7 @@ def test_blocks_do_not_change_the_picture(monkeypatch):
     monkeypatch.setattr(compiled, "kernel", None)
     points = np.random.default_rng(2).uniform(-10, 110, (200, 3, 3))
     whole = rasterize(points, SIZE)
-    monkeypatch.setattr("cageik_cli.report.render.raster.BLOCK_PIXELS", 500)
+    monkeypatch.setattr(raster, "_split_blocks", partial(raster._split_blocks, pixels=500))
     blocked = rasterize(points, SIZE)
     np.testing.assert_array_equal(blocked.face, whole.face)
     np.testing.assert_array_equal(blocked.depth, whole.depth)

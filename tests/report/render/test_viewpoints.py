@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from cageik_cli.report.render.viewpoints import (
-    CLOSE_UP_WIDTH,
-    MIN_CLOSE_UP,
     REGION_TURNS,
     VIEW_TURN,
     choose_view,
@@ -73,6 +71,6 @@ def test_a_close_up_holds_the_region_and_something_around_it():
     points = np.array([[0.0, 0, 0], [2, 0, 0]])
     centre, extent = fit_close_up(points, 1.0, 10.0)
     np.testing.assert_array_equal(centre, [1, 0, 0])
-    assert 2 * extent == CLOSE_UP_WIDTH * 2
+    assert 2 * extent == 4
     _, extent = fit_close_up(points[:1], 0.0, 10.0)
-    assert extent == MIN_CLOSE_UP * 10 / 2
+    assert extent == 0.25 * 10 / 2

@@ -1,4 +1,4 @@
-"""The faults of a check as marks on the cage and the model: points, colours and a list."""
+"""The faults of a check as marks on the cage and the model: in a list, and as colours of a PLY."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,19 +7,13 @@ import numpy as np
 
 from cageik_cli.cages.findings import Finding
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.report.render.colouring import parse_colour
+from cageik_cli.report.render.shading import parse_colour
 from cageik_cli.util.arrays import Floats, Integers
 from cageik_cli.util.errors import join_truncated
 from cageik_cli.util.text import pluralize
 
 FAULT_COLOURS = ("#d62f27", "#e08214", "#7b3fa0", "#0f8b8d", "#c2185b", "#5d7a1f", "#8c510a")
 """Colours of faults, in their order; after the last the first comes again."""
-
-PLAIN_COLOURS = {"cage": "#9dbbe0", "rest": "#e2d6c8"}
-"""Colours of what has no fault."""
-
-SINGULARS = {pluralize(noun): noun for noun in ("vertex", "edge", "face", "face pair")}
-"""What one element of a finding is called."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,14 +53,6 @@ def list_marks(
     return tuple(
         _make_mark(number, found, cage, rest) for number, found in enumerate(placed, start=1)
     )
-
-
-def colour_vertices(marks: tuple[FaultMark, ...], mesh: str, count: int) -> Floats:
-    """Colours of all vertices of the `cage` or the `rest`, (count, 3); the first fault counts."""
-    colours = np.tile(parse_colour(PLAIN_COLOURS[mesh]), (count, 1))
-    for mark in reversed(marks):
-        colours[mark.cage if mesh == "cage" else mark.rest] = parse_colour(mark.colour)
-    return colours
 
 
 def _make_mark(number: int, found: Finding, cage: TriMesh, rest: TriMesh | None) -> FaultMark:
@@ -121,5 +107,53 @@ def _describe(found: Finding) -> str:
         return f"{kind} at ({x:.3g}, {y:.3g}, {z:.3g})"
     names = ["-".join(map(str, np.ravel(number))) for number in found.numbers.tolist()]
     if len(names) == 1:
-        return f"{kind}: {SINGULARS[found.elements]} {names[0]}"
+        nouns = ("vertex", "edge", "face", "face pair")
+        singular = next(noun for noun in nouns if pluralize(noun) == found.elements)
+        return f"{kind}: {singular} {names[0]}"
     return f"{kind}: {len(names)} {found.elements} ({join_truncated(names, 3)})"
+
+
+def encode_marked_ply(cage: TriMesh, rest: TriMesh | None, marks: tuple[FaultMark, ...]) -> bytes:
+    """Encode the cage, then the rest pose if there is one, as binary PLY.
+
+    Returns
+    -------
+    bytes
+        Vertices in the order of the meshes; a vertex has the colour of the first fault that
+        concerns it.
+    """
+    meshes = {"cage": cage} if rest is None else {"cage": cage, "rest": rest}
+    points = np.concatenate([mesh.vertices for mesh in meshes.values()])
+    colours = [_colour_vertices(marks, name, len(mesh.vertices)) for name, mesh in meshes.items()]
+    offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes.values())])
+    faces = [mesh.faces + start for mesh, start in zip(meshes.values(), offsets, strict=False)]
+    corners = np.concatenate(faces)
+    rows = np.zeros(len(points), [("place", "<f8", 3), ("colour", "u1", 3)])
+    rows["place"], rows["colour"] = points, np.rint(255 * np.concatenate(colours))
+    triangles = np.zeros(len(corners), [("count", "u1"), ("corners", "<i4", 3)])
+    triangles["count"], triangles["corners"] = 3, corners
+    first = f"the first {len(cage.vertices)} vertices and {len(cage.faces)} faces"
+    header = f"""ply
+format binary_little_endian 1.0
+comment cage: {first}; then the rest pose
+element vertex {len(points)}
+property double x
+property double y
+property double z
+property uchar red
+property uchar green
+property uchar blue
+element face {len(corners)}
+property list uchar int vertex_indices
+end_header
+"""
+    return header.encode() + rows.tobytes() + triangles.tobytes()
+
+
+def _colour_vertices(marks: tuple[FaultMark, ...], mesh: str, count: int) -> Floats:
+    """Colours of all vertices of the `cage` or the `rest`, (count, 3); the first fault counts."""
+    plain = {"cage": "#9dbbe0", "rest": "#e2d6c8"}
+    colours = np.tile(parse_colour(plain[mesh]), (count, 1))
+    for mark in reversed(marks):
+        colours[mark.cage if mesh == "cage" else mark.rest] = parse_colour(mark.colour)
+    return colours

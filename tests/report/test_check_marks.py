@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cageik_cli.cages.findings import Finding
-from cageik_cli.report.plots.cage_marks import list_marks
+from cageik_cli.report.check_marks import list_marks
 from tests.shapes import box
 
 CAGE = box()
