@@ -24,7 +24,7 @@ from cageik_cli.util.errors import CheckpointError, FormatError, OutputError, er
 from cageik_cli.util.files import open_input, open_locked, remove_locked, set_size
 
 FORMAT = b"cageik.partial "
-MAGIC = FORMAT + b"5\n"
+MAGIC = FORMAT + b"6\n"
 """Raise its number when the spec or the bytes of blocks change, so that older ones are refused."""
 
 MAX_HEAD_BYTES = 128

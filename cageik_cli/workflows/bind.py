@@ -18,7 +18,8 @@ from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.solver.settings import FitSettings, SolveSettings
 from cageik_cli.store.binding_file import StoredBinding, read_binding, write_binding
-from cageik_cli.store.weight_cache import WeightCache
+from cageik_cli.store.cache import EntryCache
+from cageik_cli.store.cache_entries import find_binding
 from cageik_cli.util.arrays import DEFAULT_MEMORY
 from cageik_cli.util.errors import SettingError, error_context
 from cageik_cli.util.outputs import check_writable
@@ -142,8 +143,8 @@ def bind_cached(
     if settings.cache is None:
         binding = compute()
     else:
-        cache = WeightCache(settings.cache, partial(progress.note, "cache"))
-        binding = cache.get_or_compute(rest.mesh, cage.mesh, settings.bind, compute)
+        cache = EntryCache(settings.cache, partial(progress.note, "cache"))
+        binding = find_binding(cache, rest.mesh, cage.mesh, settings.bind, compute)
         progress.update(len(rest.mesh.vertices), len(rest.mesh.vertices))
     sources = {"cage": cage.source, "rest": rest.source}
     notes = cage.notes + binding.notes

@@ -11,7 +11,8 @@ from cageik_cli.formats.base.files import describe_source
 from cageik_cli.formats.base.mesh_data import LoadedMesh
 from cageik_cli.formats.obj import encode_exact_obj
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.store.cage_cache import CageCache, CageEntry
+from cageik_cli.store.cache import EntryCache
+from cageik_cli.store.cache_entries import CachedCage, find_cage
 from cageik_cli.util.errors import OutputError
 from cageik_cli.util.outputs import check_writable
 from cageik_cli.util.progress import ProgressListener
@@ -36,9 +37,8 @@ def build_cached(
     if cache is None:
         entry = build()
     else:
-        entry = CageCache(cache, partial(progress.note, "cage")).get_or_build(
-            model, settings, build
-        )
+        entries = EntryCache(cache, partial(progress.note, "cage"))
+        entry = find_cage(entries, model, settings, build)
     progress.note("cage", entry.description)
     data = encode_exact_obj(entry.vertices, entry.faces)
     source = describe_source(Path(BUILT_CAGE_NAME), data)
@@ -61,13 +61,13 @@ def check_cage_output(path: Path, overwrite: bool) -> None:
     check_writable(path, overwrite)
 
 
-def _build(model: TriMesh, settings: BuildSettings, progress: ProgressListener) -> CageEntry:
+def _build(model: TriMesh, settings: BuildSettings, progress: ProgressListener) -> CachedCage:
     """Build the cage, and describe it."""
     from cageik_cli.cages.build import build_cage
     from cageik_cli.report.views.cage_build import describe_built_cage
 
     built = build_cage(model, settings, progress=progress.update)
-    return CageEntry(
+    return CachedCage(
         vertices=built.cage.vertices,
         faces=built.cage.faces,
         description=describe_built_cage(built),

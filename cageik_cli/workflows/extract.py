@@ -1,7 +1,5 @@
 """The run: blocks of frames through the solver, measured, into the result file."""
 
-import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +19,7 @@ from cageik_cli.solver.dual_laplacian import DualLaplacianSolver
 from cageik_cli.solver.memory_plan import MemoryPlan
 from cageik_cli.solver.regions import MIN_DEVIATION, Region
 from cageik_cli.store.binding_file import StoredBinding
+from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import Checkpoint, RunSpec, delete_checkpoint
 from cageik_cli.store.result import Result, checkpoint_path, read_result, smoothed_path
 from cageik_cli.store.result_writer import ResultHeader, RunSummary, open_result_writer
@@ -292,18 +291,11 @@ def _make_run_spec(
         frames=list(plan.sequence.names),
         settings=plan.recorded_settings,
         sources=plan.sources,
-        key=_hash_arrays(arrays),
-        fit=_hash_arrays([binding.weights, *found]) if is_fitted_here else "",
+        key=compute_key({}, *arrays),
+        fit=compute_key({}, binding.weights, *found) if is_fitted_here else "",
         vertices=len(binding.rest.vertices),
         cage_vertices=len(binding.cage.vertices),
     )
-
-
-def _hash_arrays(arrays: Sequence[np.ndarray]) -> str:
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()
 
 
 def _collect_notes(

@@ -11,7 +11,8 @@ from cageik_cli.solver.fitting.fit import FitConditions, fit_weights
 from cageik_cli.solver.fitting.record import FitRecord, FittedClip
 from cageik_cli.solver.settings import FitSettings
 from cageik_cli.store.binding_file import StoredBinding
-from cageik_cli.store.fit_cache import FitCache, FittedBinding, compute_fit_key
+from cageik_cli.store.cache import EntryCache
+from cageik_cli.store.fit_cache import FittedBinding, compute_fit_key, find_fit
 from cageik_cli.store.fit_fields import StoredFit
 from cageik_cli.util.errors import FileAccessError
 from cageik_cli.util.progress import ProgressListener
@@ -22,7 +23,7 @@ def fit_binding(
     clips: Sequence[MeshSequence],
     settings: FitSettings,
     conditions: FitConditions,
-    cache: FitCache | None,
+    cache: EntryCache | None,
 ) -> StoredBinding:
     """Fit the weights of a binding to clips, or take them from the cache of fits.
 
@@ -51,13 +52,13 @@ def fit_binding(
         binding, fit = compute()
     else:
         key = compute_fit_key(stored.binding, settings, conditions, digests)
-        binding, fit = cache.get_or_fit(key, stored.binding, fitted_clips, compute)
+        binding, fit = find_fit(cache, key, stored.binding, fitted_clips, compute)
     return replace(stored, binding=binding, fit=fit, unfitted=stored.binding)
 
 
-def open_fit_cache(folder: Path | None, progress: ProgressListener) -> FitCache | None:
+def open_fit_cache(folder: Path | None, progress: ProgressListener) -> EntryCache | None:
     """Return the cache of fits in a folder, which notes what it finds; None without a folder."""
-    return None if folder is None else FitCache(folder, partial(progress.note, "fit"))
+    return None if folder is None else EntryCache(folder, partial(progress.note, "fit"))
 
 
 def _hash_frames(clips: Sequence[MeshSequence], jobs: int) -> list[list[bytes]]:

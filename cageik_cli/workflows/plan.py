@@ -1,12 +1,8 @@
 """The plan of an extraction: what its settings and their files give before any work."""
 
-import hashlib
-import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from cageik_cli import __version__
 from cageik_cli.coordinates.settings import BindSettings
@@ -20,6 +16,7 @@ from cageik_cli.solver.fitting.fit import FitConditions
 from cageik_cli.solver.fitting.sample import SampleSettings
 from cageik_cli.solver.settings import AREA, CaptureSettings, FitSettings
 from cageik_cli.store.binding_file import StoredBinding
+from cageik_cli.store.cache import compute_key
 from cageik_cli.store.checkpoint import check_checkpoint_path, checkpoint_progress
 from cageik_cli.store.result import Result, checkpoint_path, has_weights, read_result
 from cageik_cli.util.arrays import Floats
@@ -145,11 +142,8 @@ class ExtractionPlan:
             shared = {"build": asdict(self.settings.build)}
         if self.settings.fit is not None:
             shared |= self._describe_fitted_clip()
-        recorded = asdict(self.bind_settings) | shared
-        digest = hashlib.sha256(json.dumps(recorded, sort_keys=True).encode())
-        for array in (self.rest.mesh.vertices, self.rest.mesh.faces):
-            digest.update(np.ascontiguousarray(array).data)
-        return digest.hexdigest()
+        rest = self.rest.mesh
+        return compute_key(asdict(self.bind_settings) | shared, rest.vertices, rest.faces)
 
     def _describe_fitted_clip(self) -> dict[str, Any]:
         """Return what fitted weights depend on beside the rest pose and the cage."""

@@ -1,13 +1,13 @@
 """The file of an entry: what is read is what was packed, or nothing."""
 
 import json
-from dataclasses import make_dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from cageik_cli.store.entry_cache import CorruptEntry, pack_entry, read_entry
-from cageik_cli.store.weight_cache import WEIGHTS
+from cageik_cli.store.cache import CorruptEntry
+from cageik_cli.store.cache_entries import WEIGHTS
 from tests.store.entries import entry, same
 
 KEY, OTHER = "1" * 64, "2" * 64
@@ -19,60 +19,58 @@ def path(tmp_path):
 
 
 def test_what_is_packed_is_read(path):
-    path.write_bytes(b"".join(pack_entry(WEIGHTS, KEY, entry())))
-    assert same(read_entry(WEIGHTS, path, KEY), entry())
+    path.write_bytes(b"".join(WEIGHTS.pack(KEY, entry())))
+    assert same(WEIGHTS.read(path, KEY), entry())
 
 
 def test_arrays_are_packed_in_row_order():
-    columns = replace(entry(), weights=np.asfortranarray(entry().weights))
-    assert not columns.weights.flags.c_contiguous
-    assert b"".join(pack_entry(WEIGHTS, KEY, columns)) == b"".join(
-        pack_entry(WEIGHTS, KEY, entry())
-    )
+    columns = entry() | {"weights": np.asfortranarray(entry()["weights"])}
+    assert not columns["weights"].flags.c_contiguous
+    assert b"".join(WEIGHTS.pack(KEY, columns)) == b"".join(WEIGHTS.pack(KEY, entry()))
 
 
 def test_any_flipped_bit_is_detected(path):
     """Those of the start each, of header and arrays every seventh."""
-    data = b"".join(pack_entry(WEIGHTS, KEY, entry()))
+    data = b"".join(WEIGHTS.pack(KEY, entry()))
     for place in [*range(57), *range(57, len(data), 7), len(data) - 1]:
         other = bytearray(data)
         other[place] ^= 1 << place % 8
         path.write_bytes(other)
         with pytest.raises(CorruptEntry, match="is damaged"):
-            read_entry(WEIGHTS, path, KEY)
+            WEIGHTS.read(path, KEY)
 
 
 def test_the_entry_of_another_key_is_refused(path):
-    path.write_bytes(b"".join(pack_entry(WEIGHTS, OTHER, entry())))
+    path.write_bytes(b"".join(WEIGHTS.pack(OTHER, entry())))
     with pytest.raises(CorruptEntry, match="is the entry of another key"):
-        read_entry(WEIGHTS, path, KEY)
+        WEIGHTS.read(path, KEY)
 
 
 def test_an_entry_with_other_fields_is_refused(path):
     """As another version of the program may have written it, under the same key."""
-    other = replace(WEIGHTS, entry_type=make_dataclass("Other", ["faces", "weights", "seconds"]))
-    path.write_bytes(b"".join(pack_entry(other, KEY, entry())))
+    other = replace(WEIGHTS, values=WEIGHTS.values[1:])
+    path.write_bytes(b"".join(other.pack(KEY, entry())))
     with pytest.raises(CorruptEntry, match="is the entry of another version"):
-        read_entry(WEIGHTS, path, KEY)
+        WEIGHTS.read(path, KEY)
 
 
 def test_a_folder_is_not_an_entry(tmp_path):
     with pytest.raises(CorruptEntry, match="is not a plain file"):
-        read_entry(WEIGHTS, tmp_path, KEY)
+        WEIGHTS.read(tmp_path, KEY)
 
 
 def test_a_missing_entry_cannot_be_read(path):
     with pytest.raises(FileNotFoundError):
-        read_entry(WEIGHTS, path, KEY)
+        WEIGHTS.read(path, KEY)
 
 
 def test_the_header_is_plain_json():
     """Nothing in an entry is run when it is read."""
-    data = b"".join(pack_entry(WEIGHTS, KEY, entry()))
-    assert data.startswith(b"cageik weights 1\n")
+    data = b"".join(WEIGHTS.pack(KEY, entry()))
+    assert data.startswith(b"cageik weights 2\n")
     length = int.from_bytes(data[49:57], "little")
     header = json.loads(data[57 : 57 + length])
     assert header["weights"] == [5, 8]
     assert len(data) == 57 + length + 8 * (12 * 3 + 5 * 8)
     weights = np.frombuffer(data[-8 * 5 * 8 :], "<f8").reshape(5, 8)
-    np.testing.assert_array_equal(weights, entry().weights)
+    np.testing.assert_array_equal(weights, entry()["weights"])

@@ -17,38 +17,29 @@ import struct
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Generic, Protocol, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
 from cageik_cli.util.files import open_locked, remove_locked
 from cageik_cli.util.leftovers import clear_leftovers, make_unfinished_path
 
-
-class TimedEntry(Protocol):
-    """A record of arrays and plain values."""
-
-    @property
-    def seconds(self) -> float:
-        """Return the time that it took to compute."""
-
-
-Entry = TypeVar("Entry", bound=TimedEntry)
 Value = TypeVar("Value")
 
-DEFAULT_MAX_BYTES = 2 << 30
+Entry = dict[str, Any]
+"""The arrays and plain values of an entry, by name."""
+
+DEFAULT_MAX_CACHE_BYTES = 2 << 30
 """Bytes that the entries of a folder may take; the least recently used are deleted."""
 
 POLL_SECONDS = 0.05
 """Seconds between two checks whether another process has computed an entry."""
 
-STALE_SECONDS = 3600.0
+MAX_UNFINISHED_SECONDS = 3600.0
 """Seconds after which an unfinished file of any machine is taken for one of a killed process."""
 
-_NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-_DIGEST_BYTES = hashlib.sha256().digest_size
 _ENTRY_NAME = re.compile(r"[0-9a-f]{64}\.(weights|cage|fit)")
 _PARTIAL_NAME = re.compile(r"[0-9a-f]{64}(\.\w+)+\.partial")
 
@@ -57,8 +48,23 @@ class CorruptEntry(Exception):
     """A file under the name of an entry is not that entry, or not all of it."""
 
 
+def compute_key(values: Mapping[str, Any], *arrays: np.ndarray) -> str:
+    """Return a digest of all that something depends on, as 64 hexadecimal digits.
+
+    Parameters
+    ----------
+    values : mapping
+        Plain values, by name.
+    arrays
+        Their types, shapes and numbers count, not how they lie in memory.
+    """
+    recorded = [values, *((array.dtype.str, array.shape) for array in arrays)]
+    parts = [memoryview(json.dumps(recorded, sort_keys=True).encode())]
+    return _compute_digest([*parts, *(_as_bytes(array, array.dtype) for array in arrays)]).hex()
+
+
 @dataclass(frozen=True, slots=True)
-class EntryFormat(Generic[Entry]):
+class EntryFormat:
     """The entries of one kind.
 
     Attributes
@@ -67,99 +73,88 @@ class EntryFormat(Generic[Entry]):
         The suffix of their files, one of those that `_ENTRY_NAME` knows.
     subject : str
         What notes say of them: "the weights are".
-    entry_type : type
-        A dataclass; all of its fields but the arrays are plain values and tuples of them.
     arrays : mapping of str
         The names of its arrays, and their types in the file, in order.
+    values : tuple of str
+        The names of its plain values and tuples of them.
     """
 
     name: str
     subject: str
-    entry_type: type[Entry]
     arrays: Mapping[str, str]
+    values: tuple[str, ...]
 
     @property
     def magic(self) -> bytes:
         """Return the first bytes of a file."""
-        return f"cageik {self.name} 1\n".encode()
-
-    @property
-    def field_names(self) -> list[str]:
-        """Return the names of all fields of an entry."""
-        return [field.name for field in fields(self.entry_type)]  # type: ignore[arg-type]  # a dataclass
+        return f"cageik {self.name} 2\n".encode()
 
     @property
     def file_start(self) -> struct.Struct:
         """Return the layout of what precedes the header: magic, digest and length of it."""
-        return struct.Struct(f"<{len(self.magic)}s{_DIGEST_BYTES}sQ")
+        return struct.Struct(f"<{len(self.magic)}s{hashlib.sha256().digest_size}sQ")
 
+    def pack(self, key: str, entry: Entry) -> list[memoryview]:
+        """Return the parts of an entry's file, in order; `seconds` is among its values."""
+        arrays = [_as_bytes(entry[name], dtype) for name, dtype in self.arrays.items()]
+        shapes = {name: entry[name].shape for name in self.arrays}
+        values = {name: entry[name] for name in ("seconds", *self.values)}
+        header = {"key": key, "digest": _compute_digest(arrays).hex(), **values, **shapes}
+        text = json.dumps(header).encode()
+        digest = _compute_digest([memoryview(text)])
+        return [memoryview(self.file_start.pack(self.magic, digest, len(text)) + text), *arrays]
 
-def pack_entry(entry_format: EntryFormat[Entry], key: str, entry: Entry) -> list[memoryview]:
-    """Return the parts of an entry's file, in order."""
-    values = {name: getattr(entry, name) for name in entry_format.field_names}
-    arrays = [as_bytes(values[name], dtype) for name, dtype in entry_format.arrays.items()]
-    shapes = {name: values[name].shape for name in entry_format.arrays}
-    header = {"key": key, "digest": _compute_digest(arrays).hex(), **values, **shapes}
-    text = json.dumps(header).encode()
-    digest = _compute_digest([memoryview(text)])
-    start = entry_format.file_start.pack(entry_format.magic, digest, len(text))
-    return [memoryview(start + text), *arrays]
+    def read(self, path: Path, key: str) -> Entry:
+        """Read an entry and check its digests.
 
-
-def read_entry(entry_format: EntryFormat[Entry], path: Path, key: str) -> Entry:
-    """Read an entry and check its digests.
-
-    Raises
-    ------
-    OSError
-        When there is none, or it cannot be read.
-    CorruptEntry
-        When there is something else, or not all of it.
-    """
-    # Before it is opened: opening a pipe would wait for its writer.
-    if not stat.S_ISREG(path.stat(follow_symlinks=False).st_mode):
-        raise CorruptEntry("is not a plain file")
-    with open(path, "rb") as file:
-        header = _read_header(entry_format, file)
-        if header.pop("key") != key:
-            raise CorruptEntry("is the entry of another key")
-        if set(header) != {"digest", *entry_format.field_names}:
-            raise CorruptEntry("is the entry of another version of cageik")
-        expected = bytes.fromhex(header.pop("digest"))
-        arrays = {
-            name: np.empty(header.pop(name), dtype) for name, dtype in entry_format.arrays.items()
+        Raises
+        ------
+        OSError
+            When there is none, or it cannot be read.
+        CorruptEntry
+            When there is something else, or not all of it.
+        """
+        # Before it is opened: opening a pipe would wait for its writer.
+        if not stat.S_ISREG(path.stat(follow_symlinks=False).st_mode):
+            raise CorruptEntry("is not a plain file")
+        with open(path, "rb") as file:
+            header = self._read_header(file)
+            if header.pop("key") != key:
+                raise CorruptEntry("is the entry of another key")
+            if set(header) != {"digest", "seconds", *self.arrays, *self.values}:
+                raise CorruptEntry("is the entry of another version of cageik")
+            expected = bytes.fromhex(header.pop("digest"))
+            arrays = {name: np.empty(header.pop(name), kind) for name, kind in self.arrays.items()}
+            parts = [_as_bytes(array, array.dtype) for array in arrays.values()]
+            whole = all(file.readinto(part) == len(part) for part in parts)
+            if not whole or file.read(1) or _compute_digest(parts) != expected:
+                raise CorruptEntry("is damaged")
+        native = {
+            name: array.astype(array.dtype.newbyteorder("="), copy=False)
+            for name, array in arrays.items()
         }
-        parts = [as_bytes(array, array.dtype) for array in arrays.values()]
-        whole = all(file.readinto(part) == len(part) for part in parts)
-        if not whole or file.read(1) or _compute_digest(parts) != expected:
-            raise CorruptEntry("is damaged")
-    native = {
-        name: array.astype(array.dtype.newbyteorder("="), copy=False)
-        for name, array in arrays.items()
-    }
-    plain = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in header.items()
-    }
-    return entry_format.entry_type(**native, **plain)
+        plain = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in header.items()
+        }
+        return native | plain
+
+    def _read_header(self, file: BinaryIO) -> dict[str, Any]:
+        """Read the header and check its digest, before the sizes in it are used."""
+        start = file.read(self.file_start.size)
+        if len(start) == self.file_start.size:
+            magic, expected, length = self.file_start.unpack(start)
+            if magic == self.magic and length <= os.fstat(file.fileno()).st_size:
+                text = file.read(length)
+                if _compute_digest([memoryview(text)]) == expected:
+                    header: dict[str, Any] = json.loads(text)
+                    return header
+        raise CorruptEntry("is damaged")
 
 
-def as_bytes(array: np.ndarray, dtype: "str | np.dtype[Any]") -> memoryview:
+def _as_bytes(array: np.ndarray, dtype: "str | np.dtype[Any]") -> memoryview:
     """Return the numbers of an array, row by row, as bytes."""
     return np.ascontiguousarray(array, dtype).reshape(-1).view(np.uint8).data
-
-
-def _read_header(entry_format: EntryFormat[Entry], file: BinaryIO) -> dict[str, Any]:
-    """Read the header and check its digest, before the sizes in it are used."""
-    layout = entry_format.file_start
-    start = file.read(layout.size)
-    if len(start) == layout.size:
-        magic, expected, length = layout.unpack(start)
-        if magic == entry_format.magic and length <= os.fstat(file.fileno()).st_size:
-            text = file.read(length)
-            if _compute_digest([memoryview(text)]) == expected:
-                header: dict[str, Any] = json.loads(text)
-                return header
-    raise CorruptEntry("is damaged")
 
 
 def _compute_digest(parts: list[memoryview]) -> bytes:
@@ -170,8 +165,8 @@ def _compute_digest(parts: list[memoryview]) -> bytes:
     return digest.digest()
 
 
-class EntryCache(Generic[Entry]):
-    """A folder of entries of one kind; those of other kinds may be in it, too.
+class EntryCache:
+    """A folder of entries of all kinds.
 
     Parameters
     ----------
@@ -185,50 +180,43 @@ class EntryCache(Generic[Entry]):
 
     def __init__(
         self,
-        entry_format: EntryFormat[Entry],
         folder: Path,
         note: Callable[[str], None],
-        max_bytes: int = DEFAULT_MAX_BYTES,
+        max_bytes: int = DEFAULT_MAX_CACHE_BYTES,
     ) -> None:
-        self.folder, self.max_bytes = folder, max_bytes
-        self._format, self._note = entry_format, note
+        self.folder, self.max_bytes, self._note = folder, max_bytes, note
 
     def find_or_compute(
         self,
+        kind: EntryFormat,
         key: str,
         compute: Callable[[], Value],
-        to_entry: Callable[[Value, float], Entry],
+        to_entry: Callable[[Value], Entry],
         from_entry: Callable[[Entry], Value],
     ) -> Value:
         """Return what `compute` gives, from the folder if it is there.
 
-        Parameters
-        ----------
-        compute : callable
-        to_entry : callable
-            Makes the entry, of the value and the seconds that it took.
-        from_entry : callable
-            Makes the value of the entry.
+        `to_entry` makes the entry of the value, and `from_entry` the value of the entry.
         """
-        entry = self._lookup(key)
+        entry = self._lookup(kind, key)
         if entry is not None:
             self._remove_stale_lock(key)
         else:
             with self._entry_lock(key):
-                entry = self._lookup(key)  # the process waited for has written it
+                entry = self._lookup(kind, key)  # the process waited for has written it
                 if entry is None:
                     start = time.perf_counter()
                     value = compute()
-                    self.write(key, to_entry(value, time.perf_counter() - start))
+                    self.write(kind, key, to_entry(value), time.perf_counter() - start)
                     return value
         return from_entry(entry)
 
-    def _lookup(self, key: str) -> Entry | None:
+    def _lookup(self, kind: EntryFormat, key: str) -> Entry | None:
         """Return the entry of a key, if it is there; a note says what that saved."""
         start = time.perf_counter()
-        entry = self.read(key)
+        entry = self.read(kind, key)
         if entry is not None:
-            saved = max(0.0, entry.seconds - (time.perf_counter() - start))
+            saved = max(0.0, entry.pop("seconds") - (time.perf_counter() - start))
             self._note(f"cache hit, saved {saved:.1f} s")
         return entry
 
@@ -264,16 +252,16 @@ class EntryCache(Generic[Entry]):
     def _lock_path(self, key: str) -> Path:
         return self.folder / f"{key}.lock.partial"
 
-    def read(self, key: str) -> Entry | None:
+    def read(self, kind: EntryFormat, key: str) -> Entry | None:
         """Return the entry of a key, if it is there; delete a damaged one, with a note."""
-        path = self._entry_path(key)
+        path = self._entry_path(kind, key)
         try:
-            entry = read_entry(self._format, path, key)
+            entry = kind.read(path, key)
         except OSError:
             # Not there, or not readable: then writing the entry notes why.
             return None
         except CorruptEntry as error:
-            self._note(f"{path}: {error}; it is deleted and {self._format.subject} computed")
+            self._note(f"{path}: {error}; it is deleted and {kind.subject} computed")
             with suppress(OSError):  # a folder stays: then writing the entry notes it
                 path.unlink()
             return None
@@ -281,38 +269,35 @@ class EntryCache(Generic[Entry]):
             os.utime(path)
         return entry
 
-    def write(self, key: str, entry: Entry) -> None:
-        """Keep an entry, and make room for it; a note says when it cannot be written."""
-        parts = pack_entry(self._format, key, entry)
+    def write(self, kind: EntryFormat, key: str, entry: Entry, seconds: float) -> None:
+        """Keep an entry that took so long; a note says when it cannot be written."""
+        parts = kind.pack(key, entry | {"seconds": seconds})
         size = sum(map(len, parts))
         if size > self.max_bytes:
             self._note(
-                f"{self._format.subject} not kept ({size} bytes, the cache takes at most "
-                f"{self.max_bytes})"
+                f"{kind.subject} not kept ({size} bytes, the cache takes at most {self.max_bytes})"
             )
             return
         try:
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            self._write_atomically(key, parts)
+            self._write_atomically(self._entry_path(kind, key), parts)
             self._evict_oldest()
         except OSError as error:
             reason = error.strerror or error
-            self._note(
-                f"{self.folder}: cannot be written ({reason}); {self._format.subject} not kept"
-            )
+            self._note(f"{self.folder}: cannot be written ({reason}); {kind.subject} not kept")
 
-    def _entry_path(self, key: str) -> Path:
-        return self.folder / f"{key}.{self._format.name}"
+    def _entry_path(self, kind: EntryFormat, key: str) -> Path:
+        return self.folder / f"{key}.{kind.name}"
 
-    def _write_atomically(self, key: str, parts: list[memoryview]) -> None:
+    def _write_atomically(self, path: Path, parts: list[memoryview]) -> None:
         """Write a file that only its owner may read beside the entry's name, and rename it.
 
         It is not flushed to disk: an entry that a power cut leaves in part fails its digest.
         """
-        path = self._entry_path(key)
         clear_leftovers(path)
         partial = make_unfinished_path(path)
-        descriptor = os.open(partial, _NEW_FILE, 0o600)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+        descriptor = os.open(partial, flags, 0o600)
         try:
             with open(descriptor, "wb") as file:
                 file.writelines(parts)
@@ -339,7 +324,7 @@ class EntryCache(Generic[Entry]):
             if taken > self.max_bytes:
                 path.unlink(missing_ok=True)
         for path, status in self._list_files(_PARTIAL_NAME):
-            if status.st_mtime < time.time() - STALE_SECONDS:
+            if status.st_mtime < time.time() - MAX_UNFINISHED_SECONDS:
                 path.unlink(missing_ok=True)
 
     def _list_files(self, name: re.Pattern[str]) -> list[tuple[Path, os.stat_result]]:

@@ -18,9 +18,10 @@ from cageik_cli.cages.bind import bind
 from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding
 from cageik_cli.coordinates.settings import COORDINATES, BindSettings
 from cageik_cli.geometry.mesh import TriMesh
-from cageik_cli.store import entry_cache as module
-from cageik_cli.store import weight_cache
-from cageik_cli.store.weight_cache import WeightCache, compute_key
+from cageik_cli.store import cache as module
+from cageik_cli.store import cache_entries
+from cageik_cli.store.cache import EntryCache
+from cageik_cli.store.cache_entries import WEIGHTS, compute_weight_key, find_binding
 from cageik_cli.util import compiled
 from cageik_cli.util.files import open_locked, remove_locked
 from tests.shapes import TETRAHEDRON, ball, box
@@ -40,7 +41,7 @@ def said():
 @pytest.fixture
 def kept(cache, said):
     """A cache in this test's folder, which is not there yet."""
-    return WeightCache(cache, said.append)
+    return EntryCache(cache, said.append)
 
 
 def path_of(cache, key=KEY):
@@ -52,17 +53,17 @@ def names_in(cache):
 
 
 def test_what_is_written_is_read(kept, said):
-    assert kept.read(KEY) is None
-    kept.write(KEY, entry())
-    assert same(kept.read(KEY), entry())
-    assert kept.read(OTHER) is None
+    assert kept.read(WEIGHTS, KEY) is None
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
+    assert same(kept.read(WEIGHTS, KEY), entry())
+    assert kept.read(WEIGHTS, OTHER) is None
     assert said == []
     assert names_in(kept) == [f"{KEY}.weights"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions are others there")
 def test_only_the_owner_may_read_entries(kept):
-    kept.write(KEY, entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
     assert kept.folder.stat().st_mode & 0o777 == 0o700
     assert path_of(kept).stat().st_mode & 0o777 == 0o600
 
@@ -77,9 +78,9 @@ def test_a_hit_gives_the_binding_that_was_computed(kept, said, coarse_panels, na
     def never():
         raise AssertionError("it is in the cache")
 
-    computed = kept.get_or_compute(rest, cage, settings, lambda: bind(rest, cage, settings))
+    computed = find_binding(kept, rest, cage, settings, lambda: bind(rest, cage, settings))
     assert said == []
-    found = kept.get_or_compute(rest, cage, settings, never)
+    found = find_binding(kept, rest, cage, settings, never)
     (remark,) = said
     assert remark.startswith("cache hit, saved ")
     assert remark.endswith(" s")
@@ -100,7 +101,7 @@ def test_the_seconds_saved_are_those_of_the_computation(kept, said, monkeypatch)
     monkeypatch.setattr(module.time, "perf_counter", lambda: next(clock))
     bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
     for _ in range(2):
-        kept.get_or_compute(TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound)
+        find_binding(kept, TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound)
     assert said == ["cache hit, saved 2.0 s"]
 
 
@@ -109,7 +110,7 @@ def test_nothing_is_kept_when_binding_fails(kept):
         raise ValueError("no")
 
     with pytest.raises(ValueError, match="no"):
-        kept.get_or_compute(ball(1), box(), SETTINGS, refuse)
+        find_binding(kept, ball(1), box(), SETTINGS, refuse)
     assert list(kept.folder.iterdir()) == []
 
 
@@ -117,14 +118,19 @@ def test_one_process_at_a_time_computes_an_entry(kept, monkeypatch):
     """Who waits takes what the other has written."""
     bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
     given = (TETRAHEDRON, TETRAHEDRON, SETTINGS)
-    path = kept.folder / f"{compute_key(*given)}.lock.partial"
+    path = kept.folder / f"{compute_weight_key(*given)}.lock.partial"
     kept.folder.mkdir(parents=True)
     other, waited = open_locked(path), []
 
     def wait(seconds):
         waited.append(seconds)
         if len(waited) == 2:
-            kept.write(compute_key(*given), weight_cache._make_entry(bound, 1.0))
+            kept.write(
+                WEIGHTS,
+                compute_weight_key(*given),
+                entry() | {"faces": bound.cage.faces, "weights": bound.weights},
+                1.0,
+            )
             remove_locked(path, other)
 
     monkeypatch.setattr(module.time, "sleep", wait)
@@ -132,7 +138,7 @@ def test_one_process_at_a_time_computes_an_entry(kept, monkeypatch):
     def compute():
         raise AssertionError("computed")
 
-    found = kept.get_or_compute(*given, compute)
+    found = find_binding(kept, *given, compute)
     np.testing.assert_array_equal(found.weights, bound.weights)
     assert waited == [module.POLL_SECONDS] * 2
     assert [path.suffix for path in kept.folder.iterdir()] == [".weights"]
@@ -144,7 +150,7 @@ def test_no_process_waits_in_a_folder_that_cannot_be_written(kept, monkeypatch):
 
     monkeypatch.setattr(module, "open_locked", full)
     bound = Binding(TETRAHEDRON, TETRAHEDRON, np.eye(4))
-    assert kept.get_or_compute(TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound) is bound
+    assert find_binding(kept, TETRAHEDRON, TETRAHEDRON, SETTINGS, lambda: bound) is bound
 
 
 def moved(mesh, vertex, by):
@@ -178,45 +184,45 @@ INGREDIENTS = {
 
 
 def test_the_key_covers_all_that_weights_depend_on(monkeypatch):
-    keys = {name: compute_key(*things) for name, things in INGREDIENTS.items()}
-    keys |= {name: compute_key(ball(1), box(), BindSettings(name)) for name in COORDINATES}
-    keys["rest faces"] = compute_key(TriMesh(ball(1).vertices, [[2, 1, 0]]), box(), SETTINGS)
+    keys = {name: compute_weight_key(*things) for name, things in INGREDIENTS.items()}
+    keys |= {name: compute_weight_key(ball(1), box(), BindSettings(name)) for name in COORDINATES}
+    keys["rest faces"] = compute_weight_key(TriMesh(ball(1).vertices, [[2, 1, 0]]), box(), SETTINGS)
     monkeypatch.setitem(ALGORITHM_VERSIONS, "harmonic", ALGORITHM_VERSIONS["harmonic"] + 1)
-    keys["algorithm"] = compute_key(ball(1), box(), SETTINGS)
+    keys["algorithm"] = compute_weight_key(ball(1), box(), SETTINGS)
     monkeypatch.undo()
-    monkeypatch.setattr(weight_cache, "__version__", "0.0.0")
-    keys["version"] = compute_key(ball(1), box(), SETTINGS)
+    monkeypatch.setattr(cache_entries, "__version__", "0.0.0")
+    keys["version"] = compute_weight_key(ball(1), box(), SETTINGS)
     monkeypatch.undo()
     other = None if compiled.kernel else object()
     monkeypatch.setattr(compiled, "kernel", other)
-    keys["the other core"] = compute_key(ball(1), box(), SETTINGS)
+    keys["the other core"] = compute_weight_key(ball(1), box(), SETTINGS)
     assert len(set(keys.values())) == len(keys)
 
 
 def test_the_key_covers_nothing_else():
     """Not of how arrays lie in memory."""
-    key = compute_key(ball(1), box(), SETTINGS)
+    key = compute_weight_key(ball(1), box(), SETTINGS)
     columns = np.asfortranarray(ball(1).vertices)
     columns.flags.writeable = False
     strided = TriMesh(columns, ball(1).faces)
     assert not strided.vertices.flags.c_contiguous
-    assert compute_key(strided, box(), SETTINGS) == key
+    assert compute_weight_key(strided, box(), SETTINGS) == key
 
 
 def damaged(kept, said, data):
     """Put `data` in place of an entry; whether that is noticed, deleted and then kept anew."""
     path_of(kept).write_bytes(data)
-    noticed = kept.read(KEY) is None
+    noticed = kept.read(WEIGHTS, KEY) is None
     (remark,) = said
     assert remark.startswith(f"{path_of(kept)}: is ")
     assert remark.endswith("; it is deleted and the weights are computed")
     assert not path_of(kept).exists()
-    kept.write(KEY, entry())
-    return noticed and same(kept.read(KEY), entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
+    return noticed and same(kept.read(WEIGHTS, KEY), entry())
 
 
 def whole(kept, key=KEY):
-    kept.write(key, entry())
+    kept.write(WEIGHTS, key, entry(), 1.5)
     return path_of(kept, key).read_bytes()
 
 
@@ -259,18 +265,18 @@ def test_only_plain_files_are_used(kept, said, kind):
         if kind == "link":
             target.write_bytes(data)
         path.symlink_to(target)
-    assert kept.read(KEY) is None
+    assert kept.read(WEIGHTS, KEY) is None
     assert said == [f"{path}: is not a plain file; it is deleted and the weights are computed"]
     said.clear()
-    kept.write(KEY, entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
     if kind == "folder":
         assert said == [
             f"{kept.folder}: cannot be written (Is a directory); the weights are not kept"
         ]
-        assert kept.read(KEY) is None
+        assert kept.read(WEIGHTS, KEY) is None
     else:
         assert said == []
-        assert same(kept.read(KEY), entry())
+        assert same(kept.read(WEIGHTS, KEY), entry())
     if kind == "link":
         assert target.read_bytes() == data
     assert not list(kept.folder.glob("*.partial"))
@@ -278,51 +284,54 @@ def test_only_plain_files_are_used(kept, said, kind):
 
 def test_the_least_recently_used_entry_is_deleted(cache, said):
     keys = [f"{k:064x}" for k in range(5)]
-    size = len(whole(WeightCache(cache, said.append)))
-    path_of(WeightCache(cache, said.append)).unlink()
-    kept = WeightCache(cache, said.append, max_bytes=3 * size + size // 2)
+    size = len(whole(EntryCache(cache, said.append)))
+    path_of(EntryCache(cache, said.append)).unlink()
+    kept = EntryCache(cache, said.append, max_bytes=3 * size + size // 2)
     for k, key in enumerate(keys[:3]):
-        kept.write(key, entry())
+        kept.write(WEIGHTS, key, entry(), 1.5)
         os.utime(path_of(kept, key), (k, k))
-    assert kept.read(keys[0]) is not None
-    kept.write(keys[3], entry())
+    assert kept.read(WEIGHTS, keys[0]) is not None
+    kept.write(WEIGHTS, keys[3], entry(), 1.5)
     assert names_in(kept) == sorted(f"{keys[k]}.weights" for k in (0, 2, 3))
-    kept.write(keys[4], entry())
+    kept.write(WEIGHTS, keys[4], entry(), 1.5)
     assert names_in(kept) == sorted(f"{keys[k]}.weights" for k in (0, 3, 4))
     assert said == []
 
 
 def test_an_entry_larger_than_the_cache_is_not_kept(cache, said):
-    WeightCache(cache, said.append).write(OTHER, entry())
-    size = path_of(WeightCache(cache, said.append), OTHER).stat().st_size
-    kept = WeightCache(cache, said.append, max_bytes=size)
-    kept.write(KEY, entry(rows=6))
+    EntryCache(cache, said.append).write(WEIGHTS, OTHER, entry(), 1.5)
+    size = path_of(EntryCache(cache, said.append), OTHER).stat().st_size
+    kept = EntryCache(cache, said.append, max_bytes=size)
+    kept.write(WEIGHTS, KEY, entry(rows=6), 1.5)
     assert names_in(kept) == [f"{OTHER}.weights"]
     (remark,) = said
     assert f"at most {size})" in remark
-    kept.write(KEY, entry(rows=5))
+    kept.write(WEIGHTS, KEY, entry(rows=5), 1.5)
     assert names_in(kept) == [f"{KEY}.weights"]
 
 
 def test_other_files_in_the_folder_stay(cache, said):
-    kept = WeightCache(cache, said.append, max_bytes=10_000)
+    kept = EntryCache(cache, said.append, max_bytes=10_000)
     cache.mkdir()
     others = ["thesis.tex", "x.weights", f"{KEY}.weights.bak", f"{KEY}.partial", "cages.h5"]
     for name in others:
         (cache / name).write_bytes(bytes(20_000))
         os.utime(cache / name, (0, 0))
     (cache / f"{OTHER}.weights").mkdir()
-    kept.write(KEY, entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
     assert names_in(kept) == sorted([*others, f"{KEY}.weights", f"{OTHER}.weights"])
 
 
 def test_files_of_killed_processes_are_deleted_after_an_hour(kept):
     kept.folder.mkdir()
     old, new = (kept.folder / f"{OTHER}.{name}.partial" for name in ("ab_1", "cd_2"))
-    for path, age in ((old, module.STALE_SECONDS + 60), (new, module.STALE_SECONDS - 60)):
+    for path, age in (
+        (old, module.MAX_UNFINISHED_SECONDS + 60),
+        (new, module.MAX_UNFINISHED_SECONDS - 60),
+    ):
         path.write_bytes(b"half")
         os.utime(path, (time.time() - age,) * 2)
-    kept.write(KEY, entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
     assert names_in(kept) == sorted([new.name, f"{KEY}.weights"])
 
 
@@ -332,8 +341,8 @@ def test_a_folder_that_cannot_be_created_is_noted_once(tmp_path, said, place):
     folder = {"a file": tmp_path / "file", "in a file": tmp_path / "file" / "in"}.get(place)
     if folder is None and not Path("/proc/self").exists():
         pytest.skip("no such folder")
-    kept = WeightCache(folder or Path(place), said.append)
-    binding = kept.get_or_compute(ball(1), box(), SETTINGS, lambda: bind(ball(1), box()))
+    kept = EntryCache(folder or Path(place), said.append)
+    binding = find_binding(kept, ball(1), box(), SETTINGS, lambda: bind(ball(1), box()))
     assert binding.weights.shape == (18, 8)
     (remark,) = said
     assert remark.startswith(f"{kept.folder}: cannot be written (")
@@ -342,11 +351,11 @@ def test_a_folder_that_cannot_be_created_is_noted_once(tmp_path, said, place):
 
 @pytest.mark.skipif(ROOT or os.name != "posix", reason="root may write anywhere")
 def test_a_read_only_folder_can_be_used(kept, said):
-    kept.write(KEY, entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
     kept.folder.chmod(0o500)
     try:
-        assert same(kept.read(KEY), entry())
-        kept.write(OTHER, entry())
+        assert same(kept.read(WEIGHTS, KEY), entry())
+        kept.write(WEIGHTS, OTHER, entry(), 1.5)
     finally:
         kept.folder.chmod(0o700)
     assert said == [
@@ -359,9 +368,9 @@ def test_a_hit_whose_time_cannot_be_set_is_a_hit(kept, said, monkeypatch):
     def read_only(*_):
         raise OSError(errno.EROFS, "Read-only file system")
 
-    kept.write(KEY, entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
     monkeypatch.setattr(module.os, "utime", read_only)
-    assert same(kept.read(KEY), entry())
+    assert same(kept.read(WEIGHTS, KEY), entry())
     assert said == []
 
 
@@ -375,12 +384,12 @@ def test_a_full_disk_is_noted_and_leaves_nothing(kept, said, monkeypatch, call):
             super().write(next(iter(lines)))
             full()
 
-    kept.write(OTHER, entry())
+    kept.write(WEIGHTS, OTHER, entry(), 1.5)
     if call == "write":
         monkeypatch.setattr(module, "open", Full, raising=False)
     else:
         monkeypatch.setattr(module.os, "open" if call == "create" else call, full)
-    kept.write(KEY, entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
     monkeypatch.undo()
     assert said == [
         f"{kept.folder}: cannot be written (No space left on device); the weights are not kept"
@@ -394,33 +403,34 @@ def test_an_interrupt_while_writing_leaves_nothing(kept, monkeypatch):
 
     monkeypatch.setattr(module.os, "replace", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        kept.write(KEY, entry())
+        kept.write(WEIGHTS, KEY, entry(), 1.5)
     assert names_in(kept) == []
 
 
 def test_entries_may_vanish(kept, said, monkeypatch):
     """Between the look into the folder and the look at the file, and before the reading."""
-    kept.write(KEY, entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
     listed = list(kept.folder.iterdir())
     monkeypatch.setattr(Path, "iterdir", lambda folder: [*listed, kept.folder / f"{OTHER}.weights"])
-    kept.write(KEY, entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
     monkeypatch.undo()
     shutil.rmtree(kept.folder)
-    assert kept.read(KEY) is None
+    assert kept.read(WEIGHTS, KEY) is None
     assert said == []
-    kept.write(KEY, entry())
-    assert same(kept.read(KEY), entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
+    assert same(kept.read(WEIGHTS, KEY), entry())
 
 
 WORKER = """
 import sys
 from pathlib import Path
 import numpy as np
-from cageik_cli.store.weight_cache import CacheEntry, WeightCache
+from cageik_cli.store.cache import EntryCache
+from cageik_cli.store.cache_entries import WEIGHTS
 
 folder, (seed, turns, largest) = Path(sys.argv[1]), map(int, sys.argv[2:])
 remarks, hits = [], 0
-cache = WeightCache(folder, remarks.append, largest)
+cache = EntryCache(folder, remarks.append, largest)
 generator = np.random.default_rng(seed)
 faces = np.zeros((12, 3), np.int64)
 print("started", flush=True)
@@ -428,12 +438,13 @@ for _ in range(turns):
     k = int(generator.integers(3))
     if generator.random() < 0.5:
         weights = np.full((500, 8 * (k + 1)), float(k))
-        cache.write(f"{k:064x}", CacheEntry(faces, weights, k, 0.0, 0, (), (), None, 1.0))
+        entry = dict.fromkeys(WEIGHTS.values) | {"faces": faces, "weights": weights, "panels": k}
+        cache.write(WEIGHTS, f"{k:064x}", entry, 1.0)
     else:
-        found = cache.read(f"{k:064x}")
+        found = cache.read(WEIGHTS, f"{k:064x}")
         if found is not None:
-            assert found.panels == k and found.weights.shape == (500, 8 * (k + 1))
-            assert (found.weights == k).all()
+            assert found["panels"] == k and found["weights"].shape == (500, 8 * (k + 1))
+            assert (found["weights"] == k).all()
             hits += 1
 assert not remarks, remarks
 print(hits)
@@ -460,18 +471,18 @@ def test_what_a_killed_process_left_of_an_entry_is_removed_by_the_next(kept):
     kept.folder.mkdir()
     subprocess.run([sys.executable, "-c", script, path_of(kept)], check=False)
     assert [name.endswith(".partial") for name in names_in(kept)] == [True]
-    kept.write(KEY, entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
     assert names_in(kept) == [f"{KEY}.weights"]
 
 
 @pytest.mark.parametrize("is_held", [False, True])
 def test_the_lock_of_a_process_that_was_killed_behind_its_entry_is_removed(kept, is_held):
     given = ball(1), box(), SETTINGS
-    binding = kept.get_or_compute(*given, lambda: bind(ball(1), box()))
-    path = kept.folder / f"{compute_key(*given)}.lock.partial"
+    binding = find_binding(kept, *given, lambda: bind(ball(1), box()))
+    path = kept.folder / f"{compute_weight_key(*given)}.lock.partial"
     path.touch()
     file = open_locked(path) if is_held else None
-    found = kept.get_or_compute(*given, lambda: pytest.fail("computed again"))
+    found = find_binding(kept, *given, lambda: pytest.fail("computed again"))
     assert (found.weights == binding.weights).all()
     assert path.exists() == is_held
     if file is not None:
@@ -501,18 +512,18 @@ def test_a_killed_process_leaves_no_damage(kept, said):
         process.kill()
         process.communicate()
         for k in range(3):
-            found = kept.read(f"{k:064x}")
-            assert found is None or (found.weights == k).all()
+            found = kept.read(WEIGHTS, f"{k:064x}")
+            assert found is None or (found["weights"] == k).all()
     assert said == []
 
 
 def test_an_unfinished_write_leaves_no_entry(kept, said, monkeypatch):
     """What a process leaves that is killed just before the renaming."""
     monkeypatch.setattr(module.os, "replace", lambda *_: None)
-    kept.write(KEY, entry())
+    kept.write(WEIGHTS, KEY, entry(), 1.5)
     (left,) = kept.folder.iterdir()
     assert left.suffix == ".partial"
-    assert kept.read(KEY) is None
+    assert kept.read(WEIGHTS, KEY) is None
     monkeypatch.undo()
     assert said == []
 
@@ -520,7 +531,5 @@ def test_an_unfinished_write_leaves_no_entry(kept, said, monkeypatch):
 def test_settings_of_a_hit_are_those_asked_for(kept, coarse_panels):
     settings = replace(SETTINGS, accuracy="preview")
     for _ in range(2):
-        found = kept.get_or_compute(
-            ball(1), box(), settings, lambda: bind(ball(1), box(), settings)
-        )
+        found = find_binding(kept, ball(1), box(), settings, lambda: bind(ball(1), box(), settings))
         assert found.settings == settings

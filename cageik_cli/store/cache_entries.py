@@ -1,0 +1,103 @@
+"""What the cache keeps: weights and built cages, each under a key of all that they depend on."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from cageik_cli import __version__
+from cageik_cli.cages.settings import BUILDER_VERSION, BuildSettings
+from cageik_cli.coordinates.binding import ALGORITHM_VERSIONS, Binding
+from cageik_cli.coordinates.settings import BindSettings
+from cageik_cli.geometry.mesh import TriMesh
+from cageik_cli.store.cache import Entry, EntryCache, EntryFormat, compute_key
+from cageik_cli.util import compiled
+
+WEIGHTS = EntryFormat(
+    "weights",
+    "the weights are",
+    {"faces": "<i8", "weights": "<f8"},
+    ("panels", "estimated_error", "projected", "notes", "cage_warnings", "has_loose_cage"),
+)
+"""How a binding is kept: the faces of its cage, outward, its weights, and what is known of them."""
+
+CAGES = EntryFormat(
+    "cage", "the cage is", {"vertices": "<f8", "faces": "<i8"}, ("description", "notes")
+)
+"""How a built cage is kept."""
+
+
+def find_binding(
+    cache: EntryCache,
+    rest: TriMesh,
+    cage: TriMesh,
+    settings: BindSettings,
+    compute: Callable[[], Binding],
+) -> Binding:
+    """Return the binding that `compute` gives, from the cache if it is there."""
+
+    def to_entry(binding: Binding) -> Entry:
+        figures = {name: getattr(binding, name) for name in WEIGHTS.values}
+        return {"faces": binding.cage.faces, "weights": binding.weights, **figures}
+
+    def from_entry(entry: Entry) -> Binding:
+        is_outward = np.array_equal(cage.faces, entry.pop("faces"))
+        return Binding(rest, cage if is_outward else cage.flip(), settings=settings, **entry)
+
+    key = compute_weight_key(rest, cage, settings)
+    return cache.find_or_compute(WEIGHTS, key, compute, to_entry, from_entry)
+
+
+def compute_weight_key(rest: TriMesh, cage: TriMesh, settings: BindSettings) -> str:
+    """Return the key of a binding: a digest of all that its weights, notes and figures depend on.
+
+    It covers the faces of the rest pose, on which warnings depend; not the number of threads, which
+    does not change weights. The compiled core does, in the eighth digit: the equations are solved
+    in single precision, which enlarges differences in the last bit.
+    """
+    recorded = {
+        "version": __version__,
+        "algorithm": ALGORITHM_VERSIONS[settings.coordinates],
+        "compiled": compiled.kernel is not None,
+        **asdict(settings),
+    }
+    return compute_key(recorded, rest.vertices, cage.vertices, rest.faces, cage.faces)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CachedCage:
+    """A cage that was built, without its candidates.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64
+        File units.
+    faces : (f, 3) int64
+    description : str
+        What was built, in a line.
+    notes : tuple of str
+        What the user should know of it, one sentence each.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    description: str
+    notes: tuple[str, ...]
+
+
+def find_cage(
+    cache: EntryCache, model: TriMesh, settings: BuildSettings, build: Callable[[], CachedCage]
+) -> CachedCage:
+    """Return the cage that `build` gives, from the cache if it is there."""
+
+    def to_entry(built: CachedCage) -> Entry:
+        return {name: getattr(built, name) for name in (*CAGES.arrays, *CAGES.values)}
+
+    key = compute_cage_key(model, settings)
+    return cache.find_or_compute(CAGES, key, build, to_entry, lambda entry: CachedCage(**entry))
+
+
+def compute_cage_key(model: TriMesh, settings: BuildSettings) -> str:
+    """Return the key of a cage: a digest of all that it and its notes depend on."""
+    recorded = {"version": __version__, "builder": BUILDER_VERSION, **asdict(settings)}
+    return compute_key(recorded, model.vertices, model.faces)
